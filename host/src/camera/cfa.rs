@@ -1,0 +1,90 @@
+//! Colour filter array.
+
+use crate::{Error, Result};
+use std::fmt;
+
+/// A colour filter pattern that repeats over the sensor: which channel each pixel belongs to.
+///
+/// Channels are numbered in order R, G, B (0, 1, 2) for Bayer patterns, 0 for mono, and in order of
+/// first appearance of their letter for other patterns. `Gr` and `Gb` greens share channel 1 unless
+/// the quantum-efficiency table gives them apart.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cfa {
+    /// Columns of the repeating pattern.
+    pub width: usize,
+    /// Rows of the repeating pattern.
+    pub height: usize,
+    /// Channel letters, row-major.
+    pub letters: Vec<char>,
+}
+
+impl Cfa {
+    /// Reads `RGGB`, `GRBG`, `GBRG`, `BGGR`, `mono`, or rows of letters separated by `/`
+    /// (`RGGB` is short for `RG/GB`).
+    pub fn parse(text: &str) -> Result<Self> {
+        let rows: Vec<&str> = match text {
+            "mono" => vec!["M"],
+            "RGGB" => vec!["RG", "GB"],
+            "GRBG" => vec!["GR", "BG"],
+            "GBRG" => vec!["GB", "RG"],
+            "BGGR" => vec!["BG", "GR"],
+            other => other.split('/').collect(),
+        };
+        let (width, height) = (rows[0].len(), rows.len());
+        let allowed = [1, 2, 3, 4, 6, 8];
+        let letters: Vec<char> = rows.concat().chars().collect();
+        if !rows.iter().all(|r| r.len() == width)
+            || !allowed.contains(&width)
+            || !allowed.contains(&height)
+            || !letters.iter().all(|c| c.is_ascii_uppercase())
+        {
+            return Err(Error::input(format!("colour filter pattern {text:?}")).help(
+                "use RGGB, GRBG, GBRG, BGGR, mono, or equal rows of 1, 2, 3, 4, 6 or 8 capital \
+                 letters separated by '/', for instance \"RGRG/GBGB\"",
+            ));
+        }
+        Ok(Self { width, height, letters })
+    }
+
+    /// The channel letters in channel order.
+    pub fn channels(&self) -> Vec<char> {
+        let mut seen = Vec::new();
+        for &c in &self.letters {
+            if !seen.contains(&c) {
+                seen.push(c);
+            }
+        }
+        if seen.iter().all(|c| "RGB".contains(*c)) {
+            seen.sort_by_key(|c| "RGB".find(*c));
+        }
+        seen
+    }
+
+    /// The letter at a pixel.
+    pub fn letter(&self, x: usize, y: usize) -> char {
+        self.letters[(y % self.height) * self.width + x % self.width]
+    }
+
+    /// The channel number at a pixel.
+    pub fn channel(&self, x: usize, y: usize) -> usize {
+        let letter = self.letter(x, y);
+        self.channels().iter().position(|&c| c == letter).unwrap_or(0)
+    }
+
+    /// Whether there is only one channel.
+    pub fn is_mono(&self) -> bool {
+        self.channels().len() == 1
+    }
+}
+
+impl fmt::Display for Cfa {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_mono() {
+            return f.write_str("mono");
+        }
+        let rows: Vec<String> =
+            self.letters.chunks(self.width).map(|r| r.iter().collect()).collect();
+        let bayer = self.width == 2 && self.height == 2;
+        f.write_str(&rows.join(if bayer { "" } else { "/" }))
+    }
+}

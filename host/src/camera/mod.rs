@@ -1,0 +1,4 @@
+//! The camera file and the checked values made of it.
+
+mod cfa;
+pub use cfa::Cfa;

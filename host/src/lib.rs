@@ -1,0 +1,20 @@
+//! camrig: a camera-system simulator for hardware-in-the-loop benches of image signal processors.
+//!
+//! Layers, top to bottom; each uses only those below it:
+//! `cli` (one file per command) → `report`, `diagnose` → `measure` → `render` (scene + camera →
+//! irradiance → raw) → `optics`, `scene`, `camera`, `formats` → `sensor-core` (the sensor, in rows).
+//! See `ARCHITECTURE.md` for the data flow with units.
+
+pub mod camera;
+pub mod cli;
+pub mod error;
+pub mod formats;
+pub mod frame;
+pub mod optics;
+pub mod plane;
+pub mod render;
+pub mod scene;
+
+pub use error::{Error, Result};
+pub use frame::RawFrame;
+pub use plane::Plane;

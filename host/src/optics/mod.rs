@@ -1,0 +1,1 @@
+//! Optics: from spectral radiance to spectral irradiance on the sensor grid.

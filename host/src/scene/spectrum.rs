@@ -1,0 +1,99 @@
+//! Spectra: bands of equal width and tabulated curves.
+
+use crate::{Error, Result};
+
+/// Equally spaced spectral bands. A band's value is the mean over `step_nm` around its centre, so an
+/// integral over wavelength is `sum * step_nm`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bands {
+    /// Centre of band 0, nm.
+    pub start_nm: f64,
+    /// Distance of centres, nm.
+    pub step_nm: f64,
+    /// Number of bands.
+    pub count: usize,
+}
+
+impl Bands {
+    /// 400 to 700 nm in 10 nm steps: 31 bands, as in Chen et al. 2009.
+    pub const VISIBLE: Bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 31 };
+
+    /// Centre of a band, nm.
+    pub fn nm(&self, band: usize) -> f64 {
+        self.start_nm + self.step_nm * band as f64
+    }
+
+    /// All centres, nm.
+    pub fn centres(&self) -> impl Iterator<Item = f64> + use<> {
+        let bands = *self;
+        (0..bands.count).map(move |b| bands.nm(b))
+    }
+}
+
+/// A tabulated curve over wavelength, linear between its samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spectrum {
+    wavelength_nm: Vec<f64>,
+    value: Vec<f64>,
+}
+
+impl Spectrum {
+    /// A curve from samples with strictly rising wavelengths and finite values.
+    pub fn new(wavelength_nm: Vec<f64>, value: Vec<f64>) -> Result<Self> {
+        if wavelength_nm.is_empty() || wavelength_nm.len() != value.len() {
+            return Err(Error::input(format!(
+                "{} wavelengths but {} values",
+                wavelength_nm.len(),
+                value.len()
+            ))
+            .help("give one value per wavelength, at least one"));
+        }
+        if let Some(i) = wavelength_nm.windows(2).position(|w| w[1] <= w[0] || w[1].is_nan()) {
+            return Err(Error::input(format!(
+                "wavelength {} nm follows {} nm",
+                wavelength_nm[i + 1],
+                wavelength_nm[i]
+            ))
+            .help("wavelengths must rise strictly"));
+        }
+        if let Some(i) = value.iter().position(|v| !v.is_finite()) {
+            return Err(Error::input(format!("value {} at {} nm", value[i], wavelength_nm[i]))
+                .help("values must be finite numbers"));
+        }
+        Ok(Self { wavelength_nm, value })
+    }
+
+    /// The same value at every wavelength.
+    pub fn constant(value: f64) -> Self {
+        Self { wavelength_nm: vec![550.0], value: vec![value] }
+    }
+
+    /// First and last tabulated wavelength, nm.
+    pub fn range_nm(&self) -> (f64, f64) {
+        (self.wavelength_nm[0], self.wavelength_nm[self.wavelength_nm.len() - 1])
+    }
+
+    /// The samples as (wavelength in nm, value).
+    pub fn samples(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.wavelength_nm.iter().copied().zip(self.value.iter().copied())
+    }
+
+    /// The value at a wavelength: linear between samples, the end value outside the table.
+    pub fn at(&self, nm: f64) -> f64 {
+        let i = self.wavelength_nm.partition_point(|&w| w <= nm);
+        if i == 0 {
+            return self.value[0];
+        }
+        if i == self.wavelength_nm.len() {
+            return self.value[i - 1];
+        }
+        let (w0, w1) = (self.wavelength_nm[i - 1], self.wavelength_nm[i]);
+        let t = (nm - w0) / (w1 - w0);
+        self.value[i - 1] + t * (self.value[i] - self.value[i - 1])
+    }
+
+    /// The value at each band's centre.
+    pub fn sample(&self, bands: &Bands) -> Vec<f64> {
+        bands.centres().map(|nm| self.at(nm)).collect()
+    }
+}
