@@ -1,2 +1,72 @@
-//! placeholder
+//! The sensor model of camrig: rows of spectral irradiance in, rows of raw DN out.
+//!
+//! For workstations and microcontrollers alike: no allocator, no files, no lens, no link. From top to
+//! bottom:
+//!
+//! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects need.
+//! - [`effects`]: the stages of the chain, one file each: shot noise, PRNU, dark current, full well, fixed
+//!   patterns, read noise, and what real sensors have beyond that. Signals in electrons.
+//! - [`collect`]: spectral irradiance (W m⁻² nm⁻¹ per band) to mean photo-electrons, with quantum
+//!   efficiency and positional [`crosstalk`] per band.
+//! - [`spectral`]: the rows of irradiance in 16-bit block floating point.
+//! - [`config`]: what a sensor is, and the settings of a frame.
+//! - [`arith`]: the two arithmetics, f32 and fixed point, behind one trait.
+//! - [`stream`]: random streams keyed by (sensor seed, stage, frame, row).
+//! - [`math`]: elementary functions with the same bits on every machine.
+//!
+//! # Promises
+//! The same configuration, settings and irradiance give the same DN on every machine, in any order of
+//! rows. Fixed patterns are functions of the sensor's seed and position: nothing is stored. Row functions
+//! do not panic and do not allocate.
+//!
+//! # Example
+//! ```
+//! use sensor_core::arith::{Arith, BLOCK, Float};
+//! use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+//! use sensor_core::effects::{read_noise::ReadNoise, shot_noise::ShotNoise};
+//! use sensor_core::pipeline::{Pipeline, memory_blocks};
+//!
+//! let config = SensorConfig {
+//!     width: 64,
+//!     height: 4,
+//!     pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
+//!     channels: 1,
+//!     bands: 1,
+//!     first_band_nm: 550.0,
+//!     band_step_nm: 10.0,
+//!     response: [1e6].into_iter().collect(),
+//!     full_well_e: 10_000.0,
+//!     bits: 12,
+//!     black_level_dn: 64.0,
+//!     seed: 1,
+//!     effects: [ShotNoise {}.into(), ReadNoise { read_e: 2.0, read_e_post: 0.0 }.into()]
+//!         .into_iter()
+//!         .collect(),
+//! };
+//! let settings =
+//!     FrameSettings { frame: 0, exposure_s: 0.01, analog_gain: 1.0, temperature_c: 25.0 };
+//! let mut memory = vec![[0.0; BLOCK]; memory_blocks(&config)];
+//! let mut pipeline = Pipeline::<Float>::new(&config, &settings, &mut memory)?;
+//! let mut flat = |_row: u32, out: &mut [[f32; BLOCK]]| out.fill([500.0; BLOCK]);
+//! let mut dn = [0; 64];
+//! pipeline.row(2, &mut flat, &mut dn);
+//! let mean = dn.iter().map(|&d| f32::from(d)).sum::<f32>() / 64.0;
+//! assert!((mean - (64.0 + 500.0 * 4095.0 / 10_000.0)).abs() < 8.0);
+//! # Ok::<(), sensor_core::config::ConfigError>(())
+//! ```
+
 #![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod arith;
+pub mod collect;
+pub mod config;
+pub mod crosstalk;
+pub mod effects;
+pub mod math;
+pub mod pipeline;
+pub mod spectral;
+pub mod stream;

@@ -1,0 +1,202 @@
+//! f32 arithmetic.
+
+use super::{Arith, BLOCK, Block, MAX_SIGNAL_E};
+use crate::math;
+use crate::spectral::power_of_two;
+use crate::stream::{LANES, Lanes};
+
+/// f32 from IEEE basic operations and the functions of [`crate::math`].
+#[derive(Clone, Copy, Debug)]
+pub struct Float;
+
+/// Mean (e⁻) from which a Poisson count comes from a normal number.
+const EXPANSION_FROM: f32 = 16.0;
+/// Terms of the inversion: the chance of a count above this at a mean of 16 is 2e-12.
+const INVERSION_TERMS: usize = 52;
+const INVERSE: [f32; INVERSION_TERMS + 1] = {
+    let mut table = [0.0; INVERSION_TERMS + 1];
+    let mut k = 1;
+    while k <= INVERSION_TERMS {
+        table[k] = 1.0 / k as f32;
+        k += 1;
+    }
+    table
+};
+
+#[inline(always)]
+fn clamp(x: f32, low: f32, high: f32) -> f32 {
+    let x = if x > low { x } else { low };
+    if x < high { x } else { high }
+}
+
+/// Cornish-Fisher expansion of the Poisson quantile to third order, floor of
+/// q = λ + √λ w + (2+w²)/6 − (w/36 + w³/72)/√λ + (−8/405 + 7w²/810 + w⁴/270)/λ, w standard normal.
+#[inline(always)]
+fn expansion(mean: f32, w: f32) -> f32 {
+    let inv = math::rsqrt(mean);
+    let w2 = w * w;
+    let first = w2 * (1.0 / 6.0) + 1.0 / 3.0;
+    let second = w * inv * (w2 * (-1.0 / 72.0) - 1.0 / 36.0);
+    let third = inv * inv * (w2 * (w2 * (1.0 / 270.0) + 7.0 / 810.0) - 8.0 / 405.0);
+    let q = (mean * inv * w + first) + (second + third) + mean;
+    // floor of a non-negative number below 2^22: round, then step back where that went up.
+    let q = if q > 0.0 { q } else { 0.0 };
+    let r = math::round(q);
+    if r > q { r - 1.0 } else { r }
+}
+
+/// Inversion: the smallest count whose distribution function reaches u.
+#[inline(always)]
+fn inversion(mean: &Block<f32>, words: &Block<u32>) -> Block<f32> {
+    let mut count = [0.0; BLOCK];
+    let mut term = [0.0; BLOCK];
+    let mut left = [0.0; BLOCK];
+    let mut lambda = [0.0; BLOCK];
+    for i in 0..BLOCK {
+        lambda[i] = clamp(mean[i], 0.0, EXPANSION_FROM);
+        term[i] = math::exp(-lambda[i]);
+        left[i] = (words[i] as f32 + 0.5) * (1.0 / 4_294_967_296.0) - term[i];
+    }
+    for step in INVERSE[1..].chunks(4) {
+        for inverse_k in step {
+            for i in 0..BLOCK {
+                let more = left[i] > 0.0;
+                term[i] *= lambda[i] * inverse_k;
+                count[i] += if more { 1.0 } else { 0.0 };
+                left[i] -= term[i];
+            }
+        }
+        if left.iter().all(|&l| l <= 0.0) {
+            break;
+        }
+    }
+    count
+}
+
+/// Sixteen words of each of two draws, as one block.
+#[inline(always)]
+fn words(lanes: &mut Lanes) -> Block<u32> {
+    let (a, b) = (lanes.draw(), lanes.draw());
+    let mut out = [0; BLOCK];
+    out[..LANES].copy_from_slice(&a);
+    out[LANES..].copy_from_slice(&b);
+    out
+}
+
+#[inline(always)]
+fn normals_of(words: &Block<u32>) -> Block<f32> {
+    let mut out = [0.0; BLOCK];
+    for i in 0..LANES {
+        let (a, b) = math::box_muller(words[i], words[i + LANES]);
+        out[i] = a;
+        out[i + LANES] = b;
+    }
+    out
+}
+
+impl Arith for Float {
+    type Signal = f32;
+    type Factor = f32;
+    type Sum = f32;
+    type Weight = f32;
+
+    #[inline(always)]
+    fn signal(e: f32) -> f32 {
+        clamp(e, -MAX_SIGNAL_E, MAX_SIGNAL_E)
+    }
+
+    #[inline(always)]
+    fn factor(f: f32) -> f32 {
+        f
+    }
+
+    #[inline(always)]
+    fn electrons(s: f32) -> f32 {
+        s
+    }
+
+    #[inline(always)]
+    fn add(a: f32, b: f32) -> f32 {
+        a + b
+    }
+
+    #[inline(always)]
+    fn sub(a: f32, b: f32) -> f32 {
+        a - b
+    }
+
+    #[inline(always)]
+    fn scale(s: f32, f: f32) -> f32 {
+        s * f
+    }
+
+    #[inline(always)]
+    fn gain(sigma: f32, n: f32) -> f32 {
+        1.0 + sigma * n
+    }
+
+    #[inline(always)]
+    fn normals(lanes: &mut Lanes) -> Block<f32> {
+        normals_of(&words(lanes))
+    }
+
+    #[inline(always)]
+    fn poisson(mean: &mut Block<f32>, lanes: &mut Lanes) {
+        let (normal, uniform) = (words(lanes), words(lanes));
+        let any_low = mean.iter().fold(false, |any, &m| any | (m < EXPANSION_FROM));
+        let any_high = mean.iter().fold(false, |any, &m| any | (m >= EXPANSION_FROM));
+        let low = if any_low { inversion(mean, &uniform) } else { [0.0; BLOCK] };
+        if any_high {
+            let w = normals_of(&normal);
+            for i in 0..BLOCK {
+                let m = clamp(mean[i], EXPANSION_FROM, MAX_SIGNAL_E);
+                let high = expansion(m, w[i]);
+                mean[i] = if mean[i] < EXPANSION_FROM { low[i] } else { high };
+            }
+        } else {
+            *mean = low;
+        }
+    }
+
+    #[inline(always)]
+    fn weight(w: f32) -> f32 {
+        w
+    }
+
+    #[inline(always)]
+    fn lerp(a: &[f32; 16], b: &[f32; 16], first: f32, step: f32) -> [f32; 16] {
+        core::array::from_fn(|i| {
+            let t = clamp(first + i as f32 * step, 0.0, 1.0);
+            a[i] + t * (b[i] - a[i])
+        })
+    }
+
+    #[inline(always)]
+    fn accumulate(sum: &mut [f32; 16], mantissa: &[u16; 16], exponent: i32, weight: &[f32; 16]) {
+        let unit = power_of_two(exponent);
+        for i in 0..16 {
+            sum[i] += f32::from(mantissa[i]) * unit * weight[i];
+        }
+    }
+
+    #[inline(always)]
+    fn collected(sum: f32) -> f32 {
+        Self::signal(sum)
+    }
+
+    #[inline(always)]
+    fn digitise(
+        signal: &Block<f32>,
+        dn_per_e: f32,
+        black_dn: f32,
+        max_dn: u16,
+        out: &mut Block<u16>,
+    ) {
+        let max = f32::from(max_dn);
+        for i in 0..BLOCK {
+            let v = clamp(signal[i] * dn_per_e + black_dn, 0.0, max);
+            // The rounded integer is in the low mantissa bits.
+            out[i] = (v + math::ROUNDER).to_bits() as u16;
+        }
+    }
+}

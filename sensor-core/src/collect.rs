@@ -1,0 +1,152 @@
+//! From spectral irradiance to mean photo-electrons (eq. 8 and 9 of Chen et al. 2009).
+//!
+//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response R of
+//! the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands are added in
+//! their order, so a device may receive and forget them one by one; it keeps one row of sums.
+
+use crate::arith::Arith;
+use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
+use crate::crosstalk::{Crosstalk, MAX_NODES, place};
+use crate::spectral::{BandRow, GROUP, power_of_two};
+
+/// A group of pixels that share an exponent.
+pub type Sums<S> = [S; GROUP];
+
+/// Ways in which a colour filter pattern can lie under a group: patterns of 3 and 6 columns shift by it.
+const PHASES: usize = 3;
+
+/// Sums the bands of rows for one frame.
+pub struct Collector<'a, A: Arith> {
+    config: &'a SensorConfig,
+    crosstalk: Option<Crosstalk<'a>>,
+    /// Node positions in pixels from the left edge of column 0; one node where there is no table.
+    nodes: heapless::Vec<f32, MAX_NODES>,
+    /// Response x exposure = weight x 2^scale, weights at most 1.
+    scale: i32,
+    per_unit: f32,
+    /// Weights at each node for the band and row at hand.
+    weights: [[Sums<A::Weight>; PHASES]; MAX_NODES],
+}
+
+impl<'a, A: Arith> Collector<'a, A> {
+    /// A collector for one frame.
+    pub fn new(
+        config: &'a SensorConfig,
+        settings: &FrameSettings,
+        crosstalk: Option<Crosstalk<'a>>,
+    ) -> Result<Self, ConfigError> {
+        config.check()?;
+        settings.check()?;
+        let (mut nodes, mut factor) = (heapless::Vec::new(), 1.0f32);
+        match &crosstalk {
+            None => nodes.extend([0.0]),
+            Some(table) => {
+                table.check(usize::from(config.channels))?;
+                nodes.extend(table.x.iter().map(|x| (x + 1.0) * 0.5 * config.width as f32));
+                factor = table.factors.iter().fold(0.0, |a, &f| if f > a { f } else { a });
+            }
+        }
+        let response = config.response.iter().fold(0.0, |a: f32, &r| if r > a { r } else { a });
+        let largest = response * settings.exposure_s * factor;
+        let scale = ((largest.to_bits() >> 23) as i32 - 126).clamp(-100, 100);
+        let per_unit = settings.exposure_s * power_of_two(-scale);
+        let weights = [[[A::Weight::default(); GROUP]; PHASES]; MAX_NODES];
+        Ok(Self { config, crosstalk, nodes, scale, per_unit, weights })
+    }
+
+    /// Adds one band of row `y` to the row's sums.
+    #[inline(always)]
+    pub fn add_band(&mut self, y: u32, band: usize, row: BandRow<'_>, sums: &mut [Sums<A::Sum>]) {
+        self.set_weights(y as usize, band);
+        let phases = self.phases();
+        let cells = self.nodes.len() - 1;
+        let mut cell = 0;
+        let groups = row.mantissas.chunks(GROUP).zip(row.exponents).zip(sums).enumerate();
+        for (g, ((mantissas, &exponent), sums)) in groups {
+            let mut padded = [0; GROUP];
+            let mantissas = match mantissas.first_chunk() {
+                Some(whole) => whole,
+                None => {
+                    padded[..mantissas.len()].copy_from_slice(mantissas);
+                    &padded
+                }
+            };
+            let phase = g % phases;
+            let first = (g * GROUP) as f32 + 0.5;
+            let last = first + (GROUP - 1) as f32;
+            let exponent = i32::from(exponent) + self.scale;
+            if cells == 0 {
+                A::accumulate(sums, mantissas, exponent, &self.weights[0][phase]);
+                continue;
+            }
+            while cell + 1 < cells && self.node(cell + 1) <= first {
+                cell += 1;
+            }
+            let mut weights = self.between(cell, phase, first);
+            // A group that reaches over a node takes the rest of its pixels from the next cells.
+            let mut next = cell;
+            while next + 1 < cells && self.node(next + 1) <= last {
+                next += 1;
+                let from = self.node(next);
+                let beyond = self.between(next, phase, first);
+                for (i, w) in weights.iter_mut().enumerate() {
+                    *w = if first + i as f32 >= from { beyond[i] } else { *w };
+                }
+            }
+            A::accumulate(sums, mantissas, exponent, &weights);
+        }
+    }
+
+    #[inline(always)]
+    fn phases(&self) -> usize {
+        if self.config.pattern.width % 3 == 0 { PHASES } else { 1 }
+    }
+
+    #[inline(always)]
+    fn node(&self, i: usize) -> f32 {
+        self.nodes.get(i).copied().unwrap_or(f32::MAX)
+    }
+
+    /// Weights of a group in a cell between two nodes; `first` is the centre of its first pixel.
+    #[inline(always)]
+    fn between(&self, cell: usize, phase: usize, first: f32) -> Sums<A::Weight> {
+        let (a, b) = (self.node(cell), self.node(cell + 1));
+        let step = 1.0 / (b - a);
+        let last = self.weights.len() - 1;
+        A::lerp(
+            &self.weights[cell.min(last)][phase],
+            &self.weights[(cell + 1).min(last)][phase],
+            (first - a) * step,
+            step,
+        )
+    }
+
+    /// Sets the weights of a band at each node of a row.
+    #[inline(always)]
+    fn set_weights(&mut self, y: usize, band: usize) {
+        let config = self.config;
+        let bands = usize::from(config.bands);
+        let pattern_width = usize::from(config.pattern.width).clamp(1, MAX_PATTERN);
+        let phases = self.phases();
+        let nm = config.first_band_nm + band as f32 * config.band_step_nm;
+        let v = (y as f32 + 0.5) / config.height as f32 * 2.0 - 1.0;
+        let places = self.crosstalk.map(|c| (c, place(c.wavelength_nm, nm), place(c.y, v)));
+        for (node, weights) in self.weights.iter_mut().enumerate().take(self.nodes.len()) {
+            let mut by_column = [A::Weight::default(); MAX_PATTERN];
+            for (x, weight) in by_column.iter_mut().enumerate().take(pattern_width) {
+                let channel = config.pattern.channel(x, y);
+                let response = config.response.get(channel * bands + band).copied().unwrap_or(0.0);
+                let factor = match places {
+                    Some((table, wavelength, row)) => table.at(channel, wavelength, row, node),
+                    None => 1.0,
+                };
+                *weight = A::weight(response * self.per_unit * factor);
+            }
+            for (phase, weights) in weights.iter_mut().enumerate().take(phases) {
+                for (i, w) in weights.iter_mut().enumerate() {
+                    *w = by_column[(phase * GROUP + i) % pattern_width % MAX_PATTERN];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! What a sensor is: everything that is fixed from frame to frame, and the settings of one frame.
+
+use crate::arith::MAX_SIGNAL_E;
+use crate::effects::{Effect, MAX_PARAMETERS};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Most channels of a colour filter array.
+pub const MAX_CHANNELS: usize = 4;
+/// Most spectral bands.
+pub const MAX_BANDS: usize = 64;
+/// Most effects in a chain.
+pub const MAX_EFFECTS: usize = 32;
+/// Largest side of a repeating colour filter pattern.
+pub const MAX_PATTERN: usize = 8;
+/// Largest width and height.
+pub const MAX_SIDE: u32 = 32_768;
+
+/// A colour filter pattern: the channel of each pixel of a tile that repeats over the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pattern {
+    /// Columns of the tile: 1, 2, 3, 4, 6 or 8.
+    pub width: u8,
+    /// Rows of the tile.
+    pub height: u8,
+    /// Channels, row-major, `width * height` of them.
+    pub channels: heapless::Vec<u8, { MAX_PATTERN * MAX_PATTERN }>,
+}
+
+impl Pattern {
+    /// The channel at column x, row y.
+    #[inline(always)]
+    pub fn channel(&self, x: usize, y: usize) -> usize {
+        let (w, h) = (usize::from(self.width).max(1), usize::from(self.height).max(1));
+        self.channels.get((y % h) * w + x % w).map_or(0, |&c| usize::from(c))
+    }
+}
+
+/// A sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorConfig {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Colour filter pattern.
+    pub pattern: Pattern,
+    /// Channels.
+    pub channels: u8,
+    /// Spectral bands.
+    pub bands: u8,
+    /// Centre of band 0, nm.
+    pub first_band_nm: f32,
+    /// Distance of bands, nm.
+    pub band_step_nm: f32,
+    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands + band]`:
+    /// A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
+    pub response: heapless::Vec<f32, { MAX_CHANNELS * MAX_BANDS }>,
+    /// Linear full well W, e⁻.
+    pub full_well_e: f32,
+    /// Bits of the converter, 8 to 16.
+    pub bits: u8,
+    /// DN of no signal.
+    pub black_level_dn: f32,
+    /// Seed of this physical sensor: fixes every fixed pattern.
+    pub seed: u64,
+    /// The signal chain in order.
+    pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
+}
+
+/// What may change from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameSettings {
+    /// Frame number: names the temporal noise.
+    pub frame: u32,
+    /// Integration time, s.
+    pub exposure_s: f32,
+    /// Analog gain.
+    pub analog_gain: f32,
+    /// Sensor temperature, °C.
+    pub temperature_c: f32,
+}
+
+/// Why a sensor cannot be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ConfigError {
+    /// Width or height is 0 or above [`MAX_SIDE`].
+    Size,
+    /// The pattern is not whole, or names a channel that is not there.
+    Pattern,
+    /// The response has not one finite value of 0 or more per channel and band.
+    Response,
+    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on the scale.
+    Converter,
+    /// Exposure or gain is not a positive number, or the temperature not finite.
+    Settings,
+    /// The memory handed in is too small.
+    Memory,
+    /// The crosstalk table is not a whole rectangular grid of finite factors of 0 or more.
+    Crosstalk,
+}
+
+impl SensorConfig {
+    /// Checks what the row loop relies on.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        if !(1..=MAX_SIDE).contains(&self.width) || !(1..=MAX_SIDE).contains(&self.height) {
+            return Err(ConfigError::Size);
+        }
+        let (pw, ph) = (usize::from(self.pattern.width), usize::from(self.pattern.height));
+        if ![1, 2, 3, 4, 6, 8].contains(&pw)
+            || ph == 0
+            || self.pattern.channels.len() != pw * ph
+            || self.pattern.channels.iter().any(|&c| c >= self.channels)
+        {
+            return Err(ConfigError::Pattern);
+        }
+        let (channels, bands) = (usize::from(self.channels), usize::from(self.bands));
+        if !(1..=MAX_CHANNELS).contains(&channels)
+            || !(1..=MAX_BANDS).contains(&bands)
+            || self.response.len() != channels * bands
+            || !self.response.iter().all(|w| w.is_finite() && *w >= 0.0)
+        {
+            return Err(ConfigError::Response);
+        }
+        let max_dn = self.max_dn();
+        if !(1.0..=MAX_SIGNAL_E).contains(&self.full_well_e)
+            || !(8..=16).contains(&self.bits)
+            || !(0.0..f32::from(max_dn)).contains(&self.black_level_dn)
+        {
+            return Err(ConfigError::Converter);
+        }
+        Ok(())
+    }
+
+    /// Largest DN.
+    pub fn max_dn(&self) -> u16 {
+        ((1u32 << self.bits.clamp(1, 16)) - 1) as u16
+    }
+
+    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is full well
+    /// x conversion gain / (2^bits − 1) volts).
+    pub fn dn_per_e(&self, analog_gain: f32) -> f32 {
+        analog_gain * f32::from(self.max_dn()) / self.full_well_e
+    }
+}
+
+impl FrameSettings {
+    /// Checks that the figures are usable.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let positive = |v: f32| v.is_finite() && v > 0.0;
+        if positive(self.exposure_s) && positive(self.analog_gain) && self.temperature_c.is_finite()
+        {
+            Ok(())
+        } else {
+            Err(ConfigError::Settings)
+        }
+    }
+}
+
+/// On the wire an effect is its catalogue number and its values.
+#[derive(Serialize, Deserialize)]
+struct WireEffect {
+    id: u8,
+    values: heapless::Vec<f32, MAX_PARAMETERS>,
+}
+
+impl Serialize for Effect {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        WireEffect { id: self.entry().id, values: self.values() }.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Effect {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let wire = WireEffect::deserialize(deserializer)?;
+        Effect::new(wire.id, &wire.values)
+            .ok_or_else(|| serde::de::Error::custom("unknown effect or value out of range"))
+    }
+}

@@ -1,0 +1,33 @@
+//! Column-wise fixed pattern.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Column offset fixed pattern: each column's amplifier or converter has an offset of its own.
+    ///
+    /// v += σ z(x), z standard normal and fixed. Input-referred. EMVA 1288 release 4.0, column part of DSNU.
+    ColumnOffsetFpn, "column-offset-fpn", Voltage, Pixel {
+        /// Standard deviation over columns
+        sigma_e: "e-", 0.0..=1e5;
+    }
+}
+
+impl Stage for ColumnOffsetFpn {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let sigma = A::signal(self.sigma_e);
+        let mut lanes = cx.per_column(0);
+        for block in row {
+            let z = A::normals(&mut lanes);
+            for (v, z) in block.iter_mut().zip(z) {
+                *v = A::add(*v, A::scale(sigma, z));
+            }
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Dark current with its shot noise and non-uniformity.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
+
+effect! {
+    /// Dark current: thermally generated charge, with shot noise, non-uniform over pixels (DSNU).
+    ///
+    /// A pixel's mean is d = t 2^((T − T_ref)/T_d) (I + σ z(x, y)), z standard normal and fixed. Charge:
+    /// Poisson(max(d, 0)) + min(d, 0), so that mean and spread over pixels are as stated even where the
+    /// normal law reaches below zero. N_dark of eq. 10 of Chen et al. 2009; doubling temperature as in
+    /// EMVA 1288. Range: temperatures for which one doubling temperature holds (some 40 K).
+    DarkCurrent, "dark-current", Charge, Pixel {
+        /// Mean over pixels at the reference temperature
+        mean_e_per_s: "e-/s", 0.0..=1e6;
+        /// Standard deviation over pixels at the reference temperature
+        dsnu_e_per_s: "e-/s", 0.0..=1e6, default 0.0;
+        /// Rise of temperature that doubles it
+        doubling_c: "K", 1.0..=100.0, default 7.0;
+        /// Temperature of the two figures
+        reference_c: "degC", -100.0..=150.0, default 25.0;
+    }
+}
+
+/// Growth of dark current from the reference temperature to the sensor's.
+pub(crate) fn growth(cx: &Context, reference_c: f32, doubling_c: f32) -> f32 {
+    math::exp(core::f32::consts::LN_2 * (cx.temperature_c - reference_c) / doubling_c)
+}
+
+impl Stage for DarkCurrent {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let growth = cx.exposure_s * growth(cx, self.reference_c, self.doubling_c);
+        let mean = A::signal(self.mean_e_per_s * growth);
+        let sigma = A::signal(self.dsnu_e_per_s * growth);
+        let zero = A::Signal::default();
+        let (mut pattern, mut lanes) = (cx.per_pixel(0), cx.per_pixel_and_frame(0));
+        for block in row {
+            let mut dark = A::normals(&mut pattern).map(|z| A::add(mean, A::scale(sigma, z)));
+            for (v, d) in block.iter_mut().zip(&mut dark) {
+                if *d < zero {
+                    *v = A::add(*v, *d);
+                    *d = zero;
+                }
+            }
+            A::poisson(&mut dark, &mut lanes);
+            for (v, d) in block.iter_mut().zip(dark) {
+                *v = A::add(*v, d);
+            }
+        }
+    }
+}

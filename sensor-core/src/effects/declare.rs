@@ -1,0 +1,131 @@
+//! The two macros with which effects are declared.
+
+/// Declares an effect: its struct, and its catalogue entry.
+///
+/// ```text
+/// effect! {
+///     /// What it is, equation, source.
+///     RowTemporalNoise, "row-temporal-noise", Voltage, Pixel {
+///         /// Standard deviation over frames of a row's offset
+///         sigma_e: "e-", 0.0..=1e4;
+///     }
+/// }
+/// ```
+macro_rules! effect {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident, $kind:literal, $domain:ident, $needs:ident {
+            $(
+                $(#[doc = $pdoc:literal])+
+                $key:ident: $unit:literal, $min:literal..=$max:literal $(, default $default:literal)?;
+            )*
+        }
+    ) => {
+        $(#[doc = $doc])+
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name {
+            $(
+                $(#[doc = $pdoc])+
+                #[doc = concat!("(", $unit, ").")]
+                pub $key: f32,
+            )*
+        }
+
+        impl $name {
+            /// This effect's entry, but for its number.
+            pub const ENTRY: $crate::effects::Entry = $crate::effects::Entry {
+                id: 0,
+                kind: $kind,
+                doc: concat!($($doc, "\n"),+),
+                domain: $crate::effects::Domain::$domain,
+                needs: $crate::effects::Needs::$needs,
+                parameters: &[$(
+                    $crate::effects::Parameter {
+                        key: stringify!($key),
+                        unit: $unit,
+                        doc: concat!($($pdoc),+),
+                        min: $min,
+                        max: $max,
+                        default: effect!(@default $($default)?),
+                    },
+                )*],
+            };
+
+            /// The effect with its parameters in the order of the entry.
+            #[allow(unused_mut, unused_variables)]
+            pub fn from_values(values: &[f32]) -> Self {
+                let mut values = values.iter().copied();
+                Self { $($key: values.next().unwrap_or(0.0),)* }
+            }
+
+            /// The parameters in the order of the entry.
+            pub fn values(&self) -> heapless::Vec<f32, { $crate::effects::MAX_PARAMETERS }> {
+                [$(self.$key),*].iter().copied().collect()
+            }
+        }
+    };
+    (@default) => { None };
+    (@default $default:literal) => { Some($default) };
+}
+
+/// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
+macro_rules! catalogue {
+    ($($id:literal => $module:ident::$name:ident,)+) => {
+        $(pub mod $module;)+
+
+        /// Any effect of the catalogue.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(missing_docs)]
+        pub enum Effect { $($name($module::$name),)+ }
+
+        impl Effect {
+            /// The catalogue.
+            pub const CATALOGUE: &'static [Entry] =
+                &[$(Entry { id: $id, ..$module::$name::ENTRY },)+];
+
+            /// Its entry.
+            pub const fn entry(&self) -> &'static Entry {
+                match self {
+                    $(Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
+                }
+            }
+
+            /// The effect of this number; `None` when there is none or a value is missing or out of range.
+            pub fn new(id: u8, values: &[f32]) -> Option<Self> {
+                let entry = Self::CATALOGUE.iter().find(|e| e.id == id)?;
+                let fits = values.len() == entry.parameters.len()
+                    && values.iter().zip(entry.parameters).all(|(v, p)| (p.min..=p.max).contains(v));
+                match id {
+                    $($id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
+                    _ => None,
+                }
+            }
+
+            /// Its parameters in the order of the entry.
+            pub fn values(&self) -> heapless::Vec<f32, MAX_PARAMETERS> {
+                match self { $(Effect::$name(e) => e.values(),)+ }
+            }
+
+            /// Runs the stage.
+            #[inline(always)]
+            pub(crate) fn apply<A: Arith>(
+                &self,
+                cx: &Context,
+                inputs: &Inputs<'_, A::Signal>,
+                row: &mut [Block<A::Signal>],
+            ) {
+                match self { $(Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
+            }
+        }
+
+        $(
+            impl From<$module::$name> for Effect {
+                fn from(effect: $module::$name) -> Self {
+                    Effect::$name(effect)
+                }
+            }
+        )+
+    };
+}
+
+pub(crate) use {catalogue, effect};

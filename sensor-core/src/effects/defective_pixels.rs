@@ -1,0 +1,36 @@
+//! Dead and weak pixels.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Dead and weak pixels: a few pixels respond with a fraction of the gain of the rest, or not at all.
+    ///
+    /// A fraction f of pixels, fixed, has its photo-electrons multiplied by g. Chen et al. 2009, section VI:
+    /// defects visible in captures only.
+    DefectivePixels, "defective-pixels", Photo, Pixel {
+        /// Fraction of pixels
+        fraction: "1", 0.0..=1.0;
+        /// Their gain relative to the rest; 0 is dead
+        gain: "1", 0.0..=2.0, default 0.0;
+    }
+}
+
+impl Stage for DefectivePixels {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let gain = A::factor(self.gain);
+        let mut lanes = cx.per_pixel(0);
+        for block in row {
+            let chosen = super::chosen(&mut lanes, self.fraction);
+            for (v, chosen) in block.iter_mut().zip(chosen) {
+                *v = if chosen { A::scale(*v, gain) } else { *v };
+            }
+        }
+    }
+}

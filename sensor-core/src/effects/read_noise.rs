@@ -1,0 +1,41 @@
+//! Read noise.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
+
+effect! {
+    /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the gain stage.
+    ///
+    /// v += z √(r² − r_post² + (r_post/G)²), z standard normal, r the whole at unity gain, r_post the part
+    /// after the gain stage, G the analog gain; input-referred. N_read of eq. 10 of Chen et al. 2009 (white
+    /// part; it falls as the analog gain rises).
+    ReadNoise, "read-noise", Voltage, Pixel {
+        /// Standard deviation at unity gain
+        read_e: "e-", 0.0..=1e5;
+        /// The part added after the gain stage, at most the whole
+        read_e_post: "e-", 0.0..=1e5, default 0.0;
+    }
+}
+
+impl Stage for ReadNoise {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let post = self.read_e_post * self.read_e_post;
+        let pre = self.read_e * self.read_e - post;
+        let variance = pre.max(0.0) + post / (cx.analog_gain * cx.analog_gain);
+        let sigma = A::signal(math::sqrt(variance));
+        let mut lanes = cx.per_pixel_and_frame(0);
+        for block in row {
+            let z = A::normals(&mut lanes);
+            for (v, z) in block.iter_mut().zip(z) {
+                *v = A::add(*v, A::scale(sigma, z));
+            }
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! Row-wise fixed pattern.
+
+use super::context::normal;
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Row-wise fixed pattern: each row has its own offset, the same in every frame.
+    ///
+    /// v += σ z(y), z standard normal: N_fpn of eq. 10 of Chen et al. 2009, a vector over rows with zero
+    /// mean. Input-referred.
+    RowOffsetFpn, "row-offset-fpn", Voltage, Pixel {
+        /// Standard deviation over rows
+        sigma_e: "e-", 0.0..=1e5;
+    }
+}
+
+impl Stage for RowOffsetFpn {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let offset = A::signal(self.sigma_e * normal(&mut cx.per_row(0, cx.row)));
+        for v in row.as_flattened_mut() {
+            *v = A::add(*v, offset);
+        }
+    }
+}

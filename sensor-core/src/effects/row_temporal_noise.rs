@@ -1,0 +1,31 @@
+//! Temporal noise common to a row.
+
+use super::context::normal;
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Row temporal noise: each row of each frame has an offset of its own (noise of the row's sampling
+    /// or reference).
+    ///
+    /// v += σ z(y, frame), z standard normal, white over rows and frames. Input-referred. Wei et al. 2020.
+    RowTemporalNoise, "row-temporal-noise", Voltage, Pixel {
+        /// Standard deviation over frames of a row's offset
+        sigma_e: "e-", 0.0..=1e5;
+    }
+}
+
+impl Stage for RowTemporalNoise {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let offset = A::signal(self.sigma_e * normal(&mut cx.per_row_and_frame(0, cx.row)));
+        for v in row.as_flattened_mut() {
+            *v = A::add(*v, offset);
+        }
+    }
+}

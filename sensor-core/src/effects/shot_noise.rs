@@ -1,0 +1,32 @@
+//! Photon shot noise.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Photon shot noise: the count of photo-electrons is Poisson distributed around its mean.
+    ///
+    /// n ~ Poisson(µ): eq. 10 of Chen et al. 2009, N_shot in electrons.
+    ///
+    /// Method: below µ = 16 inversion of the distribution function with 32 uniform bits; from there on
+    /// the floor of the third-order Cornish-Fisher expansion of the quantile in a normal number
+    /// (Cornish & Fisher 1938; Giles 2016 gives it for the Poisson law). Total variation distance to the
+    /// exact law: below 6e-5 at 16, below 3e-5 from 30 on, about 1e-7 below 16, where counts rarer than
+    /// 6e-8 do not occur. The bench `poisson` prints chi-square over 1e8 draws beside it.
+    ShotNoise, "shot-noise", Light, Pixel {}
+}
+
+impl Stage for ShotNoise {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let mut lanes = cx.per_pixel_and_frame(0);
+        for block in row {
+            A::poisson(block, &mut lanes);
+        }
+    }
+}

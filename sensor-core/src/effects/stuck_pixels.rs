@@ -1,0 +1,36 @@
+//! Stuck pixels.
+
+use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+
+effect! {
+    /// Stuck pixels: a few pixels give the same signal whatever the light.
+    ///
+    /// A fraction f of pixels, fixed, reads `level` x full well at the converter's input; 1 and above is
+    /// stuck white.
+    StuckPixels, "stuck-pixels", Voltage, Pixel {
+        /// Fraction of pixels
+        fraction: "1", 0.0..=1.0;
+        /// Their signal as a fraction of full well
+        level: "1", 0.0..=2.0, default 1.0;
+    }
+}
+
+impl Stage for StuckPixels {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let level = A::signal(self.level * cx.full_well_e);
+        let mut lanes = cx.per_pixel(0);
+        for block in row {
+            let chosen = super::chosen(&mut lanes, self.fraction);
+            for (v, chosen) in block.iter_mut().zip(chosen) {
+                *v = if chosen { level } else { *v };
+            }
+        }
+    }
+}

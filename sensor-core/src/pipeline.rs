@@ -1,0 +1,215 @@
+//! Runs the signal chain row by row.
+//!
+//! A pipeline keeps as many rows as its effects need: one, and three more for each effect that reads its
+//! neighbours. Rows may be asked for in any order; in rising order each is computed once. What a row
+//! comes out as depends on its number and the frame only.
+
+use crate::arith::{Arith, BLOCK, Block, blocks};
+use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, SensorConfig};
+use crate::effects::{Context, Effect, Inputs, Needs};
+use crate::stream::Key;
+
+/// Most effects of a chain that read their neighbours.
+pub const MAX_WINDOWS: usize = 4;
+
+/// Where a pipeline gets its mean photo-electrons from.
+pub trait MeanRows<A: Arith> {
+    /// Writes the mean photo-electrons of a row.
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]);
+
+    /// Writes the mean photo-electrons that the row had in the previous frame (no light by default).
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        let _ = row;
+        out.fill([A::Signal::default(); BLOCK]);
+    }
+}
+
+impl<A: Arith, F: FnMut(u32, &mut [Block<A::Signal>])> MeanRows<A> for F {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        self(row, out);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Link {
+    effect: Effect,
+    key: Key,
+}
+
+/// Three rows of the chain just before an effect that reads its neighbours.
+struct Window<'a, S> {
+    rows: &'a mut [Block<S>],
+    /// Which row each third holds.
+    held: [Option<u32>; 3],
+}
+
+impl<S> Window<'_, S> {
+    #[inline(always)]
+    fn get(&self, row: u32) -> &[Block<S>] {
+        let len = self.rows.len() / 3;
+        let start = (row % 3) as usize * len;
+        self.rows.get(start..start + len).unwrap_or(&[])
+    }
+
+    #[inline(always)]
+    fn get_mut(&mut self, row: u32) -> &mut [Block<S>] {
+        let len = self.rows.len() / 3;
+        let start = (row % 3) as usize * len;
+        self.rows.get_mut(start..start + len).unwrap_or(&mut [])
+    }
+
+    #[inline(always)]
+    fn holds(&self, row: u32) -> bool {
+        self.held[(row % 3) as usize] == Some(row)
+    }
+}
+
+/// The signal chain of one frame.
+pub struct Pipeline<'a, A: Arith> {
+    config: &'a SensorConfig,
+    cx: Context,
+    links: heapless::Vec<Link, MAX_EFFECTS>,
+    windows: heapless::Vec<Window<'a, A::Signal>, MAX_WINDOWS>,
+    /// The finished row, and where an effect asks for it the previous frame's.
+    row: &'a mut [Block<A::Signal>],
+    previous: &'a mut [Block<A::Signal>],
+}
+
+/// Blocks of memory that [`Pipeline::new`] needs for a sensor.
+pub fn memory_blocks(config: &SensorConfig) -> usize {
+    let count = |needs| config.effects.iter().filter(|e| e.entry().needs == needs).count();
+    let rows = 1 + 3 * count(Needs::Neighbours) + count(Needs::PreviousFrame).min(1);
+    rows * blocks(config.width as usize)
+}
+
+impl<'a, A: Arith> Pipeline<'a, A> {
+    /// A pipeline for one frame, working in `memory` of at least [`memory_blocks`].
+    pub fn new(
+        config: &'a SensorConfig,
+        settings: &FrameSettings,
+        memory: &'a mut [Block<A::Signal>],
+    ) -> Result<Self, ConfigError> {
+        config.check()?;
+        settings.check()?;
+        let mut links: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
+        for effect in &config.effects {
+            let entry = effect.entry();
+            // Effects of one kind are told apart by their order.
+            let nth = links.iter().filter(|l| l.effect.entry().id == entry.id).count() as u32;
+            let key = Key::new(config.seed).with(u32::from(entry.id)).with(nth);
+            links.push(Link { effect: *effect, key }).map_err(|_| ConfigError::Memory)?;
+        }
+        let len = blocks(config.width as usize);
+        let (row, mut rest) = memory.split_at_mut_checked(len).ok_or(ConfigError::Memory)?;
+        let mut previous: &mut [Block<A::Signal>] = &mut [];
+        if links.iter().any(|l| l.effect.entry().needs == Needs::PreviousFrame) {
+            (previous, rest) = rest.split_at_mut_checked(len).ok_or(ConfigError::Memory)?;
+        }
+        let mut windows = heapless::Vec::new();
+        for _ in links.iter().filter(|l| l.effect.entry().needs == Needs::Neighbours) {
+            let (rows, left) = rest.split_at_mut_checked(3 * len).ok_or(ConfigError::Memory)?;
+            rest = left;
+            windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
+        }
+        let cx = Context {
+            width: config.width,
+            height: config.height,
+            row: 0,
+            frame: settings.frame,
+            exposure_s: settings.exposure_s,
+            temperature_c: settings.temperature_c,
+            analog_gain: settings.analog_gain,
+            dn_per_e: config.dn_per_e(settings.analog_gain),
+            full_well_e: config.full_well_e,
+            key: Key::new(0),
+        };
+        Ok(Self { config, cx, links, windows, row, previous })
+    }
+
+    /// Computes one row of DN. `out` holds the sensor's width; rows beyond the sensor give nothing.
+    #[inline(always)]
+    pub fn row(&mut self, row: u32, source: &mut impl MeanRows<A>, out: &mut [u16]) {
+        if row >= self.cx.height {
+            return;
+        }
+        let depth = self.windows.len() as u32;
+        // Rows go through the windows as through a staircase: when row t enters the first, row t - 1
+        // leaves it, and so on. A row that follows the last one asked for needs one step only.
+        let held = match self.windows.last() {
+            Some(window) => row > 0 && window.holds(row - 1) && window.holds(row),
+            None => true,
+        };
+        let first = if held { row + depth } else { row.saturating_sub(depth) };
+        for t in first..=row + depth {
+            for level in 0..=depth {
+                let asked_for = level < depth || t == row + depth;
+                if asked_for && t >= level && t - level < self.cx.height {
+                    self.step(level as usize, t - level, source);
+                }
+            }
+        }
+        let gain = self.cx.dn_per_e;
+        let (black, max) = (self.config.black_level_dn, self.config.max_dn());
+        for (block, out) in self.row.iter().zip(out.chunks_mut(BLOCK)) {
+            let mut dn = [0; BLOCK];
+            A::digitise(block, gain, black, max, &mut dn);
+            match out.first_chunk_mut::<BLOCK>() {
+                Some(whole) => *whole = dn,
+                None => out.iter_mut().zip(dn).for_each(|(o, d)| *o = d),
+            }
+        }
+    }
+
+    /// Computes a row at a level: after the level's window, up to the next window (or the end).
+    #[inline(always)]
+    fn step(&mut self, level: usize, row: u32, source: &mut impl MeanRows<A>) {
+        let mut cx = Context { row, ..self.cx };
+        let at = level.min(self.windows.len());
+        let (below, above) = self.windows.split_at_mut(at);
+        let edge = self.cx.height - 1;
+        let neighbours = [row.saturating_sub(1), row, if row < edge { row + 1 } else { edge }];
+        let mut out: &mut [Block<A::Signal>] = self.row;
+        if let Some(window) = above.first_mut() {
+            window.held[(row % 3) as usize] = None;
+            out = window.get_mut(row);
+        }
+        let window = below.last();
+        if let Some(window) = window {
+            if !neighbours.iter().all(|&n| window.holds(n)) {
+                return;
+            }
+            for (o, i) in out.iter_mut().zip(window.get(row)) {
+                *o = *i;
+            }
+        } else {
+            source.mean_row(row, out);
+        }
+        let mut passed = 0;
+        for link in &self.links {
+            let needs = link.effect.entry().needs;
+            passed += usize::from(needs == Needs::Neighbours);
+            if passed != level {
+                continue;
+            }
+            let mut inputs =
+                Inputs::<A::Signal> { above: &[], here: &[], below: &[], previous: &[] };
+            match (needs, window) {
+                (Needs::Neighbours, Some(window)) => {
+                    inputs.above = window.get(neighbours[0]);
+                    inputs.here = window.get(row);
+                    inputs.below = window.get(neighbours[2]);
+                }
+                (Needs::PreviousFrame, _) => {
+                    source.previous_mean_row(row, self.previous);
+                    inputs.previous = self.previous;
+                }
+                _ => {}
+            }
+            cx.key = link.key;
+            link.effect.apply::<A>(&cx, &inputs, out);
+        }
+        if let Some(window) = above.first_mut() {
+            window.held[(row % 3) as usize] = Some(row);
+        }
+    }
+}
