@@ -14,6 +14,7 @@ pub mod optics;
 pub mod plane;
 pub mod render;
 pub mod scene;
+pub mod toml_text;
 
 pub use error::{Error, Result};
 pub use frame::RawFrame;

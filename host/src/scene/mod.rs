@@ -6,6 +6,7 @@
 //! They are those of the ideal (paraxial, upright) image; the lens maps them to where light lands.
 
 pub mod spectrum;
+pub mod table;
 
 use crate::{Plane, Result};
 pub use spectrum::{Bands, Spectrum};

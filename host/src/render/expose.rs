@@ -1,0 +1,194 @@
+//! The sensor stage on the workstation: frames from an irradiance cube, in parallel over rows.
+
+use super::irradiance::{Chunk, IrradianceCube};
+use crate::camera::{Camera, CrosstalkTable};
+use crate::{Error, RawFrame, Result};
+use multiversion::multiversion;
+use rayon::prelude::*;
+use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use sensor_core::collect::{Collector, Sums};
+use sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use sensor_core::effects::Needs;
+use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use sensor_core::spectral::{GROUP, groups};
+
+/// Arithmetic of the sensor stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Arithmetic {
+    /// 32-bit floating point.
+    #[default]
+    F32,
+    /// 32-bit fixed point, as on parts without a floating-point unit.
+    Fixed,
+}
+
+/// Rows computed by one task.
+const ROWS_PER_TASK: usize = 32;
+
+/// A camera's sensor set up for cubes of given bands.
+pub struct Exposure {
+    /// The sensor as `sensor-core` takes it.
+    pub config: SensorConfig,
+    crosstalk: Option<CrosstalkTable>,
+    cfa: crate::camera::Cfa,
+}
+
+impl Exposure {
+    /// The sensor of `camera` in front of irradiance of these bands; `light` multiplies the irradiance
+    /// (another light level than the cube was made for).
+    pub fn new(camera: &Camera, header: &super::CubeHeader, light: f64) -> Result<Self> {
+        let sensor = &camera.sensor;
+        if (header.width, header.height) != (sensor.width as usize, sensor.height as usize) {
+            return Err(Error::input(format!(
+                "irradiance of {} x {} pixels for a sensor of {} x {}",
+                header.width, header.height, sensor.width, sensor.height
+            ))
+            .help("use the camera for which the irradiance was made, or simulate it anew"));
+        }
+        let mut config = camera.sensor_config(&header.spectral_bands())?;
+        config.response.iter_mut().for_each(|w| *w = (f64::from(*w) * light) as f32);
+        config.check().map_err(refused)?;
+        Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })
+    }
+
+    /// One frame of `cube`. `before` is what the sensor saw in the frame before (for effects with a memory).
+    pub fn frame(
+        &self,
+        cube: &IrradianceCube,
+        before: Option<&IrradianceCube>,
+        settings: &FrameSettings,
+        arithmetic: Arithmetic,
+    ) -> Result<RawFrame> {
+        settings.check().map_err(refused)?;
+        let (width, height) = (self.config.width as usize, self.config.height as usize);
+        let mut data = vec![0; width * height];
+        let inputs = Inputs { exposure: self, cube, before, settings };
+        data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
+            let first = i * ROWS_PER_TASK;
+            match arithmetic {
+                Arithmetic::F32 => rows_float(&inputs, first, out),
+                Arithmetic::Fixed => rows_fixed(&inputs, first, out),
+            }
+        })?;
+        Ok(RawFrame {
+            width,
+            height,
+            bits: u32::from(self.config.bits),
+            cfa: self.cfa.clone(),
+            black_level_dn: f64::from(self.config.black_level_dn),
+            white_level_dn: self.white_level_dn(settings.analog_gain),
+            data,
+        })
+    }
+
+    /// DN at which a pixel saturates: full well or the converter's end, whichever comes first.
+    fn white_level_dn(&self, analog_gain: f32) -> u16 {
+        let full = self.config.dn_per_e(analog_gain) * self.config.full_well_e;
+        (full + self.config.black_level_dn).min(f32::from(self.config.max_dn())) as u16
+    }
+}
+
+fn refused(e: ConfigError) -> Error {
+    match e {
+        ConfigError::Settings => Error::input("exposure, gain or temperature is out of range")
+            .help("exposure and gain are positive numbers"),
+        e => Error::input(format!("the sensor model refuses this configuration: {e:?}")),
+    }
+}
+
+struct Inputs<'a> {
+    exposure: &'a Exposure,
+    cube: &'a IrradianceCube,
+    before: Option<&'a IrradianceCube>,
+    settings: &'a FrameSettings,
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn rows_float(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+    rows::<Float>(inputs, first, out)
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn rows_fixed(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+    rows::<Fixed>(inputs, first, out)
+}
+
+/// Computes the rows from `first` on that fill `out`.
+#[inline(always)]
+fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+    let config = &inputs.exposure.config;
+    let (width, height) = (config.width as usize, config.height as usize);
+    let windows = config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
+    let count = out.len() / width;
+    let from = first.saturating_sub(windows);
+    let to = (first + count + windows).min(height);
+    let load = |cube: &IrradianceCube| -> Result<Vec<Chunk<'_>>> {
+        (0..usize::from(config.bands)).map(|b| cube.chunk(b, from, to - from)).collect()
+    };
+    let crosstalk = inputs.exposure.crosstalk.as_ref().map(CrosstalkTable::as_core);
+    let collector = Collector::new(config, inputs.settings, crosstalk).map_err(refused)?;
+    let mut source = CubeRows::<A> {
+        collector,
+        width,
+        now: load(inputs.cube)?,
+        before: inputs.before.map(load).transpose()?,
+        sums: vec![[A::Sum::default(); GROUP]; groups(width)],
+    };
+    let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
+    let mut pipeline =
+        Pipeline::<A>::new(config, inputs.settings, &mut memory).map_err(refused)?;
+    for (y, out) in (first..).zip(out.chunks_mut(width)) {
+        pipeline.row(y as u32, &mut source, out);
+    }
+    Ok(())
+}
+
+/// Mean photo-electrons from the rows of a cube.
+struct CubeRows<'a, A: Arith> {
+    collector: Collector<'a, A>,
+    width: usize,
+    now: Vec<Chunk<'a>>,
+    before: Option<Vec<Chunk<'a>>>,
+    sums: Vec<Sums<A::Sum>>,
+}
+
+impl<A: Arith> CubeRows<'_, A> {
+    #[inline(always)]
+    fn collect(
+        collector: &mut Collector<'_, A>,
+        bands: &[Chunk<'_>],
+        sums: &mut [Sums<A::Sum>],
+        width: usize,
+        y: u32,
+        out: &mut [Block<A::Signal>],
+    ) {
+        sums.fill([A::Sum::default(); GROUP]);
+        for (band, rows) in bands.iter().enumerate() {
+            collector.add_band(y, band, rows.row(width, y as usize), sums);
+        }
+        let mut groups = sums.iter();
+        for block in out.iter_mut().take(blocks(width)) {
+            for half in block.chunks_mut(GROUP) {
+                let sums = groups.next().copied().unwrap_or([A::Sum::default(); GROUP]);
+                half.iter_mut().zip(sums).for_each(|(v, s)| *v = A::collected(s));
+            }
+        }
+    }
+}
+
+impl<A: Arith> MeanRows<A> for CubeRows<'_, A> {
+    #[inline(always)]
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        Self::collect(&mut self.collector, &self.now, &mut self.sums, self.width, row, out);
+    }
+
+    #[inline(always)]
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        match &self.before {
+            Some(bands) => {
+                Self::collect(&mut self.collector, bands, &mut self.sums, self.width, row, out);
+            }
+            None => out.fill([A::Signal::default(); BLOCK]),
+        }
+    }
+}
