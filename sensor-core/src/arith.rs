@@ -9,6 +9,7 @@
 
 mod fixed_point;
 mod float;
+mod integer;
 
 pub use fixed_point::Fixed;
 pub use float::Float;

@@ -39,6 +39,9 @@ impl Stage for ChargeCoupling {
 }
 
 /// 3x3 convolution of a row with the kernel (centre, side, vertical, diagonal).
+///
+/// Each pixel's three rows make what it keeps and what it gives to either side; terms are scaled before
+/// they are added, so that nothing saturates that would not in the end.
 #[inline(always)]
 pub(crate) fn convolve<A: Arith>(
     width: usize,
@@ -46,40 +49,34 @@ pub(crate) fn convolve<A: Arith>(
     inputs: &Inputs<'_, A::Signal>,
     row: &mut [Block<A::Signal>],
 ) {
+    let weighted = |above, here, below, middle, outer| {
+        let verticals = A::add(A::scale(above, outer), A::scale(below, outer));
+        A::add(A::scale(here, middle), verticals)
+    };
+    // What a single column gives; beyond the array's edges the edge column itself.
+    let given = |x: usize| {
+        let x = x.min(width - 1);
+        let at = |row: &[Block<A::Signal>]| row.as_flattened().get(x).copied().unwrap_or_default();
+        weighted(at(inputs.above), at(inputs.here), at(inputs.below), side, diagonal)
+    };
     let columns = inputs.above.iter().zip(inputs.here).zip(inputs.below);
     for ((block, ((above, here), below)), out) in columns.enumerate().zip(row) {
         let first = block * BLOCK;
-        let outer = [A::Signal::default(); BLOCK];
-        // What stands left and right of the block; at the array's edges the edge column itself.
-        let at = |rows: &[Block<A::Signal>], x: usize| {
-            let x = x.min(width - 1);
-            rows.get(x / BLOCK).map_or(A::Signal::default(), |b| b[x % BLOCK])
-        };
-        let sum = |a: A::Signal, b: A::Signal| A::add(a, b);
-        let mut vertical_pairs = outer;
+        let (mut kept, mut sides) = ([A::Signal::default(); BLOCK], [A::Signal::default(); BLOCK]);
         for i in 0..BLOCK {
-            vertical_pairs[i] = sum(above[i], below[i]);
+            kept[i] = weighted(above[i], here[i], below[i], centre, vertical);
+            sides[i] = weighted(above[i], here[i], below[i], side, diagonal);
         }
-        let left = first.saturating_sub(1);
-        let right = first + BLOCK;
+        let mut shifted = [A::Signal::default(); BLOCK + 2];
+        shifted[0] = given(first.saturating_sub(1));
+        shifted[1..=BLOCK].copy_from_slice(&sides);
+        // The first column beyond this block, or beyond the array.
+        let end = (width - first).min(BLOCK);
+        if let Some(next) = shifted.get_mut(end + 1) {
+            *next = given(first + end);
+        }
         for i in 0..BLOCK {
-            let (l, lv) = if i == 0 {
-                (at(inputs.here, left), sum(at(inputs.above, left), at(inputs.below, left)))
-            } else {
-                (here[i - 1], vertical_pairs[i - 1])
-            };
-            let (r, rv) = if i + 1 == BLOCK {
-                (at(inputs.here, right), sum(at(inputs.above, right), at(inputs.below, right)))
-            } else if first + i + 1 >= width {
-                (here[i], vertical_pairs[i])
-            } else {
-                (here[i + 1], vertical_pairs[i + 1])
-            };
-            let own = A::scale(here[i], centre);
-            let sides = A::scale(sum(l, r), side);
-            let verticals = A::scale(vertical_pairs[i], vertical);
-            let corners = A::scale(sum(lv, rv), diagonal);
-            out[i] = sum(sum(own, sides), sum(verticals, corners));
+            out[i] = A::add(kept[i], A::add(shifted[i], shifted[i + 2]));
         }
     }
 }

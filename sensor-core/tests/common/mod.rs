@@ -1,0 +1,160 @@
+//! What the tests of the sensor model share: configurations, runs and sample statistics.
+#![allow(dead_code, missing_docs)]
+
+use sensor_core::arith::{Arith, BLOCK, Block, blocks};
+use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use sensor_core::effects::Effect;
+use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+
+/// DN of an electron in [`monochrome`] at unity gain: fine enough that rounding is 1/12/8² e⁻².
+pub const DN_PER_E: f64 = 8.0;
+pub const BLACK: f64 = 2048.0;
+
+pub const SETTINGS: FrameSettings =
+    FrameSettings { frame: 0, exposure_s: 0.01, analog_gain: 1.0, temperature_c: 25.0 };
+
+/// A monochrome sensor with a 16-bit converter of 1/8 e⁻ per step, so that DN tell electrons.
+pub fn monochrome(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
+    SensorConfig {
+        width,
+        height,
+        pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
+        channels: 1,
+        bands: 1,
+        first_band_nm: 550.0,
+        band_step_nm: 10.0,
+        response: [1e6].into_iter().collect(),
+        full_well_e: (65_535.0 / DN_PER_E) as f32,
+        bits: 16,
+        black_level_dn: BLACK as f32,
+        seed: 20_260_101,
+        effects: effects.iter().copied().collect(),
+    }
+}
+
+/// A Bayer sensor with the same converter.
+pub fn bayer(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
+    SensorConfig {
+        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
+        channels: 3,
+        response: [1e6; 3].into_iter().collect(),
+        ..monochrome(width, height, effects)
+    }
+}
+
+/// Mean electrons from a function of column and row.
+pub struct Means<F>(pub F);
+
+impl<A: Arith, F: Fn(u32, u32) -> f32> MeanRows<A> for Means<F> {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        for (x, v) in out.as_flattened_mut().iter_mut().enumerate() {
+            *v = A::signal((self.0)(x as u32, row));
+        }
+    }
+}
+
+/// A frame's DN, row by row.
+pub fn frame<A: Arith>(
+    config: &SensorConfig,
+    settings: &FrameSettings,
+    source: &mut impl MeanRows<A>,
+) -> Vec<u16> {
+    let rows: Vec<u32> = (0..config.height).collect();
+    rows_of::<A>(config, settings, source, &rows)
+}
+
+/// The DN of some rows in that order.
+pub fn rows_of<A: Arith>(
+    config: &SensorConfig,
+    settings: &FrameSettings,
+    source: &mut impl MeanRows<A>,
+    rows: &[u32],
+) -> Vec<u16> {
+    let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
+    let mut pipeline = Pipeline::<A>::new(config, settings, &mut memory).unwrap();
+    let width = config.width as usize;
+    let mut dn = vec![0; width * rows.len()];
+    for (&row, out) in rows.iter().zip(dn.chunks_mut(width)) {
+        pipeline.row(row, source, out);
+    }
+    dn
+}
+
+/// A frame in electrons, black level taken off, for a flat mean.
+pub fn flat<A: Arith>(config: &SensorConfig, settings: &FrameSettings, mean_e: f32) -> Vec<f64> {
+    electrons(config, settings, &frame::<A>(config, settings, &mut Means(|_, _| mean_e)))
+}
+
+/// DN as input-referred electrons.
+pub fn electrons(config: &SensorConfig, settings: &FrameSettings, dn: &[u16]) -> Vec<f64> {
+    let gain = f64::from(config.dn_per_e(settings.analog_gain));
+    dn.iter().map(|&d| (f64::from(d) - f64::from(config.black_level_dn)) / gain).collect()
+}
+
+pub fn padded(width: u32) -> usize {
+    blocks(width as usize) * BLOCK
+}
+
+pub fn mean(v: &[f64]) -> f64 {
+    v.iter().sum::<f64>() / v.len() as f64
+}
+
+pub fn variance(v: &[f64]) -> f64 {
+    covariance(v, v)
+}
+
+pub fn covariance(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (mean(a), mean(b));
+    a.iter().zip(b).map(|(a, b)| (a - ma) * (b - mb)).sum::<f64>() / (a.len() - 1) as f64
+}
+
+pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    covariance(a, b) / (variance(a) * variance(b)).sqrt()
+}
+
+/// Means of the rows of a frame.
+pub fn row_means(v: &[f64], width: usize) -> Vec<f64> {
+    v.chunks(width).map(mean).collect()
+}
+
+/// Means of the columns of a frame.
+pub fn column_means(v: &[f64], width: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; width];
+    for row in v.chunks(width) {
+        sums.iter_mut().zip(row).for_each(|(s, v)| *s += v);
+    }
+    let rows = (v.len() / width) as f64;
+    sums.into_iter().map(|s| s / rows).collect()
+}
+
+/// |value - expected| within 4.5 standard errors: one false alarm in 150 000 checks.
+#[track_caller]
+pub fn near(what: &str, value: f64, expected: f64, standard_error: f64) {
+    let z = (value - expected) / standard_error;
+    assert!(z.abs() < 4.5, "{what}: {value}, expected {expected} ± {standard_error} (z = {z:.1})");
+}
+
+/// A variance of n values, at most `excess` kurtosis (0 for normal), near the expected one.
+#[track_caller]
+pub fn near_variance(what: &str, value: f64, expected: f64, n: usize, excess: f64) {
+    near(what, value, expected, expected * ((2.0 + excess) / n as f64).sqrt());
+}
+
+/// Uniform numbers in 0..1 for inputs of tests (SplitMix64).
+pub fn uniforms(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// FNV-1a of DN as little-endian bytes.
+pub fn digest(dn: &[u16]) -> u64 {
+    dn.iter().flat_map(|d| d.to_le_bytes()).fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
