@@ -1,0 +1,289 @@
+//! Outputs that are written whole or not at all.
+//!
+//! A file or directory is made under a temporary name beside its final place and renamed when it is
+//! complete; until then nothing exists under the final name, and dropping it unfinished (an error, a
+//! panic) removes it. What already exists is replaced only when asked to.
+
+use crate::{Error, Result};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use tempfile::{NamedTempFile, TempDir};
+
+/// Left in every directory that camrig writes: only a directory that has it is ever replaced.
+const DIRECTORY_MARK: &str = ".camrig-output";
+
+/// A file being written. Nothing is seen under its name before [`OutputFile::finish`].
+pub struct OutputFile {
+    path: PathBuf,
+    target: Target,
+    force: bool,
+}
+
+enum Target {
+    /// A regular file, renamed on completion.
+    Rename(io::BufWriter<NamedTempFile>),
+    /// Standard output, a device or a pipe: bytes go straight there.
+    Stream(Box<dyn Write + Send>),
+}
+
+impl OutputFile {
+    /// Opens an output. `-` is standard output. Fails at once, before any work, when the file exists
+    /// and `force` is false, or when its folder is missing or cannot be written.
+    pub fn create(path: &Path, force: bool) -> Result<Self> {
+        if path.as_os_str() == "-" {
+            let target = Target::Stream(Box::new(io::stdout()));
+            return Ok(Self { path: path.to_owned(), target, force });
+        }
+        // A symbolic link stays one: what it points to is replaced.
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        match fs::metadata(&path) {
+            Ok(meta) if meta.is_dir() => {
+                return Err(Error::input(format!("{} is a directory", path.display()))
+                    .help("give the name of a file in it"));
+            }
+            Ok(meta) if !meta.is_file() => {
+                let device = fs::OpenOptions::new().write(true).open(&path);
+                let device = device.map_err(|e| Error::io("open", &path, e))?;
+                return Ok(Self { path, target: Target::Stream(Box::new(device)), force });
+            }
+            Ok(_) if !force => return Err(exists(&path)),
+            _ => {}
+        }
+        let temporary =
+            builder(false).tempfile_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
+        let target = Target::Rename(io::BufWriter::with_capacity(1 << 16, temporary));
+        Ok(Self { path, target, force })
+    }
+
+    /// Puts the complete file in its place.
+    pub fn finish(mut self) -> Result<()> {
+        self.flush().map_err(|e| Error::io("write", &self.path, e))?;
+        let Target::Rename(writer) = self.target else { return Ok(()) };
+        let temporary =
+            writer.into_inner().map_err(|e| Error::io("write", &self.path, e.into_error()))?;
+        let outcome = if self.force {
+            temporary.persist(&self.path)
+        } else {
+            temporary.persist_noclobber(&self.path)
+        };
+        match outcome {
+            Ok(_) => Ok(()),
+            Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(&self.path)),
+            Err(e) => Err(Error::io("write", &self.path, e.error)),
+        }
+    }
+}
+
+impl Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.target {
+            Target::Rename(writer) => writer.write(bytes),
+            Target::Stream(writer) => writer.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.target {
+            Target::Rename(writer) => writer.flush(),
+            Target::Stream(writer) => writer.flush(),
+        }
+    }
+}
+
+/// Writes `bytes` to `path` whole or not at all. `-` is standard output.
+pub fn write_file(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
+    let mut output = OutputFile::create(path, force)?;
+    output.write_all(bytes).map_err(|e| Error::io("write", path, e))?;
+    output.finish()
+}
+
+/// A directory being filled: write into [`OutputDir::path`], then [`OutputDir::finish`].
+pub struct OutputDir {
+    path: PathBuf,
+    temporary: TempDir,
+    force: bool,
+}
+
+impl OutputDir {
+    /// Opens a directory output. An empty directory may exist already. With `force`, one that camrig
+    /// wrote earlier is replaced as a whole; any other is left alone.
+    pub fn create(path: &Path, force: bool) -> Result<Self> {
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        check_replaceable(&path, force)?;
+        let temporary =
+            builder(true).tempdir_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
+        fs::write(temporary.path().join(DIRECTORY_MARK), "")
+            .map_err(|e| Error::io("write", &path, e))?;
+        Ok(Self { path, temporary, force })
+    }
+
+    /// Where to put the files meanwhile.
+    pub fn path(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Writes one file of the directory; `name` may contain folders.
+    pub fn write(&self, name: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+        let place = self.path().join(&name);
+        let shown = self.path.join(&name);
+        if let Some(folder) = place.parent() {
+            fs::create_dir_all(folder).map_err(|e| Error::io("create the folder of", &shown, e))?;
+        }
+        fs::write(&place, bytes).map_err(|e| Error::io("write", &shown, e))
+    }
+
+    /// Puts the complete directory in its place.
+    pub fn finish(self) -> Result<()> {
+        check_replaceable(&self.path, self.force)?;
+        let failed = |e| Error::io("write", &self.path, e);
+        // Renaming over an empty directory works and is atomic; one with content is moved aside.
+        let aside = builder(true).tempdir_in(folder_of(&self.path)).map_err(failed)?;
+        let old = aside.path().join("old");
+        if is_occupied(&self.path) {
+            fs::rename(&self.path, &old).map_err(failed)?;
+        }
+        if let Err(e) = fs::rename(self.temporary.path(), &self.path) {
+            if old.exists() {
+                fs::rename(&old, &self.path).map_err(failed)?;
+            }
+            return Err(failed(e));
+        }
+        // Renamed away: there is nothing left to remove under the temporary name.
+        let _ = self.temporary.keep();
+        Ok(())
+    }
+}
+
+fn is_occupied(path: &Path) -> bool {
+    fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some())
+}
+
+fn check_replaceable(path: &Path, force: bool) -> Result<()> {
+    match fs::metadata(path) {
+        Ok(meta) if !meta.is_dir() => {
+            Err(Error::input(format!("{} is not a directory", path.display()))
+                .help("give another name, or remove it first"))
+        }
+        Ok(_) if !is_occupied(path) => Ok(()),
+        Ok(_) if !force => Err(exists(path)),
+        Ok(_) if !path.join(DIRECTORY_MARK).exists() => {
+            Err(Error::input(format!("{} was not written by camrig", path.display())).help(
+                "only directories that camrig wrote are replaced; remove it yourself or give \
+                 another name",
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Temporary files hidden by a leading dot, with the permissions any new file would get.
+fn builder(directory: bool) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".camrig-").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = if directory { 0o777 } else { 0o666 }; // less the umask
+        builder.permissions(fs::Permissions::from_mode(mode));
+    }
+    #[cfg(not(unix))]
+    let _ = directory;
+    builder
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+fn exists(path: &Path) -> Error {
+    Error::input(format!("{} exists", path.display()))
+        .help("give another name, or --force to replace it")
+}
+
+fn cannot_create(path: &Path, error: io::Error) -> Error {
+    let help = match error.kind() {
+        io::ErrorKind::NotFound => "the folder does not exist; create it first",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "the folder cannot be written to; choose another"
+        }
+        _ => "check the folder and the space left on its disk",
+    };
+    Error::io("create", path, error).help(help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_appears_only_when_finished() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.npy");
+        let mut output = OutputFile::create(&path, false).unwrap();
+        output.write_all(b"half").unwrap();
+        assert!(!path.exists());
+        drop(output);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "nothing is left behind");
+        write_file(&path, false, b"whole").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+    }
+
+    #[test]
+    fn an_existing_file_is_replaced_only_by_force() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a");
+        write_file(&path, false, b"first").unwrap();
+        let error = write_file(&path, false, b"second").unwrap_err().to_string();
+        assert!(error.contains("exists") && error.contains("--force"), "{error}");
+        assert_eq!(fs::read(&path).unwrap(), b"first");
+        write_file(&path, true, b"second").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"second");
+        // Made by someone else between opening and finishing.
+        let race = dir.path().join("race");
+        let output = OutputFile::create(&race, false).unwrap();
+        fs::write(&race, b"theirs").unwrap();
+        assert!(output.finish().is_err());
+        assert_eq!(fs::read(&race).unwrap(), b"theirs");
+    }
+
+    #[test]
+    fn a_missing_folder_and_a_directory_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = write_file(&dir.path().join("no/a"), false, b"").unwrap_err().to_string();
+        assert!(error.contains("folder does not exist"), "{error}");
+        let error = write_file(dir.path(), true, b"").unwrap_err().to_string();
+        assert!(error.contains("is a directory"), "{error}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_an_error() {
+        let error = write_file(Path::new("/dev/full"), false, b"x").unwrap_err().to_string();
+        assert!(error.contains("No space left on device"), "{error}");
+    }
+
+    #[test]
+    fn directories_are_replaced_whole_and_only_our_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("set");
+        let fill = |force, text: &str| -> Result<()> {
+            let output = OutputDir::create(&path, force)?;
+            output.write("sub/a.txt", text.as_bytes())?;
+            output.finish()
+        };
+        fs::create_dir(&path).unwrap();
+        fill(false, "1").unwrap();
+        assert!(fill(false, "2").is_err());
+        assert_eq!(fs::read_to_string(path.join("sub/a.txt")).unwrap(), "1");
+        fill(true, "2").unwrap();
+        assert_eq!(fs::read_to_string(path.join("sub/a.txt")).unwrap(), "2");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "no temporary directory left");
+        fs::remove_file(path.join(DIRECTORY_MARK)).unwrap();
+        let error = fill(true, "3").unwrap_err().to_string();
+        assert!(error.contains("was not written by camrig"), "{error}");
+    }
+}

@@ -1,0 +1,222 @@
+//! Packed raw samples as MIPI CSI-2 sends them and V4L2 stores them.
+//!
+//! Layouts (MIPI CSI-2, "Raw data formats"; Linux V4L2 `SRGGB10P`, `SRGGB12P`, `SRGGB14P`):
+//!
+//! | format | group | bytes |
+//! |---|---|---|
+//! | RAW8 | 1 sample | the sample |
+//! | RAW10 | 4 samples | 4 bytes of upper 8 bits, then the 2 low bits of each, first sample lowest |
+//! | RAW12 | 2 samples | 2 bytes of upper 8 bits, then the 4 low bits of each, first sample lowest |
+//! | RAW14 | 4 samples | 4 bytes of upper 8 bits, then the 6 low bits of each, first sample lowest |
+//! | RAW16 | 1 sample | upper byte, then lower byte |
+//!
+//! CSI-2 sends 16 bits with the most significant byte first; memory formats hold them little-endian
+//! ([`Packing::Le16`]).
+//!
+//! A row whose width is no multiple of the group is padded with zero samples. No function here
+//! panics: a buffer of the wrong size is an error.
+
+/// How samples of a row are laid out in bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packing {
+    /// 8 bits in one byte.
+    Raw8,
+    /// 10 bits, four samples in five bytes.
+    Raw10,
+    /// 12 bits, two samples in three bytes.
+    Raw12,
+    /// 14 bits, four samples in seven bytes.
+    Raw14,
+    /// 16 bits, most significant byte first.
+    Raw16,
+    /// One sample in a little-endian 16-bit word.
+    Le16,
+}
+
+/// A buffer does not have the size that the row needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WrongSize {
+    /// Bytes that the row needs.
+    pub needed: usize,
+    /// Bytes that are there.
+    pub found: usize,
+}
+
+impl Packing {
+    /// The packed form of `bits` bits per sample, if there is one.
+    pub const fn of_bits(bits: u32) -> Option<Self> {
+        Some(match bits {
+            8 => Self::Raw8,
+            10 => Self::Raw10,
+            12 => Self::Raw12,
+            14 => Self::Raw14,
+            16 => Self::Raw16,
+            _ => return None,
+        })
+    }
+
+    /// Bits of a sample that the layout can hold.
+    pub const fn bits(self) -> u32 {
+        match self {
+            Self::Raw8 => 8,
+            Self::Raw10 => 10,
+            Self::Raw12 => 12,
+            Self::Raw14 => 14,
+            Self::Raw16 | Self::Le16 => 16,
+        }
+    }
+
+    /// Samples and bytes of a group.
+    pub const fn group(self) -> (usize, usize) {
+        match self {
+            Self::Raw8 => (1, 1),
+            Self::Raw10 => (4, 5),
+            Self::Raw12 => (2, 3),
+            Self::Raw14 => (4, 7),
+            Self::Raw16 | Self::Le16 => (1, 2),
+        }
+    }
+
+    /// Bytes of a row of `width` samples, without padding beyond the last group; saturates.
+    pub const fn row_bytes(self, width: usize) -> usize {
+        let (samples, bytes) = self.group();
+        width.div_ceil(samples).saturating_mul(bytes)
+    }
+}
+
+/// Packs a row. `out` has exactly [`Packing::row_bytes`] bytes. Bits of a sample above those of the
+/// format are lost.
+pub fn pack_row(packing: Packing, row: &[u16], out: &mut [u8]) -> Result<(), WrongSize> {
+    check(packing, row.len(), out.len())?;
+    let (samples, bytes) = packing.group();
+    for (group, out) in row.chunks(samples).zip(out.chunks_exact_mut(bytes)) {
+        let at = |i: usize| group.get(i).copied().unwrap_or(0);
+        match (packing, out) {
+            (Packing::Raw8, [a]) => *a = at(0) as u8,
+            (Packing::Raw16, out @ [_, _]) => out.copy_from_slice(&at(0).to_be_bytes()),
+            (Packing::Le16, out @ [_, _]) => out.copy_from_slice(&at(0).to_le_bytes()),
+            (Packing::Raw10, [a, b, c, d, low]) => {
+                *low = 0;
+                for (i, upper) in [a, b, c, d].into_iter().enumerate() {
+                    *upper = (at(i) >> 2) as u8;
+                    *low |= ((at(i) & 3) as u8) << (2 * i);
+                }
+            }
+            (Packing::Raw12, [a, b, low]) => {
+                *a = (at(0) >> 4) as u8;
+                *b = (at(1) >> 4) as u8;
+                *low = (at(0) & 15) as u8 | ((at(1) & 15) as u8) << 4;
+            }
+            (Packing::Raw14, [a, b, c, d, low @ ..]) => {
+                let mut rest = 0u32;
+                for (i, upper) in [a, b, c, d].into_iter().enumerate() {
+                    *upper = (at(i) >> 6) as u8;
+                    rest |= u32::from(at(i) & 63) << (6 * i);
+                }
+                for (low, byte) in low.iter_mut().zip(rest.to_le_bytes()) {
+                    *low = byte;
+                }
+            }
+            _ => {} // chunks_exact_mut gives no other sizes
+        }
+    }
+    Ok(())
+}
+
+/// Unpacks a row; the inverse of [`pack_row`]. `bytes` has exactly [`Packing::row_bytes`] bytes.
+pub fn unpack_row(packing: Packing, bytes: &[u8], row: &mut [u16]) -> Result<(), WrongSize> {
+    check(packing, row.len(), bytes.len())?;
+    let (samples, size) = packing.group();
+    for (group, row) in bytes.chunks_exact(size).zip(row.chunks_mut(samples)) {
+        let values: [u16; 4] = match *group {
+            [a] => [a.into(), 0, 0, 0],
+            [a, b] if packing == Packing::Le16 => [u16::from_le_bytes([a, b]), 0, 0, 0],
+            [a, b] => [u16::from_be_bytes([a, b]), 0, 0, 0],
+            [a, b, low] => {
+                let join = |upper: u8, low: u8| u16::from(upper) << 4 | u16::from(low);
+                [join(a, low & 15), join(b, low >> 4), 0, 0]
+            }
+            [a, b, c, d, low] => {
+                let join =
+                    |upper: u8, i: u32| u16::from(upper) << 2 | u16::from(low >> (2 * i) & 3);
+                [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
+            }
+            [a, b, c, d, e, f, g] => {
+                let rest = u32::from_le_bytes([e, f, g, 0]);
+                let join =
+                    |upper: u8, i: u32| u16::from(upper) << 6 | (rest >> (6 * i) & 63) as u16;
+                [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
+            }
+            _ => [0; 4], // chunks_exact gives no other sizes
+        };
+        for (sample, value) in row.iter_mut().zip(values) {
+            *sample = value;
+        }
+    }
+    Ok(())
+}
+
+fn check(packing: Packing, width: usize, found: usize) -> Result<(), WrongSize> {
+    let needed = packing.row_bytes(width);
+    if needed == found { Ok(()) } else { Err(WrongSize { needed, found }) }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::{vec, vec::Vec};
+
+    const ALL: [Packing; 6] = [
+        Packing::Raw8,
+        Packing::Raw10,
+        Packing::Raw12,
+        Packing::Raw14,
+        Packing::Raw16,
+        Packing::Le16,
+    ];
+
+    /// Single bits set, from the tables of MIPI CSI-2 and of V4L2's pixfmt-srggb10p/12p/14p pages.
+    #[test]
+    fn layouts_are_those_of_the_standard() {
+        let pack = |packing: Packing, row: &[u16]| {
+            let mut out = vec![0xFF; packing.row_bytes(row.len())];
+            pack_row(packing, row, &mut out).unwrap();
+            out
+        };
+        assert_eq!(pack(Packing::Raw8, &[0xA5]), [0xA5]);
+        assert_eq!(pack(Packing::Raw10, &[0x3FC, 0, 0, 0]), [0xFF, 0, 0, 0, 0]);
+        assert_eq!(pack(Packing::Raw10, &[3, 0, 2, 1]), [0, 0, 0, 0, 0b01_10_00_11]);
+        assert_eq!(pack(Packing::Raw12, &[0x123, 0x456]), [0x12, 0x45, 0x63]);
+        // V4L2 SRGGB14P: byte 4 is P1[1:0] P0[5:0], byte 5 is P2[3:0] P1[5:2], byte 6 P3[5:0] P2[5:4].
+        assert_eq!(
+            pack(Packing::Raw14, &[0b000001, 0b000010, 0b010000, 0b100000]),
+            [0, 0, 0, 0, 0b10_000001, 0b0000_0000, 0b100000_01]
+        );
+        assert_eq!(pack(Packing::Raw16, &[0x1234]), [0x12, 0x34]);
+        assert_eq!(pack(Packing::Le16, &[0x1234]), [0x34, 0x12]);
+    }
+
+    #[test]
+    fn every_width_comes_back() {
+        for packing in ALL {
+            for width in 0..23usize {
+                let mask = (1u32 << packing.bits()) - 1;
+                let row: Vec<u16> =
+                    (0..width as u32).map(|i| (i.wrapping_mul(40503) >> 3 & mask) as u16).collect();
+                let mut bytes = vec![0; packing.row_bytes(width)];
+                pack_row(packing, &row, &mut bytes).unwrap();
+                let mut back = vec![0; width];
+                unpack_row(packing, &bytes, &mut back).unwrap();
+                assert_eq!(row, back, "{packing:?} {width}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_size_is_an_error() {
+        let error = Err(WrongSize { needed: 10, found: 9 });
+        assert_eq!(pack_row(Packing::Raw10, &[0; 5], &mut [0; 9]), error);
+        assert_eq!(unpack_row(Packing::Raw10, &[0; 9], &mut [0; 5]), error);
+    }
+}
