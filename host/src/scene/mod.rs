@@ -5,11 +5,22 @@
 //! to the right, v **down**, both in units of the sensor's width (so v runs over ±height/(2·width)).
 //! They are those of the ideal (paraxial, upright) image; the lens maps them to where light lands.
 
+pub mod chart;
+pub mod cube;
+pub mod illuminant;
+mod numpy;
+pub mod painting;
+pub mod photometry;
+pub mod shape;
 pub mod spectrum;
+pub mod strided;
 pub mod table;
 
-use crate::{Plane, Result};
+use crate::{Error, Plane, Result};
+pub use illuminant::Illuminant;
+pub use photometry::LightLevel;
 pub use spectrum::{Bands, Spectrum};
+use std::path::Path;
 
 /// A rectangular grid of square cells in frame coordinates on which a scene is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +35,18 @@ pub struct Grid {
     pub top: f64,
     /// Edge length of a cell, in sensor widths.
     pub cell: f64,
+}
+
+impl Grid {
+    /// The grid laid over content of that aspect (width over height) so that the content covers a
+    /// frame of `frame_aspect`, its aspect kept, centred, excess cut off.
+    #[must_use]
+    pub fn over_content(&self, aspect: Option<f64>, frame_aspect: f64) -> Grid {
+        // Content flatter than the frame would leave bars above and below: enlarge it.
+        let shrink = aspect.map_or(1.0, |aspect| (frame_aspect / aspect).min(1.0));
+        let Grid { width, height, left, top, cell } = *self;
+        Grid { width, height, left: left * shrink, top: top * shrink, cell: cell * shrink }
+    }
 }
 
 /// What the values of a scene are.
@@ -46,6 +69,10 @@ pub trait Scene: Send + Sync {
     /// The **area average** over each cell of `grid` of the scene in one band. Defined for every
     /// (u, v): outside its own content a scene repeats its edge or shows its background.
     fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>>;
+    /// What a user should know about the scene, such as bands that were extrapolated.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// A scene with its light: spectral radiance is what comes out.
@@ -65,4 +92,58 @@ impl LitScene<'_> {
         plane.data.iter_mut().for_each(|v| *v *= white);
         Ok(plane)
     }
+}
+
+/// Opens what `--scene` names: a built-in chart (`NAME[:OPTIONS]`) or a spectral cube
+/// (`FILE[:OPTIONS]`), options as `KEY=VALUE,...`.
+pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
+    let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
+    if let Some(chart) = chart::open(name, options) {
+        return chart.map_err(|e| e.at(format!("scene {spec:?}")));
+    }
+    let (path, options) = match spec.rsplit_once(':') {
+        Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
+        _ => (Path::new(spec), ""),
+    };
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    match extension.as_str() {
+        "npy" | "npz" => Ok(Box::new(numpy::open(path, options)?)),
+        _ => Err(unknown_scene(spec)),
+    }
+}
+
+fn unknown_scene(spec: &str) -> Error {
+    let name = spec.split(':').next().unwrap_or(spec);
+    let nearest = nearest(name, chart::NAMES.iter().copied());
+    Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
+        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .exr), or a scene directory",
+        chart::NAMES.join(", ")
+    ))
+}
+
+/// The candidate that is written most like `word`.
+pub(crate) fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> &'a str {
+    let mut best = ("", f64::NEG_INFINITY);
+    for candidate in candidates {
+        let likeness = strsim::jaro_winkler(word, candidate);
+        if likeness > best.1 {
+            best = (candidate, likeness);
+        }
+    }
+    best.0
+}
+
+/// Test material that is not part of the repository; says that a test is skipped where it is absent.
+#[cfg(test)]
+pub(crate) fn shared(place: &str) -> Option<std::path::PathBuf> {
+    let root = std::env::var_os("CAMRIG_SHARED").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
+        std::path::PathBuf::from,
+    );
+    let path = root.join(place);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("SKIP: {} is not there", path.display());
+    None
 }

@@ -96,4 +96,45 @@ impl Spectrum {
     pub fn sample(&self, bands: &Bands) -> Vec<f64> {
         bands.centres().map(|nm| self.at(nm)).collect()
     }
+
+    /// The value of each band: where the table is finer than the bands, the exact mean of the curve
+    /// over the band, so that emission lines keep their power; else the value at the band's centre.
+    pub fn in_bands(&self, bands: &Bands) -> Vec<f64> {
+        let (first, last) = self.range_nm();
+        let spacing = (last - first) / (self.value.len() - 1).max(1) as f64;
+        if self.value.len() == 1 || spacing > bands.step_nm - 1e-6 {
+            return self.sample(bands);
+        }
+        let half = bands.step_nm / 2.0;
+        bands.centres().map(|nm| self.mean(nm - half, nm + half)).collect()
+    }
+
+    /// The exact mean of the curve from one wavelength to a longer one, nm.
+    pub fn mean(&self, from_nm: f64, to_nm: f64) -> f64 {
+        let first = self.wavelength_nm.partition_point(|&w| w <= from_nm);
+        let (mut previous, mut area) = ((from_nm, self.at(from_nm)), 0.0);
+        let inside = self.wavelength_nm[first..].iter().copied().zip(&self.value[first..]);
+        let inside = inside.map(|(w, &v)| (w, v)).take_while(|&(w, _)| w < to_nm);
+        for (nm, value) in inside.chain([(to_nm, self.at(to_nm))]) {
+            area += (nm - previous.0) * (value + previous.1) / 2.0;
+            previous = (nm, value);
+        }
+        area / (to_nm - from_nm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fine_tables_are_averaged_and_coarse_ones_sampled() {
+        let fine = Spectrum::new(vec![400.0, 405.0, 410.0], vec![0.0, 8.0, 0.0]).unwrap();
+        let bands = Bands { start_nm: 405.0, step_nm: 10.0, count: 1 };
+        assert_eq!(fine.in_bands(&bands), [4.0]);
+        assert_eq!(fine.mean(402.5, 407.5), 6.0);
+        assert_eq!(fine.mean(410.0, 420.0), 0.0);
+        let coarse = Spectrum::new(vec![395.0, 405.0, 415.0], vec![0.0, 8.0, 0.0]).unwrap();
+        assert_eq!(coarse.in_bands(&bands), [8.0]);
+    }
 }
