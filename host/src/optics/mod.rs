@@ -1,1 +1,11 @@
-//! Optics: from spectral radiance to spectral irradiance on the sensor grid.
+//! Lens descriptions and the engine that turns scene radiance into sensor irradiance.
+
+pub mod characterisation;
+pub mod diffraction;
+pub mod engine;
+pub mod fft;
+pub mod interpolate;
+
+pub use characterisation::{Characterisation, PsfGrid};
+pub use diffraction::{Departures, Diffraction, Illumination};
+pub use engine::{Blur, Border, Lens, Options, Report, SensorGrid, irradiance};
