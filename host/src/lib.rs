@@ -6,10 +6,12 @@
 //! See `ARCHITECTURE.md` for the data flow with units.
 
 pub mod camera;
+pub mod captures;
 pub mod cli;
 pub mod error;
 pub mod formats;
 pub mod frame;
+pub mod measure;
 pub mod optics;
 pub mod plane;
 pub mod render;

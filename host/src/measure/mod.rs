@@ -1,0 +1,1 @@
+//! Measuring: captures in, figures out.
