@@ -150,6 +150,13 @@ struct Frame {
     part_units: u16,
 }
 
+impl Frame {
+    /// Goes through the rows from the top again, to send those that are still needed.
+    fn start_pass(&mut self) {
+        (self.cursor, self.reached) = (Cursor::default(), Cursor::default());
+    }
+}
+
 /// The host's end of the link. `R` has room for one number per raw row of the largest frame
 /// (`Vec<u16>`, `[u16; N]`): how many bytes of that row are there.
 pub struct Host<R> {
@@ -163,6 +170,8 @@ pub struct Host<R> {
     heard: u16,
     told: u16,
     acknowledged: u16,
+    /// The operation's first packet: answers that acknowledge less belong to an earlier one.
+    first: u16,
     deadline: Micros,
     /// Fruitless steps in a row.
     idle: u16,
@@ -186,6 +195,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             heard: 0,
             told: 0,
             acknowledged: 0,
+            first: 1,
             deadline: 0,
             idle: 0,
             statistics: HostStatistics::default(),
@@ -258,6 +268,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
 
     fn start(&mut self, operation: Operation) {
         self.operation = operation;
+        self.first = self.seq;
         self.deadline = 0;
         self.idle = 0;
     }
@@ -433,7 +444,18 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             return None;
         };
         let header = packet.header;
-        if header.session != self.session || !after(header.seq, self.heard) {
+        if header.session != self.session {
+            return None;
+        }
+        let control = match header.kind {
+            Kind::Control => postcard::from_bytes(packet.body).ok(),
+            _ => None,
+        };
+        if control == Some(ToHost::Nack(Nack::NoSession)) {
+            // A device that lost the session has lost its counters as well.
+            return self.end(Event::Refused(Nack::NoSession));
+        }
+        if !after(header.seq, self.heard) {
             return None;
         }
         self.heard = header.seq;
@@ -456,9 +478,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                     None => Event::NoCommonVersion { oldest, newest },
                 })
             }
-            (Kind::Control, _) => {
-                let message = postcard::from_bytes(packet.body).ok()?;
-                self.control(message, header.ack)
+            (Kind::Control, _) if !after(self.first, header.ack) => {
+                self.control(control?, header.ack)
             }
             (Kind::Ack, Operation::Frame(mut frame)) => {
                 let (body, _) = AckBody::split(packet.body)?;
@@ -532,7 +553,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                     ) => a == b,
                     (ToDevice::Statistics, ToHost::Statistics(_))
                     | (ToDevice::Abort, ToHost::Aborted) => true,
-                    _ => matches!(answer, ToHost::Nack(Nack::NoSession | Nack::Unsupported(_))),
+                    _ => matches!(answer, ToHost::Nack(Nack::Unsupported(_))),
                 };
                 fits.then_some(match answer {
                     ToHost::Nack(nack) => Event::Refused(nack),
@@ -557,22 +578,24 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             self.idle = 0;
         }
         let all_heard = header.ack == self.seq.wrapping_sub(1);
+        let rows = frame.shape.rows;
         if header.flags & GAP != 0 || (all_heard && cursor != frame.expected) {
             // Go back to where the device is, in smaller steps.
             frame.mark = self.seq;
             (frame.cursor, frame.expected) = (cursor, cursor);
-            frame.ask = cursor.row >= frame.shape.rows;
+            if cursor.unit == 0 && self.next_needed(frame, cursor.row) == rows {
+                frame.start_pass();
+            }
             frame.part_units = (frame.part_units / 2).max(1);
             self.statistics.rewinds += 1;
             self.idle += 1;
-        } else if all_heard && frame.cursor.row == frame.shape.rows {
+        } else if all_heard && frame.cursor.row == rows {
             if header.flags & PENDING != 0 {
                 frame.ask = true; // Rows wait for the credit that asking again gives.
             } else {
                 // Everything was heard and answered: what is missing got lost on its way here.
                 frame.mark = self.seq;
-                frame.cursor = Cursor::default();
-                frame.reached = Cursor::default();
+                frame.start_pass();
                 self.idle += 1;
             }
         }

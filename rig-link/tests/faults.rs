@@ -56,7 +56,11 @@ fn thousands_of_frames_arrive_right_or_are_reported_as_failed() {
                     assert_eq!(start.frame, frame);
                     done[level] += 1;
                 }
-                _ => {
+                e => {
+                    eprintln!(
+                        "{frame} {p} {e:?} open {open} missing {}",
+                        bench.host.missing(ROWS).count()
+                    );
                     failed[level] += 1;
                     open = false;
                 }
@@ -142,7 +146,7 @@ fn faults_on_request_reach_the_isp_and_not_the_link() {
     use rig_link::registers::address;
     let mut bench = Bench::new(Framing::Cobs, limits(), 6);
     assert!(establish(&mut bench));
-    let mut write = |bench: &mut Bench, address, value| {
+    let write = |bench: &mut Bench, address, value| {
         bench.host.request(ToDevice::RegWrite(address, value));
         assert_eq!(bench.run(None), Some(Event::Answer(ToHost::Register(address, value))));
     };
