@@ -1,0 +1,647 @@
+//! The host's end: a state machine that asks, and notices what got lost. Time is passed in.
+//!
+//! One operation at a time: [`Host::connect`], [`Host::send_camera`], [`Host::begin`] a frame, or
+//! [`Host::request`]. Then call [`Host::poll`] and do what it says, and give every received packet to
+//! [`Host::receive`], until one of them returns the [`Event`] that ends the operation. Each operation
+//! ends: a step that brings nothing new is counted, and after [`Limits::idle_steps`] of them in a
+//! row the operation has failed.
+
+use crate::message::*;
+use crate::wire::*;
+
+/// Time in microseconds since any fixed moment.
+pub type Micros = u64;
+
+/// What the host reads from and writes to while it sends a frame or a camera.
+pub trait FrameIo {
+    /// Fills `out` with the units of spectral row `row` from unit `first` on.
+    fn spectral(&mut self, row: u16, first: u16, out: &mut [u8]);
+
+    /// The place of packed raw row `row`.
+    fn raw_row(&mut self, row: u16) -> &mut [u8];
+
+    /// Fills `out` with the camera's bytes from `offset` on.
+    fn camera(&mut self, offset: u32, out: &mut [u8]);
+
+    /// Takes bytes of the device's log.
+    fn log(&mut self, _bytes: &[u8]) {}
+}
+
+/// How patient the host is and how much it takes at once.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Longest packet that the host takes, bytes. Short ones get through a bad link better.
+    pub packet_bytes: u16,
+    /// Packets that the device may send ahead. On HID at most 16 reports may be under way.
+    pub credit: u16,
+    /// Longest packet that the host sends, whatever the device would take, bytes.
+    pub send_bytes: u16,
+    /// After this long without a packet the host asks, µs.
+    pub timeout: Micros,
+    /// Fruitless steps after which an operation has failed.
+    pub idle_steps: u16,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            packet_bytes: 4400,
+            credit: 64,
+            send_bytes: u16::MAX,
+            timeout: 250_000,
+            idle_steps: 20,
+        }
+    }
+}
+
+/// What to do next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Poll {
+    /// Send this many bytes of `out`, then poll again.
+    Send(usize),
+    /// Wait for a packet until this time at most, then poll again.
+    Wait(Micros),
+    /// The operation has ended.
+    Done(Event),
+}
+
+/// How an operation ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// A session is open; see [`Host::device`].
+    Connected,
+    /// The device speaks only other versions.
+    NoCommonVersion {
+        /// Oldest that it speaks.
+        oldest: u8,
+        /// Newest that it speaks.
+        newest: u8,
+    },
+    /// The camera is in force.
+    CameraReady,
+    /// Every raw row is there and right.
+    FrameDone(FrameStart),
+    /// The device was asked, by its fault register, to lose this frame.
+    FrameDropped(FrameStart),
+    /// The answer to a request.
+    Answer(ToHost),
+    /// The device said no.
+    Refused(Nack),
+    /// Nothing came any more. A frame's [`Host::missing`] rows can be asked for in a new session.
+    NoAnswer,
+    /// The device answers but what is asked for does not get through.
+    NoProgress,
+}
+
+/// Counters of a host.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HostStatistics {
+    /// Packets sent.
+    pub sent: u64,
+    /// Bytes of the packets sent, before framing.
+    pub sent_bytes: u64,
+    /// Packets received and understood.
+    pub received: u64,
+    /// Bytes of those.
+    pub received_bytes: u64,
+    /// Packets dropped for their CRC.
+    pub damaged: u64,
+    /// Times that the host went back to an earlier part.
+    pub rewinds: u64,
+    /// Times that the host asked because nothing came.
+    pub timeouts: u64,
+    /// Raw rows whose pieces did not make up the row's CRC.
+    pub torn_rows: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Operation {
+    None,
+    Hello,
+    Camera { id: u64, total: u32, received: u32, ask: bool },
+    Request { message: ToDevice, ask: bool },
+    Frame(Frame),
+}
+
+/// The frame in progress.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    begin: FrameBegin,
+    start: Option<FrameStart>,
+    /// The announcement has to be sent (again).
+    announce: bool,
+    /// Sizes on the link: foretold by the caller, confirmed by the device's FrameStart.
+    shape: FrameShape,
+    /// Next part to send; row = rows at the end of a pass.
+    cursor: Cursor,
+    /// What the device expects if it heard everything.
+    expected: Cursor,
+    /// Acks of packets older than this say nothing new about gaps.
+    mark: u16,
+    /// A Ping is to be sent, as the pass is over or time has run out.
+    ask: bool,
+    /// Furthest cursor that the device has reported in this pass.
+    reached: Cursor,
+    /// Raw rows that are not yet whole.
+    missing: u16,
+    /// Raw rows whose pieces did not fit together.
+    torn: u16,
+    /// Units per part now: halved when parts get lost, doubled when a row's worth got through.
+    part_units: u16,
+}
+
+impl Frame {
+    /// Goes through the rows from the top again, to send those that are still needed.
+    fn start_pass(&mut self) {
+        (self.cursor, self.reached) = (Cursor::default(), Cursor::default());
+    }
+}
+
+/// The host's end of the link. `R` has room for one number per raw row of the largest frame
+/// (`Vec<u16>`, `[u16; N]`): how many bytes of that row are there.
+pub struct Host<R> {
+    limits: Limits,
+    rows: R,
+    operation: Operation,
+    device: Option<Capabilities>,
+    session: u16,
+    transfer: u16,
+    seq: u16,
+    heard: u16,
+    told: u16,
+    acknowledged: u16,
+    /// The operation's first packet: answers that acknowledge less belong to an earlier one.
+    first: u16,
+    deadline: Micros,
+    /// Fruitless steps in a row.
+    idle: u16,
+    statistics: HostStatistics,
+}
+
+/// Marks a raw row as whole in `rows`.
+const WHOLE: u16 = u16::MAX;
+
+impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
+    /// A host without a session.
+    pub fn new(limits: Limits, rows: R) -> Self {
+        Self {
+            limits,
+            rows,
+            operation: Operation::None,
+            device: None,
+            session: 0,
+            transfer: 0,
+            seq: 1,
+            heard: 0,
+            told: 0,
+            acknowledged: 0,
+            first: 1,
+            deadline: 0,
+            idle: 0,
+            statistics: HostStatistics::default(),
+        }
+    }
+
+    /// Opens a session. `session` must differ from those before on the same device, as a random number
+    /// does.
+    pub fn connect(&mut self, session: u16) {
+        self.session = session;
+        (self.seq, self.heard, self.told, self.acknowledged) = (1, 0, 0, 0);
+        self.device = None;
+        self.start(Operation::Hello);
+    }
+
+    /// Sends the camera of [`FrameIo::camera`], unless the device already holds it.
+    pub fn send_camera(&mut self, id: u64, total: u32) {
+        self.start(Operation::Camera { id, total, received: 0, ask: true });
+    }
+
+    /// Sends a request and waits for its answer: any message but [`ToDevice::FrameBegin`].
+    pub fn request(&mut self, message: ToDevice) {
+        self.start(Operation::Request { message, ask: true });
+    }
+
+    /// Begins a frame; the host chooses `begin.transfer` itself. `shape`: its sizes, as the device's
+    /// model will confirm. With `resume`, the raw rows that came in the last attempt at the same frame
+    /// are kept.
+    ///
+    /// # Panics
+    /// If `rows` has less room than the frame has rows.
+    pub fn begin(&mut self, begin: FrameBegin, shape: FrameShape, resume: bool) {
+        self.transfer = self.transfer.wrapping_add(1);
+        let rows = &mut self.rows.as_mut()[..usize::from(shape.rows)];
+        if !resume {
+            rows.fill(0);
+        }
+        let missing = rows.iter().filter(|&&r| r != WHOLE).count() as u16;
+        self.start(Operation::Frame(Frame {
+            begin: FrameBegin { transfer: self.transfer, ..begin },
+            start: None,
+            announce: true,
+            shape,
+            cursor: Cursor::default(),
+            expected: Cursor::default(),
+            mark: self.seq,
+            ask: false,
+            reached: Cursor::default(),
+            missing,
+            torn: 0,
+            part_units: u16::MAX,
+        }));
+    }
+
+    /// What the device of this session can do.
+    pub fn device(&self) -> Option<&Capabilities> {
+        self.device.as_ref()
+    }
+
+    /// Counters.
+    pub fn statistics(&self) -> HostStatistics {
+        self.statistics
+    }
+
+    /// The first `rows` raw rows that are not yet whole.
+    pub fn missing(&self, rows: u16) -> impl Iterator<Item = u16> + '_ {
+        let state = self.rows.as_ref().iter().take(usize::from(rows));
+        (0..rows).zip(state).filter(|(_, state)| **state != WHOLE).map(|(row, _)| row)
+    }
+
+    fn start(&mut self, operation: Operation) {
+        self.operation = operation;
+        self.first = self.seq;
+        self.deadline = 0;
+        self.idle = 0;
+    }
+
+    fn end(&mut self, event: Event) -> Option<Event> {
+        self.operation = Operation::None;
+        Some(event)
+    }
+
+    /// What to do now. `out` must hold the longest packet of either end.
+    pub fn poll(&mut self, now: Micros, io: &mut impl FrameIo, out: &mut [u8]) -> Poll {
+        let first = self.deadline == 0;
+        let late = !first && now >= self.deadline;
+        if first || late {
+            self.deadline = now + self.limits.timeout;
+        }
+        if late {
+            self.statistics.timeouts += 1;
+            self.idle += 1;
+        }
+        if self.idle > self.limits.idle_steps {
+            let event = if late { Event::NoAnswer } else { Event::NoProgress };
+            self.operation = Operation::None;
+            return Poll::Done(event);
+        }
+        let sent = match self.operation {
+            Operation::None => None,
+            Operation::Hello => (first || late).then(|| {
+                let hello = Hello {
+                    magic: MAGIC,
+                    oldest: VERSIONS.0,
+                    newest: VERSIONS.1,
+                    packet_bytes: self.limits.packet_bytes,
+                    credit: self.limits.credit,
+                };
+                self.send_postcard(Kind::Hello, &hello, out)
+            }),
+            Operation::Request { message, ask } => (ask || late).then(|| {
+                self.operation = Operation::Request { message, ask: false };
+                self.send_postcard(Kind::Control, &message, out)
+            }),
+            Operation::Camera { id, total, received, ask } => (ask || late).then(|| {
+                self.operation = Operation::Camera { id, total, received, ask: false };
+                self.send_camera_piece(CameraHeader { id, total, offset: received }, io, out)
+            }),
+            Operation::Frame(mut frame) => {
+                frame.ask |= late;
+                let sent = self.poll_frame(&mut frame, io, out);
+                self.operation = Operation::Frame(frame);
+                sent
+            }
+        };
+        match sent {
+            Some(bytes) => Poll::Send(bytes),
+            None => Poll::Wait(self.deadline),
+        }
+    }
+
+    fn poll_frame(
+        &mut self,
+        frame: &mut Frame,
+        io: &mut impl FrameIo,
+        out: &mut [u8],
+    ) -> Option<usize> {
+        if frame.announce || (frame.ask && frame.start.is_none()) {
+            frame.announce = false;
+            frame.ask = false;
+            let message = ToDevice::FrameBegin(frame.begin);
+            return Some(self.send_postcard(Kind::Control, &message, out));
+        }
+        if frame.ask {
+            frame.ask = false;
+            return Some(self.send(Kind::Ping, 0, 0, out));
+        }
+        let credit = self.device.as_ref().map_or(1, |d| d.credit);
+        let free = self.seq.wrapping_sub(self.acknowledged) <= credit;
+        if free && frame.cursor.row < frame.shape.rows {
+            if frame.cursor.unit == 0 {
+                frame.cursor.row = self.next_needed(frame, frame.cursor.row);
+            }
+            if frame.cursor.row < frame.shape.rows {
+                return Some(self.send_part(frame, io, out));
+            }
+            return Some(self.send(Kind::Ping, 0, 0, out)); // The pass is over: what is missing?
+        }
+        if self.heard.wrapping_sub(self.told) >= self.limits.credit.div_ceil(2) {
+            return Some(self.send(Kind::Ack, 0, 0, out));
+        }
+        None
+    }
+
+    /// The first spectral row from `row` on that a missing raw row depends on.
+    fn next_needed(&self, frame: &Frame, row: u16) -> u16 {
+        let halo = u16::from(frame.shape.halo);
+        let rows = &self.rows.as_ref()[..usize::from(frame.shape.rows)];
+        let from = row.saturating_sub(halo);
+        (from..frame.shape.rows)
+            .find(|&r| rows[usize::from(r)] != WHOLE)
+            .map_or(frame.shape.rows, |missing| missing.saturating_sub(halo).max(row))
+    }
+
+    fn send_part(&mut self, frame: &mut Frame, io: &mut impl FrameIo, out: &mut [u8]) -> usize {
+        let shape = frame.shape;
+        let limit = self.device.as_ref().map_or(0, |d| d.packet_bytes);
+        let limit = usize::from(limit.min(self.limits.send_bytes)).min(out.len());
+        let room = limit.saturating_sub(HEADER_BYTES + PartHeader::BYTES + CHECK_BYTES);
+        let fitting = (room / usize::from(shape.unit_bytes)).max(1);
+        frame.part_units = frame.part_units.min(fitting.min(usize::from(u16::MAX)) as u16).max(1);
+        let at = frame.cursor;
+        let count = frame.part_units.min(shape.units - at.unit);
+        let bytes = usize::from(count) * usize::from(shape.unit_bytes);
+        let body = &mut out[HEADER_BYTES..];
+        PartHeader { transfer: frame.begin.transfer, row: at.row, unit: at.unit }.write(body);
+        io.spectral(at.row, at.unit, &mut body[PartHeader::BYTES..][..bytes]);
+        let flags = if at != frame.expected { JUMP } else { 0 };
+        frame.cursor.unit += count;
+        if frame.cursor.unit == shape.units {
+            frame.cursor = Cursor { row: at.row + 1, unit: 0 };
+            frame.part_units = frame.part_units.saturating_mul(2);
+        }
+        frame.expected = frame.cursor;
+        if frame.cursor.row == shape.rows {
+            frame.ask = true;
+        }
+        self.send(Kind::Part, flags, PartHeader::BYTES + bytes, out)
+    }
+
+    fn send_camera_piece(
+        &mut self,
+        head: CameraHeader,
+        io: &mut impl FrameIo,
+        out: &mut [u8],
+    ) -> usize {
+        let limit = self.device.as_ref().map_or(0, |d| d.packet_bytes);
+        let limit = usize::from(limit.min(self.limits.send_bytes)).min(out.len());
+        let room = limit.saturating_sub(HEADER_BYTES + CameraHeader::BYTES + CHECK_BYTES);
+        // A link on which pieces get lost gets shorter ones.
+        let room = (room >> self.idle.min(8)).max(16);
+        let bytes = room.min((head.total - head.offset) as usize);
+        let body = &mut out[HEADER_BYTES..];
+        head.write(body);
+        io.camera(head.offset, &mut body[CameraHeader::BYTES..][..bytes]);
+        self.send(Kind::Camera, 0, CameraHeader::BYTES + bytes, out)
+    }
+
+    fn send_postcard(
+        &mut self,
+        kind: Kind,
+        message: &impl serde::Serialize,
+        out: &mut [u8],
+    ) -> usize {
+        // `out` holds the longest packet, and control messages are shorter (CONTROL_BYTES).
+        let written = postcard::to_slice(message, &mut out[HEADER_BYTES..]).map(|b| b.len());
+        debug_assert!(written.is_ok());
+        self.send(kind, 0, written.unwrap_or(0), out)
+    }
+
+    fn send(&mut self, kind: Kind, flags: u8, body_bytes: usize, out: &mut [u8]) -> usize {
+        let header = Header { kind, flags, session: self.session, seq: self.seq, ack: self.heard };
+        self.seq = self.seq.wrapping_add(1);
+        self.told = self.heard;
+        let bytes = seal(out, header, body_bytes);
+        self.statistics.sent += 1;
+        self.statistics.sent_bytes += bytes as u64;
+        bytes
+    }
+
+    /// Takes one packet, as a [`crate::framing::Receiver`] gives it. Returns an event if it ended the
+    /// operation.
+    pub fn receive(&mut self, now: Micros, bytes: &[u8], io: &mut impl FrameIo) -> Option<Event> {
+        let Ok(packet) = Packet::parse(bytes) else {
+            self.statistics.damaged += 1;
+            return None;
+        };
+        let header = packet.header;
+        if header.session != self.session {
+            return None;
+        }
+        let control = match header.kind {
+            Kind::Control => postcard::from_bytes(packet.body).ok(),
+            _ => None,
+        };
+        if control == Some(ToHost::Nack(Nack::NoSession)) {
+            // A device that lost the session has lost its counters as well.
+            return self.end(Event::Refused(Nack::NoSession));
+        }
+        if !after(header.seq, self.heard) {
+            return None;
+        }
+        self.heard = header.seq;
+        self.statistics.received += 1;
+        self.statistics.received_bytes += bytes.len() as u64;
+        if after(header.ack, self.acknowledged) {
+            self.acknowledged = header.ack;
+        }
+        let of_frame = matches!(self.operation, Operation::Frame(_));
+        if of_frame && header.kind != Kind::Log {
+            self.deadline = now + self.limits.timeout;
+        }
+        match (header.kind, self.operation) {
+            (Kind::Hello, Operation::Hello) => {
+                let reply = postcard::from_bytes::<HelloReply>(packet.body).ok()?;
+                self.device = reply.device;
+                let (oldest, newest) = (reply.oldest, reply.newest);
+                self.end(match self.device {
+                    Some(_) => Event::Connected,
+                    None => Event::NoCommonVersion { oldest, newest },
+                })
+            }
+            (Kind::Control, _) if !after(self.first, header.ack) => {
+                self.control(control?, header.ack)
+            }
+            (Kind::Ack, Operation::Frame(mut frame)) => {
+                let (body, _) = AckBody::split(packet.body)?;
+                self.frame_ack(&mut frame, body, header);
+                self.operation = Operation::Frame(frame);
+                None
+            }
+            (Kind::Raw, Operation::Frame(mut frame)) => {
+                let event = self.frame_raw(&mut frame, packet.body, io);
+                self.operation = Operation::Frame(frame);
+                event.and_then(|event| self.end(event))
+            }
+            (Kind::Log, _) => {
+                io.log(packet.body);
+                None
+            }
+            _ => None,
+        }
+    }
+
+    fn control(&mut self, message: ToHost, heard: u16) -> Option<Event> {
+        match (self.operation, message) {
+            (Operation::Frame(mut frame), ToHost::Nack(Nack::NoTransfer(transfer))) => {
+                if transfer == frame.begin.transfer && !after(frame.mark, heard) {
+                    // The announcement was lost: begin again.
+                    frame.announce = true;
+                    frame.mark = self.seq;
+                    (frame.cursor, frame.expected) = (Cursor::default(), Cursor::default());
+                    self.idle += 1;
+                    self.operation = Operation::Frame(frame);
+                }
+                None
+            }
+            (Operation::Frame(mut frame), ToHost::FrameStart(start)) => {
+                if start.transfer != frame.begin.transfer {
+                    return None;
+                }
+                if start.shape != frame.shape {
+                    return self.end(Event::Refused(Nack::Refused(Refusal::WrongShape)));
+                }
+                if start.fault == Fault::DropFrame {
+                    return self.end(Event::FrameDropped(start));
+                }
+                frame.start = Some(start);
+                self.operation = Operation::Frame(frame);
+                (frame.missing == 0).then_some(Event::FrameDone(start)).and_then(|e| self.end(e))
+            }
+            (
+                Operation::Camera { id, total, received, .. },
+                ToHost::Camera { id: got, received: there, ready },
+            ) if got == id => {
+                if ready {
+                    return self.end(Event::CameraReady);
+                }
+                if there > received && there < total {
+                    self.idle = 0;
+                    self.operation = Operation::Camera { id, total, received: there, ask: true };
+                } else if there < received {
+                    self.idle += 1; // The device forgot, or could not use, what it had.
+                    self.operation = Operation::Camera { id, total, received: there, ask: true };
+                }
+                None
+            }
+            (Operation::Request { message: asked, .. }, answer) => {
+                let fits = match (asked, answer) {
+                    (ToDevice::RegRead(a), ToHost::Register(b, _))
+                    | (ToDevice::RegWrite(a, _), ToHost::Register(b, _))
+                    | (
+                        ToDevice::RegRead(a) | ToDevice::RegWrite(a, _),
+                        ToHost::Nack(Nack::Register(b)),
+                    ) => a == b,
+                    (ToDevice::Statistics, ToHost::Statistics(_))
+                    | (ToDevice::Abort, ToHost::Aborted) => true,
+                    _ => matches!(answer, ToHost::Nack(Nack::Unsupported(_))),
+                };
+                fits.then_some(match answer {
+                    ToHost::Nack(nack) => Event::Refused(nack),
+                    answer => Event::Answer(answer),
+                })
+                .and_then(|event| self.end(event))
+            }
+            (Operation::Frame(_) | Operation::Camera { .. }, ToHost::Nack(nack)) => {
+                self.end(Event::Refused(nack))
+            }
+            _ => None,
+        }
+    }
+
+    fn frame_ack(&mut self, frame: &mut Frame, body: AckBody, header: Header) {
+        if body.transfer != frame.begin.transfer || after(frame.mark, header.ack) {
+            return;
+        }
+        let cursor = Cursor { row: body.row, unit: body.unit };
+        if cursor > frame.reached {
+            frame.reached = cursor;
+            self.idle = 0;
+        }
+        let all_heard = header.ack == self.seq.wrapping_sub(1);
+        let rows = frame.shape.rows;
+        if header.flags & GAP != 0 || (all_heard && cursor != frame.expected) {
+            // Go back to where the device is, in smaller steps.
+            frame.mark = self.seq;
+            (frame.cursor, frame.expected) = (cursor, cursor);
+            if cursor.unit == 0 && self.next_needed(frame, cursor.row) == rows {
+                frame.start_pass();
+            }
+            frame.part_units = (frame.part_units / 2).max(1);
+            self.statistics.rewinds += 1;
+            self.idle += 1;
+        } else if all_heard && frame.cursor.row == rows {
+            if header.flags & PENDING != 0 {
+                frame.ask = true; // Rows wait for the credit that asking again gives.
+            } else {
+                // Everything was heard and answered: what is missing got lost on its way here.
+                frame.mark = self.seq;
+                frame.start_pass();
+                self.idle += 1;
+            }
+        }
+    }
+
+    fn frame_raw(
+        &mut self,
+        frame: &mut Frame,
+        body: &[u8],
+        io: &mut impl FrameIo,
+    ) -> Option<Event> {
+        let (head, piece) = RawHeader::split(body)?;
+        let state = self.rows.as_mut().get_mut(usize::from(head.row))?;
+        let end = usize::from(head.offset) + piece.len();
+        let raw_bytes = usize::from(frame.shape.raw_bytes);
+        if head.transfer != frame.begin.transfer
+            || head.row >= frame.shape.rows
+            || *state != head.offset
+            || end > raw_bytes
+        {
+            return None; // Of another frame, or a piece that is already there, or one too far.
+        }
+        let raw = io.raw_row(head.row);
+        raw[usize::from(head.offset)..end].copy_from_slice(piece);
+        *state = end as u16; // at most raw_bytes, a u16
+        self.idle = 0;
+        if end < raw_bytes {
+            return None;
+        }
+        if crc32c(&raw[..raw_bytes]) != head.row_crc {
+            *state = 0;
+            self.statistics.torn_rows += 1;
+            frame.torn += 1;
+            return (frame.torn > self.limits.idle_steps).then_some(Event::NoProgress);
+        }
+        *state = WHOLE;
+        frame.missing -= 1;
+        if frame.missing > 0 {
+            return None;
+        }
+        match frame.start {
+            Some(start) => Some(Event::FrameDone(start)),
+            None => {
+                frame.ask = true; // The announcement's answer was lost: ask for it.
+                None
+            }
+        }
+    }
+}

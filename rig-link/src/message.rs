@@ -1,0 +1,376 @@
+//! Control messages (postcard) and what they carry.
+//!
+//! Enums are append-only: a variant's number on the wire is its position. A message that this version
+//! does not know is answered with [`Nack::Unsupported`] and otherwise ignored.
+
+use heapless::String;
+use serde::{Deserialize, Serialize};
+
+/// Versions of the protocol that this crate speaks, oldest and newest.
+pub const VERSIONS: (u8, u8) = (1, 1);
+
+/// First bytes of every Hello.
+pub const MAGIC: [u8; 6] = *b"camrig";
+
+/// Longest control message, bytes of postcard.
+pub const CONTROL_BYTES: usize = 160;
+
+/// The host's first message: opens a session, and ends any other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// [`MAGIC`].
+    pub magic: [u8; 6],
+    /// Oldest version that the host speaks.
+    pub oldest: u8,
+    /// Newest version that the host speaks.
+    pub newest: u8,
+    /// Longest packet that the host takes, bytes.
+    pub packet_bytes: u16,
+    /// Packets that the device may send beyond the newest that the host has acknowledged.
+    pub credit: u16,
+}
+
+/// The device's answer to [`Hello`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HelloReply {
+    /// The version that both speak from now on; 0 if there is none.
+    pub version: u8,
+    /// Oldest version that the device speaks.
+    pub oldest: u8,
+    /// Newest version that the device speaks.
+    pub newest: u8,
+    /// What the device can do; absent if there is no common version.
+    pub device: Option<Capabilities>,
+}
+
+/// What a device can do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Capabilities {
+    /// Name and version of the firmware.
+    pub firmware: String<40>,
+    /// Longest packet that the device takes, bytes.
+    pub packet_bytes: u16,
+    /// Packets that the host may send beyond the newest that the device has acknowledged.
+    pub credit: u16,
+    /// Longest row, pixels.
+    pub max_width: u16,
+    /// Most spectral bands.
+    pub max_bands: u16,
+    /// Longest camera, bytes.
+    pub max_camera: u32,
+    /// Arithmetics as a bit set of `1 <<` [`Arithmetic`].
+    pub arithmetics: u8,
+    /// Row codecs as a bit set of `1 <<` [`Codec`].
+    pub codecs: u8,
+    /// Memory that the device's rows and buffers take, bytes.
+    pub memory_bytes: u32,
+    /// Identity of the camera that the device holds; 0 for none.
+    pub camera: u64,
+}
+
+/// Number format of the device's sensor model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Arithmetic {
+    /// IEEE 754 single precision.
+    F32,
+    /// Fixed point.
+    Fixed,
+}
+
+/// How a spectral row is coded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Codec {
+    /// Irradiance: band after band, blocks of 16 pixels with a shared exponent and 16-bit mantissas.
+    Bfp16,
+    /// Mean electrons, integrated over the bands by the host: one "band" of such blocks.
+    Electrons16,
+}
+
+/// Bits per pixel of the raw rows, in the byte order of MIPI CSI-2 RAW formats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Packing {
+    /// 1 byte per pixel.
+    Raw8,
+    /// 4 pixels in 5 bytes.
+    Raw10,
+    /// 2 pixels in 3 bytes.
+    Raw12,
+    /// 4 pixels in 7 bytes.
+    Raw14,
+    /// 2 bytes per pixel, little-endian.
+    Raw16,
+}
+
+/// Announces a frame; its spectral rows follow.
+///
+/// There is no message to resume a frame: raw rows depend on nothing but the camera, this message
+/// and the rows' own light, so the host announces the frame again and sends the rows it still needs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameBegin {
+    /// The host's number for this announcement, new each time.
+    pub transfer: u16,
+    /// Frame number: with the camera's seed and `seed` it fixes the temporal noise.
+    pub frame: u32,
+    /// Seed of the temporal noise.
+    pub seed: u64,
+    /// Rows of the frame.
+    pub rows: u16,
+    /// Pixels per row.
+    pub width: u16,
+    /// Spectral bands.
+    pub bands: u16,
+    /// How the spectral rows are coded.
+    pub codec: Codec,
+    /// Which arithmetic computes them.
+    pub arithmetic: Arithmetic,
+    /// How the raw rows are to be packed.
+    pub packing: Packing,
+    /// Exposure and gain; without it the device's registers say.
+    pub exposure: Option<Exposure>,
+}
+
+/// Exposure time and gain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Exposure {
+    /// Exposure time, s.
+    pub exposure_s: f32,
+    /// Analogue gain, 1 = unity.
+    pub analog_gain: f32,
+}
+
+/// The sizes of a frame on the link, as the device's model says after [`FrameBegin`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameShape {
+    /// Rows of the frame.
+    pub rows: u16,
+    /// Units (codec blocks) of a spectral row.
+    pub units: u16,
+    /// Bytes of a unit.
+    pub unit_bytes: u16,
+    /// Bytes of a packed raw row.
+    pub raw_bytes: u16,
+    /// Rows above and below that a raw row depends on.
+    pub halo: u8,
+}
+
+impl FrameShape {
+    /// Whether every size is one that can be worked with.
+    pub fn is_sound(&self) -> bool {
+        self.rows > 0
+            && self.units > 0
+            && self.unit_bytes > 0
+            && (1..u16::MAX).contains(&self.raw_bytes)
+    }
+}
+
+/// The device has begun a frame. What a sensor puts into its embedded data line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameStart {
+    /// Echo of [`FrameBegin::transfer`].
+    pub transfer: u16,
+    /// The sizes on the link.
+    pub shape: FrameShape,
+    /// The exposure in force.
+    pub exposure: Exposure,
+    /// The sensor's frame counter.
+    pub counter: u16,
+    /// Frame number of the temporal noise.
+    pub frame: u32,
+    /// Seed of the temporal noise.
+    pub seed: u64,
+    /// Test pattern in force (register `test_pattern`).
+    pub test_pattern: u16,
+    /// Fault that the fault register asked for.
+    pub fault: Fault,
+}
+
+/// A fault that the device was asked to show, so that an ISP's own error handling can be tried.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// None.
+    #[default]
+    None,
+    /// The frame never comes.
+    DropFrame,
+    /// This row comes with all its bits inverted.
+    CorruptRow(u16),
+    /// The frame counter stands still.
+    StuckCounter,
+    /// The frame comes this much later, in ms.
+    LateFrame(u16),
+}
+
+/// From host to device.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToDevice {
+    /// Begin a frame.
+    FrameBegin(FrameBegin),
+    /// Forget the frame in progress.
+    Abort,
+    /// Read a register.
+    RegRead(u16),
+    /// Write a register.
+    RegWrite(u16, u32),
+    /// Send [`Statistics`].
+    Statistics,
+}
+
+/// From device to host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToHost {
+    /// A frame has begun.
+    FrameStart(FrameStart),
+    /// There is no frame in progress any more.
+    Aborted,
+    /// Value of a register, after a read or a write.
+    Register(u16, u32),
+    /// Counters since power-on.
+    Statistics(Statistics),
+    /// How much of a camera has arrived.
+    Camera {
+        /// Which camera.
+        id: u64,
+        /// Bytes that arrived without gaps from the beginning.
+        received: u32,
+        /// Whether it is whole, checked and in force.
+        ready: bool,
+    },
+    /// No.
+    Nack(Nack),
+}
+
+/// Why the device says no.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Nack {
+    /// It knows no such session: it was switched off and on, or another host said Hello.
+    NoSession,
+    /// It has no such transfer in progress.
+    NoTransfer(u16),
+    /// It does not know this kind of message.
+    Unsupported(u8),
+    /// It has no register at this address, or not for writing this value.
+    Register(u16),
+    /// It cannot do what was asked.
+    Refused(Refusal),
+}
+
+/// What a model cannot do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// There is no camera yet.
+    NoCamera,
+    /// The camera's bytes do not decode, or its values are out of range.
+    BadCamera,
+    /// More bytes of camera than there is memory for.
+    CameraTooLong {
+        /// Most bytes.
+        max: u32,
+    },
+    /// Rows are longer than there is memory for.
+    TooWide {
+        /// Longest row, pixels.
+        max: u16,
+    },
+    /// More bands than there is memory for.
+    TooManyBands {
+        /// Most bands.
+        max: u16,
+    },
+    /// The frame's size or bands are not the camera's.
+    WrongShape,
+    /// Not this arithmetic.
+    Arithmetic,
+    /// Not this row codec.
+    Codec,
+    /// Not this packing: the camera has more bits.
+    Packing,
+    /// Exposure time or gain is not a number, or out of range.
+    Exposure,
+}
+
+/// Counters of a device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Packets heard and understood.
+    pub packets: u32,
+    /// Packets dropped for their CRC.
+    pub damaged: u32,
+    /// Packets older than the newest heard, dropped.
+    pub stale: u32,
+    /// Times that a part did not fit the cursor.
+    pub gaps: u32,
+    /// Spectral rows received whole.
+    pub rows_in: u32,
+    /// Raw rows computed.
+    pub rows_out: u32,
+    /// Frames begun.
+    pub frames: u32,
+}
+
+impl Statistics {
+    /// All zero.
+    pub const fn new() -> Self {
+        Self { packets: 0, damaged: 0, stale: 0, gaps: 0, rows_in: 0, rows_out: 0, frames: 0 }
+    }
+}
+
+/// Identity of a camera's bytes: 64-bit FNV-1a.
+pub fn camera_id(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_control_messages_fit() {
+        let exposure = Exposure { exposure_s: 1.0, analog_gain: 1.0 };
+        let shape = FrameShape {
+            rows: u16::MAX,
+            units: u16::MAX,
+            unit_bytes: u16::MAX,
+            raw_bytes: u16::MAX,
+            halo: u8::MAX,
+        };
+        let start = ToHost::FrameStart(FrameStart {
+            transfer: u16::MAX,
+            shape,
+            exposure,
+            counter: u16::MAX,
+            frame: u32::MAX,
+            seed: u64::MAX,
+            test_pattern: u16::MAX,
+            fault: Fault::CorruptRow(u16::MAX),
+        });
+        let reply = HelloReply {
+            version: 255,
+            oldest: 255,
+            newest: 255,
+            device: Some(Capabilities {
+                firmware: "0123456789012345678901234567890123456789".try_into().unwrap(),
+                packet_bytes: u16::MAX,
+                credit: u16::MAX,
+                max_width: u16::MAX,
+                max_bands: u16::MAX,
+                max_camera: u32::MAX,
+                arithmetics: 255,
+                codecs: 255,
+                memory_bytes: u32::MAX,
+                camera: u64::MAX,
+            }),
+        };
+        let mut buffer = [0; CONTROL_BYTES];
+        postcard::to_slice(&start, &mut buffer).unwrap();
+        postcard::to_slice(&reply, &mut buffer).unwrap();
+    }
+
+    #[test]
+    fn camera_id_is_fnv1a() {
+        // Test vectors of the FNV draft (Noll): "" and "foobar".
+        assert_eq!(camera_id(b""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(camera_id(b"foobar"), 0x8594_4171_f739_67e8);
+    }
+}

@@ -1,0 +1,278 @@
+//! Packets: what both ends exchange whole or not at all.
+//!
+//! ```text
+//! byte  0      kind
+//!       1      flags, meaning depends on the kind
+//!       2..4   session, chosen by the host at Hello
+//!       4..6   seq, the sender's packet counter
+//!       6..8   ack, the newest seq that the sender has heard from its peer
+//!       8..n-4 body
+//!       n-4..n CRC-32C of everything before it
+//! ```
+//! All numbers are little-endian. Bodies of control messages are postcard; spectral and raw rows
+//! are raw bytes behind the fixed fields of [`PartHeader`] and [`RawHeader`].
+//!
+//! Nothing here panics on bytes from outside: [`Packet::parse`] checks length, kind and CRC, and the
+//! fixed fields are read with checked slicing. [`seal`] panics if its buffer is too small, which is
+//! the caller's own size.
+
+use crc::{CRC_32_ISCSI, Crc, Table};
+
+/// Bytes before the body.
+pub const HEADER_BYTES: usize = 8;
+/// Bytes after the body.
+pub const CHECK_BYTES: usize = 4;
+
+#[cfg(feature = "large-tables")]
+type Tables = Table<16>;
+#[cfg(not(feature = "large-tables"))]
+type Tables = Table<1>;
+
+/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI).
+static CRC32C: Crc<u32, Tables> = Crc::<u32, Tables>::new(&CRC_32_ISCSI);
+
+/// CRC-32C of some bytes.
+pub fn crc32c(bytes: &[u8]) -> u32 {
+    CRC32C.checksum(bytes)
+}
+
+/// What a packet's body is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Kind {
+    /// Host: [`crate::message::Hello`]. Device: [`crate::message::HelloReply`]. The only kind whose
+    /// layout no later version may change.
+    Hello = 1,
+    /// Postcard: [`crate::message::ToDevice`] or [`crate::message::ToHost`].
+    Control = 2,
+    /// Host: a piece of the camera, after a [`CameraHeader`].
+    Camera = 3,
+    /// Host: a piece of a spectral row, after a [`PartHeader`].
+    Part = 4,
+    /// Device: a piece of a raw row, after a [`RawHeader`].
+    Raw = 5,
+    /// Device: its [`Cursor`]. Host: empty; it only carries `ack`.
+    Ack = 6,
+    /// Host: empty; asks for an Ack. Not bound by credit, so a stuck link can always be asked.
+    Ping = 7,
+    /// Device: bytes of its log, in the encoding that the firmware's logger uses.
+    Log = 8,
+}
+
+impl Kind {
+    fn from_byte(byte: u8) -> Option<Self> {
+        use Kind::*;
+        [Hello, Control, Camera, Part, Raw, Ack, Ping, Log].into_iter().find(|&k| k as u8 == byte)
+    }
+}
+
+/// Flag of a [`Kind::Part`]: the row's first part, and the row is not the one after the last.
+pub const JUMP: u8 = 1;
+/// Flag of a device's [`Kind::Ack`]: parts did not fit [`Cursor`]; send again from there.
+pub const GAP: u8 = 1;
+/// Flag of a device's [`Kind::Ack`]: raw rows wait for credit.
+pub const PENDING: u8 = 2;
+
+/// Fields of every packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// What the body is.
+    pub kind: Kind,
+    /// Bits that depend on the kind.
+    pub flags: u8,
+    /// The host's number of this connection.
+    pub session: u16,
+    /// The sender's packet counter.
+    pub seq: u16,
+    /// Newest counter heard from the peer.
+    pub ack: u16,
+}
+
+/// A packet that passed its check.
+#[derive(Clone, Copy, Debug)]
+pub struct Packet<'a> {
+    /// The common fields.
+    pub header: Header,
+    /// What lies between header and CRC.
+    pub body: &'a [u8],
+}
+
+/// Why bytes are not a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reject {
+    /// Too short, or the CRC does not match.
+    Damaged,
+    /// Whole, but of a kind that this version does not know.
+    UnknownKind {
+        /// The kind's byte.
+        kind: u8,
+        /// The packet's session.
+        session: u16,
+    },
+}
+
+impl<'a> Packet<'a> {
+    /// Checks and splits a received packet.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Reject> {
+        let (rest, crc) = bytes.split_last_chunk::<CHECK_BYTES>().ok_or(Reject::Damaged)?;
+        let (head, body) = rest.split_first_chunk::<HEADER_BYTES>().ok_or(Reject::Damaged)?;
+        if crc32c(rest) != u32::from_le_bytes(*crc) {
+            return Err(Reject::Damaged);
+        }
+        let word = |i: usize| u16::from_le_bytes([head[i], head[i + 1]]);
+        let kind = Kind::from_byte(head[0])
+            .ok_or(Reject::UnknownKind { kind: head[0], session: word(2) })?;
+        let header = Header { kind, flags: head[1], session: word(2), seq: word(4), ack: word(6) };
+        Ok(Self { header, body })
+    }
+}
+
+/// Completes a packet whose body was written to `buffer[HEADER_BYTES..][..body_bytes]`. Returns the
+/// packet's length.
+///
+/// # Panics
+/// If the buffer is shorter than header, body and CRC.
+pub fn seal(buffer: &mut [u8], header: Header, body_bytes: usize) -> usize {
+    buffer[0] = header.kind as u8;
+    buffer[1] = header.flags;
+    buffer[2..4].copy_from_slice(&header.session.to_le_bytes());
+    buffer[4..6].copy_from_slice(&header.seq.to_le_bytes());
+    buffer[6..8].copy_from_slice(&header.ack.to_le_bytes());
+    let end = HEADER_BYTES + body_bytes;
+    let crc = crc32c(&buffer[..end]);
+    buffer[end..end + CHECK_BYTES].copy_from_slice(&crc.to_le_bytes());
+    end + CHECK_BYTES
+}
+
+/// Whether counter `a` comes after `b`; counters wrap.
+pub fn after(a: u16, b: u16) -> bool {
+    (a.wrapping_sub(b) as i16) > 0
+}
+
+/// Where in a frame the device is: the part it expects next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Cursor {
+    /// Spectral row.
+    pub row: u16,
+    /// Unit (one codec block) within the row.
+    pub unit: u16,
+}
+
+macro_rules! fixed_fields {
+    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty),* $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub struct $name { $($(#[$field_doc])* pub $field: $type),* }
+
+        impl $name {
+            /// Bytes on the wire.
+            pub const BYTES: usize = 0 $(+ size_of::<$type>())*;
+
+            /// Splits the fields off the front of a body; nothing if the body is too short.
+            pub fn split(body: &[u8]) -> Option<(Self, &[u8])> {
+                $(let (bytes, body) = body.split_first_chunk()?;
+                let $field = <$type>::from_le_bytes(*bytes);)*
+                Some((Self { $($field),* }, body))
+            }
+
+            /// Writes the fields to the front of a body.
+            ///
+            /// # Panics
+            /// If the body is shorter than [`Self::BYTES`].
+            pub fn write(&self, body: &mut [u8]) {
+                let mut at = 0;
+                $(let bytes = self.$field.to_le_bytes();
+                body[at..at + bytes.len()].copy_from_slice(&bytes);
+                at += bytes.len();)*
+                debug_assert_eq!(at, Self::BYTES);
+            }
+        }
+    };
+}
+
+fixed_fields! {
+    /// Front of a [`Kind::Camera`] body.
+    CameraHeader {
+        /// [`crate::message::camera_id`] of the whole.
+        id: u64,
+        /// Bytes of the whole.
+        total: u32,
+        /// Where this piece begins.
+        offset: u32,
+    }
+}
+
+fixed_fields! {
+    /// Front of a [`Kind::Part`] body; whole units of a spectral row follow.
+    PartHeader {
+        /// Which [`crate::message::FrameBegin`] it belongs to.
+        transfer: u16,
+        /// Spectral row.
+        row: u16,
+        /// The first unit.
+        unit: u16,
+    }
+}
+
+fixed_fields! {
+    /// Front of a [`Kind::Raw`] body; bytes of a packed raw row follow.
+    RawHeader {
+        /// Which [`crate::message::FrameBegin`] it belongs to.
+        transfer: u16,
+        /// Raw row.
+        row: u16,
+        /// Where in the packed row the bytes begin.
+        offset: u16,
+        /// CRC-32C of the whole packed row. A row may be put together from pieces of several
+        /// computations of it; this proves that they agreed.
+        row_crc: u32,
+    }
+}
+
+fixed_fields! {
+    /// Body of a device's [`Kind::Ack`].
+    AckBody {
+        /// The transfer in progress, or the last.
+        transfer: u16,
+        /// [`Cursor::row`].
+        row: u16,
+        /// [`Cursor::unit`].
+        unit: u16,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crc_matches_the_catalogue_check_value() {
+        // reveng CRC catalogue, CRC-32/ISCSI: check = 0xe3069283.
+        assert_eq!(crc32c(b"123456789"), 0xe306_9283);
+    }
+
+    #[test]
+    fn a_sealed_packet_parses_and_any_flipped_bit_is_noticed() {
+        let header = Header { kind: Kind::Part, flags: JUMP, session: 0x1234, seq: 7, ack: 0xfffe };
+        let mut bytes = [0u8; 40];
+        PartHeader { transfer: 3, row: 513, unit: 9 }.write(&mut bytes[HEADER_BYTES..]);
+        let n = seal(&mut bytes, header, 28);
+        let packet = Packet::parse(&bytes[..n]).unwrap();
+        assert_eq!(packet.header, header);
+        let (part, rest) = PartHeader::split(packet.body).unwrap();
+        assert_eq!((part.transfer, part.row, part.unit, rest.len()), (3, 513, 9, 22));
+        for bit in 0..n * 8 {
+            let mut damaged = bytes;
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(Packet::parse(&damaged[..n]).unwrap_err(), Reject::Damaged);
+        }
+        for short in 0..n {
+            assert!(Packet::parse(&bytes[..short]).is_err());
+        }
+    }
+
+    #[test]
+    fn counters_wrap() {
+        assert!(after(0, 0xffff) && after(5, 4) && !after(4, 4) && !after(0xffff, 0));
+    }
+}

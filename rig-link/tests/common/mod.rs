@@ -1,0 +1,375 @@
+//! Two ends in one process: a toy model, a link with faults, a virtual clock.
+
+use rig_link::device::{Device, Model};
+use rig_link::framing::{Framing, Receiver};
+use rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
+use rig_link::message::*;
+use rig_link::registers::Registers;
+use std::collections::VecDeque;
+
+pub const WIDTH: usize = 40;
+pub const BANDS: usize = 3;
+pub const ROWS: u16 = 12;
+pub const UNIT: usize = 33;
+pub const UNITS: usize = BANDS * WIDTH.div_ceil(16);
+pub const RAW_BYTES: usize = 2 * WIDTH;
+
+/// splitmix64: seeds a fault schedule that repeats.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    pub fn chance(&mut self, p: f64) -> bool {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64 <= p
+    }
+}
+
+pub const SHAPE: FrameShape = FrameShape {
+    rows: ROWS,
+    units: UNITS as u16,
+    unit_bytes: UNIT as u16,
+    raw_bytes: RAW_BYTES as u16,
+    halo: 1,
+};
+
+/// Every raw row depends on three spectral rows, every byte of them, the frame and the camera.
+pub fn toy_raw(camera: u64, frame: u32, row: u16, window: [Option<u64>; 3]) -> Vec<u8> {
+    let mut random = Random(camera ^ u64::from(frame) << 20 ^ u64::from(row) << 50);
+    for digest in window {
+        random.0 ^= digest.unwrap_or(1);
+        random.next();
+    }
+    (0..RAW_BYTES).map(|_| random.next() as u8).collect()
+}
+
+pub fn spectral_row(frame: u32, row: u16) -> Vec<u8> {
+    let mut random = Random(u64::from(frame) << 16 | u64::from(row));
+    // Some zeros, which COBS has to stuff.
+    (0..UNITS * UNIT).map(|_| (random.next() as u8).saturating_sub(40)).collect()
+}
+
+pub fn expected_frame(camera: u64, frame: u32) -> Vec<Vec<u8>> {
+    let digest = |row: i32| {
+        (0..i32::from(ROWS)).contains(&row).then(|| camera_id(&spectral_row(frame, row as u16)))
+    };
+    (0..ROWS)
+        .map(|row| {
+            let r = i32::from(row);
+            toy_raw(camera, frame, row, [digest(r - 1), digest(r), digest(r + 1)])
+        })
+        .collect()
+}
+
+#[derive(Default)]
+pub struct Toy {
+    camera: u64,
+    frame: u32,
+    rows: [(u16, Vec<u8>); 3],
+}
+
+impl Model for Toy {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            firmware: "toy".try_into().unwrap(),
+            packet_bytes: 0,
+            credit: 0,
+            max_width: WIDTH as u16,
+            max_bands: BANDS as u16,
+            max_camera: 0,
+            arithmetics: 1,
+            codecs: 1,
+            memory_bytes: 0,
+            camera: 0,
+        }
+    }
+
+    fn configure(&mut self, camera: &[u8]) -> Result<(), Refusal> {
+        self.camera = camera_id(camera);
+        Ok(())
+    }
+
+    fn begin(
+        &mut self,
+        frame: &FrameBegin,
+        _: Exposure,
+        _: &Registers,
+    ) -> Result<FrameShape, Refusal> {
+        if usize::from(frame.width) > WIDTH {
+            return Err(Refusal::TooWide { max: WIDTH as u16 });
+        }
+        self.frame = frame.frame;
+        self.rows = Default::default();
+        Ok(SHAPE)
+    }
+
+    fn units(&mut self, row: u16, first: u16, units: &[u8]) {
+        let slot = &mut self.rows[usize::from(row) % 3];
+        if first == 0 {
+            *slot = (row, Vec::new());
+        }
+        assert_eq!((slot.0, slot.1.len()), (row, usize::from(first) * UNIT), "row {row} {first}");
+        slot.1.extend_from_slice(units);
+    }
+
+    fn raw_row(&mut self, row: u16, out: &mut [u8]) {
+        let digest = |r: i32| {
+            (0..i32::from(ROWS)).contains(&r).then(|| {
+                let (there, bytes) = &self.rows[r as usize % 3];
+                assert_eq!((i32::from(*there), bytes.len()), (r, UNITS * UNIT), "raw row {row}");
+                camera_id(bytes)
+            })
+        };
+        let r = i32::from(row);
+        let window = [digest(r - 1), digest(r), digest(r + 1)];
+        out.copy_from_slice(&toy_raw(self.camera, self.frame, row, window));
+    }
+}
+
+/// What happens to the bytes of one direction.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Faults {
+    /// Chance per byte (per report on HID) of each of: flip, drop, duplicate.
+    pub per_byte: f64,
+    /// Chance per write of each of: truncation, reordering with the next write, a stall.
+    pub per_write: f64,
+}
+
+/// One direction of a link.
+pub struct Pipe {
+    queue: VecDeque<(Micros, Vec<u8>)>,
+    pub faults: Faults,
+    delay: Micros,
+    pub bytes: u64,
+}
+
+impl Pipe {
+    pub fn new(delay: Micros) -> Self {
+        Self { queue: VecDeque::new(), faults: Faults::default(), delay, bytes: 0 }
+    }
+
+    pub fn write(&mut self, now: Micros, bytes: &[u8], report: Option<usize>, random: &mut Random) {
+        self.bytes += bytes.len() as u64;
+        let f = self.faults;
+        let mut sent = Vec::new();
+        for unit in bytes.chunks(report.unwrap_or(1)) {
+            let mut unit = unit.to_vec();
+            if random.chance(f.per_byte) {
+                match random.below(3) {
+                    0 => {
+                        let i = random.below(unit.len());
+                        unit[i] ^= 1 << random.below(8);
+                    }
+                    1 => continue,
+                    _ => sent.extend_from_slice(&unit),
+                }
+            }
+            sent.extend_from_slice(&unit);
+        }
+        let mut arrival = now + self.delay;
+        if random.chance(f.per_write) {
+            match random.below(3) {
+                0 => sent.truncate(
+                    random.below(sent.len() + 1) / report.unwrap_or(1) * report.unwrap_or(1),
+                ),
+                1 => {
+                    if let Some((_, last)) = self.queue.back_mut() {
+                        std::mem::swap(last, &mut sent);
+                    }
+                }
+                _ => arrival += 400_000,
+            }
+        }
+        // A stream stays in order: nothing overtakes what was stalled.
+        arrival = arrival.max(self.queue.back().map_or(0, |(t, _)| *t));
+        self.queue.push_back((arrival, sent));
+    }
+
+    fn read(&mut self, now: Micros) -> Option<Vec<u8>> {
+        (self.queue.front()?.0 <= now).then(|| self.queue.pop_front().unwrap().1)
+    }
+
+    fn next(&self) -> Option<Micros> {
+        self.queue.front().map(|(t, _)| *t)
+    }
+
+    pub fn clear(&mut self) {
+        self.queue.clear();
+    }
+}
+
+/// The host's memory: one frame.
+pub struct Frame {
+    pub frame: u32,
+    pub camera: Vec<u8>,
+    pub raw: Vec<Vec<u8>>,
+}
+
+impl FrameIo for Frame {
+    fn spectral(&mut self, row: u16, first: u16, out: &mut [u8]) {
+        let at = usize::from(first) * UNIT;
+        out.copy_from_slice(&spectral_row(self.frame, row)[at..at + out.len()]);
+    }
+
+    fn raw_row(&mut self, row: u16) -> &mut [u8] {
+        &mut self.raw[usize::from(row)]
+    }
+
+    fn camera(&mut self, offset: u32, out: &mut [u8]) {
+        let at = offset as usize;
+        out.copy_from_slice(&self.camera[at..at + out.len()]);
+    }
+}
+
+pub type ToyDevice = Device<Toy, RAW_BYTES, 1000>;
+pub type ToyHost = Host<[u16; ROWS as usize]>;
+
+/// Host, device, and the link between.
+pub struct Bench {
+    pub now: Micros,
+    pub random: Random,
+    pub framing: Framing,
+    pub up: Pipe,
+    pub down: Pipe,
+    pub host: ToyHost,
+    pub device: Box<ToyDevice>,
+    host_receiver: Receiver<Vec<u8>>,
+    device_receiver: Receiver<Vec<u8>>,
+    pub io: Frame,
+    pub session: u16,
+}
+
+pub fn begin(frame: u32) -> FrameBegin {
+    FrameBegin {
+        transfer: 0,
+        frame,
+        seed: 1,
+        rows: ROWS,
+        width: WIDTH as u16,
+        bands: BANDS as u16,
+        codec: Codec::Bfp16,
+        arithmetic: Arithmetic::F32,
+        packing: Packing::Raw16,
+        exposure: Some(Exposure { exposure_s: 0.01, analog_gain: 1.0 }),
+    }
+}
+
+impl Bench {
+    pub fn new(framing: Framing, limits: Limits, seed: u64) -> Self {
+        let buffer = || vec![0; framing.max_encoded(2000)];
+        Self {
+            now: 0,
+            random: Random(seed),
+            framing,
+            up: Pipe::new(50),
+            down: Pipe::new(50),
+            host: Host::new(limits, [0; ROWS as usize]),
+            device: Box::new(Device::new(Toy::default(), 600)),
+            host_receiver: Receiver::new(framing, buffer()),
+            device_receiver: Receiver::new(framing, buffer()),
+            io: Frame {
+                frame: 0,
+                camera: (0..700).map(|i| i as u8).collect(),
+                raw: vec![vec![0; RAW_BYTES]; ROWS.into()],
+            },
+            session: 0,
+        }
+    }
+
+    pub fn set_faults(&mut self, faults: Faults) {
+        (self.up.faults, self.down.faults) = (faults, faults);
+    }
+
+    /// The cable is pulled and put back: what was under way is gone.
+    pub fn disconnect(&mut self) {
+        self.up.clear();
+        self.down.clear();
+        self.host_receiver = Receiver::new(self.framing, vec![0; self.framing.max_encoded(2000)]);
+    }
+
+    /// Runs the host's operation to its end, or until `stop` packets were sent. The clock jumps to
+    /// whatever happens next.
+    pub fn run(&mut self, stop: Option<u32>) -> Option<Event> {
+        let report = match self.framing {
+            Framing::Report(size) => Some(usize::from(size)),
+            _ => None,
+        };
+        let mut out = [0; 2000];
+        let mut link = vec![0; self.framing.max_encoded(2000)];
+        let mut sent = 0;
+        for _ in 0..5_000_000 {
+            let wait = match self.host.poll(self.now, &mut self.io, &mut out) {
+                Poll::Done(event) => return Some(event),
+                Poll::Send(bytes) => {
+                    if stop == Some(sent) {
+                        return None;
+                    }
+                    sent += 1;
+                    let n = self.framing.encode(&out[..bytes], &mut link);
+                    self.up.write(self.now, &link[..n], report, &mut self.random);
+                    continue;
+                }
+                Poll::Wait(until) => until,
+            };
+            let next = [self.up.next(), self.down.next(), Some(wait)];
+            self.now = next.into_iter().flatten().min().unwrap().max(self.now);
+            while let Some(bytes) = self.up.read(self.now) {
+                let mut input = &bytes[..];
+                while let Ok(Some(packet)) = self.device_receiver.push(&mut input) {
+                    self.device.receive(packet);
+                    while let Some(n) = self.device.transmit(&mut out) {
+                        let n = self.framing.encode(&out[..n], &mut link);
+                        self.down.write(self.now, &link[..n], report, &mut self.random);
+                    }
+                }
+            }
+            while let Some(bytes) = self.down.read(self.now) {
+                let mut input = &bytes[..];
+                while let Ok(Some(packet)) = self.host_receiver.push(&mut input) {
+                    if let Some(event) = self.host.receive(self.now, packet, &mut self.io) {
+                        return Some(event);
+                    }
+                }
+            }
+        }
+        panic!("hang: the host neither ends nor fails");
+    }
+
+    pub fn connect(&mut self) -> Event {
+        self.session += 1;
+        self.host.connect(self.session);
+        self.run(None).unwrap()
+    }
+
+    pub fn send_camera(&mut self) -> Event {
+        self.host.send_camera(camera_id(&self.io.camera), self.io.camera.len() as u32);
+        self.run(None).unwrap()
+    }
+
+    pub fn frame(&mut self, frame: u32, resume: bool) -> Event {
+        self.begin(frame, resume);
+        self.run(None).unwrap()
+    }
+
+    pub fn begin(&mut self, frame: u32, resume: bool) {
+        self.io.frame = frame;
+        if !resume {
+            self.io.raw.iter_mut().for_each(|row| row.fill(0));
+        }
+        self.host.begin(begin(frame), SHAPE, resume);
+    }
+
+    pub fn is_right(&self) -> bool {
+        self.io.raw == expected_frame(camera_id(&self.io.camera), self.io.frame)
+    }
+}
