@@ -19,13 +19,12 @@
 //! with a wrong CRC, an old counter or another session's number is dropped and counted.
 
 #![no_std]
-
-pub mod packing;
 #![forbid(unsafe_code)]
 
 pub mod device;
 pub mod framing;
 pub mod host;
 pub mod message;
+pub mod packing;
 pub mod registers;
 pub mod wire;
