@@ -2,6 +2,11 @@
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
+pub mod arguments;
+mod expose;
+mod presets;
+mod simulate;
+
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -13,12 +18,20 @@ struct Cli {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Simulate(simulate::Args),
+    Expose(expose::Args),
+    Presets(presets::Args),
+}
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    let outcome: crate::Result<ExitCode> = match cli.command {};
+    let outcome = match &cli.command {
+        Command::Simulate(args) => simulate::run(args),
+        Command::Expose(args) => expose::run(args),
+        Command::Presets(args) => presets::run(args),
+    };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
         ExitCode::from(2)

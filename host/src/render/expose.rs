@@ -122,16 +122,13 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
     let count = out.len() / width;
     let from = first.saturating_sub(windows);
     let to = (first + count + windows).min(height);
-    let load = |cube: &IrradianceCube| -> Result<Vec<Chunk<'_>>> {
-        (0..usize::from(config.bands)).map(|b| cube.chunk(b, from, to - from)).collect()
-    };
     let crosstalk = inputs.exposure.crosstalk.as_ref().map(CrosstalkTable::as_core);
     let collector = Collector::new(config, inputs.settings, crosstalk).map_err(refused)?;
     let mut source = CubeRows::<A> {
         collector,
         width,
-        now: load(inputs.cube)?,
-        before: inputs.before.map(load).transpose()?,
+        now: load(inputs.cube, from, to)?,
+        before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
         sums: vec![[A::Sum::default(); GROUP]; groups(width)],
     };
     let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
@@ -141,6 +138,11 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
         pipeline.row(y as u32, &mut source, out);
     }
     Ok(())
+}
+
+/// Rows of every band.
+fn load(cube: &IrradianceCube, from: usize, to: usize) -> Result<Vec<Chunk<'_>>> {
+    (0..cube.header.bands).map(|band| cube.chunk(band, from, to - from)).collect()
 }
 
 /// Mean photo-electrons from the rows of a cube.

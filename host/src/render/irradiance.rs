@@ -8,7 +8,7 @@
 //! each band for each row: one exponent (i8) per 16 pixels, one mantissa (u16 little-endian) per pixel.
 //! Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent. Nothing follows.
 
-use crate::formats::output::Output;
+use crate::formats::output::OutputFile;
 use crate::scene::Bands;
 use crate::{Error, Plane, Result};
 use sensor_core::spectral::{BandRow, encode, groups};
@@ -36,7 +36,9 @@ pub struct CubeHeader {
     pub bands: usize,
     /// Scene illuminance for which it was made, lx, where there is one.
     pub lux: Option<f64>,
-    /// Scene, light and lens in words, for people.
+    /// Illuminant of a reflectance scene.
+    pub illuminant: Option<String>,
+    /// Scene and lens in words, for people.
     pub made_of: String,
 }
 
@@ -192,7 +194,7 @@ impl IrradianceCube {
 
     /// Writes the cube to a file.
     pub fn save(&self, path: &Path, force: bool) -> Result<()> {
-        let mut output = Output::create(path, force)?;
+        let mut output = OutputFile::create(path, force)?;
         let text = serde_json::to_vec(&self.header)
             .map_err(|e| Error::input(format!("header of the irradiance cube: {e}")))?;
         let failed = |e| Error::io("write", path, e);

@@ -5,6 +5,53 @@
 
 mod expose;
 mod irradiance;
+mod lens;
+mod metadata;
 
 pub use expose::{Arithmetic, Exposure};
 pub use irradiance::{CubeHeader, IrradianceCube, IrradianceWriter};
+pub use lens::{lens, sensor_grid};
+pub use metadata::dng_info;
+
+use crate::Result;
+use crate::camera::Camera;
+use crate::optics::{self, Options, Report};
+use crate::scene::LitScene;
+
+/// What a cube's header says about its making.
+#[derive(Clone, Debug, Default)]
+pub struct About {
+    /// Scene illuminance, lx.
+    pub lux: Option<f64>,
+    /// The illuminant.
+    pub illuminant: Option<String>,
+    /// Scene and lens in words.
+    pub made_of: String,
+}
+
+/// The optics stage: what falls on the camera's sensor.
+pub fn irradiance(
+    camera: &Camera,
+    scene: &LitScene<'_>,
+    options: &Options,
+    about: About,
+    progress: impl FnMut(usize, usize),
+) -> Result<(IrradianceCube, Report)> {
+    let grid = sensor_grid(camera);
+    let bands = scene.scene.bands();
+    let mut writer = IrradianceWriter::new(CubeHeader {
+        width: grid.width,
+        height: grid.height,
+        first_band_nm: bands.start_nm,
+        band_step_nm: bands.step_nm,
+        bands: bands.count,
+        lux: about.lux,
+        illuminant: about.illuminant,
+        made_of: about.made_of,
+    })?;
+    let lens = lens(camera)?;
+    let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {
+        writer.push(&plane)
+    })?;
+    Ok((writer.finish()?, report))
+}

@@ -55,16 +55,20 @@ pub fn chromaticity(spectrum: &Spectrum) -> [f64; 2] {
     [x / (x + y + z), y / (x + y + z)]
 }
 
-/// The colour-matching functions as means over bands, for spectra held in bands:
-/// X = Σ value[b] · observer[0][b] · step_nm. A part of the observer that lies outside the bands
-/// belongs to no band.
-pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
+/// The CIE 1931 colour-matching functions in 1 nm steps.
+pub fn observer() -> [Spectrum; 3] {
     let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(|i| 360.0 + i as f64).collect();
     [0, 1, 2].map(|i| {
         Spectrum::new(wavelengths.clone(), OBSERVER[i].clone())
             .expect("the observer's table rises")
-            .in_bands(bands)
     })
+}
+
+/// The colour-matching functions as means over bands, for spectra held in bands:
+/// X = Σ value[b] · observer[0][b] · step_nm. A part of the observer that lies outside the bands
+/// belongs to no band.
+pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
+    observer().map(|curve| curve.in_bands(bands))
 }
 
 /// Spectral radiance of a perfect white under an illuminant, W m⁻² sr⁻¹ nm⁻¹ per band.

@@ -1,0 +1,227 @@
+//! What several commands have in common: durations, progress bars, where frames go.
+
+use crate::camera::Camera;
+use crate::formats::output::{OutputDir, write_file};
+use crate::formats::{DngInfo, Facts, Format, Frames, png, preview};
+use crate::render::Arithmetic;
+use crate::{Error, RawFrame, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use sensor_core::config::FrameSettings;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
+pub fn duration(text: &str) -> Result<f64, String> {
+    let units = [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("s", 1.0)];
+    let wrong = || format!("{text:?} is no duration; use for instance 20ms, 1.5s or 300us");
+    let (number, unit) = units
+        .iter()
+        .find_map(|(suffix, unit)| Some((text.strip_suffix(suffix)?, unit)))
+        .ok_or_else(wrong)?;
+    let seconds = number.trim().parse::<f64>().map_err(|_| wrong())? * unit;
+    if seconds > 0.0 && seconds.is_finite() {
+        Ok(seconds)
+    } else {
+        Err(format!("{text:?}: the duration must be above zero, for instance 20ms"))
+    }
+}
+
+/// Reads a number above zero.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err(format!("{text:?} is no number above zero")),
+    }
+}
+
+/// A progress bar on standard error, hidden when that is no terminal.
+pub fn progress(label: &'static str, total: u64) -> ProgressBar {
+    let style = ProgressStyle::with_template("{prefix:>12} {wide_bar} {pos}/{len} {eta}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(total).with_style(style).with_prefix(label)
+}
+
+/// How frames are taken and where they go.
+#[derive(clap::Args, Debug)]
+pub struct FrameArgs {
+    /// Integration time: 20ms, 1.5s, 300us
+    #[arg(long, value_parser = duration, value_name = "TIME")]
+    pub exposure: f64,
+    /// Analog gain; the camera file's unless given
+    #[arg(long, value_parser = positive, value_name = "G")]
+    pub gain: Option<f64>,
+    /// Frames to take; more than one go into a directory
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub frames: u32,
+    /// Number of the first frame: names its temporal noise; fixed patterns stay the sensor's
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    pub frame_seed: u32,
+    /// Arithmetic of the sensor stage
+    #[arg(long, value_enum, default_value_t)]
+    pub arith: Arithmetic,
+    /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several frames
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Replace existing output
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON object about the frames on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a frame's file is to be.
+#[derive(Clone, Debug, PartialEq)]
+enum Kind {
+    Raw(Format),
+    Picture,
+}
+
+/// Where frames go; made before any work, so that a bad output fails at once.
+pub struct FrameSink {
+    kind: Kind,
+    directory: Option<OutputDir>,
+    path: PathBuf,
+    force: bool,
+    written: Vec<Value>,
+}
+
+impl FrameArgs {
+    /// Settings of frame `i`.
+    pub fn settings(&self, camera: &Camera, i: u32) -> FrameSettings {
+        camera.settings(self.frame_seed.wrapping_add(i), self.exposure, self.gain)
+    }
+
+    /// Opens the output.
+    pub fn sink(&self) -> Result<FrameSink> {
+        let is_file = self.output.extension().is_some() || self.output.as_os_str() == "-";
+        if self.frames > 1 && is_file {
+            return Err(Error::input(format!(
+                "{} frames into {}",
+                self.frames,
+                self.output.display()
+            ))
+            .help("several frames go into a directory; give a name without extension"));
+        }
+        let kind = if !is_file {
+            Kind::Raw(Format::Dng)
+        } else if self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+            Kind::Picture
+        } else {
+            Kind::Raw(Format::from_path(&self.output)?)
+        };
+        if is_file && self.output.exists() && !self.force {
+            return Err(Error::input(format!("{} exists", self.output.display()))
+                .help("give another name, or --force to replace it"));
+        }
+        let directory =
+            if is_file { None } else { Some(OutputDir::create(&self.output, self.force)?) };
+        Ok(FrameSink {
+            kind,
+            directory,
+            path: self.output.clone(),
+            force: self.force,
+            written: Vec::new(),
+        })
+    }
+}
+
+impl FrameSink {
+    /// Writes the next frame.
+    pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        let bytes = match &self.kind {
+            Kind::Picture => png::encode_rgb(&preview::render(frame, info))?,
+            Kind::Raw(format) => {
+                let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
+                format.encode(&Frames { facts, ..Frames::from_raw(frame) })?
+            }
+        };
+        let name = match &self.directory {
+            None => {
+                write_file(&self.path, self.force, &bytes)?;
+                self.path.display().to_string()
+            }
+            Some(directory) => {
+                let name = format!("{:04}.dng", self.written.len());
+                directory.write(Path::new(&name), &bytes)?;
+                self.path.join(name).display().to_string()
+            }
+        };
+        self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
+        Ok(())
+    }
+
+    /// Completes the output; what was written, for `--json`.
+    pub fn finish(self) -> Result<Vec<Value>> {
+        if let Some(directory) = self.directory {
+            directory.finish()?;
+        }
+        Ok(self.written)
+    }
+}
+
+/// Mean DN and saturated fraction per channel.
+fn channel_figures(frame: &RawFrame) -> Value {
+    let channels = frame.cfa.channels();
+    let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];
+    for (y, row) in frame.data.chunks(frame.width).enumerate() {
+        let of_column: Vec<usize> = (0..frame.cfa.width).map(|x| frame.cfa.channel(x, y)).collect();
+        for (x, &dn) in row.iter().enumerate() {
+            let (sum, count, full) = &mut sums[of_column[x % frame.cfa.width]];
+            *sum += u64::from(dn);
+            *count += 1;
+            *full += u64::from(dn >= frame.white_level_dn);
+        }
+    }
+    channels
+        .iter()
+        .zip(sums)
+        .map(|(c, (sum, count, full))| {
+            let n = count.max(1) as f64;
+            let figures =
+                json!({ "mean_dn": sum as f64 / n, "saturated_fraction": full as f64 / n });
+            (c.to_lowercase().to_string(), figures)
+        })
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}
+
+/// Says what happened to a person: files, and warnings about what the figures show.
+pub fn report(written: &[Value], json_object: Value, as_json: bool) {
+    for frame in written {
+        let channels = frame["channels"].as_object();
+        for (channel, figures) in channels.into_iter().flatten() {
+            let saturated = figures["saturated_fraction"].as_f64().unwrap_or(0.0);
+            if saturated > 0.001 {
+                eprintln!(
+                    "warning: {}: {:.1} % of channel {channel} is saturated; shorten the exposure or \
+                     lower the light",
+                    frame["file"].as_str().unwrap_or(""),
+                    100.0 * saturated
+                );
+            }
+        }
+    }
+    if as_json {
+        println!("{json_object}");
+    } else {
+        for frame in written {
+            eprintln!("wrote {}", frame["file"].as_str().unwrap_or(""));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations() {
+        for (text, seconds) in [("20ms", 0.02), ("1.5s", 1.5), ("300us", 3e-4), ("2 s", 2.0)] {
+            assert!((duration(text).unwrap() - seconds).abs() < 1e-12, "{text}");
+        }
+        for text in ["20", "0s", "-1ms", "ms", "1h", "nans", "infs"] {
+            assert!(duration(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! `camrig expose`: the sensor stage alone.
+
+use super::arguments::{self, FrameArgs, positive};
+use super::simulate::expose_frames;
+use crate::camera::Camera;
+use crate::render::{Exposure, IrradianceCube};
+use crate::scene::Illuminant;
+use crate::{Error, Result};
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The sensor stage alone on stored irradiance: another exposure, gain, light level or noise
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  \
+    camrig simulate --camera mt9t012 --scene colorchecker --exposure 20ms -o a.dng --save-irradiance a.irr\n  \
+    camrig expose --camera mt9t012 --irradiance a.irr --exposure 40ms --lux 10 -o dark.dng")]
+pub struct Args {
+    /// Camera file or preset for which the irradiance was made
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Irradiance kept by `camrig simulate --save-irradiance`
+    #[arg(long, value_name = "FILE")]
+    irradiance: PathBuf,
+    /// Scene illuminance, lx, instead of the one it was made for
+    #[arg(long, value_parser = positive, value_name = "X")]
+    lux: Option<f64>,
+    #[command(flatten)]
+    frames: FrameArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut sink = args.frames.sink()?;
+    let camera = Camera::load(&args.camera)?;
+    let cube = IrradianceCube::open(&args.irradiance)?;
+    let factor = match (args.lux, cube.header.lux) {
+        (None, _) => 1.0,
+        (Some(wanted), Some(made_for)) => wanted / made_for,
+        (Some(_), None) => {
+            return Err(Error::input("--lux for irradiance whose illuminance is not known")
+                .at(args.irradiance.display())
+                .help("leave --lux out, or change the exposure"));
+        }
+    };
+    let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
+    let exposure = Exposure::new(&camera, &cube.header, factor)?;
+    expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
+    let written = sink.finish()?;
+    let object = json!({ "camera": camera.name, "frames": written });
+    arguments::report(&written, object, args.frames.json);
+    Ok(ExitCode::SUCCESS)
+}
