@@ -158,3 +158,68 @@ pub fn inverse(m: &Matrix) -> Option<Matrix> {
     }
     Some(std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / determinant)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bump(centre: f64, width: f64) -> Spectrum {
+        let nm: Vec<f64> = (38..=78).map(|n| f64::from(n) * 10.0).collect();
+        let value = nm.iter().map(|n| (-((n - centre) / width).powi(2)).exp()).collect();
+        Spectrum::new(nm, value).unwrap()
+    }
+
+    /// A camera whose sensitivities are a known mixture of the colour-matching functions (the Luther
+    /// condition) has that mixture as its exact matrix, up to the scale of white.
+    #[test]
+    fn a_colorimetric_camera_gives_its_own_mixture() {
+        let xyz = [bump(600.0, 50.0), bump(555.0, 55.0), bump(450.0, 30.0)];
+        let mixture: Matrix = [[0.9, 0.2, 0.05], [-0.3, 1.2, 0.1], [0.02, -0.1, 0.8]];
+        let nm: Vec<f64> = (38..=78).map(|n| f64::from(n) * 10.0).collect();
+        let camera = mixture.map(|row| {
+            let value = nm.iter().map(|&n| (0..3).map(|k| row[k] * xyz[k].at(n)).sum()).collect();
+            Spectrum::new(nm.clone(), value).unwrap()
+        });
+        let light = Spectrum::new(vec![380.0, 780.0], vec![0.6, 1.4]).unwrap();
+        let patches: Vec<_> = (0..8).map(|i| bump(400.0 + 45.0 * f64::from(i), 40.0)).collect();
+        let fit = fit(&camera, &light, &xyz, &patches).unwrap();
+        let scale = fit.camera_from_xyz[1][1] / mixture[1][1];
+        for k in 0..3 {
+            for j in 0..3 {
+                // Rounding of sums of 41 terms and of the normal equations' condition (< 1e3).
+                let expected = scale * mixture[k][j];
+                assert!((fit.camera_from_xyz[k][j] - expected).abs() < 1e-11);
+            }
+        }
+        assert!(fit.rms < 1e-12);
+        assert_eq!(fit.neutral.iter().copied().fold(0.0, f64::max), 1.0);
+    }
+
+    /// White is exact whatever the camera, by construction.
+    #[test]
+    fn white_is_exact() {
+        let xyz = [bump(600.0, 50.0), bump(555.0, 55.0), bump(450.0, 30.0)];
+        let camera = [bump(620.0, 40.0), bump(530.0, 60.0), bump(470.0, 35.0)];
+        let light = Spectrum::constant(1.0);
+        let patches: Vec<_> = (0..8).map(|i| bump(400.0 + 45.0 * f64::from(i), 40.0)).collect();
+        let fit = fit(&camera, &light, &xyz, &patches).unwrap();
+        let white = respond(&xyz, &light, &light);
+        for k in 0..3 {
+            let camera = dot(&fit.camera_from_xyz[k], &white) / white[1];
+            assert!((camera - fit.neutral[k]).abs() < 1e-12);
+        }
+        assert!(fit.rms > 1e-4, "this camera is no linear mixture: {}", fit.rms);
+    }
+
+    #[test]
+    fn inverse_undoes() {
+        let m = [[2.0, 1.0, 0.0], [0.5, 3.0, -1.0], [0.1, 0.2, 4.0]];
+        let one = multiply(&m, &inverse(&m).unwrap());
+        for (i, row) in one.iter().enumerate() {
+            for (j, v) in row.iter().enumerate() {
+                assert!((v - f64::from(u8::from(i == j))).abs() < 1e-15);
+            }
+        }
+        assert_eq!(inverse(&[[1.0; 3]; 3]), None);
+    }
+}

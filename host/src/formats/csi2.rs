@@ -364,3 +364,94 @@ pub fn ccs_line(registers: &[(u16, u8)], bits: u32) -> Vec<u8> {
     plain.resize(plain.len().next_multiple_of(group), END);
     plain.chunks(group).flat_map(|bytes| bytes.iter().copied().chain([0x55])).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The published examples: CRC of the two 24-byte payloads of the specification's annex, ECC of
+    /// a header.
+    #[test]
+    fn checksums_are_those_of_the_specification() {
+        let first = [
+            0xFF, 0x00, 0x00, 0x02, 0xB9, 0xDC, 0xF3, 0x72, 0xBB, 0xD4, 0xB8, 0x5A, 0xC8, 0x75,
+            0xC2, 0x7C, 0x81, 0xF8, 0x05, 0xDF, 0xFF, 0x00, 0x00, 0x01,
+        ];
+        assert_eq!(checksum(&first), 0x00F0);
+        let second = [
+            0xFF, 0x00, 0x00, 0x00, 0x1E, 0xF0, 0x1E, 0xC7, 0x4F, 0x82, 0x78, 0xC5, 0x82, 0xE0,
+            0x8C, 0x70, 0xD2, 0x3C, 0x78, 0xE9, 0xFF, 0x00, 0x00, 0x01,
+        ];
+        assert_eq!(checksum(&second).to_le_bytes(), [0x69, 0xE5]);
+        assert_eq!(ecc(0x37, 0x01F0), 0x3F);
+    }
+
+    /// Every single-bit error of a header is corrected, every double one of its 24 bits found: the
+    /// code has distance 4 over data and ECC.
+    #[test]
+    fn header_errors_are_corrected_or_found() {
+        let header = [0x2B, 0x40, 0x06, ecc(0x2B, 0x0640)];
+        for i in 0..30 {
+            let mut one = header;
+            one[i / 8] ^= 1 << (i % 8);
+            assert_eq!(correct(one), Some(([0x2B, 0x40, 0x06], true)), "bit {i}");
+            for j in (0..30).filter(|&j| j != i) {
+                let mut two = one;
+                two[j / 8] ^= 1 << (j % 8);
+                assert_eq!(correct(two), None, "bits {i} and {j}");
+            }
+        }
+    }
+
+    fn frames() -> Frames {
+        let plane = Plane::from_fn(8, 3, |x, y| (100 * y + x) as u16);
+        let facts = Facts { bits: Some(10), ..Facts::default() };
+        Frames { planes: vec![plane.clone(), plane], facts }
+    }
+
+    #[test]
+    fn a_stream_is_laid_out_as_specified() {
+        let bytes = encode(&frames()).unwrap();
+        assert_eq!(bytes[..4], [0x00, 1, 0, ecc(0, 1)]);
+        assert_eq!(bytes[4..8], [0x2B, 10, 0, ecc(0x2B, 10)]);
+        assert_eq!(bytes.len(), 2 * (4 + 3 * (4 + 10 + 2) + 4));
+        let kinds: Vec<u8> = Packets::new(&bytes).map(|p| p.unwrap().data_type).collect();
+        assert_eq!(kinds, [0, 0x2B, 0x2B, 0x2B, 1, 0, 0x2B, 0x2B, 0x2B, 1]);
+    }
+
+    #[test]
+    fn embedded_lines_channels_and_line_packets_come_back() {
+        let line = ccs_line(&[(0x0005, 7), (0x0202, 1), (0x0203, 2)], 10);
+        let options = Options {
+            virtual_channel: 2,
+            line_packets: true,
+            embedded: vec![vec![line.clone()], vec![]],
+        };
+        let mut bytes = encode_with(&frames(), &options).unwrap();
+        bytes[0] ^= 0x20;
+        let stream = decode_stream(&bytes).unwrap();
+        assert_eq!(stream.frames, frames());
+        assert_eq!(stream.embedded, options.embedded);
+        assert_eq!((stream.frame_numbers, stream.corrected_headers), (vec![1, 2], 1));
+    }
+
+    #[test]
+    fn a_wrong_payload_is_refused() {
+        let mut bytes = encode(&frames()).unwrap();
+        bytes[9] ^= 1;
+        let error = decode(&bytes).unwrap_err().to_string();
+        assert!(error.contains("checksum") && error.contains("byte 4"), "{error}");
+    }
+
+    /// Tags as libcamera's SMIA parser reads them, with a filler after every 4 bytes.
+    #[test]
+    fn ccs_lines_have_tags_and_fillers() {
+        assert_eq!(
+            ccs_line(&[(0x0202, 1), (0x0203, 2)], 10),
+            [
+                0x0A, 0xAA, 0x02, 0xA5, 0x55, 0x02, 0x5A, 0x01, 0x5A, 0x55, 0x02, 0x07, 0x07, 0x07,
+                0x55
+            ]
+        );
+    }
+}

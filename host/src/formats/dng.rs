@@ -128,7 +128,7 @@ fn write_exif(d: &mut Directory, info: &DngInfo) -> Written {
         put(d, 34855, iso.min(65535) as u16)?; // ISOSpeedRatings; Exif: 65535 for more
     }
     if let Some(datetime) = &info.datetime {
-        put(d, 36867, ascii(datetime).as_str())?; // DateTimeOriginal
+        put(d, 36867, Ascii::new(datetime))?; // DateTimeOriginal
     }
     Ok(())
 }
@@ -137,7 +137,7 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
     let (width, height) = (frame.width as u32, frame.height as u32);
     let offset = d.write_data(&frame.data[..])?;
     write_image_tags(d, 0, [width, height], &[16], offset, frame.data.len() as u32 * 2)?;
-    put(d, 270, ascii(&Facts::of(frame).note()).as_str())?; // ImageDescription
+    put(d, 270, Ascii::new(&Facts::of(frame).note()))?; // ImageDescription
     let cfa = &frame.cfa;
     if cfa.is_mono() {
         put(d, 262, 34892u16)?; // PhotometricInterpretation: LinearRaw
@@ -207,19 +207,19 @@ fn write_image_tags(
 
 fn write_camera(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
     if !info.description.is_empty() {
-        put(d, 270, ascii(&info.description).as_str())?; // ImageDescription
+        put(d, 270, Ascii::new(&info.description))?; // ImageDescription
     }
-    put(d, 271, ascii(&info.make).as_str())?; // Make
-    put(d, 272, ascii(&info.model).as_str())?; // Model
+    put(d, 271, Ascii::new(&info.make))?; // Make
+    put(d, 272, Ascii::new(&info.model))?; // Model
     put(d, 274, 1u16)?; // Orientation: as stored
-    put(d, 305, ascii(concat!("camrig ", env!("CARGO_PKG_VERSION"))).as_str())?; // Software
+    put(d, 305, Ascii::new(concat!("camrig ", env!("CARGO_PKG_VERSION"))))?; // Software
     if let Some(datetime) = &info.datetime {
-        put(d, 306, ascii(datetime).as_str())?; // DateTime
+        put(d, 306, Ascii::new(datetime))?; // DateTime
     }
     let has_opcodes = !(info.opcode_list1.is_empty() && info.opcode_list2.is_empty());
     put(d, 50706, [1u8, 4, 0, 0])?; // DNGVersion
     put(d, 50707, [1u8, if has_opcodes { 3 } else { 1 }, 0, 0])?; // DNGBackwardVersion
-    put(d, 50708, ascii(&format!("{} {}", info.make, info.model)).as_str())?; // UniqueCameraModel
+    put(d, 50708, Ascii::new(&format!("{} {}", info.make, info.model)))?; // UniqueCameraModel
     if frame.cfa.channels() != ['R', 'G', 'B'] {
         return Ok(()); // colour matrices have a row per channel: ours are for R, G, B
     }
@@ -269,16 +269,6 @@ fn put(d: &mut Directory, tag: u16, value: impl TiffValue) -> Written {
     d.write_tag(Tag::from_u16_exhaustive(tag), value)
 }
 
-/// Printable ASCII, with the NUL that TIFF adds of even length, so that later offsets stay even.
-fn ascii(text: &str) -> String {
-    let mut text: String =
-        text.chars().map(|c| if c.is_ascii() && !c.is_ascii_control() { c } else { '?' }).collect();
-    if text.len() % 2 == 0 {
-        text.push('\0');
-    }
-    text
-}
-
 /// The closest fraction with a decimal denominator that fits, in lowest terms; 0 for less.
 fn rational(value: f64) -> Rational {
     let (n, d) = fraction(value.max(0.0), u32::MAX);
@@ -316,5 +306,30 @@ impl TiffValue for Undefined<'_> {
 
     fn data(&self) -> std::borrow::Cow<'_, [u8]> {
         self.0.into()
+    }
+}
+
+/// TIFF text: printable ASCII, NUL-terminated and of even length, so that later offsets stay even.
+struct Ascii(Vec<u8>);
+
+impl Ascii {
+    fn new(text: &str) -> Self {
+        let printable = |c: char| if matches!(c, ' '..='~') { c as u8 } else { b'?' };
+        let mut bytes: Vec<u8> = text.chars().map(printable).collect();
+        bytes.resize((bytes.len() + 1).next_multiple_of(2), 0);
+        Self(bytes)
+    }
+}
+
+impl TiffValue for Ascii {
+    const BYTE_LEN: u8 = 1;
+    const FIELD_TYPE: tiff::tags::Type = tiff::tags::Type::ASCII;
+
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        self.0.as_slice().into()
     }
 }

@@ -38,17 +38,17 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let black = black_levels(raw, cfa.width, cfa.height)?;
     let white = raw.uint(50717).and_then(|w| u16::try_from(w).ok());
     let white = white.unwrap_or_else(|| full_scale(raw.uint(258).unwrap_or(16) as u32));
+    // The fields are the truth; a note of ours adds the bits, which a white level below full scale
+    // does not tell.
+    let mut note = Facts::default();
+    note.merge_note(&raw.text(270).unwrap_or_default());
     let mut facts = Facts {
-        bits: Some((u16::BITS - white.leading_zeros()).max(1)),
+        bits: note.bits.or(Some((u16::BITS - white.leading_zeros()).max(1))),
+        cfa: Some(cfa),
         black_level_dn: Some(black.iter().sum::<f64>() / black.len() as f64),
         white_level_dn: Some(white),
-        ..Facts::default()
+        dng: None,
     };
-    if let Some(note) = raw.text(270) {
-        facts.merge_note(&note);
-    }
-    // The pattern's own field is the truth; a note can only repeat it.
-    facts.cfa = Some(cfa);
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
     let mut info = info(&main, raw, exif.as_ref())?;
     if black.iter().any(|b| *b != black[0]) {

@@ -21,6 +21,8 @@ pub mod pgm;
 pub mod pixel_format;
 pub mod png;
 pub mod preview;
+#[cfg(test)]
+mod tests;
 pub mod tiff16;
 
 use crate::{Error, Plane, RawFrame, Result};
