@@ -3,6 +3,7 @@
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
 pub mod arguments;
+mod convert;
 mod expose;
 mod presets;
 mod simulate;
@@ -21,6 +22,7 @@ struct Cli {
 enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
+    Convert(convert::Args),
     Presets(presets::Args),
 }
 
@@ -30,6 +32,7 @@ pub fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Simulate(args) => simulate::run(args),
         Command::Expose(args) => expose::run(args),
+        Command::Convert(args) => convert::run(args),
         Command::Presets(args) => presets::run(args),
     };
     outcome.unwrap_or_else(|error| {

@@ -105,11 +105,9 @@ impl Frames {
 }
 
 impl Format {
-    /// The format that a file name asks for. `.raw` and `.bin` take their pixel format from the name
-    /// (`flat_640x480_SGRBG10P.raw`).
-    pub fn from_path(path: &Path) -> Result<Self> {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-        Ok(match extension.to_ascii_lowercase().as_str() {
+    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format.
+    pub fn parse(name: &str) -> Result<Self> {
+        Ok(match name.to_ascii_lowercase().as_str() {
             "dng" => Self::Dng,
             "tif" | "tiff" => Self::Tiff,
             "npy" => Self::Npy,
@@ -117,14 +115,25 @@ impl Format {
             "png" => Self::Png,
             "fits" | "fit" => Self::Fits,
             "csi2" => Self::Csi2,
-            "raw" | "bin" => Self::Raw(PixelFormat::from_file_name(path)?.0),
-            _ => {
-                return Err(Error::input(format!("no raw format is known by the name {path:?}"))
-                    .help(
-                        "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, \
-                         like NAME_640x480_SGRBG10P.raw",
-                    ));
-            }
+            _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
+                Error::input(format!("raw format {name:?}")).help(
+                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format like SGRBG10P",
+                )
+            })?),
+        })
+    }
+
+    /// The format that a file name asks for. Headerless pixels (`.raw`, `.bin`) say their layout in
+    /// the name (`flat_640x480_SGRBG10P.raw`).
+    pub fn from_path(path: &Path) -> Result<Self> {
+        if PixelFormat::is_headerless(path) {
+            return Ok(Self::Raw(PixelFormat::from_file_name(path)?.0));
+        }
+        Self::parse(path.extension().and_then(|e| e.to_str()).unwrap_or("")).map_err(|_| {
+            Error::input(format!("no raw format is known by the name {}", path.display())).help(
+                "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, like \
+                 NAME_640x480_SGRBG10P.raw",
+            )
         })
     }
 
@@ -180,7 +189,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Csi2) => csi2::decode(bytes),
         Some(Format::Raw(_)) | None => Err(Error::input("not in a known raw format").help(
             "known by content: DNG, TIFF, NPY, PGM (P5), PNG, FITS, CSI-2 packets; headerless raw \
-             needs a name like NAME_640x480_SGRBG10P.raw or --pixel-format, --width and --height",
+             needs a name like NAME_640x480_SGRBG10P.raw",
         )),
     }?;
     debug_assert!(!frames.planes.is_empty());
@@ -190,9 +199,16 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
 /// Reads frames from a file: by content, or headerless raw by its name.
 pub fn read(path: &Path) -> Result<Frames> {
     let bytes = read_bytes(path)?;
-    let frames = match PixelFormat::from_file_name(path) {
-        Ok((pixels, Some((width, height)))) => pixels.decode(&bytes, width, height, None),
-        _ => decode(&bytes),
+    let frames = if PixelFormat::is_headerless(path) {
+        PixelFormat::from_file_name(path).and_then(|(pixels, size)| {
+            let (width, height) = size.ok_or_else(|| {
+                Error::input("headerless pixels of unknown size")
+                    .help("name the file like NAME_640x480_SGRBG10P.raw")
+            })?;
+            pixels.decode(&bytes, width, height, None)
+        })
+    } else {
+        decode(&bytes)
     };
     frames.map_err(|e| e.at(path.display()))
 }

@@ -51,8 +51,13 @@ impl PixelFormat {
         Ok(Self { cfa: Cfa::parse(cfa)?, bits, packed })
     }
 
-    /// Pixel format, and width and height if they are there, from words of a file name that are
-    /// separated by `_` (`.` before the extension).
+    /// Whether a file of this name has no header: `.raw` and `.bin`.
+    pub fn is_headerless(path: &Path) -> bool {
+        path.extension().is_some_and(|e| e == "raw" || e == "bin")
+    }
+
+    /// Pixel format, and width and height if they are there, from the words of a file name, which are
+    /// separated by `_`.
     pub fn from_file_name(path: &Path) -> Result<(Self, Option<(usize, usize)>)> {
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
         let size = |word: &str| {
@@ -62,7 +67,7 @@ impl PixelFormat {
         let words = || stem.split('_');
         let pixels = words().rev().find_map(|w| Self::parse(w).ok()).ok_or_else(|| {
             Error::input(format!("no pixel format in the name {path:?}"))
-                .help("name it like NAME_640x480_SGRBG10P.raw, or give --pixel-format")
+                .help("name it like NAME_640x480_SGRBG10P.raw, or say the pixel format by option")
         })?;
         Ok((pixels, words().rev().find_map(size)))
     }

@@ -1,0 +1,181 @@
+//! `camrig convert`: raw frames from one file format to another, sample for sample.
+
+use crate::camera::Cfa;
+use crate::formats::{self, Format, Frames, PixelFormat, csi2, output, png, preview};
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Convert raw frames between file formats without changing a sample.
+///
+/// Formats follow the names: .dng .tiff .npy .pgm .png (16-bit grey) .fits .csi2 (MIPI CSI-2
+/// packets) and .raw, headerless pixels in the V4L2 format that the name says. Input is recognised
+/// by its content, except for headerless pixels.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  camrig convert frame.dng frame.npy
+  camrig convert frame.dng frame_2048x1536_SGRBG10P.raw --hint
+  camrig convert stack.npy stack.csi2 --bits 10
+  camrig convert frame_640x480_SRGGB12P.raw frame.dng --black 64
+  camrig convert frame.dng - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le ...
+  camrig convert - frame.dng --from SGRBG10 --width 2048 --height 1536 --black 42 < pixels")]
+pub struct Args {
+    /// Input file, or - for standard input
+    input: PathBuf,
+    /// Output file, or - for standard output
+    output: PathBuf,
+    /// Output format, where the name does not say it: dng, tiff, npy, pgm, png, fits, csi2, or the
+    /// V4L2 name of headerless pixels
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<String>,
+    /// V4L2 name of headerless input, where its name does not say it: SRGGB10P, SGRBG12, Y16, ...
+    #[arg(long, value_name = "NAME")]
+    from: Option<String>,
+    /// Columns of headerless input
+    #[arg(long)]
+    width: Option<usize>,
+    /// Rows of headerless input
+    #[arg(long)]
+    height: Option<usize>,
+    /// Bytes from row to row of headerless input [default: those of a row]
+    #[arg(long, value_name = "BYTES")]
+    stride: Option<usize>,
+    /// Bits per sample, where the input does not say them or is wrong
+    #[arg(long)]
+    bits: Option<u32>,
+    /// Colour filter pattern, likewise: RGGB, GRBG, GBRG, BGGR, mono
+    #[arg(long)]
+    cfa: Option<String>,
+    /// Black level in DN, likewise
+    #[arg(long, value_name = "DN")]
+    black: Option<f64>,
+    /// White level in DN, likewise
+    #[arg(long, value_name = "DN")]
+    white: Option<u16>,
+    /// Take only this frame of a stack, counted from 0
+    #[arg(long, value_name = "N")]
+    frame: Option<usize>,
+    /// Write a picture (8-bit sRGB PNG) to look at, instead of raw samples
+    #[arg(long)]
+    preview: bool,
+    /// CSI-2 output: put every line between Line Start and Line End packets
+    #[arg(long)]
+    line_packets: bool,
+    /// CSI-2 output: begin every frame with an embedded data line (CCS frame counter)
+    #[arg(long)]
+    embedded: bool,
+    /// CSI-2 output: virtual channel, 0 to 3
+    #[arg(long, value_name = "VC", default_value_t = 0)]
+    virtual_channel: u8,
+    /// Print commands that read headerless output with ffmpeg, GStreamer and V4L2
+    #[arg(long)]
+    hint: bool,
+    /// Replace an existing output
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut frames = read(args)?;
+    if let Some(index) = args.frame {
+        let count = frames.planes.len();
+        if index >= count {
+            return Err(Error::input(format!("--frame {index}"))
+                .help(format!("the file has {count} frame(s), counted from 0")));
+        }
+        frames.planes = vec![frames.planes.swap_remove(index)];
+    }
+    if args.preview {
+        let raw = frames.raw(0)?;
+        let picture = preview::render(&raw, &frames.facts.dng.clone().unwrap_or_default());
+        output::write_file(&args.output, args.force, &png::encode_rgb(&picture)?)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let format = output_format(args)?;
+    let bytes = match &format {
+        Format::Csi2 => csi2::encode_with(&frames, &csi2_options(args, &frames)),
+        other => other.encode(&frames),
+    }
+    .map_err(|e| e.at(args.input.display()))?;
+    output::write_file(&args.output, args.force, &bytes)?;
+    if args.hint {
+        hint(&args.output, &format, &frames);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn read(args: &Args) -> Result<Frames> {
+    let bytes = formats::read_bytes(&args.input)?;
+    let frames = if args.from.is_some() || PixelFormat::is_headerless(&args.input) {
+        headerless(args, &bytes)
+    } else {
+        formats::decode(&bytes)
+    };
+    let mut frames = frames.map_err(|e| e.at(args.input.display()))?;
+    let facts = &mut frames.facts;
+    facts.bits = args.bits.or(facts.bits);
+    facts.black_level_dn = args.black.or(facts.black_level_dn);
+    facts.white_level_dn = args.white.or(facts.white_level_dn);
+    if let Some(cfa) = &args.cfa {
+        facts.cfa = Some(Cfa::parse(cfa).map_err(|e| e.at("--cfa"))?);
+    }
+    if args.black.is_some_and(|b| !b.is_finite() || b < 0.0) {
+        return Err(Error::input("--black").help("a number of DN, 0 or more"));
+    }
+    if let (Some(_), Some(info)) = (args.black, &mut facts.dng) {
+        info.black_levels_dn.clear(); // one level for all instead
+    }
+    Ok(frames)
+}
+
+fn headerless(args: &Args, bytes: &[u8]) -> Result<Frames> {
+    let named = PixelFormat::from_file_name(&args.input);
+    let size = named.as_ref().ok().and_then(|(_, size)| *size);
+    let pixels = match &args.from {
+        Some(name) => PixelFormat::parse(name).map_err(|e| e.at("--from"))?,
+        None => named?.0,
+    };
+    let width = args.width.or(size.map(|s| s.0));
+    let height = args.height.or(size.map(|s| s.1));
+    match (width, height) {
+        (Some(width), Some(height)) => pixels.decode(bytes, width, height, args.stride),
+        _ => Err(Error::input("headerless pixels of unknown size")
+            .help("give --width and --height, or name the file like NAME_640x480_SGRBG10P.raw")),
+    }
+}
+
+fn output_format(args: &Args) -> Result<Format> {
+    match &args.to {
+        Some(name) => Format::parse(name).map_err(|e| e.at("--to")),
+        None if args.output.as_os_str() == "-" => {
+            Err(Error::input("standard output does not say its format")
+                .help("give --to, for instance --to npy"))
+        }
+        None => Format::from_path(&args.output),
+    }
+}
+
+fn csi2_options(args: &Args, frames: &Frames) -> csi2::Options {
+    /// CCS register of the frame counter, one byte.
+    const FRAME_COUNT: u16 = 0x0005;
+    let bits = frames.facts.bits.unwrap_or(16);
+    let line = |frame: usize| vec![csi2::ccs_line(&[(FRAME_COUNT, (frame % 255) as u8)], bits)];
+    csi2::Options {
+        virtual_channel: args.virtual_channel,
+        line_packets: args.line_packets,
+        embedded: if args.embedded { (0..frames.planes.len()).map(line).collect() } else { vec![] },
+    }
+}
+
+/// Talk goes to standard error: standard output may be carrying the pixels.
+fn hint(path: &Path, format: &Format, frames: &Frames) {
+    match format {
+        Format::Raw(pixels) => {
+            for line in pixels.hints(path, frames.width(), frames.height()) {
+                eprintln!("{line}");
+            }
+        }
+        _ => eprintln!("hints are for headerless pixels: name the output like x_SGRBG10.raw"),
+    }
+}
