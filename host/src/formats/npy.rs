@@ -1,7 +1,7 @@
 //! NumPy `.npy` arrays: H x W, or N x H x W for a stack.
 //!
 //! Written as version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. Read: unsigned and
-//! signed integers of 1, 2, 4 or 8 bytes in either byte order whose values fit in 16 bits.
+//! signed integers of 1 to 8 bytes whose values fit in 16 bits, in C or Fortran order.
 
 use super::{Facts, Frames, area, truncated};
 use crate::{Error, Plane, Result};
@@ -54,10 +54,6 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
                 .help("frames are H x W or N x H x W"));
         }
     };
-    if header.order() == npyz::Order::Fortran {
-        return Err(Error::input("an array in Fortran order")
-            .help("save it in C order: numpy.ascontiguousarray"));
-    }
     let descr = header.dtype().descr();
     let descr = descr.trim_matches('\'');
     let (sample_size, read): (usize, fn(&[u8]) -> i128) = match descr {
@@ -74,29 +70,48 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
                 .help("raw DN are 16-bit unsigned: array.astype('<u2')"));
         }
     };
-    let (width, height) = (width as usize, height as usize);
+    let (width, height, count) = (width as usize, height as usize, count as usize);
     let pixels = area(width, height)?;
-    let frame_bytes = pixels.saturating_mul(sample_size);
-    let needed = frame_bytes.saturating_mul(count as usize);
+    let needed = pixels.saturating_mul(sample_size).saturating_mul(count);
     if count == 0 {
         return Err(Error::input("an array of no frames"));
     }
     if needed > rest.len() {
         return Err(truncated(needed, rest.len()));
     }
-    let planes = rest[..needed]
-        .chunks_exact(frame_bytes)
-        .map(|frame| {
-            let sample = |b: &[u8]| {
-                let value = read(b);
-                u16::try_from(value).map_err(|_| {
-                    Error::input(format!("value {value}")).help("raw DN are 0 to 65535")
-                })
-            };
-            let data: Result<Vec<u16>> = frame.chunks_exact(sample_size).map(sample).collect();
-            Ok(Plane { width, height, data: data? })
-        })
-        .collect::<Result<_>>()?;
+    let samples = rest[..needed].chunks_exact(sample_size).map(|b| {
+        let value = read(b);
+        u16::try_from(value)
+            .map_err(|_| Error::input(format!("value {value}")).help("raw DN are 0 to 65535"))
+    });
+    let mut data = samples.collect::<Result<Vec<u16>>>()?;
+    if header.order() == npyz::Order::Fortran {
+        // The first index runs fastest: the sample at frame n, row y, column x stands at
+        // n + count (y + height x).
+        let at = |i: usize| i / pixels + count * (i % pixels / width + height * (i % width));
+        data = (0..data.len()).map(|i| data[at(i)]).collect();
+    }
+    let planes = data.chunks_exact(pixels);
+    let planes = planes.map(|data| Plane { width, height, data: data.to_vec() }).collect();
     let bits = if sample_size == 1 { Some(8) } else { None };
     Ok(Frames { planes, facts: Facts { bits, ..Facts::default() } })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What `numpy.save` of `numpy.asfortranarray([[1, 2, 3], [4, 5, 6]], '>u2')` writes.
+    #[test]
+    fn fortran_order_and_big_endian_are_read() {
+        let dictionary = "{'descr': '>u2', 'fortran_order': True, 'shape': (2, 3), }";
+        let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+        bytes.extend((dictionary.len() as u16 + 1).to_le_bytes());
+        bytes.extend(dictionary.as_bytes());
+        bytes.push(b'\n');
+        bytes.extend([1u16, 4, 2, 5, 3, 6].iter().flat_map(|v| v.to_be_bytes()));
+        let frames = decode(&bytes).unwrap();
+        assert_eq!((frames.width(), frames.height()), (3, 2));
+        assert_eq!(frames.planes[0].data, [1, 2, 3, 4, 5, 6]);
+    }
 }
