@@ -2,6 +2,8 @@
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
+mod measure;
+
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -13,12 +15,17 @@ struct Cli {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    /// Figures from captures or frames
+    Measure(measure::Args),
+}
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    let outcome: crate::Result<ExitCode> = match cli.command {};
+    let outcome: crate::Result<ExitCode> = match cli.command {
+        Command::Measure(args) => measure::run(args),
+    };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
         ExitCode::from(2)
