@@ -122,12 +122,15 @@ pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
 }
 
 /// How much light each flat had, in one unit for all: photons per pixel where known, else the
-/// exposure time when every flat names the same light, else `None`.
+/// exposure time when every flat names the same amount of the same light, else `None`.
 pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     if let Some(photons) = flats.iter().map(|f| f.photons).collect() {
         return Some(photons);
     }
-    let same = flats.iter().all(|f| f.light == flats[0].light);
+    let known = |f: &Level| {
+        f.light.as_ref().is_some_and(|l| l.irradiance_w_m2.is_some() || l.lux.is_some())
+    };
+    let same = flats.iter().all(|f| known(f) && f.light == flats[0].light);
     same.then(|| flats.iter().map(|f| f.exposure_s).collect())
 }
 

@@ -396,11 +396,10 @@ fn sensor_notes(set: &CaptureSet, selection: &Selection, darks: &[Level]) -> Vec
             100.0 * clipped
         ));
     }
-    let one_exposure = darks.iter().all(|d| d.exposure_s == darks[0].exposure_s);
-    if one_exposure {
+    if DarkLine::of(darks, 0).offset_and_rate().1.is_none() {
         notes.push(format!(
-            "darks of one exposure time ({} s): no dark current, and the read noise includes the \
-             dark current's shot noise of that time",
+            "the darks' exposure times (about {} s) do not span a factor of 1.5: no dark current, \
+             and the read noise includes the dark current's shot noise of that time",
             darks[0].exposure_s
         ));
     }

@@ -52,8 +52,8 @@ impl Response {
 
     /// The same curve with another quadratic coefficient.
     #[must_use]
-    pub fn with_quadratic(self, q: f64) -> Self {
-        Self { quadratic: Value::new(q, self.quadratic.std_error), ..self }
+    pub fn with_quadratic(self, quadratic: Value) -> Self {
+        Self { quadratic, ..self }
     }
 
     /// dS/dx at x.

@@ -13,32 +13,31 @@ pub const QUANTISATION: f64 = 1.0 / 12.0;
 /// Exposure times that agree to this fraction are one exposure time.
 const SAME_EXPOSURE: f64 = 1e-6;
 
-/// Mean and variance of the dark over exposure time.
+/// Mean of the dark over exposure time.
 #[derive(Clone, Debug)]
 pub struct DarkLine {
-    /// Exposure time s, mean DN, its error, variance DN², its error.
-    points: Vec<[f64; 5]>,
-    /// Line through the means, where there are two or more exposure times.
+    /// Exposure time s, mean DN, its error.
+    points: Vec<[f64; 3]>,
+    /// Line through the means, where the exposure times span enough for one.
     line: Option<Fit>,
 }
 
 impl DarkLine {
     /// The dark of one channel.
     pub fn of(darks: &[Level], channel: usize) -> Self {
-        let points: Vec<[f64; 5]> = darks
+        let points: Vec<[f64; 3]> = darks
             .iter()
             .map(|d| {
                 let m = &d.channels[channel];
                 // A constant frame has no scatter; it is still known only to a DN's rounding.
                 let floor = (QUANTISATION / (m.pixels() * m.frames as f64)).sqrt();
-                let variance_error = m.temporal_error.max(floor);
-                [d.exposure_s, m.mean(), m.mean_error().max(floor), m.temporal, variance_error]
+                [d.exposure_s, m.mean(), m.mean_error().max(floor)]
             })
             .collect();
+        let column = |k: usize| -> Vec<f64> { points.iter().map(|p| p[k]).collect() };
         let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p[0]]).collect();
-        let means: Vec<f64> = points.iter().map(|p| p[1]).collect();
-        let errors: Vec<f64> = points.iter().map(|p| p[2]).collect();
-        Self { line: Fit::new(&design, &means, &errors).ok(), points }
+        let line = Fit::new(&design, &column(1), &column(2)).ok();
+        Self { line: line.filter(|_| spans(&column(0))), points }
     }
 
     /// Mean of the dark at an exposure time: of the darks of that exposure, else on the line
@@ -181,45 +180,36 @@ impl Transfer {
             }
             let response = light.as_ref().and_then(|h| fit_response(h, &signal, &used));
             let data = Data { channel, darks, flats, signal: &signal, used: &used };
-            let fit = data.fit(response.as_ref())?;
+            let fit = data.fit(response)?;
             let top = used.iter().rposition(|u| *u).unwrap_or(0);
-            if data.below_the_rest(top, response.as_ref())? {
+            if data.below_the_rest(top, response)? {
                 used[top] = false;
                 continue;
             }
             let straight = data.fit(None)?;
-            let mut gain = Value::new(fit.coefficients[0], fit.std_error(0));
-            if let Some(r) = &response {
-                // The curve's own uncertainty moves K: refit with the curve moved by its error.
-                let q = r.quadratic;
-                let moved = data.fit(Some(&r.with_quadratic(q.value + q.std_error)))?;
-                gain.std_error = gain.std_error.hypot(moved.coefficients[0] - gain.value);
-            }
-            if gain.value.is_nan() || gain.value <= 0.0 {
+            if fit.gain.value.is_nan() || fit.gain.value <= 0.0 {
                 return Err(Error::input(format!(
                     "the variance does not grow with the signal (K = {:.3e} DN/e⁻)",
-                    gain.value
+                    fit.gain.value
                 ))
                 .help("check that flats and darks are raw frames of one analog gain"));
             }
-            let with_rate = fit.coefficients.len() == 3;
             let plateau = knee.plateau().map(|mean| {
                 let top = flats.iter().map(|f| &f.channels[channel]);
                 let whites = top.map(|m| m.whites).fold(0.0, f64::max);
                 (mean, whites)
             });
             return Ok(Self {
-                gain,
-                dark_variance: Value::new(fit.coefficients[1], fit.std_error(1)),
-                covariance: fit.covariance(0, 1),
-                dark_variance_rate: with_rate
-                    .then(|| Value::new(fit.coefficients[2], fit.std_error(2))),
+                gain: fit.gain,
+                dark_variance: fit.dark_variance,
+                covariance: fit.covariance,
+                dark_variance_rate: fit.rate,
                 dark,
-                response,
+                response: fit.response,
                 signals: signal.iter().map(|s| s.value).collect(),
                 used,
-                reduced_chi2: fit.reduced_chi2(),
-                gain_if_straight: Value::new(straight.coefficients[0], straight.std_error(0)),
+                reduced_chi2: fit.reduced_chi2,
+                gain_if_straight: straight.gain,
                 plateau,
             });
         }
@@ -277,47 +267,95 @@ struct Data<'a> {
     used: &'a [bool],
 }
 
+/// What a fit of the variances gives.
+struct VarianceFit {
+    gain: Value,
+    dark_variance: Value,
+    rate: Option<Value>,
+    covariance: f64,
+    response: Option<Response>,
+    reduced_chi2: f64,
+    lines: Fit,
+}
+
 impl Data<'_> {
-    /// Weighted fit of darks and used flats to `V = K x g'² + V₀ + V₁ t`. Sampling errors are
-    /// those of the fitted variance, not of the measured one, which would pull the fit down.
-    fn fit(&self, response: Option<&Response>) -> Result<Fit> {
-        let two_exposures = self.darks.iter().any(|d| {
-            let t = self.darks[0].exposure_s;
-            (d.exposure_s - t).abs() > SAME_EXPOSURE * t
-        });
-        let mut design = Vec::new();
-        let mut y = Vec::new();
-        let mut error = Vec::new();
-        let mut push = |x: f64, t: f64, m: &Moments| {
-            design.push(if two_exposures { vec![x, 1.0, t] } else { vec![x, 1.0] });
-            y.push(m.temporal);
-            let floor = QUANTISATION * (2.0 / (m.pixels() * m.frames as f64)).sqrt();
-            error.push(m.temporal_error.max(floor));
-        };
-        for d in self.darks {
-            push(0.0, d.exposure_s, &d.channels[self.channel]);
+    /// Weighted fit of darks and used flats to `V = K x g'² + V₀ + V₁ t`. The curve g that the
+    /// means gave enters as a datum with its error, so that the variances have their say where the
+    /// light was not steady (Gauss-Newton in the curve's quadratic coefficient). Sampling errors
+    /// are those of the fitted variances, not of the measured ones, which would pull the fit down;
+    /// they are widened to the scatter of the variances.
+    fn fit(&self, from_means: Option<Response>) -> Result<VarianceFit> {
+        let levels: Vec<(Option<usize>, &Level)> = (self.darks.iter().map(|d| (None, d)))
+            .chain(
+                (0..self.flats.len()).filter(|&i| self.used[i]).map(|i| (Some(i), &self.flats[i])),
+            )
+            .collect();
+        let moments = levels.iter().map(|(_, l)| &l.channels[self.channel]);
+        let measured: Vec<f64> = moments.clone().map(|m| m.temporal).collect();
+        let sampling: Vec<f64> = moments.map(variance_error).collect();
+        let exposures: Vec<f64> = self.darks.iter().map(|d| d.exposure_s).collect();
+        let has_rate = spans(&exposures);
+
+        let mut curve = from_means;
+        let mut gain = 0.0;
+        let mut errors = sampling.clone();
+        let mut scatter = 1.0;
+        let mut pass = 0;
+        loop {
+            let mut design: Vec<Vec<f64>> = Vec::with_capacity(levels.len() + 1);
+            for (flat, level) in &levels {
+                let s = flat.map_or(0.0, |i| self.signal[i].value);
+                let mut row = vec![abscissa(s, curve.as_ref()), 1.0];
+                row.extend(curve.map(|c| gain * abscissa_slope(s, &c)));
+                row.extend(has_rate.then_some(level.exposure_s));
+                design.push(row);
+            }
+            let mut y = measured.clone();
+            let mut e: Vec<f64> =
+                errors.iter().map(|e| e * f64::max(scatter, 1.0).sqrt()).collect();
+            if let (Some(now), Some(datum)) = (curve, from_means) {
+                let mut row = vec![0.0; design[0].len()];
+                row[2] = 1.0;
+                design.push(row);
+                y.push(datum.quadratic.value - now.quadratic.value);
+                e.push(datum.quadratic.std_error);
+            }
+            let lines = Fit::new(&design, &y, &e)?;
+            gain = lines.coefficients[0];
+            if let Some(c) = &mut curve {
+                let moved = c.quadratic.value + lines.coefficients[2];
+                let error = lines.covariance(2, 2).sqrt();
+                *c = c.with_quadratic(Value::new(moved, error));
+            }
+            pass += 1;
+            if pass == 2 {
+                scatter = lines.reduced_chi2();
+            }
+            if pass == 5 {
+                let of =
+                    |j: usize| Value::new(lines.coefficients[j], lines.covariance(j, j).sqrt());
+                return Ok(VarianceFit {
+                    gain: of(0),
+                    dark_variance: of(1),
+                    rate: has_rate.then(|| of(design[0].len() - 1)),
+                    covariance: lines.covariance(0, 1),
+                    response: curve,
+                    reduced_chi2: scatter,
+                    lines,
+                });
+            }
+            for i in 0..levels.len() {
+                let terms = design[i].iter().zip(&lines.coefficients);
+                let model: f64 = terms.map(|(a, c)| a * c).sum();
+                let ratio = if measured[i] > 0.0 { model / measured[i] } else { 1.0 };
+                errors[i] = sampling[i] * ratio.clamp(0.5, 2.0);
+            }
         }
-        for ((f, s), _) in self.flats.iter().zip(self.signal).zip(self.used).filter(|f| *f.1) {
-            push(abscissa(s.value, response), f.exposure_s, &f.channels[self.channel]);
-        }
-        let mut fit = Fit::new(&design, &y, &error)?;
-        for _ in 0..3 {
-            let refined: Vec<f64> = (0..y.len())
-                .map(|i| {
-                    let model: f64 =
-                        design[i].iter().zip(&fit.coefficients).map(|(a, c)| a * c).sum();
-                    let ratio = if y[i] > 0.0 { (model / y[i]).clamp(0.5, 2.0) } else { 1.0 };
-                    error[i] * ratio
-                })
-                .collect();
-            fit = Fit::new(&design, &y, &refined)?;
-        }
-        Ok(fit)
     }
 
     /// Whether the brightest level's variance lies more than 3.5 standard errors below the fit to
     /// the others (three or more): the first sign of the full-well knee.
-    fn below_the_rest(&self, top: usize, response: Option<&Response>) -> Result<bool> {
+    fn below_the_rest(&self, top: usize, response: Option<Response>) -> Result<bool> {
         if self.used.iter().filter(|u| **u).count() < 4 {
             return Ok(false);
         }
@@ -325,17 +363,36 @@ impl Data<'_> {
         others[top] = false;
         let fit = Data { used: &others, ..*self }.fit(response)?;
         let (m, t) = (&self.flats[top].channels[self.channel], self.flats[top].exposure_s);
-        let row = [abscissa(self.signal[top].value, response), 1.0, t];
-        let row = &row[..fit.coefficients.len()];
-        let model: f64 = row.iter().zip(&fit.coefficients).map(|(a, c)| a * c).sum();
-        let mut variance = m.temporal_error.powi(2);
+        let s = self.signal[top].value;
+        let mut row = vec![abscissa(s, fit.response.as_ref()), 1.0];
+        row.extend(fit.response.map(|c| fit.gain.value * abscissa_slope(s, &c)));
+        row.extend(fit.rate.map(|_| t));
+        let mut model = 0.0;
+        let mut variance = m.temporal_error.powi(2) * fit.reduced_chi2.max(1.0);
         for (i, a) in row.iter().enumerate() {
+            // The curve's shift is already in the abscissa.
+            if fit.response.is_none() || i != 2 {
+                model += a * fit.lines.coefficients[i];
+            }
             for (j, b) in row.iter().enumerate() {
-                variance += a * b * fit.covariance(i, j) * fit.reduced_chi2().max(1.0);
+                variance += a * b * fit.lines.covariance(i, j);
             }
         }
         Ok((m.temporal - model) / variance.sqrt() < -3.5)
     }
+}
+
+/// Standard error of a level's temporal variance. A constant frame has no scatter; its variance is
+/// still known only as well as rounding lets one see.
+fn variance_error(m: &Moments) -> f64 {
+    let samples = m.pixels() * m.frames as f64;
+    m.temporal_error.max(QUANTISATION * (2.0 / samples).sqrt())
+}
+
+/// Whether exposure times span enough (a factor of 1.5) to carry a line back to zero exposure.
+fn spans(exposures: &[f64]) -> bool {
+    let longest = exposures.iter().copied().fold(0.0, f64::max);
+    exposures.iter().any(|t| longest >= 1.5 * t)
 }
 
 /// x g'(x)²: what multiplies K in the variance of a flat with signal `s`.
@@ -347,4 +404,12 @@ fn abscissa(s: f64, response: Option<&Response>) -> f64 {
         }
         None => s,
     }
+}
+
+/// d(x g'²)/dq, by a central difference wide enough for rounding and narrow enough for the curve.
+fn abscissa_slope(s: f64, response: &Response) -> f64 {
+    let q = response.quadratic.value;
+    let step = 1e-4 / s.abs().max(1.0);
+    let at = |q: f64| abscissa(s, Some(&response.with_quadratic(Value::new(q, 0.0))));
+    (at(q + step) - at(q - step)) / (2.0 * step)
 }
