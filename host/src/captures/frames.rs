@@ -51,8 +51,7 @@ pub fn for_each_batch(
     let mut batch: Vec<Plane<u16>> = Vec::with_capacity(size);
     let mut count = 0;
     for files in capture.files.chunks(size) {
-        let readers: Vec<FrameReader> =
-            files.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
+        let readers: Vec<FrameReader> = files.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
         for (file, reader) in files.iter().zip(readers) {
             for frame in reader {
                 let frame = frame
@@ -150,8 +149,7 @@ impl NpyStack {
 }
 
 fn wrong_type(e: impl std::fmt::Display) -> Error {
-    Error::input(format!("samples are not 8 or 16 bit unsigned: {e}"))
-        .help("save frames as uint16")
+    Error::input(format!("samples are not 8 or 16 bit unsigned: {e}")).help("save frames as uint16")
 }
 
 fn read_tiff(path: &Path) -> Result<Plane<u16>> {
@@ -159,8 +157,7 @@ fn read_tiff(path: &Path) -> Result<Plane<u16>> {
     let mut file = File::open(path).map_err(|e| Error::io("read", path, e))?;
     file.read_to_end(&mut bytes).map_err(|e| Error::io("read", path, e))?;
     let broken = |e: tiff::TiffError| Error::input(format!("not a readable TIFF: {e}"));
-    let mut decoder =
-        tiff::decoder::Decoder::new(std::io::Cursor::new(bytes)).map_err(broken)?;
+    let mut decoder = tiff::decoder::Decoder::new(std::io::Cursor::new(bytes)).map_err(broken)?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let data = match decoder.read_image().map_err(broken)? {
         tiff::decoder::DecodingResult::U8(d) => d.into_iter().map(u16::from).collect(),

@@ -247,9 +247,9 @@ fn toml_error(text: &str, error: &toml::de::Error) -> Error {
 /// "did you mean": the nearest of the known names, or all of them.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let known: Vec<&str> = known.filter(|k| !k.trim().is_empty()).collect();
-    let best = known.iter().max_by(|a, b| {
-        strsim::jaro_winkler(name, a).total_cmp(&strsim::jaro_winkler(name, b))
-    });
+    let best = known
+        .iter()
+        .max_by(|a, b| strsim::jaro_winkler(name, a).total_cmp(&strsim::jaro_winkler(name, b)));
     match best {
         Some(best) if strsim::jaro_winkler(name, best) > 0.7 => format!("did you mean {best:?}?"),
         _ => format!("known: {}", known.join(", ")),
@@ -283,20 +283,22 @@ mod tests {
         for (tail, expected) in [
             ("white_level_dn = 5000\n", "does not fit 12 bits"),
             ("black_level_dn = 4095.0\n", "black_level_dn"),
-            ("cfa = \"RGBG\"\n", "colour filter pattern"),
+            ("cfa = \"rggb\"\n", "colour filter pattern"),
             ("pitch_um = -1.0\n", "pitch_um"),
+            ("[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n", "more than zero"),
             (
-                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n",
-                "more than zero",
+                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 1\n",
+                "no file matches",
             ),
-            ("[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 1\n", "no file matches"),
             ("[[capture]]\nid='a'\nrole='drak'\nfiles='*.npy'\nexposure_s = 1\n", "drak"),
         ] {
             let said = parsed(&format!("{HEAD}{tail}"));
             assert!(said.contains(expected), "{said}");
         }
         assert_eq!(parsed(HEAD), "0 captures");
-        assert!(parsed("format = \"captures/2\"\n[sensor]\nwidth=1\nheight=1\nbits=8\n")
-            .contains("captures/1"));
+        assert!(
+            parsed("format = \"captures/2\"\n[sensor]\nwidth=1\nheight=1\nbits=8\n")
+                .contains("captures/1")
+        );
     }
 }

@@ -5,6 +5,7 @@
 pub mod arguments;
 mod convert;
 mod expose;
+mod measure;
 mod presets;
 mod simulate;
 
@@ -22,6 +23,8 @@ struct Cli {
 enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
+    /// Figures from captures or frames
+    Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
 }
@@ -29,11 +32,12 @@ enum Command {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    let outcome = match &cli.command {
-        Command::Simulate(args) => simulate::run(args),
-        Command::Expose(args) => expose::run(args),
-        Command::Convert(args) => convert::run(args),
-        Command::Presets(args) => presets::run(args),
+    let outcome = match cli.command {
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Expose(args) => expose::run(&args),
+        Command::Measure(args) => measure::run(args),
+        Command::Convert(args) => convert::run(&args),
+        Command::Presets(args) => presets::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");

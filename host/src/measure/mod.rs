@@ -1,1 +1,14 @@
-//! Measuring: captures in, figures out.
+//! Measuring: captures in, figures out. Nothing here sees a camera model: measured and simulated
+//! frames are treated alike.
+
+pub mod fit;
+pub mod ladder;
+pub mod maps;
+pub mod ptc;
+pub mod response;
+pub mod spatial;
+pub mod stack;
+pub mod transfer;
+pub mod value;
+
+pub use value::Value;

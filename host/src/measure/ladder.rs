@@ -1,0 +1,168 @@
+//! The dark and flat stacks of a capture set, reduced to moments and put in order.
+
+use super::stack::{Moments, Stack};
+use crate::captures::{Capture, CaptureSet, Light, Role, Uniformity};
+use crate::{Error, Result};
+
+/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
+const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
+
+/// Temperatures closer than this are one temperature, °C (sensors read theirs to about 1 °C).
+pub const SAME_TEMPERATURE_C: f64 = 3.0;
+
+/// One dark or flat stack: conditions and moments.
+#[derive(Clone, Debug)]
+pub struct Level {
+    /// The capture's id.
+    pub id: String,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Sensor temperature, °C.
+    pub temperature_c: Option<f64>,
+    /// The light, where there was any.
+    pub light: Option<Light>,
+    /// Photons per pixel over the exposure, where the manifest gives enough to tell.
+    pub photons: Option<f64>,
+    /// Moments per channel.
+    pub channels: Vec<Moments>,
+}
+
+/// Captures of one analog gain and, for flats, one kind of light, chosen for a photon transfer.
+#[derive(Clone, Debug)]
+pub struct Selection<'a> {
+    /// The analog gain.
+    pub analog_gain: f64,
+    /// Wavelength of the light, nm, where it is narrow-band.
+    pub wavelength_nm: Option<f64>,
+    /// Dark captures at the flats' temperature.
+    pub darks: Vec<&'a Capture>,
+    /// Dark captures at other temperatures.
+    pub other_darks: Vec<&'a Capture>,
+    /// Flat captures.
+    pub flats: Vec<&'a Capture>,
+    /// Whether all flats say that their light is even over the sensor.
+    pub even_light: bool,
+}
+
+impl<'a> Selection<'a> {
+    /// Takes the analog gain and wavelength with most flats.
+    ///
+    /// # Errors
+    /// No darks, or no flats.
+    pub fn of(set: &'a CaptureSet) -> Result<Self> {
+        let flats: Vec<&Capture> = set.with_role(Role::Flat).collect();
+        let key = |c: &Capture| (c.analog_gain, wavelength(c));
+        let mut kinds: Vec<((f64, Option<f64>), usize)> = Vec::new();
+        for flat in &flats {
+            match kinds.iter_mut().find(|(k, _)| *k == key(flat)) {
+                Some((_, n)) => *n += 1,
+                None => kinds.push((key(flat), 1)),
+            }
+        }
+        // Most flats; the first of the file among equals.
+        let most = kinds.iter().map(|k| k.1).max().unwrap_or(0);
+        let Some(&((gain, wavelength_nm), _)) = kinds.iter().find(|k| k.1 == most) else {
+            return Err(Error::input("no flat captures")
+                .help("photon transfer needs captures of role = \"flat\" at several exposures"));
+        };
+        let flats: Vec<&Capture> =
+            flats.into_iter().filter(|c| key(c) == (gain, wavelength_nm)).collect();
+        let reference = flats.iter().find_map(|c| c.temperature_c);
+        let near = |c: &&Capture| match (reference, c.temperature_c) {
+            (Some(a), Some(b)) => (a - b).abs() <= SAME_TEMPERATURE_C,
+            _ => true,
+        };
+        let (darks, other_darks): (Vec<_>, Vec<_>) =
+            set.with_role(Role::Dark).filter(|c| c.analog_gain == gain).partition(near);
+        if darks.is_empty() {
+            return Err(Error::input(format!("no dark captures at analog gain {gain}"))
+                .help("add captures of role = \"dark\" at the flats' exposure times"));
+        }
+        let even =
+            |c: &&Capture| c.light.as_ref().is_some_and(|l| l.uniformity == Uniformity::Flat);
+        Ok(Self {
+            analog_gain: gain,
+            wavelength_nm,
+            even_light: flats.iter().all(|c| even(&c)),
+            darks,
+            other_darks,
+            flats,
+        })
+    }
+}
+
+fn wavelength(capture: &Capture) -> Option<f64> {
+    capture.light.as_ref().and_then(|l| l.wavelength_nm)
+}
+
+impl Level {
+    /// The level of a stack.
+    pub fn new(set: &CaptureSet, capture: &Capture, stack: &Stack) -> Self {
+        let channels = set.cfa().channels().len();
+        Self {
+            id: capture.id.clone(),
+            exposure_s: capture.exposure_s,
+            temperature_c: capture.temperature_c,
+            light: capture.light.clone(),
+            photons: photons(set, capture),
+            channels: (0..channels).map(|c| stack.channel_moments(c)).collect(),
+        }
+    }
+}
+
+/// Photons per pixel (pitch² area) over the exposure: given, or E t A λ / (h c) of an irradiance.
+pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
+    let light = capture.light.as_ref()?;
+    if let Some(rate) = light.photons_per_pixel_per_s {
+        return Some(rate * capture.exposure_s);
+    }
+    let area = (set.sensor.pitch_um? * 1e-6).powi(2);
+    let energy = light.irradiance_w_m2? * area * capture.exposure_s;
+    Some(energy * light.wavelength_nm? * 1e-9 / HC)
+}
+
+/// How much light each flat had, in one unit for all: photons per pixel where known, else the
+/// exposure time when every flat names the same amount of the same light, else `None`.
+pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
+    if let Some(photons) = flats.iter().map(|f| f.photons).collect() {
+        return Some(photons);
+    }
+    let known = |f: &Level| {
+        f.light.as_ref().is_some_and(|l| l.irradiance_w_m2.is_some() || l.lux.is_some())
+    };
+    let same = flats.iter().all(|f| known(f) && f.light == flats[0].light);
+    same.then(|| flats.iter().map(|f| f.exposure_s).collect())
+}
+
+/// Refuses frames that cannot be measured: single frames, a black level that contradicts the
+/// darks, darks that are not dark.
+pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
+    for dark in darks {
+        for (channel, m) in dark.channels.iter().enumerate() {
+            let place = format!("dark capture {:?}, channel {channel}", dark.id);
+            if m.frames < 2 {
+                return Err(Error::input("one frame has no temporal noise to measure")
+                    .at(place)
+                    .help("give at least two frames per capture"));
+            }
+            if m.whites > 0.5 {
+                return Err(Error::input("a dark capture is saturated").at(place));
+            }
+            let Some(black) = set.sensor.black_level_dn else { continue };
+            // A nominal black level may miss the true one by drift and dark current, but not by
+            // more than the range that the dark frames cover.
+            let spread = (m.temporal + m.plane.measured).sqrt();
+            let dark_signal = m.mean() - black;
+            if dark_signal < -(6.0 * spread + 1.0) {
+                return Err(Error::input(format!(
+                    "black_level_dn = {black} but the dark frames' mean is {:.2} DN with a \
+                     standard deviation of {spread:.2} DN",
+                    m.mean()
+                ))
+                .at(place)
+                .help("a dark frame cannot be darker than black: correct black_level_dn"));
+            }
+        }
+    }
+    Ok(())
+}

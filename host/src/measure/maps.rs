@@ -1,0 +1,155 @@
+//! Straight-line fits of every pixel over a ladder of stacks, accumulated one stack at a time.
+
+use super::spatial::{PlaneMoments, SpatialVariance};
+use super::stack::{Site, Stack};
+use rayon::prelude::*;
+
+/// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal) and
+/// the weight are common to a channel. Two planes of sums are kept, whatever the number of stacks.
+#[derive(Clone, Debug)]
+pub struct LineMaps {
+    width: usize,
+    height: usize,
+    sites: Vec<Site>,
+    sum_y: Vec<f64>,
+    sum_xy: Vec<f64>,
+    channels: Vec<Sums>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    w: f64,
+    x: f64,
+    xx: f64,
+    z: f64,
+    xz: f64,
+}
+
+/// What a pixel's line is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// Value at x = 0.
+    Offset,
+    /// Change per unit of x.
+    Slope,
+}
+
+/// One channel's share of a stack to add.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Point {
+    /// Abscissa.
+    pub x: f64,
+    /// A second quantity of the stack whose own line over `x` is wanted (see
+    /// [`LineMaps::companion_slope`]).
+    pub z: f64,
+    /// Inverse variance of a pixel's mean; 0 leaves the channel out.
+    pub weight: f64,
+}
+
+impl LineMaps {
+    /// Maps for frames of this shape, without data.
+    pub fn new(width: usize, height: usize, sites: &[Site]) -> Self {
+        let channels = sites.iter().map(|s| s.channel + 1).max().unwrap_or(1);
+        Self {
+            width,
+            height,
+            sites: sites.to_vec(),
+            sum_y: vec![0.0; width * height],
+            sum_xy: vec![0.0; width * height],
+            channels: vec![Sums::default(); channels],
+        }
+    }
+
+    /// Adds a stack, one point per channel.
+    pub fn add(&mut self, stack: &Stack, points: &[Point]) {
+        for (sums, p) in self.channels.iter_mut().zip(points) {
+            sums.w += p.weight;
+            sums.x += p.weight * p.x;
+            sums.xx += p.weight * p.x * p.x;
+            sums.z += p.weight * p.z;
+            sums.xz += p.weight * p.x * p.z;
+        }
+        let (step_x, step_y) = (self.sites[0].step_x, self.sites[0].step_y);
+        let (sites, width) = (&self.sites, self.width);
+        self.sum_y
+            .par_chunks_mut(width)
+            .zip(self.sum_xy.par_chunks_mut(width))
+            .enumerate()
+            .for_each(|(row, (sum_y, sum_xy))| {
+                for x in 0..width {
+                    let site = sites[(row % step_y) * step_x + x % step_x];
+                    let p = points[site.channel];
+                    let wy = p.weight * stack.mean_at(x, row);
+                    sum_y[x] += wy;
+                    sum_xy[x] += p.x * wy;
+                }
+            });
+    }
+
+    /// Rows of the frames.
+    pub fn rows(&self) -> usize {
+        self.height
+    }
+
+    /// Columns of the frames.
+    pub fn columns(&self) -> usize {
+        self.width
+    }
+
+    /// Pixels of a channel.
+    pub fn pixels(&self, channel: usize) -> f64 {
+        let of = self.sites.iter().filter(|s| s.channel == channel);
+        of.map(|s| (s.rows(self.height) * s.columns(self.width)) as f64).sum()
+    }
+
+    fn determinant(&self, channel: usize) -> Option<f64> {
+        let s = self.channels[channel];
+        let d = s.w * s.xx - s.x * s.x;
+        (d > 1e-9 * s.w * s.xx).then_some(d)
+    }
+
+    /// The pixel's offset or slope at index `at`; `None` where the channel's data do not determine
+    /// lines (fewer than two different x).
+    pub fn at(&self, line: Line, at: usize) -> Option<f64> {
+        let (x, y) = (at % self.width, at / self.width);
+        let (step_x, step_y) = (self.sites[0].step_x, self.sites[0].step_y);
+        let channel = self.sites[(y % step_y) * step_x + x % step_x].channel;
+        Some(self.value(line, at, channel) / self.determinant(channel)?)
+    }
+
+    fn value(&self, line: Line, at: usize, channel: usize) -> f64 {
+        let s = self.channels[channel];
+        match line {
+            Line::Offset => s.xx * self.sum_y[at] - s.x * self.sum_xy[at],
+            Line::Slope => s.w * self.sum_xy[at] - s.x * self.sum_y[at],
+        }
+    }
+
+    /// Slope of the companion quantity `z` over `x` under the same weights.
+    pub fn companion_slope(&self, channel: usize) -> Option<f64> {
+        let s = self.channels[channel];
+        Some((s.w * s.xz - s.x * s.z) / self.determinant(channel)?)
+    }
+
+    /// Mean over a channel's pixels, and variance over them with the noise of the lines taken out.
+    pub fn spread(&self, line: Line, channel: usize) -> Option<(f64, SpatialVariance)> {
+        let d = self.determinant(channel)?;
+        let s = self.channels[channel];
+        let noise = match line {
+            Line::Offset => s.xx / d,
+            Line::Slope => s.w / d,
+        };
+        let planes: Vec<PlaneMoments> = self
+            .sites
+            .iter()
+            .filter(|site| site.channel == channel)
+            .map(|&site| {
+                PlaneMoments::of(site, self.width, self.height, |at| {
+                    self.value(line, at, channel) / d
+                })
+            })
+            .collect();
+        let pooled = PlaneMoments::pool(&planes);
+        Some((pooled.mean, pooled.split(noise, planes.len())))
+    }
+}

@@ -1,0 +1,50 @@
+//! A figure with its standard error.
+
+use serde::Serialize;
+
+/// A measured value and its standard error (one standard deviation of the estimate).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Value {
+    /// The estimate.
+    pub value: f64,
+    /// Its standard error, same unit.
+    pub std_error: f64,
+}
+
+impl Value {
+    /// An estimate with its standard error.
+    pub fn new(value: f64, std_error: f64) -> Self {
+        Self { value, std_error }
+    }
+
+    /// Square root of a variance estimate `v`, and of its error to first order; `None` where the
+    /// estimate is not positive (a variance that drowns in its own error has no root).
+    pub fn sqrt(v: f64, std_error: f64) -> Option<Self> {
+        (v > 0.0).then(|| Self::new(v.sqrt(), 0.5 * std_error / v.sqrt()))
+    }
+
+    /// The value times an exact factor.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self::new(self.value * factor, self.std_error * factor.abs())
+    }
+
+    /// The ratio of two independent estimates.
+    #[must_use]
+    pub fn over(self, other: Self) -> Self {
+        let ratio = self.value / other.value;
+        let relative = (self.std_error / self.value).hypot(other.std_error / other.value);
+        Self::new(ratio, (ratio * relative).abs())
+    }
+
+    /// The mean of independent estimates of one quantity, weighted by inverse variance.
+    pub fn combine(values: &[Self]) -> Option<Self> {
+        let known: Vec<&Self> = values.iter().filter(|v| v.std_error > 0.0).collect();
+        if known.is_empty() {
+            return None;
+        }
+        let weight: f64 = known.iter().map(|v| v.std_error.powi(-2)).sum();
+        let sum: f64 = known.iter().map(|v| v.value * v.std_error.powi(-2)).sum();
+        Some(Self::new(sum / weight, weight.powf(-0.5)))
+    }
+}
