@@ -1,1 +1,6 @@
-//! Optics: from spectral radiance to spectral irradiance on the sensor grid.
+//! Lens descriptions and the engine that turns scene radiance into sensor irradiance.
+
+pub mod characterisation;
+pub mod interpolate;
+
+pub use characterisation::{Characterisation, PsfGrid};
