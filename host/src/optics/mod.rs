@@ -2,5 +2,6 @@
 
 pub mod characterisation;
 pub mod interpolate;
+pub mod lens;
 
 pub use characterisation::{Characterisation, PsfGrid};
