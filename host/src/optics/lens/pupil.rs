@@ -189,8 +189,7 @@ impl<'a> Beam<'a> {
         (rays.path[i] - self.chief.path[0] - advance) * 1e6 / self.train.nm
     }
 
-    /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves: centred on
-    /// the chief ray's image point, through the centre of the paraxial exit pupil of this wavelength.
+    /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves.
     pub fn opd_waves<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
         let (p, d) = rays.get(i);
         let (q, _) = self.chief.get(0);
@@ -202,12 +201,12 @@ impl<'a> Beam<'a> {
         (rays.path[i] - back - (self.chief.path[0] - r)) * 1e6 / self.train.nm
     }
 
-    /// Radius of the reference sphere, mm; negative where the exit pupil lies behind the image.
+    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the place
+    /// where the chief ray meets the plane of the paraxial exit pupil (of this wavelength). Negative
+    /// where that lies behind the image.
     pub fn reference_sphere_mm(&self) -> f64 {
-        let (q, d) = self.chief.get(0);
         let thickness = self.train.surfaces.last().map_or(0.0, |s| s.thickness);
-        let z = thickness - self.train.paraxial.exit_z_mm;
-        (q[0] * q[0] + q[1] * q[1] + z * z).sqrt().copysign(z * d[2])
+        (thickness - self.train.paraxial.exit_z_mm) / self.chief.direction[2][0]
     }
 
     /// The outline of the pupil ([`Outline`]).

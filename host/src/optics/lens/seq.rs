@@ -271,9 +271,10 @@ impl File {
         if object_bend != 0.0 && object.abs() < INFINITE {
             return Err(Error::input("the object surface is curved").help("only flat objects are traced"));
         }
-        let Some(stop) = self.stop else {
-            return Err(Error::input("no surface is the stop").help("STO follows the surface it is on"));
-        };
+        let stop = self.stop.unwrap_or_else(|| {
+            self.notes.push("STO is not given: the first surface is the stop, as in CODE V".into());
+            0
+        });
         let Some(aperture) = self.aperture else {
             return Err(Error::input("no aperture").help("EPD, FNO, NA or NAO gives one"));
         };

@@ -138,8 +138,12 @@ fn real_files_load() {
                 Err(error) => panic!("{name}: {error}"),
                 Ok(lens) => {
                     assert!(!tilted.contains(&name.as_str()), "{name} is tilted");
-                    let system = System::new(lens, Conditions::default())
-                        .unwrap_or_else(|e| panic!("{name}: {e}"));
+                    let system = match System::new(lens, Conditions::default()) {
+                        Ok(system) => system,
+                        // A plane-parallel plate with an r⁴ figure has no focal length.
+                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => continue,
+                        Err(e) => panic!("{name}: {e}"),
+                    };
                     println!("{name}: {:?} stop {}", system.paraxial, system.stop_radius_mm);
                     for note in &system.prescription.notes {
                         println!("    {note}");
@@ -148,5 +152,5 @@ fn real_files_load() {
             }
         }
     }
-    assert_eq!(seen, 17);
+    assert_eq!(seen, 16);
 }
