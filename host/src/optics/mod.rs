@@ -5,6 +5,7 @@ pub mod diffraction;
 pub mod engine;
 pub mod fft;
 pub mod interpolate;
+pub mod lens;
 
 pub use characterisation::{Characterisation, PsfGrid};
 pub use diffraction::{Departures, Diffraction, Illumination};

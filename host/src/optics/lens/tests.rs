@@ -1,0 +1,156 @@
+//! The tracer and the readers against files of other programs and their figures.
+
+use super::pupil::Beam;
+use super::*;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// The folder of shared test material; `None`, with a word, where it is absent.
+pub(super) fn shared(what: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("CAMRIG_SHARED").map(PathBuf::from).unwrap_or_else(|| {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared")
+    });
+    let path = root.join(what);
+    if !path.exists() {
+        println!("SKIP: {} is absent", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn list(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+/// A golden lens (JSON) rewritten as our TOML, and read.
+pub(super) fn golden_lens(lens: &Value) -> Prescription {
+    let mut text = format!(
+        "format = \"camrig-prescription/1\"\nwavelengths_nm = [{0:?}]\nfields_deg = [0.0, {1:?}]\n\
+         [aperture]\nentrance_pupil_mm = {2:?}\n",
+        lens["ref_wvl_nm"].as_f64().unwrap(),
+        lens["fields_deg_max"].as_f64().unwrap(),
+        lens["epd"].as_f64().unwrap()
+    );
+    for s in lens["surfaces"].as_array().unwrap() {
+        text += &format!("[[surface]]\ncurvature = {:?}\n", s["c"].as_f64().unwrap());
+        text += &format!("thickness_mm = {:?}\n", s["t"].as_f64().unwrap());
+        if s["glass"] != "air" {
+            text += &format!("glass = {}\n", s["glass"]);
+        }
+        if let Some(k) = s["k"].as_f64() {
+            text += &format!("conic = {k:?}\n");
+        }
+        if let Some(sd) = s["sd"].as_f64() {
+            text += &format!("aperture_radius_mm = {sd:?}\n");
+        }
+        if s["stop"] == true {
+            text += "stop = true\n";
+        }
+        if s["poly_odd_even_from_r1"].is_array() {
+            let all = list(&s["poly_odd_even_from_r1"]);
+            let every = |from: usize| all.iter().skip(from).step_by(2).copied().collect::<Vec<_>>();
+            text += &format!("odd = {:?}\neven = {:?}\n", every(0), every(1));
+        }
+    }
+    let table = &lens["n_table"];
+    for (name, n) in table.as_object().unwrap() {
+        if name != "wvl_nm" && !lens["glasses"].is_object() {
+            let rows: Vec<[f64; 2]> =
+                list(&table["wvl_nm"]).into_iter().zip(list(n)).map(|(a, b)| [a, b]).collect();
+            text += &format!("[glass.\"{name}\"]\ntable_nm = {rows:?}\n");
+        }
+    }
+    toml::read(&text, &Catalogue::default()).unwrap()
+}
+
+/// Chief rays, their angles and relative illumination of the golden lenses, which an independent
+/// program traced; tolerances as agreed for such comparisons.
+#[test]
+fn golden_lenses_chief_rays_and_illumination() {
+    let Some(dir) = shared("golden/lenses") else { return };
+    for name in ["double_gauss", "phone80"] {
+        let oracle = json(&dir.join(format!("oracle_{name}.json")));
+        let lens = golden_lens(&json(&dir.join(format!("lens_{name}.json"))));
+        let system = System::new(lens, Conditions::default()).unwrap();
+        let paraxial = &oracle["paraxial_ref"];
+        let p = system.paraxial;
+        assert!((p.efl_mm - paraxial["efl"].as_f64().unwrap()).abs() < 1e-9);
+        assert!((p.bfl_mm - paraxial["bfl"].as_f64().unwrap()).abs() < 1e-9);
+        let pupil = paraxial["entrance_pupil_z_from_s1"].as_f64().unwrap();
+        assert!((p.entrance_z_mm - pupil).abs() < 1e-9);
+        assert!((system.f_number() - paraxial["fno"].as_f64().unwrap()).abs() < 1e-9);
+        let stop = oracle["settings"]["stop_radius_mm"].as_f64().unwrap();
+        assert!((system.stop_radius_mm - stop).abs() < 1e-9);
+        let mut worst = [0.0_f64; 3];
+        for (w, nm) in list(&oracle["wvl_nm"]).into_iter().enumerate() {
+            let train = system.at(nm).unwrap();
+            let axis = Beam::aim(&train, 0.0).unwrap().outline(256).unwrap();
+            for (f, deg) in list(&oracle["theta_deg"]).into_iter().enumerate() {
+                let beam = Beam::aim(&train, deg).unwrap();
+                let at = |key: &str| oracle[key][f][w].as_f64().unwrap();
+                let illumination = beam.outline(256).unwrap().projected_solid_angle()
+                    / axis.projected_solid_angle();
+                for (i, difference) in [
+                    beam.height_mm() - at("chief_y_mm"),
+                    beam.chief_ray_angle_deg() - at("cra_deg"),
+                    illumination - at("rel_illum"),
+                ]
+                .into_iter()
+                .enumerate()
+                {
+                    worst[i] = worst[i].max(difference.abs());
+                }
+                let radius = at("ref_sphere_R_mm");
+                assert!((beam.reference_sphere_mm() - radius).abs() < 1e-9 * radius);
+            }
+        }
+        println!("{name}: height {:.1e} mm, CRA {:.1e}°, RI {:.1e}", worst[0], worst[1], worst[2]);
+        assert!(worst[0] < 1e-6 && worst[1] < 1e-4 && worst[2] < 1e-4, "{name}: {worst:?}");
+    }
+}
+
+/// Every real file of the collection loads, or is refused for a tilt.
+#[test]
+fn real_files_load() {
+    let Some(dir) = shared("data/lenses") else { return };
+    let tilted = ["HoO-V2C18Ex46.zmx", "zmax_37992.zmx", "US08011793-1.zmx"];
+    let mut seen = 0;
+    for folder in ["rayoptics", "optiland", "lens_EO54852"] {
+        let mut files: Vec<PathBuf> =
+            std::fs::read_dir(dir.join(folder)).unwrap().map(|e| e.unwrap().path()).collect();
+        files.sort();
+        for path in files {
+            let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+            if extension != "zmx" && extension != "seq" {
+                continue;
+            }
+            seen += 1;
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            match read_prescription(&path, &Catalogue::default()) {
+                Err(error) if tilted.contains(&name.as_str()) => {
+                    let error = error.to_string();
+                    assert!(error.contains("line") && error.contains("symmetric"), "{error}");
+                }
+                Err(error) => panic!("{name}: {error}"),
+                Ok(lens) => {
+                    assert!(!tilted.contains(&name.as_str()), "{name} is tilted");
+                    let system = match System::new(lens, Conditions::default()) {
+                        Ok(system) => system,
+                        // A plane-parallel plate with an r⁴ figure has no focal length.
+                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => continue,
+                        Err(e) => panic!("{name}: {e}"),
+                    };
+                    println!("{name}: {:?} stop {}", system.paraxial, system.stop_radius_mm);
+                    for note in &system.prescription.notes {
+                        println!("    {note}");
+                    }
+                }
+            }
+        }
+    }
+    assert_eq!(seen, 16);
+}

@@ -1,0 +1,382 @@
+//! The ray-tracing kernel: exact rays through a train of surfaces, N side by side.
+//!
+//! Rays are straight lines between surfaces, bent by the vector form of Snell's law
+//! n'(d'×s) = n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with
+//! s = r²: c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
+//! polynomial terms by Newton's iteration from there. A ray that misses a surface or is totally
+//! reflected becomes NaN and stays so: no branches, so N rays run as vector lanes. Only IEEE basic
+//! operations and square roots are used, without contraction: the same bits on every machine.
+
+use super::prescription::Clip;
+
+/// A surface ready to trace at one wavelength, in its own vertex coordinates.
+#[derive(Clone, Debug)]
+pub struct TrainSurface {
+    /// Vertex curvature, 1/mm.
+    pub curvature: f64,
+    /// Conic constant.
+    pub conic: f64,
+    /// Coefficients of r², r⁴, ...
+    pub even: Vec<f64>,
+    /// Coefficients of r, r³, ...
+    pub odd: Vec<f64>,
+    /// Distance to the next surface or the image, mm.
+    pub thickness: f64,
+    /// Index in front of it.
+    pub before: f64,
+    /// Index behind it; a mirror has the same on both sides.
+    pub after: f64,
+    /// Whether it reflects.
+    pub mirror: bool,
+    /// Openings light must pass, the stop's own among them.
+    pub clips: Vec<Clip>,
+}
+
+/// N rays: position relative to the vertex of the surface they are at, direction, and what they met.
+#[derive(Clone, Debug)]
+pub struct Rays<const N: usize> {
+    /// x, y, z in mm.
+    pub position: [[f64; N]; 3],
+    /// Direction cosines.
+    pub direction: [[f64; N]; 3],
+    /// Optical path since the start, mm.
+    pub path: [f64; N],
+    /// Largest [`Clip::excess`] met so far: above 0 for rays that an aperture stops.
+    pub excess: [f64; N],
+}
+
+impl<const N: usize> Rays<N> {
+    /// N rays without place or direction (NaN), to be filled.
+    pub fn nowhere() -> Self {
+        Self {
+            position: [[f64::NAN; N]; 3],
+            direction: [[f64::NAN; N]; 3],
+            path: [0.0; N],
+            excess: [-1.0; N],
+        }
+    }
+
+    /// Places ray `i`.
+    pub fn set(&mut self, i: usize, position: [f64; 3], direction: [f64; 3]) {
+        for axis in 0..3 {
+            self.position[axis][i] = position[axis];
+            self.direction[axis][i] = direction[axis];
+        }
+        self.path[i] = 0.0;
+        self.excess[i] = -1.0;
+    }
+
+    /// Ray `i` as (position, direction).
+    pub fn get(&self, i: usize) -> ([f64; 3], [f64; 3]) {
+        (self.position.map(|v| v[i]), self.direction.map(|v| v[i]))
+    }
+
+    /// Whether ray `i` went through every surface (whatever the apertures say).
+    pub fn alive(&self, i: usize) -> bool {
+        self.path[i].is_finite() && self.direction[2][i].is_finite()
+    }
+
+    /// Whether ray `i` went through every surface and every aperture.
+    pub fn passes(&self, i: usize) -> bool {
+        self.alive(i) && self.excess[i] <= 0.0
+    }
+}
+
+impl TrainSurface {
+    /// Carries the rays from where they are onto this surface (coordinates: this surface's vertex).
+    #[inline(always)]
+    pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
+        let (c, k) = (self.curvature, self.conic);
+        let [px, py, pz] = &mut rays.position;
+        let [dx, dy, dz] = &rays.direction;
+        let polynomial = !(self.even.is_empty() && self.odd.is_empty());
+        let mut length = [0.0; N];
+        for i in 0..N {
+            // c·(x² + y² + (1+k)z²) = 2z along the ray: a·t² + 2b·t + g = 0, the root next to the
+            // vertex.
+            let a = c * (1.0 + k * dz[i] * dz[i]);
+            let b = c * (px[i] * dx[i] + py[i] * dy[i] + (1.0 + k) * pz[i] * dz[i]) - dz[i];
+            let g = c * (px[i] * px[i] + py[i] * py[i] + (1.0 + k) * pz[i] * pz[i]) - 2.0 * pz[i];
+            let root = (b * b - a * g).sqrt();
+            let t = g / (-b + root.copysign(dz[i]));
+            // A polynomial surface may exist where its conic part does not: start at the plane.
+            let plane = -pz[i] / dz[i];
+            let t = if polynomial && t.is_nan() { plane } else { t };
+            length[i] = t;
+            px[i] += t * dx[i];
+            py[i] += t * dy[i];
+            pz[i] += t * dz[i];
+        }
+        if polynomial {
+            self.refine(rays, &mut length);
+        }
+        for i in 0..N {
+            rays.path[i] += self.before * length[i];
+        }
+        for clip in &self.clips {
+            for i in 0..N {
+                let excess = clip.excess(rays.position[0][i], rays.position[1][i]);
+                rays.excess[i] = if excess > rays.excess[i] { excess } else { rays.excess[i] };
+            }
+        }
+    }
+
+    /// Newton's iteration on f = z − sag(x, y) along the rays.
+    #[inline(always)]
+    fn refine<const N: usize>(&self, rays: &mut Rays<N>, length: &mut [f64; N]) {
+        // Newton doubles the digits: a step below 1e-9 mm leaves an error below rounding.
+        const ENOUGH: f64 = 1e-9;
+        const STEPS: usize = 40;
+        for step in 0..STEPS {
+            let mut largest = 0.0_f64;
+            for i in 0..N {
+                let (x, y) = (rays.position[0][i], rays.position[1][i]);
+                let (sag, gradient) = self.sag(x * x + y * y);
+                let [dx, dy, dz] = [0, 1, 2].map(|axis| rays.direction[axis][i]);
+                let slope = dz - gradient * (x * dx + y * dy);
+                let t = (sag - rays.position[2][i]) / slope;
+                length[i] += t;
+                rays.position[0][i] += t * dx;
+                rays.position[1][i] += t * dy;
+                rays.position[2][i] += t * dz;
+                let size = t.abs();
+                largest = if size > largest { size } else { largest };
+                if step == STEPS - 1 && size > ENOUGH {
+                    length[i] = f64::NAN;
+                }
+            }
+            if largest <= ENOUGH {
+                return;
+            }
+        }
+    }
+
+    /// Sag at s = r², and g with ∂z/∂x = g·x, ∂z/∂y = g·y.
+    #[inline(always)]
+    pub fn sag(&self, s: f64) -> (f64, f64) {
+        let c = self.curvature;
+        let root = (1.0 - (1.0 + self.conic) * c * c * s).sqrt();
+        let (mut sag, mut gradient) = (c * s / (1.0 + root), c / root);
+        let (mut value, mut slope) = (0.0, 0.0);
+        for a in self.even.iter().rev() {
+            slope = slope * s + value;
+            value = value * s + a;
+        }
+        // Σ aᵢsⁱ = s·value, its derivative value + s·slope; d/dr² doubles in d/dx = 2x·d/ds.
+        sag += s * value;
+        gradient += 2.0 * (value + s * slope);
+        if !self.odd.is_empty() {
+            let (mut value, mut slope) = (0.0, 0.0);
+            for b in self.odd.iter().rev() {
+                slope = slope * s + value;
+                value = value * s + b;
+            }
+            // A term in r has a point at the vertex; its direction there is taken as flat.
+            let r = s.sqrt();
+            sag += r * value;
+            gradient += value / r.max(1e-12) + 2.0 * r * slope;
+        }
+        (sag, gradient)
+    }
+
+    /// Bends the rays, which lie on this surface, and moves to the vertex of the next one.
+    #[inline(always)]
+    pub fn bend<const N: usize>(&self, rays: &mut Rays<N>) {
+        let ratio = self.before / self.after;
+        for i in 0..N {
+            let (x, y) = (rays.position[0][i], rays.position[1][i]);
+            let (_, gradient) = self.sag(x * x + y * y);
+            let (nx, ny) = (-gradient * x, -gradient * y);
+            let scale = 1.0 / (nx * nx + ny * ny + 1.0).sqrt();
+            let normal = [nx * scale, ny * scale, scale];
+            let [dx, dy, dz] = [0, 1, 2].map(|axis| rays.direction[axis][i]);
+            let cosine = dx * normal[0] + dy * normal[1] + dz * normal[2];
+            let (keep, along) = if self.mirror {
+                (1.0, -2.0 * cosine)
+            } else {
+                let after = (1.0 - ratio * ratio * (1.0 - cosine * cosine)).sqrt();
+                (ratio, after.copysign(cosine) - ratio * cosine)
+            };
+            rays.direction[0][i] = keep * dx + along * normal[0];
+            rays.direction[1][i] = keep * dy + along * normal[1];
+            rays.direction[2][i] = keep * dz + along * normal[2];
+        }
+        for z in &mut rays.position[2] {
+            *z -= self.thickness;
+        }
+    }
+}
+
+/// Traces rays through surfaces and on to the plane z = 0 behind the last one, in an index `last`.
+#[inline(always)]
+fn through_all<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
+    for surface in surfaces {
+        surface.meet(rays);
+        surface.bend(rays);
+    }
+    let last = surfaces.last().map_or(1.0, |s| s.after);
+    for i in 0..N {
+        let t = -rays.position[2][i] / rays.direction[2][i];
+        for axis in 0..3 {
+            rays.position[axis][i] += t * rays.direction[axis][i];
+        }
+        rays.path[i] += last * t;
+    }
+}
+
+/// Rays traced side by side.
+pub const LANES: usize = 8;
+
+/// Traces [`LANES`] rays from the first surface to the image plane, vectorised where the processor can.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+pub fn trace_lanes(surfaces: &[TrainSurface], rays: &mut Rays<LANES>) {
+    through_all(surfaces, rays);
+}
+
+/// Traces one ray from the first surface to the image plane.
+pub fn trace_one(surfaces: &[TrainSurface], rays: &mut Rays<1>) {
+    through_all(surfaces, rays);
+}
+
+/// Index of the surface at which a ray is lost, and how; `None` for a ray that arrives.
+pub fn lost_at(surfaces: &[TrainSurface], start: &Rays<1>) -> Option<(usize, &'static str)> {
+    let mut ray = start.clone();
+    for (i, surface) in surfaces.iter().enumerate() {
+        surface.meet(&mut ray);
+        if !ray.path[0].is_finite() {
+            return Some((i, "misses it"));
+        }
+        surface.bend(&mut ray);
+        if !ray.direction[2][0].is_finite() {
+            return Some((i, "is totally reflected there"));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn surface(curvature: f64, conic: f64, before: f64, after: f64) -> TrainSurface {
+        TrainSurface {
+            curvature,
+            conic,
+            even: Vec::new(),
+            odd: Vec::new(),
+            thickness: 0.0,
+            before,
+            after,
+            mirror: false,
+            clips: Vec::new(),
+        }
+    }
+
+    fn ray(position: [f64; 3], direction: [f64; 3]) -> Rays<1> {
+        let mut rays = Rays::nowhere();
+        rays.set(0, position, direction);
+        rays
+    }
+
+    /// A paraboloid mirror and an ellipsoid of k = −1/n² focus an axis-parallel beam in one point
+    /// with equal paths: exact (Descartes).
+    #[test]
+    fn cartesian_surfaces_are_free_of_aberration() {
+        let (r, n) = (10.0, 1.5);
+        let focus = r * n / (n - 1.0);
+        let mut lens = surface(1.0 / r, -1.0 / (n * n), 1.0, n);
+        lens.thickness = focus;
+        let mut mirror = surface(-1.0 / r, -1.0, 1.0, 1.0);
+        (mirror.mirror, mirror.thickness) = (true, -r / 2.0);
+        for (surface, path) in [(lens, n * focus + 1.0), (mirror, 1.0 + r / 2.0)] {
+            for height in [0.0, 1.0, 3.0, 4.5] {
+                let mut ray = ray([0.6 * height, 0.8 * height, -1.0], [0.0, 0.0, 1.0]);
+                trace_one(std::slice::from_ref(&surface), &mut ray);
+                let (p, _) = ray.get(0);
+                assert!(p[0].abs() < 1e-13 && p[1].abs() < 1e-13, "{p:?}");
+                assert!((ray.path[0] - path).abs() < 1e-13);
+            }
+        }
+    }
+
+    /// The same surface told as a conic and as a power series in r (even or odd storage) traces
+    /// alike: a parabola is exactly c·r²/2.
+    #[test]
+    fn polynomials_agree_with_the_conic_they_equal() {
+        let conic = surface(0.05, -1.0, 1.0, 1.6);
+        let mut series = surface(0.0, 0.0, 1.0, 1.6);
+        series.even = vec![0.025];
+        let mut doubled = surface(0.0, 0.0, 1.0, 1.6);
+        doubled.even = vec![0.0];
+        doubled.odd = vec![0.0, 1e-3];
+        let mut negated = doubled.clone();
+        negated.odd[1] = -1e-3;
+        let start = ray([1.0, 2.0, -3.0], [0.1, -0.2, (1.0f64 - 0.05).sqrt()]);
+        let end = |s: &TrainSurface| {
+            let mut ray = start.clone();
+            trace_one(std::slice::from_ref(s), &mut ray);
+            ray.get(0)
+        };
+        let (a, b) = (end(&conic), end(&series));
+        for axis in 0..3 {
+            assert!((a.0[axis] - b.0[axis]).abs() < 1e-13 && (a.1[axis] - b.1[axis]).abs() < 1e-13);
+        }
+        assert!((doubled.sag(4.0).0 - 8e-3).abs() < 1e-15);
+        assert!((doubled.sag(4.0).1 - 3e-3 * 2.0).abs() < 1e-15);
+        assert_ne!(end(&doubled), end(&negated));
+    }
+
+    #[test]
+    fn lost_rays_say_where() {
+        let ball = surface(0.5, 0.0, 1.0, 1.5);
+        let inside = surface(-0.5, 0.0, 1.9, 1.0);
+        let far = ray([0.0, 3.0, -1.0], [0.0, 0.0, 1.0]);
+        let edge = ray([0.0, 1.5, -1.0], [0.0, 0.0, 1.0]);
+        assert_eq!(lost_at(&[ball.clone()], &far), Some((0, "misses it")));
+        assert_eq!(lost_at(&[inside], &edge), Some((0, "is totally reflected there")));
+        assert_eq!(lost_at(&[ball], &edge), None);
+    }
+
+    proptest! {
+        /// Snell's law, unit directions and a point on the surface, for arbitrary aspheres; eight
+        /// lanes give the bits of one when the lanes hold the same ray.
+        #[test]
+        fn rays_obey_snell(
+            c in -0.05..0.05, k in -2.0..2.0, a4 in -1e-4..1e-4, b3 in -1e-4..1e-4,
+            x in -5.0..5.0, y in -5.0..5.0, l in -0.4..0.4, m in -0.4..0.4, after in 1.0..2.0,
+        ) {
+            let mut s = surface(c, k, 1.0, after);
+            s.even = vec![0.0, a4];
+            s.odd = vec![0.0, b3];
+            let n = f64::sqrt(1.0 - l * l - m * m);
+            let mut one = ray([x, y, -2.0], [l, m, n]);
+            s.meet(&mut one);
+            let (p, d) = one.get(0);
+            let r2 = p[0] * p[0] + p[1] * p[1];
+            prop_assume!(p[2].is_finite() && r2 < 200.0);
+            let (sag, g) = s.sag(r2);
+            prop_assert!((p[2] - sag).abs() < 1e-12);
+            s.bend(&mut one);
+            let (_, e) = one.get(0);
+            let norm: f64 = e.iter().map(|v| v * v).sum();
+            prop_assert!((norm - 1.0).abs() < 1e-12);
+            let normal = [-g * p[0], -g * p[1], 1.0];
+            let cross = |a: [f64; 3]| [
+                a[1] * normal[2] - a[2] * normal[1],
+                a[2] * normal[0] - a[0] * normal[2],
+                a[0] * normal[1] - a[1] * normal[0],
+            ];
+            let (before, behind) = (cross(d), cross(e));
+            for axis in 0..3 {
+                prop_assert!((before[axis] - after * behind[axis]).abs() < 1e-12);
+            }
+            let mut many = Rays::<LANES>::nowhere();
+            (0..LANES).for_each(|i| many.set(i, [x, y, -2.0], [l, m, n]));
+            trace_lanes(std::slice::from_ref(&s), &mut many);
+            let mut single = ray([x, y, -2.0], [l, m, n]);
+            trace_one(std::slice::from_ref(&s), &mut single);
+            prop_assert_eq!(many.get(3), single.get(0));
+        }
+    }
+}
