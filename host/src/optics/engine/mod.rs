@@ -15,6 +15,7 @@ pub mod sampling;
 mod field;
 mod fourier;
 mod source;
+pub mod varying;
 
 use crate::scene::LitScene;
 use crate::{Error, Plane, Result};
