@@ -44,7 +44,7 @@ pub struct HelloReply {
 }
 
 /// What a device can do.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Capabilities {
     /// Name and version of the firmware.
     pub firmware: String<40>,

@@ -337,8 +337,8 @@ impl Bench {
             self.now = next.into_iter().flatten().min().unwrap().max(self.now);
             while let Some(bytes) = self.up.read(self.now) {
                 let mut input = &bytes[..];
-                while let Ok(Some(packet)) = self.device_receiver.push(&mut input) {
-                    self.device.receive(packet, &mut self.toy);
+                while self.device_receiver.push(&mut input) == Ok(true) {
+                    self.device.receive(self.device_receiver.packet(), &mut self.toy);
                     while let Some(n) = self.device.transmit(&mut out, &mut self.toy) {
                         let n = self.framing.encode(&out[..n], &mut link);
                         self.down.write(self.now, &link[..n], report, &mut self.random);
@@ -347,7 +347,8 @@ impl Bench {
             }
             while let Some(bytes) = self.down.read(self.now) {
                 let mut input = &bytes[..];
-                while let Ok(Some(packet)) = self.host_receiver.push(&mut input) {
+                while self.host_receiver.push(&mut input) == Ok(true) {
+                    let packet = self.host_receiver.packet();
                     if let Some(event) = self.host.receive(self.now, packet, &mut self.io) {
                         return Some(event);
                     }
