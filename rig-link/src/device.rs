@@ -17,12 +17,14 @@ use heapless::Deque;
 /// rows that its predecessors completed have been taken with [`Model::raw_row`]. So a model needs room
 /// for `2 * halo + 1` rows, used in turn.
 pub trait Model {
-    /// What the model can do. The device itself fills in packet size, credit, and the camera's
-    /// identity and longest size.
+    /// What the model can do. The device itself fills in packet size, credit and the camera's identity.
     fn capabilities(&self) -> Capabilities;
 
-    /// Takes a camera.
-    fn configure(&mut self, camera: &[u8]) -> Result<(), Refusal>;
+    /// Takes a piece of a camera: the bytes from `offset` on, in order; offset 0 begins a new one.
+    fn camera_piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal>;
+
+    /// The camera is whole: puts it in force.
+    fn camera_end(&mut self) -> Result<(), Refusal>;
 
     /// Begins a frame. `registers` has the test pattern; exposure and gain are in `exposure`.
     fn begin(
@@ -30,13 +32,22 @@ pub trait Model {
         frame: &FrameBegin,
         exposure: Exposure,
         registers: &Registers,
-    ) -> Result<FrameShape, Refusal>;
+    ) -> Result<Begun, Refusal>;
 
     /// Takes whole units of a spectral row, `first` being the number of the first.
     fn units(&mut self, row: u16, first: u16, units: &[u8]);
 
     /// Computes a raw row and packs it into `out`, which has the frame's `raw_bytes`.
     fn raw_row(&mut self, row: u16, out: &mut [u8]);
+}
+
+/// What a model says about a frame that it has begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Begun {
+    /// Sizes on the link.
+    pub shape: FrameShape,
+    /// The camera's seed.
+    pub seed: u64,
 }
 
 /// Most packets that the host may send ahead.
@@ -84,9 +95,11 @@ impl Transfer {
     }
 }
 
-/// The device's end of the link. `RAW`: longest packed raw row, bytes. `CAMERA`: longest camera, bytes.
-pub struct Device<M, const RAW: usize, const CAMERA: usize> {
-    model: M,
+/// The device's end of the link. `RAW`: longest packed raw row, bytes.
+///
+/// The model is an argument of the functions and not a member, so that it may borrow, for the length of
+/// a frame, what it computes with.
+pub struct Device<const RAW: usize> {
     packet_bytes: u16,
     versions: (u8, u8),
     registers: Registers,
@@ -105,10 +118,11 @@ pub struct Device<M, const RAW: usize, const CAMERA: usize> {
     acknowledged: u16,
     host: Option<Hello>,
 
-    camera: [u8; CAMERA],
-    camera_received: u32,
     /// The camera being received, or in force once `camera_ready`.
     camera_id: u64,
+    camera_received: u32,
+    /// Identity of the bytes received so far.
+    camera_hash: u64,
     camera_ready: bool,
 
     transfer: Option<Transfer>,
@@ -118,12 +132,11 @@ pub struct Device<M, const RAW: usize, const CAMERA: usize> {
     log: Deque<u8, LOG_BYTES>,
 }
 
-impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
+impl<const RAW: usize> Device<RAW> {
     /// A device that has just been switched on. `packet_bytes`: the longest packet that its receiver
     /// holds.
-    pub const fn new(model: M, packet_bytes: u16) -> Self {
+    pub const fn new(packet_bytes: u16) -> Self {
         Self {
-            model,
             packet_bytes,
             versions: VERSIONS,
             registers: Registers::new(),
@@ -136,9 +149,9 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             told: 0,
             acknowledged: 0,
             host: None,
-            camera: [0; CAMERA],
-            camera_received: 0,
             camera_id: 0,
+            camera_received: 0,
+            camera_hash: NO_CAMERA_BYTES,
             camera_ready: false,
             transfer: None,
             raw: [0; RAW],
@@ -161,7 +174,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
     }
 
     /// Takes one packet, as a [`crate::framing::Receiver`] gives it.
-    pub fn receive(&mut self, bytes: &[u8]) {
+    pub fn receive(&mut self, bytes: &[u8], model: &mut impl Model) {
         let packet = match Packet::parse(bytes) {
             Ok(packet) => packet,
             Err(Reject::Damaged) => return count(&mut self.statistics.damaged),
@@ -192,12 +205,12 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             self.acknowledged = packet.header.ack;
         }
         match packet.header.kind {
-            Kind::Part => self.part(&packet),
+            Kind::Part => self.part(&packet, model),
             Kind::Control => match postcard::from_bytes(packet.body) {
-                Ok(message) => self.control(message),
+                Ok(message) => self.control(message, model),
                 Err(_) => self.nack(Nack::Unsupported(Kind::Control as u8)),
             },
-            Kind::Camera => self.camera(packet.body),
+            Kind::Camera => self.camera(packet.body, model),
             Kind::Ping => self.answer(Answer::Ack),
             Kind::Ack => {}
             Kind::Hello | Kind::Raw | Kind::Log => {
@@ -208,12 +221,12 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
 
     /// Writes the next packet to send into `out` and returns its length. `out` must hold
     /// [`CONTROL_BYTES`], header and CRC; raw rows use as much as it and the host's limit allow.
-    pub fn transmit(&mut self, out: &mut [u8]) -> Option<usize> {
+    pub fn transmit(&mut self, out: &mut [u8], model: &mut impl Model) -> Option<usize> {
         if let Some(answer) = self.answers.pop_front() {
-            return Some(self.send_answer(&answer, out));
+            return Some(self.send_answer(&answer, out, model));
         }
         if self.heard.wrapping_sub(self.told) >= CREDIT / 4 {
-            return Some(self.send_answer(&Answer::Ack, out));
+            return Some(self.send_answer(&Answer::Ack, out, model));
         }
         if self.seq.wrapping_sub(self.acknowledged) > self.host?.credit {
             return None;
@@ -222,14 +235,9 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             return Some(self.send_log(out));
         }
         if self.sending.is_none() {
-            self.compute_row();
+            self.compute_row(model);
         }
         self.send_raw(out)
-    }
-
-    /// The model, to look at.
-    pub fn model(&self) -> &M {
-        &self.model
     }
 
     /// Counters since power-on.
@@ -260,9 +268,9 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
         self.answer(Answer::Hello);
     }
 
-    fn control(&mut self, message: ToDevice) {
+    fn control(&mut self, message: ToDevice, model: &mut impl Model) {
         let answer = match message {
-            ToDevice::FrameBegin(begin) => match self.begin(begin) {
+            ToDevice::FrameBegin(begin) => match self.begin(begin, model) {
                 Ok(start) => ToHost::FrameStart(start),
                 Err(refusal) => ToHost::Nack(Nack::Refused(refusal)),
             },
@@ -287,7 +295,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
         self.answer(Answer::Control(answer));
     }
 
-    fn begin(&mut self, begin: FrameBegin) -> Result<FrameStart, Refusal> {
+    fn begin(&mut self, begin: FrameBegin, model: &mut impl Model) -> Result<FrameStart, Refusal> {
         if let Some(t) = &self.transfer
             && t.begin == begin
         {
@@ -299,7 +307,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             return Err(Refusal::NoCamera);
         }
         let exposure = begin.exposure.unwrap_or_else(|| self.registers.exposure());
-        let shape = self.model.begin(&begin, exposure, &self.registers)?;
+        let Begun { shape, seed } = model.begin(&begin, exposure, &self.registers)?;
         if !shape.is_sound() || usize::from(shape.raw_bytes) > RAW {
             return Err(Refusal::WrongShape);
         }
@@ -313,7 +321,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             exposure,
             counter: self.registers.frame_count,
             frame: begin.frame,
-            seed: begin.seed,
+            seed,
             test_pattern: self.registers.test_pattern,
             fault,
         };
@@ -323,7 +331,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
         Ok(start)
     }
 
-    fn part(&mut self, packet: &Packet<'_>) {
+    fn part(&mut self, packet: &Packet<'_>, model: &mut impl Model) {
         let Some((head, units)) = PartHeader::split(packet.body) else { return };
         let Some(t) = self.transfer.as_mut().filter(|t| t.begin.transfer == head.transfer) else {
             return self.nack(Nack::NoTransfer(head.transfer));
@@ -356,38 +364,25 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             t.cursor = Cursor { row: head.row + 1, unit: 0 };
             count(&mut self.statistics.rows_in);
         }
-        self.model.units(head.row, head.unit, units);
+        model.units(head.row, head.unit, units);
     }
 
-    fn camera(&mut self, body: &[u8]) {
+    fn camera(&mut self, body: &[u8], model: &mut impl Model) {
         let Some((head, piece)) = CameraHeader::split(body) else { return };
-        if head.total as usize > CAMERA {
-            let max = CAMERA as u32;
-            return self.nack(Nack::Refused(Refusal::CameraTooLong { max }));
-        }
         if head.id != self.camera_id || (head.offset == 0 && !self.camera_ready) {
             self.camera_id = head.id;
             self.camera_received = 0;
+            self.camera_hash = NO_CAMERA_BYTES;
             self.camera_ready = false;
             self.transfer = None;
             self.sending = None;
         }
-        let end = head.offset as usize + piece.len();
-        if !self.camera_ready && head.offset == self.camera_received && end <= head.total as usize {
-            self.camera[head.offset as usize..end].copy_from_slice(piece);
-            self.camera_received = end as u32;
-            if head.total == self.camera_received {
-                let whole = &self.camera[..end];
-                let taken = if camera_id(whole) == head.id {
-                    self.model.configure(whole)
-                } else {
-                    Err(Refusal::BadCamera)
-                };
-                if let Err(refusal) = taken {
-                    self.camera_received = 0;
-                    return self.nack(Nack::Refused(refusal));
-                }
-                self.camera_ready = true;
+        let end = u64::from(head.offset) + piece.len() as u64;
+        let next = !self.camera_ready && head.offset == self.camera_received;
+        if next && end <= u64::from(head.total) {
+            if let Err(refusal) = self.camera_piece(head, piece, model) {
+                self.camera_received = 0;
+                return self.nack(Nack::Refused(refusal));
             }
         }
         self.answer(Answer::Control(ToHost::Camera {
@@ -395,6 +390,25 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
             received: self.camera_received,
             ready: self.camera_ready,
         }));
+    }
+
+    fn camera_piece(
+        &mut self,
+        head: CameraHeader,
+        piece: &[u8],
+        model: &mut impl Model,
+    ) -> Result<(), Refusal> {
+        model.camera_piece(head.offset, piece)?;
+        self.camera_hash = continue_camera_id(self.camera_hash, piece);
+        self.camera_received += piece.len() as u32;
+        if self.camera_received == head.total {
+            if self.camera_hash != head.id {
+                return Err(Refusal::BadCamera);
+            }
+            model.camera_end()?;
+            self.camera_ready = true;
+        }
+        Ok(())
     }
 
     fn nack(&mut self, nack: Nack) {
@@ -406,16 +420,15 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
         let _ = self.answers.push_back(answer);
     }
 
-    fn send_answer(&mut self, answer: &Answer, out: &mut [u8]) -> usize {
+    fn send_answer(&mut self, answer: &Answer, out: &mut [u8], model: &impl Model) -> usize {
         let body = &mut out[HEADER_BYTES..];
         let (kind, flags, written) = match answer {
             Answer::Hello => {
                 let device = (self.version > 0).then(|| Capabilities {
                     packet_bytes: self.packet_bytes,
                     credit: CREDIT,
-                    max_camera: CAMERA as u32,
                     camera: if self.camera_ready { self.camera_id } else { 0 },
-                    ..self.model.capabilities()
+                    ..model.capabilities()
                 });
                 let (oldest, newest) = self.versions;
                 let reply = HelloReply { version: self.version, oldest, newest, device };
@@ -452,7 +465,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
     }
 
     /// Computes the next raw row that can be computed, if any.
-    fn compute_row(&mut self) {
+    fn compute_row(&mut self, model: &mut impl Model) {
         let Some(t) = &mut self.transfer else { return };
         if t.start.fault == Fault::DropFrame {
             t.next_out = t.computable();
@@ -463,7 +476,7 @@ impl<M: Model, const RAW: usize, const CAMERA: usize> Device<M, RAW, CAMERA> {
         let row = t.next_out;
         t.next_out += 1;
         let raw = &mut self.raw[..usize::from(t.start.shape.raw_bytes)];
-        self.model.raw_row(row, raw);
+        model.raw_row(row, raw);
         if t.start.fault == Fault::CorruptRow(row) {
             raw.iter_mut().for_each(|byte| *byte = !*byte);
         }

@@ -84,26 +84,31 @@ pub struct Receiver<B> {
     filled: usize,
     /// Skip to the next packet's beginning: the present one is damaged or too long.
     skipping: bool,
+    /// Where in the buffer the last whole packet lies.
+    packet: (usize, usize),
 }
 
 impl<B: AsMut<[u8]>> Receiver<B> {
     /// A receiver; `buffer` must hold [`Framing::max_encoded`] of the longest packet.
     pub fn new(framing: Framing, buffer: B) -> Self {
-        Self { framing, buffer, filled: 0, skipping: false }
+        Self { framing, buffer, filled: 0, skipping: false, packet: (0, 0) }
     }
 
-    /// Takes bytes from the front of `input` until a packet is whole, and returns it (not yet checked);
-    /// nothing once the input is used up.
-    pub fn push(&mut self, input: &mut &[u8]) -> Result<Option<&[u8]>, OutOfStep> {
+    /// The packet that [`Receiver::push`] has completed, not yet checked; until the next push.
+    pub fn packet(&mut self) -> &[u8] {
+        &self.buffer.as_mut()[self.packet.0..self.packet.1]
+    }
+
+    /// Takes bytes from the front of `input` until a packet is whole, and says whether one is; if not,
+    /// the input is used up.
+    pub fn push(&mut self, input: &mut &[u8]) -> Result<bool, OutOfStep> {
         let whole = match self.framing {
             Framing::Cobs => self.push_cobs(input),
             Framing::Length => self.push_length(input)?,
             Framing::Report(size) => self.push_report(input, size as usize),
         };
-        Ok(match whole {
-            Some((start, end)) => Some(&self.buffer.as_mut()[start..end]),
-            None => None,
-        })
+        self.packet = whole.unwrap_or((0, 0));
+        Ok(whole.is_some())
     }
 
     fn push_cobs(&mut self, input: &mut &[u8]) -> Option<(usize, usize)> {
@@ -219,8 +224,8 @@ mod tests {
                 let mut receiver = Receiver::new(framing, [0; 1100]);
                 let mut got = Vec::new();
                 for mut chunk in link.chunks(cut) {
-                    while let Some(p) = receiver.push(&mut chunk).unwrap() {
-                        got.push(p.to_vec());
+                    while receiver.push(&mut chunk).unwrap() {
+                        got.push(receiver.packet().to_vec());
                     }
                 }
                 assert_eq!(got, packets(), "{framing:?} cut {cut}");
@@ -236,7 +241,8 @@ mod tests {
             n += framing.encode(&[6; 20], &mut link[n..]);
             let mut receiver = Receiver::new(framing, [0; 100]);
             let mut input = &link[..n];
-            assert_eq!(receiver.push(&mut input).unwrap(), Some(&[6; 20][..]), "{framing:?}");
+            assert!(receiver.push(&mut input).unwrap());
+            assert_eq!(receiver.packet(), [6; 20], "{framing:?}");
         }
         let mut receiver = Receiver::new(Framing::Length, [0; 100]);
         assert_eq!(receiver.push(&mut &[0xff, 0xff, 0xff, 0x7f][..]), Err(OutOfStep));

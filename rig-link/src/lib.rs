@@ -5,6 +5,7 @@
 //! * [`framing`] tells packets apart on a byte stream or in HID reports;
 //! * [`wire`] is the packet: header, body, CRC-32C;
 //! * [`message`] is what control packets say, [`registers`] the sensor's register map;
+//! * [`packing`] lays raw samples out as MIPI does;
 //! * [`device`] answers, [`host`] asks and repairs.
 //!
 //! **What gets lost is made again, not stored.** A raw row is a function of the camera, the frame's

@@ -44,7 +44,7 @@ pub struct HelloReply {
 }
 
 /// What a device can do.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Capabilities {
     /// Name and version of the firmware.
     pub firmware: String<40>,
@@ -86,21 +86,6 @@ pub enum Codec {
     Electrons16,
 }
 
-/// Bits per pixel of the raw rows, in the byte order of MIPI CSI-2 RAW formats.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Packing {
-    /// 1 byte per pixel.
-    Raw8,
-    /// 4 pixels in 5 bytes.
-    Raw10,
-    /// 2 pixels in 3 bytes.
-    Raw12,
-    /// 4 pixels in 7 bytes.
-    Raw14,
-    /// 2 bytes per pixel, little-endian.
-    Raw16,
-}
-
 /// Announces a frame; its spectral rows follow.
 ///
 /// There is no message to resume a frame: raw rows depend on nothing but the camera, this message
@@ -109,10 +94,8 @@ pub enum Packing {
 pub struct FrameBegin {
     /// The host's number for this announcement, new each time.
     pub transfer: u16,
-    /// Frame number: with the camera's seed and `seed` it fixes the temporal noise.
+    /// Frame number: with the camera's seed it fixes the temporal noise.
     pub frame: u32,
-    /// Seed of the temporal noise.
-    pub seed: u64,
     /// Rows of the frame.
     pub rows: u16,
     /// Pixels per row.
@@ -123,8 +106,10 @@ pub struct FrameBegin {
     pub codec: Codec,
     /// Which arithmetic computes them.
     pub arithmetic: Arithmetic,
-    /// How the raw rows are to be packed.
-    pub packing: Packing,
+    /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`].
+    pub raw_bits: u8,
+    /// Sensor temperature, degrees Celsius.
+    pub temperature_c: f32,
     /// Exposure and gain; without it the device's registers say.
     pub exposure: Option<Exposure>,
 }
@@ -176,7 +161,7 @@ pub struct FrameStart {
     pub counter: u16,
     /// Frame number of the temporal noise.
     pub frame: u32,
-    /// Seed of the temporal noise.
+    /// The camera's seed.
     pub seed: u64,
     /// Test pattern in force (register `test_pattern`).
     pub test_pattern: u16,
@@ -266,6 +251,8 @@ pub enum Refusal {
         /// Most bytes.
         max: u32,
     },
+    /// The camera's effects need the previous frame, or more neighbouring rows than there is memory for.
+    Effects,
     /// Rows are longer than there is memory for.
     TooWide {
         /// Longest row, pixels.
@@ -314,11 +301,19 @@ impl Statistics {
     }
 }
 
+/// [`camera_id`] of nothing.
+pub(crate) const NO_CAMERA_BYTES: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// Continues a [`camera_id`] with further bytes.
+pub(crate) fn continue_camera_id(id: u64, bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(id, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
 /// Identity of a camera's bytes: 64-bit FNV-1a.
 pub fn camera_id(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
+    continue_camera_id(NO_CAMERA_BYTES, bytes)
 }
 
 #[cfg(test)]

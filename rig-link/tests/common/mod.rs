@@ -1,6 +1,6 @@
 //! Two ends in one process: a toy model, a link with faults, a virtual clock.
 
-use rig_link::device::{Device, Model};
+use rig_link::device::{Begun, Device, Model};
 use rig_link::framing::{Framing, Receiver};
 use rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
 use rig_link::message::*;
@@ -73,6 +73,7 @@ pub fn expected_frame(camera: u64, frame: u32) -> Vec<Vec<u8>> {
 
 #[derive(Default)]
 pub struct Toy {
+    received: Vec<u8>,
     camera: u64,
     frame: u32,
     rows: [(u16, Vec<u8>); 3],
@@ -94,23 +95,32 @@ impl Model for Toy {
         }
     }
 
-    fn configure(&mut self, camera: &[u8]) -> Result<(), Refusal> {
-        self.camera = camera_id(camera);
+    fn camera_piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
+        if offset == 0 {
+            self.received.clear();
+        }
+        assert_eq!(offset as usize, self.received.len());
+        self.received.extend_from_slice(piece);
+        let max = 1000;
+        if self.received.len() > max as usize {
+            Err(Refusal::CameraTooLong { max })
+        } else {
+            Ok(())
+        }
+    }
+
+    fn camera_end(&mut self) -> Result<(), Refusal> {
+        self.camera = camera_id(&self.received);
         Ok(())
     }
 
-    fn begin(
-        &mut self,
-        frame: &FrameBegin,
-        _: Exposure,
-        _: &Registers,
-    ) -> Result<FrameShape, Refusal> {
+    fn begin(&mut self, frame: &FrameBegin, _: Exposure, _: &Registers) -> Result<Begun, Refusal> {
         if usize::from(frame.width) > WIDTH {
             return Err(Refusal::TooWide { max: WIDTH as u16 });
         }
         self.frame = frame.frame;
         self.rows = Default::default();
-        Ok(SHAPE)
+        Ok(Begun { shape: SHAPE, seed: 1 })
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
@@ -231,7 +241,7 @@ impl FrameIo for Frame {
     }
 }
 
-pub type ToyDevice = Device<Toy, RAW_BYTES, 1000>;
+pub type ToyDevice = Device<RAW_BYTES>;
 pub type ToyHost = Host<[u16; ROWS as usize]>;
 
 /// Host, device, and the link between.
@@ -243,6 +253,7 @@ pub struct Bench {
     pub down: Pipe,
     pub host: ToyHost,
     pub device: Box<ToyDevice>,
+    pub toy: Toy,
     host_receiver: Receiver<Vec<u8>>,
     device_receiver: Receiver<Vec<u8>>,
     pub io: Frame,
@@ -253,13 +264,13 @@ pub fn begin(frame: u32) -> FrameBegin {
     FrameBegin {
         transfer: 0,
         frame,
-        seed: 1,
         rows: ROWS,
         width: WIDTH as u16,
         bands: BANDS as u16,
         codec: Codec::Bfp16,
         arithmetic: Arithmetic::F32,
-        packing: Packing::Raw16,
+        raw_bits: 16,
+        temperature_c: 25.0,
         exposure: Some(Exposure { exposure_s: 0.01, analog_gain: 1.0 }),
     }
 }
@@ -274,7 +285,8 @@ impl Bench {
             up: Pipe::new(50),
             down: Pipe::new(50),
             host: Host::new(limits, [0; ROWS as usize]),
-            device: Box::new(Device::new(Toy::default(), 600)),
+            device: Box::new(Device::new(600)),
+            toy: Toy::default(),
             host_receiver: Receiver::new(framing, buffer()),
             device_receiver: Receiver::new(framing, buffer()),
             io: Frame {
@@ -325,9 +337,9 @@ impl Bench {
             self.now = next.into_iter().flatten().min().unwrap().max(self.now);
             while let Some(bytes) = self.up.read(self.now) {
                 let mut input = &bytes[..];
-                while let Ok(Some(packet)) = self.device_receiver.push(&mut input) {
-                    self.device.receive(packet);
-                    while let Some(n) = self.device.transmit(&mut out) {
+                while self.device_receiver.push(&mut input) == Ok(true) {
+                    self.device.receive(self.device_receiver.packet(), &mut self.toy);
+                    while let Some(n) = self.device.transmit(&mut out, &mut self.toy) {
                         let n = self.framing.encode(&out[..n], &mut link);
                         self.down.write(self.now, &link[..n], report, &mut self.random);
                     }
@@ -335,7 +347,8 @@ impl Bench {
             }
             while let Some(bytes) = self.down.read(self.now) {
                 let mut input = &bytes[..];
-                while let Ok(Some(packet)) = self.host_receiver.push(&mut input) {
+                while self.host_receiver.push(&mut input) == Ok(true) {
+                    let packet = self.host_receiver.packet();
                     if let Some(event) = self.host.receive(self.now, packet, &mut self.io) {
                         return Some(event);
                     }

@@ -1,0 +1,133 @@
+//! A camera as bytes on the link: the sensor's configuration in postcard, then the crosstalk table as
+//! plain f32.
+//!
+//! ```text
+//! u16  bytes of the configuration       u16 x 3  crosstalk columns, rows, wavelengths (0 without)
+//! ...  SensorConfig in postcard         f32 ...  x, y, wavelengths in nm, factors
+//! ```
+//! All little-endian. The bytes arrive in pieces; configuration and table each have their own memory, so
+//! nothing is held twice.
+
+use rig_link::message::Refusal;
+use sensor_core::config::SensorConfig;
+use sensor_core::crosstalk::Crosstalk;
+
+const HEAD_BYTES: usize = 8;
+
+/// Longest configuration in postcard: all effects with all their parameters, and four channels of 64
+/// bands (the lengths are those of [`SensorConfig`]).
+pub const CONFIG_BYTES: usize = 3072;
+
+/// A received camera. `factors` bounds the crosstalk table that a rig has room for.
+pub struct CameraStore<'m> {
+    head: [u8; HEAD_BYTES],
+    config_bytes: [u8; CONFIG_BYTES],
+    config: Option<SensorConfig>,
+    table: &'m mut [f32],
+    word: [u8; 4],
+}
+
+impl<'m> CameraStore<'m> {
+    /// An empty store with this memory for the crosstalk table.
+    pub const fn new(table: &'m mut [f32]) -> Self {
+        let (head, config_bytes) = ([0; HEAD_BYTES], [0; CONFIG_BYTES]);
+        Self { head, config_bytes, config: None, table, word: [0; 4] }
+    }
+
+    /// Longest camera that fits, bytes.
+    pub fn max_bytes(&self) -> u32 {
+        (HEAD_BYTES + CONFIG_BYTES + 4 * self.table.len()) as u32
+    }
+
+    /// The camera in force.
+    pub fn config(&self) -> Option<&SensorConfig> {
+        self.config.as_ref()
+    }
+
+    /// Its crosstalk table.
+    pub fn crosstalk(&self) -> Option<Crosstalk<'_>> {
+        let config = self.config.as_ref()?;
+        let [columns, rows, wavelengths] = self.table_size();
+        let (x, rest) = self.table.split_at_checked(columns)?;
+        let (y, rest) = rest.split_at_checked(rows)?;
+        let (wavelength_nm, rest) = rest.split_at_checked(wavelengths)?;
+        let factors = rest.get(..usize::from(config.channels) * columns * rows * wavelengths)?;
+        (columns > 0).then_some(Crosstalk { x, y, wavelength_nm, factors })
+    }
+
+    fn word16(&self, at: usize) -> usize {
+        usize::from(u16::from_le_bytes([self.head[at], self.head[at + 1]]))
+    }
+
+    fn table_size(&self) -> [usize; 3] {
+        [self.word16(2), self.word16(4), self.word16(6)]
+    }
+
+    /// Takes the bytes from `offset` on; offset 0 forgets the camera in force.
+    pub(crate) fn piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
+        if offset == 0 {
+            self.config = None;
+        }
+        let too_long = Refusal::CameraTooLong { max: self.max_bytes() };
+        for (at, &byte) in (offset as usize..).zip(piece) {
+            let after_head = at.wrapping_sub(HEAD_BYTES);
+            let config_bytes = self.word16(0);
+            let place = if at < HEAD_BYTES {
+                self.head.get_mut(at)
+            } else if after_head < config_bytes {
+                self.config_bytes.get_mut(after_head)
+            } else {
+                let at = after_head - config_bytes;
+                self.word[at % 4] = byte;
+                if at % 4 == 3 {
+                    *self.table.get_mut(at / 4).ok_or(too_long)? = f32::from_le_bytes(self.word);
+                }
+                continue;
+            };
+            *place.ok_or(too_long)? = byte;
+        }
+        Ok(())
+    }
+
+    /// All bytes are there: puts the camera in force if it is sound.
+    pub(crate) fn end(&mut self) -> Result<(), Refusal> {
+        let bytes = self.config_bytes.get(..self.word16(0)).ok_or(Refusal::BadCamera)?;
+        let config: SensorConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
+        config.check().map_err(|_| Refusal::BadCamera)?;
+        let channels = usize::from(config.channels);
+        self.config = Some(config);
+        let sound = match self.crosstalk() {
+            Some(table) => table.check(channels).is_ok(),
+            None => self.table_size() == [0; 3],
+        };
+        if sound {
+            return Ok(());
+        }
+        self.config = None;
+        Err(Refusal::BadCamera)
+    }
+}
+
+/// Writes a camera into `out` and returns the number of bytes; nothing if it does not fit.
+pub fn encode(
+    config: &SensorConfig,
+    crosstalk: Option<Crosstalk<'_>>,
+    out: &mut [u8],
+) -> Option<usize> {
+    let (head, rest) = out.split_at_mut_checked(HEAD_BYTES)?;
+    let config_bytes = postcard::to_slice(config, rest).ok()?.len();
+    let mut rest = rest.get_mut(config_bytes..)?;
+    let (mut sizes, mut table_bytes) = ([config_bytes, 0, 0, 0], 0);
+    if let Some(c) = crosstalk {
+        sizes[1..].copy_from_slice(&[c.x.len(), c.y.len(), c.wavelength_nm.len()]);
+        for &value in [c.x, c.y, c.wavelength_nm, c.factors].into_iter().flatten() {
+            let (word, left) = rest.split_first_chunk_mut::<4>()?;
+            *word = value.to_le_bytes();
+            (rest, table_bytes) = (left, table_bytes + 4);
+        }
+    }
+    for (out, size) in head.chunks_exact_mut(2).zip(sizes) {
+        out.copy_from_slice(&u16::try_from(size).ok()?.to_le_bytes());
+    }
+    Some(HEAD_BYTES + config_bytes + table_bytes)
+}

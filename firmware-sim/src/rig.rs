@@ -1,0 +1,212 @@
+//! What a rig holds between frames: memory, camera, settings.
+
+use crate::camera::CameraStore;
+use crate::running::{AnyRunning, Frame, MAX_RING};
+use rig_link::device::{Begun, Model};
+use rig_link::message::*;
+use rig_link::packing::Packing;
+use rig_link::registers::Registers;
+#[cfg(feature = "fixed")]
+use sensor_core::arith::Fixed;
+#[cfg(feature = "float")]
+use sensor_core::arith::Float;
+use sensor_core::arith::{Arith, Block, blocks};
+use sensor_core::collect::Sums;
+use sensor_core::config::{FrameSettings, SensorConfig};
+use sensor_core::effects::Needs;
+use sensor_core::pipeline::memory_blocks;
+use sensor_core::spectral::{GROUP, groups};
+
+/// Bytes of a unit of a spectral row: an exponent and the mantissas of a group.
+pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
+
+/// Rows of one arithmetic.
+pub struct RowMemory<'m, A: Arith> {
+    /// Mean electrons of the rows around the one to compute, then the pipeline's memory. A camera with
+    /// `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
+    /// [`blocks`] each.
+    pub rows: &'m mut [Block<A::Signal>],
+    /// Sums of the row that arrives, [`groups`] of the width.
+    pub sums: &'m mut [Sums<A::Sum>],
+}
+
+/// Memory of a rig: its sizes are the rig's limits.
+pub struct Memory<'m> {
+    /// Rows for [`Arithmetic::F32`].
+    #[cfg(feature = "float")]
+    pub float: RowMemory<'m, Float>,
+    /// Rows for [`Arithmetic::Fixed`].
+    #[cfg(feature = "fixed")]
+    pub fixed: RowMemory<'m, Fixed>,
+    /// Mantissas of the band that arrives; also the DN of the row that leaves. One per pixel.
+    pub mantissas: &'m mut [u16],
+    /// Exponents of the band that arrives, [`groups`] of the width.
+    pub exponents: &'m mut [i8],
+    /// The crosstalk table: nodes of its three axes and all factors.
+    pub crosstalk: &'m mut [f32],
+    /// Most bands of a row.
+    pub max_bands: u16,
+}
+
+/// A rig without its link: [`Model`] for [`rig_link::device::Device`].
+pub struct Rig<'m> {
+    firmware: &'static str,
+    camera: CameraStore<'m>,
+    frame: Option<Frame>,
+    memory: Memory<'m>,
+}
+
+impl<'m> Rig<'m> {
+    /// A rig without a camera. `firmware`: name and version, at most 40 bytes.
+    pub fn new(firmware: &'static str, mut memory: Memory<'m>) -> Self {
+        let camera = CameraStore::new(core::mem::take(&mut memory.crosstalk));
+        Self { firmware, camera, frame: None, memory }
+    }
+
+    /// The frame in progress, with all that it needs; nothing between frames. Making one costs about as
+    /// much as a few hundred pixels, so keep it while parts arrive.
+    pub fn running(&mut self) -> Option<AnyRunning<'_>> {
+        let frame = self.frame.as_mut()?;
+        AnyRunning::new(self.camera.config()?, self.camera.crosstalk(), frame, &mut self.memory)
+    }
+
+    fn max_width(&self) -> usize {
+        let bands = self.memory.mantissas.len().min(self.memory.exponents.len() * GROUP);
+        #[cfg(feature = "float")]
+        let bands = bands.min(self.memory.float.sums.len() * GROUP);
+        #[cfg(feature = "fixed")]
+        let bands = bands.min(self.memory.fixed.sums.len() * GROUP);
+        bands.min(usize::from(u16::MAX))
+    }
+
+    fn row_blocks(&self, arithmetic: Arithmetic) -> Option<usize> {
+        match arithmetic {
+            #[cfg(feature = "float")]
+            Arithmetic::F32 => Some(self.memory.float.rows.len()),
+            #[cfg(feature = "fixed")]
+            Arithmetic::Fixed => Some(self.memory.fixed.rows.len()),
+            #[allow(unreachable_patterns, reason = "with both arithmetics compiled in")]
+            _ => None,
+        }
+    }
+}
+
+/// Rows above and below that a raw row depends on: one for each effect that reads its neighbours.
+pub fn halo(config: &SensorConfig) -> usize {
+    config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
+}
+
+/// Sizes on the link of a frame of this camera; nothing if they do not fit the link's numbers. Host
+/// and device both work them out, and compare.
+pub fn frame_shape(config: &SensorConfig, codec: Codec, raw_bits: u8) -> Option<FrameShape> {
+    let width = config.width as usize;
+    let bands = match codec {
+        Codec::Bfp16 => usize::from(config.bands),
+        Codec::Electrons16 => 1,
+    };
+    Some(FrameShape {
+        rows: u16::try_from(config.height).ok()?,
+        units: u16::try_from(groups(width) * bands).ok()?,
+        unit_bytes: UNIT_BYTES as u16,
+        raw_bytes: u16::try_from(Packing::of_bits(raw_bits.into())?.row_bytes(width)).ok()?,
+        halo: u8::try_from(halo(config)).ok()?,
+    })
+}
+
+impl Model for Rig<'_> {
+    fn capabilities(&self) -> Capabilities {
+        let bit = |arithmetic| u8::from(self.row_blocks(arithmetic).is_some()) << arithmetic as u8;
+        let mut memory_bytes =
+            size_of_val(self.memory.mantissas) + size_of_val(self.memory.exponents);
+        #[cfg(feature = "float")]
+        {
+            let rows = &self.memory.float;
+            memory_bytes += size_of_val(rows.rows) + size_of_val(rows.sums);
+        }
+        #[cfg(feature = "fixed")]
+        {
+            let rows = &self.memory.fixed;
+            memory_bytes += size_of_val(rows.rows) + size_of_val(rows.sums);
+        }
+        Capabilities {
+            firmware: self.firmware.try_into().unwrap_or_default(),
+            packet_bytes: 0,
+            credit: 0,
+            max_width: self.max_width() as u16,
+            max_bands: self.memory.max_bands,
+            max_camera: self.camera.max_bytes(),
+            arithmetics: bit(Arithmetic::F32) | bit(Arithmetic::Fixed),
+            codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8,
+            memory_bytes: memory_bytes as u32,
+            camera: 0,
+        }
+    }
+
+    fn camera_piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
+        self.frame = None;
+        self.camera.piece(offset, piece)
+    }
+
+    fn camera_end(&mut self) -> Result<(), Refusal> {
+        self.camera.end()?;
+        let config = self.camera.config().ok_or(Refusal::BadCamera)?;
+        let max = self.max_width();
+        if config.width as usize > max {
+            return Err(Refusal::TooWide { max: max as u16 });
+        }
+        if u16::from(config.bands) > self.memory.max_bands {
+            return Err(Refusal::TooManyBands { max: self.memory.max_bands });
+        }
+        Ok(())
+    }
+
+    fn begin(
+        &mut self,
+        frame: &FrameBegin,
+        exposure: Exposure,
+        registers: &Registers,
+    ) -> Result<Begun, Refusal> {
+        self.frame = None;
+        let config = self.camera.config().ok_or(Refusal::NoCamera)?;
+        let width = config.width as usize;
+        let whole = u32::from(frame.width) == config.width
+            && u32::from(frame.rows) == config.height
+            && (frame.codec == Codec::Electrons16 || frame.bands == u16::from(config.bands));
+        if !whole || width > self.max_width() || frame.bands > self.memory.max_bands {
+            return Err(Refusal::WrongShape);
+        }
+        if frame.raw_bits < config.bits {
+            return Err(Refusal::Packing);
+        }
+        let shape = frame_shape(config, frame.codec, frame.raw_bits).ok_or(Refusal::Packing)?;
+        let ring = 2 * halo(config) + 1;
+        let needed = ring * blocks(width) + memory_blocks(config);
+        let there = self.row_blocks(frame.arithmetic).ok_or(Refusal::Arithmetic)?;
+        let previous = config.effects.iter().any(|e| e.entry().needs == Needs::PreviousFrame);
+        if ring > MAX_RING || needed > there || previous {
+            return Err(Refusal::Effects);
+        }
+        let settings = FrameSettings {
+            frame: frame.frame,
+            exposure_s: exposure.exposure_s,
+            analog_gain: exposure.analog_gain,
+            temperature_c: frame.temperature_c,
+        };
+        settings.check().map_err(|_| Refusal::Exposure)?;
+        let seed = config.seed;
+        self.frame = Some(Frame::new(*frame, settings, shape, registers));
+        Ok(Begun { shape, seed })
+    }
+
+    fn units(&mut self, row: u16, first: u16, units: &[u8]) {
+        if let Some(mut running) = self.running() {
+            running.units(row, first, units);
+        }
+    }
+
+    fn raw_row(&mut self, row: u16, out: &mut [u8]) {
+        if let Some(mut running) = self.running() {
+            running.raw_row(row, out);
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! A frame in progress: units of spectral rows in, packed raw rows out.
+//!
+//! Bands are added to the arriving row's sums one after the other, in their order, so a rig needs one band
+//! and not a spectral row. The whole rows' mean electrons are kept in a ring of as many rows as one raw
+//! row depends on.
+
+use crate::rig::{Memory, RowMemory, UNIT_BYTES};
+use rig_link::message::*;
+use rig_link::packing::{Packing, pack_row};
+use rig_link::registers::{Registers, address};
+#[cfg(feature = "fixed")]
+use sensor_core::arith::Fixed;
+#[cfg(feature = "float")]
+use sensor_core::arith::Float;
+use sensor_core::arith::{Arith, Block, blocks};
+use sensor_core::collect::{Collector, Sums};
+use sensor_core::config::{FrameSettings, SensorConfig};
+use sensor_core::crosstalk::Crosstalk;
+use sensor_core::pipeline::{MeanRows, Pipeline};
+use sensor_core::spectral::{BandRow, GROUP, groups};
+
+/// Most rows of the ring: two effects that read their neighbours.
+pub(crate) const MAX_RING: usize = 5;
+
+/// What a frame is: enough to take it up again after other business.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    begin: FrameBegin,
+    settings: FrameSettings,
+    halo: usize,
+    test_pattern: u16,
+    test_data: u16,
+}
+
+impl Frame {
+    pub(crate) fn new(
+        begin: FrameBegin,
+        settings: FrameSettings,
+        shape: FrameShape,
+        registers: &Registers,
+    ) -> Self {
+        let read = |address| registers.read(address).unwrap_or(0) as u16;
+        Self {
+            begin,
+            settings,
+            halo: shape.halo.into(),
+            test_pattern: read(address::TEST_PATTERN),
+            test_data: read(address::TEST_DATA),
+        }
+    }
+}
+
+/// The ring of mean rows, as the pipeline reads it.
+struct Ring<'a, S> {
+    rows: &'a mut [Block<S>],
+    /// Blocks of a row.
+    len: usize,
+}
+
+impl<S> Ring<'_, S> {
+    fn slot(&mut self, row: u32) -> &mut [Block<S>] {
+        let count = (self.rows.len() / self.len.max(1)).max(1);
+        let at = row as usize % count * self.len;
+        self.rows.get_mut(at..at + self.len).unwrap_or_default()
+    }
+}
+
+impl<A: Arith> MeanRows<A> for Ring<'_, A::Signal> {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        for (out, mean) in out.iter_mut().zip(self.slot(row)) {
+            *out = *mean;
+        }
+    }
+}
+
+/// A frame in progress, in one arithmetic.
+pub struct Running<'r, A: Arith> {
+    frame: &'r Frame,
+    config: &'r SensorConfig,
+    collector: Collector<'r, A>,
+    pipeline: Pipeline<'r, A>,
+    ring: Ring<'r, A::Signal>,
+    sums: &'r mut [Sums<A::Sum>],
+    mantissas: &'r mut [u16],
+    exponents: &'r mut [i8],
+}
+
+impl<'r, A: Arith> Running<'r, A> {
+    fn new(
+        config: &'r SensorConfig,
+        crosstalk: Option<Crosstalk<'r>>,
+        frame: &'r Frame,
+        rows: &'r mut RowMemory<'_, A>,
+        mantissas: &'r mut [u16],
+        exponents: &'r mut [i8],
+    ) -> Option<Self> {
+        let width = config.width as usize;
+        let len = blocks(width);
+        let (ring, memory) = rows.rows.split_at_mut_checked((2 * frame.halo + 1) * len)?;
+        Some(Self {
+            frame,
+            config,
+            collector: Collector::new(config, &frame.settings, crosstalk).ok()?,
+            pipeline: Pipeline::new(config, &frame.settings, memory).ok()?,
+            ring: Ring { rows: ring, len },
+            sums: rows.sums.get_mut(..groups(width))?,
+            mantissas: mantissas.get_mut(..width)?,
+            exponents: exponents.get_mut(..groups(width))?,
+        })
+    }
+
+    fn units(&mut self, row: u16, first: u16, units: &[u8]) {
+        let groups = self.exponents.len();
+        let bands = match self.frame.begin.codec {
+            Codec::Bfp16 => usize::from(self.config.bands),
+            Codec::Electrons16 => 1,
+        };
+        if first == 0 {
+            self.sums.fill([A::Sum::default(); GROUP]);
+        }
+        for (at, unit) in (usize::from(first)..).zip(units.chunks_exact(UNIT_BYTES)) {
+            let (band, group) = (at / groups, at % groups);
+            let [exponent, mantissas @ ..] = unit else { return };
+            if let Some(place) = self.exponents.get_mut(group) {
+                *place = *exponent as i8;
+            }
+            let place = self.mantissas.chunks_mut(GROUP).nth(group).unwrap_or_default();
+            for (m, bytes) in place.iter_mut().zip(mantissas.chunks_exact(2)) {
+                *m = u16::from_le_bytes([bytes[0], bytes[1]]);
+            }
+            if group + 1 == groups {
+                self.add_band(row.into(), band);
+                if band + 1 == bands {
+                    self.keep(row.into());
+                }
+            }
+        }
+    }
+
+    /// Adds the band that has just become whole.
+    fn add_band(&mut self, row: u32, band: usize) {
+        if self.frame.begin.codec == Codec::Bfp16 {
+            let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
+            return self.collector.add_band(row, band, whole, self.sums);
+        }
+        // Electrons: the "weight" of each is 1.
+        let one = [A::weight(1.0); GROUP];
+        let groups = self.mantissas.chunks(GROUP).zip(self.exponents.iter());
+        for ((mantissas, &exponent), sums) in groups.zip(self.sums.iter_mut()) {
+            let mut padded = [0; GROUP];
+            padded[..mantissas.len()].copy_from_slice(mantissas);
+            A::accumulate(sums, &padded, exponent.into(), &one);
+        }
+    }
+
+    /// Puts the row that has just become whole into the ring.
+    fn keep(&mut self, row: u32) {
+        let slot = self.ring.slot(row);
+        for (mean, sum) in slot.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
+            *mean = A::collected(*sum);
+        }
+    }
+
+    fn raw_row(&mut self, row: u16, out: &mut [u8]) {
+        // Between rows no band is half received, so its memory is free.
+        let dn = &mut *self.mantissas;
+        if self.frame.test_pattern == 0 {
+            self.pipeline.row(row.into(), &mut self.ring, dn);
+        } else {
+            let max = self.config.max_dn();
+            test_pattern(self.frame.test_pattern, self.frame.test_data.min(max), max, row, dn);
+        }
+        if let Some(packing) = Packing::of_bits(self.frame.begin.raw_bits.into()) {
+            // The sizes were agreed at the frame's beginning.
+            let packed = pack_row(packing, dn, out);
+            debug_assert!(packed.is_ok());
+        }
+    }
+}
+
+/// CCS test patterns: 1 solid, 2 colour bars (eight, from white to black), 4 PN9 (the sequence of x⁹ + x⁵ + 1,
+/// seeded with all ones at each row's start).
+fn test_pattern(pattern: u16, solid: u16, max: u16, row: u16, dn: &mut [u16]) {
+    // White, yellow, cyan, green, magenta, red, blue, black as R, G, B bits.
+    const BARS: [u8; 8] = [0b111, 0b110, 0b011, 0b010, 0b101, 0b100, 0b001, 0b000];
+    let width = dn.len();
+    let mut shift = 0x1ffu16;
+    for (x, dn) in dn.iter_mut().enumerate() {
+        *dn = match pattern {
+            1 => solid,
+            2 => {
+                let bar = BARS[(x * 8 / width).min(7)];
+                // As on an RGGB sensor.
+                let bit = match (row % 2, x % 2) {
+                    (0, 0) => 2,
+                    (1, 1) => 0,
+                    _ => 1,
+                };
+                if bar >> bit & 1 == 1 { max } else { 0 }
+            }
+            _ => {
+                let mut word = 0u16;
+                for _ in 0..16 {
+                    let next = (shift ^ shift >> 4) & 1;
+                    word = word << 1 | shift & 1;
+                    shift = shift >> 1 | next << 8;
+                }
+                word & max
+            }
+        };
+    }
+}
+
+/// A frame in progress, in whichever arithmetic it asked for.
+#[allow(clippy::large_enum_variant, reason = "both are alike but for padding")]
+pub enum AnyRunning<'r> {
+    /// In f32.
+    #[cfg(feature = "float")]
+    Float(Running<'r, Float>),
+    /// In fixed point.
+    #[cfg(feature = "fixed")]
+    Fixed(Running<'r, Fixed>),
+}
+
+impl<'r> AnyRunning<'r> {
+    pub(crate) fn new(
+        config: &'r SensorConfig,
+        crosstalk: Option<Crosstalk<'r>>,
+        frame: &'r Frame,
+        memory: &'r mut Memory<'_>,
+    ) -> Option<Self> {
+        let (mantissas, exponents) = (&mut *memory.mantissas, &mut *memory.exponents);
+        match frame.begin.arithmetic {
+            #[cfg(feature = "float")]
+            Arithmetic::F32 => {
+                let rows = &mut memory.float;
+                Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Float)
+            }
+            #[cfg(feature = "fixed")]
+            Arithmetic::Fixed => {
+                let rows = &mut memory.fixed;
+                Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Fixed)
+            }
+            #[allow(unreachable_patterns, reason = "with both arithmetics compiled in")]
+            _ => None,
+        }
+    }
+
+    /// Takes units of a spectral row, see [`rig_link::device::Model::units`].
+    pub fn units(&mut self, row: u16, first: u16, units: &[u8]) {
+        match self {
+            #[cfg(feature = "float")]
+            Self::Float(running) => running.units(row, first, units),
+            #[cfg(feature = "fixed")]
+            Self::Fixed(running) => running.units(row, first, units),
+        }
+    }
+
+    /// Computes a raw row, see [`rig_link::device::Model::raw_row`].
+    pub fn raw_row(&mut self, row: u16, out: &mut [u8]) {
+        match self {
+            #[cfg(feature = "float")]
+            Self::Float(running) => running.raw_row(row, out),
+            #[cfg(feature = "fixed")]
+            Self::Fixed(running) => running.raw_row(row, out),
+        }
+    }
+}
