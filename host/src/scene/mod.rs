@@ -7,11 +7,16 @@
 
 pub mod chart;
 pub mod cube;
+pub mod envi;
+mod hdf5;
 pub mod illuminant;
+pub mod isetcam;
+mod matlab;
 mod numpy;
 pub mod painting;
 pub mod photometry;
 pub mod shape;
+mod sidecar;
 pub mod spectrum;
 pub mod strided;
 pub mod table;
@@ -107,9 +112,19 @@ pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
     };
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     match extension.as_str() {
-        "npy" | "npz" => Ok(Box::new(numpy::open(path, options)?)),
+        "npy" | "npz" | "hdr" | "mat" => Ok(Box::new(open_cube(path, &extension, options)?)),
         _ => Err(unknown_scene(spec)),
     }
+}
+
+fn open_cube(path: &Path, extension: &str, options: &str) -> Result<cube::Cube> {
+    let sidecar = sidecar::Sidecar::read(path, options)?;
+    let open = match extension {
+        "hdr" => envi::open,
+        "mat" => isetcam::open,
+        _ => numpy::open,
+    };
+    open(path, &sidecar).map_err(|e| e.at(path.display()))
 }
 
 fn unknown_scene(spec: &str) -> Error {

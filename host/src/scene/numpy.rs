@@ -1,127 +1,48 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with names.
 //!
-//! The sidecar of `cube.npy` or `cube.npz` is `cube.toml`; all keys are optional where the file says
-//! it itself:
-//! ```toml
-//! quantity = "reflectance"     # or "radiance", W m⁻² sr⁻¹ nm⁻¹
-//! wavelength_nm = [400, 410]   # band centres, or start_nm and step_nm
-//! start_nm = 400
-//! step_nm = 10
-//! axes = "yxb"                 # order of rows, columns, bands; slowest first
-//! scale = 1.0                  # multiplies the samples
-//! array = "cube"               # name within an .npz
-//! ```
+//!
 //! In an `.npz` the cube is the three-dimensional array with most bands, its quantity is in its name
 //! if that is `reflectance` or `radiance`, and its wavelengths are the one-dimensional array with
 //! `wavelength` in its name and as many values as there are bands.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
+use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Sample, Strided};
 use crate::{Error, Result};
-use serde::Deserialize;
 use std::fs::File;
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
 
-/// What the sidecar may say.
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Sidecar {
-    quantity: Option<SidecarQuantity>,
-    wavelength_nm: Option<Vec<f64>>,
-    start_nm: Option<f64>,
-    step_nm: Option<f64>,
-    axes: Option<String>,
-    scale: Option<f32>,
-    array: Option<String>,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum SidecarQuantity {
-    Reflectance,
-    Radiance,
-}
-
-/// Opens an `.npy` or `.npz` cube; `options` are the sidecar's keys as `KEY=VALUE,...`.
-pub(super) fn open(path: &Path, options: &str) -> Result<Cube> {
-    let sidecar = Sidecar::read(path, options)?;
+/// Opens an `.npy` or `.npz` cube.
+pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let zipped = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npz"));
-    let opened = if zipped { open_npz(path, &sidecar) } else { open_npy(path, &sidecar) };
-    opened.map_err(|e| e.at(path.display()))
+    if zipped { open_npz(path, sidecar) } else { open_npy(path, sidecar) }
 }
 
-impl Sidecar {
-    fn read(path: &Path, options: &str) -> Result<Self> {
-        let place = path.with_extension("toml");
-        let mut text = match std::fs::read_to_string(&place) {
-            Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
-            Err(e) => return Err(Error::io("read", &place, e)),
-        };
-        let mut table: toml::Table = text
-            .parse()
-            .map_err(|e: toml::de::Error| Error::input(e.to_string()).at(place.display()))?;
-        for option in options.split(',').filter(|o| !o.trim().is_empty()) {
-            let Some((key, value)) = option.split_once('=') else {
-                return Err(Error::input(format!("option {option:?} has no value"))
-                    .help("write options as KEY=VALUE, for instance quantity=radiance"));
-            };
-            let value = match value.trim().parse::<f64>() {
-                Ok(number) => toml::Value::Float(number),
-                Err(_) => toml::Value::String(value.trim().to_string()),
-            };
-            table.insert(key.trim().to_string(), value);
-        }
-        text = table.to_string();
-        toml::from_str(&text).map_err(|e| {
-            Error::input(e.message().to_string()).at(place.display()).help(
-                "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale and array",
-            )
-        })
+fn cube(
+    sidecar: &Sidecar,
+    array: Array,
+    bytes: Bytes,
+    name: &str,
+    nm: Option<Vec<f64>>,
+) -> Result<Cube> {
+    let Ok(mut lengths) = <[usize; 3]>::try_from(array.shape.as_slice()) else {
+        return Err(Error::input(format!("an array of shape {:?}", array.shape))
+            .help("a spectral cube has three axes: rows, columns, bands"));
+    };
+    let mut axes = sidecar.axes.clone().unwrap_or_else(|| "yxb".into());
+    if array.fortran {
+        lengths.reverse();
+        axes = axes.chars().rev().collect();
     }
-
-    fn wavelengths(&self, bands: usize, own: Option<Vec<f64>>) -> Result<Vec<f64>> {
-        let regular = |start: f64, step: f64| {
-            (0..bands).map(|b| start + step * b as f64).collect::<Vec<f64>>()
-        };
-        match (&self.wavelength_nm, self.start_nm, self.step_nm, own) {
-            (Some(list), None, None, _) => Ok(list.clone()),
-            (None, Some(start), Some(step), _) => Ok(regular(start, step)),
-            (None, None, None, Some(own)) => Ok(own),
-            (None, None, None, None) if bands == 31 => Ok(regular(400.0, 10.0)),
-            _ => Err(Error::input(format!("the wavelengths of the {bands} bands are not known"))
-                .help("give wavelength_nm, or start_nm and step_nm, in the sidecar .toml")),
-        }
-    }
-
-    fn quantity(&self, name: &str) -> Quantity {
-        match self.quantity {
-            Some(SidecarQuantity::Radiance) => Quantity::Radiance,
-            Some(SidecarQuantity::Reflectance) => Quantity::Reflectance,
-            None if name.contains("radiance") => Quantity::Radiance,
-            None => Quantity::Reflectance,
-        }
-    }
-
-    fn cube(&self, array: Array, bytes: Bytes, name: &str, nm: Option<Vec<f64>>) -> Result<Cube> {
-        let Ok(mut lengths) = <[usize; 3]>::try_from(array.shape.as_slice()) else {
-            return Err(Error::input(format!("an array of shape {:?}", array.shape))
-                .help("a spectral cube has three axes: rows, columns, bands"));
-        };
-        let mut axes = self.axes.clone().unwrap_or_else(|| "yxb".into());
-        if array.fortran {
-            lengths.reverse();
-            axes = axes.chars().rev().collect();
-        }
-        let layout = Layout::packed(&axes, lengths)?;
-        let scale = self.scale.unwrap_or(1.0);
-        let (sample, big_endian) = array.sample;
-        let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
-        let nm = self.wavelengths(cube.bands(), nm)?;
-        Cube::new(Box::new(cube), nm, self.quantity(name))
-    }
+    let layout = Layout::packed(&axes, lengths)?;
+    let scale = sidecar.scale.unwrap_or(1.0);
+    let (sample, big_endian) = array.sample;
+    let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
+    let nm = sidecar.wavelengths(cube.bands(), nm)?;
+    let own = name.contains("radiance").then_some(Quantity::Radiance);
+    Cube::new(Box::new(cube), nm, sidecar.quantity(own))
 }
 
 /// The header of an array.
@@ -152,6 +73,7 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
     let kind = kind.trim_matches('\'');
     let sample = match kind.trim_start_matches(['<', '>', '|', '=']) {
         "u1" => Sample::U8,
+        "i1" => Sample::I8,
         "i2" => Sample::I16,
         "u2" => Sample::U16,
         "i4" => Sample::I32,
@@ -170,7 +92,7 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
 fn open_npy(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let array = Array::read(std::io::BufReader::new(file))?;
-    sidecar.cube(array, Bytes::File(path.into()), "", None)
+    cube(sidecar, array, Bytes::File(path.into()), "", None)
 }
 
 fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
@@ -223,7 +145,7 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     }
     let bytes = Bytes::Memory(load(*index)?);
     let array = Array { shape: array.shape.clone(), ..*array };
-    sidecar.cube(array, bytes, name, wavelengths)
+    cube(sidecar, array, bytes, name, wavelengths)
 }
 
 #[cfg(test)]

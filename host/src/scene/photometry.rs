@@ -37,6 +37,11 @@ impl LightLevel {
     }
 }
 
+/// Energy of a photon, h c / λ, J (CODATA 2018, exact h and c).
+pub fn photons_to_energy(nm: f64) -> f64 {
+    6.626_070_15e-34 * 299_792_458.0 / (nm * 1e-9)
+}
+
 /// CIE 1931 tristimulus values: Σ S(λ) x̄(λ) · 1 nm and so on, without a factor.
 pub fn xyz(spectrum: &Spectrum) -> [f64; 3] {
     let mut sums = [0.0; 3];

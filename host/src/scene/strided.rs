@@ -11,6 +11,8 @@ use std::path::PathBuf;
 pub enum Sample {
     /// Unsigned 8 bit.
     U8,
+    /// Signed 8 bit.
+    I8,
     /// Signed 16 bit.
     I16,
     /// Unsigned 16 bit.
@@ -31,39 +33,39 @@ impl Sample {
     /// Bytes per sample.
     pub fn bytes(self) -> usize {
         match self {
-            Sample::U8 => 1,
+            Sample::U8 | Sample::I8 => 1,
             Sample::I16 | Sample::U16 | Sample::F16 => 2,
             Sample::I32 | Sample::U32 | Sample::F32 => 4,
             Sample::F64 => 8,
         }
     }
 
-    /// The sample in the first bytes of `raw`, little-endian.
-    fn little_endian(self, raw: &[u8]) -> f32 {
+    /// The sample in the first bytes of `raw`, little-endian, in full precision.
+    pub fn number(self, raw: &[u8]) -> f64 {
         match self {
-            Sample::U8 => f32::from(raw[0]),
-            Sample::I16 => f32::from(i16::from_le_bytes([raw[0], raw[1]])),
-            Sample::U16 => f32::from(u16::from_le_bytes([raw[0], raw[1]])),
-            Sample::F16 => half_to_f32(u16::from_le_bytes([raw[0], raw[1]])),
-            Sample::I32 => i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]) as f32,
-            Sample::U32 => u32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]) as f32,
-            Sample::F32 => f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]),
+            Sample::U8 => f64::from(raw[0]),
+            Sample::I8 => f64::from(raw[0].cast_signed()),
+            Sample::I16 => f64::from(i16::from_le_bytes([raw[0], raw[1]])),
+            Sample::U16 => f64::from(u16::from_le_bytes([raw[0], raw[1]])),
+            Sample::F16 => f64::from(half_to_f32(u16::from_le_bytes([raw[0], raw[1]]))),
+            Sample::I32 => f64::from(i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
+            Sample::U32 => f64::from(u32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
+            Sample::F32 => f64::from(f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
             Sample::F64 => {
                 f64::from_le_bytes([raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7]])
-                    as f32
             }
         }
     }
 
     fn read(self, raw: &[u8], big_endian: bool) -> f32 {
         if !big_endian {
-            return self.little_endian(raw);
+            return self.number(raw) as f32;
         }
         let mut swapped = [0; 8];
         let n = self.bytes();
         swapped[..n].copy_from_slice(&raw[..n]);
         swapped[..n].reverse();
-        self.little_endian(&swapped)
+        self.number(&swapped) as f32
     }
 }
 
