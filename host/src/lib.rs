@@ -15,6 +15,7 @@ pub mod measure;
 pub mod optics;
 pub mod plane;
 pub mod render;
+pub mod report;
 pub mod scene;
 pub mod toml_text;
 

@@ -160,8 +160,8 @@ impl FrameSink {
     }
 }
 
-/// Mean DN and saturated fraction per channel.
-fn channel_figures(frame: &RawFrame) -> Value {
+/// Name, mean DN and saturated fraction of each channel.
+pub fn channel_means(frame: &RawFrame) -> Vec<(String, f64, f64)> {
     let channels = frame.cfa.channels();
     let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];
     for (y, row) in frame.data.chunks(frame.width).enumerate() {
@@ -173,14 +173,18 @@ fn channel_figures(frame: &RawFrame) -> Value {
             *full += u64::from(dn >= frame.white_level_dn);
         }
     }
-    channels
-        .iter()
-        .zip(sums)
-        .map(|(c, (sum, count, full))| {
-            let n = count.max(1) as f64;
-            let figures =
-                json!({ "mean_dn": sum as f64 / n, "saturated_fraction": full as f64 / n });
-            (c.to_lowercase().to_string(), figures)
+    let figures = |(c, (sum, count, full)): (&char, (u64, u64, u64))| {
+        let n = count.max(1) as f64;
+        (c.to_lowercase().to_string(), sum as f64 / n, full as f64 / n)
+    };
+    channels.iter().zip(sums).map(figures).collect()
+}
+
+fn channel_figures(frame: &RawFrame) -> Value {
+    channel_means(frame)
+        .into_iter()
+        .map(|(name, mean_dn, saturated)| {
+            (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
         })
         .collect::<serde_json::Map<_, _>>()
         .into()

@@ -4,6 +4,7 @@
 
 pub mod arguments;
 mod convert;
+mod demo;
 mod expose;
 mod measure;
 mod presets;
@@ -23,6 +24,7 @@ struct Cli {
 enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
+    Demo(demo::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
     Convert(convert::Args),
@@ -35,6 +37,7 @@ pub fn main() -> ExitCode {
     let outcome = match cli.command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),

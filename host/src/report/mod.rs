@@ -1,0 +1,3 @@
+//! What people look at: self-contained pages.
+
+pub mod page;
