@@ -48,7 +48,7 @@ pub struct FrameArgs {
     #[arg(long, value_parser = duration, value_name = "TIME")]
     pub exposure: f64,
     /// Analog gain; the camera file's unless given
-    #[arg(long, value_parser = positive, value_name = "G")]
+    #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
     /// Frames to take; more than one go into a directory
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]

@@ -23,7 +23,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     irradiance: PathBuf,
     /// Scene illuminance, lx, instead of the one it was made for
-    #[arg(long, value_parser = positive, value_name = "X")]
+    #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     lux: Option<f64>,
     #[command(flatten)]
     frames: FrameArgs,

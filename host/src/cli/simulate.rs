@@ -38,10 +38,11 @@ pub struct ViewArgs {
     #[arg(long, default_value = "D65", value_name = "I")]
     pub illuminant: String,
     /// Scene illuminance, lx (300 unless given for a reflectance scene)
-    #[arg(long, value_parser = positive, value_name = "X", conflicts_with = "luminance")]
+    #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
+    #[arg(conflicts_with = "luminance")]
     pub lux: Option<f64>,
     /// Luminance of a perfect white, cd/m²
-    #[arg(long, value_parser = positive, value_name = "L")]
+    #[arg(long, value_parser = positive, value_name = "L", allow_negative_numbers = true)]
     pub luminance: Option<f64>,
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
