@@ -17,7 +17,7 @@ pub use float::Float;
 use crate::stream::Lanes;
 
 /// Pixels handled together.
-pub const BLOCK: usize = 32;
+pub const BLOCK: usize = 64;
 
 /// One value for each pixel of a block.
 pub type Block<T> = [T; BLOCK];
@@ -29,6 +29,28 @@ pub const fn blocks(width: usize) -> usize {
 
 /// Largest signal, e⁻: above any full well in use, and what a fixed-point signal can hold.
 pub const MAX_SIGNAL_E: f32 = 524_287.0;
+
+/// Mean (e⁻) from which a Poisson count comes from a normal number, below it from a uniform one.
+pub const EXPANSION_FROM_E: f32 = 16.0;
+
+/// Streams of Poisson counts: uniform and normal numbers for each pixel. What a pixel draws does not depend
+/// on its neighbours' means; a stream that no pixel of the row needs is left out.
+#[derive(Clone, Debug)]
+pub struct Counts {
+    uniform: Option<Lanes>,
+    normal: Option<Lanes>,
+}
+
+impl Counts {
+    /// Streams for a row with some means below [`EXPANSION_FROM_E`] (`low`), some from there on (`high`).
+    #[inline(always)]
+    pub fn new(uniform: Lanes, normal: Lanes, low: bool, high: bool) -> Self {
+        Self { uniform: low.then_some(uniform), normal: high.then_some(normal) }
+    }
+}
+
+/// No normal number of a stream is larger.
+pub const MAX_NORMAL: f32 = 6.8;
 
 /// Arithmetic of a sensor pipeline.
 pub trait Arith: Copy + Send + Sync + 'static {
@@ -58,8 +80,7 @@ pub trait Arith: Copy + Send + Sync + 'static {
     /// Standard normal numbers, one per pixel; uses two draws.
     fn normals(lanes: &mut Lanes) -> Block<Self::Factor>;
     /// Replaces means (e⁻) by Poisson counts: see [`crate::effects::shot_noise`] for method and error.
-    /// Uses four draws, whatever the means.
-    fn poisson(mean: &mut Block<Self::Signal>, lanes: &mut Lanes);
+    fn poisson(means: &mut [Block<Self::Signal>], counts: &mut Counts);
 
     /// A weight of 0..=1 (the collector scales by a power of two to get there).
     fn weight(w: f32) -> Self::Weight;

@@ -1,21 +1,21 @@
-//! Random streams: 16 xoshiro128++ generators side by side, keyed by where their numbers are used.
+//! Random streams: 32 xoshiro128++ generators side by side, keyed by where their numbers are used.
 //!
 //! A [`Key`] names a stream by (sensor seed, stage, and what it depends on: frame, row, or neither).
 //! Nothing is carried from one row to the next, so rows can be computed in any order, on any number of
 //! threads, again, or on another machine, and give the same numbers.
 //!
 //! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al. 2014).
-//! Lane j (0..16) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of the
-//! `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all sixteen
-//! lanes; within a block of 32 pixels the first draw serves pixels 0..16, the second 16..32. Here the
-//! sixteen states are held word by word, so that one vector instruction serves all lanes; a test holds
+//! Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of the
+//! `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
+//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. Here the
+//! states are held word by word, so that one vector instruction serves all lanes; a test holds
 //! them against the crate's own generator.
 
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-/// Generators side by side.
-pub const LANES: usize = 16;
+/// Generators side by side: two vectors of the widest units, half a block.
+pub const LANES: usize = 32;
 
 const LANE_STEP: u64 = 0xD134_2543_DE82_EF95;
 const PHI: u64 = 0x9E37_79B9_7F4A_7C15;
@@ -45,7 +45,7 @@ impl Key {
         Key(mix(self.0.wrapping_add(PHI) ^ (word as u64)))
     }
 
-    /// Sixteen generators for values per pixel.
+    /// Generators side by side for values per pixel.
     #[inline(always)]
     pub fn lanes(self) -> Lanes {
         Lanes::new(self.0)
@@ -58,7 +58,7 @@ impl Key {
     }
 }
 
-/// Sixteen xoshiro128++ generators; state word by word.
+/// [`LANES`] xoshiro128++ generators; state word by word.
 #[derive(Clone, Debug)]
 pub struct Lanes {
     s: [[u32; LANES]; 4],

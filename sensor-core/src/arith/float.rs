@@ -1,6 +1,6 @@
 //! f32 arithmetic.
 
-use super::{Arith, BLOCK, Block, MAX_SIGNAL_E};
+use super::{Arith, BLOCK, Block, Counts, EXPANSION_FROM_E, MAX_SIGNAL_E};
 use crate::math;
 use crate::spectral::power_of_two;
 use crate::stream::{LANES, Lanes};
@@ -9,8 +9,6 @@ use crate::stream::{LANES, Lanes};
 #[derive(Clone, Copy, Debug)]
 pub struct Float;
 
-/// Mean (e⁻) from which a Poisson count comes from a normal number.
-const EXPANSION_FROM: f32 = 16.0;
 /// Terms of the inversion: the chance of a count above this at a mean of 16 is 2e-12.
 const INVERSION_TERMS: usize = 52;
 const INVERSE: [f32; INVERSION_TERMS + 1] = {
@@ -32,28 +30,33 @@ fn clamp(x: f32, low: f32, high: f32) -> f32 {
 /// Cornish-Fisher expansion of the Poisson quantile to third order, floor of
 /// q = λ + √λ w + (2+w²)/6 − (w/36 + w³/72)/√λ + (−8/405 + 7w²/810 + w⁴/270)/λ, w standard normal.
 #[inline(always)]
-fn expansion(mean: f32, w: f32) -> f32 {
-    let inv = math::rsqrt(mean);
-    let w2 = w * w;
-    let first = w2 * (1.0 / 6.0) + 1.0 / 3.0;
-    let second = w * inv * (w2 * (-1.0 / 72.0) - 1.0 / 36.0);
-    let third = inv * inv * (w2 * (w2 * (1.0 / 270.0) + 7.0 / 810.0) - 8.0 / 405.0);
-    let q = (mean * inv * w + first) + (second + third) + mean;
-    // floor of a non-negative number below 2^22: round, then step back where that went up.
-    let q = if q > 0.0 { q } else { 0.0 };
-    let r = math::round(q);
-    if r > q { r - 1.0 } else { r }
+fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
+    let normals = normals_of(words);
+    for i in 0..BLOCK {
+        let (mean, w) = (&mut mean[i], normals[i]);
+        let m = clamp(*mean, EXPANSION_FROM_E, MAX_SIGNAL_E);
+        let inv = math::rsqrt(m);
+        let w2 = w * w;
+        let first = w2 * (1.0 / 6.0) + 1.0 / 3.0;
+        let second = w * inv * (w2 * (-1.0 / 72.0) - 1.0 / 36.0);
+        let third = inv * inv * (w2 * (w2 * (1.0 / 270.0) + 7.0 / 810.0) - 8.0 / 405.0);
+        let q = (m * inv * w + first) + (second + third) + m;
+        // floor of a non-negative number below 2²²: round, then step back where that went up.
+        let q = if q > 0.0 { q } else { 0.0 };
+        let r = math::round(q);
+        *mean = if r > q { r - 1.0 } else { r };
+    }
 }
 
 /// Inversion: the smallest count whose distribution function reaches u.
 #[inline(always)]
-fn inversion(mean: &Block<f32>, words: &Block<u32>) -> Block<f32> {
+fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
     let mut count = [0.0; BLOCK];
     let mut term = [0.0; BLOCK];
     let mut left = [0.0; BLOCK];
     let mut lambda = [0.0; BLOCK];
     for i in 0..BLOCK {
-        lambda[i] = clamp(mean[i], 0.0, EXPANSION_FROM);
+        lambda[i] = clamp(mean[i], 0.0, EXPANSION_FROM_E);
         term[i] = math::exp(-lambda[i]);
         left[i] = (words[i] as f32 + 0.5) * (1.0 / 4_294_967_296.0) - term[i];
     }
@@ -66,14 +69,15 @@ fn inversion(mean: &Block<f32>, words: &Block<u32>) -> Block<f32> {
                 left[i] -= term[i];
             }
         }
-        if left.iter().all(|&l| l <= 0.0) {
+        // No early way out of this loop: it is a vector operation.
+        if !left.iter().fold(false, |any, &l| any | (l > 0.0)) {
             break;
         }
     }
-    count
+    *mean = count;
 }
 
-/// Sixteen words of each of two draws, as one block.
+/// The words of two draws, as one block.
 #[inline(always)]
 fn words(lanes: &mut Lanes) -> Block<u32> {
     let (a, b) = (lanes.draw(), lanes.draw());
@@ -141,20 +145,41 @@ impl Arith for Float {
     }
 
     #[inline(always)]
-    fn poisson(mean: &mut Block<f32>, lanes: &mut Lanes) {
-        let (normal, uniform) = (words(lanes), words(lanes));
-        let any_low = mean.iter().fold(false, |any, &m| any | (m < EXPANSION_FROM));
-        let any_high = mean.iter().fold(false, |any, &m| any | (m >= EXPANSION_FROM));
-        let low = if any_low { inversion(mean, &uniform) } else { [0.0; BLOCK] };
-        if any_high {
-            let w = normals_of(&normal);
-            for i in 0..BLOCK {
-                let m = clamp(mean[i], EXPANSION_FROM, MAX_SIGNAL_E);
-                let high = expansion(m, w[i]);
-                mean[i] = if mean[i] < EXPANSION_FROM { low[i] } else { high };
+    fn poisson(means: &mut [Block<f32>], counts: &mut Counts) {
+        match (&mut counts.uniform, &mut counts.normal) {
+            (Some(uniform), None) => {
+                for mean in means {
+                    inversion(mean, &words(uniform));
+                }
             }
-        } else {
-            *mean = low;
+            (None, Some(normal)) => {
+                for mean in means {
+                    expansion(mean, &words(normal));
+                }
+            }
+            // One stream after the other, which leaves each loop enough registers; counts of small means
+            // wait for the second loop as −1 − count.
+            (Some(uniform), Some(normal)) => {
+                for mean in &mut *means {
+                    let words = words(uniform);
+                    if mean.iter().fold(false, |any, &m| any | (m < EXPANSION_FROM_E)) {
+                        let mut low = *mean;
+                        inversion(&mut low, &words);
+                        for i in 0..BLOCK {
+                            let m = mean[i];
+                            mean[i] = if m < EXPANSION_FROM_E { -1.0 - low[i] } else { m };
+                        }
+                    }
+                }
+                for mean in means {
+                    let mut high = *mean;
+                    expansion(&mut high, &words(normal));
+                    for i in 0..BLOCK {
+                        mean[i] = if mean[i] < 0.0 { -1.0 - mean[i] } else { high[i] };
+                    }
+                }
+            }
+            (None, None) => {}
         }
     }
 
@@ -165,10 +190,12 @@ impl Arith for Float {
 
     #[inline(always)]
     fn lerp(a: &[f32; 16], b: &[f32; 16], first: f32, step: f32) -> [f32; 16] {
-        core::array::from_fn(|i| {
+        let mut out = [0.0; 16];
+        for i in 0..16 {
             let t = clamp(first + i as f32 * step, 0.0, 1.0);
-            a[i] + t * (b[i] - a[i])
-        })
+            out[i] = a[i] + t * (b[i] - a[i]);
+        }
+        out
     }
 
     #[inline(always)]

@@ -102,9 +102,9 @@ fn sqrt28(x: u64) -> i32 {
     }
 }
 
-/// Sine and cosine of an angle in units of 2⁻³² turns, Q30; error below 4e-9.
+/// A direction, uniform over the circle, as in `math::box_muller`: (cos, sin) in Q30; error below 4e-9.
 #[inline(always)]
-fn sin_cos(turns: u32) -> (i32, i32) {
+fn direction(w: u32) -> (i32, i32) {
     const SIN: [i32; 4] =
         [q30(1.0 / 362_880.0), q30(-1.0 / 5_040.0), q30(1.0 / 120.0), q30(-1.0 / 6.0)];
     const COS: [i32; 5] = [
@@ -114,31 +114,25 @@ fn sin_cos(turns: u32) -> (i32, i32) {
         q30(1.0 / 24.0),
         q30(-1.0 / 2.0),
     ];
-    let quadrant = turns.wrapping_add(1 << 29) >> 30;
-    let part = turns.wrapping_sub(quadrant << 30) as i32;
-    // part 2⁻³² turns = part π 2⁻³¹ radians, in -π/4..π/4.
-    let t = mul(part, q(PI, 29) as i32, 30) as i32;
+    // The lowest 29 bits are an angle within ±π/4.
+    let t = mul((w << 3) as i32, q(PI / 4.0, 30) as i32, 31) as i32;
     let t2 = mul30(t, t);
     let s = t + mul30(mul30(horner(t2, &SIN), t2), t);
     let c = (1 << 30) + mul30(horner(t2, &COS), t2);
-    match quadrant & 3 {
-        0 => (s, c),
-        1 => (c, -s),
-        2 => (-s, -c),
-        _ => (-c, s),
-    }
+    let (x, y) = if w & (1 << 29) != 0 { (s, c) } else { (c, s) };
+    (if w >> 31 != 0 { -x } else { x }, if (w >> 30) & 1 != 0 { -y } else { y })
 }
 
 /// A pair of standard normal numbers in Q28 (Box & Muller 1958); error below 2e-8 where the pair's radius
 /// is above 0.2, below 4e-5 anywhere.
 pub(super) fn box_muller(w0: u32, w1: u32) -> (i32, i32) {
     let r = sqrt28(minus_two_ln(w0));
-    let (s, c) = sin_cos(w1);
-    (mul30(r, c), mul30(r, s))
+    let (x, y) = direction(w1);
+    (mul30(r, x), mul30(r, y))
 }
 
-/// Mean from which a Poisson count comes from a normal number.
-pub(super) const EXPANSION_FROM: u32 = 16;
+/// See [`super::EXPANSION_FROM_E`].
+pub(super) const EXPANSION_FROM: u32 = super::EXPANSION_FROM_E as u32;
 const TERMS: usize = 52;
 
 const fn exp_of_minus(x: f64) -> f64 {
@@ -263,10 +257,14 @@ mod tests {
         for w in words {
             let want = -2.0 * ((f64::from(w) + 0.5) / 4_294_967_296.0).ln();
             ln = ln.max((minus_two_ln(w) as f64 / two30 - want).abs());
-            let angle = f64::from(w) / 4_294_967_296.0 * core::f64::consts::TAU;
-            let (s, c) = sin_cos(w);
-            trig = trig.max((f64::from(s) / two30 - angle.sin()).abs());
-            trig = trig.max((f64::from(c) / two30 - angle.cos()).abs());
+            let angle = f64::from((w << 3) as i32) / 2_147_483_648.0 * PI / 4.0;
+            let (x, y) =
+                if w & (1 << 29) != 0 { angle.sin_cos() } else { (angle.cos(), angle.sin()) };
+            let x = if w & (1 << 31) != 0 { -x } else { x };
+            let y = if w & (1 << 30) != 0 { -y } else { y };
+            let got = direction(w);
+            trig = trig.max((f64::from(got.0) / two30 - x).abs());
+            trig = trig.max((f64::from(got.1) / two30 - y).abs());
             let x = u64::from(w) * 15;
             let want = (x as f64 / two30).sqrt();
             root = root.max((f64::from(sqrt28(x)) * 2f64.powi(-28) - want).abs() / want.max(0.25));

@@ -1,6 +1,6 @@
 //! What a stage knows about the row it works on, and its random streams.
 
-use crate::arith::BLOCK;
+use crate::arith::{BLOCK, Counts};
 use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;
@@ -41,6 +41,8 @@ enum Over {
     Frame,
     Sensor,
     ColumnFrame,
+    Count,
+    CountNormal,
 }
 
 impl Context {
@@ -58,6 +60,13 @@ impl Context {
     #[inline(always)]
     pub fn per_pixel_and_frame(&self, part: u32) -> Lanes {
         self.stream(part, Over::PixelFrame).with(self.frame).with(self.row).lanes()
+    }
+
+    /// Poisson counts per pixel and frame; see [`Counts::new`].
+    #[inline(always)]
+    pub fn counts(&self, part: u32, low: bool, high: bool) -> Counts {
+        let stream = |over| self.stream(part, over).with(self.frame).with(self.row).lanes();
+        Counts::new(stream(Over::Count), stream(Over::CountNormal), low, high)
     }
 
     /// Values per column, the same in each row and frame.

@@ -1,7 +1,7 @@
 //! Dark current with its shot noise and non-uniformity.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, Block};
+use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E, MAX_NORMAL};
 use crate::math;
 
 effect! {
@@ -40,18 +40,23 @@ impl Stage for DarkCurrent {
         let mean = A::signal(self.mean_e_per_s * growth);
         let sigma = A::signal(self.dsnu_e_per_s * growth);
         let zero = A::Signal::default();
-        let (mut pattern, mut lanes) = (cx.per_pixel(0), cx.per_pixel_and_frame(0));
+        let mut pattern = cx.per_pixel(0);
+        let reach = MAX_NORMAL * A::electrons(sigma);
+        let mean_e = A::electrons(mean);
+        let mut counts =
+            cx.counts(0, mean_e - reach < EXPANSION_FROM_E, mean_e + reach >= EXPANSION_FROM_E);
         for block in row {
-            let mut dark = A::normals(&mut pattern).map(|z| A::add(mean, A::scale(sigma, z)));
-            for (v, d) in block.iter_mut().zip(&mut dark) {
-                if *d < zero {
-                    *v = A::add(*v, *d);
-                    *d = zero;
-                }
+            let z = A::normals(&mut pattern);
+            let mut dark = [zero; BLOCK];
+            for i in 0..BLOCK {
+                let d = A::add(mean, A::scale(sigma, z[i]));
+                let below = if d < zero { d } else { zero };
+                block[i] = A::add(block[i], below);
+                dark[i] = A::sub(d, below);
             }
-            A::poisson(&mut dark, &mut lanes);
-            for (v, d) in block.iter_mut().zip(dark) {
-                *v = A::add(*v, d);
+            A::poisson(core::slice::from_mut(&mut dark), &mut counts);
+            for i in 0..BLOCK {
+                block[i] = A::add(block[i], dark[i]);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Hot pixels.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, Block};
+use crate::arith::{Arith, Block, EXPANSION_FROM_E};
 use crate::effects::dark_current::growth;
 use crate::math;
 use crate::stream::LANES;
@@ -33,7 +33,9 @@ impl Stage for HotPixels {
     ) {
         let scale =
             self.mean_e_per_s * cx.exposure_s * growth(cx, self.reference_c, self.doubling_c);
-        let (mut pattern, mut lanes) = (cx.per_pixel(0), cx.per_pixel_and_frame(0));
+        let mut pattern = cx.per_pixel(0);
+        // −ln of the smallest uniform number is 22.9.
+        let mut counts = cx.counts(0, true, 23.0 * scale >= EXPANSION_FROM_E);
         for block in row {
             let chosen = super::chosen(&mut pattern, self.fraction);
             let (a, b) = (pattern.draw(), pattern.draw());
@@ -45,7 +47,7 @@ impl Stage for HotPixels {
                     *extra = A::signal(-scale * math::ln(u));
                 }
             }
-            A::poisson(&mut extra, &mut lanes);
+            A::poisson(core::slice::from_mut(&mut extra), &mut counts);
             for (v, e) in block.iter_mut().zip(extra) {
                 *v = A::add(*v, e);
             }

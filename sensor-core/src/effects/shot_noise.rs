@@ -1,7 +1,7 @@
 //! Photon shot noise.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, Block};
+use crate::arith::{Arith, Block, EXPANSION_FROM_E};
 
 effect! {
     /// Photon shot noise: the count of photo-electrons is Poisson distributed around its mean.
@@ -24,9 +24,13 @@ impl Stage for ShotNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let mut lanes = cx.per_pixel_and_frame(0);
-        for block in row {
-            A::poisson(block, &mut lanes);
+        let bound = A::signal(EXPANSION_FROM_E);
+        let (mut low, mut high) = (false, false);
+        for &m in row.as_flattened() {
+            low |= m < bound;
+            high |= m >= bound;
         }
+        let mut counts = cx.counts(0, low, high);
+        A::poisson(row, &mut counts);
     }
 }
