@@ -1,5 +1,7 @@
 //! Helpers shared by the cross-crate tests.
 
+pub mod color;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -45,4 +47,22 @@ pub fn run(program: &Path, arguments: &[&dyn AsRef<std::ffi::OsStr>]) -> Vec<u8>
         String::from_utf8_lossy(&output.stderr)
     );
     output.stdout
+}
+
+/// Pixels of an RGB PNG of 8 or 16 bits as values 0..=1, with its width and height.
+pub fn png_rgb(path: &Path) -> (usize, usize, Vec<[f64; 3]>) {
+    let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    let values: Vec<f64> = match info.bit_depth {
+        png::BitDepth::Eight => bytes.iter().map(|&b| f64::from(b) / 255.0).collect(),
+        _ => bytes
+            .chunks_exact(2)
+            .map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])) / 65535.0)
+            .collect(),
+    };
+    let pixels = values.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    (info.width as usize, info.height as usize, pixels)
 }

@@ -38,12 +38,13 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
     })
 }
 
-/// The frame averaged over squares of whole pattern cells, so that no side is longer than `longest`
-/// (at least one square in each direction).
+/// The frame averaged over squares of whole pattern cells, so that no side is longer than `longest`, and
+/// always smaller than the frame: readers take the larger of two images for the raw.
 pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8; 3]> {
     let look = Look::new(frame, info);
     let cell = frame.cfa.width.max(frame.cfa.height);
-    let step = frame.width.max(frame.height).div_ceil(longest).next_multiple_of(cell);
+    let longer = frame.width.max(frame.height);
+    let step = longer.div_ceil(longest).max(2).next_multiple_of(cell);
     let (width, height) = ((frame.width / step).max(1), (frame.height / step).max(1));
     Plane::from_fn(width, height, |x, y| {
         let mut mean = Mean::default();

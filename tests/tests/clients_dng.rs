@@ -1,0 +1,321 @@
+//! Real programs read what we write: every sample, the levels, the pattern, the metadata, the colours.
+
+use camrig::RawFrame;
+use camrig::camera::Cfa;
+use camrig::formats::opcodes::{GainMap, Opcode};
+use camrig::formats::{DngInfo, Format, Frames, PixelFormat, decode, dng};
+use camrig_tests::{client, run};
+use std::path::PathBuf;
+
+const WIDTH: usize = 64;
+const HEIGHT: usize = 48;
+const BAYER: [&str; 4] = ["RGGB", "GRBG", "GBRG", "BGGR"];
+
+/// Pseudo-random DN over the whole range.
+fn frame(bits: u32, cfa: &str) -> RawFrame {
+    let top = ((1u32 << bits) - 1) as u16;
+    RawFrame {
+        width: WIDTH,
+        height: HEIGHT,
+        bits,
+        cfa: Cfa::parse(cfa).unwrap(),
+        black_level_dn: f64::from(top / 16),
+        white_level_dn: top - top / 64,
+        data: (0..WIDTH * HEIGHT).map(|i| (i.wrapping_mul(2654435761) >> 7) as u16 & top).collect(),
+    }
+}
+
+fn info() -> DngInfo {
+    DngInfo {
+        model: "client test".into(),
+        description: "seed 1, frame 0".into(),
+        exposure_s: Some(0.02),
+        iso: Some(200),
+        f_number: Some(2.8),
+        focal_length_mm: Some(3.6),
+        color_matrix_a: Some([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
+        color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        as_shot_neutral: Some([0.5, 1.0, 0.625]),
+        noise_profile: vec![(1e-4, 2e-7), (1.1e-4, 2e-7), (1e-4, 3e-7)],
+        ..DngInfo::default()
+    }
+}
+
+/// A file in a folder of its own, which goes when the guard does.
+fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+/// Every variant of pattern and depth.
+fn variants() -> impl Iterator<Item = RawFrame> {
+    [10, 12, 14, 16].into_iter().flat_map(|bits| BAYER.map(|cfa| frame(bits, cfa)))
+}
+
+#[test]
+fn dcraw_reads_every_sample() {
+    let Some(dcraw) = client("dcraw") else { return };
+    for raw in variants().chain([frame(12, "mono")]) {
+        let (_folder, path) = file("a.dng", &dng::encode(&raw, &info()).unwrap());
+        let pgm = run(&dcraw, &[&"-D", &"-4", &"-c", &path]);
+        assert_eq!(decode(&pgm).unwrap().planes[0].data, raw.data, "{} {}", raw.bits, raw.cfa);
+        if !raw.cfa.is_mono() {
+            let said = String::from_utf8(run(&dcraw, &[&"-i", &"-v", &path])).unwrap();
+            let pattern = format!(
+                "Filter pattern: {}/{}",
+                &raw.cfa.to_string()[..2],
+                &raw.cfa.to_string()[2..]
+            );
+            for expected in
+                [&pattern[..], "ISO speed: 200", "Shutter: 1/50.0 sec", "Aperture: f/2.8"]
+            {
+                assert!(said.contains(expected), "{expected:?} not in:\n{said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn libraw_reads_every_sample_level_and_pattern() {
+    let Some(python) = client("rawpy") else { return };
+    const SCRIPT: &str = "
+import sys, json, rawpy
+out = []
+for path in sys.argv[1:]:
+    with rawpy.imread(path) as r:
+        pattern = None if r.raw_pattern is None else ''.join('RGBG'[i] for i in r.raw_pattern.ravel())
+        out.append({'data': r.raw_image.ravel().tolist(), 'black': r.black_level_per_channel,
+            'white': r.white_level, 'pattern': pattern, 'wb': r.camera_whitebalance})
+print(json.dumps(out))";
+    let raws: Vec<RawFrame> = variants().collect();
+    let per_cell = DngInfo { black_levels_dn: vec![56.0, 61.0, 72.0, 63.0], ..info() };
+    let folder = tempfile::tempdir().unwrap();
+    let mut arguments: Vec<PathBuf> = Vec::new();
+    for (i, raw) in raws.iter().enumerate() {
+        let info = if i == 0 { &per_cell } else { &info() };
+        arguments.push(folder.path().join(format!("{i}.dng")));
+        std::fs::write(&arguments[i], dng::encode(raw, info).unwrap()).unwrap();
+    }
+    let mut all: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"-c", &SCRIPT];
+    all.extend(arguments.iter().map(|a| a as &dyn AsRef<std::ffi::OsStr>));
+    let said: serde_json::Value = serde_json::from_slice(&run(&python, &all)).unwrap();
+    for (i, (raw, said)) in raws.iter().zip(said.as_array().unwrap()).enumerate() {
+        assert_eq!(said["data"], serde_json::json!(raw.data));
+        assert_eq!(said["white"], raw.white_level_dn);
+        assert_eq!(said["pattern"], raw.cfa.to_string());
+        // LibRaw's order is R, G of red rows, B, G of blue rows.
+        let black = raw.black_level_dn as u32;
+        let expected = if i == 0 { [56, 61, 63, 72] } else { [black; 4] };
+        assert_eq!(said["black"], serde_json::json!(expected), "RGGB cells");
+        let wb: Vec<f64> = serde_json::from_value(said["wb"].clone()).unwrap();
+        for (found, expected) in wb.iter().zip([2.0, 1.0, 1.6]) {
+            assert!((found / wb[1] - expected).abs() < 1e-6, "{wb:?}");
+        }
+    }
+}
+
+#[test]
+fn tifffile_reads_dng_and_tiff() {
+    let Some(python) = client("tifffile") else { return };
+    const SCRIPT: &str = "
+import sys, tifffile
+with tifffile.TiffFile(sys.argv[1]) as t:
+    page = t.pages[0].pages[0] if t.pages[0].is_subifd is False and t.pages[0].subifds else t.pages[0]
+    sys.stdout.buffer.write(page.asarray().astype('<u2').tobytes())";
+    let raw = frame(12, "GRBG");
+    let expected: Vec<u8> = raw.data.iter().flat_map(|dn| dn.to_le_bytes()).collect();
+    let frames = Frames::from_raw(&raw);
+    for (name, bytes) in [
+        ("a.dng", dng::encode(&raw, &info()).unwrap()),
+        ("a.tiff", Format::Tiff.encode(&frames).unwrap()),
+    ] {
+        let (_folder, path) = file(name, &bytes);
+        assert!(run(&python, &[&"-c", &SCRIPT, &path]) == expected, "{name}");
+    }
+}
+
+#[test]
+fn numpy_and_astropy_read_stacks() {
+    let mut frames = Frames::from_raw(&frame(16, "RGGB"));
+    let mut second = frames.planes[0].clone();
+    second.data.reverse();
+    frames.planes.push(second);
+    let expected: Vec<u8> =
+        frames.planes.iter().flat_map(|p| &p.data).flat_map(|dn| dn.to_le_bytes()).collect();
+    let scripts = [
+        ("numpy", "a.npy", Format::Npy, "import sys, numpy; a = numpy.load(sys.argv[1])"),
+        (
+            "astropy",
+            "a.fits",
+            Format::Fits,
+            "import sys, astropy.io.fits as f; a = f.getdata(sys.argv[1])",
+        ),
+    ];
+    for (module, name, format, load) in scripts {
+        let Some(python) = client(module) else { continue };
+        let (_folder, path) = file(name, &format.encode(&frames).unwrap());
+        let script = format!(
+            "{load}\nassert a.shape == (2, {HEIGHT}, {WIDTH}), a.shape\n\
+             sys.stdout.buffer.write(a.astype('<u2').tobytes())"
+        );
+        assert!(run(&python, &[&"-c", &script, &path]) == expected, "{module}");
+    }
+}
+
+#[test]
+fn exiftool_and_exiv2_have_nothing_to_complain_of() {
+    let raw = frame(12, "GRBG");
+    let corrected = DngInfo { opcode_list1: bad_pixels(), opcode_list2: gain_maps(), ..info() };
+    for info in [DngInfo::default(), info(), corrected] {
+        let (_folder, path) = file("a.dng", &dng::encode(&raw, &info).unwrap());
+        if let Some(exiftool) = client("exiftool") {
+            let said =
+                run(&exiftool, &[&"-validate", &"-warning", &"-error", &"-a", &"-s3", &path]);
+            assert_eq!(String::from_utf8(said).unwrap().trim(), "OK");
+            if info.iso.is_some() {
+                let said = run(&exiftool, &[&"-json", &"-n", &path]);
+                let said: serde_json::Value = serde_json::from_slice(&said).unwrap();
+                let expected = [
+                    ("ExposureTime", 0.02),
+                    ("ISO", 200.0),
+                    ("FNumber", 2.8),
+                    ("FocalLength", 3.6),
+                    ("CalibrationIlluminant1", 17.0),
+                    ("CalibrationIlluminant2", 21.0),
+                    ("WhiteLevel", f64::from(raw.white_level_dn)),
+                ];
+                for (tag, value) in expected {
+                    assert_eq!(said[0][tag].as_f64(), Some(value), "{tag}");
+                }
+                assert_eq!(said[0]["ColorMatrix2"], "0.9 -0.2 -0.1 -0.5 1.3 0.2 -0.1 0.3 0.6");
+            }
+        }
+        if let Some(exiv2) = client("exiv2") {
+            let said = String::from_utf8(run(&exiv2, &[&"-pa", &path])).unwrap();
+            for tag in
+                ["Exif.SubImage1.CFAPattern", "Exif.SubImage1.BlackLevel", "Exif.Image.DNGVersion"]
+            {
+                assert!(said.contains(tag), "{tag}");
+            }
+        }
+    }
+}
+
+/// The printed hints are run as they are, with a sink put in place of the dots.
+#[test]
+fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
+    let folder = tempfile::tempdir().unwrap();
+    for (bits, cfa) in
+        [(8, "RGGB"), (8, "GBRG"), (10, "GRBG"), (12, "BGGR"), (16, "RGGB"), (12, "mono")]
+    {
+        let raw = frame(bits, cfa);
+        let pixels = PixelFormat { cfa: raw.cfa.clone(), bits, packed: false };
+        let path = folder.path().join(format!("a_{WIDTH}x{HEIGHT}_{pixels}.raw"));
+        let bytes = pixels.encode(&Frames::from_raw(&raw)).unwrap();
+        std::fs::write(&path, &bytes).unwrap();
+        for hint in pixels.hints(&path, WIDTH, HEIGHT) {
+            let words: Vec<&str> = hint.split_whitespace().collect();
+            if let Some(ffmpeg) = (words[0] == "ffmpeg").then(|| client("ffmpeg")).flatten() {
+                // Copying the stream shows that ffmpeg takes it for frames of this size and depth.
+                let mut all: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"-v", &"error"];
+                let input = &words[1..words.len() - 1];
+                all.extend(input.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>));
+                for word in &["-f", "rawvideo", "-c:v", "copy", "-"] {
+                    all.push(word);
+                }
+                assert!(run(&ffmpeg, &all) == bytes, "{hint}");
+            }
+            // GStreamer 1.22 knows Bayer of 8 bits only.
+            let gstreamer = words[0] == "gst-launch-1.0" && (bits == 8 || raw.cfa.is_mono());
+            if let Some(gstreamer) = gstreamer.then(|| client("gst-launch-1.0")).flatten() {
+                let sink = if raw.cfa.is_mono() { "fakesink" } else { "bayer2rgb ! fakesink" };
+                let line = hint.replace("...", sink);
+                let words: Vec<&str> = line.split_whitespace().skip(1).collect();
+                let all: Vec<&dyn AsRef<std::ffi::OsStr>> =
+                    words.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>).collect();
+                run(&gstreamer, &all);
+            }
+        }
+    }
+}
+
+/// A gain map per phase of the pattern: 1 at the centre, 2 at the corners.
+fn gain_maps() -> Vec<Opcode> {
+    let phase = |top: u32, left: u32| {
+        Opcode::GainMap(GainMap {
+            area: [top, left, HEIGHT as u32, WIDTH as u32],
+            pitch: [2, 2],
+            points: [3, 3],
+            spacing: [0.5, 0.5],
+            origin: [0.0, 0.0],
+            gains: vec![2.0, 1.5, 2.0, 1.5, 1.0, 1.5, 2.0, 1.5, 2.0],
+        })
+    };
+    vec![phase(0, 0), phase(0, 1), phase(1, 0), phase(1, 1)]
+}
+
+fn bad_pixels() -> Vec<Opcode> {
+    vec![Opcode::FixBadPixelsList { bayer_phase: 1, points: vec![(10, 20), (31, 41)] }]
+}
+
+/// darktable applies what we ask for: a flat field seen through the inverse of the gain map becomes flat,
+/// and dark spots at the listed pixels go.
+#[test]
+fn darktable_executes_the_opcodes() {
+    let Some(darktable) = client("darktable-cli") else { return };
+    let mut raw = frame(12, "GRBG");
+    let signal = |x: usize, y: usize| {
+        // The map's own interpolation: bilinear between nodes at 0, 1/2 and 1 of the image.
+        let across = |p: usize, n: usize| ((p as f64 + 0.5) / n as f64 * 2.0 - 1.0).abs();
+        let (u, v) = (across(x, WIDTH), across(y, HEIGHT));
+        1200.0 / (1.0 + 0.5 * (u + v))
+    };
+    raw.data = (0..WIDTH * HEIGHT)
+        .map(|i| (raw.black_level_dn + signal(i % WIDTH, i / WIDTH)).round() as u16)
+        .collect();
+    for opcode in bad_pixels() {
+        if let Opcode::FixBadPixelsList { points, .. } = opcode {
+            for (row, column) in points {
+                raw.data[row as usize * WIDTH + column as usize] = raw.black_level_dn as u16;
+            }
+        }
+    }
+    let neutral = DngInfo { as_shot_neutral: Some([1.0; 3]), ..info() };
+    let develop = |info: &DngInfo| {
+        let (folder, path) = file("a.dng", &dng::encode(&raw, info).unwrap());
+        let out = folder.path().join("out.png");
+        let home = folder.path().join("config");
+        let command = [
+            "--apply-custom-presets",
+            "0",
+            "--core",
+            "--library",
+            ":memory:",
+            "--disable-opencl",
+            "--configdir",
+        ];
+        let mut all: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&path, &out];
+        all.extend(command.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>));
+        all.extend([&home as &dyn AsRef<std::ffi::OsStr>, &"--cachedir", &home]);
+        run(&darktable, &all);
+        let (width, height, pixels) = camrig_tests::png_rgb(&out);
+        assert_eq!((width, height), (WIDTH, HEIGHT));
+        pixels.iter().map(|p| p[1]).collect::<Vec<_>>()
+    };
+    let plain = develop(&neutral);
+    let fixed = develop(&DngInfo {
+        opcode_list1: bad_pixels(),
+        opcode_list2: gain_maps(),
+        ..neutral.clone()
+    });
+    let at = |picture: &[f64], x: usize, y: usize| picture[y * WIDTH + x];
+    let corner = |p: &[f64]| at(p, 2, 2) / at(p, WIDTH / 2, HEIGHT / 2);
+    let spot = |p: &[f64]| at(p, 20, 10) / at(p, 26, 10);
+    println!("corner/centre {:.3} -> {:.3}", corner(&plain), corner(&fixed));
+    println!("spot/neighbour {:.3} -> {:.3}", spot(&plain), spot(&fixed));
+    // A picture of 8 bits with a tone curve: one level of about 200 is 0.5 %.
+    assert!(corner(&plain) < 0.9 && (corner(&fixed) - 1.0).abs() < 0.02);
+    assert!(spot(&plain) < 0.9 && (spot(&fixed) - 1.0).abs() < 0.02);
+}
