@@ -3,7 +3,9 @@
 pub mod glass;
 pub mod paraxial;
 pub mod prescription;
+pub mod psf;
 pub mod pupil;
+pub mod samples;
 pub mod seq;
 pub mod system;
 mod text;

@@ -154,3 +154,59 @@ fn real_files_load() {
     }
     assert_eq!(seen, 16);
 }
+
+/// PSFs of the golden lenses after binning to pixels of 8 samples; OPD; and the fast PSF against the plain
+/// sum. 1 % of the peak is what the golden data's own convergence allows, for spots below 20 µm rms.
+#[test]
+fn golden_lenses_psfs_and_wavefronts() {
+    use super::{psf, samples::PupilSamples};
+    let Some(dir) = shared("golden/lenses") else { return };
+    for name in ["double_gauss", "phone80"] {
+        let oracle = json(&dir.join(format!("oracle_{name}.json")));
+        let lens = golden_lens(&json(&dir.join(format!("lens_{name}.json"))));
+        let system = System::new(lens, Conditions::default()).unwrap();
+        let spacing_mm = oracle["settings"]["psf_spacing_mm"].as_f64().unwrap();
+        let window = psf::Window { size: 128, spacing_mm };
+        let golden = golden_psfs(&dir.join(format!("oracle_{name}_psf.npz")));
+        for (f, w) in [(0, 0), (0, 3), (2, 1), (5, 3), (5, 6), (8, 2), (10, 3)] {
+            let deg = oracle["theta_deg"][f].as_f64().unwrap();
+            let nm = oracle["wvl_nm"][w].as_f64().unwrap();
+            let train = system.at(nm).unwrap();
+            let beam = Beam::aim(&train, deg).unwrap();
+            let outline = beam.outline(256).unwrap();
+            let cells = psf::cells_across(&beam, &outline, &window).unwrap();
+            let samples = PupilSamples::trace(&beam, &outline, cells);
+            let (rms, pv) = PupilSamples::trace(&beam, &outline, 513).opd_rms_pv();
+            let fast = psf::diffraction(&samples, nm, &window);
+            let theirs = &golden[(f * 7 + w) * 128 * 128..][..128 * 128];
+            let pixels = |data: &[f64]| {
+                let mut sums = vec![0.0; 16 * 16];
+                for (i, v) in data.iter().enumerate() {
+                    sums[i / 128 / 8 * 16 + i % 128 / 8] += v;
+                }
+                sums
+            };
+            let (a, b) = (pixels(&fast.data), pixels(theirs));
+            let peak = b.iter().copied().fold(0.0, f64::max);
+            let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak;
+            let at = |key: &str| oracle[key][f][w].as_f64().unwrap();
+            println!(
+                "{name} {deg} {nm}: cells {cells} spot {:.4} captured {:.4} PSF {worst:.1e} OPD rms {:.1e} pv {:.1e} of {}",
+                samples.spot_rms_mm(), fast.captured, rms - at("opd_rms_waves"), pv - at("opd_pv_waves"), at("opd_rms_waves")
+            );
+        }
+    }
+}
+
+/// The golden PSF archive as one flat list [field][wavelength][row][column].
+fn golden_psfs(path: &Path) -> Vec<f64> {
+    use std::io::Read;
+    let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
+    let index = (0..archive.len())
+        .find(|i| archive.by_index(*i).unwrap().name().unwrap().starts_with("psf"))
+        .unwrap();
+    let mut bytes = Vec::new();
+    archive.by_index(index).unwrap().read_to_end(&mut bytes).unwrap();
+    let npy = npyz::NpyFile::new(&bytes[..]).unwrap();
+    npy.into_vec::<f32>().unwrap().into_iter().map(f64::from).collect()
+}
