@@ -5,6 +5,7 @@
 pub mod arguments;
 mod convert;
 mod expose;
+mod lens;
 mod measure;
 mod presets;
 mod simulate;
@@ -26,6 +27,7 @@ enum Command {
     /// Figures from captures or frames
     Measure(measure::Args),
     Convert(convert::Args),
+    Lens(lens::Args),
     Presets(presets::Args),
 }
 
@@ -37,6 +39,7 @@ pub fn main() -> ExitCode {
         Command::Expose(args) => expose::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
+        Command::Lens(args) => lens::run(&args),
         Command::Presets(args) => presets::run(&args),
     };
     outcome.unwrap_or_else(|error| {

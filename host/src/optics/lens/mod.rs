@@ -1,5 +1,6 @@
 //! Real lenses: prescriptions and the programs' files that hold them, and our sequential ray tracer.
 
+pub mod characterise;
 pub mod glass;
 pub mod paraxial;
 pub mod prescription;
