@@ -6,6 +6,7 @@ pub mod arguments;
 mod convert;
 mod demo;
 mod expose;
+mod lens;
 mod measure;
 mod presets;
 mod simulate;
@@ -28,6 +29,7 @@ enum Command {
     /// Figures from captures or frames
     Measure(measure::Args),
     Convert(convert::Args),
+    Lens(lens::Args),
     Presets(presets::Args),
 }
 
@@ -40,6 +42,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
+        Command::Lens(args) => lens::run(&args),
         Command::Presets(args) => presets::run(&args),
     };
     outcome.unwrap_or_else(|error| {

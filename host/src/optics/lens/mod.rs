@@ -1,9 +1,12 @@
 //! Real lenses: prescriptions and the programs' files that hold them, and our sequential ray tracer.
 
+pub mod characterise;
 pub mod glass;
 pub mod paraxial;
 pub mod prescription;
+pub mod psf;
 pub mod pupil;
+pub mod samples;
 pub mod seq;
 pub mod system;
 mod text;

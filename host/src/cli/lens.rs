@@ -1,0 +1,379 @@
+//! `camrig lens`: characterise lenses from prescriptions or exported files, look at them.
+
+use super::arguments;
+use crate::optics::Characterisation;
+use crate::optics::lens::characterise::{self, FieldPoint, Plan, PsfMethod};
+use crate::optics::lens::prescription::{Medium, Object};
+use crate::optics::lens::{Catalogue, Conditions, Glass, Prescription, System, read_prescription};
+use crate::{Error, Result};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Characterise a lens from its prescription or from exported files
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum Command {
+    Trace(TraceArgs),
+    Info(InfoArgs),
+}
+
+/// Trace a prescription (.zmx, .seq, .toml): figures per field and wavelength, or a whole characterisation
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig lens trace triplet.zmx --fields 0,5,10 --wavelengths 450,550,650 --json\n  \
+    camrig lens trace phone.toml --wavelengths 400:10:700 -o phone-lens")]
+struct TraceArgs {
+    #[command(flatten)]
+    lens: LensArgs,
+    /// Fields, degrees; the file's own unless given
+    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_negative_numbers = true)]
+    fields: Option<Vec<f64>>,
+    /// Wavelengths, nm, or first:step:last; the file's own unless given (400:10:700 with -o)
+    #[arg(long, value_name = "NM,...", value_delimiter = ',', value_parser = wavelengths)]
+    wavelengths: Option<Vec<Wavelengths>>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+    /// Write a characterisation into this directory
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Image heights of the characterisation
+    #[arg(long, default_value_t = 21, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=512))]
+    heights: u16,
+    /// Largest field of the characterisation, degrees; the file's own unless given
+    #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
+    max_field: Option<f64>,
+    /// PSF samples per side
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=1024))]
+    psf_size: u16,
+    /// Distance of PSF samples, µm; chosen to fit the spots unless given
+    #[arg(long, value_name = "UM", value_parser = arguments::positive)]
+    psf_spacing: Option<f64>,
+    /// How PSFs are made
+    #[arg(long, value_enum, default_value_t)]
+    psf: PsfMethod,
+    /// Replace an existing characterisation
+    #[arg(long)]
+    force: bool,
+}
+
+/// A prescription and how it is used.
+#[derive(clap::Args, Debug)]
+struct LensArgs {
+    /// Lens prescription: .zmx, .seq or .toml
+    file: PathBuf,
+    /// Object distance in front of the first surface, mm, or inf; the file's own unless given
+    #[arg(long, value_name = "MM")]
+    object_distance: Option<f64>,
+    /// Move the sensor away from the lens by this much, mm
+    #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
+    sensor_shift: f64,
+    /// Radius of the stop, mm; from the file's aperture unless given
+    #[arg(long, value_name = "MM", value_parser = arguments::positive)]
+    stop_radius: Option<f64>,
+    /// A glass the program does not know, as NAME=n_d:V_d; may be repeated
+    #[arg(long, value_name = "NAME=ND:VD", value_parser = glass)]
+    glass: Vec<(String, Glass)>,
+}
+
+impl LensArgs {
+    fn prescription(&self) -> Result<Prescription> {
+        let mut glasses = Catalogue::default();
+        for (name, glass) in &self.glass {
+            glasses.insert(name, glass.clone());
+        }
+        read_prescription(&self.file, &glasses)
+    }
+
+    fn system(&self) -> Result<System> {
+        let conditions = Conditions {
+            object_distance_mm: self.object_distance,
+            sensor_shift_mm: self.sensor_shift,
+            stop_radius_mm: self.stop_radius,
+        };
+        let system = System::new(self.prescription()?, conditions)
+            .map_err(|e| e.at(self.file.display()))?;
+        for note in &system.prescription.notes {
+            eprintln!("note: {note}");
+        }
+        Ok(system)
+    }
+}
+
+fn glass(text: &str) -> Result<(String, Glass), String> {
+    let wrong = || format!("{text:?} is not NAME=n_d:V_d, for instance RESIN=1.53:56");
+    let (name, values) = text.split_once('=').ok_or_else(wrong)?;
+    let (nd, vd) = values.split_once(':').ok_or_else(wrong)?;
+    let read = |v: &str| v.trim().parse::<f64>().map_err(|_| wrong());
+    let glass = Glass::model(read(nd)?, read(vd)?).map_err(|e| e.to_string())?;
+    Ok((name.to_owned(), Glass { name: name.to_owned(), ..glass }))
+}
+
+/// One wavelength or a range of them.
+#[derive(Clone, Debug)]
+struct Wavelengths(Vec<f64>);
+
+fn wavelengths(text: &str) -> Result<Wavelengths, String> {
+    let parts: Result<Vec<f64>, String> = text.split(':').map(arguments::positive).collect();
+    match parts?[..] {
+        [nm] => Ok(Wavelengths(vec![nm])),
+        [first, step, last] if last >= first && (last - first) / step <= 1000.0 => {
+            let count = ((last - first) / step + 1e-9).floor() as usize;
+            Ok(Wavelengths((0..=count).map(|i| first + step * i as f64).collect()))
+        }
+        _ => Err(format!("{text:?}: give a wavelength in nm, or first:step:last")),
+    }
+}
+
+/// Paraxial figures and surfaces of a prescription, or what a characterisation holds
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  camrig lens info triplet.zmx\n  camrig lens info phone-lens --json")]
+struct InfoArgs {
+    #[command(flatten)]
+    lens: LensArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.command {
+        Command::Trace(args) => trace(args)?,
+        Command::Info(args) if args.lens.file.is_dir() => info_of_directory(args)?,
+        Command::Info(args) => info(args)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn trace(args: &TraceArgs) -> Result<()> {
+    let place = |e: Error| e.at(args.lens.file.display());
+    let system = args.lens.system()?;
+    let given = args.wavelengths.as_ref().map(|list| {
+        let mut all: Vec<f64> = list.iter().flat_map(|w| w.0.iter().copied()).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        all
+    });
+    if let Some(dir) = &args.output {
+        write_characterisation(args, &system, given.clone(), dir).map_err(place)?;
+        if !args.json {
+            return Ok(());
+        }
+    }
+    let fields = match &args.fields {
+        Some(fields) => fields.clone(),
+        None => system.fields_deg().map_err(place)?,
+    };
+    let wavelengths = given.unwrap_or_else(|| {
+        let mut own = system.prescription.wavelengths_nm.clone();
+        own.sort_by(f64::total_cmp);
+        own.dedup();
+        own
+    });
+    let points = characterise::field_points(&system, &fields, &wavelengths).map_err(place)?;
+    if args.json {
+        let mut object = figures(&system);
+        object["points"] = points.iter().map(point_json).collect();
+        println!("{object}");
+    } else {
+        print_points(&system, &points);
+    }
+    Ok(())
+}
+
+fn write_characterisation(
+    args: &TraceArgs,
+    system: &System,
+    wavelengths: Option<Vec<f64>>,
+    dir: &Path,
+) -> Result<()> {
+    if dir.exists() && !args.force {
+        return Err(Error::input(format!("{} exists already", dir.display()))
+            .help("choose another name, or replace it with --force"));
+    }
+    let max_field_deg = match args.max_field {
+        Some(deg) => deg,
+        None => system.fields_deg()?.into_iter().fold(0.0, f64::max),
+    };
+    let plan = Plan {
+        heights: usize::from(args.heights),
+        max_field_deg,
+        wavelengths_nm: wavelengths
+            .unwrap_or_else(|| (0..=30).map(|i| 400.0 + 10.0 * f64::from(i)).collect()),
+        psf_size: usize::from(args.psf_size),
+        psf_spacing_um: args.psf_spacing,
+        method: args.psf,
+    };
+    let bar = arguments::progress("tracing", (plan.heights * plan.wavelengths_nm.len()) as u64);
+    let mut lens = characterise::characterise(system, &plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    lens.source = format!("{file}, {}", lens.source);
+    lens.write(dir, args.force)?;
+    eprintln!("wrote {}: {}", dir.display(), summary(&lens));
+    Ok(())
+}
+
+/// A characterisation in one line.
+fn summary(lens: &Characterisation) -> String {
+    let least = lens.psf.captured.iter().flatten().copied().fold(1.0, f64::min);
+    format!(
+        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of the light or more",
+        lens.heights_mm.len(),
+        lens.heights_mm.last().copied().unwrap_or(0.0),
+        lens.wavelengths_nm.len(),
+        lens.psf.heights_mm.len() * lens.psf.wavelengths_nm.len(),
+        lens.psf.size,
+        lens.psf.size,
+        lens.psf.spacing_um,
+        100.0 * least
+    )
+}
+
+fn point_json(p: &FieldPoint) -> Value {
+    json!({
+        "field_deg": p.field_deg,
+        "wavelength_nm": p.wavelength_nm,
+        "chief_ray_height_mm": p.chief_ray_height_mm,
+        "cra_deg": p.cra_deg,
+        "relative_illumination": p.relative_illumination,
+        "distortion_percent": p.distortion_percent,
+        "projected_solid_angle_sr": p.projected_solid_angle_sr,
+        "opd_rms_waves": p.opd_rms_waves,
+        "spot_rms_mm": p.spot_rms_mm,
+    })
+}
+
+fn figures(system: &System) -> Value {
+    let (p, lens) = (&system.paraxial, &system.prescription);
+    json!({
+        "name": lens.name,
+        "efl_mm": p.efl_mm,
+        "f_number": system.f_number(),
+        "reference_nm": lens.reference_nm,
+        "bfl_mm": p.bfl_mm,
+        "image_distance_mm": p.image_distance_mm,
+        "magnification": p.magnification,
+        "object_distance_mm": match lens.object {
+            Object::Infinity => Value::Null,
+            Object::Distance(d) => d.into(),
+        },
+        "entrance_pupil_mm": system.entrance_pupil_mm,
+        "entrance_pupil_z_mm": p.entrance_z_mm,
+        "exit_pupil_z_mm": p.exit_z_mm,
+        "pupil_magnification": (p.exit_magnification / p.entrance_magnification).abs(),
+        "stop_radius_mm": system.stop_radius_mm,
+        "stop_surface": lens.stop + 1,
+        "notes": lens.notes,
+    })
+}
+
+fn print_points(system: &System, points: &[FieldPoint]) {
+    println!(
+        "EFL {:.6} mm, f/{:.4}, stop radius {:.6} mm (at {} nm)",
+        system.paraxial.efl_mm,
+        system.f_number(),
+        system.stop_radius_mm,
+        system.prescription.reference_nm
+    );
+    println!(
+        "{:>9} {:>8} {:>12} {:>10} {:>9} {:>11} {:>10} {:>11}",
+        "field deg", "nm", "height mm", "CRA deg", "rel. ill.", "distortion", "OPD waves", "spot mm rms"
+    );
+    for p in points {
+        println!(
+            "{:>9.3} {:>8.1} {:>12.6} {:>10.5} {:>9.6} {:>9.4} % {:>10.4} {:>11.6}",
+            p.field_deg,
+            p.wavelength_nm,
+            p.chief_ray_height_mm,
+            p.cra_deg,
+            p.relative_illumination,
+            p.distortion_percent,
+            p.opd_rms_waves,
+            p.spot_rms_mm
+        );
+    }
+}
+
+fn info(args: &InfoArgs) -> Result<()> {
+    let system = args.lens.system()?;
+    let lens = &system.prescription;
+    let fields = system.fields_deg().map_err(|e| e.at(args.lens.file.display()))?;
+    if args.json {
+        let mut object = figures(&system);
+        object["fields_deg"] = fields.into();
+        object["wavelengths_nm"] = lens.wavelengths_nm.clone().into();
+        object["surfaces"] = lens.surfaces.len().into();
+        println!("{object}");
+        return Ok(());
+    }
+    let p = &system.paraxial;
+    println!("{}", lens.name);
+    println!("EFL {:.6} mm, f/{:.4}, at {} nm", p.efl_mm, system.f_number(), lens.reference_nm);
+    println!("back focus {:.6} mm, paraxial image at {:.6} mm", p.bfl_mm, p.image_distance_mm);
+    println!(
+        "entrance pupil {:.6} mm at z {:.6} mm, stop (surface {}) radius {:.6} mm",
+        system.entrance_pupil_mm,
+        p.entrance_z_mm,
+        lens.stop + 1,
+        system.stop_radius_mm
+    );
+    println!("fields {fields:?}°, wavelengths {:?} nm", lens.wavelengths_nm);
+    println!(
+        "{:>3} {:>14} {:>12} {:>12} {:>16} {:>10}",
+        "", "radius mm", "thickness", "aperture", "behind", "conic"
+    );
+    for (i, s) in lens.surfaces.iter().enumerate() {
+        let radius = if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
+        let opening = s.clips.iter().map(|c| c.outer).fold(f64::INFINITY, f64::min);
+        let opening = if opening.is_finite() { format!("{opening:.5}") } else { String::new() };
+        let behind = match &s.medium {
+            Medium::Air => String::new(),
+            Medium::Mirror => "mirror".into(),
+            Medium::Glass(glass) => glass.name.clone(),
+        };
+        let mark = if i == lens.stop { " stop" } else { "" };
+        let sag = if s.even.is_empty() && s.odd.is_empty() { "" } else { " + polynomial" };
+        println!(
+            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{mark}",
+            i + 1,
+            s.thickness,
+            s.conic
+        );
+    }
+    Ok(())
+}
+
+fn info_of_directory(args: &InfoArgs) -> Result<()> {
+    let lens = Characterisation::read(&args.lens.file)?;
+    if args.json {
+        let object = json!({
+            "name": lens.name,
+            "source": lens.source,
+            "efl_mm": lens.efl_mm,
+            "f_number": lens.f_number,
+            "magnification": lens.magnification,
+            "stop_radius_mm": lens.stop_radius_mm,
+            "heights_mm": lens.heights_mm,
+            "wavelengths_nm": lens.wavelengths_nm,
+            "psf_heights_mm": lens.psf.heights_mm,
+            "psf_wavelengths_nm": lens.psf.wavelengths_nm,
+            "psf_size": lens.psf.size,
+            "psf_spacing_um": lens.psf.spacing_um,
+            "psf_captured": lens.psf.captured,
+        });
+        println!("{object}");
+    } else {
+        println!("{} ({})", lens.name, lens.source);
+        println!("EFL {:.6} mm, f/{:.4}", lens.efl_mm, lens.f_number);
+        println!("{}", summary(&lens));
+    }
+    Ok(())
+}
