@@ -26,10 +26,10 @@ enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
     Demo(demo::Args),
+    Lens(lens::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
     Convert(convert::Args),
-    Lens(lens::Args),
     Presets(presets::Args),
 }
 
@@ -40,9 +40,9 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
-        Command::Lens(args) => lens::run(&args),
         Command::Presets(args) => presets::run(&args),
     };
     outcome.unwrap_or_else(|error| {
