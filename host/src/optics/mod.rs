@@ -8,4 +8,4 @@ pub mod interpolate;
 
 pub use characterisation::{Characterisation, PsfGrid};
 pub use diffraction::{Departures, Diffraction, Illumination};
-pub use engine::{Blur, Border, Lens, Options, Report, SensorGrid, irradiance};
+pub use engine::{Blur, Border, Lens, NodeReport, Options, Report, SensorGrid, irradiance};
