@@ -57,6 +57,13 @@ impl Lanes {
     }
 }
 
+/// Keeps the compiler from vectorising a loop over elements, which it would do with strided gathers:
+/// the vectors are the lanes. Costs nothing.
+#[inline(always)]
+pub fn lanes_are_vectors() {
+    std::hint::black_box(());
+}
+
 /// Sixteen complex numbers in registers.
 #[derive(Clone, Copy)]
 struct Complex {
@@ -198,22 +205,28 @@ impl Split {
 fn transform(stages: &[Stage], data: &mut Split, scratch: &mut Split) {
     for stage in stages {
         match stage.radix {
-            2 => run(stage, data, scratch, |x: [Complex; 2]| [x[0].add(x[1]), x[0].sub(x[1])]),
-            3 => run(stage, data, scratch, dft3),
-            4 => run(stage, data, scratch, dft4),
-            _ => run(stage, data, scratch, dft5),
+            2 => run::<2, Dft2>(stage, data, scratch),
+            3 => run::<3, Dft3>(stage, data, scratch),
+            4 => run::<4, Dft4>(stage, data, scratch),
+            _ => run::<5, Dft5>(stage, data, scratch),
         }
         std::mem::swap(data, scratch);
     }
 }
 
+/// The transform of R neighbours. A trait rather than a function passed: a function value would not be
+/// inlined into (and compiled for) each instruction set.
+trait Butterfly<const R: usize> {
+    fn apply(x: [Complex; R]) -> [Complex; R];
+}
+
+struct Dft2;
+struct Dft3;
+struct Dft4;
+struct Dft5;
+
 #[inline(always)]
-fn run<const R: usize>(
-    stage: &Stage,
-    source: &Split,
-    target: &mut Split,
-    butterfly: impl Fn([Complex; R]) -> [Complex; R],
-) {
+fn run<const R: usize, B: Butterfly<R>>(stage: &Stage, source: &Split, target: &mut Split) {
     let (s, m) = (stage.stride, stage.rest);
     let n = R * m * s;
     let (sre, sim) = (&source.re[..n], &source.im[..n]);
@@ -221,12 +234,13 @@ fn run<const R: usize>(
     for p in 0..m {
         let twiddles = &stage.twiddles[p * (R - 1)..(p + 1) * (R - 1)];
         for q in 0..s {
+            lanes_are_vectors();
             let mut x = [Complex::ZERO; R];
             for (k, x) in x.iter_mut().enumerate() {
                 let i = q + s * (p + m * k);
                 *x = Complex { re: sre[i], im: sim[i] };
             }
-            for (j, y) in butterfly(x).into_iter().enumerate() {
+            for (j, y) in B::apply(x).into_iter().enumerate() {
                 let y = if j == 0 || p == 0 { y } else { y.turn(twiddles[j - 1]) };
                 let i = q + s * (R * p + j);
                 tre[i] = y.re;
@@ -236,35 +250,49 @@ fn run<const R: usize>(
     }
 }
 
-#[inline(always)]
-fn dft3(x: [Complex; 3]) -> [Complex; 3] {
-    const HALF_SQRT3: f32 = 0.866_025_4;
-    let sum = x[1].add(x[2]);
-    let turned = x[1].sub(x[2]).scale(HALF_SQRT3).minus_i();
-    let middle = x[0].sub(sum.scale(0.5));
-    [x[0].add(sum), middle.add(turned), middle.sub(turned)]
+impl Butterfly<2> for Dft2 {
+    #[inline(always)]
+    fn apply(x: [Complex; 2]) -> [Complex; 2] {
+        [x[0].add(x[1]), x[0].sub(x[1])]
+    }
 }
 
-#[inline(always)]
-fn dft4(x: [Complex; 4]) -> [Complex; 4] {
-    let (a, b) = (x[0].add(x[2]), x[0].sub(x[2]));
-    let (c, d) = (x[1].add(x[3]), x[1].sub(x[3]).minus_i());
-    [a.add(c), b.add(d), a.sub(c), b.sub(d)]
+impl Butterfly<3> for Dft3 {
+    #[inline(always)]
+    fn apply(x: [Complex; 3]) -> [Complex; 3] {
+        const HALF_SQRT3: f32 = 0.866_025_4;
+        let sum = x[1].add(x[2]);
+        let turned = x[1].sub(x[2]).scale(HALF_SQRT3).minus_i();
+        let middle = x[0].sub(sum.scale(0.5));
+        [x[0].add(sum), middle.add(turned), middle.sub(turned)]
+    }
 }
 
-#[inline(always)]
-fn dft5(x: [Complex; 5]) -> [Complex; 5] {
-    // cos and sin of 72 and 144 degrees.
-    const C1: f32 = 0.309_017;
-    const C2: f32 = -0.809_017;
-    const S1: f32 = 0.951_056_5;
-    const S2: f32 = 0.587_785_25;
-    let (a, b) = (x[1].add(x[4]), x[1].sub(x[4]));
-    let (c, d) = (x[2].add(x[3]), x[2].sub(x[3]));
-    let (m1, m2) = (x[0].add(a.scale(C1)).add(c.scale(C2)), x[0].add(a.scale(C2)).add(c.scale(C1)));
-    let t1 = b.scale(S1).add(d.scale(S2)).minus_i();
-    let t2 = b.scale(S2).sub(d.scale(S1)).minus_i();
-    [x[0].add(a).add(c), m1.add(t1), m2.add(t2), m2.sub(t2), m1.sub(t1)]
+impl Butterfly<4> for Dft4 {
+    #[inline(always)]
+    fn apply(x: [Complex; 4]) -> [Complex; 4] {
+        let (a, b) = (x[0].add(x[2]), x[0].sub(x[2]));
+        let (c, d) = (x[1].add(x[3]), x[1].sub(x[3]).minus_i());
+        [a.add(c), b.add(d), a.sub(c), b.sub(d)]
+    }
+}
+
+impl Butterfly<5> for Dft5 {
+    #[inline(always)]
+    fn apply(x: [Complex; 5]) -> [Complex; 5] {
+        // cos and sin of 72 and 144 degrees.
+        const C1: f32 = 0.309_017;
+        const C2: f32 = -0.809_017;
+        const S1: f32 = 0.951_056_5;
+        const S2: f32 = 0.587_785_25;
+        let (a, b) = (x[1].add(x[4]), x[1].sub(x[4]));
+        let (c, d) = (x[2].add(x[3]), x[2].sub(x[3]));
+        let (m1, m2) =
+            (x[0].add(a.scale(C1)).add(c.scale(C2)), x[0].add(a.scale(C2)).add(c.scale(C1)));
+        let t1 = b.scale(S1).add(d.scale(S2)).minus_i();
+        let t2 = b.scale(S2).sub(d.scale(S1)).minus_i();
+        [x[0].add(a).add(c), m1.add(t1), m2.add(t2), m2.sub(t2), m1.sub(t1)]
+    }
 }
 
 #[cfg(test)]

@@ -9,4 +9,4 @@ pub mod lens;
 
 pub use characterisation::{Characterisation, PsfGrid};
 pub use diffraction::{Departures, Diffraction, Illumination};
-pub use engine::{Blur, Border, Lens, Options, Report, SensorGrid, irradiance};
+pub use engine::{Blur, Border, Lens, NodeReport, Options, Report, SensorGrid, irradiance};

@@ -19,6 +19,8 @@
 
 mod disk;
 
+use super::engine::psf::PsfField;
+use super::engine::{Blur, Lens, RadialCurve};
 use super::interpolate::MonotoneCubic;
 use crate::scene::Spectrum;
 use crate::{Error, Result};
@@ -209,6 +211,11 @@ impl Characterisation {
         Ok(())
     }
 
+    /// Image-side f-number N(1+|m|/P) with pupil magnification P.
+    pub fn working_f_number(&self) -> f64 {
+        self.f_number * (1.0 + self.magnification / self.pupil_magnification)
+    }
+
     /// Real height (mm) over paraxial height (mm) at a wavelength: the forward distortion curve. Its
     /// `inverse` takes a place on the sensor to where the ideal lens would have put the light.
     pub fn distortion(&self, nm: f64) -> MonotoneCubic {
@@ -234,6 +241,37 @@ impl Characterisation {
             .chunks_exact(columns)
             .map(|row| if t == 0.0 { row[i] } else { row[i] + t * (row[i + 1] - row[i]) })
             .collect()
+    }
+}
+
+impl Lens for Characterisation {
+    fn steradians(&self, nm: f64) -> f64 {
+        let n = self.working_f_number();
+        std::f64::consts::PI * self.transmittance.at(nm) / (1.0 + 4.0 * n * n)
+    }
+
+    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>> {
+        let (distortion, ratio) = (self.distortion(nm), self.illumination(nm));
+        let last = self.heights_mm[self.heights_mm.len() - 1];
+        Some(Box::new(move |real| ratio.at(distortion.inverse(real).min(last))))
+    }
+
+    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>> {
+        let distortion = self.distortion(nm);
+        Some(Box::new(move |real| distortion.inverse(real)))
+    }
+
+    fn blur(&self, nm: f64) -> Blur<'_> {
+        let distortion = self.distortion(nm);
+        Blur::Field {
+            psfs: PsfField {
+                heights_mm: self.psf.heights_mm.iter().map(|&h| distortion.at(h)).collect(),
+                size: self.psf.size,
+                spacing_um: self.psf.spacing_um,
+                psfs: self.psf.at_wavelength(nm),
+            },
+            cutoff_per_mm: 1e6 / (nm * self.working_f_number()),
+        }
     }
 }
 

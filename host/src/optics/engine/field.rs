@@ -37,10 +37,12 @@ pub fn largest_height_mm(grid: &SensorGrid, axis_mm: (f64, f64), margin_mm: f64)
 }
 
 /// Multiplies by steradians and relative illumination at the pixel centres, then spreads the veiling
-/// glare: E ← (1−g)·E + g·mean(E).
+/// glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist frequency can leave
+/// values just below 0 beside bright points; irradiance is not negative, so they become 0.
 pub fn apply(plane: &mut Plane<f32>, lens: &dyn Lens, nm: f64, grid: &SensorGrid) {
     let factor = lens.steradians(nm);
     let axis = lens.axis_mm();
+    plane.data.par_iter_mut().for_each(|e| *e = e.max(0.0));
     let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
     let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
     match lens.illumination(nm) {

@@ -14,6 +14,7 @@ pub mod sampling;
 
 mod field;
 mod fourier;
+pub mod psf;
 mod source;
 pub mod varying;
 
@@ -49,6 +50,13 @@ pub enum Blur<'a> {
         /// The OTF over frequency in cycles/mm; 1 at 0.
         otf: RadialCurve<'a>,
     },
+    /// Different over the field: point-spread functions by image height.
+    Field {
+        /// The PSFs.
+        psfs: psf::PsfField,
+        /// Frequency beyond which nothing passes (diffraction), cycles/mm.
+        cutoff_per_mm: f64,
+    },
 }
 
 /// What the engine asks of a lens. Image heights are real heights from the optical axis, mm.
@@ -78,6 +86,8 @@ pub struct Options {
     pub oversample: Option<usize>,
     /// Largest error at a sharp step of the scene, relative to the step, that the cell grid may cause.
     pub step_error: f64,
+    /// Largest mean fraction of light that interpolating PSFs between nodes may misplace.
+    pub misplaced_light: f64,
     /// What lies beyond the frame.
     pub border: Border,
     /// Worker threads; `None` for one per processor. The result does not depend on it.
@@ -86,12 +96,18 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { oversample: None, step_error: 0.025, border: Border::Scene, threads: None }
+        Self {
+            oversample: None,
+            step_error: 0.025,
+            misplaced_light: 0.01,
+            border: Border::Scene,
+            threads: None,
+        }
     }
 }
 
 /// What was done.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
     /// Cells per pixel and direction, per band.
     pub oversample: Vec<usize>,
@@ -99,6 +115,20 @@ pub struct Report {
     pub margin_pixels: usize,
     /// Bound on the error at a sharp step relative to the step, largest over the bands.
     pub step_error: f64,
+    /// Where the blur varies over the field: how its grid of PSF nodes came out.
+    pub nodes: Option<NodeReport>,
+}
+
+/// The grid of nodes between which PSFs are interpolated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeReport {
+    /// Nodes across and down.
+    pub grid: (usize, usize),
+    /// Light that interpolation puts elsewhere than the PSF itself would, as a fraction: mean and
+    /// largest over the tile centres of a sample of the field, where it is worst.
+    pub misplaced: (f64, f64),
+    /// Side of the kernels, in cells.
+    pub kernel: usize,
 }
 
 /// Renders every band of `scene` through `lens` onto `grid`.
@@ -123,36 +153,20 @@ pub fn irradiance(
         .build()
         .map_err(|e| Error::input(format!("cannot start worker threads: {e}")))?;
     let bands = scene.scene.bands();
-    let mut report = Report { oversample: Vec::new(), margin_pixels: 0, step_error: 0.0 };
+    let mut report = Report::default();
+    let mut tile_pixels = None;
     for band in 0..bands.count {
         let nm = bands.nm(band);
         let mut plane = pool.install(|| {
-            let Blur::Otf { cutoff_per_mm, spread_um, otf } = lens.blur(nm);
-            let aperture_um = grid.pitch_um * grid.fill_factor.sqrt();
-            let (oversample, step_error) = match options.oversample {
-                Some(s) => {
-                    (s, sampling::step_error(s, grid.pitch_um, aperture_um, cutoff_per_mm, &otf))
+            let job = Band { scene, band, lens, nm, grid, options };
+            match lens.blur(nm) {
+                Blur::Otf { cutoff_per_mm, spread_um, otf } => {
+                    job.through_otf(cutoff_per_mm, spread_um, &otf, &mut report)
                 }
-                None => sampling::oversample(
-                    options.step_error,
-                    grid.pitch_um,
-                    aperture_um,
-                    cutoff_per_mm,
-                    &otf,
-                )?,
-            };
-            let layout = sampling::Layout::new(grid, oversample, spread_um);
-            report.oversample.push(oversample);
-            report.margin_pixels = report.margin_pixels.max(layout.margin);
-            report.step_error = report.step_error.max(step_error);
-            let source = source::Source::new(scene, band, lens, nm, grid, &layout, options.border);
-            let geometry = fourier::Geometry {
-                layout: &layout,
-                pitch_um: grid.pitch_um,
-                aperture_um,
-                cutoff_per_mm,
-            };
-            fourier::blur(&source, &geometry, &otf)
+                Blur::Field { psfs, cutoff_per_mm } => {
+                    job.through_field(&psfs, cutoff_per_mm, &mut tile_pixels, &mut report)
+                }
+            }
         })?;
         field::apply(&mut plane, lens, nm, grid);
         sink(band, plane)?;
@@ -161,7 +175,116 @@ pub fn irradiance(
     Ok(report)
 }
 
+/// One band on its way through the lens.
+struct Band<'a> {
+    scene: &'a LitScene<'a>,
+    band: usize,
+    lens: &'a dyn Lens,
+    nm: f64,
+    grid: &'a SensorGrid,
+    options: &'a Options,
+}
+
+impl Band<'_> {
+    /// Cells per pixel, by the option or by the step error, noted in the report.
+    fn oversample(
+        &self,
+        cutoff_per_mm: f64,
+        otf: &dyn Fn(f64) -> f64,
+        report: &mut Report,
+    ) -> Result<usize> {
+        let (pitch, aperture) = (self.grid.pitch_um, self.grid.aperture_um());
+        let (s, error) = match self.options.oversample {
+            Some(0) => return Err(Error::input("0 cells per pixel").help("give at least 1")),
+            Some(s) => (s, sampling::step_error(s, pitch, aperture, cutoff_per_mm, otf)),
+            None => {
+                sampling::oversample(self.options.step_error, pitch, aperture, cutoff_per_mm, otf)?
+            }
+        };
+        report.oversample.push(s);
+        report.step_error = report.step_error.max(error);
+        Ok(s)
+    }
+
+    fn source(&self, layout: &sampling::Layout, report: &mut Report) -> source::Source<'_> {
+        report.margin_pixels = report.margin_pixels.max(layout.margin);
+        let Self { scene, band, lens, nm, grid, options } = *self;
+        source::Source::new(scene, band, lens, nm, grid, layout, options.border)
+    }
+
+    fn through_otf(
+        &self,
+        cutoff_per_mm: f64,
+        spread_um: f64,
+        otf: &dyn Fn(f64) -> f64,
+        report: &mut Report,
+    ) -> Result<Plane<f32>> {
+        let oversample = self.oversample(cutoff_per_mm, otf, report)?;
+        // Four more pixels let the ringing die down that dividing by the cell's sinc causes where the
+        // transform wraps around.
+        let margin_um = spread_um + 4.0 * self.grid.pitch_um;
+        let layout = sampling::Layout::new(self.grid, oversample, margin_um);
+        let source = self.source(&layout, report);
+        let geometry = fourier::Geometry {
+            layout: &layout,
+            pitch_um: self.grid.pitch_um,
+            aperture_um: self.grid.aperture_um(),
+            cutoff_per_mm,
+        };
+        fourier::blur(&source, &geometry, otf)
+    }
+
+    /// `tile_pixels` is the node distance, chosen on the first band and kept for the others.
+    fn through_field(
+        &self,
+        psfs: &psf::PsfField,
+        cutoff_per_mm: f64,
+        tile_pixels: &mut Option<usize>,
+        report: &mut Report,
+    ) -> Result<Plane<f32>> {
+        let s = self.oversample(cutoff_per_mm, &|f| psfs.axial_mtf(f), report)?;
+        let pitch_um = self.grid.pitch_um;
+        let radius_um = psfs.radius_um(psf::TAIL);
+        let kernel_grid = psf::KernelGrid::new(s, pitch_um, self.grid.aperture_um(), radius_um);
+        let margin_um = (kernel_grid.before + s) as f64 * kernel_grid.cell_um;
+        let layout = sampling::Layout::new(self.grid, s, margin_um);
+        let source = self.source(&layout, report);
+        let place =
+            psf::Place { layout: &layout, pitch_mm: pitch_um * 1e-3, axis_mm: self.lens.axis_mm() };
+        let tile = *tile_pixels.get_or_insert_with(|| {
+            place.node_distance(psfs, &kernel_grid, self.options.misplaced_light)
+        });
+        let tiling = varying::Tiling::new(
+            s,
+            (layout.cells_across(), layout.cells_down()),
+            kernel_grid.size,
+            kernel_grid.before,
+            tile * s,
+        );
+        if report.nodes.is_none() {
+            report.nodes = Some(NodeReport {
+                grid: (tiling.across() + 1, tiling.down() + 1),
+                misplaced: place.grid_error(psfs, &kernel_grid, tiling.tile),
+                kernel: kernel_grid.size,
+            });
+        }
+        let kernels = place.kernels(psfs, &kernel_grid, &tiling);
+        varying::blur(
+            &|first, count| source.rows(first, count),
+            &tiling,
+            &kernels,
+            (layout.left(), layout.top()),
+            (layout.width, layout.height),
+        )
+    }
+}
+
 impl SensorGrid {
+    /// Side of the photosensitive square, µm.
+    pub fn aperture_um(&self) -> f64 {
+        self.pitch_um * self.fill_factor.sqrt()
+    }
+
     /// The frame's width, mm.
     pub fn width_mm(&self) -> f64 {
         self.width as f64 * self.pitch_um * 1e-3

@@ -193,3 +193,234 @@ fn measured_otf_of_a_point_is_equation_4() {
         assert!(worst < 0.005, "{nm} nm: {worst}");
     }
 }
+
+/// A lens whose PSF is one Gaussian, once as an OTF and once as a PSF table.
+struct GaussianOtf {
+    sigma_um: f64,
+    table: bool,
+}
+
+impl Lens for GaussianOtf {
+    fn steradians(&self, _nm: f64) -> f64 {
+        1.0
+    }
+    fn illumination(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        None
+    }
+    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        None
+    }
+    fn blur(&self, _nm: f64) -> Blur<'_> {
+        let sigma = self.sigma_um;
+        let cutoff_per_mm = 1.3e3 / sigma;
+        if !self.table {
+            let otf = move |f: f64| (-2.0 * (PI * f * sigma * 1e-3).powi(2)).exp();
+            return Blur::Otf { cutoff_per_mm, spread_um: 5.0 * sigma, otf: Box::new(otf) };
+        }
+        let (size, spacing_um) = (65, 0.2 * sigma);
+        let value = |k: usize| {
+            let (i, j) = ((k / size) as f64 - 32.0, (k % size) as f64 - 32.0);
+            (-0.02 * (i * i + j * j)).exp() / (50.0 * PI)
+        };
+        let psf: Vec<f32> = (0..size * size).map(|k| value(k) as f32).collect();
+        let psfs = psf::PsfField { heights_mm: vec![0.0], size, spacing_um, psfs: vec![psf] };
+        Blur::Field { psfs, cutoff_per_mm }
+    }
+}
+
+#[test]
+fn the_two_ways_to_blur_agree() {
+    // A disc scene with its edges softened over a cell by exact averaging is not needed: a smooth
+    // pattern has closed-form averages. cos(2πu·k) averaged over a cell is itself times a sinc.
+    let waves = 17.0;
+    let scene = Exact {
+        bands: one_band(550.0),
+        average: move |g: &Grid, x, y| {
+            let (u, v) = (g.left + (x as f64 + 0.5) * g.cell, g.top + (y as f64 + 0.5) * g.cell);
+            let damp = sampling::sinc(waves * g.cell);
+            1.0 + 0.5 * damp * (2.0 * PI * waves * u).cos()
+                + 0.3 * damp * (2.0 * PI * waves * v).sin()
+        },
+    };
+    let grid = SensorGrid { width: 96, height: 80, pitch_um: 2.2, fill_factor: 0.7 };
+    let (lens, sigma) = (|table| GaussianOtf { sigma_um: 1.4, table }, 1.4);
+    for oversample in [1, 2, 3] {
+        let options = Options { oversample: Some(oversample), ..Options::default() };
+        let by_otf = &render(&scene, &lens(false), &grid, &options)[0];
+        let by_psf = &render(&scene, &lens(true), &grid, &options)[0];
+        let per_um = waves / (96.0 * 2.2);
+        let passed = (-2.0 * (PI * per_um * sigma).powi(2)).exp()
+            * sampling::sinc(per_um * grid.aperture_um());
+        for y in 0..80 {
+            for x in 0..96 {
+                let u = (x as f64 + 0.5) / 96.0 - 0.5;
+                let v = (y as f64 + 0.5 - 40.0) / 96.0;
+                let exact = 1.0
+                    + passed
+                        * (0.5 * (2.0 * PI * waves * u).cos() + 0.3 * (2.0 * PI * waves * v).sin());
+                let (a, b) = (f64::from(by_otf.at(x, y)), f64::from(by_psf.at(x, y)));
+                // The OTF route wraps a pattern that is not periodic in the padded frame: 5 sigma of
+                // margin. The PSF route adds the sample square (0.2 sigma) and cuts 1e-4 of the light;
+                // sharpening is sixth order in the cell.
+                assert!(
+                    (a - exact).abs() < 1e-4,
+                    "s {oversample} ({x}, {y}): OTF {a}, exact {exact}"
+                );
+                let tolerance = if oversample == 1 { 3e-3 } else { 1e-3 };
+                assert!(
+                    (b - exact).abs() < tolerance,
+                    "s {oversample} ({x}, {y}): PSF {b}, exact {exact}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn points_land_where_distortion_and_lateral_colour_say() {
+    // The example lens: 2 % lateral colour and barrel distortion over a 0.9 mm wide sensor. Points of
+    // half a pixel at ideal places; their centroids against the distortion table, per wavelength.
+    let lens = crate::optics::characterisation::tests::example(33, 0.25);
+    let grid = SensorGrid { width: 400, height: 300, pitch_um: 2.2, fill_factor: 1.0 };
+    let half = 0.25 / 400.0;
+    let places: Vec<(f64, f64)> = (0..5)
+        .flat_map(|j| {
+            (0..6).map(move |i| (-0.42 + 0.164 * f64::from(i), -0.3 + 0.148 * f64::from(j)))
+        })
+        .collect();
+    let inside = places.clone();
+    let scene = Exact {
+        bands: Bands { start_nm: 400.0, step_nm: 150.0, count: 3 },
+        average: move |g: &Grid, x, y| {
+            let (u, v) = (g.left + x as f64 * g.cell, g.top + y as f64 * g.cell);
+            let overlap = |a: f64, p: f64| ((a + g.cell).min(p + half) - a.max(p - half)).max(0.0);
+            inside.iter().map(|p| overlap(u, p.0) * overlap(v, p.1)).sum::<f64>()
+                / (g.cell * g.cell)
+        },
+    };
+    let planes = render(&scene, &lens, &grid, &Options::default());
+    for (plane, nm) in planes.iter().zip([400.0, 550.0, 700.0]) {
+        let distortion = lens.distortion(nm);
+        for &(u, v) in &places {
+            let (x, y) = (u * grid.width_mm(), v * grid.width_mm());
+            let scale = distortion.at(x.hypot(y)) / x.hypot(y);
+            let (px, py) = (x * scale / 2.2e-3 + 200.0, y * scale / 2.2e-3 + 150.0);
+            let (mut sum, mut cx, mut cy) = (0.0, 0.0, 0.0);
+            for j in (py as usize).saturating_sub(9)..(py as usize + 10).min(300) {
+                for i in (px as usize).saturating_sub(9)..(px as usize + 10).min(400) {
+                    let e = f64::from(plane.at(i, j));
+                    sum += e;
+                    cx += e * (i as f64 + 0.5);
+                    cy += e * (j as f64 + 0.5);
+                }
+            }
+            // The example's PSFs lean outwards beyond the axis: their own centroid is part of them.
+            let lean = lean_pixels(&lens, nm, x.hypot(y));
+            let (ex, ey) = (px + lean * x / x.hypot(y), py + lean * y / x.hypot(y));
+            let miss = (cx / sum - ex).hypot(cy / sum - ey);
+            assert!(miss < 0.05, "{nm} nm ({u:.2}, {v:.2}): {miss:.3} pixels off");
+        }
+    }
+}
+
+/// Centroid of the PSF along the radius at a paraxial height, in pixels of 2.2 µm.
+fn lean_pixels(lens: &crate::optics::Characterisation, nm: f64, height: f64) -> f64 {
+    let psfs = lens.psf.at_wavelength(nm);
+    let n = lens.psf.size;
+    let lean = |psf: &[f32]| -> f64 {
+        psf.iter().enumerate().map(|(k, &v)| f64::from(v) * ((k / n) as f64 - (n / 2) as f64)).sum()
+    };
+    let t = (height / 0.1).min(4.999);
+    let (i, t) = (t as usize, t.fract());
+    (lean(&psfs[i]) * (1.0 - t) + lean(&psfs[i + 1]) * t) * lens.psf.spacing_um / 2.2
+}
+
+#[test]
+fn no_light_is_lost_or_made_between_nodes() {
+    // A characterised lens without fall-off or distortion; a patch well inside a black frame keeps its
+    // light whatever the PSFs do, since each scatters its own cells' light.
+    let mut lens = crate::optics::characterisation::tests::example(33, 0.25);
+    lens.relative_illumination.fill(1.0);
+    lens.real_height_mm = lens.heights_mm.iter().flat_map(|&h| std::iter::repeat_n(h, 3)).collect();
+    let scene = Exact {
+        bands: one_band(500.0),
+        average: |g: &Grid, x, y| {
+            let (u, v) = (g.left + (x as f64 + 0.5) * g.cell, g.top + (y as f64 + 0.5) * g.cell);
+            let wave = (1.0 + (40.0 * u).sin() * (31.0 * v).cos()) * 0.5;
+            // A window that falls to 0 smoothly, so that cells resolve it.
+            wave * (0.5 + 0.5 * (PI * (u / 0.4).clamp(-1.0, 1.0)).cos())
+                * (0.5 + 0.5 * (PI * (v / 0.3).clamp(-1.0, 1.0)).cos())
+        },
+    };
+    let grid = SensorGrid { width: 300, height: 240, pitch_um: 2.2, fill_factor: 1.0 };
+    let blurred = &render(&scene, &lens, &grid, &Options::default())[0];
+    let cells = Grid { width: 300, height: 240, left: -0.5, top: -0.4, cell: 1.0 / 300.0 };
+    let sum = |plane: &Plane<f32>| plane.data.iter().map(|&v| f64::from(v)).sum::<f64>();
+    let expected = sum(&scene.plane(0, &cells).unwrap()) * lens.steradians(500.0);
+    let ratio = sum(blurred) / expected;
+    assert!((ratio - 1.0).abs() < 1e-5, "{ratio}");
+}
+
+/// MTF50 in cycles/mm of an edge with slope 1 in 12 through the middle of a plane of 12 rows: pixel
+/// (x, y) lies (12·x + y)/12·cos θ from the edge, so together the rows sample it evenly, unbinned.
+fn mtf50(plane: &Plane<f64>, pitch_um: f64) -> f64 {
+    assert_eq!(plane.height, 12);
+    let edge: Vec<f64> = (0..12 * plane.width).map(|k| plane.at(k / 12, k % 12)).collect();
+    let line: Vec<f64> = edge.windows(2).map(|w| w[1] - w[0]).collect();
+    let spacing = (1.0f64 / 12.0).atan().cos() / 12.0;
+    let mtf = |per_pixel: f64| -> f64 {
+        let step = 2.0 * PI * per_pixel * spacing;
+        let (mut re, mut im) = (0.0, 0.0);
+        for (i, v) in line.iter().enumerate() {
+            re += v * (step * i as f64).cos();
+            im += v * (step * i as f64).sin();
+        }
+        re.hypot(im) / (edge[edge.len() - 1] - edge[0]) / sampling::sinc(per_pixel * spacing)
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if mtf(middle) > 0.5 { low = middle } else { high = middle }
+    }
+    low / (pitch_um * 1e-3)
+}
+
+#[test]
+fn slanted_edges_have_the_mtf50_of_theory() {
+    // Photon-weighted diffraction OTF times pixel sinc, flat QE, D65, 400 to 700 nm in 50 nm steps;
+    // figures and the 1 % from golden/README.md.
+    let Some(light) = csv("golden/isetcam/ref_V_lambda_and_D65.csv") else { return };
+    let angle = (1.0f64 / 12.0).atan();
+    let bands = Bands { start_nm: 400.0, step_nm: 50.0, count: 7 };
+    for (f_number, expected) in [
+        (2.0, [263.44, 203.80, 119.76]),
+        (4.0, [164.06, 145.47, 101.90]),
+        (8.0, [88.43, 85.11, 72.74]),
+    ] {
+        for (pitch_um, expected) in [1.4, 2.2, 4.4].into_iter().zip(expected) {
+            // Exact average of a half plane over a cell: a step, averaged along both sides.
+            let average = move |g: &Grid, x: usize, y: usize| {
+                let (u, v) =
+                    (g.left + (x as f64 + 0.5) * g.cell, g.top + (y as f64 + 0.5) * g.cell);
+                let d = u * angle.cos() + v * angle.sin();
+                let (p, q) = (0.5 * g.cell * angle.cos(), 0.5 * g.cell * angle.sin());
+                let ramp = |t: f64| 0.5 * t.max(0.0).powi(2);
+                let area = ramp(d + p + q) - ramp(d + p - q) - ramp(d - p + q) + ramp(d - p - q);
+                0.1 + 0.8 * area / (4.0 * p * q)
+            };
+            let scene = Exact { bands, average };
+            let grid = SensorGrid { width: 256, height: 12, pitch_um, fill_factor: 1.0 };
+            let planes = render(&scene, &perfect(f_number), &grid, &Options::default());
+            let mut photons = Plane::filled(256, 12, 0.0f64);
+            for (plane, nm) in planes.iter().zip(bands.centres()) {
+                let row = light.iter().find(|r| r[0] == nm).unwrap();
+                for (sum, e) in photons.data.iter_mut().zip(&plane.data) {
+                    *sum += f64::from(*e) * row[2] * nm;
+                }
+            }
+            let found = mtf50(&photons, pitch_um);
+            println!("f/{f_number} {pitch_um} µm: {found:.2} cycles/mm, theory {expected}");
+            assert!((found / expected - 1.0).abs() < 0.01, "f/{f_number} {pitch_um} µm: {found}");
+        }
+    }
+}

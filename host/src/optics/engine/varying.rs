@@ -13,7 +13,7 @@
 //! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does not
 //! depend on the number of threads.
 
-use super::super::fft::{Fft, LANES, Lanes, Split, good_length};
+use super::super::fft::{Fft, LANES, Lanes, Split, good_length, lanes_are_vectors};
 use crate::{Plane, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -362,6 +362,7 @@ fn split_columns(
     for b in 0..batches {
         let mut parts = [[Lanes::ZERO; LANES]; 4];
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
+            lanes_are_vectors();
             let k = b * LANES + i;
             let mirror = if k == 0 { 0 } else { n - k };
             let (zr, zi, mr, mi) = (both.re[k], both.im[k], both.re[mirror], both.im[mirror]);
@@ -392,6 +393,7 @@ fn join_columns(result: &Split, stride: usize, x: usize, n: usize, pixels: &mut 
         let (ar, ai) = (part(&result.re, x), part(&result.im, x));
         let (br, bi) = (part(&result.re, x + LANES), part(&result.im, x + LANES));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
+            lanes_are_vectors();
             let k = b * LANES + i;
             let place = k % count;
             pixels.re[place] = pixels.re[place].plus(ar[i].minus(bi[i]));
@@ -411,6 +413,7 @@ fn join_columns(result: &Split, stride: usize, x: usize, n: usize, pixels: &mut 
 fn weigh(values: &[Lanes], weights: &[f32], target: &mut [Lanes]) {
     let (head, tail) = target.split_at_mut(values.len());
     for ((t, v), &w) in head.iter_mut().zip(values).zip(weights) {
+        lanes_are_vectors();
         *t = v.times(w);
     }
     tail.fill(Lanes::ZERO);
@@ -422,6 +425,7 @@ fn fold_product(a: &Split, b_re: &[Lanes], b_im: &[Lanes], folded: &mut Split) {
     let count = folded.re.len();
     for start in (0..a.re.len()).step_by(count) {
         for i in 0..count {
+            lanes_are_vectors();
             let (ar, ai, br, bi) =
                 (a.re[start + i], a.im[start + i], b_re[start + i], b_im[start + i]);
             folded.re[i] = folded.re[i].plus(ar.product(br).minus(ai.product(bi)));

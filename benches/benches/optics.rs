@@ -1,0 +1,94 @@
+//! The optics stage: field-varying blur of workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels)
+//! and the diffraction-limited engine, as times and as ratios within one run.
+//!
+//! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
+//! sixteenth of the area.
+
+use camrig::Plane;
+use camrig::optics::engine::varying::{Kernels, Tiling, blur};
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Gaussian kernels that grow and stretch along the radius towards the corners.
+fn kernels(tiling: &Tiling, wavelength: usize) -> Kernels {
+    let size = tiling.kernel;
+    let half = (size / 2) as f64;
+    let (w, h) = (tiling.width as f64, tiling.height as f64);
+    let mut data = Vec::new();
+    for j in 0..=tiling.down() {
+        for i in 0..=tiling.across() {
+            let (x, y) = tiling.node(i, j);
+            let (x, y) = (2.0 * x / w - 1.0, 2.0 * y / h - 1.0);
+            let r = x.hypot(y);
+            let (sin, cos) = y.atan2(x).sin_cos();
+            let (radial, across) = (1.0 + 2.5 * r * r + wavelength as f64 * 0.02, 0.9 + 0.7 * r);
+            let values: Vec<f64> = (0..size * size)
+                .map(|k| {
+                    let (dy, dx) = ((k / size) as f64 - half, (k % size) as f64 - half);
+                    let (u, v) = (dx * cos + dy * sin - 0.7 * r, dy * cos - dx * sin);
+                    (-0.5 * ((u / radial).powi(2) + (v / across).powi(2))).exp()
+                })
+                .collect();
+            let sum: f64 = values.iter().sum();
+            data.extend(values.iter().map(|v| (v / sum) as f32));
+        }
+    }
+    Kernels { size, data }
+}
+
+fn image(side: usize) -> Plane<f32> {
+    let mut state = 0x9E37_79B9_7F4A_7C15u64;
+    Plane::from_fn(side, side, |x, y| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        let base = if (x / 37 + y / 53) % 2 == 0 { 200.0 } else { 20.0 };
+        base + (state >> 40) as f32 / (1u32 << 24) as f32 * 50.0
+    })
+}
+
+fn minimum(times: usize, mut run: impl FnMut()) -> f64 {
+    (0..times)
+        .map(|_| {
+            let start = Instant::now();
+            run();
+            start.elapsed().as_secs_f64()
+        })
+        .fold(f64::MAX, f64::min)
+}
+
+fn main() {
+    let small = std::env::var_os("CAMRIG_BENCH_SMALL").is_some();
+    let filter = std::env::args().skip(1).find(|a| !a.starts_with("--")).unwrap_or_default();
+    let side = if small { 1024 } else { 4096 };
+    let source = image(side);
+    let rows = |first: usize, count: usize| {
+        Ok(Plane {
+            width: side,
+            height: count,
+            data: source.data[first * side..(first + count) * side].to_vec(),
+        })
+    };
+    for size in [31, 81] {
+        for largest in [341, 256, 128] {
+            let name = format!("blur {size}x{size} tiles up to {largest}");
+            if !name.contains(&filter) {
+                continue;
+            }
+            let tiling = Tiling::new(1, (side, side), size, size / 2, largest);
+            let kernels = kernels(&tiling, 0);
+            let seconds = minimum(3, || {
+                black_box(blur(&rows, &tiling, &kernels, (0, 0), (side, side)).unwrap());
+            });
+            let cells = (side * side) as f64;
+            println!(
+                "{name}: tile {}, {} x {} nodes, {seconds:.3} s a band, {:.0} Mcell/s, 31 bands {:.2} s",
+                tiling.tile,
+                tiling.across() + 1,
+                tiling.down() + 1,
+                cells / seconds * 1e-6,
+                31.0 * seconds * (4096.0 * 4096.0) / cells,
+            );
+        }
+    }
+}

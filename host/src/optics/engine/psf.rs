@@ -1,0 +1,345 @@
+//! From point-spread functions to kernels on the cell grid.
+
+use super::sampling::Layout;
+use super::varying::Kernels;
+use std::f64::consts::TAU;
+
+/// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief ray at
+/// sample n/2, rows along the radius, rising away from the axis.
+pub struct PsfField {
+    /// Real image heights, mm, rising from 0.
+    pub heights_mm: Vec<f64>,
+    /// Samples per side, n.
+    pub size: usize,
+    /// Distance of samples, µm.
+    pub spacing_um: f64,
+    /// One PSF per height, row-major.
+    pub psfs: Vec<Vec<f32>>,
+}
+
+/// The grid that kernels are sampled on.
+///
+/// A kernel entry is the part of a cell's light that the photosensitive square of a pixel receives,
+/// per area of the square and times the cell's. The pixel's centre lies
+/// (i − before + (s−1)/2) cells from the cell's centre.
+///
+/// The cell holds an *average* of the scene, which the pixel's integral would blur a second time;
+/// five taps along x and y turn averages into point values, to sixth order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KernelGrid {
+    /// Entries per side.
+    pub size: usize,
+    /// Index of offset 0 in cells, a multiple of s.
+    pub before: usize,
+    /// Cells per pixel, s.
+    pub oversample: usize,
+    /// Side of a cell, µm.
+    pub cell_um: f64,
+    /// Side of the photosensitive square, µm.
+    pub aperture_um: f64,
+}
+
+/// Fraction of a PSF's light that a kernel may leave out at its rim (it is normalised afterwards).
+pub const TAIL: f64 = 1e-4;
+
+/// Point value at a cell's centre from the averages of it and two neighbours on each side; exact for
+/// polynomials up to degree 5.
+const POINT_FROM_AVERAGES: [f64; 5] =
+    [3.0 / 640.0, -29.0 / 480.0, 1067.0 / 960.0, -29.0 / 480.0, 3.0 / 640.0];
+
+impl KernelGrid {
+    /// The smallest grid that holds PSFs of radius `radius_um`.
+    pub fn new(oversample: usize, pitch_um: f64, aperture_um: f64, radius_um: f64) -> Self {
+        let cell_um = pitch_um / oversample as f64;
+        let reach = ((radius_um + 0.5 * aperture_um) / cell_um).ceil() as usize + 2;
+        let before = (reach + oversample - 1).next_multiple_of(oversample);
+        Self { size: before + reach + 1, before, oversample, cell_um, aperture_um }
+    }
+}
+
+impl PsfField {
+    /// Radius around the chief ray outside which no PSF has more than `tail` of its light, µm.
+    pub fn radius_um(&self, tail: f64) -> f64 {
+        let centre = (self.size / 2) as f64;
+        let largest = self.psfs.iter().map(|psf| {
+            // Light by distance in samples, from outside inwards.
+            let mut rings = vec![0.0f64; self.size * 2];
+            for (k, &v) in psf.iter().enumerate() {
+                let (i, j) = ((k / self.size) as f64 - centre, (k % self.size) as f64 - centre);
+                rings[i.hypot(j).ceil() as usize] += f64::from(v);
+            }
+            let mut outside = 0.0;
+            let ring = rings.iter().rposition(|light| {
+                outside += light;
+                outside > tail
+            });
+            ring.unwrap_or(0)
+        });
+        (largest.max().unwrap_or(0) as f64 + 0.5) * self.spacing_um
+    }
+
+    /// The larger of the radial and tangential MTF on the axis at a frequency in cycles/mm.
+    pub fn axial_mtf(&self, per_mm: f64) -> f64 {
+        let step = TAU * per_mm * self.spacing_um * 1e-3;
+        let mut parts = [0.0f64; 4];
+        for (k, &v) in self.psfs[0].iter().enumerate() {
+            let (i, j) = (k / self.size, k % self.size);
+            let ((si, ci), (sj, cj)) = ((step * i as f64).sin_cos(), (step * j as f64).sin_cos());
+            for (part, value) in parts.iter_mut().zip([ci, si, cj, sj]) {
+                *part += f64::from(v) * value;
+            }
+        }
+        parts[0].hypot(parts[1]).max(parts[2].hypot(parts[3]))
+    }
+
+    /// The PSF at a real image height: linear between tabulated heights, the last one beyond.
+    fn at(&self, height_mm: f64) -> Vec<f32> {
+        let after = self.heights_mm.partition_point(|&h| h <= height_mm);
+        if after == 0 || after == self.heights_mm.len() {
+            return self.psfs[after.saturating_sub(1)].clone();
+        }
+        let (h0, h1) = (self.heights_mm[after - 1], self.heights_mm[after]);
+        let t = ((height_mm - h0) / (h1 - h0)) as f32;
+        self.psfs[after - 1].iter().zip(&self.psfs[after]).map(|(a, b)| a + t * (b - a)).collect()
+    }
+
+    /// The kernel for light whose chief ray lands at (x, y) mm from the optical axis, x right and y
+    /// down. Sums to 1.
+    ///
+    /// Every PSF sample counts as a square of its spacing, kept parallel to the grid (a square's second
+    /// moments do not depend on its rotation), and is integrated exactly over the pixel's square.
+    pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
+        let height = x_mm.hypot(y_mm);
+        // Unit vectors along the radius and across it; on the axis "radial" is down, as in the tables.
+        let (rx, ry) = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
+        let (tx, ty) = (ry, -rx);
+        let psf = self.at(height);
+        let (centre, n) = ((self.size / 2) as f64, grid.size);
+        let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * 1e-8;
+        let mut sums = vec![0.0f64; n * n];
+        let mut across = vec![0.0f64; n];
+        for (k, &value) in psf.iter().enumerate() {
+            if value <= negligible {
+                continue;
+            }
+            let i = ((k / self.size) as f64 - centre) * self.spacing_um;
+            let j = ((k % self.size) as f64 - centre) * self.spacing_um;
+            let columns = grid.overlaps(i * rx + j * tx, self.spacing_um);
+            let rows = grid.overlaps(i * ry + j * ty, self.spacing_um);
+            for (w, place) in across.iter_mut().zip(columns.clone()) {
+                *w = f64::from(value) * grid.overlap(place, i * rx + j * tx, self.spacing_um);
+            }
+            for row in rows {
+                let wy = grid.overlap(row, i * ry + j * ty, self.spacing_um);
+                let target = &mut sums[row * n + columns.start..row * n + columns.end];
+                target.iter_mut().zip(&across).for_each(|(s, w)| *s += wy * w);
+            }
+        }
+        let sharp = sharpen(&sums, n);
+        let total: f64 = sharp.iter().sum();
+        sharp.iter().map(|v| (v / total) as f32).collect()
+    }
+}
+
+impl KernelGrid {
+    /// Offset of the pixel centre for a kernel index, µm.
+    fn offset_um(&self, index: usize) -> f64 {
+        (index as f64 - self.before as f64 + (self.oversample as f64 - 1.0) / 2.0) * self.cell_um
+    }
+
+    /// Kernel indices whose pixel squares touch a PSF sample of side `side` at `place`, both µm.
+    fn overlaps(&self, place: f64, side: f64) -> std::ops::Range<usize> {
+        let reach = 0.5 * (side + self.aperture_um);
+        let index = |x: f64| (x - self.offset_um(0)) / self.cell_um;
+        let first = index(place - reach).ceil().max(0.0) as usize;
+        let end = (index(place + reach).floor() + 1.0).max(0.0) as usize;
+        first.min(self.size)..end.min(self.size).max(first.min(self.size))
+    }
+
+    /// Fraction of the PSF sample that falls into the pixel square of a kernel index, along one axis.
+    fn overlap(&self, index: usize, place: f64, side: f64) -> f64 {
+        let centre = self.offset_um(index);
+        let (half, a) = (0.5 * side, 0.5 * self.aperture_um);
+        let length = (place + half).min(centre + a) - (place - half).max(centre - a);
+        length.max(0.0) / side
+    }
+}
+
+/// [`POINT_FROM_AVERAGES`] along rows and columns; entries beyond the edge count as 0.
+fn sharpen(values: &[f64], n: usize) -> Vec<f64> {
+    let taps = |at: &dyn Fn(usize) -> f64, i: usize| -> f64 {
+        (0..5)
+            .filter(|t| (2..n + 2).contains(&(i + t)))
+            .map(|t| POINT_FROM_AVERAGES[t] * at(i + t - 2))
+            .sum()
+    };
+    let rows: Vec<f64> = (0..n * n).map(|k| taps(&|x| values[k / n * n + x], k % n)).collect();
+    (0..n * n).map(|k| taps(&|y| rows[y * n + k % n], k / n)).collect()
+}
+
+/// Half the sum of absolute differences: the fraction of the light that one kernel puts elsewhere than
+/// the other.
+pub fn misplaced(a: &[f32], b: &[f32]) -> f64 {
+    0.5 * a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>()
+}
+
+/// Where cells of the padded grid lie from the optical axis.
+pub struct Place<'a> {
+    /// Padded grids.
+    pub layout: &'a Layout,
+    /// Pixel pitch, mm.
+    pub pitch_mm: f64,
+    /// The optical axis from the sensor's centre, mm.
+    pub axis_mm: (f64, f64),
+}
+
+impl Place<'_> {
+    /// (x, y) mm from the optical axis of a point in cells from the padded grid's corner.
+    pub fn from_axis(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let cell = self.pitch_mm / self.layout.oversample as f64;
+        let along = |cells: f64, edge: usize, pixels: usize, axis: f64| {
+            cells * cell - (edge as f64 + pixels as f64 / 2.0) * self.pitch_mm - axis
+        };
+        (
+            along(x, self.layout.left(), self.layout.width, self.axis_mm.0),
+            along(y, self.layout.top(), self.layout.height, self.axis_mm.1),
+        )
+    }
+
+    /// Mean and largest [`misplaced`] light at the centres of tiles of `tile` cells, where blending the
+    /// corners' kernels is worst, over a sample of the field.
+    pub fn grid_error(&self, field: &PsfField, grid: &KernelGrid, tile: usize) -> (f64, f64) {
+        use rayon::prelude::*;
+        const SAMPLES: usize = 6;
+        let t = tile as f64;
+        let spread = |i: usize, cells: usize| {
+            // Tile centres over half of the frame: lenses are symmetric, sensors centred or nearly.
+            let tiles = (cells as f64 / t).ceil().max(1.0);
+            ((tiles * i as f64 / (2 * SAMPLES) as f64).floor() + 0.5) * t
+        };
+        let errors: Vec<f64> = (0..SAMPLES * SAMPLES)
+            .into_par_iter()
+            .map(|k| {
+                let x = spread(k % SAMPLES, self.layout.cells_across());
+                let y = spread(k / SAMPLES, self.layout.cells_down());
+                let kernel = |dx: f64, dy: f64| {
+                    let (x, y) = self.from_axis((x + dx * t, y + dy * t));
+                    field.kernel(x, y, grid)
+                };
+                let corners =
+                    [kernel(-0.5, -0.5), kernel(0.5, -0.5), kernel(-0.5, 0.5), kernel(0.5, 0.5)];
+                let blend: Vec<f32> = (0..grid.size * grid.size)
+                    .map(|k| corners.iter().map(|c| c[k]).sum::<f32>() * 0.25)
+                    .collect();
+                misplaced(&blend, &kernel(0.0, 0.0))
+            })
+            .collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        (mean, errors.iter().fold(0.0, |m, &e| m.max(e)))
+    }
+
+    /// The largest distance of nodes, in pixels, at which the mean [`Place::grid_error`] keeps
+    /// `tolerance`; at least 16 pixels.
+    pub fn node_distance(&self, field: &PsfField, grid: &KernelGrid, tolerance: f64) -> usize {
+        let s = self.layout.oversample;
+        [512, 362, 256, 181, 128, 90, 64, 45, 32, 23]
+            .into_iter()
+            .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
+            .find(|&pixels| self.grid_error(field, grid, pixels * s).0 <= tolerance)
+            .unwrap_or(16)
+    }
+
+    /// Kernels at every node of a tiling.
+    pub fn kernels(
+        &self,
+        field: &PsfField,
+        grid: &KernelGrid,
+        tiling: &super::varying::Tiling,
+    ) -> Kernels {
+        use rayon::prelude::*;
+        let across = tiling.across() + 1;
+        let nodes = across * (tiling.down() + 1);
+        let data: Vec<Vec<f32>> = (0..nodes)
+            .into_par_iter()
+            .map(|k| {
+                let (x, y) = self.from_axis(tiling.node(k % across, k / across));
+                field.kernel(x, y, grid)
+            })
+            .collect();
+        Kernels { size: grid.size, data: data.concat() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gaussian PSFs of the given radial and tangential sigma (µm), shifted along the radius (µm).
+    fn gaussian(size: usize, spacing_um: f64, radial: f64, across: f64, shift: f64) -> PsfField {
+        let c = (size / 2) as f64;
+        let psf: Vec<f64> = (0..size * size)
+            .map(|k| {
+                let y = (((k / size) as f64 - c) * spacing_um - shift) / radial;
+                let x = ((k % size) as f64 - c) * spacing_um / across;
+                (-0.5 * (x * x + y * y)).exp()
+            })
+            .collect();
+        let sum: f64 = psf.iter().sum();
+        let psf: Vec<f32> = psf.iter().map(|v| (v / sum) as f32).collect();
+        PsfField { heights_mm: vec![0.0, 10.0], size, spacing_um, psfs: vec![psf.clone(), psf] }
+    }
+
+    /// Centroid (x, y) and variances of a kernel around it, µm and µm².
+    fn moments(kernel: &[f32], grid: &KernelGrid) -> [f64; 5] {
+        let n = grid.size;
+        let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
+            (0..n * n)
+                .map(|k| f64::from(kernel[k]) * f(grid.offset_um(k % n), grid.offset_um(k / n)))
+                .sum()
+        };
+        let (x, y) = (sum(&|x, _| x), sum(&|_, y| y));
+        let (xx, yy) = (sum(&|u, _| (u - x).powi(2)), sum(&|_, v| (v - y).powi(2)));
+        [x, y, xx, yy, sum(&|u, v| (u - x) * (v - y))]
+    }
+
+    #[test]
+    fn kernels_keep_place_shape_and_aperture_whatever_the_rotation() {
+        for (size, oversample, angle) in
+            [(64, 2, 0.0f64), (65, 3, 0.7), (64, 3, 2.2), (65, 4, -1.9)]
+        {
+            let field = gaussian(size, 0.25, 1.6, 1.1, 0.8);
+            let grid = KernelGrid::new(oversample, 2.2, 1.9, field.radius_um(1e-6));
+            let (sin, cos) = angle.sin_cos();
+            let kernel = field.kernel(cos, sin, &grid);
+            // Variance: PSF's, sample square's, aperture's, less the cell average's that comes on top.
+            let extra = (0.25f64.powi(2) + 1.9f64.powi(2) - grid.cell_um.powi(2)) / 12.0;
+            let (radial, across) = (1.6f64.powi(2), 1.1f64.powi(2));
+            let expected = [
+                0.8 * cos,
+                0.8 * sin,
+                radial * cos * cos + across * sin * sin + extra,
+                radial * sin * sin + across * cos * cos + extra,
+                (radial - across) * sin * cos,
+            ];
+            let found = moments(&kernel, &grid);
+            // The window cuts 1e-6 of the light; sums over cells of half a sigma stand for integrals.
+            for (f, e) in found.iter().zip(expected) {
+                assert!((f - e).abs() < 2e-3, "{found:?} instead of {expected:?}");
+            }
+            assert!((kernel.iter().map(|&v| f64::from(v)).sum::<f64>() - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn sharpening_makes_averages_points() {
+        // Averages over unit cells of (x−8)⁴ are moments: check the value at the middle cell.
+        let average = |i: f64| ((i + 0.5).powi(5) - (i - 0.5).powi(5)) / 5.0;
+        let n = 17;
+        let values: Vec<f64> = (0..n * n).map(|k| average((k % n) as f64 - 8.0)).collect();
+        let sharp = sharpen(&values, n);
+        for x in 3..14 {
+            let exact = (x as f64 - 8.0).powi(4);
+            assert!((sharp[8 * n + x] - exact).abs() < 1e-9);
+        }
+    }
+}
