@@ -12,3 +12,6 @@ pub mod transfer;
 pub mod value;
 
 pub use value::Value;
+
+#[cfg(test)]
+pub(crate) mod synthetic;
