@@ -4,6 +4,7 @@
 pub mod fit;
 pub mod ladder;
 pub mod maps;
+pub mod mtf;
 pub mod ptc;
 pub mod response;
 pub mod spatial;

@@ -153,3 +153,14 @@ pub fn write_npy(path: &Path, shape: &[usize], data: &[u16]) {
     bytes.extend(data.iter().flat_map(|v| v.to_le_bytes()));
     std::fs::write(path, bytes).unwrap();
 }
+
+/// The read-only material beside the repository, or `None` with a line that says so.
+pub fn shared() -> Option<std::path::PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let path = std::env::var_os("CAMRIG_SHARED").map_or(beside, Into::into);
+    let found = path.is_dir().then_some(path);
+    if found.is_none() {
+        println!("SKIP: no shared material (set CAMRIG_SHARED)");
+    }
+    found
+}
