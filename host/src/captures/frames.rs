@@ -95,6 +95,7 @@ struct NpyStack {
     width: usize,
     height: usize,
     left: u64,
+    columns_first: bool,
 }
 
 impl NpyStack {
@@ -104,8 +105,9 @@ impl NpyStack {
         let broken = |e: std::io::Error| Error::input(format!("not a readable NPY file: {e}"));
         let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(broken)?;
         let shape = npy.shape().to_vec();
-        if npy.order() != npyz::Order::C {
-            return Err(Error::input("columns first (Fortran order)")
+        let columns_first = npy.order() == npyz::Order::Fortran;
+        if columns_first && shape.len() != 2 {
+            return Err(Error::input("a stack stored columns first (Fortran order)")
                 .help("save it with numpy.ascontiguousarray"));
         }
         let (frames, height, width) = match shape[..] {
@@ -128,7 +130,8 @@ impl NpyStack {
             }
             _ => Box::new(npy.data::<u16>().map_err(wrong_type)?),
         };
-        Ok(Self { data, width: width as usize, height: height as usize, left: frames })
+        let (width, height) = (width as usize, height as usize);
+        Ok(Self { data, width, height, left: frames, columns_first })
     }
 
     fn next(&mut self) -> Option<Result<Plane<u16>>> {
@@ -139,6 +142,9 @@ impl NpyStack {
         let count = self.width * self.height;
         let data: std::io::Result<Vec<u16>> = self.data.by_ref().take(count).collect();
         Some(match data {
+            Ok(data) if data.len() == count && self.columns_first => {
+                Ok(Plane::from_fn(self.width, self.height, |x, y| data[x * self.height + y]))
+            }
             Ok(data) if data.len() == count => {
                 Ok(Plane { width: self.width, height: self.height, data })
             }

@@ -23,6 +23,7 @@ struct Sums {
     xx: f64,
     z: f64,
     xz: f64,
+    range: Option<(f64, f64)>,
 }
 
 /// What a pixel's line is asked for.
@@ -68,6 +69,10 @@ impl LineMaps {
             sums.xx += p.weight * p.x * p.x;
             sums.z += p.weight * p.z;
             sums.xz += p.weight * p.x * p.z;
+            if p.weight > 0.0 {
+                let (low, high) = sums.range.unwrap_or((p.x, p.x));
+                sums.range = Some((low.min(p.x), high.max(p.x)));
+            }
         }
         let (step_x, step_y) = (self.sites[0].step_x, self.sites[0].step_y);
         let (sites, width) = (&self.sites, self.width);
@@ -102,26 +107,20 @@ impl LineMaps {
         of.map(|s| (s.rows(self.height) * s.columns(self.width)) as f64).sum()
     }
 
+    /// The sums' determinant where x spans at least a factor of 1.5, so that lines carry to zero.
     fn determinant(&self, channel: usize) -> Option<f64> {
         let s = self.channels[channel];
-        let d = s.w * s.xx - s.x * s.x;
-        (d > 1e-9 * s.w * s.xx).then_some(d)
+        let (low, high) = s.range?;
+        (high >= 1.5 * low).then_some(s.w * s.xx - s.x * s.x)
     }
 
-    /// The pixel's offset or slope at index `at`; `None` where the channel's data do not determine
-    /// lines (fewer than two different x).
-    pub fn at(&self, line: Line, at: usize) -> Option<f64> {
-        let (x, y) = (at % self.width, at / self.width);
-        let (step_x, step_y) = (self.sites[0].step_x, self.sites[0].step_y);
-        let channel = self.sites[(y % step_y) * step_x + x % step_x].channel;
-        Some(self.value(line, at, channel) / self.determinant(channel)?)
-    }
-
-    fn value(&self, line: Line, at: usize, channel: usize) -> f64 {
+    /// Offset or slope of a pixel of `channel`.
+    fn value(&self, line: Line, at: usize, channel: usize, determinant: Option<f64>) -> f64 {
         let s = self.channels[channel];
-        match line {
-            Line::Offset => s.xx * self.sum_y[at] - s.x * self.sum_xy[at],
-            Line::Slope => s.w * self.sum_xy[at] - s.x * self.sum_y[at],
+        match (line, determinant) {
+            (Line::Offset, Some(d)) => (s.xx * self.sum_y[at] - s.x * self.sum_xy[at]) / d,
+            (Line::Slope, Some(d)) => (s.w * self.sum_xy[at] - s.x * self.sum_y[at]) / d,
+            (_, None) => self.sum_y[at] / s.w,
         }
     }
 
@@ -132,20 +131,21 @@ impl LineMaps {
     }
 
     /// Mean over a channel's pixels, and variance over them with the noise of the lines taken out.
+    /// Without a span of x, the offset is the pixels' mean and there is no slope (`None`).
     pub fn spread(&self, line: Line, channel: usize) -> Option<(f64, SpatialVariance)> {
-        let d = self.determinant(channel)?;
         let s = self.channels[channel];
-        let noise = match line {
-            Line::Offset => s.xx / d,
-            Line::Slope => s.w / d,
+        s.range?;
+        let determinant = self.determinant(channel);
+        let noise = match (line, determinant) {
+            (Line::Offset, Some(d)) => s.xx / d,
+            (Line::Offset, None) => 1.0 / s.w,
+            (Line::Slope, d) => s.w / d?,
         };
-        let planes: Vec<PlaneMoments> = self
-            .sites
-            .iter()
+        let planes: Vec<PlaneMoments> = (self.sites.iter())
             .filter(|site| site.channel == channel)
             .map(|&site| {
                 PlaneMoments::of(site, self.width, self.height, |at| {
-                    self.value(line, at, channel) / d
+                    self.value(line, at, channel, determinant)
                 })
             })
             .collect();

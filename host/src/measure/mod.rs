@@ -4,6 +4,7 @@
 pub mod fit;
 pub mod ladder;
 pub mod maps;
+pub mod mtf;
 pub mod ptc;
 pub mod response;
 pub mod spatial;
@@ -12,3 +13,6 @@ pub mod transfer;
 pub mod value;
 
 pub use value::Value;
+
+#[cfg(test)]
+pub(crate) mod synthetic;
