@@ -8,6 +8,7 @@ mod demo;
 mod expose;
 mod measure;
 mod presets;
+mod scene;
 mod simulate;
 
 use clap::{Parser, Subcommand};
@@ -29,6 +30,7 @@ enum Command {
     Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Scene(scene::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -41,6 +43,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Scene(args) => scene::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
