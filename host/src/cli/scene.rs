@@ -9,8 +9,16 @@ use crate::scene::{Grid, Illuminant, LightLevel, Quantity, Scene, chart, envi, i
 use crate::{Error, Result, scene};
 use clap::Subcommand;
 use serde_json::json;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// Prints a line; a reader that went away (`| head`) is no error.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        let _ = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
 
 /// Scenes: list, look at, store and export them
 #[derive(clap::Args, Debug)]
@@ -156,16 +164,13 @@ fn list(args: &ListArgs) -> Result<()> {
             .collect();
         let object =
             json!({ "charts": chart::NAMES, "illuminants": Illuminant::names(), "scenes": scenes });
-        println!("{object}");
+        say!("{object}");
         return Ok(());
     }
-    println!("charts: {}", chart::NAMES.join(", "));
-    println!(
-        "illuminants: {}, D4000K to D25000K, blackbody:KELVIN",
-        Illuminant::names().join(", ")
-    );
+    say!("charts: {}", chart::NAMES.join(", "));
+    say!("illuminants: {}, D4000K to D25000K, blackbody:KELVIN", Illuminant::names().join(", "));
     for (path, about) in stored {
-        println!(
+        say!(
             "{}: {} x {} pixels, {} bands, {}{}{}",
             path.display(),
             about.width,
@@ -225,16 +230,16 @@ fn info(args: &InfoArgs) -> Result<()> {
             "width": size.map(|s| s.0), "height": size.map(|s| s.1),
             "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band, "notes": notes,
         });
-        println!("{object}");
+        say!("{object}");
         return Ok(());
     }
     match size {
-        Some((width, height)) => println!("{}: {width} x {height} pixels, {quantity}", args.scene),
-        None => println!("{}: chart, any size, {quantity}", args.scene),
+        Some((width, height)) => say!("{}: {width} x {height} pixels, {quantity}", args.scene),
+        None => say!("{}: chart, any size, {quantity}", args.scene),
     }
-    println!("wavelength_nm      min     mean      max");
+    say!("wavelength_nm      min     mean      max");
     for (nm, min, mean, max) in figures {
-        println!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
+        say!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
     }
     for note in notes {
         eprintln!("note: {note}");

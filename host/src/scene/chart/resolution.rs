@@ -32,7 +32,8 @@ pub(super) fn chart() -> Painting {
         // To the right and left along u; above and below along v, half as long.
         lay(&mut painting, points.clone());
         lay(&mut painting, points.iter().map(|p| [-p[0], p[1]]).collect());
-        let turned = |sign: f64| points.iter().map(move |p| [p[1], sign * (0.115 + (p[0] - 0.17) * 0.4)]);
+        let turned =
+            |sign: f64| points.iter().map(move |p| [p[1], sign * (0.115 + (p[0] - 0.17) * 0.4)]);
         lay(&mut painting, turned(1.0).collect());
         lay(&mut painting, turned(-1.0).collect());
     }
@@ -121,8 +122,7 @@ mod tests {
     #[test]
     fn bars_have_their_frequency() {
         let (cell, centre) = (1.0 / 8000.0, -3.5 * 0.08);
-        let grid =
-            Grid { width: 800, height: 1, left: centre - 400.0 * cell, top: -0.24, cell };
+        let grid = Grid { width: 800, height: 1, left: centre - 400.0 * cell, top: -0.24, cell };
         let plane = chart().plane(0, &grid).unwrap();
         // 100 cycles per width: dark bars of 40 cells at a period of 80, the third one centred.
         for (i, &value) in plane.data.iter().enumerate() {
