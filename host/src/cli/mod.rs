@@ -9,6 +9,7 @@ mod expose;
 mod lens;
 mod measure;
 mod presets;
+mod scene;
 mod simulate;
 
 use clap::{Parser, Subcommand};
@@ -31,6 +32,7 @@ enum Command {
     Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Scene(scene::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -44,6 +46,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Scene(args) => scene::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");

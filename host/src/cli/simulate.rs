@@ -67,7 +67,9 @@ impl ViewArgs {
     /// Runs the optics stage.
     pub fn view(&self) -> Result<View> {
         let camera = Camera::load(&self.camera)?;
-        let scene = scene::open(&self.scene)?;
+        let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
+        let scene = scene::open_filling(&self.scene, aspect)?;
+        scene.notes().iter().for_each(|note| eprintln!("note: {note}"));
         let bands = scene.bands();
         let (light, lux, white) = match scene.quantity() {
             Quantity::Reflectance => {
@@ -94,8 +96,9 @@ impl ViewArgs {
         let made_of = format!("scene {}, lens of {}", self.scene, camera.name);
         let illuminant = light.as_ref().map(|l| l.name.clone());
         let about = render::About { lux, illuminant, made_of };
-        let (cube, optics) =
-            render::irradiance(&camera, &lit, &options, about, |done, _| bar.set_position(done as u64))?;
+        let (cube, optics) = render::irradiance(&camera, &lit, &options, about, |done, _| {
+            bar.set_position(done as u64)
+        })?;
         bar.finish_and_clear();
         Ok(View { camera, light, cube, optics })
     }

@@ -111,7 +111,7 @@ impl Cube {
     }
 
     /// One band of the scene in the cube's own pixels.
-    fn band(&self, band: usize) -> Result<Plane<f32>> {
+    pub fn band(&self, band: usize) -> Result<Plane<f32>> {
         if let [(only, weight)] = self.mix[band][..]
             && weight == 1.0
         {

@@ -255,6 +255,9 @@ mod tests {
         assert!(message(&good.replace("type = 1", "type = 6")).contains("data type = 6"));
         assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
         assert!(message(&good.replace('}', "")).contains("closing brace"));
+        std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();
+        assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
+        std::fs::remove_file(dir.path().join("cube")).unwrap();
         assert!(message(good).contains("no data file"));
     }
 }

@@ -270,6 +270,24 @@ mod tests {
         }
     }
 
+    /// Files written by scipy.io and h5py (`tests/data/scene/make.py` holds the formula).
+    #[test]
+    fn files_of_other_writers() {
+        let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/scene");
+        let grid = Grid { width: 3, height: 2, left: -0.5, top: -1.0 / 3.0, cell: 1.0 / 3.0 };
+        for file in ["photons_v5.mat", "model_v5.mat", "photons_v73.mat"] {
+            let scene = open_scene(place.join(file).to_str().unwrap()).unwrap();
+            assert_eq!(scene.quantity(), Quantity::Reflectance, "{file}");
+            for band in 0..4 {
+                let plane = scene.plane(band * 10, &grid).unwrap();
+                let expected = Plane::from_fn(3, 2, |x, y| (1 + x + 3 * y + band) as f32 / 10.0);
+                for (got, expected) in plane.data.iter().zip(&expected.data) {
+                    assert!((got - expected).abs() < 1e-6, "{file} {got} for {expected}");
+                }
+            }
+        }
+    }
+
     /// ISETCam's linear model with a mean, energy illuminant and `wave` in the basis.
     #[test]
     fn linear_models_are_evaluated() {

@@ -8,16 +8,20 @@
 pub mod chart;
 pub mod cube;
 pub mod envi;
+mod exr;
 mod hdf5;
 pub mod illuminant;
 pub mod isetcam;
+pub mod library;
 mod matlab;
 mod numpy;
 pub mod painting;
 pub mod photometry;
+pub mod preview;
 pub mod shape;
 mod sidecar;
 pub mod spectrum;
+pub mod stored;
 pub mod strided;
 pub mod table;
 
@@ -99,32 +103,76 @@ impl LitScene<'_> {
     }
 }
 
-/// Opens what `--scene` names: a built-in chart (`NAME[:OPTIONS]`) or a spectral cube
-/// (`FILE[:OPTIONS]`), options as `KEY=VALUE,...`.
+/// Opens what `--scene` names: a built-in chart (`NAME[:OPTIONS]`), a spectral cube
+/// (`FILE[:OPTIONS]`) or the directory of a stored scene, options as `KEY=VALUE,...`.
 pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
+    Ok(open_with_size(spec)?.0)
+}
+
+/// Opens a scene to be seen in a frame of that aspect (width over height): content with an aspect of
+/// its own fills the frame, see [`Grid::over_content`].
+pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
+    Ok(Box::new(Filling { scene: open(spec)?, frame_aspect }))
+}
+
+/// Opens a scene with its width and height in pixels, `None` for charts.
+pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, Option<(usize, usize)>)> {
     let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
     if let Some(chart) = chart::open(name, options) {
-        return chart.map_err(|e| e.at(format!("scene {spec:?}")));
+        return Ok((chart.map_err(|e| e.at(format!("scene {spec:?}")))?, None));
     }
+    let cube = open_file(spec)?;
+    let size = cube.size();
+    Ok((Box::new(cube), Some(size)))
+}
+
+/// Opens a spectral cube or the directory of a stored scene.
+pub fn open_file(spec: &str) -> Result<cube::Cube> {
     let (path, options) = match spec.rsplit_once(':') {
         Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
         _ => (Path::new(spec), ""),
     };
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    match extension.as_str() {
-        "npy" | "npz" | "hdr" | "mat" => Ok(Box::new(open_cube(path, &extension, options)?)),
-        _ => Err(unknown_scene(spec)),
+    if path.is_dir() {
+        return stored::open(path);
     }
-}
-
-fn open_cube(path: &Path, extension: &str, options: &str) -> Result<cube::Cube> {
-    let sidecar = sidecar::Sidecar::read(path, options)?;
-    let open = match extension {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    let open = match extension.as_str() {
+        "npy" | "npz" => numpy::open,
         "hdr" => envi::open,
         "mat" => isetcam::open,
-        _ => numpy::open,
+        "exr" => exr::open,
+        _ => return Err(unknown_scene(spec)),
     };
+    let sidecar = sidecar::Sidecar::read(path, options)?;
     open(path, &sidecar).map_err(|e| e.at(path.display()))
+}
+
+/// A scene enlarged to fill a frame.
+struct Filling {
+    scene: Box<dyn Scene>,
+    frame_aspect: f64,
+}
+
+impl Scene for Filling {
+    fn bands(&self) -> Bands {
+        self.scene.bands()
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.scene.quantity()
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        None
+    }
+
+    fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        self.scene.plane(band, &grid.over_content(self.scene.aspect(), self.frame_aspect))
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.scene.notes()
+    }
 }
 
 fn unknown_scene(spec: &str) -> Error {

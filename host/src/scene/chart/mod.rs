@@ -5,6 +5,7 @@ pub mod colorchecker;
 pub mod dots;
 mod options;
 pub mod ramp;
+pub mod resolution;
 pub mod slanted_edge;
 pub mod spot;
 
@@ -24,6 +25,7 @@ pub const NAMES: &[&str] = &[
     "ramp",
     "uniform",
     "checkerboard",
+    "resolution",
     "point",
     "bright-spot",
 ];
@@ -37,6 +39,7 @@ pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
         "ramp" => |o| Ok(Box::new(ramp::from_options(o)?)),
         "uniform" => |o| Ok(Box::new(uniform(o)?)),
         "checkerboard" => |o| Ok(Box::new(checkerboard::from_options(o)?)),
+        "resolution" => |_| Ok(Box::new(resolution::chart())),
         "point" => |o| Ok(Box::new(spot::point(o)?)),
         "bright-spot" => |o| Ok(Box::new(spot::bright_spot(o)?)),
         _ => return None,

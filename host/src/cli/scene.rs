@@ -1,0 +1,313 @@
+//! `camrig scene`: the scenes there are, what they hold and look like, and the library.
+
+use super::arguments;
+use crate::formats::output::OutputDir;
+use crate::formats::{output, png};
+use crate::scene::library::{Library, describe};
+use crate::scene::photometry::white_radiance;
+use crate::scene::{Grid, Illuminant, LightLevel, Quantity, Scene, chart, envi, isetcam, preview};
+use crate::{Error, Result, scene};
+use clap::Subcommand;
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Prints a line; a reader that went away (`| head`) is no error.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        let _ = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
+
+/// Scenes: list, look at, store and export them
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand, Debug)]
+enum Verb {
+    List(ListArgs),
+    Info(InfoArgs),
+    Show(ShowArgs),
+    Add(AddArgs),
+    Export(ExportArgs),
+}
+
+/// List charts, illuminants and the scenes of a library
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene list my-scenes")]
+struct ListArgs {
+    /// Library directory
+    library: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Say what a scene holds: size, bands, range of values
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene info cube.hdr --json")]
+struct InfoArgs {
+    /// Chart, spectral cube or scene directory
+    scene: String,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Make an sRGB picture of a scene under a light
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene show colorchecker --illuminant A -o chart.png")]
+struct ShowArgs {
+    /// Chart, spectral cube or scene directory
+    scene: String,
+    /// Light on a reflectance scene
+    #[arg(long, default_value = "D65", value_name = "I")]
+    illuminant: String,
+    /// Longer side, pixels
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    size: u32,
+    /// Output .png
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+}
+
+/// Store a spectral cube in a library
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene add cube.mat --library my-scenes --name street")]
+struct AddArgs {
+    /// Spectral cube: .npy, .npz, .hdr, .mat, .exr, or a scene directory
+    scene: String,
+    /// Library directory; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    library: PathBuf,
+    /// Name in the library
+    #[arg(long)]
+    name: String,
+    /// What the scene shows
+    #[arg(long, default_value = "")]
+    description: String,
+    /// Where it comes from
+    #[arg(long, default_value = "")]
+    source: String,
+    /// Terms of use
+    #[arg(long, default_value = "")]
+    licence: String,
+    /// Replace a scene of that name
+    #[arg(long)]
+    force: bool,
+}
+
+/// Write a scene for other programs: ENVI (.hdr with .img) or ISETCam (.mat)
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene export my-scenes/street -o envi/\n  \
+                        camrig scene export colorchecker --format mat --width 640 -o chart/")]
+struct ExportArgs {
+    /// Chart, spectral cube or scene directory
+    scene: String,
+    /// File format
+    #[arg(long, value_enum, default_value_t)]
+    format: ExportFormat,
+    /// Columns; a cube's own unless given, 640 for charts
+    #[arg(long)]
+    width: Option<usize>,
+    /// Light that an ISETCam scene of reflectance is given
+    #[arg(long, default_value = "D65", value_name = "I")]
+    illuminant: String,
+    /// Its luminance on a perfect white, cd/m²
+    #[arg(long, default_value_t = 100.0, value_parser = arguments::positive, value_name = "L")]
+    luminance: f64,
+    /// Output directory
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum ExportFormat {
+    /// ENVI header and band-sequential float data
+    #[default]
+    Envi,
+    /// ISETCam scene, MATLAB version 5
+    Mat,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.verb {
+        Verb::List(args) => list(args),
+        Verb::Info(args) => info(args),
+        Verb::Show(args) => show(args),
+        Verb::Add(args) => add(args),
+        Verb::Export(args) => export(args),
+    }?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn list(args: &ListArgs) -> Result<()> {
+    let stored = match &args.library {
+        Some(directory) => Library::open(directory)?.scenes()?,
+        None => Vec::new(),
+    };
+    if args.json {
+        let scenes: Vec<_> = stored
+            .iter()
+            .map(|(path, about)| json!({ "path": path.display().to_string(), "about": about }))
+            .collect();
+        let object =
+            json!({ "charts": chart::NAMES, "illuminants": Illuminant::names(), "scenes": scenes });
+        say!("{object}");
+        return Ok(());
+    }
+    say!("charts: {}", chart::NAMES.join(", "));
+    say!("illuminants: {}, D4000K to D25000K, blackbody:KELVIN", Illuminant::names().join(", "));
+    for (path, about) in stored {
+        say!(
+            "{}: {} x {} pixels, {} bands, {}{}{}",
+            path.display(),
+            about.width,
+            about.height,
+            about.bands,
+            about.quantity,
+            if about.description.is_empty() { "" } else { "; " },
+            about.description
+        );
+    }
+    Ok(())
+}
+
+/// Charts have no pixels of their own: what is said of them is seen on a grid of this width.
+const CHART_WIDTH: usize = 640;
+
+/// A grid over the whole content, `width` cells across; 4:3 where a scene fills any frame.
+fn whole(scene: &dyn Scene, width: usize) -> Grid {
+    let cell = 1.0 / width as f64;
+    let height = (width as f64 / scene.aspect().unwrap_or(4.0 / 3.0)).round().max(1.0) as usize;
+    Grid { width, height, left: -0.5, top: -0.5 * height as f64 * cell, cell }
+}
+
+fn info(args: &InfoArgs) -> Result<()> {
+    let (scene, size) = scene::open_with_size(&args.scene)?;
+    let grid = whole(&*scene, size.map_or(CHART_WIDTH, |(width, _)| width));
+    let bands = scene.bands();
+    let bar = arguments::progress("bands", bands.count as u64);
+    let mut figures = Vec::new();
+    for band in 0..bands.count {
+        let plane = scene.plane(band, &grid)?;
+        let least = plane.data.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let most = plane.data.iter().fold(0.0, |a: f32, &b| a.max(b));
+        let sum: f64 = plane.data.iter().map(|&v| f64::from(v)).sum();
+        figures.push((bands.nm(band), least, sum / plane.data.len() as f64, most));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let quantity = match scene.quantity() {
+        Quantity::Reflectance => "reflectance",
+        Quantity::Radiance => "radiance",
+    };
+    let mut notes = scene.notes();
+    let above = figures.iter().filter(|f| f.3 > 1.0).count();
+    if scene.quantity() == Quantity::Reflectance && above > 0 {
+        notes.push(format!("reflectance above 1 in {above} bands: highlights, or a wrong scale"));
+    }
+    if args.json {
+        let per_band: Vec<_> = figures
+            .iter()
+            .map(|(nm, min, mean, max)| {
+                json!({ "wavelength_nm": nm, "min": min, "mean": mean, "max": max })
+            })
+            .collect();
+        let object = json!({
+            "scene": args.scene, "quantity": quantity,
+            "width": size.map(|s| s.0), "height": size.map(|s| s.1),
+            "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band, "notes": notes,
+        });
+        say!("{object}");
+        return Ok(());
+    }
+    match size {
+        Some((width, height)) => say!("{}: {width} x {height} pixels, {quantity}", args.scene),
+        None => say!("{}: chart, any size, {quantity}", args.scene),
+    }
+    say!("wavelength_nm      min     mean      max");
+    for (nm, min, mean, max) in figures {
+        say!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
+    }
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    Ok(())
+}
+
+fn show(args: &ShowArgs) -> Result<()> {
+    let scene = scene::open(&args.scene)?;
+    let light = Illuminant::parse(&args.illuminant)?;
+    let picture = preview::render(&*scene, &light, args.size as usize)?;
+    output::write_file(&args.output, args.force, &png::encode_rgb(&picture)?)?;
+    eprintln!("wrote {}", args.output.display());
+    Ok(())
+}
+
+fn add(args: &AddArgs) -> Result<()> {
+    let cube = scene::open_file(&args.scene)?;
+    for note in cube.notes() {
+        eprintln!("note: {note}");
+    }
+    let mut about = describe(&cube, &args.name);
+    about.description.clone_from(&args.description);
+    about.source.clone_from(&args.source);
+    about.licence.clone_from(&args.licence);
+    let bar = arguments::progress("bands", about.bands as u64);
+    let mut library = Library::open_or_new(&args.library)?;
+    let place = library.add(&cube, &about, args.force, |band| bar.set_position(band as u64))?;
+    bar.finish_and_clear();
+    eprintln!("wrote {}", place.display());
+    Ok(())
+}
+
+fn export(args: &ExportArgs) -> Result<()> {
+    let output = OutputDir::create(&args.output, args.force)?;
+    let (scene, size) = scene::open_with_size(&args.scene)?;
+    let width = args.width.or(size.map(|s| s.0)).unwrap_or(CHART_WIDTH);
+    if !(1..=100_000).contains(&width) {
+        return Err(Error::input(format!("--width {width}")).help("give 1 to 100000 pixels"));
+    }
+    let grid = whole(&*scene, width);
+    let bands = scene.bands();
+    let bar = arguments::progress("bands", bands.count as u64);
+    let band = |index: usize| {
+        bar.set_position(index as u64);
+        scene.plane(index, &grid)
+    };
+    let name = args.scene.split(':').next().unwrap_or(&args.scene);
+    let name = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or("scene");
+    match args.format {
+        ExportFormat::Envi => {
+            let path = output.path().join(format!("{name}.hdr"));
+            envi::write(&path, (grid.width, grid.height), &bands, scene.quantity(), band)?;
+        }
+        ExportFormat::Mat => {
+            let white = match scene.quantity() {
+                Quantity::Reflectance => {
+                    let light = Illuminant::parse(&args.illuminant)?;
+                    Some(white_radiance(&light, LightLevel::Luminance(args.luminance), &bands)?)
+                }
+                Quantity::Radiance => None,
+            };
+            let path = output.path().join(format!("{name}.mat"));
+            isetcam::write(&path, name, &bands, white.as_deref(), band)?;
+        }
+    }
+    bar.finish_and_clear();
+    output.finish()?;
+    eprintln!("wrote {}", args.output.display());
+    Ok(())
+}

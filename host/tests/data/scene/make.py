@@ -1,0 +1,36 @@
+"""Writes the MATLAB fixtures of scene files in ISETCam's documented layout (sceneToFile), with
+independent writers: scipy.io for version 5, h5py for 7.3. No original ISETCam scene file is used.
+Needs numpy, scipy, h5py; run in this directory.
+
+The scene: 2 rows, 3 columns, 4 bands (400, 500, 600, 700 nm), reflectance
+(1 + x + 3 y + band) / 10, under 1e15 (1 + band) photons."""
+import h5py
+import numpy as np
+import scipy.io
+
+wave = np.array([400.0, 500.0, 600.0, 700.0])
+y, x, b = np.mgrid[0:2, 0:3, 0:4]
+reflectance = (1 + x + 3 * y + b) / 10
+white = 1e15 * (1 + np.arange(4))
+photons = reflectance * white
+light = dict(type="illuminant", name="q", spectrum=dict(wave=wave), data=dict(photons=white))
+
+scipy.io.savemat("photons_v5.mat", dict(photons=photons.astype(np.float32), wave=wave.astype(np.int16),
+    comment="fixture", illuminant=light, fov=10.0, dist=1.2, name="s"), do_compression=True)
+
+flat = photons.reshape(-1, 4)
+mean = flat.mean(0)
+basis = np.linalg.svd(flat - mean, full_matrices=False)[2].T[:, :2]
+energy = white * 6.62607015e-34 * 299792458.0 / (wave * 1e-9)
+scipy.io.savemat("model_v5.mat", dict(mcCOEF=((flat - mean) @ basis).reshape(2, 3, 2),
+    basis=dict(basis=basis, wave=wave), imgMean=mean, comment="fixture",
+    illuminant=dict(data=energy[:, None], wavelength=wave)), do_compression=False)
+
+with h5py.File("photons_v73.mat", "w", userblock_size=512, libver="earliest") as f:
+    f.create_dataset("photons", data=photons.transpose(2, 1, 0), chunks=(1, 3, 2), compression="gzip", shuffle=True)
+    f.create_dataset("wave", data=wave[:, None])
+    f.create_dataset("illuminant/spectrum/wave", data=wave[:, None])
+    f.create_dataset("illuminant/data/photons", data=white[:, None])
+    f.create_dataset("comment", data=np.frombuffer("fixture".encode("utf-16le"), np.uint16)[:, None])
+with open("photons_v73.mat", "r+b") as f:
+    f.write(b"MATLAB 7.3 MAT-file, fixture".ljust(124) + bytes([0, 2]) + b"IM")
