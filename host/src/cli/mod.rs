@@ -27,12 +27,12 @@ enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
     Demo(demo::Args),
+    Scene(scene::Args),
     Lens(lens::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
-    Scene(scene::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -42,11 +42,11 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
-        Command::Scene(args) => scene::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
