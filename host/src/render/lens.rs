@@ -2,8 +2,12 @@
 
 use crate::camera::{Camera, LensKind, RelativeIllumination};
 use crate::optics::interpolate::MonotoneCubic;
-use crate::optics::{Departures, Diffraction, Illumination, Lens, SensorGrid};
-use crate::{Error, Result};
+use crate::optics::lens::characterise::{self, Plan, PsfMethod};
+use crate::optics::lens::{Catalogue, Conditions, System, read_prescription};
+use crate::optics::{Characterisation, Departures, Diffraction, Illumination, Lens, SensorGrid};
+use crate::scene::{Bands, Spectrum};
+use crate::Result;
+use std::path::Path;
 
 /// The sensor's grid as the optics sees it.
 pub fn sensor_grid(camera: &Camera) -> SensorGrid {
@@ -16,8 +20,9 @@ pub fn sensor_grid(camera: &Camera) -> SensorGrid {
     }
 }
 
-/// The lens with the departures that the file's optical effects ask for.
-pub fn lens(camera: &Camera) -> Result<Box<dyn Lens>> {
+/// The lens with the departures that the file's optical effects ask for; `bands` are the wavelengths at which
+/// a prescription is traced.
+pub fn lens(camera: &Camera, bands: &Bands) -> Result<Box<dyn Lens>> {
     let transmittance = camera.lens.transmittance.clone();
     match &camera.lens.kind {
         LensKind::DiffractionLimited {
@@ -34,18 +39,56 @@ pub fn lens(camera: &Camera) -> Result<Box<dyn Lens>> {
                 RelativeIllumination::Cos4 => Illumination::Cos4,
                 RelativeIllumination::Flat => Illumination::Uniform,
                 RelativeIllumination::Table(table) => {
-                    let sensor = &camera.sensor;
-                    let corner_mm = f64::hypot(f64::from(sensor.width), f64::from(sensor.height))
-                        * sensor.pitch_um
-                        * 5e-4;
+                    let corner_mm = corner_mm(camera);
                     let (heights, ratios) = table.iter().map(|(h, r)| (h * corner_mm, *r)).unzip();
                     Illumination::Table(MonotoneCubic::new(heights, ratios))
                 }
             },
             departures: Departures::default(),
         })),
-        LensKind::Characterised(path) | LensKind::Prescription(path) => {
-            Err(Error::input(format!("the lens of {} is not available yet", path.display())))
+        LensKind::Characterised(path) => {
+            let lens = Characterisation::read(path)?;
+            Ok(Box::new(with_transmittance(lens, &transmittance)?))
+        }
+        LensKind::Prescription(path) => {
+            let lens = characterise(camera, path, bands)?;
+            Ok(Box::new(with_transmittance(lens, &transmittance)?))
         }
     }
+}
+
+/// Traces the prescription out to the sensor's corner, in the scene's bands.
+fn characterise(camera: &Camera, path: &Path, bands: &Bands) -> Result<Characterisation> {
+    /// Image heights from the axis to the corner.
+    const HEIGHTS: usize = 21;
+    const PSF_SIZE: usize = 128;
+    let prescription = read_prescription(path, &Catalogue::default())?;
+    let system =
+        System::new(prescription, Conditions::default()).map_err(|e| e.at(path.display()))?;
+    let plan = Plan {
+        heights: HEIGHTS,
+        max_field_deg: system.field_of_paraxial_height(corner_mm(camera)).abs(),
+        wavelengths_nm: bands.centres().collect(),
+        psf_size: PSF_SIZE,
+        psf_spacing_um: None,
+        method: PsfMethod::Auto,
+    };
+    characterise::characterise(&system, &plan, &|| ()).map_err(|e| e.at(path.display()))
+}
+
+/// Half the sensor's diagonal, mm.
+fn corner_mm(camera: &Camera) -> f64 {
+    let sensor = &camera.sensor;
+    f64::hypot(f64::from(sensor.width), f64::from(sensor.height)) * sensor.pitch_um * 5e-4
+}
+
+/// The camera file's transmittance on top of the lens's own.
+fn with_transmittance(mut lens: Characterisation, file: &Spectrum) -> Result<Characterisation> {
+    let mut nm: Vec<f64> =
+        lens.transmittance.samples().chain(file.samples()).map(|(nm, _)| nm).collect();
+    nm.sort_by(f64::total_cmp);
+    nm.dedup();
+    let value = nm.iter().map(|&nm| lens.transmittance.at(nm) * file.at(nm)).collect();
+    lens.transmittance = Spectrum::new(nm, value)?;
+    Ok(lens)
 }

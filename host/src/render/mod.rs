@@ -49,7 +49,7 @@ pub fn irradiance(
         illuminant: about.illuminant,
         made_of: about.made_of,
     })?;
-    let lens = lens(camera)?;
+    let lens = lens(camera, &bands)?;
     let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {
         writer.push(&plane)
     })?;
