@@ -93,8 +93,9 @@ impl ViewArgs {
         let made_of = format!("scene {}, lens of {}", self.scene, camera.name);
         let illuminant = light.as_ref().map(|l| l.name.clone());
         let about = render::About { lux, illuminant, made_of };
-        let (cube, optics) =
-            render::irradiance(&camera, &lit, &options, about, |done, _| bar.set_position(done as u64))?;
+        let (cube, optics) = render::irradiance(&camera, &lit, &options, about, |done, _| {
+            bar.set_position(done as u64)
+        })?;
         bar.finish_and_clear();
         Ok(View { camera, light, cube, optics })
     }

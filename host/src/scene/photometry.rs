@@ -64,8 +64,7 @@ pub fn chromaticity(spectrum: &Spectrum) -> [f64; 2] {
 pub fn observer() -> [Spectrum; 3] {
     let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(|i| 360.0 + i as f64).collect();
     [0, 1, 2].map(|i| {
-        Spectrum::new(wavelengths.clone(), OBSERVER[i].clone())
-            .expect("the observer's table rises")
+        Spectrum::new(wavelengths.clone(), OBSERVER[i].clone()).expect("the observer's table rises")
     })
 }
 
