@@ -69,6 +69,8 @@ pub trait Arith: Copy + Send + Sync + 'static {
     fn factor(f: f32) -> Self::Factor;
     /// A signal in electrons.
     fn electrons(s: Self::Signal) -> f32;
+    /// A factor as a number.
+    fn number(f: Self::Factor) -> f32;
     /// a + b, saturating.
     fn add(a: Self::Signal, b: Self::Signal) -> Self::Signal;
     /// a - b, saturating.

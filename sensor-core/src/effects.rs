@@ -16,7 +16,7 @@ mod declare;
 pub use context::Context;
 pub(crate) use declare::{catalogue, effect};
 
-use crate::arith::{Arith, BLOCK, Block};
+use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
 use crate::stream::{LANES, Lanes};
 
 /// Where in the signal chain an effect acts. Signals are in electrons everywhere, referred to the
@@ -61,7 +61,7 @@ pub trait Stage {
     /// Changes a row in place. Must not panic, and must depend on nothing but its arguments.
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         inputs: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     );
@@ -117,17 +117,150 @@ catalogue! {
     10 => stuck_pixels::StuckPixels,
     11 => row_temporal_noise::RowTemporalNoise,
     12 => column_offset_fpn::ColumnOffsetFpn,
+    13 => column_temporal_noise::ColumnTemporalNoise,
+    14 => row_correlated_noise::RowCorrelatedNoise,
+    15 => periodic_pattern_noise::PeriodicPatternNoise,
+    16 => read_noise_spread::ReadNoiseSpread,
+    17 => random_telegraph_noise::RandomTelegraphNoise,
+    18 => heavy_tailed_read_noise::HeavyTailedReadNoise,
+    19 => reset_noise::ResetNoise,
+    20 => frame_offset_noise::FrameOffsetNoise,
+    21 => readout_channel_mismatch::ReadoutChannelMismatch,
+    22 => readout_channel_crosstalk::ReadoutChannelCrosstalk,
+    23 => pixel_offset_fpn::PixelOffsetFpn,
+    24 => amp_glow::AmpGlow,
+    25 => dark_current_gradient::DarkCurrentGradient,
+    26 => black_level_offset::BlackLevelOffset,
+    27 => column_gain_fpn::ColumnGainFpn,
+    28 => prnu_low_frequency::PrnuLowFrequency,
+    29 => nonlinearity::Nonlinearity,
+    30 => brighter_fatter::BrighterFatter,
+    31 => optical_crosstalk::OpticalCrosstalk,
+    32 => adc_nonlinearity::AdcNonlinearity,
+    33 => companding::Companding,
+    34 => image_lag::ImageLag,
+    35 => black_sun::BlackSun,
+    36 => exposure_offset::ExposureOffset,
+    37 => fringing::Fringing,
+    38 => green_imbalance::GreenImbalance,
+    39 => pdaf_pattern::PdafPattern,
+    40 => flicker_banding::FlickerBanding,
+    41 => light_flicker::LightFlicker,
+    42 => colour_shading::ColourShading,
+    43 => relative_illumination::RelativeIllumination,
+    44 => offset_clipping::OffsetClipping,
+    45 => blooming::Blooming,
 }
 
 /// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.
 #[inline(always)]
 pub(crate) fn chosen(lanes: &mut Lanes, fraction: f32) -> Block<bool> {
     let limit = (f64::from(fraction) * 4_294_967_296.0) as u64;
-    let (a, b) = (lanes.draw(), lanes.draw());
+    let words = words(lanes);
     let mut out = [false; BLOCK];
-    for (i, out) in out.iter_mut().enumerate() {
-        let word = if i < LANES { a[i] } else { b[i - LANES] };
-        *out = u64::from(word) < limit;
+    for i in 0..BLOCK {
+        out[i] = u64::from(words[i]) < limit;
     }
     out
+}
+
+/// The words of two draws, as one block.
+#[inline(always)]
+pub(crate) fn words(lanes: &mut Lanes) -> Block<u32> {
+    let mut out = [0; BLOCK];
+    let (a, b) = out.split_at_mut(LANES);
+    a.copy_from_slice(&lanes.draw());
+    b.copy_from_slice(&lanes.draw());
+    out
+}
+
+/// v += σ z, z standard normal, for each pixel.
+#[inline(always)]
+fn add_normals<A: Arith>(row: &mut [Block<A::Signal>], sigma_e: f32, mut lanes: Lanes) {
+    let sigma = A::signal(sigma_e);
+    for block in row {
+        let z = A::normals(&mut lanes);
+        for i in 0..BLOCK {
+            block[i] = A::add(block[i], A::scale(sigma, z[i]));
+        }
+    }
+}
+
+/// v *= 1 + σ z, z standard normal, for each pixel.
+#[inline(always)]
+fn scale_by_normals<A: Arith>(row: &mut [Block<A::Signal>], sigma: f32, mut lanes: Lanes) {
+    let sigma = A::factor(sigma);
+    for block in row {
+        let z = A::normals(&mut lanes);
+        for i in 0..BLOCK {
+            block[i] = A::scale(block[i], A::gain(sigma, z[i]));
+        }
+    }
+}
+
+/// v += offset for the whole row.
+#[inline(always)]
+fn add_offset<A: Arith>(row: &mut [Block<A::Signal>], offset_e: f32) {
+    let offset = A::signal(offset_e);
+    for v in row.as_flattened_mut() {
+        *v = A::add(*v, offset);
+    }
+}
+
+/// v *= gain for the whole row.
+#[inline(always)]
+fn scale_all<A: Arith>(row: &mut [Block<A::Signal>], gain: f32) {
+    let gain = A::factor(gain);
+    for v in row.as_flattened_mut() {
+        *v = A::scale(*v, gain);
+    }
+}
+
+/// v *= gain(column, position in -1..1) for each pixel.
+#[inline(always)]
+fn scale_by_place<A: Arith>(
+    cx: &Context<'_>,
+    row: &mut [Block<A::Signal>],
+    gain: impl Fn(usize, f32) -> f32,
+) {
+    for (b, block) in row.iter_mut().enumerate() {
+        for (i, v) in block.iter_mut().enumerate() {
+            *v = A::scale(*v, A::factor(gain(b * BLOCK + i, cx.x(b, i))));
+        }
+    }
+}
+
+/// v += Poisson(mean(position in -1..1)) for each pixel; means (e⁻) up to `most`.
+#[inline(always)]
+fn add_counts<A: Arith>(
+    cx: &Context<'_>,
+    row: &mut [Block<A::Signal>],
+    most: f32,
+    mean: impl Fn(f32) -> f32,
+) {
+    let mut counts = cx.counts(0, true, most >= EXPANSION_FROM_E);
+    for (b, block) in row.iter_mut().enumerate() {
+        let mut extra = [A::Signal::default(); BLOCK];
+        for (i, extra) in extra.iter_mut().enumerate() {
+            *extra = A::signal(mean(cx.x(b, i)));
+        }
+        A::poisson(core::slice::from_mut(&mut extra), &mut counts);
+        for (v, e) in block.iter_mut().zip(extra) {
+            *v = A::add(*v, e);
+        }
+    }
+}
+
+/// Soft knee: min(q, limit) with a transition over `width`, q − w ln(1 + exp((q − limit)/w)).
+#[inline(always)]
+fn soft_min(q: f32, limit: f32, width: f32) -> f32 {
+    let t = (q - limit) / width;
+    // Beyond ±17 the exponential is lost in the rounding.
+    if t < -17.0 {
+        q
+    } else if t > 17.0 {
+        limit
+    } else {
+        q - width * crate::math::ln(1.0 + crate::math::exp(t))
+    }
 }

@@ -67,7 +67,7 @@ impl<S> Window<'_, S> {
 /// The signal chain of one frame.
 pub struct Pipeline<'a, A: Arith> {
     config: &'a SensorConfig,
-    cx: Context,
+    cx: Context<'a>,
     links: heapless::Vec<Link, MAX_EFFECTS>,
     windows: heapless::Vec<Window<'a, A::Signal>, MAX_WINDOWS>,
     /// The finished row, and where an effect asks for it the previous frame's.
@@ -111,16 +111,30 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             rest = left;
             windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
         }
+        let mut exposure_s = settings.exposure_s;
+        let mut read_noise_spread = None;
+        for link in &links {
+            match link.effect {
+                Effect::ExposureOffset(e) => exposure_s = e.actual(exposure_s),
+                Effect::ReadNoiseSpread(e) => read_noise_spread = Some((e.spread, link.key)),
+                _ => {}
+            }
+        }
         let cx = Context {
             width: config.width,
             height: config.height,
             row: 0,
             frame: settings.frame,
-            exposure_s: settings.exposure_s,
+            exposure_s,
+            nominal_exposure_s: settings.exposure_s,
             temperature_c: settings.temperature_c,
             analog_gain: settings.analog_gain,
             dn_per_e: config.dn_per_e(settings.analog_gain),
             full_well_e: config.full_well_e,
+            black_level_dn: config.black_level_dn,
+            max_dn: config.max_dn(),
+            pattern: &config.pattern,
+            read_noise_spread,
             key: Key::new(0),
         };
         Ok(Self { config, cx, links, windows, row, previous })

@@ -81,7 +81,7 @@ fn config(full_well_e: f32) -> SensorConfig {
         seed: 1,
         effects: [
             ChargeCoupling { side: 0.012, vertical: 0.009, diagonal: 0.002 }.into(),
-            FullWell { full_well_e }.into(),
+            FullWell { full_well_e, knee: 0.0 }.into(),
         ]
         .into_iter()
         .collect(),

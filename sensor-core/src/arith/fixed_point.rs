@@ -84,6 +84,11 @@ impl Arith for Fixed {
     }
 
     #[inline(always)]
+    fn number(f: I4F28) -> f32 {
+        f.to_bits() as f32 * (1.0 / (1u32 << FACTOR_BITS) as f32)
+    }
+
+    #[inline(always)]
     fn add(a: I20F12, b: I20F12) -> I20F12 {
         a.saturating_add(b)
     }

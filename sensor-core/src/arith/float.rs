@@ -120,6 +120,11 @@ impl Arith for Float {
     }
 
     #[inline(always)]
+    fn number(f: f32) -> f32 {
+        f
+    }
+
+    #[inline(always)]
     fn add(a: f32, b: f32) -> f32 {
         a + b
     }

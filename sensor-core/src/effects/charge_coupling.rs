@@ -24,18 +24,20 @@ impl Stage for ChargeCoupling {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         inputs: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let kernel = [
-            A::factor(1.0 - 2.0 * (self.side + self.vertical) - 4.0 * self.diagonal),
-            A::factor(self.side),
-            A::factor(self.vertical),
-            A::factor(self.diagonal),
-        ];
+        let kernel = kernel::<A>(self.side, self.vertical, self.diagonal);
         convolve::<A>(cx.width as usize, kernel, inputs, row);
     }
+}
+
+/// (centre, side, vertical, diagonal) of a kernel whose sum is 1.
+#[inline(always)]
+pub(crate) fn kernel<A: Arith>(side: f32, vertical: f32, diagonal: f32) -> [A::Factor; 4] {
+    let centre = 1.0 - 2.0 * (side + vertical) - 4.0 * diagonal;
+    [A::factor(centre), A::factor(side), A::factor(vertical), A::factor(diagonal)]
 }
 
 /// 3x3 convolution of a row with the kernel (centre, side, vertical, diagonal).

@@ -17,17 +17,10 @@ impl Stage for ColumnOffsetFpn {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let sigma = A::signal(self.sigma_e);
-        let mut lanes = cx.per_column(0);
-        for block in row {
-            let z = A::normals(&mut lanes);
-            for (v, z) in block.iter_mut().zip(z) {
-                *v = A::add(*v, A::scale(sigma, z));
-            }
-        }
+        super::add_normals::<A>(row, self.sigma_e, cx.per_column(0));
     }
 }

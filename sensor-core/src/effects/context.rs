@@ -1,13 +1,14 @@
 //! What a stage knows about the row it works on, and its random streams.
 
 use crate::arith::{BLOCK, Counts};
+use crate::config::Pattern;
 use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;
 
 /// The facts of one row of one frame, as a stage sees them.
 #[derive(Clone, Copy, Debug)]
-pub struct Context {
+pub struct Context<'a> {
     /// Pixels in a row.
     pub width: u32,
     /// Rows in a frame.
@@ -16,8 +17,10 @@ pub struct Context {
     pub row: u32,
     /// Frame number.
     pub frame: u32,
-    /// Integration time, s.
+    /// Integration time, s, as it really is.
     pub exposure_s: f32,
+    /// Integration time, s, as asked for.
+    pub nominal_exposure_s: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
     /// Analog gain.
@@ -26,6 +29,14 @@ pub struct Context {
     pub dn_per_e: f32,
     /// Full well, e⁻.
     pub full_well_e: f32,
+    /// DN of no signal.
+    pub black_level_dn: f32,
+    /// Largest DN.
+    pub max_dn: u16,
+    /// Colour filter pattern.
+    pub pattern: &'a Pattern,
+    /// Spread of read noise over pixels, and the root of its streams.
+    pub(crate) read_noise_spread: Option<(f32, Key)>,
     /// Root of this stage's streams on this physical sensor.
     pub(crate) key: Key,
 }
@@ -43,9 +54,10 @@ enum Over {
     ColumnFrame,
     Count,
     CountNormal,
+    Word,
 }
 
-impl Context {
+impl Context<'_> {
     fn stream(&self, part: u32, over: Over) -> Key {
         self.key.with(part).with(over as u32)
     }
@@ -101,6 +113,26 @@ impl Context {
         self.stream(part, Over::Sensor).scalar()
     }
 
+    /// One word for a pixel in any frame: for effects on few pixels that look at other frames.
+    pub fn word(&self, part: u32, frame: u32, column: u32) -> u32 {
+        let key = self.stream(part, Over::Word).with(frame).with(self.row).with(column);
+        key.scalar().next_u32()
+    }
+
+    /// Channel of a column's pixel in this row.
+    #[inline(always)]
+    pub fn channel(&self, column: usize) -> usize {
+        self.pattern.channel(column, self.row as usize)
+    }
+
+    /// Square of the distance from the centre, 1 at the corners.
+    #[inline(always)]
+    pub fn field2(&self, u: f32) -> f32 {
+        let (w, h) = (self.width as f32, self.height as f32);
+        let (dx, dy) = (u * w, self.y() * h);
+        (dx * dx + dy * dy) / (w * w + h * h)
+    }
+
     /// Position of pixel `i` of block `block` in -1..1 over the sensor's half width.
     #[inline(always)]
     pub fn x(&self, block: usize, i: usize) -> f32 {
@@ -112,6 +144,13 @@ impl Context {
     pub fn y(&self) -> f32 {
         (self.row as f32 + 0.5) / self.height as f32 * 2.0 - 1.0
     }
+}
+
+/// A uniform number between 0 and 1, both left out, from 32 bits.
+#[inline(always)]
+pub(crate) fn unit(word: u32) -> f32 {
+    // 24 bits, so that rounding cannot reach 1.
+    ((word >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
 }
 
 /// One standard normal number from a scalar stream.

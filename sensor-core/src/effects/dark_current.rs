@@ -24,7 +24,7 @@ effect! {
 }
 
 /// Growth of dark current from the reference temperature to the sensor's.
-pub(crate) fn growth(cx: &Context, reference_c: f32, doubling_c: f32) -> f32 {
+pub(crate) fn growth(cx: &Context<'_>, reference_c: f32, doubling_c: f32) -> f32 {
     math::exp(core::f32::consts::LN_2 * (cx.temperature_c - reference_c) / doubling_c)
 }
 
@@ -32,7 +32,7 @@ impl Stage for DarkCurrent {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {

@@ -110,7 +110,7 @@ macro_rules! catalogue {
             #[inline(always)]
             pub(crate) fn apply<A: Arith>(
                 &self,
-                cx: &Context,
+                cx: &Context<'_>,
                 inputs: &Inputs<'_, A::Signal>,
                 row: &mut [Block<A::Signal>],
             ) {

@@ -6,10 +6,13 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Full well: a pixel holds no more charge than this. Charge above is lost.
     ///
-    /// q = min(q, W). W of eq. 11 of Chen et al. 2009.
+    /// q = min(q, W), W of eq. 11 of Chen et al. 2009. With a knee k the transition is soft (the pixel loses
+    /// charge before it is full): q − kW ln(1 + exp((q − W)/(kW))), at W below it by kW ln 2. Janesick 2007.
     FullWell, "full-well", Charge, Pixel {
         /// Linear full well
         full_well_e: "e-", 1.0..=524287.0;
+        /// Width of the soft transition as a fraction of full well; 0 is a sharp one
+        knee: "1", 0.0..=0.5, default 0.0;
     }
 }
 
@@ -17,11 +20,17 @@ impl Stage for FullWell {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        _: &Context,
+        _: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
         let full = A::signal(self.full_well_e);
+        let width = self.knee * self.full_well_e;
+        if width > 0.0 {
+            for v in row.as_flattened_mut() {
+                *v = A::signal(super::soft_min(A::electrons(*v), self.full_well_e, width));
+            }
+        }
         for v in row.as_flattened_mut() {
             *v = if *v < full { *v } else { full };
         }

@@ -1,10 +1,10 @@
 //! Hot pixels.
 
+use super::context::unit;
 use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block, EXPANSION_FROM_E};
 use crate::effects::dark_current::growth;
 use crate::math;
-use crate::stream::LANES;
 
 effect! {
     /// Hot pixels: a few pixels have a far larger dark current than the rest, exponentially distributed.
@@ -27,24 +27,22 @@ impl Stage for HotPixels {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
         let scale =
             self.mean_e_per_s * cx.exposure_s * growth(cx, self.reference_c, self.doubling_c);
         let mut pattern = cx.per_pixel(0);
-        // −ln of the smallest uniform number is 22.9.
-        let mut counts = cx.counts(0, true, 23.0 * scale >= EXPANSION_FROM_E);
+        // −ln of the smallest uniform number is 17.3.
+        let mut counts = cx.counts(0, true, 17.4 * scale >= EXPANSION_FROM_E);
         for block in row {
             let chosen = super::chosen(&mut pattern, self.fraction);
-            let (a, b) = (pattern.draw(), pattern.draw());
+            let words = super::words(&mut pattern);
             let mut extra = [A::Signal::default(); crate::arith::BLOCK];
             for (i, extra) in extra.iter_mut().enumerate() {
-                let word = if i < LANES { a[i] } else { b[i - LANES] };
                 if chosen[i] {
-                    let u = (word as f32 + 0.5) * (1.0 / 4_294_967_296.0);
-                    *extra = A::signal(-scale * math::ln(u));
+                    *extra = A::signal(-scale * math::ln(unit(words[i])));
                 }
             }
             A::poisson(core::slice::from_mut(&mut extra), &mut counts);

@@ -19,17 +19,10 @@ impl Stage for Prnu {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let sigma = A::factor(self.sigma);
-        let mut lanes = cx.per_pixel(0);
-        for block in row {
-            let z = A::normals(&mut lanes);
-            for (v, z) in block.iter_mut().zip(z) {
-                *v = A::scale(*v, A::gain(sigma, z));
-            }
-        }
+        super::scale_by_normals::<A>(row, self.sigma, cx.per_pixel(0));
     }
 }

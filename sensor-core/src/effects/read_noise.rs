@@ -1,7 +1,7 @@
 //! Read noise.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, Block};
+use crate::arith::{Arith, BLOCK, Block};
 use crate::math;
 
 effect! {
@@ -9,7 +9,8 @@ effect! {
     ///
     /// v += z √(r² − r_post² + (r_post/G)²), z standard normal, r the whole at unity gain, r_post the part
     /// after the gain stage, G the analog gain; input-referred. N_read of eq. 10 of Chen et al. 2009 (white
-    /// part; it falls as the analog gain rises).
+    /// part; it falls as the analog gain rises). Another deviation per pixel: see
+    /// [`read_noise_spread`](super::read_noise_spread).
     ReadNoise, "read-noise", Voltage, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;
@@ -22,19 +23,24 @@ impl Stage for ReadNoise {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
         let post = self.read_e_post * self.read_e_post;
         let pre = self.read_e * self.read_e - post;
         let variance = pre.max(0.0) + post / (cx.analog_gain * cx.analog_gain);
-        let sigma = A::signal(math::sqrt(variance));
+        let sigma_e = math::sqrt(variance);
         let mut lanes = cx.per_pixel_and_frame(0);
+        let Some((spread, key)) = cx.read_noise_spread else {
+            return super::add_normals::<A>(row, sigma_e, lanes);
+        };
+        let mut pattern = Context { key, ..*cx }.per_pixel(0);
         for block in row {
-            let z = A::normals(&mut lanes);
-            for (v, z) in block.iter_mut().zip(z) {
-                *v = A::add(*v, A::scale(sigma, z));
+            let (z, p) = (A::normals(&mut lanes), A::normals(&mut pattern));
+            for i in 0..BLOCK {
+                let sigma = A::signal(sigma_e * math::exp(spread * A::number(p[i])));
+                block[i] = A::add(block[i], A::scale(sigma, z[i]));
             }
         }
     }

@@ -19,13 +19,10 @@ impl Stage for RowOffsetFpn {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let offset = A::signal(self.sigma_e * normal(&mut cx.per_row(0, cx.row)));
-        for v in row.as_flattened_mut() {
-            *v = A::add(*v, offset);
-        }
+        super::add_offset::<A>(row, self.sigma_e * normal(&mut cx.per_row(0, cx.row)));
     }
 }

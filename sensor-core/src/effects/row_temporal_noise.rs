@@ -19,13 +19,11 @@ impl Stage for RowTemporalNoise {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let offset = A::signal(self.sigma_e * normal(&mut cx.per_row_and_frame(0, cx.row)));
-        for v in row.as_flattened_mut() {
-            *v = A::add(*v, offset);
-        }
+        let z = normal(&mut cx.per_row_and_frame(0, cx.row));
+        super::add_offset::<A>(row, self.sigma_e * z);
     }
 }

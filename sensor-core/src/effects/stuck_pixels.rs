@@ -20,7 +20,7 @@ impl Stage for StuckPixels {
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
-        cx: &Context,
+        cx: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {

@@ -1,0 +1,31 @@
+//! Black sun.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Black sun: light so strong that the pixel fills while its reset level is sampled; double sampling then
+    /// takes signal from signal, and the brightest spots turn dark.
+    ///
+    /// n = 0 where the photo-electrons of the exposure exceed k W, W the full well.
+    BlackSun, "black-sun", Photo, Pixel {
+        /// Light k in full wells from which pixels turn dark
+        onset: "full wells", 1.0..=1e4;
+    }
+}
+
+impl Stage for BlackSun {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let onset = A::signal(self.onset * cx.full_well_e);
+        let zero = A::Signal::default();
+        for v in row.as_flattened_mut() {
+            *v = if *v > onset { zero } else { *v };
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! Blooming.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Blooming: charge that a full pixel cannot hold spills into the pixels above and below.
+    ///
+    /// n' = min(n, W) + s/2 (excess above + excess below), excess = max(n − W, 0), W the full well. One pixel far;
+    /// what is not passed on is drained.
+    Blooming, "blooming", Photo, Neighbours {
+        /// Fraction s of the excess that spills
+        fraction: "1", 0.0..=1.0;
+    }
+}
+
+impl Stage for Blooming {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        inputs: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let full = A::signal(cx.full_well_e);
+        let half = A::factor(0.5 * self.fraction);
+        let spill = |n: A::Signal| {
+            if n > full { A::scale(A::sub(n, full), half) } else { A::Signal::default() }
+        };
+        let beside = inputs.above.as_flattened().iter().zip(inputs.below.as_flattened());
+        let here = inputs.here.as_flattened();
+        for ((out, here), (above, below)) in row.as_flattened_mut().iter_mut().zip(here).zip(beside) {
+            let kept = if *here < full { *here } else { full };
+            *out = A::add(kept, A::add(spill(*above), spill(*below)));
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Shading of single channels.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Colour shading: channels fall off differently towards the corners, as filters and microlenses see light
+    /// at a slant.
+    ///
+    /// µ *= 1 + k_c r² for channel c, r the distance from the centre, 1 at the corners.
+    ColourShading, "colour-shading", Light, Pixel {
+        /// Change at the corners, first channel
+        channel_0: "1", -0.9..=2.0, default 0.0;
+        /// Change at the corners, second channel
+        channel_1: "1", -0.9..=2.0, default 0.0;
+        /// Change at the corners, third channel
+        channel_2: "1", -0.9..=2.0, default 0.0;
+        /// Change at the corners, fourth channel
+        channel_3: "1", -0.9..=2.0, default 0.0;
+    }
+}
+
+impl Stage for ColourShading {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let by_channel = [self.channel_0, self.channel_1, self.channel_2, self.channel_3];
+        super::scale_by_place::<A>(cx, row, |x, u| {
+            1.0 + by_channel.get(cx.channel(x)).copied().unwrap_or(0.0) * cx.field2(u)
+        });
+    }
+}

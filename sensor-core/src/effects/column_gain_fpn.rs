@@ -1,0 +1,26 @@
+//! Gain pattern of columns.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Column gain fixed pattern: each column's amplifier has a gain of its own.
+    ///
+    /// v *= 1 + σ z(x), z standard normal and fixed. EMVA 1288 release 4.0, column part of PRNU.
+    ColumnGainFpn, "column-gain-fpn", Voltage, Pixel {
+        /// Standard deviation over columns of the relative gain
+        sigma: "1", 0.0..=0.14;
+    }
+}
+
+impl Stage for ColumnGainFpn {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        super::scale_by_normals::<A>(row, self.sigma, cx.per_column(0));
+    }
+}

@@ -1,0 +1,28 @@
+//! Temporal noise common to a column.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Column temporal noise: each column of each frame has an offset of its own (noise of column
+    /// amplifiers' or converters' references).
+    ///
+    /// v += σ z(x, frame), z standard normal, white over columns and frames. Input-referred. Janesick 2007;
+    /// the column counterpart of [`row_temporal_noise`](super::row_temporal_noise).
+    ColumnTemporalNoise, "column-temporal-noise", Voltage, Pixel {
+        /// Standard deviation over frames of a column's offset
+        sigma_e: "e-", 0.0..=1e5;
+    }
+}
+
+impl Stage for ColumnTemporalNoise {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        super::add_normals::<A>(row, self.sigma_e, cx.per_column_and_frame(0));
+    }
+}

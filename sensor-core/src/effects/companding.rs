@@ -1,0 +1,41 @@
+//! Piecewise linear response.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Companding: a piecewise linear response that compresses highlights before the converter.
+    ///
+    /// v up to the first knee, from there on with the first slope, from the second knee on with the
+    /// second. Knees are given before compression. Found in sensors for vehicles.
+    Companding, "companding", Voltage, Pixel {
+        /// First knee as a fraction of full well
+        knee_1: "1", 0.0..=1.0;
+        /// Slope from there on
+        slope_1: "1", 0.0..=1.0;
+        /// Second knee as a fraction of full well, not below the first
+        knee_2: "1", 0.0..=1.0, default 1.0;
+        /// Slope from there on
+        slope_2: "1", 0.0..=1.0, default 1.0;
+    }
+}
+
+impl Stage for Companding {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let first = A::signal(self.knee_1 * cx.full_well_e);
+        let second = A::signal(self.knee_2.max(self.knee_1) * cx.full_well_e);
+        let slopes = [A::factor(self.slope_1), A::factor(self.slope_2)];
+        let zero = A::Signal::default();
+        let beyond = |v, knee| if v > knee { A::sub(v, knee) } else { zero };
+        for v in row.as_flattened_mut() {
+            let (over, far) = (beyond(*v, first), beyond(*v, second));
+            let middle = A::scale(A::sub(over, far), slopes[0]);
+            *v = A::add(A::add(A::sub(*v, over), middle), A::scale(far, slopes[1]));
+        }
+    }
+}

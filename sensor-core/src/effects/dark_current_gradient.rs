@@ -1,0 +1,39 @@
+//! Gradient of dark current.
+
+use crate::arith::{Arith, Block};
+use crate::effects::dark_current::growth;
+use crate::math;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Dark-current gradient: dark current rises over the array, as where one side is warmer.
+    ///
+    /// q += Poisson(t g I (1 + u cos θ + v sin θ)/2), u, v in −1..1 over the array, g the growth with temperature as
+    /// in [`dark_current`](super::dark_current). In addition to the uniform dark current; never below 0.
+    DarkCurrentGradient, "dark-current-gradient", Charge, Pixel {
+        /// Rate at the middle of the far edge, at the reference temperature
+        rate_e_per_s: "e-/s", 0.0..=1e6;
+        /// Direction in which it rises, 0 to the right, 90 down
+        direction_deg: "deg", -360.0..=360.0, default 0.0;
+        /// Rise of temperature that doubles it
+        doubling_c: "K", 1.0..=100.0, default 7.0;
+        /// Temperature of the figure
+        reference_c: "degC", -100.0..=150.0, default 25.0;
+    }
+}
+
+impl Stage for DarkCurrentGradient {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let rate = 0.5 * self.rate_e_per_s * cx.exposure_s;
+        let rate = rate * growth(cx, self.reference_c, self.doubling_c);
+        let turns = self.direction_deg / 360.0;
+        let by_x = math::sin_turns(turns + 0.25);
+        let base = 1.0 + math::sin_turns(turns) * cx.y();
+        super::add_counts::<A>(cx, row, 2.5 * rate, |u| (rate * (base + by_x * u)).max(0.0));
+    }
+}

@@ -1,0 +1,41 @@
+//! Flicker with a rolling shutter.
+
+use crate::arith::{Arith, Block};
+use crate::math;
+use rand_core::Rng;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row sees another part of it.
+    ///
+    /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)): the mean of 1 + A sin(2πf τ) over the row's exposure t,
+    /// sinc(x) = sin(πx)/(πx), φ uniform in each frame.
+    FlickerBanding, "flicker-banding", Light, Pixel {
+        /// Depth A of the light's modulation
+        depth: "1", 0.0..=1.0;
+        /// Frequency f of the light (twice that of the mains)
+        frequency_hz: "Hz", 0.1..=1e5, default 100.0;
+        /// Time t_row from one row to the next
+        row_time_us: "us", 0.0..=1e4, default 20.0;
+    }
+}
+
+impl Stage for FlickerBanding {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let cycles = self.frequency_hz * cx.exposure_s;
+        let x = core::f32::consts::PI * cycles;
+        let sinc = if x > 1e-3 { math::sin_turns(0.5 * cycles) / x } else { 1.0 };
+        let row_cycles = f64::from(self.frequency_hz) * f64::from(self.row_time_us) * 1e-6;
+        let phase = f64::from(cx.row) * row_cycles + 0.5 * f64::from(cycles);
+        // In units of 2⁻³² turns, which wrap as they should.
+        let turns = (phase * 4_294_967_296.0) as u64 as u32;
+        let turns = turns.wrapping_add(cx.per_frame(0, cx.frame).next_u32());
+        super::scale_all::<A>(row, 1.0 + self.depth * sinc * math::sin_cos_turns(turns).0);
+    }
+}

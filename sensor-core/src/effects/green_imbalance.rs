@@ -1,0 +1,41 @@
+//! Imbalance of the two greens.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Green imbalance: the green pixels in rows with red respond otherwise than those in rows with blue, as
+    /// their neighbours' filters and circuits differ.
+    ///
+    /// n *= 1 ± g/2, g = g_0 + (g_1 − g_0) r², r the distance from the centre, 1 at the corners: + in rows with red
+    /// (channel 0), − in the others; so g is the relative difference Gr − Gb. For 2x2 patterns with red first
+    /// and blue last of three or four channels; nothing elsewhere.
+    GreenImbalance, "green-imbalance", Photo, Pixel {
+        /// Difference g_0 in the centre
+        centre: "1", -0.5..=0.5;
+        /// Difference g_1 in the corners
+        corner: "1", -0.5..=0.5, default 0.0;
+    }
+}
+
+impl Stage for GreenImbalance {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let last = cx.pattern.channels.iter().fold(0, |a, &c| if c > a { c } else { a });
+        if (cx.pattern.width, cx.pattern.height) != (2, 2) || last < 2 {
+            return;
+        }
+        let row_of_red = cx.channel(0) == 0 || cx.channel(1) == 0;
+        let sign = if row_of_red { 0.5 } else { -0.5 };
+        let green = |c: usize| c != 0 && c != usize::from(last);
+        let sites = [green(cx.channel(0)), green(cx.channel(1))];
+        super::scale_by_place::<A>(cx, row, |x, u| {
+            let g = self.centre + (self.corner - self.centre) * cx.field2(u);
+            if sites[x % 2] { 1.0 + sign * g } else { 1.0 }
+        });
+    }
+}

@@ -1,0 +1,38 @@
+//! Image lag.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Image lag: part of the photo-charge stays behind in the photodiode and shows in the next frame.
+    ///
+    /// n' = (1 − l) n + Poisson(l µ_before), µ_before the pixel's mean photo-electrons in the frame before. One frame
+    /// back only: a frame's own lag is not passed on. A frame without predecessor is taken as after dark.
+    /// Janesick 2001; Fossum & Hondongwa 2014.
+    ImageLag, "image-lag", Photo, PreviousFrame {
+        /// Fraction l that stays behind
+        fraction: "1", 0.0..=0.5;
+    }
+}
+
+impl Stage for ImageLag {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        inputs: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let (kept, left) = (A::factor(1.0 - self.fraction), A::factor(self.fraction));
+        let mut counts = cx.counts(0, true, true);
+        for (block, before) in row.iter_mut().zip(inputs.previous) {
+            let mut extra = *before;
+            for e in &mut extra {
+                *e = A::scale(*e, left);
+            }
+            A::poisson(core::slice::from_mut(&mut extra), &mut counts);
+            for (v, e) in block.iter_mut().zip(extra) {
+                *v = A::add(A::scale(*v, kept), e);
+            }
+        }
+    }
+}

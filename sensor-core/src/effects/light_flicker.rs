@@ -1,0 +1,27 @@
+//! Jitter of the light.
+
+use crate::arith::{Arith, Block};
+use super::context::normal;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Light flicker: the light is not the same in each frame (lamp or shutter jitter).
+    ///
+    /// µ *= 1 + σ z(frame), z standard normal. EMVA 1288 release 4.0, section 6.6.
+    LightFlicker, "light-flicker", Light, Pixel {
+        /// Standard deviation over frames of the relative light
+        sigma: "1", 0.0..=0.14;
+    }
+}
+
+impl Stage for LightFlicker {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        super::scale_all::<A>(row, 1.0 + self.sigma * normal(&mut cx.per_frame(0, cx.frame)));
+    }
+}

@@ -1,0 +1,34 @@
+//! Non-linear response.
+
+use crate::arith::{Arith, Block};
+use crate::math;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Non-linearity: the source follower's gain falls as the signal rises.
+    ///
+    /// v' = v (1 − a (v/W)^n) for v > 0, W the full well. Janesick 2007.
+    Nonlinearity, "nonlinearity", Voltage, Pixel {
+        /// Loss a at full well
+        loss: "1", -0.5..=0.5;
+        /// Exponent n
+        exponent: "1", 0.5..=6.0, default 1.0;
+    }
+}
+
+impl Stage for Nonlinearity {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        for v in row.as_flattened_mut() {
+            let ratio = A::electrons(*v) / cx.full_well_e;
+            if ratio > 1e-6 {
+                let loss = self.loss * math::pow(ratio, self.exponent);
+                *v = A::scale(*v, A::factor(1.0 - loss));
+            }
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! Clipping at the black level.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Offset clipping: the camera subtracts its black level and clips what falls below zero, before whatever
+    /// black level the file has is added.
+    ///
+    /// v = max(v, level), relative to the black level.
+    OffsetClipping, "offset-clipping", Voltage, Pixel {
+        /// Lowest signal
+        level_e: "e-", -1e4..=1e4, default 0.0;
+    }
+}
+
+impl Stage for OffsetClipping {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        _: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let level = A::signal(self.level_e);
+        for v in row.as_flattened_mut() {
+            *v = if *v > level { *v } else { level };
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! Fixed pattern of single pixels.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Pixel offset fixed pattern: each pixel has an offset of its own, whatever the exposure.
+    ///
+    /// v += σ z(x, y), z standard normal and fixed. Input-referred. The part of EMVA 1288's DSNU that does not
+    /// grow with exposure.
+    PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pixel {
+        /// Standard deviation over pixels
+        sigma_e: "e-", 0.0..=1e5;
+    }
+}
+
+impl Stage for PixelOffsetFpn {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        super::add_normals::<A>(row, self.sigma_e, cx.per_pixel(0));
+    }
+}

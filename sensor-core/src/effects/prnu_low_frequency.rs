@@ -1,0 +1,61 @@
+//! Smooth non-uniformity of response.
+
+use crate::arith::{Arith, Block};
+use crate::math;
+use super::context::normal;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Low-frequency PRNU: the response changes smoothly over the array (process gradients, coatings).
+    ///
+    /// n *= 1 + m(x, y), m = Σ c_ij cos(iπ(u+1)/2) cos(jπ(v+1)/2) over i, j = 0..=order without (0, 0), c_ij normal and
+    /// fixed, scaled so that m's mean square over sensors and pixels is σ². EMVA 1288 release 4.0, annex C.5.
+    PrnuLowFrequency, "prnu-low-frequency", Photo, Pixel {
+        /// Root mean square of m
+        sigma: "1", 0.0..=0.14;
+        /// Highest number of half waves over the array
+        order: "1", 1.0..=4.0, default 2.0;
+    }
+}
+
+const MAX_ORDER: usize = 4;
+
+/// cos(iπ(u+1)/2) for i up to `order`, 0 beyond.
+fn cosines(order: usize, u: f32) -> [f32; MAX_ORDER + 1] {
+    let first = math::sin_turns((u + 1.0) * 0.25 + 0.25);
+    let (mut waves, mut before, mut wave) = ([0.0; MAX_ORDER + 1], first, 1.0);
+    for out in waves.iter_mut().take(order + 1) {
+        *out = wave;
+        (before, wave) = (wave, 2.0 * first * wave - before);
+    }
+    waves
+}
+
+impl Stage for PrnuLowFrequency {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let order = (self.order as usize).clamp(1, MAX_ORDER);
+        let mut rng = cx.per_sensor(0);
+        let by_row = cosines(order, cx.y());
+        let (mut by_column, mut power) = ([0.0; MAX_ORDER + 1], 0.0);
+        for (i, sum) in by_column.iter_mut().enumerate().take(order + 1) {
+            for (j, wave) in by_row.iter().enumerate().take(order + 1) {
+                let c = normal(&mut rng);
+                if i + j > 0 {
+                    *sum += c * wave;
+                    // A cosine's mean square is a half.
+                    power += if i == 0 || j == 0 { 0.5 } else { 0.25 };
+                }
+            }
+        }
+        let scale = self.sigma * math::rsqrt(power);
+        super::scale_by_place::<A>(cx, row, |_, u| {
+            let waves = cosines(order, u);
+            1.0 + scale * waves.iter().zip(&by_column).fold(0.0, |sum, (w, c)| sum + w * c)
+        });
+    }
+}

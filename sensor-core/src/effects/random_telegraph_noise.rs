@@ -1,0 +1,65 @@
+//! Random telegraph noise.
+
+use crate::arith::{Arith, BLOCK, Block};
+use crate::math;
+use super::context::unit;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Random telegraph noise: a trap in a few pixels' source followers switches the signal between two
+    /// levels.
+    ///
+    /// A fraction f of pixels, fixed, has v += A b(frame), A exponentially distributed with the given mean
+    /// and fixed, b 0 or 1. In each frame the trap is renewed with probability q and then is 1 with
+    /// probability d, so that b has mean d, variance d(1−d) and autocorrelation (1−q)^|n|. Any frame can be had
+    /// without the others: the last renewal is looked for up to 128 frames back (for q = 0.03 one trap in
+    /// fifty reaches that end and forgets). Wang et al. 2006; Goiffon et al. 2009.
+    RandomTelegraphNoise, "random-telegraph-noise", Voltage, Pixel {
+        /// Fraction of pixels
+        fraction: "1", 0.0..=1.0;
+        /// Mean of their amplitudes
+        amplitude_e: "e-", 0.0..=1e4;
+        /// Chance of a renewal from one frame to the next
+        renewal: "1", 0.03..=1.0, default 0.2;
+        /// Share of the time in the upper level
+        duty: "1", 0.0..=1.0, default 0.5;
+    }
+}
+
+/// Frames looked back.
+const MEMORY: u32 = 128;
+
+impl RandomTelegraphNoise {
+    /// Whether the trap of a column's pixel is in its upper level.
+    fn up(&self, cx: &Context<'_>, column: u32) -> bool {
+        let mut frame = cx.frame;
+        for _ in 1..MEMORY {
+            if unit(cx.word(0, frame, column)) < self.renewal {
+                break;
+            }
+            frame = frame.wrapping_sub(1);
+        }
+        unit(cx.word(1, frame, column)) < self.duty
+    }
+}
+
+impl Stage for RandomTelegraphNoise {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let mut pattern = cx.per_pixel(0);
+        for (b, block) in row.iter_mut().enumerate() {
+            let chosen = super::chosen(&mut pattern, self.fraction);
+            let words = super::words(&mut pattern);
+            for (i, v) in block.iter_mut().enumerate() {
+                if chosen[i] && self.up(cx, (b * BLOCK + i) as u32) {
+                    let amplitude = -self.amplitude_e * math::ln(unit(words[i]));
+                    *v = A::add(*v, A::signal(amplitude));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Spread of read noise over pixels.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Read-noise spread: each pixel has its own read noise, log-normally distributed.
+    ///
+    /// σ(x, y) = r exp(s z(x, y)), z standard normal and fixed, r as [`read_noise`](super::read_noise) has it, so
+    /// r is the median and the mean square is r² exp(2s²). A property of the read-noise stage, which looks
+    /// it up; alone it does nothing. Scientific CMOS noise maps (e.g. Huang et al. 2013).
+    ReadNoiseSpread, "read-noise-spread", Voltage, Pixel {
+        /// Standard deviation of the logarithm of a pixel's read noise
+        spread: "1", 0.0..=0.6;
+    }
+}
+
+impl Stage for ReadNoiseSpread {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        _: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let _ = row;
+    }
+}

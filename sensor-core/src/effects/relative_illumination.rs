@@ -1,0 +1,25 @@
+//! Error of the relative illumination.
+
+use crate::arith::{Arith, Block};
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Relative illumination: the fall-off towards the corners is another than the lens model has it.
+    ///
+    /// µ *= 1 + k r², r the distance from the centre, 1 at the corners, the same for all channels.
+    RelativeIllumination, "relative-illumination", Light, Pixel {
+        /// Change k at the corners
+        corner: "1", -0.9..=2.0;
+    }
+}
+
+impl Stage for RelativeIllumination {
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        super::scale_by_place::<A>(cx, row, |_, u| 1.0 + self.corner * cx.field2(u));
+    }
+}

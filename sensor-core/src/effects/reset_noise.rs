@@ -1,0 +1,36 @@
+//! Reset noise.
+
+use crate::arith::{Arith, Block};
+use crate::math;
+use super::{Context, Inputs, Stage, effect};
+
+effect! {
+    /// Reset (kTC) noise: the charge left on the sense node when its reset switch opens.
+    ///
+    /// v += z √(k T C)/q, z standard normal per pixel and frame, T the sensor's absolute temperature.
+    /// Correlated double sampling removes all but a part. Janesick 2007, section 7.
+    ResetNoise, "reset-noise", Voltage, Pixel {
+        /// Capacitance of the sense node
+        capacitance_ff: "fF", 0.0..=1e3;
+        /// Part that correlated double sampling leaves
+        remaining: "1", 0.0..=1.0, default 1.0;
+    }
+}
+
+/// k/q² for a capacitance in fF, e⁻² per K and fF (SI values, exact).
+const E2_PER_K_FF: f32 =
+    (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
+
+impl Stage for ResetNoise {
+    #[inline(always)]
+    fn apply<A: Arith>(
+        &self,
+        cx: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        row: &mut [Block<A::Signal>],
+    ) {
+        let kelvin = (cx.temperature_c + 273.15).max(0.0);
+        let sigma_e = self.remaining * math::sqrt(E2_PER_K_FF * kelvin * self.capacitance_ff);
+        super::add_normals::<A>(row, sigma_e, cx.per_pixel_and_frame(0));
+    }
+}
