@@ -186,12 +186,12 @@ mod tests {
         };
         assert_eq!(pack(Packing::Raw8, &[0xA5]), [0xA5]);
         assert_eq!(pack(Packing::Raw10, &[0x3FC, 0, 0, 0]), [0xFF, 0, 0, 0, 0]);
-        assert_eq!(pack(Packing::Raw10, &[3, 0, 2, 1]), [0, 0, 0, 0, 0b01_10_00_11]);
+        assert_eq!(pack(Packing::Raw10, &[3, 0, 2, 1]), [0, 0, 0, 0, 0b0110_0011]);
         assert_eq!(pack(Packing::Raw12, &[0x123, 0x456]), [0x12, 0x45, 0x63]);
         // V4L2 SRGGB14P: byte 4 is P1[1:0] P0[5:0], byte 5 is P2[3:0] P1[5:2], byte 6 P3[5:0] P2[5:4].
         assert_eq!(
             pack(Packing::Raw14, &[0b000001, 0b000010, 0b010000, 0b100000]),
-            [0, 0, 0, 0, 0b10_000001, 0b0000_0000, 0b100000_01]
+            [0, 0, 0, 0, 0b1000_0001, 0, 0b1000_0001]
         );
         assert_eq!(pack(Packing::Raw16, &[0x1234]), [0x12, 0x34]);
         assert_eq!(pack(Packing::Le16, &[0x1234]), [0x34, 0x12]);

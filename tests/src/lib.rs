@@ -14,9 +14,10 @@ const PYTHON_MODULES: [&str; 5] = ["astropy", "cv2", "numpy", "rawpy", "tifffile
 /// is a failure instead, unless `CAMRIG_ALLOW_SKIP` (names separated by commas or spaces) lists it.
 pub fn client(name: &str) -> Option<PathBuf> {
     let found = if PYTHON_MODULES.contains(&name) {
-        let python = program("python3")?;
-        let import = Command::new(&python).args(["-c", &format!("import {name}")]).output();
-        import.is_ok_and(|o| o.status.success()).then_some(python)
+        program("python3").filter(|python| {
+            let import = Command::new(python).args(["-c", &format!("import {name}")]).output();
+            import.is_ok_and(|o| o.status.success())
+        })
     } else {
         program(name)
     };

@@ -36,7 +36,7 @@ pub struct ColorFit {
 pub fn neutral(sensitivity: &[Spectrum; 3], light: &Spectrum) -> Result<[f64; 3]> {
     let white = respond(sensitivity, light, &Spectrum::constant(1.0));
     let top = white.iter().copied().fold(0.0, f64::max);
-    if !(top > 0.0) {
+    if top <= 0.0 || top.is_nan() {
         return Err(Error::input("a camera that sees nothing of the light between 380 and 780 nm")
             .help("check the units of the quantum efficiency and of the illuminant"));
     }
@@ -59,7 +59,7 @@ pub fn fit(
     let raw_white = respond(sensitivity, light, &white_reflectance);
     let camera_scale = 1.0 / raw_white.iter().copied().fold(0.0, f64::max);
     let xyz_white = respond(xyz, light, &white_reflectance);
-    if !(xyz_white[1] > 0.0) {
+    if xyz_white[1] <= 0.0 {
         return Err(Error::input("an illuminant without visible light"));
     }
     let white = xyz_white.map(|v| v / xyz_white[1]);
@@ -89,7 +89,7 @@ pub fn fit(
         }
     }
     let determinant = uu * vv - uv * uv;
-    if !(determinant > 1e-12 * uu * vv) {
+    if determinant <= 1e-12 * uu * vv {
         return Err(Error::input("reflectances that do not span the colours")
             .help("give at least three different colours besides grey"));
     }
@@ -184,12 +184,10 @@ mod tests {
         let patches: Vec<_> = (0..8).map(|i| bump(400.0 + 45.0 * f64::from(i), 40.0)).collect();
         let fit = fit(&camera, &light, &xyz, &patches).unwrap();
         let scale = fit.camera_from_xyz[1][1] / mixture[1][1];
-        for k in 0..3 {
-            for j in 0..3 {
-                // Rounding of sums of 41 terms and of the normal equations' condition (< 1e3).
-                let expected = scale * mixture[k][j];
-                assert!((fit.camera_from_xyz[k][j] - expected).abs() < 1e-11);
-            }
+        // Rounding of sums of 41 terms and of the normal equations' condition (< 1e3).
+        let found = fit.camera_from_xyz.as_flattened().iter();
+        for (found, expected) in found.zip(mixture.as_flattened()) {
+            assert!((found - scale * expected).abs() < 1e-11);
         }
         assert!(fit.rms < 1e-12);
         assert_eq!(fit.neutral.iter().copied().fold(0.0, f64::max), 1.0);

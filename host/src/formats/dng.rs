@@ -93,7 +93,10 @@ pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
     }
     let mut bytes = Cursor::new(Vec::new());
     write(&mut bytes, frame, info).map_err(|e| Error::input(format!("DNG: {e}")))?;
-    Ok(bytes.into_inner())
+    let mut bytes = bytes.into_inner();
+    // dcraw reads 512 bytes of a description, whatever its length, and fails at the file's end.
+    bytes.resize(bytes.len() + 512, 0);
+    Ok(bytes)
 }
 
 fn write(bytes: &mut Cursor<Vec<u8>>, frame: &RawFrame, info: &DngInfo) -> Written {

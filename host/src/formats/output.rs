@@ -1,8 +1,9 @@
 //! Outputs that are written whole or not at all.
 //!
-//! A file or directory is made under a temporary name beside its final place and renamed when it is
-//! complete; until then nothing exists under the final name, and dropping it unfinished (an error, a
-//! panic) removes it. What already exists is replaced only when asked to.
+//! A file or directory is made beside its final place and gets its name when it is complete; dropping it
+//! unfinished (an error, a panic) removes it. On Linux an unfinished file has no name at all
+//! (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file systems without
+//! that, it has a hidden temporary name. What already exists is replaced only when asked to.
 
 use crate::{Error, Result};
 use std::fs;
@@ -12,6 +13,11 @@ use tempfile::{NamedTempFile, TempDir};
 
 /// Left in every directory that camrig writes: only a directory that has it is ever replaced.
 const DIRECTORY_MARK: &str = ".camrig-output";
+/// Temporary names: hidden by the leading dot.
+const PREFIX: &str = ".camrig-";
+const SUFFIX: &str = ".part";
+/// Bytes written at a time.
+const BUFFER: usize = 1 << 16;
 
 /// A file being written. Nothing is seen under its name before [`OutputFile::finish`].
 pub struct OutputFile {
@@ -21,7 +27,10 @@ pub struct OutputFile {
 }
 
 enum Target {
-    /// A regular file, renamed on completion.
+    /// A file without a name, linked to one on completion.
+    #[cfg(target_os = "linux")]
+    Link(io::BufWriter<fs::File>),
+    /// A file with a temporary name, renamed on completion.
     Rename(io::BufWriter<NamedTempFile>),
     /// Standard output, a device or a pipe: bytes go straight there.
     Stream(Box<dyn Write + Send>),
@@ -50,27 +59,74 @@ impl OutputFile {
             Ok(_) if !force => return Err(exists(&path)),
             _ => {}
         }
+        #[cfg(target_os = "linux")]
+        if let Ok(file) = nameless::create(folder_of(&path)) {
+            let target = Target::Link(io::BufWriter::with_capacity(BUFFER, file));
+            return Ok(Self { path, target, force });
+        }
         let temporary =
             builder(false).tempfile_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
-        let target = Target::Rename(io::BufWriter::with_capacity(1 << 16, temporary));
+        let target = Target::Rename(io::BufWriter::with_capacity(BUFFER, temporary));
         Ok(Self { path, target, force })
     }
 
     /// Puts the complete file in its place.
     pub fn finish(mut self) -> Result<()> {
         self.flush().map_err(|e| Error::io("write", &self.path, e))?;
-        let Target::Rename(writer) = self.target else { return Ok(()) };
-        let temporary =
-            writer.into_inner().map_err(|e| Error::io("write", &self.path, e.into_error()))?;
-        let outcome = if self.force {
-            temporary.persist(&self.path)
-        } else {
-            temporary.persist_noclobber(&self.path)
+        let outcome = match self.target {
+            Target::Stream(_) => Ok(()),
+            #[cfg(target_os = "linux")]
+            Target::Link(writer) => nameless::give_name(writer.get_ref(), &self.path, self.force),
+            Target::Rename(writer) => {
+                writer.into_inner().map_err(io::IntoInnerError::into_error).and_then(|temporary| {
+                    let persisted = if self.force {
+                        temporary.persist(&self.path)
+                    } else {
+                        temporary.persist_noclobber(&self.path)
+                    };
+                    persisted.map(drop).map_err(|e| e.error)
+                })
+            }
         };
-        match outcome {
-            Ok(_) => Ok(()),
-            Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(&self.path)),
-            Err(e) => Err(Error::io("write", &self.path, e.error)),
+        outcome.map_err(|e| match e.kind() {
+            io::ErrorKind::AlreadyExists => exists(&self.path),
+            _ => Error::io("write", &self.path, e),
+        })
+    }
+}
+
+/// Files without a name.
+#[cfg(target_os = "linux")]
+mod nameless {
+    use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, open};
+    use std::os::fd::AsRawFd;
+    use std::path::Path;
+    use std::{fs, io};
+
+    /// Fails on file systems that cannot.
+    pub fn create(folder: &Path) -> io::Result<fs::File> {
+        let mode = Mode::from_raw_mode(0o666); // less the umask
+        let file = open(folder, OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC, mode)?;
+        Ok(file.into())
+    }
+
+    /// A name can be given only where there is none; to replace, a temporary one is given first.
+    pub fn give_name(file: &fs::File, path: &Path, force: bool) -> io::Result<()> {
+        let link = |name: &Path| {
+            let open_file = format!("/proc/self/fd/{}", file.as_raw_fd());
+            linkat(CWD, open_file, CWD, name, AtFlags::SYMLINK_FOLLOW).map_err(io::Error::from)
+        };
+        match link(path) {
+            Err(e) if force && e.kind() == io::ErrorKind::AlreadyExists => {
+                let folder = tempfile::Builder::new()
+                    .prefix(super::PREFIX)
+                    .suffix(super::SUFFIX)
+                    .tempdir_in(super::folder_of(path))?;
+                let temporary = folder.path().join("file");
+                link(&temporary)?;
+                fs::rename(temporary, path)
+            }
+            outcome => outcome,
         }
     }
 }
@@ -78,6 +134,8 @@ impl OutputFile {
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
+            #[cfg(target_os = "linux")]
+            Target::Link(writer) => writer.write(bytes),
             Target::Rename(writer) => writer.write(bytes),
             Target::Stream(writer) => writer.write(bytes),
         }
@@ -85,6 +143,8 @@ impl Write for OutputFile {
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
+            #[cfg(target_os = "linux")]
+            Target::Link(writer) => writer.flush(),
             Target::Rename(writer) => writer.flush(),
             Target::Stream(writer) => writer.flush(),
         }
@@ -177,10 +237,10 @@ fn check_replaceable(path: &Path, force: bool) -> Result<()> {
     }
 }
 
-/// Temporary files hidden by a leading dot, with the permissions any new file would get.
+/// Temporary files with the permissions that any new file would get.
 fn builder(directory: bool) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".camrig-").suffix(".part");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -212,7 +272,9 @@ fn cannot_create(path: &Path, error: io::Error) -> Error {
         }
         _ => "check the folder and the space left on its disk",
     };
-    Error::io("create", path, error).help(help)
+    // tempfile's errors name the temporary file, which nobody asked for.
+    let own = error.get_ref().and_then(|e| e.source()?.downcast_ref::<io::Error>()?.raw_os_error());
+    Error::io("create", path, own.map_or(error, io::Error::from_raw_os_error)).help(help)
 }
 
 #[cfg(test)]
@@ -225,9 +287,14 @@ mod tests {
         let path = dir.path().join("a.npy");
         let mut output = OutputFile::create(&path, false).unwrap();
         output.write_all(b"half").unwrap();
+        output.flush().unwrap();
         assert!(!path.exists());
+        let names = || fs::read_dir(dir.path()).unwrap().count();
+        if cfg!(target_os = "linux") {
+            assert_eq!(names(), 0, "a kill now would leave nothing behind");
+        }
         drop(output);
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "nothing is left behind");
+        assert_eq!(names(), 0, "nothing is left behind");
         write_file(&path, false, b"whole").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"whole");
     }
@@ -242,6 +309,7 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"first");
         write_file(&path, true, b"second").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"second");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
         // Made by someone else between opening and finishing.
         let race = dir.path().join("race");
         let output = OutputFile::create(&race, false).unwrap();

@@ -7,6 +7,7 @@ use super::DngInfo;
 use super::color::{Matrix, inverse, multiply};
 use super::dng::black_levels;
 use crate::{Plane, RawFrame};
+use rayon::prelude::*;
 
 /// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ. Source: IEC 61966-2-1, from its primaries and white.
 const XYZ_FROM_SRGB: Matrix = [
@@ -18,24 +19,27 @@ const XYZ_FROM_SRGB: Matrix = [
 /// The frame in full size, 8-bit sRGB.
 pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
     let look = Look::new(frame, info);
+    let signal: Vec<f32> = (0..frame.data.len())
+        .map(|i| look.signal(frame, i % frame.width, i / frame.width))
+        .collect();
     // Reach at which every channel of the pattern is seen from every pixel.
-    let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1) as isize;
-    Plane::from_fn(frame.width, frame.height, |x, y| {
-        let mut mean = Mean::default();
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                let (Some(u), Some(v)) = (x.checked_add_signed(dx), y.checked_add_signed(dy))
-                else {
-                    continue;
-                };
-                if u < frame.width && v < frame.height {
-                    let weight = (reach + 1 - dx.abs()) * (reach + 1 - dy.abs());
-                    mean.add(look.channel(u, v), weight as f64, look.signal(frame, u, v));
+    let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
+    let mut picture = Plane::filled(frame.width, frame.height, [0; 3]);
+    picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(frame.height);
+        for (x, pixel) in row.iter_mut().enumerate() {
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(frame.width);
+            let mut mean = Mean::default();
+            for v in rows.clone() {
+                for u in columns.clone() {
+                    let weight = (reach + 1 - u.abs_diff(x)) * (reach + 1 - v.abs_diff(y));
+                    mean.add(look.channel(u, v), weight as f32, signal[v * frame.width + u]);
                 }
             }
+            *pixel = look.encode(mean.rgb());
         }
-        look.encode(mean.rgb())
-    })
+    });
+    picture
 }
 
 /// The frame averaged over squares of whole pattern cells, so that no side is longer than `longest`, and
@@ -60,13 +64,13 @@ pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8;
 /// Weighted mean per channel.
 #[derive(Default)]
 struct Mean {
-    sum: [f64; 3],
-    weight: [f64; 3],
+    sum: [f32; 3],
+    weight: [f32; 3],
 }
 
 impl Mean {
     /// Adds a signal of channel R, G or B; one of no colour counts for all three.
-    fn add(&mut self, channel: Option<usize>, weight: f64, signal: f64) {
+    fn add(&mut self, channel: Option<usize>, weight: f32, signal: f32) {
         for c in 0..3 {
             if channel.is_none_or(|own| own == c) {
                 self.sum[c] += weight * signal;
@@ -75,7 +79,7 @@ impl Mean {
         }
     }
 
-    fn rgb(&self) -> [f64; 3] {
+    fn rgb(&self) -> [f32; 3] {
         std::array::from_fn(
             |c| if self.weight[c] > 0.0 { self.sum[c] / self.weight[c] } else { 0.0 },
         )
@@ -126,15 +130,15 @@ impl Look {
     }
 
     /// White-balanced signal, clipped where the first channel of a white saturates.
-    fn signal(&self, frame: &RawFrame, x: usize, y: usize) -> f64 {
+    fn signal(&self, frame: &RawFrame, x: usize, y: usize) -> f32 {
         let cell = self.cell(x, y);
         let dn = f64::from(frame.data[y * frame.width + x]);
-        ((dn - self.black[cell]) * self.scale[cell]).min(1.0)
+        ((dn - self.black[cell]) * self.scale[cell]).min(1.0) as f32
     }
 
-    fn encode(&self, camera: [f64; 3]) -> [u8; 3] {
+    fn encode(&self, camera: [f32; 3]) -> [u8; 3] {
         self.srgb_from_camera.map(|row| {
-            let linear: f64 = row.iter().zip(&camera).map(|(m, c)| m * c).sum();
+            let linear: f64 = row.iter().zip(&camera).map(|(m, c)| m * f64::from(*c)).sum();
             self.gamma[(linear.clamp(0.0, 1.0) * 65535.0).round() as usize]
         })
     }
@@ -156,4 +160,59 @@ fn gamma(linear: f64) -> u8 {
     let encoded =
         if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
     (encoded * 255.0).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Cfa;
+
+    fn frame(cfa: &str, dn: impl Fn(usize, usize, usize) -> f64) -> RawFrame {
+        let cfa = Cfa::parse(cfa).unwrap();
+        let at = |i: usize| dn(i % 16, i / 16, cfa.channel(i % 16, i / 16)).round() as u16;
+        let data = (0..16 * 12).map(at).collect();
+        let (width, height, bits) = (16, 12, 12);
+        RawFrame { width, height, bits, cfa, black_level_dn: 64.0, white_level_dn: 4064, data }
+    }
+
+    /// A grey of half the range in camera colour is sRGB 188 in every channel (0.5 encodes to 0.7354),
+    /// whatever the pattern, the white balance and the matrix.
+    #[test]
+    fn grey_stays_grey() {
+        let neutral = [0.5, 1.0, 0.625];
+        let info = DngInfo {
+            as_shot_neutral: Some(neutral),
+            color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+            ..DngInfo::default()
+        };
+        for cfa in ["RGGB", "GBRG", "RRGG/RRGG/GGBB/GGBB"] {
+            let raw = frame(cfa, |_, _, channel| 64.0 + 2000.0 * neutral[channel]);
+            assert!(render(&raw, &info).data.iter().all(|p| *p == [188; 3]), "{cfa}");
+            assert!(thumbnail(&raw, &info, 4).data.iter().all(|p| *p == [188; 3]), "{cfa}");
+        }
+        let raw = frame("mono", |_, _, _| 2064.0);
+        assert!(render(&raw, &DngInfo::default()).data.iter().all(|p| *p == [188; 3]));
+    }
+
+    /// Bilinear demosaicing is exact on a ramp, away from the edges.
+    #[test]
+    fn a_ramp_comes_back() {
+        let level = |x: usize, y: usize| 64.0 + 160.0 * x as f64 + 80.0 * y as f64;
+        let picture = render(&frame("GRBG", |x, y, _| level(x, y)), &DngInfo::default());
+        for y in 1..11 {
+            for x in 1..15 {
+                let expected = gamma((level(x, y) - 64.0) / 4000.0);
+                assert_eq!(picture.at(x, y), [expected; 3], "{x} {y}");
+            }
+        }
+    }
+
+    /// A camera that is sRGB itself: its matrix is the inverse of [`XYZ_FROM_SRGB`], colours come back.
+    #[test]
+    fn colours_come_back() {
+        let color = [0.6, 0.3, 0.1];
+        let info = DngInfo { color_matrix_d65: inverse(&XYZ_FROM_SRGB), ..DngInfo::default() };
+        let raw = frame("RGGB", |_, _, channel| 64.0 + 4000.0 * color[channel]);
+        assert_eq!(render(&raw, &info).at(8, 6), color.map(gamma));
+    }
 }

@@ -5,7 +5,7 @@
 
 use super::{Facts, Frames, check_range};
 use crate::{Error, Plane, Result};
-use std::io::Cursor;
+use std::io::{Cursor, ErrorKind};
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray16};
 use tiff::tags::Tag;
@@ -38,7 +38,12 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 
 /// Reads TIFF bytes.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
-    let failed = |e: tiff::TiffError| Error::input(format!("TIFF: {e}"));
+    let failed = |e: tiff::TiffError| match e {
+        tiff::TiffError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
+            Error::input("a truncated TIFF or DNG").help("the file is incomplete; get it again")
+        }
+        e => Error::input(format!("TIFF: {e}")),
+    };
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     loop {
