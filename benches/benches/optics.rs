@@ -4,8 +4,10 @@
 //! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
 //! sixteenth of the area.
 
-use camrig::Plane;
-use camrig::optics::engine::varying::{Kernels, Tiling, blur};
+use camrig::optics::engine::varying::{Blurrer, Kernels, Tiling};
+use camrig::optics::{Departures, Diffraction, Illumination, Options, SensorGrid, irradiance};
+use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
+use camrig::{Plane, Result};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -47,6 +49,60 @@ fn image(side: usize) -> Plane<f32> {
     })
 }
 
+/// A checkerboard that costs next to nothing to render: the engine's own time is what is measured.
+struct Checks;
+
+impl Scene for Checks {
+    fn bands(&self) -> Bands {
+        Bands::VISIBLE
+    }
+    fn quantity(&self) -> Quantity {
+        Quantity::Radiance
+    }
+    fn aspect(&self) -> Option<f64> {
+        None
+    }
+    fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        let mut plane = Plane::filled(grid.width, grid.height, 0.1f32);
+        for y in 0..grid.height {
+            for (x, v) in plane.row_mut(y).iter_mut().enumerate() {
+                *v = if (x / 64 + y / 64) % 2 == 0 { 1.0 } else { 0.1 };
+            }
+        }
+        Ok(plane)
+    }
+}
+
+fn diffraction(small: bool) {
+    let lens = Diffraction {
+        f_number: 2.8,
+        focal_length_mm: 3.6,
+        magnification: 0.0,
+        transmittance: Spectrum::constant(0.9),
+        illumination: Illumination::Cos4,
+        departures: Departures::default(),
+    };
+    let (width, height) = if small { (512, 384) } else { (2048, 1536) };
+    let grid = SensorGrid { width, height, pitch_um: 2.2, fill_factor: 0.8 };
+    let scene = LitScene { scene: &Checks, white: vec![1.0; 31] };
+    let start = Instant::now();
+    let report = irradiance(
+        &scene,
+        &lens,
+        &grid,
+        &Options::default(),
+        |_, _| {},
+        |_, plane| {
+            black_box(plane);
+            Ok(())
+        },
+    );
+    println!(
+        "diffraction {width}x{height} x 31 bands: {:.2} s, {report:?}",
+        start.elapsed().as_secs_f64()
+    );
+}
+
 fn minimum(times: usize, mut run: impl FnMut()) -> f64 {
     (0..times)
         .map(|_| {
@@ -60,6 +116,9 @@ fn minimum(times: usize, mut run: impl FnMut()) -> f64 {
 fn main() {
     let small = std::env::var_os("CAMRIG_BENCH_SMALL").is_some();
     let filter = std::env::args().skip(1).find(|a| !a.starts_with("--")).unwrap_or_default();
+    if "diffraction".contains(&filter) {
+        diffraction(small);
+    }
     let side = if small { 1024 } else { 4096 };
     let source = image(side);
     let rows = |first: usize, count: usize| {
@@ -77,8 +136,9 @@ fn main() {
             }
             let tiling = Tiling::new(1, (side, side), size, size / 2, largest);
             let kernels = kernels(&tiling, 0);
+            let mut blurrer = Blurrer::new(&tiling);
             let seconds = minimum(3, || {
-                black_box(blur(&rows, &tiling, &kernels, (0, 0), (side, side)).unwrap());
+                black_box(blurrer.blur(&rows, &kernels, (0, 0), (side, side)).unwrap());
             });
             let cells = (side * side) as f64;
             println!(

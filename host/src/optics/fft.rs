@@ -1,14 +1,15 @@
 //! Fourier transforms, sixteen side by side.
 //!
 //! A [`Fft`] transforms sixteen sequences at once: element i of all sixteen sits in one [`Lanes`], so
-//! every butterfly is plain arithmetic on sixteen neighbouring values, which compilers turn into
-//! whichever vector instructions the machine has. The operations and their order are the same on
+//! every butterfly is plain arithmetic on whole vector registers, of whichever width the machine has.
+//! The operations and their order are the same on
 //! every machine (no fused multiply-add, no library kernel chosen by processor), so the bits are too.
 //!
 //! Stockham autosort, decimation in frequency, mixed radix 2, 3, 4, 5; lengths 2^a·3^b·5^c.
 //! Forward: X(k) = Σ x(i) e^(−2πi·ik/n); nothing is scaled in either direction.
 
-use multiversion::multiversion;
+use bytemuck::{cast_slice, cast_slice_mut};
+use pulp::{Arch, Simd, WithSimd, bytemuck};
 use std::f64::consts::TAU;
 
 /// Transforms done at once.
@@ -18,6 +19,11 @@ pub const LANES: usize = 16;
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lanes(pub [f32; LANES]);
+
+// SAFETY: sixteen f32 without padding; any bits are values of it.
+unsafe impl bytemuck::Zeroable for Lanes {}
+// SAFETY: as above; `repr(C)`, `Copy`, no interior mutability, no references.
+unsafe impl bytemuck::Pod for Lanes {}
 
 impl Lanes {
     /// Sixteen zeros.
@@ -64,44 +70,59 @@ pub fn lanes_are_vectors() {
     std::hint::black_box(());
 }
 
-/// Sixteen complex numbers in registers.
+/// Complex numbers in as many of the lanes as a register of the machine holds.
 #[derive(Clone, Copy)]
-struct Complex {
-    re: Lanes,
-    im: Lanes,
+pub struct Complex<S: Simd> {
+    /// Real parts.
+    pub re: S::f32s,
+    /// Imaginary parts.
+    pub im: S::f32s,
 }
 
-impl Complex {
-    const ZERO: Complex = Complex { re: Lanes::ZERO, im: Lanes::ZERO };
-
+impl<S: Simd> Complex<S> {
+    /// a + b.
     #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self { re: self.re.plus(b.re), im: self.im.plus(b.im) }
+    pub fn add(self, simd: S, b: Self) -> Self {
+        Self { re: simd.add_f32s(self.re, b.re), im: simd.add_f32s(self.im, b.im) }
     }
 
+    /// a − b.
     #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self { re: self.re.minus(b.re), im: self.im.minus(b.im) }
+    pub fn sub(self, simd: S, b: Self) -> Self {
+        Self { re: simd.sub_f32s(self.re, b.re), im: simd.sub_f32s(self.im, b.im) }
     }
 
+    /// a·b, without fused operations.
     #[inline(always)]
-    fn scale(self, f: f32) -> Self {
-        Self { re: self.re.times(f), im: self.im.times(f) }
-    }
-
-    /// −i times the value.
-    #[inline(always)]
-    fn minus_i(self) -> Self {
-        Self { re: self.im, im: Lanes::ZERO.minus(self.re) }
-    }
-
-    #[inline(always)]
-    fn turn(self, (c, s): (f32, f32)) -> Self {
+    pub fn mul(self, simd: S, b: Self) -> Self {
+        let m = |a, b| simd.mul_f32s(a, b);
         Self {
-            re: self.re.times(c).minus(self.im.times(s)),
-            im: self.re.times(s).plus(self.im.times(c)),
+            re: simd.sub_f32s(m(self.re, b.re), m(self.im, b.im)),
+            im: simd.add_f32s(m(self.re, b.im), m(self.im, b.re)),
         }
     }
+
+    /// A real factor times the value.
+    #[inline(always)]
+    fn scale(self, simd: S, factor: f32) -> Self {
+        let f = simd.splat_f32s(factor);
+        Self { re: simd.mul_f32s(self.re, f), im: simd.mul_f32s(self.im, f) }
+    }
+
+    /// x·(s·−i).
+    #[inline(always)]
+    fn minus_i_times(self, simd: S, factor: f32) -> Self {
+        Self {
+            re: simd.mul_f32s(self.im, simd.splat_f32s(factor)),
+            im: simd.mul_f32s(self.re, simd.splat_f32s(-factor)),
+        }
+    }
+}
+
+/// The registers that sixteen lanes take.
+#[inline(always)]
+pub fn registers<S: Simd>() -> usize {
+    LANES / S::F32_LANES
 }
 
 struct Stage {
@@ -168,13 +189,13 @@ impl Fft {
 
     /// Forward transform of sixteen sequences in place.
     pub fn forward(&self, data: &mut Split, scratch: &mut Split) {
-        transform(&self.stages, data, scratch);
+        Arch::new().dispatch(Transform { stages: &self.stages, data, scratch });
     }
 
     /// Backward transform (e^(+2πi...), unscaled) of sixteen sequences in place.
     pub fn backward(&self, data: &mut Split, scratch: &mut Split) {
         std::mem::swap(&mut data.re, &mut data.im);
-        transform(&self.stages, data, scratch);
+        self.forward(data, scratch);
         std::mem::swap(&mut data.re, &mut data.im);
     }
 }
@@ -201,47 +222,60 @@ impl Split {
     }
 }
 
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2",))]
-fn transform(stages: &[Stage], data: &mut Split, scratch: &mut Split) {
-    for stage in stages {
-        match stage.radix {
-            2 => run::<2, Dft2>(stage, data, scratch),
-            3 => run::<3, Dft3>(stage, data, scratch),
-            4 => run::<4, Dft4>(stage, data, scratch),
-            _ => run::<5, Dft5>(stage, data, scratch),
+/// All stages of a transform; the bounds of [`Simd`] types carry the instruction set.
+struct Transform<'a> {
+    stages: &'a [Stage],
+    data: &'a mut Split,
+    scratch: &'a mut Split,
+}
+
+impl WithSimd for Transform<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for stage in self.stages {
+            match stage.radix {
+                2 => run::<S, 2, Dft2>(simd, stage, self.data, self.scratch),
+                3 => run::<S, 3, Dft3>(simd, stage, self.data, self.scratch),
+                4 => run::<S, 4, Dft4>(simd, stage, self.data, self.scratch),
+                _ => run::<S, 5, Dft5>(simd, stage, self.data, self.scratch),
+            }
+            std::mem::swap(self.data, self.scratch);
         }
-        std::mem::swap(data, scratch);
     }
 }
 
-/// The transform of R neighbours. A trait rather than a function passed: a function value would not be
-/// inlined into (and compiled for) each instruction set.
-trait Butterfly<const R: usize> {
-    fn apply(x: [Complex; R]) -> [Complex; R];
-}
-
-struct Dft2;
-struct Dft3;
-struct Dft4;
-struct Dft5;
-
 #[inline(always)]
-fn run<const R: usize, B: Butterfly<R>>(stage: &Stage, source: &Split, target: &mut Split) {
-    let (s, m) = (stage.stride, stage.rest);
+fn run<S: Simd, const R: usize, B: Butterfly<R>>(
+    simd: S,
+    stage: &Stage,
+    source: &Split,
+    target: &mut Split,
+) {
+    let w = registers::<S>();
+    let (s, m) = (stage.stride * w, stage.rest);
     let n = R * m * s;
-    let (sre, sim) = (&source.re[..n], &source.im[..n]);
-    let (tre, tim) = (&mut target.re[..n], &mut target.im[..n]);
+    let (sre, sim) = (
+        &S::as_simd_f32s(cast_slice(&source.re)).0[..n],
+        &S::as_simd_f32s(cast_slice(&source.im)).0[..n],
+    );
+    let tre = &mut S::as_mut_simd_f32s(cast_slice_mut(&mut target.re)).0[..n];
+    let tim = &mut S::as_mut_simd_f32s(cast_slice_mut(&mut target.im)).0[..n];
     for p in 0..m {
         let twiddles = &stage.twiddles[p * (R - 1)..(p + 1) * (R - 1)];
         for q in 0..s {
-            lanes_are_vectors();
-            let mut x = [Complex::ZERO; R];
-            for (k, x) in x.iter_mut().enumerate() {
+            let x: [Complex<S>; R] = std::array::from_fn(|k| {
                 let i = q + s * (p + m * k);
-                *x = Complex { re: sre[i], im: sim[i] };
-            }
-            for (j, y) in B::apply(x).into_iter().enumerate() {
-                let y = if j == 0 || p == 0 { y } else { y.turn(twiddles[j - 1]) };
+                Complex { re: sre[i], im: sim[i] }
+            });
+            let y = B::apply(simd, x);
+            for j in 0..R {
+                let mut y = y[j];
+                if j > 0 && p > 0 {
+                    let (c, s) = twiddles[j - 1];
+                    y = y.mul(simd, Complex { re: simd.splat_f32s(c), im: simd.splat_f32s(s) });
+                }
                 let i = q + s * (R * p + j);
                 tre[i] = y.re;
                 tim[i] = y.im;
@@ -250,48 +284,67 @@ fn run<const R: usize, B: Butterfly<R>>(stage: &Stage, source: &Split, target: &
     }
 }
 
+/// The transform of R neighbours.
+trait Butterfly<const R: usize> {
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; R]) -> [Complex<S>; R];
+}
+
+struct Dft2;
+struct Dft3;
+struct Dft4;
+struct Dft5;
+
 impl Butterfly<2> for Dft2 {
     #[inline(always)]
-    fn apply(x: [Complex; 2]) -> [Complex; 2] {
-        [x[0].add(x[1]), x[0].sub(x[1])]
+    fn apply<S: Simd>(simd: S, [a, b]: [Complex<S>; 2]) -> [Complex<S>; 2] {
+        [a.add(simd, b), a.sub(simd, b)]
     }
 }
 
 impl Butterfly<3> for Dft3 {
     #[inline(always)]
-    fn apply(x: [Complex; 3]) -> [Complex; 3] {
+    fn apply<S: Simd>(simd: S, [a, b, c]: [Complex<S>; 3]) -> [Complex<S>; 3] {
         const HALF_SQRT3: f32 = 0.866_025_4;
-        let sum = x[1].add(x[2]);
-        let turned = x[1].sub(x[2]).scale(HALF_SQRT3).minus_i();
-        let middle = x[0].sub(sum.scale(0.5));
-        [x[0].add(sum), middle.add(turned), middle.sub(turned)]
+        let sum = b.add(simd, c);
+        let turned = b.sub(simd, c).minus_i_times(simd, HALF_SQRT3);
+        let middle = a.sub(simd, sum.scale(simd, 0.5));
+        [a.add(simd, sum), middle.add(simd, turned), middle.sub(simd, turned)]
     }
 }
 
 impl Butterfly<4> for Dft4 {
     #[inline(always)]
-    fn apply(x: [Complex; 4]) -> [Complex; 4] {
-        let (a, b) = (x[0].add(x[2]), x[0].sub(x[2]));
-        let (c, d) = (x[1].add(x[3]), x[1].sub(x[3]).minus_i());
-        [a.add(c), b.add(d), a.sub(c), b.sub(d)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 4]) -> [Complex<S>; 4] {
+        let (a, b) = (x[0].add(simd, x[2]), x[0].sub(simd, x[2]));
+        let (c, d) = (x[1].add(simd, x[3]), x[1].sub(simd, x[3]));
+        // b ∓ i·d, written out: multiplying by ±i only exchanges parts.
+        let down = Complex { re: simd.add_f32s(b.re, d.im), im: simd.sub_f32s(b.im, d.re) };
+        let up = Complex { re: simd.sub_f32s(b.re, d.im), im: simd.add_f32s(b.im, d.re) };
+        [a.add(simd, c), down, a.sub(simd, c), up]
     }
 }
 
 impl Butterfly<5> for Dft5 {
     #[inline(always)]
-    fn apply(x: [Complex; 5]) -> [Complex; 5] {
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 5]) -> [Complex<S>; 5] {
         // cos and sin of 72 and 144 degrees.
         const C1: f32 = 0.309_017;
         const C2: f32 = -0.809_017;
         const S1: f32 = 0.951_056_5;
         const S2: f32 = 0.587_785_25;
-        let (a, b) = (x[1].add(x[4]), x[1].sub(x[4]));
-        let (c, d) = (x[2].add(x[3]), x[2].sub(x[3]));
-        let (m1, m2) =
-            (x[0].add(a.scale(C1)).add(c.scale(C2)), x[0].add(a.scale(C2)).add(c.scale(C1)));
-        let t1 = b.scale(S1).add(d.scale(S2)).minus_i();
-        let t2 = b.scale(S2).sub(d.scale(S1)).minus_i();
-        [x[0].add(a).add(c), m1.add(t1), m2.add(t2), m2.sub(t2), m1.sub(t1)]
+        let (a, b) = (x[1].add(simd, x[4]), x[1].sub(simd, x[4]));
+        let (c, d) = (x[2].add(simd, x[3]), x[2].sub(simd, x[3]));
+        let blend = |p, q| x[0].add(simd, a.scale(simd, p)).add(simd, c.scale(simd, q));
+        let turn = |p, q| b.minus_i_times(simd, p).add(simd, d.minus_i_times(simd, q));
+        let (m1, m2) = (blend(C1, C2), blend(C2, C1));
+        let (t1, t2) = (turn(S1, S2), turn(S2, -S1));
+        [
+            x[0].add(simd, a).add(simd, c),
+            m1.add(simd, t1),
+            m2.add(simd, t2),
+            m2.sub(simd, t2),
+            m1.sub(simd, t1),
+        ]
     }
 }
 

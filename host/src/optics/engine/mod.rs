@@ -154,7 +154,7 @@ pub fn irradiance(
         .map_err(|e| Error::input(format!("cannot start worker threads: {e}")))?;
     let bands = scene.scene.bands();
     let mut report = Report::default();
-    let mut tile_pixels = None;
+    let mut field_state = FieldState::default();
     for band in 0..bands.count {
         let nm = bands.nm(band);
         let mut plane = pool.install(|| {
@@ -164,7 +164,7 @@ pub fn irradiance(
                     job.through_otf(cutoff_per_mm, spread_um, &otf, &mut report)
                 }
                 Blur::Field { psfs, cutoff_per_mm } => {
-                    job.through_field(&psfs, cutoff_per_mm, &mut tile_pixels, &mut report)
+                    job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
                 }
             }
         })?;
@@ -234,12 +234,11 @@ impl Band<'_> {
         fourier::blur(&source, &geometry, otf)
     }
 
-    /// `tile_pixels` is the node distance, chosen on the first band and kept for the others.
     fn through_field(
         &self,
         psfs: &psf::PsfField,
         cutoff_per_mm: f64,
-        tile_pixels: &mut Option<usize>,
+        state: &mut FieldState,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
         let s = self.oversample(cutoff_per_mm, &|f| psfs.axial_mtf(f), report)?;
@@ -251,7 +250,7 @@ impl Band<'_> {
         let source = self.source(&layout, report);
         let place =
             psf::Place { layout: &layout, pitch_mm: pitch_um * 1e-3, axis_mm: self.lens.axis_mm() };
-        let tile = *tile_pixels.get_or_insert_with(|| {
+        let tile = *state.tile_pixels.get_or_insert_with(|| {
             place.node_distance(psfs, &kernel_grid, self.options.misplaced_light)
         });
         let tiling = varying::Tiling::new(
@@ -269,14 +268,26 @@ impl Band<'_> {
             });
         }
         let kernels = place.kernels(psfs, &kernel_grid, &tiling);
-        varying::blur(
+        if state.blurrer.as_ref().is_none_or(|b| *b.tiling() != tiling) {
+            state.blurrer = None;
+        }
+        let blurrer = state.blurrer.get_or_insert_with(|| varying::Blurrer::new(&tiling));
+        blurrer.blur(
             &|first, count| source.rows(first, count),
-            &tiling,
             &kernels,
             (layout.left(), layout.top()),
             (layout.width, layout.height),
         )
     }
+}
+
+/// What field-varying blur keeps from band to band.
+#[derive(Default)]
+struct FieldState {
+    /// Distance of nodes, chosen on the first band.
+    tile_pixels: Option<usize>,
+    /// Plans and buffers, as long as the tiling stays the same.
+    blurrer: Option<varying::Blurrer>,
 }
 
 impl SensorGrid {

@@ -13,9 +13,10 @@
 //! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does not
 //! depend on the number of threads.
 
-use super::super::fft::{Fft, LANES, Lanes, Split, good_length, lanes_are_vectors};
+use super::super::fft::{Complex, Fft, LANES, Lanes, Split, good_length, registers};
 use crate::{Plane, Result};
-use multiversion::multiversion;
+use bytemuck::{cast_slice, cast_slice_mut};
+use pulp::{Arch, Simd, WithSimd, bytemuck};
 use rayon::prelude::*;
 
 /// Kernels at the corners of square tiles.
@@ -101,64 +102,71 @@ impl Tiling {
     }
 }
 
-/// Blurs the cell grid that `rows(first, count)` gives, and samples it at the pixel centres of the
-/// frame, which starts `left`, `top` pixels into the padded grid.
-///
-/// # Errors
-/// Those of `rows`.
-pub fn blur(
-    rows: &(dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync),
-    tiling: &Tiling,
-    kernels: &Kernels,
-    (left, top): (usize, usize),
-    (width, height): (usize, usize),
-) -> Result<Plane<f32>> {
-    let plan = Plan::new(tiling);
-    let n2 = kernels.size * kernels.size;
-    let spectra: Vec<Spectrum> = kernels
-        .data
-        .par_chunks_exact(n2)
-        .map_init(|| plan.scratch(), |scratch, kernel| plan.spectrum(kernel, scratch))
-        .collect();
-    let nodes = tiling.across() + 1;
-    // Pixel columns that any tile reaches, from `before / s` left of the padded grid.
-    let columns = ((tiling.across() - 1) * tiling.tile) / tiling.oversample + tiling.reach();
-    let strip = |j: usize| -> Result<Plane<f32>> {
-        let first = j * tiling.tile;
-        let source = rows(first, tiling.tile.min(tiling.height - first))?;
-        let mut out = Plane::filled(columns, tiling.reach(), 0.0);
-        let mut scratch = plan.scratch();
-        for i in 0..tiling.across() {
-            let corner = |di: usize, dj: usize| &spectra[(j + dj) * nodes + i + di];
-            let corners = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
-            let place = i * tiling.tile / tiling.oversample;
-            plan.tile(&source, i * tiling.tile, corners, &mut scratch, &mut out, place);
-        }
-        Ok(out)
-    };
-    let mut plane = Plane::filled(width, height, 0.0);
-    // A few rows of tiles at a time bound the memory; they are added in order.
-    let group = 2 * rayon::current_num_threads();
-    let shift = tiling.before / tiling.oversample;
-    for start in (0..tiling.down()).step_by(group) {
-        let end = tiling.down().min(start + group);
-        let strips: Vec<Result<Plane<f32>>> = (start..end).into_par_iter().map(strip).collect();
-        for (j, strip) in (start..end).zip(strips) {
-            let strip = strip?;
-            for q in 0..strip.height {
-                // Padded pixel row of strip row q, then the frame's.
-                let row = j * tiling.tile / tiling.oversample + q;
-                let Some(y) = row.checked_sub(shift + top).filter(|&y| y < height) else {
-                    continue;
-                };
-                let source = &strip.row(q)[left + shift..];
-                for (o, v) in plane.row_mut(y).iter_mut().zip(source) {
-                    *o += v;
+/// Blurs bands of one tiling; keeps its plans and buffers from band to band.
+pub struct Blurrer {
+    plan: Plan,
+    spectra: Vec<Spectrum>,
+}
+
+impl Blurrer {
+    /// Plans a tiling.
+    pub fn new(tiling: &Tiling) -> Self {
+        Self { plan: Plan::new(tiling), spectra: Vec::new() }
+    }
+
+    /// The tiling it was planned for.
+    pub fn tiling(&self) -> &Tiling {
+        &self.plan.tiling
+    }
+
+    /// Blurs the cell grid that `rows(first, count)` gives with one kernel per node, and samples it at
+    /// the pixel centres of the frame, which starts `corner` (left, top) pixels into the padded grid.
+    ///
+    /// # Errors
+    /// Those of `rows`.
+    pub fn blur(
+        &mut self,
+        rows: &(dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync),
+        kernels: &Kernels,
+        corner: (usize, usize),
+        (width, height): (usize, usize),
+    ) -> Result<Plane<f32>> {
+        let Self { plan, spectra } = self;
+        let tiling = plan.tiling;
+        let n2 = kernels.size * kernels.size;
+        spectra.resize_with(kernels.data.len() / n2, || plan.empty_spectrum());
+        spectra.par_iter_mut().zip(kernels.data.par_chunks_exact(n2)).for_each_init(
+            || plan.scratch(),
+            |scratch, (spectrum, kernel)| {
+                Arch::new().dispatch(TransformKernel { plan, kernel, scratch, spectrum });
+            },
+        );
+        let (plan, spectra) = (&*plan, &*spectra);
+        let mut plane = Plane::filled(width, height, 0.0);
+        // A few rows of tiles at a time bound the memory; they are added in order.
+        let group = 2 * rayon::current_num_threads();
+        let shift = tiling.before / tiling.oversample;
+        for start in (0..tiling.down()).step_by(group) {
+            let end = tiling.down().min(start + group);
+            let strips: Vec<Result<Plane<f32>>> = (start..end)
+                .into_par_iter()
+                .map_init(|| plan.scratch(), |scratch, j| plan.strip(j, rows, spectra, scratch))
+                .collect();
+            for (j, strip) in (start..end).zip(strips) {
+                let strip = strip?;
+                for q in 0..strip.height {
+                    // Padded pixel row of strip row q, then the frame's.
+                    let row = j * tiling.tile / tiling.oversample + q;
+                    let Some(y) = row.checked_sub(shift + corner.1).filter(|&y| y < height) else {
+                        continue;
+                    };
+                    let source = &strip.row(q)[corner.0 + shift..];
+                    plane.row_mut(y).iter_mut().zip(source).for_each(|(o, v)| *o += v);
                 }
             }
         }
+        Ok(plane)
     }
-    Ok(plane)
 }
 
 /// The spectrum of a kernel: per sixteen vertical frequencies, all horizontal ones.
@@ -224,92 +232,142 @@ impl Plan {
         }
     }
 
-    /// Transforms a kernel, scaled so that forward and backward transforms together scale by 1.
-    fn spectrum(&self, kernel: &[f32], scratch: &mut Scratch) -> Spectrum {
-        let (n, size) = (self.tiling.length, self.tiling.kernel);
+    fn empty_spectrum(&self) -> Spectrum {
+        Spectrum(Split::zeros(self.batches * self.tiling.length))
+    }
+
+    /// The light of row j of tiles, from `before / s` pixels left of and above its corner on.
+    fn strip(
+        &self,
+        j: usize,
+        rows: &(dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync),
+        spectra: &[Spectrum],
+        scratch: &mut Scratch,
+    ) -> Result<Plane<f32>> {
+        let Tiling { tile, oversample, height, .. } = self.tiling;
+        let source = &rows(j * tile, tile.min(height - j * tile))?;
+        let (across, reach) = (self.tiling.across(), self.tiling.reach());
+        let columns = (across - 1) * tile / oversample + reach;
+        let mut out = Plane::filled(columns, reach, 0.0);
+        for i in 0..across {
+            let corner = |di: usize, dj: usize| &spectra[(j + dj) * (across + 1) + i + di];
+            Arch::new().dispatch(BlurTile {
+                plan: self,
+                source,
+                first: i * tile,
+                corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
+                scratch,
+                out: &mut out,
+                place: i * tile / oversample,
+            });
+        }
+        Ok(out)
+    }
+}
+
+/// Transforms a kernel, scaled so that forward and backward transforms together scale by 1.
+struct TransformKernel<'a> {
+    plan: &'a Plan,
+    kernel: &'a [f32],
+    scratch: &'a mut Scratch,
+    spectrum: &'a mut Spectrum,
+}
+
+impl WithSimd for TransformKernel<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, kernel, scratch, spectrum: Spectrum(spectrum) } = self;
+        let (n, size) = (plan.tiling.length, plan.tiling.kernel);
         let scale = 1.0 / (n * n) as f32;
+        let Scratch { cells, cells_spare, upper, lower, .. } = scratch;
         for x in (0..size).step_by(2 * LANES) {
-            scratch.cells.clear();
+            cells.clear();
             for (y, row) in kernel.chunks_exact(size).enumerate() {
-                scratch.cells.re[y] = lanes_of(row, x).times(scale);
-                scratch.cells.im[y] = lanes_of(row, x + LANES).times(scale);
+                cells.re[y] = lanes_of(row, x);
+                cells.im[y] = lanes_of(row, x + LANES);
             }
-            self.cells.forward(&mut scratch.cells, &mut scratch.cells_spare);
-            let Scratch { cells, upper, lower, .. } = scratch;
-            split_columns(cells, self.batches, self.columns, x, upper, lower);
+            plan.cells.forward(cells, cells_spare);
+            split_columns(simd, cells, plan, x, upper, lower);
             // The two halves are neighbouring columns of one kernel.
-            for b in 0..self.batches {
-                let from = b * self.columns + x;
+            for b in 0..plan.batches {
+                let from = b * plan.columns + x;
                 let to = from + LANES;
                 upper.re[to..to + LANES].copy_from_slice(&lower.re[from..to]);
                 upper.im[to..to + LANES].copy_from_slice(&lower.im[from..to]);
             }
         }
-        let mut data = Split::zeros(self.batches * n);
-        for b in 0..self.batches {
-            let from = b * self.columns;
-            let Scratch { cells, cells_spare, upper, .. } = scratch;
-            cells.clear();
-            cells.re[..size].copy_from_slice(&upper.re[from..from + size]);
-            cells.im[..size].copy_from_slice(&upper.im[from..from + size]);
-            self.cells.forward(cells, cells_spare);
-            data.re[b * n..(b + 1) * n].copy_from_slice(&cells.re);
-            data.im[b * n..(b + 1) * n].copy_from_slice(&cells.im);
+        let scales = vec![scale; size];
+        for b in 0..plan.batches {
+            let part = b * plan.columns..b * plan.columns + size;
+            weigh(simd, &upper.re[part.clone()], &scales, &mut cells.re);
+            weigh(simd, &upper.im[part], &scales, &mut cells.im);
+            plan.cells.forward(cells, cells_spare);
+            spectrum.re[b * n..(b + 1) * n].copy_from_slice(&cells.re);
+            spectrum.im[b * n..(b + 1) * n].copy_from_slice(&cells.im);
         }
-        Spectrum(data)
     }
+}
 
-    /// Adds the light of the tile at cell column `first` to `out` from its column `place` on.
-    fn tile(
-        &self,
-        source: &Plane<f32>,
-        first: usize,
-        corners: [&Spectrum; 4],
-        scratch: &mut Scratch,
-        out: &mut Plane<f32>,
-        place: usize,
-    ) {
-        let (tile, n) = (self.tiling.tile, self.tiling.length);
+/// Adds the light of the tile at cell column `first` to `out` from its column `place` on.
+struct BlurTile<'a> {
+    plan: &'a Plan,
+    source: &'a Plane<f32>,
+    first: usize,
+    corners: [&'a Spectrum; 4],
+    scratch: &'a mut Scratch,
+    out: &'a mut Plane<f32>,
+    place: usize,
+}
+
+impl WithSimd for BlurTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, source, first, corners, scratch, out, place } = self;
+        let (tile, n, reach) = (plan.tiling.tile, plan.tiling.length, plan.tiling.reach());
         let wide = tile.min(source.width - first);
         let Scratch { cells, cells_spare, pixels, pixels_spare, upper, lower, result } = scratch;
         for x in (0..tile).step_by(LANES) {
-            cells.clear();
             for y in 0..source.height {
-                let value = lanes_of(&source.row(y)[first..first + wide], x);
-                let v = self.right[y];
-                cells.re[y] = value.times(1.0 - v);
-                cells.im[y] = value.times(v);
+                cells.im[y] = lanes_of(&source.row(y)[first..first + wide], x);
             }
-            self.cells.forward(cells, cells_spare);
-            split_columns(cells, self.batches, self.columns, x, upper, lower);
+            cells.im[source.height..].fill(Lanes::ZERO);
+            // 1−v weighs the real parts, v the imaginary ones.
+            weigh(simd, &cells.im[..source.height], &plan.left, &mut cells.re);
+            weigh_in_place(simd, &mut cells.im[..source.height], &plan.right);
+            plan.cells.forward(cells, cells_spare);
+            split_columns(simd, cells, plan, x, upper, lower);
         }
-        for b in 0..self.batches {
+        for b in 0..plan.batches {
             pixels.clear();
-            let at = b * self.columns..b * self.columns + tile;
+            let at = b * plan.columns..b * plan.columns + tile;
             for (side, half) in [&*upper, &*lower].into_iter().enumerate() {
-                for (weights, corner) in [(&self.left, 2 * side), (&self.right, 2 * side + 1)] {
-                    weigh(&half.re[at.clone()], weights, &mut cells.re);
-                    weigh(&half.im[at.clone()], weights, &mut cells.im);
-                    self.cells.forward(cells, cells_spare);
+                for (weights, corner) in [(&plan.left, 2 * side), (&plan.right, 2 * side + 1)] {
+                    weigh(simd, &half.re[at.clone()], weights, &mut cells.re);
+                    weigh(simd, &half.im[at.clone()], weights, &mut cells.im);
+                    plan.cells.forward(cells, cells_spare);
                     let Spectrum(kernel) = corners[corner];
                     let part = b * n..(b + 1) * n;
-                    fold_product(cells, &kernel.re[part.clone()], &kernel.im[part], pixels);
+                    fold_product(simd, cells, &kernel.re[part.clone()], &kernel.im[part], pixels);
                 }
             }
-            self.pixels.backward(pixels, pixels_spare);
-            let target = b * self.stride();
+            plan.pixels.backward(pixels, pixels_spare);
+            let target = b * plan.stride();
             result.re[target..target + pixels.re.len()].copy_from_slice(&pixels.re);
             result.im[target..target + pixels.im.len()].copy_from_slice(&pixels.im);
         }
-        for x in (0..self.tiling.reach()).step_by(2 * LANES) {
+        for x in (0..reach).step_by(2 * LANES) {
             pixels.clear();
-            join_columns(result, self.stride(), x, n, pixels);
-            self.pixels.backward(pixels, pixels_spare);
-            let width = self.tiling.reach() - x;
+            join_columns(simd, result, plan, x, pixels);
+            plan.pixels.backward(pixels, pixels_spare);
             for y in 0..out.height {
-                let row = &mut out.row_mut(y)[place + x..];
-                let both = pixels.re[y].0.into_iter().chain(pixels.im[y].0);
-                row.iter_mut().zip(both).take(width).for_each(|(o, v)| *o += v);
+                let row = &mut out.row_mut(y)[place + x..place + reach];
+                let (re, im) = row.split_at_mut(LANES.min(row.len()));
+                re.iter_mut().zip(pixels.re[y].0).for_each(|(o, v)| *o += v);
+                im.iter_mut().zip(pixels.im[y].0).for_each(|(o, v)| *o += v);
             }
         }
     }
@@ -318,14 +376,33 @@ impl Plan {
 /// Sixteen values from place x on, 0 beyond the end.
 #[inline(always)]
 fn lanes_of(row: &[f32], x: usize) -> Lanes {
+    let mut lanes = Lanes::ZERO;
     match row.get(x..x + LANES) {
-        Some(whole) => {
-            let mut lanes = Lanes::ZERO;
-            lanes.0.copy_from_slice(whole);
-            lanes
+        Some(whole) => lanes.0.copy_from_slice(whole),
+        None => {
+            let rest = row.get(x..).unwrap_or_default();
+            lanes.0[..rest.len()].copy_from_slice(rest);
         }
-        None => Lanes(std::array::from_fn(|l| row.get(x + l).copied().unwrap_or(0.0))),
     }
+    lanes
+}
+
+#[inline(always)]
+fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {
+    S::as_simd_f32s(cast_slice(lanes)).0
+}
+
+#[inline(always)]
+fn vectors_mut<S: Simd>(lanes: &mut [Lanes]) -> &mut [S::f32s] {
+    S::as_mut_simd_f32s(cast_slice_mut(lanes)).0
+}
+
+/// Sixteen elements from place `at` on, rows and columns exchanged.
+#[inline(always)]
+fn block_at(values: &[Lanes], at: usize) -> [Lanes; LANES] {
+    let mut block = [Lanes::ZERO; LANES];
+    block.copy_from_slice(&values[at..at + LANES]);
+    transpose(block)
 }
 
 /// Exchanges rows and columns of sixteen by sixteen values, by four perfect shuffles.
@@ -349,29 +426,34 @@ fn transpose(mut rows: [Lanes; LANES]) -> [Lanes; LANES] {
 
 /// Takes the transforms of two real inputs apart that shared one complex transform along y, and turns
 /// them: from sixteen columns (lanes) to sixteen vertical frequencies (lanes) by columns x to x + 15.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn split_columns(
+#[inline(always)]
+fn split_columns<S: Simd>(
+    simd: S,
     both: &Split,
-    batches: usize,
-    columns: usize,
+    plan: &Plan,
     x: usize,
     real: &mut Split,
     imaginary: &mut Split,
 ) {
-    let n = both.re.len();
-    for b in 0..batches {
+    let (n, w) = (both.re.len(), registers::<S>());
+    let (re, im) = (vectors::<S>(&both.re), vectors::<S>(&both.im));
+    let half = simd.splat_f32s(0.5);
+    for b in 0..plan.batches {
         let mut parts = [[Lanes::ZERO; LANES]; 4];
+        let [ar, ai, br, bi] = parts.each_mut().map(|p| vectors_mut::<S>(p));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
-            lanes_are_vectors();
             let k = b * LANES + i;
             let mirror = if k == 0 { 0 } else { n - k };
-            let (zr, zi, mr, mi) = (both.re[k], both.im[k], both.re[mirror], both.im[mirror]);
-            parts[0][i] = zr.plus(mr).times(0.5);
-            parts[1][i] = zi.minus(mi).times(0.5);
-            parts[2][i] = zi.plus(mi).times(0.5);
-            parts[3][i] = mr.minus(zr).times(0.5);
+            for j in 0..w {
+                let (k, m, i) = (k * w + j, mirror * w + j, i * w + j);
+                let halved = |v| simd.mul_f32s(half, v);
+                ar[i] = halved(simd.add_f32s(re[k], re[m]));
+                ai[i] = halved(simd.sub_f32s(im[k], im[m]));
+                br[i] = halved(simd.add_f32s(im[k], im[m]));
+                bi[i] = halved(simd.sub_f32s(re[m], re[k]));
+            }
         }
-        let at = b * columns + x..b * columns + x + LANES;
+        let at = b * plan.columns + x..b * plan.columns + x + LANES;
         real.re[at.clone()].copy_from_slice(&transpose(parts[0]));
         real.im[at.clone()].copy_from_slice(&transpose(parts[1]));
         imaginary.re[at.clone()].copy_from_slice(&transpose(parts[2]));
@@ -380,56 +462,73 @@ fn split_columns(
 }
 
 /// The inverse of [`split_columns`] for pixel columns x to x + 15 (real part) and x + 16 to x + 31
-/// (imaginary part), folding the n vertical frequencies onto the pixel grid's.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn join_columns(result: &Split, stride: usize, x: usize, n: usize, pixels: &mut Split) {
-    let count = pixels.re.len();
-    for b in 0..(n / 2 + 1).div_ceil(LANES) {
-        let part = |values: &[Lanes], x: usize| {
-            let mut block = [Lanes::ZERO; LANES];
-            block.copy_from_slice(&values[b * stride + x..b * stride + x + LANES]);
-            transpose(block)
-        };
-        let (ar, ai) = (part(&result.re, x), part(&result.im, x));
-        let (br, bi) = (part(&result.re, x + LANES), part(&result.im, x + LANES));
+/// (imaginary part), folding the vertical frequencies onto the pixel grid's.
+#[inline(always)]
+fn join_columns<S: Simd>(simd: S, result: &Split, plan: &Plan, x: usize, pixels: &mut Split) {
+    let (n, count, w) = (plan.tiling.length, pixels.re.len(), registers::<S>());
+    let (re, im) = (vectors_mut::<S>(&mut pixels.re), vectors_mut::<S>(&mut pixels.im));
+    for b in 0..plan.batches {
+        let from = b * plan.stride() + x;
+        let blocks = [
+            block_at(&result.re, from),
+            block_at(&result.im, from),
+            block_at(&result.re, from + LANES),
+            block_at(&result.im, from + LANES),
+        ];
+        let [ar, ai, br, bi] = blocks.each_ref().map(|p| vectors::<S>(p));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
-            lanes_are_vectors();
             let k = b * LANES + i;
             let place = k % count;
-            pixels.re[place] = pixels.re[place].plus(ar[i].minus(bi[i]));
-            pixels.im[place] = pixels.im[place].plus(ai[i].plus(br[i]));
-            if k > 0 && 2 * k < n {
-                // The negative frequency of a real column is the conjugate.
-                let place = (count - place) % count;
-                pixels.re[place] = pixels.re[place].plus(ar[i].plus(bi[i]));
-                pixels.im[place] = pixels.im[place].plus(br[i].minus(ai[i]));
+            let mirror = (count - place) % count;
+            for j in 0..w {
+                let (p, m, i) = (place * w + j, mirror * w + j, i * w + j);
+                re[p] = simd.add_f32s(re[p], simd.sub_f32s(ar[i], bi[i]));
+                im[p] = simd.add_f32s(im[p], simd.add_f32s(ai[i], br[i]));
+                if k > 0 && 2 * k < n {
+                    // The negative frequency of a real column is the conjugate.
+                    re[m] = simd.add_f32s(re[m], simd.add_f32s(ar[i], bi[i]));
+                    im[m] = simd.add_f32s(im[m], simd.sub_f32s(br[i], ai[i]));
+                }
             }
         }
     }
 }
 
 /// `target[i] = values[i] * weights[i]`, 0 beyond.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn weigh(values: &[Lanes], weights: &[f32], target: &mut [Lanes]) {
+#[inline(always)]
+fn weigh<S: Simd>(simd: S, values: &[Lanes], weights: &[f32], target: &mut [Lanes]) {
+    let w = registers::<S>();
     let (head, tail) = target.split_at_mut(values.len());
-    for ((t, v), &w) in head.iter_mut().zip(values).zip(weights) {
-        lanes_are_vectors();
-        *t = v.times(w);
+    let elements =
+        vectors_mut::<S>(head).chunks_exact_mut(w).zip(vectors::<S>(values).chunks_exact(w));
+    for ((t, v), &weight) in elements.zip(weights) {
+        let weight = simd.splat_f32s(weight);
+        t.iter_mut().zip(v).for_each(|(t, &v)| *t = simd.mul_f32s(v, weight));
     }
     tail.fill(Lanes::ZERO);
 }
 
+/// `values[i] *= weights[i]`.
+#[inline(always)]
+fn weigh_in_place<S: Simd>(simd: S, values: &mut [Lanes], weights: &[f32]) {
+    let w = registers::<S>();
+    for (v, &weight) in vectors_mut::<S>(values).chunks_exact_mut(w).zip(weights) {
+        let weight = simd.splat_f32s(weight);
+        v.iter_mut().for_each(|v| *v = simd.mul_f32s(*v, weight));
+    }
+}
+
 /// Adds the product of two spectra to `folded`, frequencies folded onto its length.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn fold_product(a: &Split, b_re: &[Lanes], b_im: &[Lanes], folded: &mut Split) {
-    let count = folded.re.len();
-    for start in (0..a.re.len()).step_by(count) {
-        for i in 0..count {
-            lanes_are_vectors();
-            let (ar, ai, br, bi) =
-                (a.re[start + i], a.im[start + i], b_re[start + i], b_im[start + i]);
-            folded.re[i] = folded.re[i].plus(ar.product(br).minus(ai.product(bi)));
-            folded.im[i] = folded.im[i].plus(ar.product(bi).plus(ai.product(br)));
+#[inline(always)]
+fn fold_product<S: Simd>(simd: S, a: &Split, b_re: &[Lanes], b_im: &[Lanes], folded: &mut Split) {
+    let (re, im) = (vectors_mut::<S>(&mut folded.re), vectors_mut::<S>(&mut folded.im));
+    let n = re.len();
+    let parts = |lanes| vectors::<S>(lanes).chunks_exact(n);
+    for (((ar, ai), br), bi) in parts(&a.re).zip(parts(&a.im)).zip(parts(b_re)).zip(parts(b_im)) {
+        for i in 0..n {
+            let (a, b) = (Complex { re: ar[i], im: ai[i] }, Complex { re: br[i], im: bi[i] });
+            let sum = Complex { re: re[i], im: im[i] }.add(simd, a.mul(simd, b));
+            (re[i], im[i]) = (sum.re, sum.im);
         }
     }
 }
@@ -515,7 +614,7 @@ mod tests {
             };
             let edge = (size / s / 2, size / s / 2);
             let frame = (w / s - 2 * edge.0, h / s - 2 * edge.1);
-            let fast = blur(&rows, &t, &kernels, edge, frame).unwrap();
+            let fast = Blurrer::new(&t).blur(&rows, &kernels, edge, frame).unwrap();
             let exact = direct(&source, &t, &kernels, edge, frame);
             let peak = exact.data.iter().fold(0.0f64, |m, v| m.max(*v));
             let worst = fast.data.iter().zip(&exact.data).map(|(a, b)| (f64::from(*a) - b).abs());
