@@ -23,13 +23,21 @@ impl Keys<'_> {
     }
 
     /// A value within limits; `range` in words says what would be right.
-    fn within(&self, key: &str, v: f64, ok: std::ops::RangeInclusive<f64>, unit: &str) -> Result<f64> {
+    fn within(
+        &self,
+        key: &str,
+        v: f64,
+        ok: std::ops::RangeInclusive<f64>,
+        unit: &str,
+    ) -> Result<f64> {
         if ok.contains(&v) {
             return Ok(v);
         }
-        Err(Error::input(format!("{key} = {v}"))
-            .at(self.place(key))
-            .help(format!("use {} to {} {unit}", ok.start(), ok.end())))
+        Err(Error::input(format!("{key} = {v}")).at(self.place(key)).help(format!(
+            "use {} to {} {unit}",
+            ok.start(),
+            ok.end()
+        )))
     }
 
     fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
@@ -52,7 +60,9 @@ pub(super) fn camera(
     let (mut effects, mut optical_effects) = (Vec::new(), Vec::new());
     for table in &file.effects {
         let line = toml_text::line_of(text, table.span().start);
-        match read_effect(table.get_ref()).map_err(|e| e.at(format!("[[effect]] at line {line}")))? {
+        match read_effect(table.get_ref())
+            .map_err(|e| e.at(format!("[[effect]] at line {line}")))?
+        {
             AnyEffect::Sensor(effect) => effects.push(effect),
             AnyEffect::Optical(effect) => optical_effects.push(effect),
         }
@@ -97,12 +107,16 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
         }
     };
     let kind = match kind {
-        "characterised" => LensKind::Characterised(
-            folder.path(&keys.required("data", file.data, "characterised")?),
-        ),
-        "prescription" => {
-            LensKind::Prescription(folder.path(&keys.required("file", file.file, "prescription")?))
-        }
+        "characterised" => LensKind::Characterised(folder.path(&keys.required(
+            "data",
+            file.data,
+            "characterised",
+        )?)),
+        "prescription" => LensKind::Prescription(folder.path(&keys.required(
+            "file",
+            file.file,
+            "prescription",
+        )?)),
         kind => LensKind::DiffractionLimited {
             f_number: keys.within(
                 "f_number",
@@ -144,9 +158,13 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
     side("height", file.height)?;
     let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(keys.place("cfa")))?;
     if cfa.channels().len() > sensor_core::config::MAX_CHANNELS {
-        return Err(Error::input(format!("cfa = {:?} has {} channels", file.cfa, cfa.channels().len()))
-            .at(keys.place("cfa"))
-            .help(format!("use at most {} letters", sensor_core::config::MAX_CHANNELS)));
+        return Err(Error::input(format!(
+            "cfa = {:?} has {} channels",
+            file.cfa,
+            cfa.channels().len()
+        ))
+        .at(keys.place("cfa"))
+        .help(format!("use at most {} letters", sensor_core::config::MAX_CHANNELS)));
     }
     let (channel_names, qe) = match &file.qe {
         NumberOrFile::Number(q) => {
@@ -313,8 +331,10 @@ fn quantum_efficiency(
 /// `field,ratio`: field 0 at the axis, 1 at the sensor's corner.
 fn field_table(name: &str, folder: &Folder<'_>) -> Result<Vec<(f64, f64)>> {
     let text = folder.read(name)?;
-    let mut reader =
-        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
     let mut table: Vec<(f64, f64)> = Vec::new();
     for line in reader.deserialize() {
         let (field, ratio): (f64, f64) = line.map_err(|e| {

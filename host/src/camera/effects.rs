@@ -28,8 +28,7 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     })?;
     let entry = Effect::CATALOGUE.iter().find(|e| e.kind == kind).ok_or_else(|| {
         let known: Vec<&str> = Effect::CATALOGUE.iter().map(|e| e.kind).collect();
-        Error::input(format!("unknown effect {kind:?}"))
-            .help(toml_text::did_you_mean(kind, &known))
+        Error::input(format!("unknown effect {kind:?}")).help(toml_text::did_you_mean(kind, &known))
     })?;
     let keys: Vec<&str> = entry.parameters.iter().map(|p| p.key).collect();
     if let Some(key) = table.keys().find(|k| *k != "kind" && !keys.contains(&k.as_str())) {
@@ -68,6 +67,8 @@ fn value(
         None if table.contains_key(key) => {
             Err(Error::input(format!("{key} of {:?} is no number", entry.kind)).help(range()))
         }
-        None => Err(Error::input(format!("key {key:?} of {:?} is missing", entry.kind)).help(range())),
+        None => {
+            Err(Error::input(format!("key {key:?} of {:?} is missing", entry.kind)).help(range()))
+        }
     }
 }

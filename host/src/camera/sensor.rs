@@ -103,9 +103,10 @@ impl SensorModel {
             // A green in a row with reds is gr, one in a row with blues gb.
             let row_has_red = (0..cfa.width).any(|x| cfa.letter(x, y) == 'R');
             let apart = if row_has_red { "gr" } else { "gb" };
-            let index = self.channel_names.iter().position(|n| {
-                n.len() == 1 && n.starts_with(letter) || letter == 'g' && n == apart
-            });
+            let index = self
+                .channel_names
+                .iter()
+                .position(|n| n.len() == 1 && n.starts_with(letter) || letter == 'g' && n == apart);
             index.unwrap_or(0) as u8
         };
         let tile = (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (x, y)));

@@ -2,7 +2,7 @@
 
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use crate::camera::Cfa;
-use crate::{Error, Result};
+use crate::{Error, Result, toml_text};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -55,7 +55,8 @@ fn one() -> f64 {
 
 /// Parses and checks the text of the manifest at `file`.
 pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
-    let raw: File = toml::from_str(text).map_err(|e| toml_error(text, &e).at(file.display()))?;
+    let raw: File =
+        toml::from_str(text).map_err(|e| toml_text::error(text, &e).at(file.display()))?;
     let root = file.parent().unwrap_or(Path::new(".")).to_owned();
     check(raw, root).map_err(|e| e.at(file.display()))
 }
@@ -85,10 +86,10 @@ fn check(raw: File, root: PathBuf) -> Result<CaptureSet> {
         if let Some(before) = &capture.preceded_by
             && !captures.iter().any(|c| &c.id == before)
         {
-            let known = captures.iter().map(|c| c.id.as_str());
+            let known: Vec<&str> = captures.iter().map(|c| c.id.as_str()).collect();
             return Err(Error::input(format!("preceded_by = {before:?} is no capture's id"))
                 .at(format!("[[capture]] id {:?}", capture.id))
-                .help(nearest(before, known)));
+                .help(toml_text::did_you_mean(before, &known)));
         }
     }
     Ok(CaptureSet { root, camera, sensor, captures })
@@ -223,37 +224,6 @@ fn expand(root: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
-}
-
-/// Says which key is wrong, in which line, and which known one is nearest.
-fn toml_error(text: &str, error: &toml::de::Error) -> Error {
-    let message = error.message().trim();
-    let mut out = match message.strip_prefix("unknown field `") {
-        // serde's message: unknown field `a`, expected one of `b`, `c`
-        Some(rest) => {
-            let mut quoted = rest.split('`').step_by(2);
-            let key = quoted.next().unwrap_or_default();
-            Error::input(format!("unknown key {key:?}")).help(nearest(key, quoted))
-        }
-        None => Error::input(message),
-    };
-    if let Some(span) = error.span() {
-        let line = text[..span.start.min(text.len())].matches('\n').count() + 1;
-        out = out.at(format!("line {line}"));
-    }
-    out
-}
-
-/// "did you mean": the nearest of the known names, or all of them.
-fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let known: Vec<&str> = known.filter(|k| !k.trim().is_empty()).collect();
-    let best = known
-        .iter()
-        .max_by(|a, b| strsim::jaro_winkler(name, a).total_cmp(&strsim::jaro_winkler(name, b)));
-    match best {
-        Some(best) if strsim::jaro_winkler(name, best) > 0.7 => format!("did you mean {best:?}?"),
-        _ => format!("known: {}", known.join(", ")),
-    }
 }
 
 #[cfg(test)]

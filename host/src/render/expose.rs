@@ -132,8 +132,7 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
         sums: vec![[A::Sum::default(); GROUP]; groups(width)],
     };
     let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
-    let mut pipeline =
-        Pipeline::<A>::new(config, inputs.settings, &mut memory).map_err(refused)?;
+    let mut pipeline = Pipeline::<A>::new(config, inputs.settings, &mut memory).map_err(refused)?;
     for (y, out) in (first..).zip(out.chunks_mut(width)) {
         pipeline.row(y as u32, &mut source, out);
     }

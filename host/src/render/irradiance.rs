@@ -223,8 +223,12 @@ impl IrradianceCube {
     pub fn chunk(&self, band: usize, first: usize, rows: usize) -> Result<Chunk<'_>> {
         let width = self.header.width;
         Ok(match &self.store {
-            Store::Memory(bands) => Chunk { first: 0, only: false, rows: Cow::Borrowed(&bands[band]) },
-            Store::Uniform(bands) => Chunk { first: 0, only: true, rows: Cow::Borrowed(&bands[band]) },
+            Store::Memory(bands) => {
+                Chunk { first: 0, only: false, rows: Cow::Borrowed(&bands[band]) }
+            }
+            Store::Uniform(bands) => {
+                Chunk { first: 0, only: true, rows: Cow::Borrowed(&bands[band]) }
+            }
             Store::File { file, path, offset } => {
                 let row_bytes = self.header.row_bytes();
                 let mut bytes = vec![0; rows * row_bytes];

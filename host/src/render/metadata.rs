@@ -1,10 +1,10 @@
 //! What a raw file says about the camera that made it, computed from the camera's model.
 
+use crate::Result;
 use crate::camera::{Camera, LensKind};
 use crate::formats::{DngInfo, color};
 use crate::scene::chart::colorchecker;
 use crate::scene::{Illuminant, Spectrum, photometry};
-use crate::Result;
 use sensor_core::config::FrameSettings;
 
 /// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and D65, white

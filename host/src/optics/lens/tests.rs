@@ -7,9 +7,9 @@ use std::path::PathBuf;
 
 /// The folder of shared test material; `None`, with a word, where it is absent.
 pub(super) fn shared(what: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("CAMRIG_SHARED").map(PathBuf::from).unwrap_or_else(|| {
-        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared")
-    });
+    let root = std::env::var_os("CAMRIG_SHARED")
+        .map(PathBuf::from)
+        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared"));
     let path = root.join(what);
     if !path.exists() {
         println!("SKIP: {} is absent", path.display());
@@ -141,7 +141,9 @@ fn real_files_load() {
                     let system = match System::new(lens, Conditions::default()) {
                         Ok(system) => system,
                         // A plane-parallel plate with an r⁴ figure has no focal length.
-                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => continue,
+                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => {
+                            continue;
+                        }
                         Err(e) => panic!("{name}: {e}"),
                     };
                     assert!(system.paraxial.efl_mm.is_finite() && system.stop_radius_mm > 0.0);
