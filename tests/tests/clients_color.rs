@@ -60,7 +60,7 @@ fn patches<T>(
     (0..24)
         .map(|index| {
             let [left, top, edge] = colorchecker::patch(index, CARD);
-    
+
             let pixel = |t: f64, size: usize| (t * WIDTH as f64 + size as f64 / 2.0) as usize;
             let (x0, x1) = (pixel(left + 0.25 * edge, WIDTH), pixel(left + 0.75 * edge, WIDTH));
             let (y0, y1) = (pixel(top + 0.25 * edge, HEIGHT), pixel(top + 0.75 * edge, HEIGHT));

@@ -3,7 +3,7 @@
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use crate::camera::Cfa;
 use crate::{Error, Result, toml_text};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 #[derive(Deserialize)]
@@ -47,6 +47,77 @@ struct Entry {
     light: Option<Light>,
     scene: Option<SceneSeen>,
     rotation: Option<Rotation>,
+}
+
+/// The text of a manifest, written capture by capture.
+pub(crate) struct ManifestWriter {
+    head: toml::Table,
+    captures: Vec<toml::Value>,
+}
+
+#[derive(Serialize)]
+struct WrittenCapture<'a> {
+    id: &'a str,
+    role: Role,
+    files: String,
+    exposure_s: f64,
+    analog_gain: f64,
+    temperature_c: Option<f64>,
+    light: Option<&'a Light>,
+    scene: Option<&'a SceneSeen>,
+    rotation: Option<&'a Rotation>,
+}
+
+impl ManifestWriter {
+    /// A manifest of these frames; `camera` is a preset or a path relative to the set.
+    pub(crate) fn new(facts: SensorFacts, camera: Option<&str>, name: &str) -> Self {
+        let mut sensor = toml::Table::new();
+        sensor.insert("width".into(), (facts.width as i64).into());
+        sensor.insert("height".into(), (facts.height as i64).into());
+        sensor.insert("bits".into(), i64::from(facts.bits).into());
+        sensor.insert("white_level_dn".into(), i64::from(facts.white_level_dn).into());
+        if let Some(cfa) = facts.cfa {
+            sensor.insert("cfa".into(), cfa.to_string().into());
+        }
+        if let Some(black) = facts.black_level_dn {
+            sensor.insert("black_level_dn".into(), black.into());
+        }
+        if let Some(pitch) = facts.pitch_um {
+            sensor.insert("pitch_um".into(), pitch.into());
+        }
+        let mut source = toml::Table::new();
+        source.insert("sensor".into(), format!("camera {name:?}, simulated by camrig").into());
+        let mut head = toml::Table::new();
+        head.insert("format".into(), "captures/1".into());
+        if let Some(camera) = camera {
+            head.insert("camera".into(), camera.into());
+        }
+        head.insert("source".into(), source.into());
+        head.insert("sensor".into(), sensor.into());
+        Self { head, captures: Vec::new() }
+    }
+
+    /// Adds a capture; its one file is taken as the pattern.
+    pub(crate) fn push(&mut self, c: &Capture) {
+        let written = WrittenCapture {
+            id: &c.id,
+            role: c.role,
+            files: c.files.first().map_or(String::new(), |f| f.to_string_lossy().into()),
+            exposure_s: c.exposure_s,
+            analog_gain: c.analog_gain,
+            temperature_c: c.temperature_c,
+            light: c.light.as_ref(),
+            scene: c.scene.as_ref(),
+            rotation: c.rotation.as_ref(),
+        };
+        self.captures.extend(toml::Value::try_from(written));
+    }
+
+    /// The text.
+    pub(crate) fn text(mut self) -> Result<String> {
+        self.head.insert("capture".into(), self.captures.into());
+        toml::to_string(&self.head).map_err(|e| Error::input(format!("captures.toml: {e}")))
+    }
 }
 
 fn one() -> f64 {

@@ -97,8 +97,8 @@ impl LensArgs {
             sensor_shift_mm: self.sensor_shift,
             stop_radius_mm: self.stop_radius,
         };
-        let system = System::new(self.prescription()?, conditions)
-            .map_err(|e| e.at(self.file.display()))?;
+        let system =
+            System::new(self.prescription()?, conditions).map_err(|e| e.at(self.file.display()))?;
         for note in &system.prescription.notes {
             eprintln!("note: {note}");
         }
@@ -133,7 +133,9 @@ fn wavelengths(text: &str) -> Result<Wavelengths, String> {
 
 /// Paraxial figures and surfaces of a prescription, or what a characterisation holds
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  camrig lens info triplet.zmx\n  camrig lens info phone-lens --json")]
+#[command(
+    after_help = "Examples:\n  camrig lens info triplet.zmx\n  camrig lens info phone-lens --json"
+)]
 struct InfoArgs {
     #[command(flatten)]
     lens: LensArgs,
@@ -285,7 +287,14 @@ fn print_points(system: &System, points: &[FieldPoint]) {
     );
     println!(
         "{:>9} {:>8} {:>12} {:>10} {:>9} {:>11} {:>10} {:>11}",
-        "field deg", "nm", "height mm", "CRA deg", "rel. ill.", "distortion", "OPD waves", "spot mm rms"
+        "field deg",
+        "nm",
+        "height mm",
+        "CRA deg",
+        "rel. ill.",
+        "distortion",
+        "OPD waves",
+        "spot mm rms"
     );
     for p in points {
         println!(
@@ -331,7 +340,8 @@ fn info(args: &InfoArgs) -> Result<()> {
         "", "radius mm", "thickness", "aperture", "behind", "conic"
     );
     for (i, s) in lens.surfaces.iter().enumerate() {
-        let radius = if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
+        let radius =
+            if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
         let opening = s.clips.iter().map(|c| c.outer).fold(f64::INFINITY, f64::min);
         let opening = if opening.is_finite() { format!("{opening:.5}") } else { String::new() };
         let behind = match &s.medium {

@@ -13,9 +13,9 @@ fn refuses(dir: &Path, arguments: &str, says: &[&str]) {
     }
     assert!(!told.contains("panicked"), "{told}");
     assert!(!dir.join("out.npy").exists() && !dir.join("out.dng").exists(), "half-written output");
-    let left = std::fs::read_dir(dir).unwrap().filter(|e| {
-        e.as_ref().unwrap().file_name().to_string_lossy().starts_with(".tmp")
-    });
+    let left = std::fs::read_dir(dir)
+        .unwrap()
+        .filter(|e| e.as_ref().unwrap().file_name().to_string_lossy().starts_with(".tmp"));
     assert_eq!(left.count(), 0, "camrig {arguments} leaves temporary files");
 }
 
@@ -44,9 +44,10 @@ fn arguments() {
     refuses("simulate --camera no.toml --scene ramp --exposure 1ms -o out.npy", &["no.toml"]);
     refuses("simulate --camera c.toml --scene ramp --exposure 1ms -o out.xyz", &["xyz"]);
     refuses("simulate --camera c.toml --scene ramp --exposure 1ms -o no/out.npy", &["no"]);
-    refuses("simulate --camera c.toml --scene ramp --exposure 1ms --frames 2 -o out.npy", &[
-        "directory",
-    ]);
+    refuses(
+        "simulate --camera c.toml --scene ramp --exposure 1ms --frames 2 -o out.npy",
+        &["directory"],
+    );
 }
 
 #[test]
@@ -103,9 +104,8 @@ fn scene_files() {
     let dir = folder();
     let command = "simulate --camera c.toml --scene s.npy --exposure 1ms -o out.npy";
     let write = |values: &[f32], bands: usize| {
-        let mut header = format!(
-            "{{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, {bands}), }}"
-        );
+        let mut header =
+            format!("{{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, {bands}), }}");
         while (header.len() + 11) % 64 != 0 {
             header.push(' ');
         }

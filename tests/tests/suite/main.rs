@@ -43,11 +43,8 @@ fn small_camera(width: u32, height: u32, changes: &[(&str, &str)]) -> String {
             "ir_cut" => Some(String::new()),
             _ => None,
         };
-        let changed = changes
-            .iter()
-            .find(|(k, _)| *k == key)
-            .map(|(k, v)| format!("{k} = {v}"))
-            .or(changed);
+        let changed =
+            changes.iter().find(|(k, _)| *k == key).map(|(k, v)| format!("{k} = {v}")).or(changed);
         out.push_str(changed.as_deref().unwrap_or(line));
         out.push('\n');
     }

@@ -46,7 +46,8 @@ impl Bench<'_> {
         };
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();
         let exposure = Exposure::new(self.camera, &cube.header, 1.0).unwrap();
-        let settings = self.camera.settings(self.next.replace(self.next.get() + 1), EXPOSURE_S, None);
+        let settings =
+            self.camera.settings(self.next.replace(self.next.get() + 1), EXPOSURE_S, None);
         let frame = exposure.frame(&cube, None, &settings, self.arithmetic).unwrap();
         frame.data.iter().map(|&v| f64::from(v)).collect()
     }
@@ -82,19 +83,23 @@ fn spatial_variance(values: &[f64]) -> (f64, f64) {
 /// 2 %, 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
 fn recover(figures: (u8, u32, f64, f64, f64, f64, f64, f64, f64, f64), arithmetic: Arithmetic) {
     let (bits, full_well, gain, read, post, prnu, dark, dsnu, row, black) = figures;
-    let camera = camera(&small_camera(WIDTH, HEIGHT, &[
-        ("cfa", "\"mono\""),
-        ("bits", &bits.to_string()),
-        ("full_well_e", &full_well.to_string()),
-        ("analog_gain", &gain.to_string()),
-        ("read_e", &read.to_string()),
-        ("read_e_post", &post.to_string()),
-        ("prnu", &prnu.to_string()),
-        ("dark_current_e_per_s", &dark.to_string()),
-        ("dsnu_e_per_s", &dsnu.to_string()),
-        ("row_fpn_e", &row.to_string()),
-        ("black_level_dn", &black.to_string()),
-    ]));
+    let camera = camera(&small_camera(
+        WIDTH,
+        HEIGHT,
+        &[
+            ("cfa", "\"mono\""),
+            ("bits", &bits.to_string()),
+            ("full_well_e", &full_well.to_string()),
+            ("analog_gain", &gain.to_string()),
+            ("read_e", &read.to_string()),
+            ("read_e_post", &post.to_string()),
+            ("prnu", &prnu.to_string()),
+            ("dark_current_e_per_s", &dark.to_string()),
+            ("dsnu_e_per_s", &dsnu.to_string()),
+            ("row_fpn_e", &row.to_string()),
+            ("black_level_dn", &black.to_string()),
+        ],
+    ));
     let bench = Bench { camera: &camera, arithmetic, next: 0.into() };
     let max_dn = f64::from((1u32 << bits) - 1);
     let true_gain = gain * max_dn / f64::from(full_well);

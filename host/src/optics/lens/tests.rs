@@ -205,7 +205,11 @@ fn golden_lenses_psfs_and_wavefronts() {
             }
             println!(
                 "{name} {deg} {nm}: cells {cells} spot {:.4} captured {:.4} PSF {worst:.1e} OPD rms {:.1e} pv {:.1e} of {}",
-                samples.spot_rms_mm(), fast.captured, rms - at("opd_rms_waves"), pv - at("opd_pv_waves"), at("opd_rms_waves")
+                samples.spot_rms_mm(),
+                fast.captured,
+                rms - at("opd_rms_waves"),
+                pv - at("opd_pv_waves"),
+                at("opd_rms_waves")
             );
         }
     }
