@@ -1,17 +1,17 @@
 //! Frames of a capture, streamed.
 
 use super::{Capture, SensorFacts};
-use crate::{Error, Plane, Result};
+use crate::{Error, Plane, Result, formats};
 use rayon::prelude::*;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::Path;
 
 /// The frames of one file. Stacks (`N x H x W` NPY) are read lazily, one frame at a time.
 pub struct FrameReader(Kind);
 
 enum Kind {
-    One(Option<Plane<u16>>),
+    Read(std::vec::IntoIter<Plane<u16>>),
     Npy(NpyStack),
 }
 
@@ -20,23 +20,23 @@ impl Iterator for FrameReader {
 
     fn next(&mut self) -> Option<Self::Item> {
         match &mut self.0 {
-            Kind::One(frame) => frame.take().map(Ok),
+            Kind::Read(frames) => frames.next().map(Ok),
             Kind::Npy(stack) => stack.next(),
         }
     }
 }
 
-/// Opens a file of one or more frames by its extension.
+/// Opens a file of one or more frames: NPY stacks lazily, every other format of
+/// [`formats`](crate::formats) whole.
 ///
 /// # Errors
 /// Files that cannot be read, formats that are not known, and samples that are not 8 or 16 bit
 /// unsigned.
 pub fn open(path: &Path) -> Result<FrameReader> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let kind = match extension.as_str() {
-        "npy" => NpyStack::open(path).map(Kind::Npy),
-        "tif" | "tiff" => read_tiff(path).map(|f| Kind::One(Some(f))),
-        _ => Err(Error::input("not a known frame format").help("use .npy, .tiff")),
+    let kind = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")) {
+        NpyStack::open(path).map(Kind::Npy)
+    } else {
+        formats::read(path).map(|f| Kind::Read(f.planes.into_iter()))
     };
     kind.map(FrameReader).map_err(|e| e.at(path.display()))
 }
@@ -156,23 +156,4 @@ impl NpyStack {
 
 fn wrong_type(e: impl std::fmt::Display) -> Error {
     Error::input(format!("samples are not 8 or 16 bit unsigned: {e}")).help("save frames as uint16")
-}
-
-fn read_tiff(path: &Path) -> Result<Plane<u16>> {
-    let mut bytes = Vec::new();
-    let mut file = File::open(path).map_err(|e| Error::io("read", path, e))?;
-    file.read_to_end(&mut bytes).map_err(|e| Error::io("read", path, e))?;
-    let broken = |e: tiff::TiffError| Error::input(format!("not a readable TIFF: {e}"));
-    let mut decoder = tiff::decoder::Decoder::new(std::io::Cursor::new(bytes)).map_err(broken)?;
-    let (width, height) = decoder.dimensions().map_err(broken)?;
-    let data = match decoder.read_image().map_err(broken)? {
-        tiff::decoder::DecodingResult::U8(d) => d.into_iter().map(u16::from).collect(),
-        tiff::decoder::DecodingResult::U16(d) => d,
-        _ => return Err(wrong_type("other sample format")),
-    };
-    let (width, height) = (width as usize, height as usize);
-    if data.len() != width * height {
-        return Err(Error::input("more than one sample per pixel").help("raw frames have one"));
-    }
-    Ok(Plane { width, height, data })
 }

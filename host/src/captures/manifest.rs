@@ -2,8 +2,8 @@
 
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use crate::camera::Cfa;
-use crate::{Error, Result};
-use serde::Deserialize;
+use crate::{Error, Result, toml_text};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 #[derive(Deserialize)]
@@ -49,13 +49,85 @@ struct Entry {
     rotation: Option<Rotation>,
 }
 
+/// The text of a manifest, written capture by capture.
+pub(crate) struct ManifestWriter {
+    head: toml::Table,
+    captures: Vec<toml::Value>,
+}
+
+#[derive(Serialize)]
+struct WrittenCapture<'a> {
+    id: &'a str,
+    role: Role,
+    files: String,
+    exposure_s: f64,
+    analog_gain: f64,
+    temperature_c: Option<f64>,
+    light: Option<&'a Light>,
+    scene: Option<&'a SceneSeen>,
+    rotation: Option<&'a Rotation>,
+}
+
+impl ManifestWriter {
+    /// A manifest of these frames; `camera` is a preset or a path relative to the set.
+    pub(crate) fn new(facts: SensorFacts, camera: Option<&str>, name: &str) -> Self {
+        let mut sensor = toml::Table::new();
+        sensor.insert("width".into(), (facts.width as i64).into());
+        sensor.insert("height".into(), (facts.height as i64).into());
+        sensor.insert("bits".into(), i64::from(facts.bits).into());
+        sensor.insert("white_level_dn".into(), i64::from(facts.white_level_dn).into());
+        if let Some(cfa) = facts.cfa {
+            sensor.insert("cfa".into(), cfa.to_string().into());
+        }
+        if let Some(black) = facts.black_level_dn {
+            sensor.insert("black_level_dn".into(), black.into());
+        }
+        if let Some(pitch) = facts.pitch_um {
+            sensor.insert("pitch_um".into(), pitch.into());
+        }
+        let mut source = toml::Table::new();
+        source.insert("sensor".into(), format!("camera {name:?}, simulated by camrig").into());
+        let mut head = toml::Table::new();
+        head.insert("format".into(), "captures/1".into());
+        if let Some(camera) = camera {
+            head.insert("camera".into(), camera.into());
+        }
+        head.insert("source".into(), source.into());
+        head.insert("sensor".into(), sensor.into());
+        Self { head, captures: Vec::new() }
+    }
+
+    /// Adds a capture; its one file is taken as the pattern.
+    pub(crate) fn push(&mut self, c: &Capture) {
+        let written = WrittenCapture {
+            id: &c.id,
+            role: c.role,
+            files: c.files.first().map_or(String::new(), |f| f.to_string_lossy().into()),
+            exposure_s: c.exposure_s,
+            analog_gain: c.analog_gain,
+            temperature_c: c.temperature_c,
+            light: c.light.as_ref(),
+            scene: c.scene.as_ref(),
+            rotation: c.rotation.as_ref(),
+        };
+        self.captures.extend(toml::Value::try_from(written));
+    }
+
+    /// The text.
+    pub(crate) fn text(mut self) -> Result<String> {
+        self.head.insert("capture".into(), self.captures.into());
+        toml::to_string(&self.head).map_err(|e| Error::input(format!("captures.toml: {e}")))
+    }
+}
+
 fn one() -> f64 {
     1.0
 }
 
 /// Parses and checks the text of the manifest at `file`.
 pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
-    let raw: File = toml::from_str(text).map_err(|e| toml_error(text, &e).at(file.display()))?;
+    let raw: File =
+        toml::from_str(text).map_err(|e| toml_text::error(text, &e).at(file.display()))?;
     let root = file.parent().unwrap_or(Path::new(".")).to_owned();
     check(raw, root).map_err(|e| e.at(file.display()))
 }
@@ -85,10 +157,10 @@ fn check(raw: File, root: PathBuf) -> Result<CaptureSet> {
         if let Some(before) = &capture.preceded_by
             && !captures.iter().any(|c| &c.id == before)
         {
-            let known = captures.iter().map(|c| c.id.as_str());
+            let known: Vec<&str> = captures.iter().map(|c| c.id.as_str()).collect();
             return Err(Error::input(format!("preceded_by = {before:?} is no capture's id"))
                 .at(format!("[[capture]] id {:?}", capture.id))
-                .help(nearest(before, known)));
+                .help(toml_text::did_you_mean(before, &known)));
         }
     }
     Ok(CaptureSet { root, camera, sensor, captures })
@@ -223,37 +295,6 @@ fn expand(root: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
-}
-
-/// Says which key is wrong, in which line, and which known one is nearest.
-fn toml_error(text: &str, error: &toml::de::Error) -> Error {
-    let message = error.message().trim();
-    let mut out = match message.strip_prefix("unknown field `") {
-        // serde's message: unknown field `a`, expected one of `b`, `c`
-        Some(rest) => {
-            let mut quoted = rest.split('`').step_by(2);
-            let key = quoted.next().unwrap_or_default();
-            Error::input(format!("unknown key {key:?}")).help(nearest(key, quoted))
-        }
-        None => Error::input(message),
-    };
-    if let Some(span) = error.span() {
-        let line = text[..span.start.min(text.len())].matches('\n').count() + 1;
-        out = out.at(format!("line {line}"));
-    }
-    out
-}
-
-/// "did you mean": the nearest of the known names, or all of them.
-fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let known: Vec<&str> = known.filter(|k| !k.trim().is_empty()).collect();
-    let best = known
-        .iter()
-        .max_by(|a, b| strsim::jaro_winkler(name, a).total_cmp(&strsim::jaro_winkler(name, b)));
-    match best {
-        Some(best) if strsim::jaro_winkler(name, best) > 0.7 => format!("did you mean {best:?}?"),
-        _ => format!("known: {}", known.join(", ")),
-    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 
 mod frames;
 mod manifest;
+pub mod plan;
+pub mod take;
 
 pub use frames::{FrameReader, open};
 

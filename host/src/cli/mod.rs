@@ -3,6 +3,7 @@
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
 pub mod arguments;
+mod capture;
 mod convert;
 mod demo;
 mod expose;
@@ -31,6 +32,7 @@ enum Command {
     Lens(lens::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
+    Capture(capture::Args),
     Convert(convert::Args),
     Presets(presets::Args),
 }
@@ -45,6 +47,7 @@ pub fn main() -> ExitCode {
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
+        Command::Capture(args) => capture::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
     };

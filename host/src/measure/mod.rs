@@ -1,6 +1,8 @@
 //! Measuring: captures in, figures out. Nothing here sees a camera model: measured and simulated
 //! frames are treated alike.
 
+pub mod correlation;
+pub mod emva;
 pub mod fit;
 pub mod ladder;
 pub mod maps;
@@ -8,6 +10,7 @@ pub mod mtf;
 pub mod ptc;
 pub mod response;
 pub mod spatial;
+pub mod spectrogram;
 pub mod stack;
 pub mod transfer;
 pub mod value;

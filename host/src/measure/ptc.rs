@@ -17,7 +17,7 @@
 //! saturated levels stand, or of the white level; (4) from the top down, a variance more than 3.5
 //! standard errors below the fit to the rest.
 
-use super::ladder::{self, Level, SAME_TEMPERATURE_C, Selection};
+use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
 use super::spatial::SpatialVariance;
 use super::stack::{Site, Stack};
@@ -144,7 +144,7 @@ pub fn measure(set: &CaptureSet) -> Result<Ptc> {
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
         figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
-        figures.dark_doubling_c = doubling(&darks, &other_darks, c);
+        figures.dark_doubling_c = ladder::doubling(&darks, &other_darks, c);
         channels.push(ChannelPtc {
             channel: name,
             figures,
@@ -303,38 +303,6 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
     let dark_part = rates.map_or(0.0, |r| r.value.max(0.0) * lean * lean);
     let variance = (gains.total.value - dark_part) / (mean * mean);
     f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
-}
-
-/// The temperature step that doubles the dark current: a line through ln(dark current) over
-/// temperature, one point per temperature with two or more exposure times.
-fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
-    let mut groups: Vec<Vec<Level>> = Vec::new();
-    for level in darks.iter().chain(others) {
-        let t = level.temperature_c?;
-        let near = |g: &&mut Vec<Level>| {
-            g[0].temperature_c.is_some_and(|u| (u - t).abs() <= SAME_TEMPERATURE_C)
-        };
-        match groups.iter_mut().find(near) {
-            Some(group) => group.push(level.clone()),
-            None => groups.push(vec![level.clone()]),
-        }
-    }
-    let mut design = Vec::new();
-    let mut logs = Vec::new();
-    let mut errors = Vec::new();
-    for group in &groups {
-        let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
-        if rate.value > 3.0 * rate.std_error {
-            let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
-            design.push(vec![1.0, sum / group.len() as f64]);
-            logs.push(rate.value.ln());
-            errors.push(rate.std_error / rate.value);
-        }
-    }
-    let fit = super::fit::Fit::new(&design, &logs, &errors).ok()?;
-    let slope = fit.coefficients[1];
-    let step = std::f64::consts::LN_2 / slope;
-    (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
 }
 
 fn curve(t: &Transfer, flats: &[Level], channel: usize) -> Vec<CurvePoint> {

@@ -1,12 +1,12 @@
 //! The lens of a camera file as the optics engine takes it.
 
+use crate::Result;
 use crate::camera::{Camera, LensKind, RelativeIllumination};
 use crate::optics::interpolate::MonotoneCubic;
 use crate::optics::lens::characterise::{self, Plan, PsfMethod};
 use crate::optics::lens::{Catalogue, Conditions, System, read_prescription};
 use crate::optics::{Characterisation, Departures, Diffraction, Illumination, Lens, SensorGrid};
 use crate::scene::{Bands, Spectrum};
-use crate::Result;
 use std::path::Path;
 
 /// The sensor's grid as the optics sees it.

@@ -1,0 +1,230 @@
+//! Taking a plan's stacks with a simulated camera.
+
+use super::manifest::ManifestWriter;
+use super::plan::Shot;
+use super::{Capture, Light, Role, SensorFacts, Uniformity};
+use crate::camera::Camera;
+use crate::formats::output::OutputDir;
+use crate::formats::{Format, Frames};
+use crate::optics::Options;
+use crate::render::{self, Arithmetic, CubeHeader, Exposure, IrradianceCube};
+use crate::scene::{self, Bands, Illuminant, LightLevel, LitScene, Quantity, photometry};
+use crate::{Error, Plane, Result};
+use sensor_core::config::FrameSettings;
+use std::path::Path;
+
+/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
+const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
+
+/// Takes every stack of a plan and writes a capture set. Frames are numbered through from
+/// `first_frame`, so that no two frames of the set share temporal noise. `progress` hears of every
+/// frame done.
+///
+/// # Errors
+/// A plan that saturates where it does not say so, and what rendering refuses.
+pub fn take(
+    camera: &Camera,
+    camera_name: Option<&str>,
+    plan: &[Shot],
+    directory: &Path,
+    force: bool,
+    first_frame: u32,
+    arithmetic: Arithmetic,
+    mut progress: impl FnMut(),
+) -> Result<()> {
+    let output = OutputDir::create(directory, force)?;
+    let mut manifest = ManifestWriter::new(facts(camera), camera_name, &camera.name);
+    let mut frame_number = first_frame;
+    let mut lit: Option<(String, IrradianceCube)> = None;
+    for shot in plan {
+        let place = |e: Error| e.at(format!("stack {:?}", shot.id));
+        let mut light = None;
+        let flat;
+        let cube = match shot.role {
+            Role::Dark => {
+                flat = uniform(camera, 550.0, 10.0, 0.0)?;
+                &flat
+            }
+            Role::Flat => {
+                let (cube, of) = narrow_band(camera, shot).map_err(place)?;
+                light = Some(of);
+                flat = cube;
+                &flat
+            }
+            _ => {
+                let (key, of) = scene_key(shot);
+                light = of;
+                if lit.as_ref().is_none_or(|l| l.0 != key) {
+                    lit = Some((key, look_at(camera, shot).map_err(place)?));
+                }
+                match &lit {
+                    Some((_, cube)) => cube,
+                    None => unreachable!("set in the line above"),
+                }
+            }
+        };
+        let exposure = Exposure::new(camera, &cube.header, 1.0)?;
+        let (mut saturated, mut samples) = (0u64, 0u64);
+        for i in 0..shot.frames {
+            let settings = settings(camera, shot, frame_number);
+            frame_number = frame_number.wrapping_add(1);
+            let before = (i > 0).then_some(cube);
+            let frame = exposure.frame(cube, before, &settings, arithmetic)?;
+            let white = frame.white_level_dn;
+            saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
+            samples += frame.data.len() as u64;
+            let bytes = Format::Npy.encode(&Frames::from_raw(&frame))?;
+            output.write(format!("{}/{i:04}.npy", shot.id), &bytes)?;
+            progress();
+        }
+        if !shot.saturates && saturated as f64 > 1e-3 * samples as f64 {
+            return Err(place(Error::input(format!(
+                "{:.1} % of the samples are saturated",
+                100.0 * saturated as f64 / samples as f64
+            )))
+            .help("lower the light or the exposure, or say saturates = true if that is meant"));
+        }
+        let settings = settings(camera, shot, 0);
+        manifest.push(&Capture {
+            id: shot.id.clone(),
+            role: shot.role,
+            files: vec![format!("{}/*.npy", shot.id).into()],
+            split: None,
+            exposure_s: shot.exposure_s,
+            analog_gain: f64::from(settings.analog_gain),
+            temperature_c: Some(f64::from(settings.temperature_c)),
+            exposure_requested_s: None,
+            preceded_by: None,
+            light,
+            scene: shot.scene.clone(),
+            rotation: None,
+        });
+    }
+    output.write("captures.toml", manifest.text()?.as_bytes())?;
+    output.finish()
+}
+
+/// What a reader of the camera's frames needs to know.
+pub(crate) fn facts(camera: &Camera) -> SensorFacts {
+    let s = &camera.sensor;
+    let full_scale = ((1u32 << s.bits) - 1) as u16;
+    SensorFacts {
+        width: s.width as usize,
+        height: s.height as usize,
+        bits: u32::from(s.bits),
+        cfa: Some(s.cfa.clone()),
+        black_level_dn: Some(s.black_level_dn),
+        white_level_dn: full_scale,
+        pitch_um: Some(s.pitch_um),
+    }
+}
+
+fn settings(camera: &Camera, shot: &Shot, frame: u32) -> FrameSettings {
+    let mut settings = camera.settings(frame, shot.exposure_s, shot.analog_gain);
+    if let Some(t) = shot.temperature_c {
+        settings.temperature_c = t as f32;
+    }
+    settings
+}
+
+/// Even narrow-band light of an irradiance, W m⁻², in a band of `width_nm` around `centre_nm`.
+pub(crate) fn uniform(
+    camera: &Camera,
+    centre_nm: f64,
+    width_nm: f64,
+    irradiance_w_m2: f64,
+) -> Result<IrradianceCube> {
+    let header = CubeHeader {
+        width: camera.sensor.width as usize,
+        height: camera.sensor.height as usize,
+        first_band_nm: centre_nm,
+        band_step_nm: width_nm,
+        bands: 1,
+        lux: None,
+        illuminant: None,
+        made_of: format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),
+    };
+    IrradianceCube::uniform(header, &[(irradiance_w_m2 / width_nm) as f32])
+}
+
+/// Electrons at which the camera saturates: full well or the converter's end.
+pub(crate) fn saturation_e(camera: &Camera, gain: f64) -> f64 {
+    let s = &camera.sensor;
+    let full_scale = f64::from((1u32 << s.bits) - 1);
+    // dn_per_e = gain x full scale / full well (eq. 11).
+    let converter = (full_scale - s.black_level_dn) * s.full_well_e / (gain * full_scale);
+    s.full_well_e.min(converter)
+}
+
+/// Electrons per second for 1 W m⁻² of narrow-band light, in the channel that gets most.
+pub(crate) fn electrons_per_second(camera: &Camera, centre_nm: f64, width_nm: f64) -> f64 {
+    let band = Bands { start_nm: centre_nm, step_nm: width_nm, count: 1 };
+    let response = camera.sensor.response(&band);
+    response.iter().map(|r| r[0] / width_nm).fold(0.0, f64::max)
+}
+
+fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> {
+    let (Some(centre), width) = (shot.light.wavelength_nm, shot.width_nm) else {
+        return Err(Error::input("a flat without wavelength_nm"));
+    };
+    let gain = shot.analog_gain.unwrap_or(camera.sensor.analog_gain);
+    let irradiance = match (shot.light.irradiance_w_m2, shot.fill) {
+        (Some(irradiance), _) => irradiance,
+        (None, fill) => {
+            let per_s = electrons_per_second(camera, centre, width);
+            if per_s <= 0.0 {
+                return Err(Error::input(format!("the camera is blind at {centre} nm"))
+                    .help("choose a wavelength within its quantum efficiency"));
+            }
+            fill.unwrap_or(0.5) * saturation_e(camera, gain) / (per_s * shot.exposure_s)
+        }
+    };
+    // The irradiance that the cube holds, not the one asked for: it goes into the manifest.
+    let held = f64::from((irradiance / width) as f32) * width;
+    let area = (camera.sensor.pitch_um * 1e-6).powi(2);
+    let light = Light {
+        irradiance_w_m2: Some(held),
+        photons_per_pixel_per_s: Some(held * area * centre * 1e-9 / HC),
+        wavelength_nm: Some(centre),
+        uniformity: Uniformity::Flat,
+        ..Light::default()
+    };
+    Ok((uniform(camera, centre, width, irradiance)?, light))
+}
+
+/// What tells two looks apart: scene and light.
+fn scene_key(shot: &Shot) -> (String, Option<Light>) {
+    let name = shot.scene.as_ref().map_or("", |s| s.scene.as_str());
+    let key = format!("{name} {:?} {:?}", shot.light.illuminant, shot.light.lux);
+    (key, Some(shot.light.clone()))
+}
+
+fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
+    let name = shot.scene.as_ref().map_or("", |s| s.scene.as_str());
+    let scene = scene::open(name)?;
+    let bands = scene.bands();
+    let (white, about) = match scene.quantity() {
+        Quantity::Reflectance => {
+            let illuminant = shot.light.illuminant.as_deref().unwrap_or("D65");
+            let light = Illuminant::parse(illuminant)?;
+            let lux = shot.light.lux.unwrap_or(300.0);
+            let white = photometry::white_radiance(&light, LightLevel::Lux(lux), &bands)?;
+            (
+                white,
+                render::About {
+                    lux: Some(lux),
+                    illuminant: Some(light.name),
+                    made_of: format!("scene {name}, lens of {}", camera.name),
+                },
+            )
+        }
+        Quantity::Radiance => (vec![1.0; bands.count], render::About::default()),
+    };
+    let lit = LitScene { scene: &*scene, white };
+    Ok(render::irradiance(camera, &lit, &Options::default(), about, |_, _| ())?.0)
+}
+
+/// A window of a frame.
+pub(crate) fn window(frame: &crate::RawFrame, x: usize, y: usize, side: usize) -> Plane<u16> {
+    Plane::from_fn(side, side, |i, j| frame.data[(y + j) * frame.width + x + i])
+}

@@ -1,0 +1,73 @@
+//! `camrig capture`: a whole capture set, simulated.
+
+use super::arguments::progress;
+use crate::Result;
+use crate::camera::Camera;
+use crate::captures::{plan, take};
+use crate::render::Arithmetic;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Simulate a whole capture set: dark, flat, edge and chart stacks after a plan
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Built-in plans: emva, ptc, paper. Example:\n  \
+    camrig capture --camera mt9v024 --plan ptc -o captures\n  \
+    camrig measure ptc captures")]
+pub struct Args {
+    /// Camera file or preset
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Built-in plan or plan file
+    #[arg(long, value_name = "P")]
+    plan: String,
+    /// Directory of the capture set
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Number of the first frame: names the temporal noise of the set
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    frame_seed: u32,
+    /// Frames per stack, instead of what the plan says
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Simulate a smaller sensor of the same pixels
+    #[arg(long, value_name = "W,H", value_parser = side_lengths)]
+    size: Option<(u32, u32)>,
+    /// Arithmetic of the sensor stage
+    #[arg(long, value_enum, default_value_t)]
+    arith: Arithmetic,
+    /// Replace an existing set
+    #[arg(long)]
+    force: bool,
+}
+
+fn side_lengths(text: &str) -> Result<(u32, u32), String> {
+    let sides: Option<(u32, u32)> = text
+        .split_once([',', 'x'])
+        .and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
+    sides
+        .filter(|s| s.0 > 0 && s.1 > 0)
+        .ok_or_else(|| format!("{text:?}: use for instance 256,192"))
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut camera = Camera::load(&args.camera)?;
+    if let Some((width, height)) = args.size {
+        camera.sensor.width = width.min(camera.sensor.width);
+        camera.sensor.height = height.min(camera.sensor.height);
+    }
+    let mut shots = plan::load(&args.plan)?;
+    if let Some(frames) = args.frames {
+        shots.iter_mut().for_each(|s| s.frames = frames);
+    }
+    let total: u64 = shots.iter().map(|s| u64::from(s.frames)).sum();
+    let bar = progress("frames", total);
+    // A preset can be named in the set; a file's place relative to the set is not known to last.
+    let preset = !args.camera.contains(['/', '\\', '.']);
+    let name = preset.then_some(args.camera.as_str());
+    let tick = || bar.inc(1);
+    take::take(&camera, name, &shots, &args.output, args.force, args.frame_seed, args.arith, tick)?;
+    bar.finish_and_clear();
+    eprintln!("wrote {} frames in {} stacks to {}", total, shots.len(), args.output.display());
+    Ok(ExitCode::SUCCESS)
+}

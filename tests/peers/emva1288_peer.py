@@ -1,0 +1,85 @@
+#!/usr/bin/env python3
+"""Figures of the independent `emva1288` package (PyPI, 1.0.2) for a capture set, as JSON.
+
+    python -m venv venv && venv/bin/pip install 'numpy<2' emva1288==1.0.2 tifffile imagecodecs
+    venv/bin/python tests/peers/emva1288_peer.py CAPTURES > figures.json
+
+The package takes two frames per light level and wants a dark of every exposure time; a stack of
+more than two frames is its spatial pair. Levels without such a dark are left out.
+"""
+import glob
+import json
+import os
+import sys
+import tempfile
+import tomllib
+
+import numpy as np
+
+if not hasattr(np, "asfarray"):  # removed in numpy 2
+    np.asfarray = lambda a, dtype=float: np.asarray(a, dtype=dtype)
+
+from emva1288 import process  # noqa: E402
+
+
+def frames(pattern):
+    out = []
+    for path in sorted(glob.glob(pattern)):
+        if path.endswith(".npy"):
+            a = np.load(path)
+            out += list(a) if a.ndim == 3 else [a]
+        else:
+            import tifffile
+
+            out.append(tifffile.imread(path))
+    return out
+
+
+def main(root):
+    manifest = tomllib.load(open(os.path.join(root, "captures.toml"), "rb"))
+    sensor = manifest["sensor"]
+    stacks = {}
+    for c in manifest["capture"]:
+        if c["role"] not in ("dark", "flat"):
+            continue
+        rate = c.get("light", {}).get("photons_per_pixel_per_s", 0.0)
+        stack = frames(os.path.join(root, c["files"]))
+        key = (c["exposure_s"], rate, len(stack) > 2)
+        stacks.setdefault(key, stack)
+    lines, images = ["v 1.0"], {}
+    lines.append(f"n {sensor['bits']} {sensor['width']} {sensor['height']}")
+    for (t, rate, long), stack in sorted(stacks.items()):
+        if rate == 0.0:
+            continue
+        dark = stacks.get((t, 0.0, long)) or stacks.get((t, 0.0, not long))
+        if dark is None:
+            continue
+        for head, group in (("d %.9f" % (t * 1e9), dark), ("b %.9f %.6f" % (t * 1e9, rate * t), stack)):
+            lines.append(head)
+            for frame in group if long else group[:2]:
+                name = f"{len(images)}.bin"
+                images[name] = frame
+                lines.append(f"i {name}")
+    with tempfile.TemporaryDirectory() as d:
+        seen, kept, skip = set(), [], False
+        for line in lines:  # one dark per exposure and kind
+            if line[0] in "db":
+                skip = False
+            kept.append(line)
+        path = os.path.join(d, "descriptor.txt")
+        for name in images:
+            open(os.path.join(d, name), "w").close()
+        open(path, "w").write("\n".join(kept) + "\n")
+        info = process.ParseEmvaDescriptorFile(path, loglevel=50)
+        load = lambda p: images[os.path.basename(p)]
+        loaded = process.LoadImageData(info.images, d, fload=load, loglevel=50)
+        data = process.Data1288(loaded.data)
+        r = process.Results1288(data.data, loglevel=50)
+    names = ["K", "R", "QE", "sigma_y_dark", "sigma_d", "u_p_min", "u_e_min", "u_p_sat", "u_e_sat",
+             "SNR_max", "DR", "LE_min", "LE_max", "u_I_mean", "u_I_var", "DSNU1288", "DSNU1288_row",
+             "DSNU1288_col", "DSNU1288_pixel", "PRNU1288", "PRNU1288_row", "PRNU1288_col",
+             "PRNU1288_pixel"]
+    print(json.dumps({n: float(getattr(r, n)) for n in names}, indent=1))
+
+
+main(sys.argv[1])
