@@ -28,11 +28,11 @@ enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
     Demo(demo::Args),
+    Capture(capture::Args),
     Scene(scene::Args),
     Lens(lens::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
-    Capture(capture::Args),
     Convert(convert::Args),
     Presets(presets::Args),
 }
@@ -44,10 +44,10 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Capture(args) => capture::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
-        Command::Capture(args) => capture::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
     };
