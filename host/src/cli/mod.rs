@@ -9,6 +9,7 @@ mod expose;
 mod lens;
 mod measure;
 mod presets;
+mod rig;
 mod scene;
 mod simulate;
 
@@ -33,6 +34,7 @@ enum Command {
     Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Rig(rig::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -47,6 +49,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Rig(args) => rig::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
