@@ -182,8 +182,7 @@ impl Model for Rig<'_> {
         let ring = 2 * halo(config) + 1;
         let needed = ring * blocks(width) + memory_blocks(config);
         let there = self.row_blocks(frame.arithmetic).ok_or(Refusal::Arithmetic)?;
-        let previous = config.effects.iter().any(|e| e.entry().needs == Needs::PreviousFrame);
-        if ring > MAX_RING || needed > there || previous {
+        if ring > MAX_RING || needed > there {
             return Err(Refusal::Effects);
         }
         let settings = FrameSettings {

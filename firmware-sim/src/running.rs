@@ -12,7 +12,7 @@ use rig_link::registers::{Registers, address};
 use sensor_core::arith::Fixed;
 #[cfg(feature = "float")]
 use sensor_core::arith::Float;
-use sensor_core::arith::{Arith, Block, blocks};
+use sensor_core::arith::{Arith, BLOCK, Block, blocks};
 use sensor_core::collect::{Collector, Sums};
 use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::crosstalk::Crosstalk;
@@ -55,9 +55,12 @@ struct Ring<'a, S> {
     rows: &'a mut [Block<S>],
     /// Blocks of a row.
     len: usize,
+    /// Whether the frame before saw the same light.
+    lit_before: bool,
 }
 
 impl<S> Ring<'_, S> {
+    #[inline(always)]
     fn slot(&mut self, row: u32) -> &mut [Block<S>] {
         let count = (self.rows.len() / self.len.max(1)).max(1);
         let at = row as usize % count * self.len;
@@ -69,6 +72,14 @@ impl<A: Arith> MeanRows<A> for Ring<'_, A::Signal> {
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         for (out, mean) in out.iter_mut().zip(self.slot(row)) {
             *out = *mean;
+        }
+    }
+
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        if self.lit_before {
+            <Self as MeanRows<A>>::mean_row(self, row, out);
+        } else {
+            out.fill([A::Signal::default(); BLOCK]);
         }
     }
 }
@@ -102,13 +113,14 @@ impl<'r, A: Arith> Running<'r, A> {
             config,
             collector: Collector::new(config, &frame.settings, crosstalk).ok()?,
             pipeline: Pipeline::new(config, &frame.settings, memory).ok()?,
-            ring: Ring { rows: ring, len },
+            ring: Ring { rows: ring, len, lit_before: frame.begin.lit_before },
             sums: rows.sums.get_mut(..groups(width))?,
             mantissas: mantissas.get_mut(..width)?,
             exponents: exponents.get_mut(..groups(width))?,
         })
     }
 
+    #[inline(always)]
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         let groups = self.exponents.len();
         let bands = match self.frame.begin.codec {
@@ -138,6 +150,7 @@ impl<'r, A: Arith> Running<'r, A> {
     }
 
     /// Adds the band that has just become whole.
+    #[inline(always)]
     fn add_band(&mut self, row: u32, band: usize) {
         if self.frame.begin.codec == Codec::Bfp16 {
             let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
@@ -154,6 +167,7 @@ impl<'r, A: Arith> Running<'r, A> {
     }
 
     /// Puts the row that has just become whole into the ring.
+    #[inline(always)]
     fn keep(&mut self, row: u32) {
         let slot = self.ring.slot(row);
         for (mean, sum) in slot.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
@@ -161,6 +175,7 @@ impl<'r, A: Arith> Running<'r, A> {
         }
     }
 
+    #[inline(always)]
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
         // Between rows no band is half received, so its memory is free.
         let dn = &mut *self.mantissas;
@@ -247,6 +262,7 @@ impl<'r> AnyRunning<'r> {
     }
 
     /// Takes units of a spectral row, see [`rig_link::device::Model::units`].
+    #[inline(always)]
     pub fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         match self {
             #[cfg(feature = "float")]
@@ -257,6 +273,7 @@ impl<'r> AnyRunning<'r> {
     }
 
     /// Computes a raw row, see [`rig_link::device::Model::raw_row`].
+    #[inline(always)]
     pub fn raw_row(&mut self, row: u16, out: &mut [u8]) {
         match self {
             #[cfg(feature = "float")]

@@ -2,6 +2,7 @@
 
 use crate::rig::Rig;
 use crate::running::AnyRunning;
+use core::marker::PhantomData;
 use embedded_io::{Read, Write};
 use rig_link::device::{Begun, Device, Model};
 use rig_link::framing::{Framing, Receiver};
@@ -81,8 +82,27 @@ impl<L: Read + Write> Port<'_, L> {
     }
 }
 
+/// Calls the row functions of a frame in progress. A workstation puts versions for its vector
+/// instructions in between.
+pub trait Dispatch {
+    /// Calls [`AnyRunning::units`].
+    fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
+        running.units(row, first, units);
+    }
+
+    /// Calls [`AnyRunning::raw_row`].
+    fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+        running.raw_row(row, out);
+    }
+}
+
+/// Calls them as they are.
+pub struct Plain;
+
+impl Dispatch for Plain {}
+
 /// Serves a link until it is closed.
-pub fn serve<L: Read + Write, const RAW: usize>(
+pub fn serve<D: Dispatch, L: Read + Write, const RAW: usize>(
     device: &mut Device<RAW>,
     rig: &mut Rig<'_>,
     link: &mut L,
@@ -97,7 +117,7 @@ pub fn serve<L: Read + Write, const RAW: usize>(
         if port.is_of_frame()
             && let Some(running) = rig.running()
         {
-            let mut streaming = Streaming(running);
+            let mut streaming = Streaming::<D>(running, PhantomData);
             while open && port.is_of_frame() {
                 port.handle(device, &mut streaming)?;
                 open = port.wait()?;
@@ -111,9 +131,9 @@ pub fn serve<L: Read + Write, const RAW: usize>(
 }
 
 /// A frame in progress as the device's model; it only ever sees the parts of a frame.
-struct Streaming<'r>(AnyRunning<'r>);
+struct Streaming<'r, D>(AnyRunning<'r>, PhantomData<D>);
 
-impl Model for Streaming<'_> {
+impl<D: Dispatch> Model for Streaming<'_, D> {
     fn capabilities(&self) -> Capabilities {
         Capabilities::default()
     }
@@ -131,10 +151,10 @@ impl Model for Streaming<'_> {
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
-        self.0.units(row, first, units);
+        D::units(&mut self.0, row, first, units);
     }
 
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
-        self.0.raw_row(row, out);
+        D::raw_row(&mut self.0, row, out);
     }
 }

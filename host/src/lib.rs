@@ -16,6 +16,7 @@ pub mod optics;
 pub mod plane;
 pub mod render;
 pub mod report;
+pub mod rig;
 pub mod scene;
 pub mod toml_text;
 

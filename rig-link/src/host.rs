@@ -250,6 +250,11 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }));
     }
 
+    /// Changes the room for rows, as for a larger frame; between operations only.
+    pub fn reserve_rows(&mut self, change: impl FnOnce(&mut R)) {
+        change(&mut self.rows);
+    }
+
     /// What the device of this session can do.
     pub fn device(&self) -> Option<&Capabilities> {
         self.device.as_ref()

@@ -110,6 +110,8 @@ pub struct FrameBegin {
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.
     pub temperature_c: f32,
+    /// Whether the sensor saw the same light in the frame before (else none): for effects with a memory.
+    pub lit_before: bool,
     /// Exposure and gain; without it the device's registers say.
     pub exposure: Option<Exposure>,
 }
@@ -251,7 +253,7 @@ pub enum Refusal {
         /// Most bytes.
         max: u32,
     },
-    /// The camera's effects need the previous frame, or more neighbouring rows than there is memory for.
+    /// The camera's effects need more neighbouring rows than there is memory for.
     Effects,
     /// Rows are longer than there is memory for.
     TooWide {

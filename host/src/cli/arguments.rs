@@ -59,6 +59,9 @@ pub struct FrameArgs {
     /// Arithmetic of the sensor stage
     #[arg(long, value_enum, default_value_t)]
     pub arith: Arithmetic,
+    /// Run the sensor stage on a rig: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
+    #[arg(long, value_name = "URL")]
+    pub rig: Option<String>,
     /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several frames
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,

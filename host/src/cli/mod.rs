@@ -10,6 +10,7 @@ mod expose;
 mod lens;
 mod measure;
 mod presets;
+mod rig;
 mod scene;
 mod simulate;
 
@@ -35,6 +36,7 @@ enum Command {
     Measure(measure::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Rig(rig::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -50,6 +52,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Rig(args) => rig::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");

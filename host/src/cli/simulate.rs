@@ -4,6 +4,7 @@ use super::arguments::{self, FrameArgs, positive};
 use crate::camera::Camera;
 use crate::optics::Options;
 use crate::render::{self, Exposure, IrradianceCube};
+use crate::rig::{FrameRequest, Rig};
 use crate::scene::{self, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use crate::{Error, Result};
 use serde_json::json;
@@ -136,11 +137,27 @@ pub fn expose_frames(
     light: Option<&Illuminant>,
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
+    let mut rig = args.rig.as_deref().map(Rig::open).transpose()?;
+    if let Some(rig) = &mut rig {
+        rig.set_camera(exposure)?;
+    }
     let bar = arguments::progress("frames", u64::from(args.frames));
     for i in 0..args.frames {
         let settings = args.settings(camera, i);
         let before = if i > 0 { Some(cube) } else { None };
-        let frame = exposure.frame(cube, before, &settings, args.arith)?;
+        let frame = match &mut rig {
+            None => exposure.frame(cube, before, &settings, args.arith)?,
+            Some(rig) => {
+                let request = FrameRequest {
+                    settings,
+                    arithmetic: args.arith,
+                    collapse: false,
+                    lit_before: before.is_some(),
+                    by_registers: false,
+                };
+                rig.frame(cube, exposure, &request)?.to_raw(exposure)?
+            }
+        };
         let description = format!(
             "{}; sensor seed {}, frame {}",
             cube.header.made_of, camera.sensor.seed, settings.frame

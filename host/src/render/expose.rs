@@ -60,8 +60,8 @@ impl Exposure {
         arithmetic: Arithmetic,
     ) -> Result<RawFrame> {
         settings.check().map_err(refused)?;
-        let (width, height) = (self.config.width as usize, self.config.height as usize);
-        let mut data = vec![0; width * height];
+        let width = self.config.width as usize;
+        let mut data = vec![0; width * self.config.height as usize];
         let inputs = Inputs { exposure: self, cube, before, settings };
         data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
             let first = i * ROWS_PER_TASK;
@@ -70,15 +70,25 @@ impl Exposure {
                 Arithmetic::Fixed => rows_fixed(&inputs, first, out),
             }
         })?;
-        Ok(RawFrame {
-            width,
-            height,
+        Ok(self.raw_frame(data, settings.analog_gain))
+    }
+
+    /// A frame of this sensor from its DN, however they were computed.
+    pub fn raw_frame(&self, data: Vec<u16>, analog_gain: f32) -> RawFrame {
+        RawFrame {
+            width: self.config.width as usize,
+            height: self.config.height as usize,
             bits: u32::from(self.config.bits),
             cfa: self.cfa.clone(),
             black_level_dn: f64::from(self.config.black_level_dn),
-            white_level_dn: self.white_level_dn(settings.analog_gain),
+            white_level_dn: self.white_level_dn(analog_gain),
             data,
-        })
+        }
+    }
+
+    /// The crosstalk table as `sensor-core` takes it.
+    pub fn crosstalk(&self) -> Option<sensor_core::crosstalk::Crosstalk<'_>> {
+        self.crosstalk.as_ref().map(CrosstalkTable::as_core)
     }
 
     /// DN at which a pixel saturates: full well or the converter's end, whichever comes first.
@@ -122,7 +132,7 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
     let count = out.len() / width;
     let from = first.saturating_sub(windows);
     let to = (first + count + windows).min(height);
-    let crosstalk = inputs.exposure.crosstalk.as_ref().map(CrosstalkTable::as_core);
+    let crosstalk = inputs.exposure.crosstalk();
     let collector = Collector::new(config, inputs.settings, crosstalk).map_err(refused)?;
     let mut source = CubeRows::<A> {
         collector,

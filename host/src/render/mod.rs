@@ -9,7 +9,7 @@ mod lens;
 mod metadata;
 
 pub use expose::{Arithmetic, Exposure};
-pub use irradiance::{CubeHeader, IrradianceCube, IrradianceWriter};
+pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use lens::{lens, sensor_grid};
 pub use metadata::dng_info;
 

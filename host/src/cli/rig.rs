@@ -1,0 +1,453 @@
+//! `camrig rig`: talk to rigs, or be one.
+
+use super::arguments::{self, duration, positive};
+use super::simulate::{View, ViewArgs};
+use crate::camera::Camera;
+use crate::formats::{Frames, csi2, output};
+use crate::render::{Arithmetic, Exposure, IrradianceCube};
+use crate::rig::{self, FrameRequest, Rig, emulator::Emulator, log::LogDecoder};
+use crate::{Error, Plane, RawFrame, Result};
+use clap::Subcommand;
+use rig_link::message::Codec;
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Talk to sensor rigs, or be one
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Addresses of rigs:\n  \
+    emulator:                          an emulator in this process\n  \
+    tcp://HOST:PORT                    an emulator elsewhere (camrig rig serve)\n  \
+    serial:///dev/ttyACM0?baud=3000000 a serial port or a USB CDC-ACM device\n  \
+    hid://VID:PID[/SERIAL]             a USB HID device\n\nExample:\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene colorchecker --exposure 20ms --frames 10")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    List(ListArgs),
+    Info(InfoArgs),
+    Stream(Box<StreamArgs>),
+    Serve(ServeArgs),
+    Log(LogArgs),
+    Register(RegisterArgs),
+}
+
+/// Show serial ports and HID devices that may be rigs
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig rig list --json")]
+struct ListArgs {
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Ask a rig what it can do
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig rig info tcp://127.0.0.1:7420 --json")]
+struct InfoArgs {
+    /// Address of the rig
+    url: String,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Send frames of irradiance, take raw frames back
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms --frames 100\n  \
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 -o out.csi2")]
+struct StreamArgs {
+    /// Address of the rig
+    url: String,
+    /// Camera file or preset
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Scene to look at
+    #[arg(
+        long,
+        value_name = "S",
+        required_unless_present = "irradiance",
+        conflicts_with = "irradiance"
+    )]
+    scene: Option<String>,
+    /// Light on a reflectance scene
+    #[arg(long, default_value = "D65", value_name = "I")]
+    illuminant: String,
+    /// Scene illuminance, lx
+    #[arg(long, value_parser = positive, value_name = "X")]
+    lux: Option<f64>,
+    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for each frame,
+    /// over and over
+    #[arg(long, value_name = "FILE|DIR")]
+    irradiance: Option<PathBuf>,
+    /// Integration time; the rig's registers decide unless given
+    #[arg(long, value_parser = duration, value_name = "TIME", required_unless_present = "by_registers")]
+    exposure: Option<f64>,
+    /// Take exposure and gain from the rig's registers
+    #[arg(long, conflicts_with_all = ["exposure", "gain"])]
+    by_registers: bool,
+    /// Analog gain; the camera file's unless given
+    #[arg(long, value_parser = positive, value_name = "G")]
+    gain: Option<f64>,
+    /// Frames to send
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Number of the first frame
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    frame_seed: u32,
+    /// Arithmetic of the rig's sensor stage
+    #[arg(long, value_enum, default_value_t)]
+    arith: Arithmetic,
+    /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
+    #[arg(long)]
+    collapse: bool,
+    /// Pace to this frame rate, frames per second
+    #[arg(long, value_parser = positive, value_name = "F")]
+    fps: Option<f64>,
+    /// Keep the frames as a CSI-2 stream with embedded data lines
+    #[arg(short, long, value_name = "FILE.csi2")]
+    output: Option<PathBuf>,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Be a rig: the emulator, on TCP, a pseudo-terminal or a device file
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig serve --tcp 127.0.0.1:7420\n  \
+    camrig rig serve --pty\n  \
+    camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
+#[group(required = true, multiple = false, args = ["tcp", "pty", "device"])]
+struct ServeArgs {
+    /// Listen on HOST:PORT
+    #[arg(long, value_name = "HOST:PORT")]
+    tcp: Option<String>,
+    /// Make a pseudo-terminal and print its name
+    #[arg(long)]
+    pty: bool,
+    /// Serve a device file
+    #[arg(long, value_name = "FILE")]
+    device: Option<PathBuf>,
+    /// Bytes of a HID report; without it the device file is a serial line
+    #[arg(long, value_name = "BYTES", requires = "device", value_parser = clap::value_parser!(u16).range(8..=4096))]
+    report: Option<u16>,
+    /// Pretend to speak only these versions of the protocol, to try a host's words
+    #[arg(long, value_name = "OLDEST,NEWEST", value_delimiter = ',', num_args = 2, hide = true)]
+    versions: Option<Vec<u8>>,
+}
+
+/// Decode the log of a firmware
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig rig log --elf rig-m4.elf uart1.bin")]
+struct LogArgs {
+    /// The firmware's ELF file, which has the words
+    #[arg(long, value_name = "FILE")]
+    elf: PathBuf,
+    /// What the firmware sent; `-` is standard input
+    input: PathBuf,
+}
+
+/// Read or write a register of a rig
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig register tcp://127.0.0.1:7420 0x0202           (exposure, lines)\n  \
+    camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)")]
+struct RegisterArgs {
+    /// Address of the rig
+    url: String,
+    /// Register, for instance 0x0202
+    #[arg(value_parser = number)]
+    address: u32,
+    /// Value to write
+    #[arg(value_parser = number)]
+    value: Option<u32>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads a number, decimal or 0x.
+fn number(text: &str) -> Result<u32, String> {
+    match text.strip_prefix("0x") {
+        Some(hex) => u32::from_str_radix(hex, 16),
+        None => text.parse(),
+    }
+    .map_err(|_| format!("{text:?} is no number such as 514 or 0x0202"))
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.command {
+        Command::List(args) => list(args),
+        Command::Info(args) => info(args),
+        Command::Stream(args) => stream(args),
+        Command::Serve(args) => serve(args),
+        Command::Log(args) => log(args),
+        Command::Register(args) => register(args),
+    }
+    .map(|()| ExitCode::SUCCESS)
+}
+
+fn list(args: &ListArgs) -> Result<()> {
+    let found = rig::list();
+    if args.json {
+        println!("{}", json!({ "rigs": found }));
+        return Ok(());
+    }
+    if found.is_empty() {
+        eprintln!("no serial port or HID device; `emulator:` is always there");
+    }
+    for rig in found {
+        println!("{:32} {}", rig.url, rig.description);
+    }
+    Ok(())
+}
+
+fn info(args: &InfoArgs) -> Result<()> {
+    let rig = Rig::open(&args.url)?;
+    let d = rig.device();
+    let arithmetics: Vec<&str> = [(Arithmetic::F32, "f32"), (Arithmetic::Fixed, "fixed")]
+        .into_iter()
+        .filter(|(a, _)| d.arithmetics >> (*a as u8) & 1 == 1)
+        .map(|(_, name)| name)
+        .collect();
+    let codecs: Vec<&str> = [(Codec::Bfp16, "bfp16"), (Codec::Electrons16, "electrons16")]
+        .into_iter()
+        .filter(|(c, _)| d.codecs >> (*c as u8) & 1 == 1)
+        .map(|(_, name)| name)
+        .collect();
+    if args.json {
+        let camera = (d.camera != 0).then(|| format!("{:016x}", d.camera));
+        println!(
+            "{}",
+            json!({
+                "firmware": d.firmware.as_str(),
+                "max_width": d.max_width,
+                "max_bands": d.max_bands,
+                "arithmetics": arithmetics,
+                "codecs": codecs,
+                "packet_bytes": d.packet_bytes,
+                "credit_packets": d.credit,
+                "max_camera_bytes": d.max_camera,
+                "row_memory_bytes": d.memory_bytes,
+                "camera": camera,
+            })
+        );
+        return Ok(());
+    }
+    println!("firmware     {}", d.firmware);
+    println!("rows         up to {} pixels x {} bands", d.max_width, d.max_bands);
+    println!("arithmetics  {}", arithmetics.join(", "));
+    println!("row codecs   {}", codecs.join(", "));
+    println!("row memory   {} bytes", d.memory_bytes);
+    Ok(())
+}
+
+/// Where the frames' light comes from.
+fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
+    if let Some(scene) = &args.scene {
+        let view = ViewArgs {
+            camera: args.camera.clone(),
+            scene: scene.clone(),
+            illuminant: args.illuminant.clone(),
+            lux: args.lux,
+            luminance: None,
+            oversample: None,
+        };
+        let View { cube, .. } = view.view()?;
+        return Ok(vec![cube]);
+    }
+    let path =
+        args.irradiance.as_ref().ok_or_else(|| Error::input("neither scene nor irradiance"))?;
+    let mut files = vec![path.clone()];
+    if path.is_dir() {
+        let entries = std::fs::read_dir(path).map_err(|e| Error::io("read", path, e))?;
+        files =
+            entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect();
+        files.sort();
+    }
+    let cubes = files.iter().map(|p| IrradianceCube::open(p)).collect::<Result<Vec<_>>>()?;
+    let same = cubes.windows(2).all(|w| {
+        let (a, b) = (&w[0].header, &w[1].header);
+        (a.width, a.height, a.spectral_bands()) == (b.width, b.height, b.spectral_bands())
+    });
+    if cubes.is_empty() || !same {
+        return Err(Error::input("irradiance files of different sizes or bands, or none at all")
+            .at(path.display())
+            .help(format!("give files that were made for {}", camera.name)));
+    }
+    Ok(cubes)
+}
+
+fn stream(args: &StreamArgs) -> Result<()> {
+    let camera = Camera::load(&args.camera)?;
+    let mut file = args
+        .output
+        .as_ref()
+        .map(|path| output::OutputFile::create(path, args.force))
+        .transpose()?;
+    let mut rig = Rig::open(&args.url)?;
+    let cubes = cubes(args, &camera)?;
+    let exposure = Exposure::new(&camera, &cubes[0].header, 1.0)?;
+    rig.set_camera(&exposure)?;
+    let before = rig.link_bytes();
+    let bar = arguments::progress("frames", args.frames.into());
+    let (mut latency, mut dropped) = (Vec::new(), 0);
+    let mut kept = (Vec::<RawFrame>::new(), Vec::new());
+    let start = Instant::now();
+    for i in 0..args.frames {
+        if let Some(fps) = args.fps {
+            let due = start + Duration::from_secs_f64(f64::from(i) / fps);
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
+        let seed = args.frame_seed.wrapping_add(i);
+        let cube = i as usize % cubes.len();
+        let request = FrameRequest {
+            settings: camera.settings(seed, args.exposure.unwrap_or(1.0), args.gain),
+            arithmetic: args.arith,
+            collapse: args.collapse,
+            lit_before: i > 0 && cubes.len() == 1,
+            by_registers: args.by_registers,
+        };
+        let sent = Instant::now();
+        let frame = rig.frame(&cubes[cube], &exposure, &request)?;
+        latency.push(sent.elapsed().as_secs_f64());
+        if frame.dropped {
+            dropped += 1;
+        } else if file.is_some() {
+            kept.0.push(frame.to_raw(&exposure)?);
+            kept.1.push(vec![frame.embedded_line()]);
+        }
+        bar.inc(1);
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+    if let Some(file) = &mut file {
+        let (raws, embedded) = kept;
+        let first =
+            raws.first().ok_or_else(|| Error::input("every frame was dropped, as asked"))?;
+        let mut frames = Frames::from_raw(first);
+        let plane = |raw: RawFrame| Plane { width: raw.width, height: raw.height, data: raw.data };
+        frames.planes = raws.into_iter().map(plane).collect();
+        let options = csi2::Options { line_packets: true, embedded, ..Default::default() };
+        let bytes = csi2::encode_with(&frames, &options)?;
+        let path = args.output.clone().unwrap_or_default();
+        file.write_all(&bytes).map_err(|e| Error::io("write", &path, e))?;
+    }
+    if let Some(file) = file {
+        file.finish()?;
+    }
+    report(args, &rig, before, seconds, latency, dropped);
+    Ok(())
+}
+
+fn report(
+    args: &StreamArgs,
+    rig: &Rig,
+    before: (u64, u64),
+    seconds: f64,
+    mut latency: Vec<f64>,
+    dropped: u32,
+) {
+    latency.sort_by(f64::total_cmp);
+    // Nearest rank.
+    let percentile = |p: f64| latency[((p * latency.len() as f64).ceil() as usize).max(1) - 1];
+    let (sent, received) = rig.link_bytes();
+    let (sent, received) = (sent - before.0, received - before.1);
+    let fps = f64::from(args.frames) / seconds;
+    let s = rig.statistics();
+    let repairs: Value = json!({
+        "damaged_packets": s.damaged,
+        "rewinds": s.rewinds,
+        "timeouts": s.timeouts,
+    });
+    let (p50, p99) = (1e3 * percentile(0.5), 1e3 * percentile(0.99));
+    if args.json {
+        println!(
+            "{}",
+            json!({
+                "frames": args.frames,
+                "dropped_on_request": dropped,
+                "seconds": seconds,
+                "frames_per_s": fps,
+                "latency_p50_ms": p50,
+                "latency_p99_ms": p99,
+                "sent_bytes": sent,
+                "received_bytes": received,
+                "repairs": repairs,
+            })
+        );
+    } else {
+        println!("{} frames in {seconds:.2} s: {fps:.2} frames/s", args.frames);
+        println!("latency p50 {p50:.1} ms, p99 {p99:.1} ms");
+        let rate = |bytes: u64| bytes as f64 / seconds / 1e6;
+        println!("sent {:.1} MB/s, received {:.1} MB/s", rate(sent), rate(received));
+        if s.damaged + s.rewinds + s.timeouts > 0 {
+            println!("repairs: {repairs}");
+        }
+        if dropped > 0 {
+            println!("{dropped} frames were dropped, as the rig's fault register asked");
+        }
+    }
+}
+
+fn serve(args: &ServeArgs) -> Result<()> {
+    let versions = args.versions.as_ref().map(|v| (v[0], v[1]));
+    let emulator = Emulator::new(versions);
+    // The address is data: scripts wait for it.
+    let ready = |url: String| {
+        println!("{url}");
+        let _ = std::io::stdout().flush();
+    };
+    if let Some(address) = &args.tcp {
+        return rig::serve::tcp(address, emulator, |address| ready(format!("tcp://{address}")));
+    }
+    if let Some(path) = &args.device {
+        ready(path.display().to_string());
+        return rig::serve::device(path, args.report, emulator);
+    }
+    #[cfg(unix)]
+    return rig::serve::pty(emulator, |path| ready(format!("serial://{path}")));
+    #[cfg(not(unix))]
+    Err(Error::input("no pseudo-terminals on this system").help("use --tcp"))
+}
+
+fn log(args: &LogArgs) -> Result<()> {
+    let decoder = LogDecoder::open(&args.elf)?;
+    let mut bytes = Vec::new();
+    let read = if args.input.as_os_str() == "-" {
+        std::io::stdin().read_to_end(&mut bytes)
+    } else {
+        std::fs::File::open(&args.input).and_then(|mut file| file.read_to_end(&mut bytes))
+    };
+    read.map_err(|e| Error::io("read", &args.input, e))?;
+    decoder.decode(&bytes, |line| println!("{line}"));
+    Ok(())
+}
+
+fn register(args: &RegisterArgs) -> Result<()> {
+    let address = u16::try_from(args.address)
+        .map_err(|_| Error::input("registers have addresses of 16 bits").at(args.address))?;
+    let mut rig = Rig::open(&args.url)?;
+    if let Some(value) = args.value {
+        rig.write_register(address, value)?;
+    }
+    let value = rig.read_register(address)?;
+    if args.json {
+        println!("{}", json!({ "address": address, "value": value }));
+    } else {
+        println!("{address:#06x} = {value} ({value:#x})");
+    }
+    Ok(())
+}

@@ -1,0 +1,22 @@
+//! Rigs: sensors that live elsewhere, reached over a link and fed with irradiance.
+//!
+//! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], [`serial`], [`hid`] open them;
+//! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
+//! * [`feed`]: a cube's rows as they go over the link;
+//! * [`serve`]: the emulator as a server; [`log`]: the log of a firmware in words.
+
+pub mod client;
+pub mod emulator;
+pub mod feed;
+pub mod hid;
+mod list;
+pub mod log;
+pub mod serial;
+pub mod serve;
+pub mod tcp;
+pub mod transport;
+mod url;
+
+pub use client::{FrameRequest, Rig, RigFrame};
+pub use list::{Found, USB_ID, list};
+pub use url::Url;
