@@ -34,9 +34,9 @@ enum Command {
     Lens(lens::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
+    Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
-    Rig(rig::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -50,9 +50,9 @@ pub fn main() -> ExitCode {
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
+        Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
-        Command::Rig(args) => rig::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
