@@ -5,6 +5,7 @@
 //! to the right, v **down**, both in units of the sensor's width (so v runs over ±height/(2·width)).
 //! They are those of the ideal (paraxial, upright) image; the lens maps them to where light lands.
 
+pub mod calibrate;
 pub mod chart;
 pub mod cube;
 pub mod envi;

@@ -1,0 +1,71 @@
+//! The shift between two exposures of the same view.
+//!
+//! Found on one phase of the colour filter pattern in the middle of the frame, by the least mean
+//! absolute difference of ln signal over whole cells, refined by a parabola. Only pixels that are
+//! usable in both exposures count, so different exposures compare.
+
+use crate::Plane;
+
+/// Largest shift searched, cells in each direction.
+const REACH: isize = 8;
+/// Largest window compared, cells a side.
+const WINDOW: usize = 384;
+
+/// Shift of `moved` against `still` in pixels, by (x, y); `None` where too few pixels are usable in
+/// both. Signals are linear, per second; `usable` says for each where a value counts. `cell` is the
+/// edge of the colour filter pattern.
+pub fn shift(
+    still: &Plane<f32>,
+    moved: &Plane<f32>,
+    usable: [&dyn Fn(usize) -> bool; 2],
+    cell: usize,
+) -> Option<[f64; 2]> {
+    let (width, height) = (still.width / cell, still.height / cell);
+    let reach = REACH as usize;
+    if width <= 2 * reach + 8 || height <= 2 * reach + 8 {
+        return None;
+    }
+    let (w, h) = ((width - 2 * reach).min(WINDOW), (height - 2 * reach).min(WINDOW));
+    let (left, top) = ((width - w) / 2, (height - h) / 2);
+    let logs = |plane: &Plane<f32>, usable: &dyn Fn(usize) -> bool| -> Plane<f32> {
+        Plane::from_fn(width, height, |x, y| {
+            let index = y * cell * plane.width + x * cell;
+            let value = plane.data[index];
+            if value > 0.0 && usable(index) { libm::logf(value) } else { f32::NAN }
+        })
+    };
+    let (still, moved) = (logs(still, usable[0]), logs(moved, usable[1]));
+    let cost = |dx: isize, dy: isize| -> Option<f64> {
+        let (mut sum, mut count) = (0.0f64, 0usize);
+        for y in top..top + h {
+            let from = left.checked_add_signed(dx)?;
+            let other = &moved.row(y.checked_add_signed(dy)?)[from..from + w];
+            for (a, b) in still.row(y)[left..left + w].iter().zip(other) {
+                let difference = (a - b).abs();
+                if !difference.is_nan() {
+                    sum += f64::from(difference);
+                    count += 1;
+                }
+            }
+        }
+        (count * 10 > w * h).then(|| sum / count as f64)
+    };
+    let mut best = (f64::INFINITY, 0, 0);
+    for dy in -REACH..=REACH {
+        for dx in -REACH..=REACH {
+            let cost = cost(dx, dy)?;
+            if cost < best.0 {
+                best = (cost, dx, dy);
+            }
+        }
+    }
+    let (least, dx, dy) = best;
+    let refine = |before: Option<f64>, after: Option<f64>| match (before, after) {
+        (Some(a), Some(b)) if a + b > 2.0 * least => (a - b) / (2.0 * (a + b - 2.0 * least)),
+        _ => 0.0,
+    };
+    let inside = |d: isize| d.abs() < REACH;
+    let x = if inside(dx) { refine(cost(dx - 1, dy), cost(dx + 1, dy)) } else { 0.0 };
+    let y = if inside(dy) { refine(cost(dx, dy - 1), cost(dx, dy + 1)) } else { 0.0 };
+    Some([(dx as f64 + x) * cell as f64, (dy as f64 + y) * cell as f64])
+}
