@@ -99,7 +99,8 @@ impl ViewArgs {
         let about = render::About { lux, illuminant, made_of };
         let (cube, optics) = render::irradiance(&camera, &lit, &options, about, |done, _| {
             bar.set_position(done as u64)
-        })?;
+        })
+        .map_err(|e| e.at(&self.scene))?;
         bar.finish_and_clear();
         Ok(View { camera, light, cube, optics })
     }
