@@ -1,0 +1,369 @@
+//! The statistic by which each temporal effect shows itself, against its closed form, in both arithmetics.
+//!
+//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it is
+//! taken from the scatter over independent frames or pixels.
+
+mod common;
+
+use common::*;
+use sensor_core::arith::{Arith, Fixed, Float};
+use sensor_core::config::{FrameSettings, SensorConfig};
+use sensor_core::effects::*;
+
+/// Variance of rounding to the test sensor's DN, e⁻².
+const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
+
+macro_rules! in_both_arithmetics {
+    ($($name:ident)+) => {
+        mod float { use super::*; $(#[test] fn $name() { super::$name::<Float>(); })+ }
+        mod fixed { use super::*; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
+    };
+}
+
+in_both_arithmetics! {
+    column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
+    random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
+    light_flicker brighter_fatter optical_crosstalk image_lag amp_glow dark_current_gradient
+}
+
+fn at(frame: u32) -> FrameSettings {
+    FrameSettings { frame, ..SETTINGS }
+}
+
+/// Mean of independent estimates and its standard error.
+fn estimate(values: &[f64]) -> (f64, f64) {
+    (mean(values), (variance(values) / values.len() as f64).sqrt())
+}
+
+fn column_temporal_noise<A: Arith>() {
+    let config =
+        monochrome(4096, 2, &[column_temporal_noise::ColumnTemporalNoise { sigma_e: 20.0 }.into()]);
+    let (a, b) = (flat::<A>(&config, &at(0), 0.0), flat::<A>(&config, &at(1), 0.0));
+    let (first, second) = a.split_at(4096);
+    assert_eq!(first, second, "one offset per column");
+    near_variance("variance over columns", variance(first), 400.0 + ROUNDING, 4096, 0.0);
+    near("frames are independent", correlation(first, &b[..4096]), 0.0, 4096f64.powf(-0.5));
+}
+
+fn row_correlated_noise<A: Arith>() {
+    for exponent in [0.5f64, 1.0, 1.6] {
+        let effect =
+            row_correlated_noise::RowCorrelatedNoise { sigma_e: 30.0, exponent: exponent as f32 };
+        let config = monochrome(4, 4096, &[effect.into()]);
+        let frames: Vec<Vec<f64>> =
+            (0..24).map(|f| row_means(&flat::<A>(&config, &at(f), 0.0), 4)).collect();
+        let weight = |k: i32| 2f64.powf(f64::from(k) * (exponent - 1.0));
+        let total: f64 = (0..13).map(weight).sum();
+        // Of differences, as the mean of a frame is not known: 2 (R(0) - R(h)).
+        for lag in [1usize, 8, 100, 1000] {
+            let fall: f64 =
+                (0..13).map(|k| weight(k) * (lag as f64 / 2f64.powi(k)).min(1.0)).sum::<f64>()
+                    / total;
+            let (value, error) = estimate(
+                &frames
+                    .iter()
+                    .map(|o| {
+                        let d = o.iter().zip(&o[lag..]).map(|(a, b)| (a - b) * (a - b));
+                        d.sum::<f64>() / (o.len() - lag) as f64
+                    })
+                    .collect::<Vec<_>>(),
+            );
+            near("squared difference of rows", value, 2.0 * 900.0 * fall + 2.0 * ROUNDING, error);
+        }
+    }
+}
+
+fn periodic_pattern_noise<A: Arith>() {
+    let effect = periodic_pattern_noise::PeriodicPatternNoise {
+        amplitude_e: 40.0,
+        cycles_per_column: 37.0 / 256.0,
+        cycles_per_row: -11.0 / 64.0,
+    };
+    let config = monochrome(256, 64, &[effect.into()]);
+    let phase = |frame| {
+        let v = flat::<A>(&config, &at(frame), 0.0);
+        let (mut s, mut c) = (0.0, 0.0);
+        for (i, v) in v.iter().enumerate() {
+            let (x, y) = ((i % 256) as f64, (i / 256) as f64);
+            let angle = core::f64::consts::TAU * (37.0 / 256.0 * x - 11.0 / 64.0 * y);
+            s += v * angle.sin();
+            c += v * angle.cos();
+        }
+        let n = v.len() as f64 / 2.0;
+        let amplitude = s.hypot(c) / n;
+        // Rounding to DN (0.036 e⁻) averages out over the 256 phases.
+        assert!((amplitude - 40.0).abs() < 0.02, "{amplitude}");
+        assert!((variance(&v) - 800.0).abs() < 0.6, "nothing but the wave: {}", variance(&v));
+        c.atan2(s)
+    };
+    assert!((phase(0) - phase(1)).abs() > 1e-3, "another phase in each frame");
+}
+
+fn read_noise_spread<A: Arith>() {
+    let (r, s, n) = (40.0f64, 0.3f64, 48usize);
+    let effects = [
+        read_noise::ReadNoise { read_e: r as f32, read_e_post: 0.0 }.into(),
+        read_noise_spread::ReadNoiseSpread { spread: s as f32 }.into(),
+    ];
+    let config = monochrome(128, 64, &effects);
+    let frames: Vec<Vec<f64>> = (0..n as u32).map(|f| flat::<A>(&config, &at(f), 0.0)).collect();
+    let variances: Vec<f64> = (0..frames[0].len())
+        .map(|i| variance(&frames.iter().map(|f| f[i]).collect::<Vec<_>>()) - ROUNDING)
+        .collect();
+    let (value, error) = estimate(&variances);
+    near("mean variance", value, r * r * (2.0 * s * s).exp(), error);
+    let squares: Vec<f64> = variances.iter().map(|v| v * v).collect();
+    let (value, error) = estimate(&squares);
+    let expected = r.powi(4) * (8.0 * s * s).exp() * (1.0 + 2.0 / (n as f64 - 1.0));
+    near("mean square of variances", value, expected, error);
+}
+
+fn random_telegraph_noise<A: Arith>() {
+    let (f, q, d) = (0.1, 0.25f64, 0.4f64);
+    let effect = random_telegraph_noise::RandomTelegraphNoise {
+        fraction: f as f32,
+        amplitude_e: 100.0,
+        renewal: q as f32,
+        duty: d as f32,
+    };
+    let config = monochrome(128, 64, &[effect.into()]);
+    let frames: Vec<Vec<f64>> = (0..160).map(|f| flat::<A>(&config, &at(f), 0.0)).collect();
+    let series = (0..frames[0].len()).map(|i| frames.iter().map(|f| f[i]).collect::<Vec<f64>>());
+    // Above a few DN: traps that can be seen, as series of 0 and 1.
+    let traps: Vec<(f64, Vec<f64>)> = series
+        .filter_map(|v| {
+            let top = v.iter().fold(0.0f64, |a, &b| a.max(b));
+            (top > 1.0).then(|| (top, v.iter().map(|v| f64::from(*v > top / 2.0)).collect()))
+        })
+        .collect();
+    let n = frames[0].len() as f64;
+    let seen = f * (-1.0f64 / 100.0).exp();
+    near("pixels with a trap", traps.len() as f64, n * seen, (n * seen).sqrt());
+    let amplitudes: Vec<f64> = traps.iter().map(|t| t.0).collect();
+    let (value, error) = estimate(&amplitudes);
+    near("mean amplitude", value, 101.0, error);
+    let (value, error) = estimate(&traps.iter().map(|t| mean(&t.1)).collect::<Vec<_>>());
+    near("time in the upper level", value, d, error);
+    for lag in [1usize, 3] {
+        let products: Vec<f64> = traps
+            .iter()
+            .map(|(_, b)| {
+                mean(&b.iter().zip(&b[lag..]).map(|(a, b)| (a - d) * (b - d)).collect::<Vec<_>>())
+            })
+            .collect();
+        let (value, error) = estimate(&products);
+        near("autocovariance", value, d * (1.0 - d) * (1.0 - q).powi(lag as i32), error);
+    }
+}
+
+fn heavy_tailed_read_noise<A: Arith>() {
+    for lambda in [-0.2f64, 0.0, 0.14] {
+        let effect =
+            heavy_tailed_read_noise::HeavyTailedReadNoise { sigma_e: 50.0, lambda: lambda as f32 };
+        let config = monochrome(512, 256, &[effect.into()]);
+        let v = flat::<A>(&config, &at(0), 0.0);
+        let quantile = |u: f64| {
+            if lambda == 0.0 {
+                (u / (1.0 - u)).ln()
+            } else {
+                (u.powf(lambda) - (1.0 - u).powf(lambda)) / lambda
+            }
+        };
+        // Moments and tail of the law by the midpoint rule.
+        let points = 1 << 20;
+        let q: Vec<f64> = (0..points).map(|i| quantile((i as f64 + 0.5) / points as f64)).collect();
+        let var = mean(&q.iter().map(|q| q * q).collect::<Vec<_>>());
+        let kurtosis = mean(&q.iter().map(|q| q.powi(4)).collect::<Vec<_>>()) / (var * var);
+        let tail = q.iter().filter(|q| q.abs() > 3.0 * var.sqrt()).count() as f64 / points as f64;
+        let n = v.len() as f64;
+        near("variance", variance(&v), 2500.0 + ROUNDING, 2500.0 * ((kurtosis - 1.0) / n).sqrt());
+        let beyond = v.iter().filter(|v| v.abs() > 150.0).count() as f64;
+        near("beyond three deviations", beyond, n * tail, (n * tail).sqrt());
+    }
+}
+
+fn reset_noise<A: Arith>() {
+    let effect = reset_noise::ResetNoise { capacitance_ff: 10.0, remaining: 1.0 };
+    let config = monochrome(512, 128, &[effect.into()]);
+    for celsius in [-25.0f64, 25.0] {
+        let settings = FrameSettings { temperature_c: celsius as f32, ..SETTINGS };
+        let v = flat::<A>(&config, &settings, 0.0);
+        let (k, q) = (1.380_649e-23, 1.602_176_634e-19);
+        let expected = k * (celsius + 273.15) * 10e-15 / (q * q);
+        near_variance("kTC", variance(&v), expected + ROUNDING, v.len(), 0.0);
+    }
+}
+
+fn frame_offset_noise<A: Arith>() {
+    for phi in [0.0f64, 0.8] {
+        let effect =
+            frame_offset_noise::FrameOffsetNoise { sigma_e: 25.0, correlation: phi as f32 };
+        let config = monochrome(2, 2, &[effect.into()]);
+        let n = 4000;
+        let o: Vec<f64> = (0..n)
+            .map(|f| {
+                let v = flat::<A>(&config, &at(f), 0.0);
+                assert!(v.iter().all(|&x| x == v[0]), "one offset per frame");
+                v[0]
+            })
+            .collect();
+        // Variance of moments of a first-order autoregression (Bartlett).
+        let spread = (2.0 * (1.0 + phi * phi) / (1.0 - phi * phi) / f64::from(n)).sqrt();
+        near("variance", mean(&o.iter().map(|o| o * o).collect::<Vec<_>>()), 625.0, 625.0 * spread);
+        let error = ((1.0 - phi * phi) / f64::from(n)).sqrt();
+        near("correlation of frames", correlation(&o[1..], &o[..o.len() - 1]), phi, error);
+    }
+}
+
+fn flicker_banding<A: Arith>() {
+    // 24 whole periods over the rows; the exposure is a third of a period.
+    let (f, row_time) = (100.0, 1.0 / 100.0 / 16.0);
+    let effect = flicker_banding::FlickerBanding {
+        depth: 0.5,
+        frequency_hz: f as f32,
+        row_time_us: (row_time * 1e6) as f32,
+    };
+    let config = monochrome(4, 384, &[effect.into()]);
+    let settings = FrameSettings { exposure_s: 1.0 / 300.0, ..SETTINGS };
+    let v = row_means(&flat::<A>(&config, &settings, 2000.0), 4);
+    let (mut s, mut c) = (0.0, 0.0);
+    for (y, v) in v.iter().enumerate() {
+        let angle = core::f64::consts::TAU * f * row_time * y as f64;
+        s += v * angle.sin();
+        c += v * angle.cos();
+    }
+    let amplitude = s.hypot(c) / 192.0;
+    let third = core::f64::consts::PI / 3.0;
+    let expected = 2000.0 * 0.5 * third.sin() / third;
+    assert!((amplitude - expected).abs() < 0.05, "{amplitude} {expected}");
+    assert!((mean(&v) - 2000.0).abs() < 0.05);
+    let whole_period = FrameSettings { exposure_s: 0.01, ..SETTINGS };
+    let v = flat::<A>(&config, &whole_period, 2000.0);
+    assert!(variance(&v) < 0.01, "a whole period averages out");
+}
+
+fn light_flicker<A: Arith>() {
+    let config = monochrome(2, 2, &[light_flicker::LightFlicker { sigma: 0.02 }.into()]);
+    let v: Vec<f64> = (0..2000).map(|f| mean(&flat::<A>(&config, &at(f), 3000.0))).collect();
+    near_variance("variance over frames", variance(&v), 3600.0, v.len(), 0.0);
+}
+
+/// Covariance of pixels one column and one row apart.
+fn neighbours(v: &[f64], width: usize) -> (f64, f64) {
+    let height = v.len() / width;
+    let pairs = |dx: usize, dy: usize| {
+        let index = (0..height - dy).flat_map(|y| (0..width - dx).map(move |x| y * width + x));
+        let (a, b): (Vec<f64>, Vec<f64>) = index.map(|i| (v[i], v[i + dy * width + dx])).unzip();
+        covariance(&a, &b)
+    };
+    (pairs(1, 0), pairs(0, 1))
+}
+
+fn brighter_fatter<A: Arith>() {
+    let (mu, a) = (3000.0f64, 1e-5f64);
+    let effects = [
+        shot_noise::ShotNoise {}.into(),
+        brighter_fatter::BrighterFatter { coefficient: a as f32 }.into(),
+    ];
+    let config = monochrome(512, 400, &effects);
+    let v = flat::<A>(&config, &at(0), mu as f32);
+    let plain = flat::<A>(&monochrome(512, 400, &effects[..1]), &at(0), mu as f32);
+    assert!((mean(&v) - mean(&plain)).abs() < 0.01, "charge is kept");
+    let b = a * mu;
+    let var = mu * ((1.0 - 4.0 * b).powi(2) + 4.0 * b * b);
+    let cov = mu * 2.0 * b * (1.0 - 4.0 * b);
+    let n = v.len() as f64;
+    // Second order in the noise: below a tenth of a percent at 3000 e⁻.
+    near("variance", variance(&v), var, var * (2.0 / n).sqrt() + 1e-3 * var);
+    let (side, below) = neighbours(&v, 512);
+    near("covariance of columns", side, cov, var / n.sqrt());
+    near("covariance of rows", below, cov, var / n.sqrt());
+}
+
+fn optical_crosstalk<A: Arith>() {
+    let effects = [
+        optical_crosstalk::OpticalCrosstalk { side: 0.05, vertical: 0.03, diagonal: 0.01 }.into(),
+        shot_noise::ShotNoise {}.into(),
+    ];
+    let spot = |x: u32, y: u32| if (x, y) == (65, 1) { 4000.0 } else { 0.0 };
+    let config = monochrome(130, 3, &effects[..1]);
+    let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(spot)));
+    let around = |y: usize| v[y * 130 + 64..y * 130 + 67].to_vec();
+    let near_all = |a: Vec<f64>, b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.07);
+    assert!(near_all(around(0), [40.0, 120.0, 40.0]), "{:?}", around(0));
+    assert!(near_all(around(1), [200.0, 0.80 * 4000.0, 200.0]), "{:?}", around(1));
+    assert!((v.iter().sum::<f64>() - 4000.0).abs() < 0.5, "light is kept");
+    let config = monochrome(512, 200, &effects);
+    let v = flat::<A>(&config, &at(0), 1000.0);
+    let (side, below) = neighbours(&v, 512);
+    let error = 1000.0 / (v.len() as f64).sqrt();
+    near("noise stays independent", side, 0.0, error);
+    near("noise stays independent", below, 0.0, error);
+}
+
+/// One level now, another in the frame before.
+struct AfterLight;
+
+impl<A: Arith> sensor_core::pipeline::MeanRows<A> for AfterLight {
+    fn mean_row(&mut self, _: u32, out: &mut [[A::Signal; sensor_core::arith::BLOCK]]) {
+        out.as_flattened_mut().fill(A::signal(100.0));
+    }
+
+    fn previous_mean_row(&mut self, _: u32, out: &mut [[A::Signal; sensor_core::arith::BLOCK]]) {
+        out.as_flattened_mut().fill(A::signal(5000.0));
+    }
+}
+
+fn image_lag<A: Arith>() {
+    let effects = [shot_noise::ShotNoise {}.into(), image_lag::ImageLag { fraction: 0.02 }.into()];
+    let config = monochrome(512, 128, &effects);
+    let dn = frame::<A>(&config, &SETTINGS, &mut AfterLight);
+    let v = electrons(&config, &SETTINGS, &dn);
+    let (expected, var) = (98.0 + 100.0, 0.98 * 0.98 * 100.0 + 100.0 + ROUNDING);
+    near("mean", mean(&v), expected, (var / v.len() as f64).sqrt());
+    near_variance("variance", variance(&v), var, v.len(), 0.01);
+}
+
+fn totals<A: Arith>(config: &SensorConfig, settings: &FrameSettings) -> Vec<f64> {
+    column_means(&flat::<A>(config, settings, 0.0), config.width as usize)
+}
+
+fn amp_glow<A: Arith>() {
+    let effect = amp_glow::AmpGlow { rate_e_per_s: 20_000.0, x: 1.0, y: 0.5, width: 0.3 };
+    let config = monochrome(200, 120, &[effect.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 0.0);
+    let expected = |x: usize, y: usize| {
+        let u = (x as f64 + 0.5) / 100.0 - 1.0;
+        let dy = ((y as f64 + 0.5) / 60.0 - 1.0 - 0.5) * 0.6;
+        200.0 * (-((u - 1.0).powi(2) + dy * dy) / (2.0 * 0.09)).exp()
+    };
+    // Chi-square of Poisson counts: one per pixel, but for the scarce ones.
+    let (mut chi2, mut n) = (0.0, 0.0);
+    for (i, v) in v.iter().enumerate() {
+        let mu = expected(i % 200, i / 200);
+        if mu > 5.0 {
+            chi2 += (v - mu).powi(2) / mu;
+            n += 1.0;
+        }
+    }
+    near("chi-square per pixel", chi2 / n, 1.0, (2.05f64 / n).sqrt());
+    let sum: f64 = (0..v.len()).map(|i| expected(i % 200, i / 200)).sum();
+    near("total", v.iter().sum(), sum, sum.sqrt());
+}
+
+fn dark_current_gradient<A: Arith>() {
+    let effect = dark_current_gradient::DarkCurrentGradient {
+        rate_e_per_s: 10_000.0,
+        direction_deg: 180.0,
+        doubling_c: 8.0,
+        reference_c: 25.0,
+    };
+    let config = monochrome(64, 256, &[effect.into()]);
+    let warm = FrameSettings { temperature_c: 33.0, ..SETTINGS };
+    for (settings, rate) in [(SETTINGS, 100.0), (warm, 200.0)] {
+        for (x, v) in totals::<A>(&config, &settings).into_iter().enumerate() {
+            let mu = rate * (1.0 - ((x as f64 + 0.5) / 32.0 - 1.0)) / 2.0;
+            near("mean of a column", v, mu, (mu / 256.0).sqrt() + 1e-3);
+        }
+    }
+}

@@ -1,0 +1,348 @@
+//! What each fixed effect does to known signals, against its equation, in both arithmetics.
+//!
+//! Signals are read back through a converter of 1/8 e⁻ per step, so equality means within half a step
+//! ([`HALF`]) plus the arithmetic's own error.
+
+mod common;
+
+use common::*;
+use sensor_core::arith::{Arith, Fixed, Float};
+use sensor_core::config::{FrameSettings, SensorConfig};
+use sensor_core::effects::*;
+
+/// Half a step of the test sensor and a little, e⁻.
+const HALF: f64 = 0.5 / DN_PER_E + 0.005;
+
+macro_rules! in_both_arithmetics {
+    ($($name:ident)+) => {
+        mod float { use super::*; $(#[test] fn $name() { super::$name::<Float>(); })+ }
+        mod fixed { use super::*; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
+    };
+}
+
+in_both_arithmetics! {
+    full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset
+    readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
+    prnu_low_frequency black_level_offset green_imbalance pdaf_pattern colour_shading
+    relative_illumination fringing adc_nonlinearity defects
+}
+
+/// Output over input for a ramp of `top` e⁻ over 1000 columns; `expected` maps input to output.
+fn check_response<A: Arith>(effect: Effect, top: f32, expected: impl Fn(f64) -> f64) {
+    let config = monochrome(1000, 1, &[effect]);
+    let ramp = |x: u32, _| top * x as f32 / 1000.0;
+    let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(ramp)));
+    let limit = (65_535.0 - BLACK) / DN_PER_E;
+    for (x, v) in v.iter().enumerate() {
+        let want = expected(f64::from(ramp(x as u32, 0))).min(limit);
+        assert!(
+            (v - want).abs() < HALF,
+            "{}: column {x}: {v}, expected {want}",
+            effect.entry().kind
+        );
+    }
+}
+
+/// Full well of the test sensor, e⁻.
+fn full_well() -> f64 {
+    f64::from(monochrome(1, 1, &[]).full_well_e)
+}
+
+fn full_well_with_knee<A: Arith>() {
+    let sharp = full_well::FullWell { full_well_e: 5000.0, knee: 0.0 };
+    check_response::<A>(sharp.into(), 7000.0, |q| q.min(5000.0));
+    let soft = full_well::FullWell { full_well_e: 5000.0, knee: 0.05 };
+    check_response::<A>(soft.into(), 7000.0, |q| {
+        q - 250.0 * (1.0 + ((q - 5000.0) / 250.0).exp()).ln()
+    });
+}
+
+fn nonlinearity<A: Arith>() {
+    let w = full_well();
+    for (loss, n) in [(0.05f64, 1.0), (0.02, 2.5), (-0.03, 1.0)] {
+        let effect = nonlinearity::Nonlinearity { loss: loss as f32, exponent: n as f32 };
+        check_response::<A>(effect.into(), 7000.0, |v| v * (1.0 - loss * (v / w).powf(n)));
+    }
+}
+
+fn companding<A: Arith>() {
+    let effect = companding::Companding { knee_1: 0.25, slope_1: 0.5, knee_2: 0.5, slope_2: 0.125 };
+    let (a, b) = (0.25 * full_well(), 0.5 * full_well());
+    check_response::<A>(effect.into(), 8000.0, |v| {
+        v.min(a) + 0.5 * (v.min(b) - a).max(0.0) + 0.125 * (v - b).max(0.0)
+    });
+}
+
+fn black_sun<A: Arith>() {
+    let w = full_well();
+    let effect = black_sun::BlackSun { onset: 10.0 };
+    check_response::<A>(effect.into(), 100_000.0, |n| if n > 10.0 * w { 0.0 } else { n });
+}
+
+fn offset_clipping<A: Arith>() {
+    let effects = [
+        read_noise::ReadNoise { read_e: 10.0, read_e_post: 0.0 }.into(),
+        offset_clipping::OffsetClipping { level_e: -2.0 }.into(),
+    ];
+    let config = monochrome(256, 64, &effects);
+    let v = flat::<A>(&config, &SETTINGS, 0.0);
+    let clipped = v.iter().filter(|v| (**v + 2.0).abs() < HALF).count() as f64;
+    assert!(v.iter().all(|v| *v > -2.0 - HALF));
+    // Half the rounding step beyond -0.2 deviations.
+    let share = 0.4232;
+    let n = v.len() as f64;
+    near("share at the clipping level", clipped, n * share, (n * share * (1.0 - share)).sqrt());
+}
+
+fn blooming<A: Arith>() {
+    let config = monochrome(8, 5, &[blooming::Blooming { fraction: 0.5 }.into()]);
+    let w = full_well();
+    let spot = |x: u32, y: u32| if (x, y) == (3, 2) { 10_000.0 } else { 100.0 };
+    let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(spot)));
+    let spill = 0.25 * (10_000.0 - w);
+    for (i, v) in v.iter().enumerate() {
+        let want = match (i % 8, i / 8) {
+            (3, 2) => w.min((65_535.0 - BLACK) / DN_PER_E),
+            (3, 1 | 3) => 100.0 + spill,
+            _ => 100.0,
+        };
+        assert!((v - want).abs() < HALF, "{i}: {v} {want}");
+    }
+}
+
+fn exposure_offset<A: Arith>() {
+    let dark = dark_current::DarkCurrent {
+        mean_e_per_s: 1e6,
+        dsnu_e_per_s: 0.0,
+        doubling_c: 7.0,
+        reference_c: 25.0,
+    };
+    let offset = exposure_offset::ExposureOffset { offset_us: 2.0, step_us: 8.0 };
+    let config = monochrome(256, 64, &[offset.into()]);
+    let both = monochrome(256, 64, &[offset.into(), dark.into()]);
+    for (asked, given) in [(25.0f64, 26.0f64), (29.0, 34.0), (1.0, 2.0)] {
+        let settings = FrameSettings { exposure_s: (asked * 1e-6) as f32, ..SETTINGS };
+        let v = flat::<A>(&config, &settings, 1000.0);
+        assert!((v[0] - 1000.0 * given / asked).abs() < HALF, "{} {asked}", v[0]);
+        let v = flat::<A>(&both, &settings, 0.0);
+        near("dark charge", mean(&v), given, (given / v.len() as f64).sqrt());
+    }
+}
+
+fn readout_channel_mismatch<A: Arith>() {
+    let effect = |channels, offset_e, gain| readout_channel_mismatch::ReadoutChannelMismatch {
+        channels,
+        offset_e,
+        gain,
+    };
+    let (mut offsets, mut gains) = (Vec::new(), Vec::new());
+    for seed in 0..200 {
+        let with = |e: readout_channel_mismatch::ReadoutChannelMismatch| SensorConfig {
+            seed,
+            ..monochrome(70, 2, &[e.into()])
+        };
+        let v = flat::<A>(&with(effect(4.0, 10.0, 0.0)), &SETTINGS, 0.0);
+        assert!((0..140).all(|i| v[i] == v[i % 70 % 4]), "repeats over columns and rows");
+        offsets.extend_from_slice(&v[..4]);
+        let v = flat::<A>(&with(effect(4.0, 0.0, 0.01)), &SETTINGS, 4000.0);
+        gains.extend(v[..4].iter().map(|v| v / 4000.0));
+    }
+    near_variance("variance of offsets", variance(&offsets), 100.0, 800, 0.0);
+    near_variance("variance of gains", variance(&gains), 1e-4, 800, 0.0);
+}
+
+fn readout_channel_crosstalk<A: Arith>() {
+    let effect = readout_channel_crosstalk::ReadoutChannelCrosstalk { coupling: 0.001 };
+    for width in [100, 129] {
+        let config = monochrome(width, 1, &[effect.into()]);
+        let line = |x: u32, _| if x == 20 { 6000.0 } else { 0.0 };
+        let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(line)));
+        for (x, v) in v.iter().enumerate() {
+            let mirrored = x as u32 == width - 21;
+            let want = if x == 20 {
+                6000.0
+            } else if mirrored {
+                6.0
+            } else {
+                0.0
+            };
+            assert!((v - want).abs() < HALF, "{x}: {v} {want}");
+        }
+    }
+}
+
+fn pixel_offset_fpn<A: Arith>() {
+    let config = monochrome(256, 256, &[pixel_offset_fpn::PixelOffsetFpn { sigma_e: 30.0 }.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 0.0);
+    near_variance("variance over pixels", variance(&v), 900.0, v.len(), 0.0);
+    let later = FrameSettings { frame: 9, exposure_s: 1.0, ..SETTINGS };
+    assert_eq!(v, flat::<A>(&config, &later, 0.0), "in each frame and exposure");
+}
+
+fn column_gain_fpn<A: Arith>() {
+    let config = monochrome(8192, 2, &[column_gain_fpn::ColumnGainFpn { sigma: 0.02 }.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 4000.0);
+    assert_eq!(v[..8192], v[8192..]);
+    near_variance("variance over columns", variance(&v[..8192]), 6400.0, 8192, 0.0);
+}
+
+fn prnu_low_frequency<A: Arith>() {
+    let powers: Vec<f64> = (0..300)
+        .map(|seed| {
+            let effect = prnu_low_frequency::PrnuLowFrequency { sigma: 0.02, order: 3.0 };
+            let config = SensorConfig { seed, ..monochrome(48, 32, &[effect.into()]) };
+            let v = flat::<A>(&config, &SETTINGS, 4000.0);
+            let m: Vec<f64> = v.iter().map(|v| v / 4000.0 - 1.0).collect();
+            assert!(mean(&m).abs() < 1e-4, "waves without the constant one");
+            let step = m.windows(2).step_by(48).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+            assert!(step < 0.03, "smooth: {step}");
+            mean(&m.iter().map(|m| m * m).collect::<Vec<_>>())
+        })
+        .collect();
+    near("mean square", mean(&powers), 4e-4, (variance(&powers) / 300.0).sqrt());
+}
+
+fn black_level_offset<A: Arith>() {
+    let effect = black_level_offset::BlackLevelOffset {
+        offset_dn: 5.0,
+        per_gain_dn: 2.0,
+        per_second_dn: 100.0,
+        channel_0_dn: 0.0,
+        channel_1_dn: -3.0,
+        channel_2_dn: 7.0,
+        channel_3_dn: 0.0,
+    };
+    let config = bayer(70, 2, &[effect.into()]);
+    for (analog_gain, exposure_s) in [(1.0, 0.01), (4.0, 0.05)] {
+        let settings = FrameSettings { analog_gain, exposure_s, ..SETTINGS };
+        let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 0.0));
+        let common =
+            BLACK + 5.0 + 2.0 * f64::from(analog_gain - 1.0) + 100.0 * f64::from(exposure_s);
+        for (i, dn) in dn.iter().enumerate() {
+            let own = [0.0, -3.0, 7.0][config.pattern.channel(i % 70, i / 70)];
+            assert_eq!(f64::from(*dn), (common + own).round(), "{i}");
+        }
+    }
+}
+
+fn green_imbalance<A: Arith>() {
+    let effect = green_imbalance::GreenImbalance { centre: 0.02, corner: 0.06 };
+    let config = bayer(202, 102, &[effect.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 4000.0);
+    let at = |x: usize, y: usize| v[y * 202 + x] / 4000.0;
+    let tolerance = HALF / 4000.0 + 2e-4;
+    assert!((at(0, 0) - 1.0).abs() < tolerance && (at(1, 1) - 1.0).abs() < tolerance);
+    assert!((at(101, 50) - at(100, 51) - 0.02).abs() < 2.0 * tolerance, "centre");
+    assert!((at(201, 0) - at(0, 101) - 0.06).abs() < 0.002, "corners, one pixel in");
+    let mono = monochrome(16, 16, &[effect.into()]);
+    assert!(flat::<A>(&mono, &SETTINGS, 4000.0).iter().all(|v| (v - 4000.0).abs() < HALF));
+}
+
+fn pdaf_pattern<A: Arith>() {
+    let effect = pdaf_pattern::PdafPattern {
+        period_x: 12.0,
+        period_y: 8.0,
+        first_x: 5.0,
+        first_y: 3.0,
+        gain: 0.4,
+    };
+    let config = monochrome(100, 40, &[effect.into()]);
+    for (i, v) in flat::<A>(&config, &SETTINGS, 1000.0).iter().enumerate() {
+        let covered = i % 100 % 12 == 5 && i / 100 % 8 == 3;
+        assert!((v - if covered { 400.0 } else { 1000.0 }).abs() < HALF, "{i}: {v}");
+    }
+}
+
+/// r² of a pixel, 1 in the corners.
+fn field2(x: usize, y: usize, width: usize, height: usize) -> f64 {
+    let (w, h) = (width as f64 / 2.0, height as f64 / 2.0);
+    ((x as f64 + 0.5 - w).powi(2) + (y as f64 + 0.5 - h).powi(2)) / (w * w + h * h)
+}
+
+fn colour_shading<A: Arith>() {
+    let effect = colour_shading::ColourShading {
+        channel_0: -0.3,
+        channel_1: 0.0,
+        channel_2: 0.2,
+        channel_3: 0.0,
+    };
+    let config = bayer(150, 100, &[effect.into()]);
+    for (i, v) in flat::<A>(&config, &SETTINGS, 3000.0).iter().enumerate() {
+        let (x, y) = (i % 150, i / 150);
+        let k = [-0.3, 0.0, 0.2][config.pattern.channel(x, y)];
+        assert!((v - 3000.0 * (1.0 + k * field2(x, y, 150, 100))).abs() < HALF, "{i}: {v}");
+    }
+}
+
+fn relative_illumination<A: Arith>() {
+    let effect = relative_illumination::RelativeIllumination { corner: -0.1 };
+    let config = monochrome(150, 100, &[effect.into()]);
+    for (i, v) in flat::<A>(&config, &SETTINGS, 3000.0).iter().enumerate() {
+        let want = 3000.0 * (1.0 - 0.1 * field2(i % 150, i / 150, 150, 100));
+        assert!((v - want).abs() < HALF, "{i}: {v} {want}");
+    }
+}
+
+fn fringing<A: Arith>() {
+    let effect = fringing::Fringing { amplitude: 0.1, fringes: 8.0, direction_deg: 0.0 };
+    let config = monochrome(800, 2, &[effect.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 3000.0);
+    // Whole fringes: amplitude²/2, and the first harmonic only.
+    let m: Vec<f64> = v[..800].iter().map(|v| v / 3000.0 - 1.0).collect();
+    assert!((mean(&m.iter().map(|m| m * m).collect::<Vec<_>>()) - 0.005).abs() < 2e-6);
+    assert!((0..700).all(|x| (m[x] - m[x + 100]).abs() < 1e-4), "eight fringes");
+    assert!((0..750).all(|x| (m[x] + m[x + 50]).abs() < 1e-4), "of opposite halves");
+}
+
+fn adc_nonlinearity<A: Arith>() {
+    // A ramp of 32 levels per code over an 8-bit converter.
+    let sigma = 0.12f64;
+    let mut lowest = Vec::new();
+    for seed in 0..60 {
+        let effect = adc_nonlinearity::AdcNonlinearity { sigma_lsb: sigma as f32 };
+        let config = SensorConfig {
+            bits: 8,
+            full_well_e: 255.0,
+            black_level_dn: 0.0,
+            seed,
+            ..monochrome(256 * 32, 1, &[effect.into()])
+        };
+        let ramp = |x: u32, _| (x as f32 + 0.5) / 32.0 - 0.5;
+        let dn = frame::<A>(&config, &SETTINGS, &mut Means(ramp));
+        // Rounding averages out over the levels of a code.
+        let inl: Vec<f64> = dn
+            .chunks(32)
+            .enumerate()
+            .map(|(code, dn)| dn.iter().map(|&d| f64::from(d)).sum::<f64>() / 32.0 - code as f64)
+            .collect();
+        for code in 1..240usize {
+            let bits = (0..8).filter(|b| code >> b & 1 != 0).map(|b| inl[1 << b]).sum::<f64>();
+            // Two levels of 32 for each bit and the code.
+            assert!((inl[code] - bits).abs() < 0.15, "{seed} {code}: {} {bits}", inl[code]);
+        }
+        lowest.push(inl[1]);
+    }
+    // ε_0 less the common gain error, a quarter per mille of it; levels of 1/32 DN.
+    near_variance("weight of the lowest bit", variance(&lowest), sigma * sigma, 60, 0.0);
+}
+
+fn defects<A: Arith>() {
+    let n = 512.0 * 256.0;
+    let share = |effect: Effect, is: fn(f64) -> bool| {
+        let v = flat::<A>(&monochrome(512, 256, &[effect]), &SETTINGS, 1000.0);
+        v.iter().filter(|v| is(**v)).count() as f64
+    };
+    let near_share = |what, count: f64| near(what, count, n * 0.01, (n * 0.01 * 0.99).sqrt());
+    let weak = defective_pixels::DefectivePixels { fraction: 0.01, gain: 0.25 };
+    near_share("weak", share(weak.into(), |v| (v - 250.0).abs() < HALF));
+    let stuck = stuck_pixels::StuckPixels { fraction: 0.01, level: 0.5 };
+    near_share("stuck", share(stuck.into(), |v| v > 4000.0));
+    let hot = hot_pixels::HotPixels {
+        fraction: 0.01,
+        mean_e_per_s: 50_000.0,
+        doubling_c: 7.0,
+        reference_c: 25.0,
+    };
+    // Exponential tail above a mean of 500 e⁻, blurred by its shot noise (by less than its error).
+    near("hot", share(hot.into(), |v| v > 1500.0), n * 0.01 * (-1f64).exp(), (n * 0.01).sqrt());
+}
