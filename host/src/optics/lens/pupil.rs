@@ -136,15 +136,15 @@ impl<'a> Beam<'a> {
         libm::atan2(d[1], d[2].abs()).to_degrees()
     }
 
-    /// Heights at which a ray meets the surfaces, mm; (x, y) in units of the paraxial entrance
-    /// pupil's radius from the chief ray.
+    /// Heights at which a ray meets the surfaces, mm; aimed at (x, y) in the plane of the paraxial
+    /// entrance pupil, in units of its radius from its centre.
     ///
     /// # Errors
     /// A ray that is lost on its way.
     pub(super) fn heights_of_pupil_ray(&self, x: f64, y: f64) -> Result<Vec<f64>> {
         let radius = 0.5 * self.train.entrance_pupil_mm;
         let (position, direction) =
-            self.launcher.ray(x * radius, self.chief_launch + y * radius);
+            self.launcher.ray(x * radius, y * radius * self.launcher.cosine);
         let mut ray = Rays::<1>::nowhere();
         ray.set(0, position, direction);
         let start = ray.clone();

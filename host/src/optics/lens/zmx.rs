@@ -84,6 +84,11 @@ fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
     Err(Error::input(format!("{keyword}: {v}")).help("a small whole number is expected"))
 }
 
+/// Nanometres from micrometres, without the dust that binary multiplication leaves (to 1e-6 nm).
+fn nanometres(um: f64) -> f64 {
+    (um * 1e9).round() / 1e6
+}
+
 fn refuse(what: &str) -> Result<()> {
     Err(Error::input(format!("{what} cannot be traced"))
         .help("only lenses that are rotationally symmetric about one axis are supported"))
@@ -128,12 +133,12 @@ impl File {
                 // Slots in order; those beyond the number in use hold defaults.
                 let slot = count(rest, 0, keyword)?;
                 if slot == self.waves.len() + 1 {
-                    self.waves.push(value(rest, 1, keyword)? * 1e3);
+                    self.waves.push(nanometres(value(rest, 1, keyword)?));
                 }
             }
             "WAVL" if self.waves.is_empty() => {
                 let micrometres = numbers(keyword, rest)?;
-                self.waves = micrometres.iter().map(|um| um * 1e3).collect();
+                self.waves = micrometres.into_iter().map(nanometres).collect();
                 self.counts[1] = self.counts[1].max(self.waves.len());
             }
             "PWAV" => self.primary = count(rest, 0, keyword)?,
