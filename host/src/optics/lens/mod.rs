@@ -2,6 +2,7 @@
 
 pub mod characterise;
 pub mod glass;
+pub mod import;
 pub mod paraxial;
 pub mod prescription;
 pub mod psf;

@@ -49,10 +49,8 @@ impl Launcher {
                 Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil / cosine))
             }
             Object::Distance(d) => {
-                return Err(Error::input(format!(
-                    "the entrance pupil lies behind the object at {d} mm"
-                ))
-                .help("such lenses are not supported"));
+                return Err(Error::input(format!("the entrance pupil lies behind the object at {d} mm"))
+                    .help("such lenses are not supported"));
             }
         };
         Ok(Self { sine, cosine, pupil_z, object })
@@ -138,14 +136,15 @@ impl<'a> Beam<'a> {
         libm::atan2(d[1], d[2].abs()).to_degrees()
     }
 
-    /// Heights at which a ray meets the surfaces, mm; (x, y) in units of the paraxial entrance
-    /// pupil's radius from the chief ray.
+    /// Heights at which a ray meets the surfaces, mm; aimed at (x, y) in the plane of the paraxial
+    /// entrance pupil, in units of its radius from its centre.
     ///
     /// # Errors
     /// A ray that is lost on its way.
     pub(super) fn heights_of_pupil_ray(&self, x: f64, y: f64) -> Result<Vec<f64>> {
         let radius = 0.5 * self.train.entrance_pupil_mm;
-        let (position, direction) = self.launcher.ray(x * radius, self.chief_launch + y * radius);
+        let (position, direction) =
+            self.launcher.ray(x * radius, y * radius * self.launcher.cosine);
         let mut ray = Rays::<1>::nowhere();
         ray.set(0, position, direction);
         let start = ray.clone();
@@ -383,8 +382,9 @@ fn edges_along(
         }
     }
     let zero = [[0.0; 2]; LANES];
-    let bracket =
-        |edge: &[Option<[f64; 2]>; LANES]| std::array::from_fn(|i| edge[i].unwrap_or(zero[i]));
+    let bracket = |edge: &[Option<[f64; 2]>; LANES]| {
+        std::array::from_fn(|i| edge[i].unwrap_or(zero[i]))
+    };
     let outer = refine(&at, bracket(&exit));
     let outer_rays = at(&outer);
     let inner = if open { [0.0; LANES] } else { refine(&at, bracket(&entry)) };
@@ -402,7 +402,10 @@ fn edges_along(
 
 /// Where the excess changes sign between `inside` and `outside`, per lane: regula falsi (Illinois),
 /// bisection next to rays that are lost.
-fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]) -> [f64; LANES] {
+fn refine(
+    at: &impl Fn(&[f64; LANES]) -> Rays<LANES>,
+    bracket: [[f64; 2]; LANES],
+) -> [f64; LANES] {
     let mut inside = bracket.map(|b| b[0]);
     let mut outside = bracket.map(|b| b[1]);
     let value = |rays: &Rays<LANES>, i: usize| match rays.alive(i) {

@@ -84,6 +84,11 @@ fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
     Err(Error::input(format!("{keyword}: {v}")).help("a small whole number is expected"))
 }
 
+/// Nanometres from micrometres, without the dust that binary multiplication leaves (to 1e-6 nm).
+fn nanometres(um: f64) -> f64 {
+    (um * 1e9).round() / 1e6
+}
+
 fn refuse(what: &str) -> Result<()> {
     Err(Error::input(format!("{what} cannot be traced"))
         .help("only lenses that are rotationally symmetric about one axis are supported"))
@@ -128,12 +133,12 @@ impl File {
                 // Slots in order; those beyond the number in use hold defaults.
                 let slot = count(rest, 0, keyword)?;
                 if slot == self.waves.len() + 1 {
-                    self.waves.push(value(rest, 1, keyword)? * 1e3);
+                    self.waves.push(nanometres(value(rest, 1, keyword)?));
                 }
             }
             "WAVL" if self.waves.is_empty() => {
                 let micrometres = numbers(keyword, rest)?;
-                self.waves = micrometres.iter().map(|um| um * 1e3).collect();
+                self.waves = micrometres.into_iter().map(nanometres).collect();
                 self.counts[1] = self.counts[1].max(self.waves.len());
             }
             "PWAV" => self.primary = count(rest, 0, keyword)?,
@@ -257,8 +262,7 @@ impl Draft {
             kind => refuse(&format!("a surface of type {kind}"))?,
         }
         if let Some((line, words)) = &self.glass {
-            surface.medium =
-                medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
+            surface.medium = medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
         }
         Ok(surface)
     }
@@ -297,9 +301,8 @@ fn medium(words: &[String], file: &File, glasses: &Catalogue) -> Result<Medium> 
 impl File {
     fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
         if self.surfaces.len() < 3 {
-            return Err(Error::input(format!("{} surfaces", self.surfaces.len())).help(
-                "a lens file has at least an object, one surface and an image: is it complete?",
-            ));
+            return Err(Error::input(format!("{} surfaces", self.surfaces.len()))
+                .help("a lens file has at least an object, one surface and an image: is it complete?"));
         }
         let scale = self.scale.unwrap_or(1.0);
         let drafts = std::mem::take(&mut self.surfaces);
@@ -344,12 +347,8 @@ impl File {
             waves.truncate(self.counts[1]);
         }
         let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
-            return Err(Error::input(format!(
-                "primary wavelength {} of {}",
-                self.primary,
-                waves.len()
-            ))
-            .help("PWAV names one of the WAVM lines"));
+            return Err(Error::input(format!("primary wavelength {} of {}", self.primary, waves.len()))
+                .help("PWAV names one of the WAVM lines"));
         };
         let prescription = Prescription {
             name: self.name,
