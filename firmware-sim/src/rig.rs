@@ -1,7 +1,7 @@
 //! What a rig holds between frames: memory, camera, settings.
 
 use crate::camera::CameraStore;
-use crate::running::{AnyRunning, Frame, MAX_RING};
+use crate::running::{self, AnyRunning, Frame, MAX_RING};
 use rig_link::device::{Begun, Model};
 use rig_link::message::*;
 use rig_link::packing::Packing;
@@ -157,6 +157,13 @@ impl Model for Rig<'_> {
         if u16::from(config.bands) > self.memory.max_bands {
             return Err(Refusal::TooManyBands { max: self.memory.max_bands });
         }
+        #[cfg(feature = "defmt")]
+        defmt::info!(
+            "camera: {=u32} x {=u32} pixels, {=u8} bands",
+            config.width,
+            config.height,
+            config.bands
+        );
         Ok(())
     }
 
@@ -193,19 +200,26 @@ impl Model for Rig<'_> {
         };
         settings.check().map_err(|_| Refusal::Exposure)?;
         let seed = config.seed;
+        #[cfg(feature = "defmt")]
+        defmt::info!(
+            "frame {=u32}: {=f32} s, gain {=f32}",
+            settings.frame,
+            settings.exposure_s,
+            settings.analog_gain
+        );
         self.frame = Some(Frame::new(*frame, settings, shape, registers));
         Ok(Begun { shape, seed })
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         if let Some(mut running) = self.running() {
-            running.units(row, first, units);
+            running::units(&mut running, row, first, units);
         }
     }
 
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
         if let Some(mut running) = self.running() {
-            running.raw_row(row, out);
+            running::raw_row(&mut running, row, out);
         }
     }
 }

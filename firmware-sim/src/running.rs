@@ -237,6 +237,18 @@ pub enum AnyRunning<'r> {
     Fixed(Running<'r, Fixed>),
 }
 
+/// [`AnyRunning::units`] as a function of its own, of which a firmware has room for one.
+#[inline(never)]
+pub(crate) fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, bytes: &[u8]) {
+    running.units(row, first, bytes);
+}
+
+/// [`AnyRunning::raw_row`] as a function of its own.
+#[inline(never)]
+pub(crate) fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+    running.raw_row(row, out);
+}
+
 impl<'r> AnyRunning<'r> {
     pub(crate) fn new(
         config: &'r SensorConfig,

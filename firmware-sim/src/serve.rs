@@ -1,7 +1,7 @@
 //! The rig's main loop: packets in, answers out, over any `embedded_io` link.
 
 use crate::rig::Rig;
-use crate::running::AnyRunning;
+use crate::running::{self, AnyRunning};
 use core::marker::PhantomData;
 use embedded_io::{Read, Write};
 use rig_link::device::{Begun, Device, Model};
@@ -87,12 +87,12 @@ impl<L: Read + Write> Port<'_, L> {
 pub trait Dispatch {
     /// Calls [`AnyRunning::units`].
     fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
-        running.units(row, first, units);
+        running::units(running, row, first, units);
     }
 
     /// Calls [`AnyRunning::raw_row`].
     fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
-        running.raw_row(row, out);
+        running::raw_row(running, row, out);
     }
 }
 

@@ -1,0 +1,62 @@
+//! Firmware of the sensor rig for the Cortex-M boards that QEMU has: mps2-an386 (M4F, f32) and mps2-an385
+//! (M3, fixed point). Fixed memory, no heap; the log goes out on UART1 by defmt.
+
+#![no_std]
+#![no_main]
+
+mod link;
+mod log;
+mod memory;
+
+use cortex_m as _; // the critical section
+use defmt::{error, info};
+use firmware_sim::{Plain, serve};
+use rig_link::framing::Framing;
+
+/// Name and version that the rig answers with.
+pub const FIRMWARE: &str = if cfg!(feature = "float") {
+    concat!("camrig rig Cortex-M4F ", env!("CARGO_PKG_VERSION"))
+} else {
+    concat!("camrig rig Cortex-M3 ", env!("CARGO_PKG_VERSION"))
+};
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    log::init();
+    memory::paint_stack();
+    let Some(memory::Parts { rig, device, buffers }) = memory::take() else {
+        semihosting::process::exit(2)
+    };
+    let mut link = link::Link::open();
+    info!("{=str} is up", FIRMWARE);
+    let outcome = serve::<Plain, _, { memory::RAW_BYTES }>(
+        device,
+        rig,
+        &mut link,
+        Framing::Cobs,
+        buffers,
+    );
+    let s = device.statistics();
+    info!("frames {=u32}, rows in {=u32}, out {=u32}, damaged packets {=u32}", s.frames, s.rows_in, s.rows_out, s.damaged);
+    info!("stack used: {=usize} bytes of {=usize}", memory::stack_used(), memory::stack_size());
+    if outcome.is_err() {
+        error!("the link failed");
+    }
+    semihosting::process::exit(i32::from(outcome.is_err()))
+}
+
+/// Says where, and ends the emulation. The message is left out: its formatting takes more flash than it is
+/// worth.
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    if let Some(place) = info.location() {
+        error!("panic at {=str}:{=u32}", place.file(), place.line());
+    }
+    semihosting::process::exit(5)
+}
+
+/// A fault ends the emulation with an error.
+#[cortex_m_rt::exception]
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    semihosting::process::exit(3)
+}
