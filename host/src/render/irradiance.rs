@@ -62,7 +62,8 @@ impl CubeHeader {
         if !side.contains(&self.width)
             || !side.contains(&self.height)
             || !(1..=sensor_core::config::MAX_BANDS).contains(&self.bands)
-            || !(self.first_band_nm.is_finite() && self.band_step_nm > 0.0)
+            || !self.first_band_nm.is_finite()
+            || !(self.band_step_nm > 0.0)
         {
             return Err(Error::input(format!(
                 "an irradiance cube of {} x {} pixels in {} bands of {} nm",

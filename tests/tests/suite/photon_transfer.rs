@@ -6,7 +6,9 @@ use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube};
 use camrig::scene::Bands;
 
 /// (bits, full well, gain, read, read after gain, PRNU, dark e-/s, DSNU e-/s, row pattern, black level)
-const CAMERAS: [(u8, u32, f64, f64, f64, f64, f64, f64, f64, f64); 10] = [
+type Figures = (u8, u32, f64, f64, f64, f64, f64, f64, f64, f64);
+
+const CAMERAS: [Figures; 10] = [
     (10, 6500, 1.0, 4.0, 2.5, 0.01, 20.0, 6.0, 0.5, 42.0),
     (12, 6500, 1.0, 4.0, 0.0, 0.01, 20.0, 6.0, 0.5, 64.0),
     (12, 2000, 1.0, 1.5, 0.0, 0.02, 5.0, 1.0, 0.2, 100.0),
@@ -81,7 +83,7 @@ fn spatial_variance(values: &[f64]) -> (f64, f64) {
 /// Janesick's photon transfer: gain from the slope of temporal variance over mean, read noise from the dark
 /// pair, PRNU from the spatial variance of averaged flats. Tolerances are those of the requirement: 0.5 %,
 /// 2 %, 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
-fn recover(figures: (u8, u32, f64, f64, f64, f64, f64, f64, f64, f64), arithmetic: Arithmetic) {
+fn recover(figures: Figures, arithmetic: Arithmetic) {
     let (bits, full_well, gain, read, post, prnu, dark, dsnu, row, black) = figures;
     let camera = camera(&small_camera(
         WIDTH,
