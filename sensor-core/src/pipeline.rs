@@ -148,11 +148,14 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         }
         let depth = self.windows.len() as u32;
         // Rows go through the windows as through a staircase: when row t enters the first, row t - 1
-        // leaves it, and so on. A row that follows the last one asked for needs one step only.
-        let held = match self.windows.last() {
-            Some(window) => row > 0 && window.holds(row - 1) && window.holds(row),
-            None => true,
+        // leaves it, and so on. A row that follows the last one asked for needs one step only: then each
+        // window holds the row that leaves it and the one above.
+        let ready = |(level, window): (usize, &Window<'_, A::Signal>)| {
+            let leaves = row + depth - 1 - level as u32;
+            let above = leaves.saturating_sub(1);
+            leaves >= self.cx.height || (window.holds(leaves) && window.holds(above))
         };
+        let held = self.windows.iter().enumerate().all(ready);
         let first = if held { row + depth } else { row.saturating_sub(depth) };
         for t in first..=row + depth {
             for level in 0..=depth {

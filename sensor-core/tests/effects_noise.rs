@@ -6,19 +6,12 @@
 mod common;
 
 use common::*;
-use sensor_core::arith::{Arith, Fixed, Float};
+use sensor_core::arith::Arith;
 use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::effects::*;
 
 /// Variance of rounding to the test sensor's DN, e⁻².
 const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
-
-macro_rules! in_both_arithmetics {
-    ($($name:ident)+) => {
-        mod float { use super::*; $(#[test] fn $name() { super::$name::<Float>(); })+ }
-        mod fixed { use super::*; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
-    };
-}
 
 in_both_arithmetics! {
     column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
@@ -248,17 +241,6 @@ fn light_flicker<A: Arith>() {
     near_variance("variance over frames", variance(&v), 3600.0, v.len(), 0.0);
 }
 
-/// Covariance of pixels one column and one row apart.
-fn neighbours(v: &[f64], width: usize) -> (f64, f64) {
-    let height = v.len() / width;
-    let pairs = |dx: usize, dy: usize| {
-        let index = (0..height - dy).flat_map(|y| (0..width - dx).map(move |x| y * width + x));
-        let (a, b): (Vec<f64>, Vec<f64>) = index.map(|i| (v[i], v[i + dy * width + dx])).unzip();
-        covariance(&a, &b)
-    };
-    (pairs(1, 0), pairs(0, 1))
-}
-
 fn brighter_fatter<A: Arith>() {
     let (mu, a) = (3000.0f64, 1e-5f64);
     let effects = [
@@ -275,7 +257,7 @@ fn brighter_fatter<A: Arith>() {
     let n = v.len() as f64;
     // Second order in the noise: below a tenth of a percent at 3000 e⁻.
     near("variance", variance(&v), var, var * (2.0 / n).sqrt() + 1e-3 * var);
-    let (side, below) = neighbours(&v, 512);
+    let (side, below) = (lag_covariance(&v, 512, 1, 0), lag_covariance(&v, 512, 0, 1));
     near("covariance of columns", side, cov, var / n.sqrt());
     near("covariance of rows", below, cov, var / n.sqrt());
 }
@@ -295,7 +277,7 @@ fn optical_crosstalk<A: Arith>() {
     assert!((v.iter().sum::<f64>() - 4000.0).abs() < 0.5, "light is kept");
     let config = monochrome(512, 200, &effects);
     let v = flat::<A>(&config, &at(0), 1000.0);
-    let (side, below) = neighbours(&v, 512);
+    let (side, below) = (lag_covariance(&v, 512, 1, 0), lag_covariance(&v, 512, 0, 1));
     let error = 1000.0 / (v.len() as f64).sqrt();
     near("noise stays independent", side, 0.0, error);
     near("noise stays independent", below, 0.0, error);

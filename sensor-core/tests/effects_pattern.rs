@@ -6,19 +6,12 @@
 mod common;
 
 use common::*;
-use sensor_core::arith::{Arith, Fixed, Float};
+use sensor_core::arith::Arith;
 use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::effects::*;
 
 /// Half a step of the test sensor and a little, e⁻.
 const HALF: f64 = 0.5 / DN_PER_E + 0.005;
-
-macro_rules! in_both_arithmetics {
-    ($($name:ident)+) => {
-        mod float { use super::*; $(#[test] fn $name() { super::$name::<Float>(); })+ }
-        mod fixed { use super::*; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
-    };
-}
 
 in_both_arithmetics! {
     full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset

@@ -6,57 +6,15 @@
 
 mod common;
 
-use common::{rows_of, uniforms};
+use common::light::{Band, Collected, Table, mean_electrons};
+use common::{frame, uniforms};
 use sensor_core::arith::{Arith, Fixed, Float};
-use sensor_core::collect::{Collector, Sums};
 use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use sensor_core::crosstalk::Crosstalk;
 use sensor_core::effects::{charge_coupling::ChargeCoupling, full_well::FullWell};
-use sensor_core::spectral::{BandRow, GROUP, decode, encode, groups};
 
 const WIDTH: usize = 1000;
 const HEIGHT: usize = 6;
 const BANDS: usize = 31;
-
-/// One band of a row, encoded, and what it means.
-struct Band {
-    exponents: Vec<i8>,
-    mantissas: Vec<u16>,
-    values: Vec<f32>,
-}
-
-struct Table {
-    x: Vec<f32>,
-    y: Vec<f32>,
-    nm: Vec<f32>,
-    factors: Vec<f32>,
-}
-
-impl Table {
-    /// Bilinear in position, linear in wavelength, in f64.
-    fn at(&self, channel: usize, nm: f64, u: f64, v: f64) -> f64 {
-        let place = |nodes: &[f32], p: f64| {
-            let k = nodes.iter().rposition(|&n| f64::from(n) <= p).unwrap_or(0);
-            let k = k.min(nodes.len() - 2);
-            let (a, b) = (f64::from(nodes[k]), f64::from(nodes[k + 1]));
-            (k, ((p - a) / (b - a)).clamp(0.0, 1.0))
-        };
-        let (w, tw) = place(&self.nm, nm);
-        let (r, tr) = place(&self.y, v);
-        let (c, tc) = place(&self.x, u);
-        let mut sum = 0.0;
-        for (dw, fw) in [(0, 1.0 - tw), (1, tw)] {
-            for (dr, fr) in [(0, 1.0 - tr), (1, tr)] {
-                for (dc, fc) in [(0, 1.0 - tc), (1, tc)] {
-                    let plane = channel * self.nm.len() + w + dw;
-                    let i = (plane * self.y.len() + r + dr) * self.x.len() + c + dc;
-                    sum += fw * fr * fc * f64::from(self.factors[i]);
-                }
-            }
-        }
-        sum
-    }
-}
 
 fn config(full_well_e: f32) -> SensorConfig {
     // QE curves of a red, a green and a blue filter, roughly.
@@ -103,18 +61,12 @@ fn cube(config: &SensorConfig, settings: &FrameSettings) -> Vec<Vec<Band>> {
     let range_e = f64::from(config.full_well_e) / f64::from(settings.analog_gain);
     let top = 1.1 * range_e / (response * f64::from(settings.exposure_s));
     let row = |_| {
-        let band = |b: usize| {
+        let mut band = |b: usize| {
             let tint = 0.6 + 0.8 * b as f64 / BANDS as f64;
-            let values: Vec<f32> = (0..WIDTH)
-                .map(|x| (top * tint * (x as f64 / WIDTH as f64) * (0.9 + 0.2 * next())) as f32)
-                .collect();
-            let (mut exponents, mut mantissas) = (vec![0; groups(WIDTH)], vec![0; WIDTH]);
-            encode(&values, &mut exponents, &mut mantissas);
-            let mut values = vec![0.0; WIDTH];
-            decode(BandRow { exponents: &exponents, mantissas: &mantissas }, &mut values);
-            Band { exponents, mantissas, values }
+            let ramp = |x| top * tint * (x as f64 / WIDTH as f64) * (0.9 + 0.2 * next());
+            Band::new((0..WIDTH).map(ramp).map(|v| v as f32).collect())
         };
-        (0..BANDS).map(band).collect()
+        (0..BANDS).map(&mut band).collect()
     };
     (0..HEIGHT).map(row).collect()
 }
@@ -126,18 +78,7 @@ fn reference(
     table: &Table,
     cube: &[Vec<Band>],
 ) -> Vec<f64> {
-    let mut e = vec![0.0; WIDTH * HEIGHT];
-    for (i, e) in e.iter_mut().enumerate() {
-        let (x, y) = (i % WIDTH, i / WIDTH);
-        let channel = config.pattern.channel(x, y);
-        let u = (x as f64 + 0.5) / WIDTH as f64 * 2.0 - 1.0;
-        let v = (y as f64 + 0.5) / HEIGHT as f64 * 2.0 - 1.0;
-        for (b, band) in cube[y].iter().enumerate() {
-            let response = f64::from(config.response[channel * BANDS + b]);
-            let factor = table.at(channel, 400.0 + 10.0 * b as f64, u, v);
-            *e += f64::from(settings.exposure_s) * f64::from(band.values[x]) * response * factor;
-        }
-    }
+    let e = mean_electrons(config, settings, Some(table), cube);
     let at = |x: i64, y: i64| {
         let (x, y) = (x.clamp(0, WIDTH as i64 - 1), y.clamp(0, HEIGHT as i64 - 1));
         e[y as usize * WIDTH + x as usize]
@@ -165,21 +106,8 @@ fn simulate<A: Arith>(
     table: &Table,
     cube: &[Vec<Band>],
 ) -> Vec<u16> {
-    let crosstalk =
-        Crosstalk { x: &table.x, y: &table.y, wavelength_nm: &table.nm, factors: &table.factors };
-    let mut collector = Collector::<A>::new(config, settings, Some(crosstalk)).unwrap();
-    let mut means = |y: u32, out: &mut [[A::Signal; sensor_core::arith::BLOCK]]| {
-        let mut sums: Vec<Sums<A::Sum>> = vec![[A::Sum::default(); GROUP]; groups(WIDTH)];
-        for (b, band) in cube[y as usize].iter().enumerate() {
-            let row = BandRow { exponents: &band.exponents, mantissas: &band.mantissas };
-            collector.add_band(y, b, row, &mut sums);
-        }
-        for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
-            *out = A::collected(*sum);
-        }
-    };
-    let rows: Vec<u32> = (0..HEIGHT as u32).collect();
-    rows_of::<A>(config, settings, &mut means, &rows)
+    let mut means = Collected::<A>::new(config, settings, Some(table), cube);
+    frame::<A>(config, settings, &mut means)
 }
 
 /// Largest distance beyond ½ DN, and the share of pixels that differ from the rounded reference.

@@ -1,7 +1,9 @@
 //! What the tests of the sensor model share: configurations, runs and sample statistics.
 #![allow(dead_code, missing_docs)]
 
-use sensor_core::arith::{Arith, BLOCK, Block, blocks};
+pub mod light;
+
+use sensor_core::arith::{Arith, BLOCK, Block};
 use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
 use sensor_core::effects::Effect;
 use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
@@ -91,10 +93,6 @@ pub fn electrons(config: &SensorConfig, settings: &FrameSettings, dn: &[u16]) ->
     dn.iter().map(|&d| (f64::from(d) - f64::from(config.black_level_dn)) / gain).collect()
 }
 
-pub fn padded(width: u32) -> usize {
-    blocks(width as usize) * BLOCK
-}
-
 pub fn mean(v: &[f64]) -> f64 {
     v.iter().sum::<f64>() / v.len() as f64
 }
@@ -125,6 +123,23 @@ pub fn column_means(v: &[f64], width: usize) -> Vec<f64> {
     }
     let rows = (v.len() / width) as f64;
     sums.into_iter().map(|s| s / rows).collect()
+}
+
+/// Runs a test function in each arithmetic.
+#[macro_export]
+macro_rules! in_both_arithmetics {
+    ($($name:ident)+) => {
+        mod float { use sensor_core::arith::Float; $(#[test] fn $name() { super::$name::<Float>(); })+ }
+        mod fixed { use sensor_core::arith::Fixed; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
+    };
+}
+
+/// Covariance of pixels `dx` columns and `dy` rows apart.
+pub fn lag_covariance(v: &[f64], width: usize, dx: usize, dy: usize) -> f64 {
+    let height = v.len() / width;
+    let index = (0..height - dy).flat_map(|y| (0..width - dx).map(move |x| y * width + x));
+    let (a, b): (Vec<f64>, Vec<f64>) = index.map(|i| (v[i], v[i + dy * width + dx])).unzip();
+    covariance(&a, &b)
 }
 
 /// |value - expected| within 4.5 standard errors: one false alarm in 150 000 checks.

@@ -1,0 +1,93 @@
+//! The catalogue of effects is sound, and any effect at any corner of its ranges leaves a frame behind.
+
+mod common;
+
+use common::*;
+use sensor_core::arith::Arith;
+use sensor_core::config::FrameSettings;
+use sensor_core::effects::{Effect, MAX_PARAMETERS};
+use std::collections::BTreeSet;
+
+in_both_arithmetics! { corners_of_the_ranges_give_frames }
+
+#[test]
+fn entries_are_sound() {
+    let (mut ids, mut kinds) = (BTreeSet::new(), BTreeSet::new());
+    for entry in Effect::CATALOGUE {
+        assert!(ids.insert(entry.id), "{} has the number of another effect", entry.kind);
+        assert!(kinds.insert(entry.kind), "{} is there twice", entry.kind);
+        assert!(entry.kind.chars().all(|c| c.is_ascii_lowercase() || c == '-'), "{}", entry.kind);
+        assert!(entry.doc.trim().len() > 40, "{} is not described", entry.kind);
+        assert!(entry.parameters.len() <= MAX_PARAMETERS, "{}", entry.kind);
+        for p in entry.parameters {
+            let what = format!("{} of {}", p.key, entry.kind);
+            assert!(!p.doc.trim().is_empty() && !p.unit.is_empty(), "{what}");
+            assert!(p.min.is_finite() && p.max.is_finite() && p.min < p.max, "{what}");
+            assert!(p.default.is_none_or(|d| (p.min..=p.max).contains(&d)), "{what}");
+        }
+    }
+}
+
+/// Effects with all parameters at one end.
+fn corners() -> impl Iterator<Item = Effect> {
+    Effect::CATALOGUE.iter().flat_map(|entry| {
+        let least: Vec<f32> = entry.parameters.iter().map(|p| p.min).collect();
+        let most: Vec<f32> = entry.parameters.iter().map(|p| p.max).collect();
+        let mixed: Vec<f32> = least.iter().zip(&most).map(|(a, b)| a + 0.37 * (b - a)).collect();
+        [least, most, mixed].map(|v| Effect::new(entry.id, &v).expect(entry.kind))
+    })
+}
+
+#[test]
+fn effects_survive_the_wire() {
+    for effect in corners() {
+        let bytes = postcard::to_allocvec(&effect).unwrap();
+        assert_eq!(postcard::from_bytes::<Effect>(&bytes).unwrap(), effect);
+        assert_eq!(Effect::new(effect.entry().id, &effect.values()), Some(effect));
+    }
+}
+
+#[test]
+fn what_is_no_effect_is_refused() {
+    assert_eq!(Effect::new(0, &[]), None);
+    assert_eq!(Effect::new(255, &[]), None);
+    for entry in Effect::CATALOGUE.iter().filter(|e| !e.parameters.is_empty()) {
+        let with = |v: f32| {
+            let mut values: Vec<f32> = entry.parameters.iter().map(|p| p.min).collect();
+            values[0] = v;
+            Effect::new(entry.id, &values)
+        };
+        let first = entry.parameters[0];
+        for v in [f32::NAN, f32::INFINITY, first.min - 1.0, first.max * 1.01 + 1.0] {
+            assert_eq!(with(v), None, "{} of {} = {v}", first.key, entry.kind);
+        }
+        assert_eq!(Effect::new(entry.id, &[]), None, "values of {} are missing", entry.kind);
+    }
+    // Number 2 with a value out of range, as a device might get it.
+    let bytes = postcard::to_allocvec(&(2u8, vec![9.0f32])).unwrap();
+    assert!(postcard::from_bytes::<Effect>(&bytes).is_err());
+}
+
+fn corners_of_the_ranges_give_frames<A: Arith>() {
+    let scenes = [0.0, 7.0, 3000.0, 5e5];
+    let settings = [
+        SETTINGS,
+        FrameSettings {
+            frame: u32::MAX,
+            exposure_s: 1e-9,
+            analog_gain: 1e-3,
+            temperature_c: -273.0,
+        },
+        FrameSettings { frame: 0, exposure_s: 1e6, analog_gain: 1e6, temperature_c: 1e4 },
+    ];
+    for effect in corners() {
+        for settings in settings {
+            for config in [monochrome(1, 1, &[effect]), bayer(67, 3, &[effect])] {
+                for mean in scenes {
+                    let dn = frame::<A>(&config, &settings, &mut Means(|_, _| mean));
+                    assert_eq!(dn.len(), (config.width * config.height) as usize);
+                }
+            }
+        }
+    }
+}
