@@ -1,13 +1,16 @@
 //! The sensor stage as the host runs it: rows in parallel, compiled for the vector units at hand.
 
 use multiversion::multiversion;
-use sensor_core::arith::{BLOCK, Block, Float};
+use sensor_core::arith::{Arith, BLOCK, Block, Float};
+use sensor_core::collect::{Collector, Sums};
 use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use sensor_core::crosstalk::Crosstalk;
 use sensor_core::effects::{
     Effect, dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
 use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use sensor_core::spectral::{BandRow, GROUP, encode, groups};
 
 /// Settings of all frames here.
 pub const SETTINGS: FrameSettings =
@@ -73,7 +76,7 @@ impl MeanRows<Float> for Stored<'_> {
 }
 
 /// Rows from `first_row` on, compiled for the vector units at hand.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 pub fn rows(config: &SensorConfig, first_row: u32, means: &[f32], dn: &mut [u16]) {
     rows_plain(config, first_row, means, dn);
 }
@@ -101,4 +104,113 @@ pub fn frame(config: &SensorConfig, means: &[f32], dn: &mut [u16], threads: usiz
             scope.spawn(move || rows(config, (i * per_thread) as u32, means, dn));
         }
     });
+}
+
+/// An irradiance cube in memory: `[row][band]` of 16-bit mantissas with an exponent for 16 pixels.
+pub struct Cube {
+    /// One mantissa per pixel and band.
+    pub mantissas: Vec<u16>,
+    exponents: Vec<i8>,
+}
+
+/// Bands of [`spectral_config`] and [`cube`].
+const BANDS: usize = 31;
+/// Nodes of the crosstalk table, columns x rows.
+const NODES: (usize, usize) = (17, 13);
+
+/// A Bayer sensor for 31 bands with this chain.
+pub fn spectral_config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
+    SensorConfig {
+        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
+        channels: 3,
+        bands: BANDS as u8,
+        first_band_nm: 400.0,
+        response: [1e6; 3 * BANDS].into_iter().collect(),
+        ..config(width, height, effects)
+    }
+}
+
+/// Light for some 4000 e⁻ in the brightest column.
+pub fn cube(width: usize, height: usize, bands: usize) -> Cube {
+    let values: Vec<f32> = (0..width).map(|x| 6.4e-3 * x as f32 / width as f32).collect();
+    let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);
+    encode(&values, &mut exponents, &mut mantissas);
+    Cube { mantissas: mantissas.repeat(height * bands), exponents: exponents.repeat(height * bands) }
+}
+
+/// Mean electrons from a cube.
+struct FromCube<'a> {
+    cube: &'a Cube,
+    collector: Collector<'a, Float>,
+    width: usize,
+    sums: Vec<Sums<f32>>,
+}
+
+impl MeanRows<Float> for FromCube<'_> {
+    #[inline(always)]
+    fn mean_row(&mut self, y: u32, out: &mut [Block<f32>]) {
+        self.sums.fill([0.0; GROUP]);
+        let (width, groups) = (self.width, groups(self.width));
+        for band in 0..BANDS {
+            let at = y as usize * BANDS + band;
+            let row = BandRow {
+                exponents: &self.cube.exponents[at * groups..(at + 1) * groups],
+                mantissas: &self.cube.mantissas[at * width..(at + 1) * width],
+            };
+            self.collector.add_band(y, band, row, &mut self.sums);
+        }
+        for (out, sum) in out.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
+            *out = Float::collected(*sum);
+        }
+    }
+}
+
+/// The whole way from a cube to DN with positional crosstalk factors, compiled for the vector units at hand.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+pub fn collected_rows(config: &SensorConfig, cube: &Cube, dn: &mut [u16]) {
+    let width = config.width as usize;
+    let nodes = |n: usize| (0..n).map(|i| i as f32 / (n - 1) as f32 * 2.0 - 1.0).collect::<Vec<_>>();
+    let (x, y, nm) = (nodes(NODES.0), nodes(NODES.1), [400.0, 500.0, 600.0, 700.0]);
+    let factors: Vec<f32> =
+        (0..3 * nm.len() * x.len() * y.len()).map(|i| 0.9 + 0.2 * (i % 7) as f32 / 7.0).collect();
+    let crosstalk = Crosstalk { x: &x, y: &y, wavelength_nm: &nm, factors: &factors };
+    let collector = Collector::new(config, &SETTINGS, Some(crosstalk)).expect("valid table");
+    let mut source = FromCube { cube, collector, width, sums: vec![[0.0; GROUP]; groups(width)] };
+    let mut memory = vec![[0.0; BLOCK]; memory_blocks(config)];
+    let mut pipeline =
+        Pipeline::<Float>::new(config, &SETTINGS, &mut memory).expect("valid configuration");
+    for (row, dn) in (0..).zip(dn.chunks_mut(width)) {
+        pipeline.row(row, &mut source, dn);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sensor_core::effects::charge_coupling::ChargeCoupling;
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bytes() {
+        let mut effects = chain();
+        effects.push(ChargeCoupling { side: 0.01, vertical: 0.02, diagonal: 0.001 }.into());
+        for (width, height) in [(1000, 20), (64, 5), (33, 3)] {
+            let config = config(width as u32, height as u32, &effects);
+            let means = means(width, height);
+            let (mut plain, mut vector) = (vec![0; means.len()], vec![0; means.len()]);
+            rows_plain(&config, 0, &means, &mut plain);
+            rows(&config, 0, &means, &mut vector);
+            assert_eq!(plain, vector);
+            assert!(plain.iter().any(|&dn| dn > 100));
+        }
+    }
+
+    #[test]
+    fn threads_give_the_same_bytes() {
+        let config = config(200, 37, &chain());
+        let means = means(200, 37);
+        let (mut one, mut three) = (vec![0; means.len()], vec![0; means.len()]);
+        frame(&config, &means, &mut one, 1);
+        frame(&config, &means, &mut three, 3);
+        assert_eq!(one, three);
+    }
 }

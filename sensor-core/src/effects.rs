@@ -150,6 +150,8 @@ catalogue! {
     43 => relative_illumination::RelativeIllumination,
     44 => offset_clipping::OffsetClipping,
     45 => blooming::Blooming,
+    #[cfg(feature = "exact")]
+    46 => exact_shot_noise::ExactShotNoise,
 }
 
 /// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.

@@ -135,6 +135,11 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             max_dn: config.max_dn(),
             pattern: &config.pattern,
             read_noise_spread,
+            #[cfg(feature = "exact")]
+            exact_shot_noise: links
+                .iter()
+                .find(|l| matches!(l.effect, Effect::ExactShotNoise(_)))
+                .map(|l| l.key),
             key: Key::new(0),
         };
         Ok(Self { config, cx, links, windows, row, previous })

@@ -64,11 +64,12 @@ fn rows_come_out_the_same_in_any_order<A: Arith>() {
     }
 }
 
-/// Each effect of the catalogue with half of its range, up to a little, and the base chain.
+/// The base chain, and each effect that was there when the figures were pinned, with shot and read noise.
 fn everything() -> Vec<Vec<Effect>> {
     let base = windows();
     let mut chains = vec![vec![], base.clone()];
-    chains.extend(Effect::CATALOGUE.iter().map(|entry| {
+    let pinned = Effect::CATALOGUE.iter().filter(|e| e.id <= 45);
+    chains.extend(pinned.map(|entry| {
         let values: Vec<f32> = entry
             .parameters
             .iter()
@@ -112,6 +113,7 @@ fn pinned_digests() {
         digest_of::<Fixed>(mono),
         digest_of::<Fixed>(colour),
     ];
-    let pinned: [u64; 4] = [0, 0, 0, 0];
+    let pinned: [u64; 4] =
+        [0x8964842073413912, 0xc37fdbe87720256c, 0x1de906f0ad5091e3, 0x5394e6c766f1a310];
     assert_eq!(got.map(|d| format!("{d:#018x}")), pinned.map(|d| format!("{d:#018x}")));
 }

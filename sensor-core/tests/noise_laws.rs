@@ -25,12 +25,27 @@ fn counter(width: u32, height: u32) -> SensorConfig {
     }
 }
 
-/// Mean, variance and chi-square against the exact law, 2²⁰ draws for each mean.
 fn counts_have_the_exact_law<A: Arith>() {
-    let config = counter(1024, 1024);
+    check_counts::<A>(&counter(1024, 1024));
+}
+
+#[cfg(feature = "exact")]
+#[test]
+fn exact_counts_have_the_exact_law() {
+    use sensor_core::effects::exact_shot_noise::ExactShotNoise;
+    let usual = counter(512, 512);
+    let mut config = usual.clone();
+    config.effects.push(ExactShotNoise {}.into()).unwrap();
+    check_counts::<sensor_core::arith::Float>(&config);
+    let counts = |c| flat::<sensor_core::arith::Float>(c, &SETTINGS, 100.0);
+    assert_ne!(counts(&config), counts(&usual), "another method");
+}
+
+/// Mean, variance and chi-square against the exact law, a frame of draws for each mean.
+fn check_counts<A: Arith>(config: &SensorConfig) {
     // Means that the fixed-point arithmetic holds exactly.
     for lambda in [0.0625f64, 0.75, 3.0, 9.5, 15.9375, 16.0, 20.0, 64.25, 400.0, 5000.0, 30_000.0] {
-        let dn = frame::<A>(&config, &SETTINGS, &mut Means(|_, _| lambda as f32));
+        let dn = frame::<A>(config, &SETTINGS, &mut Means(|_, _| lambda as f32));
         let n = dn.len() as f64;
         let counts: Vec<f64> = dn.iter().map(|&d| f64::from(d)).collect();
         near("mean", mean(&counts), lambda, (lambda / n).sqrt());

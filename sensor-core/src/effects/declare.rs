@@ -70,23 +70,23 @@ macro_rules! effect {
 
 /// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
 macro_rules! catalogue {
-    ($($id:literal => $module:ident::$name:ident,)+) => {
-        $(pub mod $module;)+
+    ($($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+) => {
+        $($(#[$cfg])? pub mod $module;)+
 
         /// Any effect of the catalogue.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[allow(missing_docs)]
-        pub enum Effect { $($name($module::$name),)+ }
+        pub enum Effect { $($(#[$cfg])? $name($module::$name),)+ }
 
         impl Effect {
             /// The catalogue.
             pub const CATALOGUE: &'static [Entry] =
-                &[$(Entry { id: $id, ..$module::$name::ENTRY },)+];
+                &[$($(#[$cfg])? Entry { id: $id, ..$module::$name::ENTRY },)+];
 
             /// Its entry.
             pub const fn entry(&self) -> &'static Entry {
                 match self {
-                    $(Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
+                    $($(#[$cfg])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
                 }
             }
 
@@ -96,14 +96,14 @@ macro_rules! catalogue {
                 let fits = values.len() == entry.parameters.len()
                     && values.iter().zip(entry.parameters).all(|(v, p)| (p.min..=p.max).contains(v));
                 match id {
-                    $($id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
+                    $($(#[$cfg])? $id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
                     _ => None,
                 }
             }
 
             /// Its parameters in the order of the entry.
             pub fn values(&self) -> heapless::Vec<f32, MAX_PARAMETERS> {
-                match self { $(Effect::$name(e) => e.values(),)+ }
+                match self { $($(#[$cfg])? Effect::$name(e) => e.values(),)+ }
             }
 
             /// Runs the stage.
@@ -114,11 +114,12 @@ macro_rules! catalogue {
                 inputs: &Inputs<'_, A::Signal>,
                 row: &mut [Block<A::Signal>],
             ) {
-                match self { $(Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
+                match self { $($(#[$cfg])? Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
             }
         }
 
         $(
+            $(#[$cfg])?
             impl From<$module::$name> for Effect {
                 fn from(effect: $module::$name) -> Self {
                     Effect::$name(effect)
