@@ -319,3 +319,29 @@ fn darktable_executes_the_opcodes() {
     assert!(corner(&plain) < 0.9 && (corner(&fixed) - 1.0).abs() < 0.02);
     assert!(spot(&plain) < 0.9 && (spot(&fixed) - 1.0).abs() < 0.02);
 }
+
+/// ffmpeg decodes a DNG to samples stretched from black..white to 0..65535.
+#[test]
+fn ffmpeg_reads_every_sample_and_level() {
+    let Some(ffmpeg) = client("ffmpeg") else { return };
+    for raw in BAYER.map(|cfa| frame(12, cfa)) {
+        let (_folder, path) = file("a.dng", &dng::encode(&raw, &info()).unwrap());
+        let samples = run(&ffmpeg, &[&"-v", &"error", &"-i", &path, &"-f", &"rawvideo", &"-"]);
+        let found = samples.chunks_exact(2).map(|b| f64::from(u16::from_le_bytes([b[0], b[1]])));
+        assert_eq!(samples.len(), 2 * raw.data.len());
+        let scale = 65535.0 / (f64::from(raw.white_level_dn) - raw.black_level_dn);
+        for (found, &dn) in found.zip(&raw.data) {
+            let expected = ((f64::from(dn) - raw.black_level_dn) * scale).clamp(0.0, 65535.0);
+            assert!((found - expected).abs() <= 1.0, "{dn}: {found}, {expected}");
+        }
+    }
+}
+
+#[test]
+fn fitsverify_has_nothing_to_complain_of() {
+    let Some(fitsverify) = client("fitsverify") else { return };
+    let (_folder, path) =
+        file("a.fits", &Format::Fits.encode(&Frames::from_raw(&frame(12, "RGGB"))).unwrap());
+    let said = String::from_utf8(run(&fitsverify, &[&"-q", &path])).unwrap();
+    assert!(said.starts_with("verification OK"), "{said}");
+}

@@ -65,6 +65,9 @@ pub struct FrameArgs {
     /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several frames
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
+    /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
+    #[arg(long)]
+    pub opcodes: bool,
     /// Replace existing output
     #[arg(long)]
     pub force: bool,

@@ -163,7 +163,12 @@ pub fn expose_frames(
             "{}; sensor seed {}, frame {}",
             cube.header.made_of, camera.sensor.seed, settings.frame
         );
-        sink.write(&frame, &render::dng_info(camera, &settings, light, &description)?)?;
+        let mut info = render::dng_info(camera, &settings, light, &description)?;
+        if args.opcodes {
+            let corrections = render::corrections(camera, &settings)?;
+            (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
+        }
+        sink.write(&frame, &info)?;
         bar.inc(1);
     }
     bar.finish_and_clear();

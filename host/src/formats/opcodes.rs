@@ -5,6 +5,7 @@
 //! 1, on stored values) and lens shading (list 2, on linear values before demosaicing).
 
 use super::truncated;
+use crate::camera::Cfa;
 use crate::{Error, Result};
 
 /// Version 1.3.0.0, in which both opcodes appeared.
@@ -42,6 +43,40 @@ pub struct GainMap {
     pub origin: [f64; 2],
     /// Gains, row-major, `points[0] * points[1]` of them.
     pub gains: Vec<f32>,
+}
+
+/// The list of bad pixels, (row, column), of a Bayer sensor; `None` for another pattern, for which the
+/// opcode is not defined, and for no pixels.
+pub fn bad_pixels(cfa: &Cfa, points: Vec<(u32, u32)>) -> Option<Opcode> {
+    let phases = ["RGGB", "GRBG", "GBRG", "BGGR"];
+    let bayer_phase = phases.iter().position(|p| *p == cfa.to_string())? as u32;
+    (!points.is_empty()).then_some(Opcode::FixBadPixelsList { bayer_phase, points })
+}
+
+/// The same gain map for every cell of the pattern. `nodes` (rows, columns, at least 2 each) span the
+/// image from edge to edge; `gain` is asked at (x, y) from 0 to 1 over width and height.
+pub fn gain_maps(
+    cfa: &Cfa,
+    [width, height]: [usize; 2],
+    nodes: [u32; 2],
+    gain: impl Fn(f64, f64) -> f64,
+) -> Vec<Opcode> {
+    let [rows, columns] = nodes;
+    let spacing = nodes.map(|n| 1.0 / f64::from(n - 1));
+    let node = |i: u32| {
+        gain(f64::from(i % columns) * spacing[1], f64::from(i / columns) * spacing[0]) as f32
+    };
+    let gains: Vec<f32> = (0..rows * columns).map(node).collect();
+    let map = |top: usize, left: usize| GainMap {
+        area: [top, left, height, width].map(|v| v as u32),
+        pitch: [cfa.height as u32, cfa.width as u32],
+        points: nodes,
+        spacing,
+        origin: [0.0; 2],
+        gains: gains.clone(),
+    };
+    let cells = (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (y, x)));
+    cells.map(|(y, x)| Opcode::GainMap(map(y, x))).collect()
 }
 
 /// The bytes of a list.

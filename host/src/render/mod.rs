@@ -3,11 +3,13 @@
 //! The optics stage writes an [`IrradianceCube`] once; [`Exposure`] turns it into frames, so that another
 //! light level, exposure, gain, frame number or sensor seed never runs the optics again.
 
+mod corrections;
 mod expose;
 mod irradiance;
 mod lens;
 mod metadata;
 
+pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, Exposure};
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use lens::{lens, sensor_grid};
