@@ -8,6 +8,8 @@ use crate::Plane;
 
 /// Largest shift searched, cells in each direction.
 const REACH: isize = 8;
+/// A shift must lower the difference below this part of what no shift leaves.
+const DECISIVE: f64 = 0.8;
 /// Largest window compared, cells a side.
 const WINDOW: usize = 384;
 
@@ -60,6 +62,10 @@ pub fn shift(
         }
     }
     let (least, dx, dy) = best;
+    // On a view without detail every shift is as good: none is believed that gains too little.
+    if least > DECISIVE * cost(0, 0)? {
+        return Some([0.0; 2]);
+    }
     let refine = |before: Option<f64>, after: Option<f64>| match (before, after) {
         (Some(a), Some(b)) if a + b > 2.0 * least => (a - b) / (2.0 * (a + b - 2.0 * least)),
         _ => 0.0,

@@ -43,7 +43,7 @@ const BRIGHT: f64 = 0.1;
 const CONTRADICTION: f64 = 0.05;
 
 /// The curve of one channel.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct Response {
     /// Letter of the channel.
     pub channel: char,
@@ -424,7 +424,8 @@ mod tests {
         let mono = Cfa::parse("mono").unwrap();
         let mut real = TIMES;
         real[3] = 7.0;
-        let message = fit(&[series(&TIMES, &real, |e| e)], &mono, 4095.0).unwrap_err().to_string();
+        let message =
+            fit(&[series(&TIMES, &real, |e| e)], &mono, 4095.0).err().unwrap().to_string();
         assert!(message.contains("\"e3\""), "{message}");
     }
 
@@ -432,7 +433,8 @@ mod tests {
     fn saturated_series_are_refused_with_the_reason() {
         let mono = Cfa::parse("mono").unwrap();
         let times = [1e5, 2e5];
-        let message = fit(&[series(&times, &times, |e| e)], &mono, 4095.0).unwrap_err().to_string();
+        let message =
+            fit(&[series(&times, &times, |e| e)], &mono, 4095.0).err().unwrap().to_string();
         assert!(message.contains("saturated"), "{message}");
     }
 
@@ -443,10 +445,10 @@ mod tests {
         assert!((g[1] - 0.75).abs() < 0.01 && (g[4] - 1.9).abs() < 0.01);
     }
 
-    /// Dots seen by a real 8-bit camera through seven filters at seven exposures: the curves of its
-    /// three channels fall together, and from 10 % of full scale on it is linear, as CCDs are. (Its
-    /// chart captures were made smaller after the fact, saturated and other pixels averaged together:
-    /// they contradict their exposure times, which is found.)
+    /// A real 8-bit camera: dots seen through seven filters at seven exposures. Its exposures agree to
+    /// 2 %, and from 10 to 80 % of full scale it is linear to 10 % as the exposures say (red, whose
+    /// light changed by 5 % between 0.5 s and 2 s in some filters; green and blue to 3 %). The set's
+    /// chart views were averaged down after the fact, saturated pixels with others.
     #[test]
     fn a_real_camera() {
         let Some(path) = crate::scene::shared("data/captures/bllanos_narrowband_7x7") else {
@@ -454,19 +456,18 @@ mod tests {
         };
         let set = crate::captures::CaptureSet::load(&path).unwrap();
         let series = super::super::exposures::read(&set, &[]).unwrap();
-        let cfa = Cfa::parse("GBRG").unwrap();
-        let (dots, charts): (Vec<_>, Vec<_>) =
-            series.into_iter().partition(|s| s.name.starts_with("dots"));
-        assert_eq!((dots.len(), charts.len()), (7, 7));
-        let message = fit(&charts, &cfa, 255.0).unwrap_err().to_string();
-        assert!(message.contains("times the light"), "{message}");
-        let responses = fit(&dots, &cfa, 255.0).unwrap();
+        assert_eq!(series.len(), 14);
+        let dots: Vec<Series> = series.into_iter().filter(|s| s.name.starts_with("dots")).collect();
+        let responses = fit(&dots, &Cfa::parse("GBRG").unwrap(), 255.0).unwrap();
         for r in &responses {
-            println!("{} {} samples, residual {:.2} %", r.channel, r.samples, r.residual_percent);
-            for dn in [2.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0, 240.0] {
-                println!("  {dn} DN: {:.4}", r.linear_dn(dn) / dn);
+            println!("{}: {} samples, residual {:.2} %", r.channel, r.samples, r.residual_percent);
+            assert!(r.residual_percent < 2.0);
+            for dn in [25.0, 50.0, 100.0, 150.0, 200.0] {
+                let ratio = r.linear_dn(dn) / dn;
+                let allowed = if r.channel == 'R' { 0.1 } else { 0.03 };
+                assert!((ratio - 1.0).abs() < allowed, "{} at {dn} DN: {ratio}", r.channel);
             }
         }
-        println!("spread {:.4}", spread(&responses));
+        println!("curves apart by {:.1} %", 100.0 * spread(&responses));
     }
 }
