@@ -261,3 +261,23 @@ fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usiz
     // Two digits are enough, and are nicer to read.
     Ok((wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0)
 }
+
+/// Where rays spread over the pupil (`across` of them over its diameter) land on the image plane, x and y in mm; the
+/// chief ray comes first.
+///
+/// # Errors
+/// A chief ray that is lost.
+pub fn landing_places(system: &System, field_deg: f64, nm: f64, across: usize) -> Result<Vec<[f64; 2]>> {
+    let train = system.at(nm)?;
+    let beam = Beam::aim(&train, field_deg)?;
+    let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
+    let mut places = vec![chief];
+    if across > 0 {
+        let outline = beam.outline(AZIMUTHS)?;
+        for ray in PupilSamples::trace(&beam, &outline, across).rays {
+            places.push([chief[0] + ray.landing[0], chief[1] + ray.landing[1]]);
+            places.push([chief[0] - ray.landing[0], chief[1] + ray.landing[1]]);
+        }
+    }
+    Ok(places)
+}

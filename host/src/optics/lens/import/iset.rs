@@ -214,6 +214,7 @@ fn psf_grid(
             .help("PSFs start on the axis, at height number 1"));
     }
     let (mut size, mut data, mut captured) = (0, Vec::new(), Vec::new());
+    let mut from_below = None;
     for &h in &h_used {
         for &w in &w_used {
             let Some(path) = found.get(&(h, w)) else {
@@ -228,8 +229,10 @@ fn psf_grid(
             let text = read_text(path)?;
             let listing = listing::psf(&text).map_err(|e| e.at(path.display()))?;
             check(&listing, wavelengths[w - 1], spacing_um).map_err(|e| e.at(path.display()))?;
-            // The macro puts the field at negative y: rows from +y to −y run outwards.
-            let (n, samples, kept) = listing.oriented(listing.field.is_none_or(|f| f <= 0.0));
+            // The axis comes first, and decides for the set.
+            let below = *from_below.get_or_insert_with(|| listing.counts_rows_from_below());
+            let listing = if below { listing.counted_from_below() } else { listing };
+            let (n, samples, kept) = listing.oriented(listing.runs_outwards());
             if size != 0 && n != size {
                 return Err(Error::input(format!("a PSF of {n} x {n} samples, others have {size}"))
                     .at(path.display())

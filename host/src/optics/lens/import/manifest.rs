@@ -20,7 +20,8 @@
 //! wavelength_nm = 550.0                         # may be left out where the listing says it
 //! file = "psf_axis.txt"
 //! spacing_um = 0.25                             # may be left out where the listing says it
-//! outwards = true                               # rows run away from the axis (default)
+//! outwards = true                               # whether rows run away from the axis; as the listing
+//!                                               #   says unless given, true where it says nothing
 //! ```
 //!
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`; without a
@@ -67,12 +68,7 @@ struct PsfEntry {
     wavelength_nm: Option<f64>,
     file: String,
     spacing_um: Option<f64>,
-    #[serde(default = "yes")]
-    outwards: bool,
-}
-
-fn yes() -> bool {
-    true
+    outwards: Option<bool>,
 }
 
 /// Imports what a manifest names.
@@ -248,7 +244,7 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
                 entry.height_mm,
                 nm.ok_or_else(|| unknown("wavelength_nm"))?,
                 spacing.ok_or_else(|| unknown("spacing_um"))?,
-                listing.oriented(entry.outwards),
+                listing.oriented(entry.outwards.unwrap_or(listing.runs_outwards())),
             ))
         };
         loaded.push(read().map_err(|e: Error| e.at(path.display()))?);
@@ -314,6 +310,7 @@ fn load(path: &Path) -> Result<PsfListing> {
     Ok(PsfListing {
         wavelength_nm: None,
         field: None,
+        image_y: None,
         spacing_um: None,
         shape,
         centre: [shape[0] / 2, shape[1] / 2],
