@@ -5,7 +5,9 @@ use crate::formats::output::OutputDir;
 use crate::optics::Characterisation;
 use crate::optics::lens::characterise::{self, FieldPoint, Plan, PsfMethod};
 use crate::optics::lens::prescription::{Medium, Object};
-use crate::optics::lens::{Catalogue, Conditions, Glass, Prescription, System, import, read_prescription};
+use crate::optics::lens::{
+    Catalogue, Conditions, Glass, Prescription, System, import, read_prescription,
+};
 use crate::report::lens as report;
 use crate::{Error, Result};
 use serde_json::{Value, json};
@@ -170,7 +172,9 @@ struct ImportArgs {
 
 /// Draw distortion, illumination, chief-ray angle, MTF, PSFs and (of a prescription) spots as SVG files
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  camrig lens plot triplet.zmx -o plots\n  camrig lens plot phone-lens -o plots")]
+#[command(
+    after_help = "Examples:\n  camrig lens plot triplet.zmx -o plots\n  camrig lens plot phone-lens -o plots"
+)]
 struct PlotArgs {
     #[command(flatten)]
     lens: LensArgs,
@@ -267,7 +271,7 @@ fn plot(args: &PlotArgs) -> Result<()> {
     let of_lens = report::drawings(&lens);
     drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
     for (name, svg) in &drawings {
-        dir.write(&format!("{name}.svg"), svg.as_bytes())?;
+        dir.write(format!("{name}.svg"), svg.as_bytes())?;
     }
     dir.finish()?;
     eprintln!("wrote {} drawings into {}", drawings.len(), args.output.display());

@@ -28,9 +28,11 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
         ("distortion", curves("Distortion", "real over paraxial height − 1, %", &distortion).svg()),
         (
             "illumination",
-            curves("Relative illumination", "ratio to the axis", &|h, w| lens.illumination(w).at(h))
-                .y_range(0.0, 1.05)
-                .svg(),
+            curves("Relative illumination", "ratio to the axis", &|h, w| {
+                lens.illumination(w).at(h)
+            })
+            .y_range(0.0, 1.05)
+            .svg(),
         ),
     ];
     if lens.chief_ray_angle_deg.is_some() {
@@ -62,7 +64,9 @@ fn mtf(lens: &Characterisation) -> String {
     plot.coloured("diffraction limit", Mark::Dashed, points, "#7f7f7f");
     for (i, &h) in few_indices(psf.heights_mm.len(), 3).iter().enumerate() {
         let block = psf.psf(h, w);
-        for (name, mark, radial) in [("radial", Mark::Line, true), ("tangential", Mark::Dashed, false)] {
+        for (name, mark, radial) in
+            [("radial", Mark::Line, true), ("tangential", Mark::Dashed, false)]
+        {
             let line = line_spread(block, psf.size, radial);
             let points =
                 frequencies.iter().map(|&f| [f, modulation(&line, f * psf.spacing_um * 1e-3)]);
@@ -113,7 +117,9 @@ fn psfs(lens: &Characterisation) -> String {
         .collect();
     let side = psf.size as f64 * psf.spacing_um;
     picture_grid(
-        &format!("PSF over image height (away from the axis is up), {side:.0} µm wide, square root"),
+        &format!(
+            "PSF over image height (away from the axis is up), {side:.0} µm wide, square root"
+        ),
         &columns,
         &rows,
     )
@@ -123,7 +129,11 @@ fn psfs(lens: &Characterisation) -> String {
 ///
 /// # Errors
 /// Rays that are lost.
-pub fn spots(system: &System, fields: &[f64], wavelengths: &[f64]) -> Result<Vec<(String, String)>> {
+pub fn spots(
+    system: &System,
+    fields: &[f64],
+    wavelengths: &[f64],
+) -> Result<Vec<(String, String)>> {
     let reference = system.prescription.reference_nm;
     let mut all = Vec::with_capacity(fields.len());
     for (i, &deg) in fields.iter().enumerate() {

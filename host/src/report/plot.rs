@@ -8,9 +8,8 @@ use base64::Engine;
 use std::fmt::Write;
 
 /// Colours of series, after Okabe and Ito: told apart by colour-blind people too.
-const COLOURS: [&str; 8] = [
-    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#b8a800",
-];
+const COLOURS: [&str; 8] =
+    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#b8a800"];
 
 /// Width and height of a drawing, and its margins: left, right, top, bottom.
 const SIZE: [f64; 2] = [640.0, 400.0];
@@ -134,7 +133,13 @@ impl Plot {
         out.frame([left, top, inner_width, inner_height]);
         for (value, text) in x.ticks() {
             let at = left + x.at(value).unwrap_or(0.0) * inner_width;
-            out.tick([at, top], [at, top + inner_height], [at, top + inner_height + 16.0], "middle", &text);
+            out.tick(
+                [at, top],
+                [at, top + inner_height],
+                [at, top + inner_height + 16.0],
+                "middle",
+                &text,
+            );
         }
         for (value, text) in y.ticks() {
             let at = top + (1.0 - y.at(value).unwrap_or(0.0)) * inner_height;
@@ -162,9 +167,8 @@ impl Plot {
     fn scale(&self, axis: &Axis, index: usize) -> Scale {
         let all = self.series.iter().flat_map(|s| &s.points).map(|p| p[index]);
         let usable = all.filter(|v| v.is_finite() && (!axis.logarithmic || *v > 0.0));
-        let found = usable.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
-            [low.min(v), high.max(v)]
-        });
+        let found = usable
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
         Scale::over(axis.range.unwrap_or(found), axis.logarithmic, axis.range.is_some())
     }
 }
@@ -187,7 +191,13 @@ impl Scale {
         let room = match (exact, spread > 0.0) {
             (true, true) => 0.0,
             (false, true) => 0.03 * spread,
-            (_, false) => if low == 0.0 { 1.0 } else { 0.1 * low.abs() },
+            (_, false) => {
+                if low == 0.0 {
+                    1.0
+                } else {
+                    0.1 * low.abs()
+                }
+            }
         };
         Self { low: low - room, high: high + room, logarithmic }
     }
@@ -237,13 +247,21 @@ fn label(value: f64, power: i32) -> String {
 ///
 /// Values go from black over colours to near white; `root` shows their square root, which lifts faint
 /// parts. `x` and `y` give the coordinates of the outer edges, left to right and top to bottom.
-pub fn heat_map(title: &str, plane: &Plane<f64>, x: [f64; 2], y: [f64; 2], unit: &str, root: bool) -> String {
+pub fn heat_map(
+    title: &str,
+    plane: &Plane<f64>,
+    x: [f64; 2],
+    y: [f64; 2],
+    unit: &str,
+    root: bool,
+) -> String {
     let [left, _, top, bottom] = MARGIN;
     let side = SIZE[1] - top - bottom;
     let across = side * plane.width as f64 / plane.height.max(1) as f64;
     let mut out = Drawing::new(left + across + 90.0, SIZE[1], title);
     let finite = plane.data.iter().copied().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let (low, high) =
+        finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
     let place = [left, top, across, side];
     out.picture(plane, low, high, root, place);
     out.frame(place);
@@ -326,7 +344,9 @@ impl Drawing {
 
     fn text(&mut self, [x, y]: [f64; 2], anchor: &str, text: &str, more: &str) {
         let text = escape(text);
-        self.add(format_args!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{text}</text>\n"));
+        self.add(format_args!(
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{text}</text>\n"
+        ));
     }
 
     fn frame(&mut self, [x, y, width, height]: [f64; 4]) {

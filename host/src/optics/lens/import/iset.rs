@@ -209,9 +209,11 @@ fn psf_grid(
         used.dedup();
     }
     if h_used.first() != Some(&1) {
-        return Err(Error::input(format!("no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"))
-            .at(dir.display())
-            .help("PSFs start on the axis, at height number 1"));
+        return Err(Error::input(format!(
+            "no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"
+        ))
+        .at(dir.display())
+        .help("PSFs start on the axis, at height number 1"));
     }
     let (mut size, mut data, mut captured) = (0, Vec::new(), Vec::new());
     let mut from_below = None;
@@ -234,9 +236,11 @@ fn psf_grid(
             let listing = if below { listing.counted_from_below() } else { listing };
             let (n, samples, kept) = listing.oriented(listing.runs_outwards());
             if size != 0 && n != size {
-                return Err(Error::input(format!("a PSF of {n} x {n} samples, others have {size}"))
-                    .at(path.display())
-                    .help("export all PSFs with the same grid"));
+                return Err(Error::input(format!(
+                    "a PSF of {n} x {n} samples, others have {size}"
+                ))
+                .at(path.display())
+                .help("export all PSFs with the same grid"));
             }
             size = n;
             captured.push(kept);
@@ -265,8 +269,10 @@ fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
     if let Some(own) = listing.spacing_um
         && (own - spacing_um).abs() > 0.02 * spacing_um
     {
-        return Err(Error::input(format!("PSF samples {own} µm apart where {spacing_um} µm are expected"))
-            .help("the files do not belong together"));
+        return Err(Error::input(format!(
+            "PSF samples {own} µm apart where {spacing_um} µm are expected"
+        ))
+        .help("the files do not belong together"));
     }
     Ok(())
 }

@@ -183,7 +183,8 @@ impl PsfListing {
             let reach = centre.min(rows - 1 - centre);
             let pairs = (1..=reach).flat_map(|k| (0..columns).map(move |c| (k, c)));
             let differences = pairs.map(|(k, c)| {
-                (self.data[(centre + k) * columns + c] - self.data[(centre - k) * columns + c]).abs()
+                (self.data[(centre + k) * columns + c] - self.data[(centre - k) * columns + c])
+                    .abs()
             });
             differences.sum::<f64>()
         };
