@@ -1,10 +1,14 @@
 //! `camrig lens`: characterise lenses from prescriptions or exported files, look at them.
 
 use super::arguments;
+use crate::formats::output::OutputDir;
 use crate::optics::Characterisation;
 use crate::optics::lens::characterise::{self, FieldPoint, Plan, PsfMethod};
 use crate::optics::lens::prescription::{Medium, Object};
-use crate::optics::lens::{Catalogue, Conditions, Glass, Prescription, System, read_prescription};
+use crate::optics::lens::{
+    Catalogue, Conditions, Glass, Prescription, System, import, read_prescription,
+};
+use crate::report::lens as report;
 use crate::{Error, Result};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -20,7 +24,9 @@ pub struct Args {
 #[derive(clap::Subcommand, Debug)]
 enum Command {
     Trace(TraceArgs),
+    Import(ImportArgs),
     Info(InfoArgs),
+    Plot(PlotArgs),
 }
 
 /// Trace a prescription (.zmx, .seq, .toml): figures per field and wavelength, or a whole characterisation
@@ -144,10 +150,51 @@ struct InfoArgs {
     json: bool,
 }
 
+/// Import what another lens program exported: an ISETCam ray-trace set, or a manifest of files
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig lens import exports/ISETPARMS.TXT -o my-lens\n  \
+    camrig lens import listings.toml -o my-lens\n\n\
+    A manifest names tables (CSV or Zemax listings) and PSFs (Zemax or CODE V listings, CSV, NPY):\n  \
+    format = \"camrig-lens-import/1\"\n  name = \"lens\"\n  efl_mm = 4.4\n  f_number = 2.0\n  \
+    distortion = [\"real_height.csv\"]\n  relative_illumination = [\"illumination.csv\"]\n  \
+    [[psf]]\n  height_mm = 0.0\n  wavelength_nm = 550.0\n  file = \"psf.txt\"\n  spacing_um = 0.25")]
+struct ImportArgs {
+    /// Directory of an ISETCam set, its ISETPARMS.TXT, or a manifest (.toml)
+    source: PathBuf,
+    /// Write the characterisation into this directory
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace an existing characterisation
+    #[arg(long)]
+    force: bool,
+}
+
+/// Draw distortion, illumination, chief-ray angle, MTF, PSFs and (of a prescription) spots as SVG files
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  camrig lens plot triplet.zmx -o plots\n  camrig lens plot phone-lens -o plots"
+)]
+struct PlotArgs {
+    #[command(flatten)]
+    lens: LensArgs,
+    /// Write the drawings into this directory
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Largest field, degrees; the file's own unless given
+    #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
+    max_field: Option<f64>,
+    /// Replace an existing directory of drawings
+    #[arg(long)]
+    force: bool,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Trace(args) => trace(args)?,
+        Command::Import(args) => import_files(args)?,
+        Command::Plot(args) => plot(args)?,
         Command::Info(args) if args.lens.file.is_dir() => info_of_directory(args)?,
         Command::Info(args) => info(args)?,
     }
@@ -190,6 +237,57 @@ fn trace(args: &TraceArgs) -> Result<()> {
     Ok(())
 }
 
+fn import_files(args: &ImportArgs) -> Result<()> {
+    let lens = import::import(&args.source)?;
+    lens.write(&args.output, args.force)?;
+    eprintln!("wrote {}: {}", args.output.display(), summary(&lens));
+    Ok(())
+}
+
+fn plot(args: &PlotArgs) -> Result<()> {
+    let dir = OutputDir::create(&args.output, args.force)?;
+    let mut drawings: Vec<(String, String)> = Vec::new();
+    let lens = if args.lens.file.is_dir() {
+        Characterisation::read(&args.lens.file)?
+    } else {
+        let place = |e: Error| e.at(args.lens.file.display());
+        let system = args.lens.system()?;
+        let mut wavelengths_nm = system.prescription.wavelengths_nm.clone();
+        wavelengths_nm.sort_by(f64::total_cmp);
+        wavelengths_nm.dedup();
+        let max_field_deg = max_field(&system, args.max_field)?;
+        let fields = [0.0, 0.7, 1.0].map(|part| part * max_field_deg);
+        drawings = report::spots(&system, &fields, &wavelengths_nm).map_err(place)?;
+        let plan = Plan {
+            heights: 11,
+            max_field_deg,
+            wavelengths_nm,
+            psf_size: 128,
+            psf_spacing_um: None,
+            method: PsfMethod::Auto,
+        };
+        characterise::characterise(&system, &plan, &|| ()).map_err(place)?
+    };
+    let of_lens = report::drawings(&lens);
+    drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
+    for (name, svg) in &drawings {
+        dir.write(format!("{name}.svg"), svg.as_bytes())?;
+    }
+    dir.finish()?;
+    eprintln!("wrote {} drawings into {}", drawings.len(), args.output.display());
+    Ok(())
+}
+
+/// The largest field: what a person gave, or the file's own.
+fn max_field(system: &System, given: Option<f64>) -> Result<f64> {
+    let own = system.fields_deg()?.into_iter().fold(0.0, f64::max);
+    match given.unwrap_or(own) {
+        deg if deg > 0.0 => Ok(deg),
+        _ => Err(Error::input("the file has no field off the axis")
+            .help("say how far out the lens is used: --max-field DEG")),
+    }
+}
+
 fn write_characterisation(
     args: &TraceArgs,
     system: &System,
@@ -200,10 +298,7 @@ fn write_characterisation(
         return Err(Error::input(format!("{} exists already", dir.display()))
             .help("choose another name, or replace it with --force"));
     }
-    let max_field_deg = match args.max_field {
-        Some(deg) => deg,
-        None => system.fields_deg()?.into_iter().fold(0.0, f64::max),
-    };
+    let max_field_deg = max_field(system, args.max_field)?;
     let plan = Plan {
         heights: usize::from(args.heights),
         max_field_deg,

@@ -79,11 +79,17 @@ fn side(system: &System) -> f64 {
 ///
 /// # Errors
 /// Rays that are lost, glasses without data; says where.
-pub fn field_points(system: &System, fields: &[f64], wavelengths: &[f64]) -> Result<Vec<FieldPoint>> {
+pub fn field_points(
+    system: &System,
+    fields: &[f64],
+    wavelengths: &[f64],
+) -> Result<Vec<FieldPoint>> {
     let trains = trains(system, wavelengths)?;
     let points: Result<Vec<Vec<FieldPoint>>> = fields
         .par_iter()
-        .map(|&deg| trains.iter().map(|train| Ok(Aimed::new(system, train, deg)?.point(true))).collect())
+        .map(|&deg| {
+            trains.iter().map(|train| Ok(Aimed::new(system, train, deg)?.point(true))).collect()
+        })
         .collect();
     Ok(points?.concat())
 }
@@ -169,13 +175,19 @@ impl<'a> Aimed<'a> {
 ///
 /// # Errors
 /// As [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
-pub fn characterise(system: &System, plan: &Plan, step: &(dyn Fn() + Sync)) -> Result<Characterisation> {
+pub fn characterise(
+    system: &System,
+    plan: &Plan,
+    step: &(dyn Fn() + Sync),
+) -> Result<Characterisation> {
     if plan.heights < 2 || !(plan.max_field_deg > 0.0 && plan.max_field_deg < 90.0) {
         return Err(Error::input(format!(
             "{} heights up to a field of {}°",
             plan.heights, plan.max_field_deg
         ))
-        .help("give two heights or more and a largest field between 0 and 90 degrees (--max-field)"));
+        .help(
+            "give two heights or more and a largest field between 0 and 90 degrees (--max-field)",
+        ));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);
     let heights: Vec<f64> =
@@ -260,4 +272,29 @@ fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usiz
     let wanted = 2.2e3 * reach / size as f64;
     // Two digits are enough, and are nicer to read.
     Ok((wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0)
+}
+
+/// Where rays spread over the pupil (`across` of them over its diameter) land on the image plane, x and y in mm; the
+/// chief ray comes first.
+///
+/// # Errors
+/// A chief ray that is lost.
+pub fn landing_places(
+    system: &System,
+    field_deg: f64,
+    nm: f64,
+    across: usize,
+) -> Result<Vec<[f64; 2]>> {
+    let train = system.at(nm)?;
+    let beam = Beam::aim(&train, field_deg)?;
+    let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
+    let mut places = vec![chief];
+    if across > 0 {
+        let outline = beam.outline(AZIMUTHS)?;
+        for ray in PupilSamples::trace(&beam, &outline, across).rays {
+            places.push([chief[0] + ray.landing[0], chief[1] + ray.landing[1]]);
+            places.push([chief[0] - ray.landing[0], chief[1] + ray.landing[1]]);
+        }
+    }
+    Ok(places)
 }

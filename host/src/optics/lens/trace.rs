@@ -84,6 +84,8 @@ impl<const N: usize> Rays<N> {
 
 impl TrainSurface {
     /// Carries the rays from where they are onto this surface (coordinates: this surface's vertex).
+    // Lanes index several arrays at once, here and below.
+    #[allow(clippy::needless_range_loop)]
     #[inline(always)]
     pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
         let (c, k) = (self.curvature, self.conic);
@@ -122,6 +124,7 @@ impl TrainSurface {
     }
 
     /// Newton's iteration on f = z − sag(x, y) along the rays.
+    #[allow(clippy::needless_range_loop)]
     #[inline(always)]
     fn refine<const N: usize>(&self, rays: &mut Rays<N>, length: &mut [f64; N]) {
         // Newton doubles the digits: a step below 1e-9 mm leaves an error below rounding.
@@ -333,7 +336,7 @@ mod tests {
         let inside = surface(-0.5, 0.0, 1.9, 1.0);
         let far = ray([0.0, 3.0, -1.0], [0.0, 0.0, 1.0]);
         let edge = ray([0.0, 1.5, -1.0], [0.0, 0.0, 1.0]);
-        assert_eq!(lost_at(&[ball.clone()], &far), Some((0, "misses it")));
+        assert_eq!(lost_at(std::slice::from_ref(&ball), &far), Some((0, "misses it")));
         assert_eq!(lost_at(&[inside], &edge), Some((0, "is totally reflected there")));
         assert_eq!(lost_at(&[ball], &edge), None);
     }

@@ -12,6 +12,8 @@ pub struct PsfListing {
     pub wavelength_nm: Option<f64>,
     /// Field as printed (degrees or mm, signed), where the file says.
     pub field: Option<f64>,
+    /// Height y of the chief ray in the image, signed, in the file's unit, where the file says.
+    pub image_y: Option<f64>,
     /// Distance of samples, µm, where the file says.
     pub spacing_um: Option<f64>,
     /// Rows and columns.
@@ -46,6 +48,7 @@ fn bare_psf(text: &str) -> Result<PsfListing> {
     Ok(PsfListing {
         wavelength_nm: None,
         field: None,
+        image_y: None,
         spacing_um: None,
         shape,
         centre: [shape[0] / 2, shape[1] / 2],
@@ -59,7 +62,7 @@ fn negative() -> Error {
 }
 
 fn zemax_psf(text: &str) -> Result<PsfListing> {
-    let (mut wavelength_nm, mut field, mut spacing_um) = (None, None, None);
+    let (mut wavelength_nm, mut field, mut image_y, mut spacing_um) = (None, None, None, None);
     let (mut shape, mut centre) = (None, None);
     let mut rows: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut values_follow = false;
@@ -87,6 +90,8 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
             shape = Some(two(rest, "by").map_err(at)?);
         } else if let Some(rest) = line.strip_prefix("Center point is:") {
             centre = Some(two(rest, ",").map_err(at)?);
+        } else if let Some(rest) = line.strip_prefix("Center coordinates:") {
+            image_y = words(rest).get(1).and_then(|w| w.parse().ok());
         } else if line.contains(" at ") && (line.contains("µm") || line.contains("μm")) {
             // `0.5500 µm at -27.38 deg.`; FFT: `0.4500 to 0.4500 µm at 4.0000, 0.0000 mm.`
             let words: Vec<&str> = line.split([' ', ',']).filter(|w| !w.is_empty()).collect();
@@ -128,6 +133,7 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
     Ok(PsfListing {
         wavelength_nm,
         field,
+        image_y,
         spacing_um,
         shape,
         centre: [centre[0] - 1, centre[1] - 1],
@@ -161,11 +167,41 @@ fn two(text: &str, between: &str) -> Result<[usize; 2]> {
 }
 
 impl PsfListing {
+    /// Whether the rows, which run from +y to −y, run away from the axis: where the image lies at
+    /// negative y, or (where the listing does not say) as the ISET macro arranges it.
+    pub fn runs_outwards(&self) -> bool {
+        self.image_y.or(self.field).is_none_or(|y| y <= 0.0)
+    }
+
+    /// Of a PSF on the axis: whether its centre row is meant from the last row upwards.
+    ///
+    /// The programs print "centre 65, 65" of 128; some writers count y from the bottom. On the axis the
+    /// PSF is symmetric about the chief ray, which decides.
+    pub fn counts_rows_from_below(&self) -> bool {
+        let [rows, columns] = self.shape;
+        let asymmetry = |centre: usize| {
+            let reach = centre.min(rows - 1 - centre);
+            let pairs = (1..=reach).flat_map(|k| (0..columns).map(move |c| (k, c)));
+            let differences = pairs.map(|(k, c)| {
+                (self.data[(centre + k) * columns + c] - self.data[(centre - k) * columns + c])
+                    .abs()
+            });
+            differences.sum::<f64>()
+        };
+        asymmetry(rows - 1 - self.centre[0]) < asymmetry(self.centre[0])
+    }
+
+    /// The listing with its centre row counted from the other end.
+    #[must_use]
+    pub fn counted_from_below(mut self) -> Self {
+        self.centre[0] = self.shape[0] - 1 - self.centre[0];
+        self
+    }
+
     /// The samples on a square grid of the listing's (even or odd) size with the chief ray at sample n/2 and
     /// rows rising away from the axis, and the fraction of the light that stays inside.
     ///
-    /// `outwards`: whether the file's rows run away from the axis already. Zemax's run from +y to −y, so
-    /// that is so where the image lies at negative y, as the ISET macro arranges.
+    /// `outwards`: whether the file's rows run away from the axis already.
     pub fn oriented(&self, outwards: bool) -> (usize, Vec<f64>, f64) {
         let [rows, columns] = self.shape;
         let n = rows.min(columns);

@@ -20,7 +20,8 @@
 //! wavelength_nm = 550.0                         # may be left out where the listing says it
 //! file = "psf_axis.txt"
 //! spacing_um = 0.25                             # may be left out where the listing says it
-//! outwards = true                               # rows run away from the axis (default)
+//! outwards = true                               # whether rows run away from the axis; as the listing
+//!                                               #   says unless given, true where it says nothing
 //! ```
 //!
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`; without a
@@ -67,12 +68,7 @@ struct PsfEntry {
     wavelength_nm: Option<f64>,
     file: String,
     spacing_um: Option<f64>,
-    #[serde(default = "yes")]
-    outwards: bool,
-}
-
-fn yes() -> bool {
-    true
+    outwards: Option<bool>,
 }
 
 /// Imports what a manifest names.
@@ -81,8 +77,8 @@ fn yes() -> bool {
 /// What is wrong in the manifest or a file it names, with the line.
 pub fn read(path: &Path) -> Result<Characterisation> {
     let text = read_text(path)?;
-    let manifest: Manifest =
-        ::toml::from_str(&text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
+    let manifest: Manifest = ::toml::from_str(&text)
+        .map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
     if manifest.format != FORMAT {
         return Err(Error::input(format!("format \"{}\"", manifest.format))
             .at(path.display())
@@ -222,9 +218,13 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
         let row: Result<Vec<f64>> = words(text).iter().map(|w| number("value", w)).collect();
         let row = row.map_err(|e| e.at(format!("line {line}")))?;
         if row.len() != wavelengths.len() + 1 {
-            return Err(Error::input(format!("{} values instead of {}", row.len(), wavelengths.len() + 1))
-                .at(format!("line {line}"))
-                .help("a row holds a height and a value per wavelength"));
+            return Err(Error::input(format!(
+                "{} values instead of {}",
+                row.len(),
+                wavelengths.len() + 1
+            ))
+            .at(format!("line {line}"))
+            .help("a row holds a height and a value per wavelength"));
         }
         heights.push(row[0]);
         values.extend_from_slice(&row[1..]);
@@ -232,8 +232,11 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
     Ok(Table { heights, wavelengths, values })
 }
 
+/// A PSF with its height (mm), wavelength (nm), sample distance (µm), and what [`PsfListing::oriented`] gave.
+type LoadedPsf = (f64, f64, f64, (usize, Vec<f64>, f64));
+
 fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
-    let mut loaded = Vec::with_capacity(entries.len());
+    let mut loaded: Vec<LoadedPsf> = Vec::with_capacity(entries.len());
     for entry in entries {
         let path = dir.join(&entry.file);
         let read = || {
@@ -248,7 +251,7 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
                 entry.height_mm,
                 nm.ok_or_else(|| unknown("wavelength_nm"))?,
                 spacing.ok_or_else(|| unknown("spacing_um"))?,
-                listing.oriented(entry.outwards),
+                listing.oriented(entry.outwards.unwrap_or(listing.runs_outwards())),
             ))
         };
         loaded.push(read().map_err(|e: Error| e.at(path.display()))?);
@@ -256,7 +259,7 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
     let Some((_, _, spacing_um, (size, _, _))) = loaded.first().cloned() else {
         return Err(Error::input("no [[psf]]").help("name one PSF at least"));
     };
-    let axis = |pick: &dyn Fn(&(f64, f64, f64, (usize, Vec<f64>, f64))) -> f64| {
+    let axis = |pick: &dyn Fn(&LoadedPsf) -> f64| {
         let mut all: Vec<f64> = loaded.iter().map(pick).collect();
         all.sort_by(f64::total_cmp);
         all.dedup();
@@ -314,6 +317,7 @@ fn load(path: &Path) -> Result<PsfListing> {
     Ok(PsfListing {
         wavelength_nm: None,
         field: None,
+        image_y: None,
         spacing_um: None,
         shape,
         centre: [shape[0] / 2, shape[1] / 2],
