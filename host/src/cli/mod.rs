@@ -5,6 +5,7 @@
 pub mod arguments;
 mod capture;
 mod convert;
+mod crosstalk;
 mod demo;
 mod expose;
 mod lens;
@@ -33,6 +34,7 @@ enum Command {
     /// Figures from captures or frames
     Measure(measure::Args),
     Capture(capture::Args),
+    Crosstalk(crosstalk::Args),
     Convert(convert::Args),
     Presets(presets::Args),
 }
@@ -48,6 +50,7 @@ pub fn main() -> ExitCode {
         Command::Lens(args) => lens::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Capture(args) => capture::run(&args),
+        Command::Crosstalk(args) => crosstalk::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
     };
