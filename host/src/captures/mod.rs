@@ -5,6 +5,7 @@
 //! manifest; frames are read one batch at a time by [`CaptureSet::for_each_batch`], so a stack of
 //! any length needs the memory of a few frames.
 
+pub mod bench;
 mod frames;
 mod manifest;
 pub mod plan;
@@ -169,6 +170,29 @@ pub struct Rotation {
     pub tilt_x_deg: f64,
     /// Tilt towards +y, degrees.
     pub tilt_y_deg: f64,
+    /// Which scan it belongs to.
+    #[serde(default)]
+    pub scan: Scan,
+    /// Whether the frames are a window of the sensor centred on the point, not the whole sensor.
+    #[serde(default)]
+    pub window: bool,
+}
+
+/// A scan of the crosstalk experiment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scan {
+    /// The rectangular grid of points, which becomes the table.
+    #[default]
+    Grid,
+    /// About the vertical axis: points along the horizontal one.
+    Horizontal,
+    /// About the horizontal axis: points along the vertical one.
+    Vertical,
+    /// Along the diagonal from the top left.
+    Diagonal,
+    /// Along the diagonal from the bottom left.
+    Antidiagonal,
 }
 
 impl CaptureSet {

@@ -9,7 +9,7 @@ use crate::formats::{Format, Frames};
 use crate::optics::Options;
 use crate::render::{self, Arithmetic, CubeHeader, Exposure, IrradianceCube};
 use crate::scene::{self, Bands, Illuminant, LightLevel, LitScene, Quantity, photometry};
-use crate::{Error, Plane, Result};
+use crate::{Error, Result};
 use sensor_core::config::FrameSettings;
 use std::path::Path;
 
@@ -222,9 +222,4 @@ fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
     };
     let lit = LitScene { scene: &*scene, white };
     Ok(render::irradiance(camera, &lit, &Options::default(), about, |_, _| ())?.0)
-}
-
-/// A window of a frame.
-pub(crate) fn window(frame: &crate::RawFrame, x: usize, y: usize, side: usize) -> Plane<u16> {
-    Plane::from_fn(side, side, |i, j| frame.data[(y + j) * frame.width + x + i])
 }

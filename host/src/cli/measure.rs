@@ -4,8 +4,10 @@ use crate::camera::Cfa;
 use crate::captures::CaptureSet;
 use crate::formats;
 use crate::measure::mtf::{self, Roi};
-use crate::measure::{Value, emva, ptc};
-use crate::{Error, Result};
+use crate::measure::patches::{self, Corners, built_in_corners};
+use crate::measure::profile::{self, Along};
+use crate::measure::{Value, compare, emva, ptc};
+use crate::{Error, Plane, Result};
 use clap::{Args as ClapArgs, Subcommand};
 use serde_json::{Map, json};
 use std::path::PathBuf;
@@ -31,6 +33,18 @@ enum What {
         after_help = "Example: camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
     )]
     Mtf(MtfArgs),
+    /// Means and standard deviations of ColorChecker patches
+    #[command(after_help = "Example: camrig measure patches chart.dng --json\n\
+        Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
+    Patches(PatchesArgs),
+    /// Row or column profile, against another frame, and relative illumination
+    #[command(
+        after_help = "Example: camrig measure profile a.dng --row 510 --against b.dng --channel g"
+    )]
+    Profile(ProfileArgs),
+    /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
+    #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
+    Compare(CompareArgs),
 }
 
 #[derive(ClapArgs)]
@@ -42,10 +56,136 @@ struct OnCaptures {
     json: bool,
 }
 
+/// A raw frame and what its file may not say.
 #[derive(ClapArgs)]
-struct MtfArgs {
+struct FrameSource {
     /// A raw frame
     frame: PathBuf,
+    /// Colour filter pattern, where the file does not say (mono without either)
+    #[arg(long, value_name = "PATTERN")]
+    cfa: Option<String>,
+    /// Saturated level, where the file does not say
+    #[arg(long, value_name = "DN")]
+    white: Option<u16>,
+    /// Black level, where the file does not say
+    #[arg(long, value_name = "DN")]
+    black: Option<f64>,
+}
+
+/// A frame with what is known about it.
+struct Opened {
+    plane: Plane<u16>,
+    cfa: Cfa,
+    white: Option<u16>,
+    black: Option<f64>,
+}
+
+impl FrameSource {
+    fn open(&self) -> Result<Opened> {
+        let mut frames = formats::read(&self.frame).map_err(|e| e.at(self.frame.display()))?;
+        let facts = &frames.facts;
+        let cfa = match (&self.cfa, &facts.cfa) {
+            (Some(text), _) => Cfa::parse(text)?,
+            (None, Some(cfa)) => cfa.clone(),
+            (None, None) => {
+                eprintln!("note: {} names no colour filter pattern: mono", self.frame.display());
+                Cfa::parse("mono")?
+            }
+        };
+        let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
+        Ok(Opened {
+            cfa,
+            white: self.white.or(facts.white_level_dn).or(full_scale),
+            black: self.black.or(facts.black_level_dn),
+            plane: frames.planes.swap_remove(0),
+        })
+    }
+}
+
+impl Opened {
+    /// The black level, which figures above black cannot do without.
+    fn black(&self) -> Result<f64> {
+        self.black.ok_or_else(|| {
+            Error::input("the file does not say its black level").help("give --black DN")
+        })
+    }
+
+    /// The letters asked for: all channels, or one.
+    fn letters(&self, asked: &str) -> Result<Vec<char>> {
+        let known = self.cfa.channels();
+        if asked == "all" {
+            return Ok(known);
+        }
+        match asked.to_uppercase().chars().collect::<Vec<_>>()[..] {
+            [one] if known.contains(&one) => Ok(vec![one]),
+            _ => Err(Error::input(format!("no channel {asked:?}")).help(format!(
+                "the pattern {} has {}",
+                self.cfa,
+                known.iter().map(char::to_string).collect::<Vec<_>>().join(", ")
+            ))),
+        }
+    }
+}
+
+#[derive(ClapArgs)]
+struct PatchesArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Centres of patches 1, 6, 24 and 19 in pixels; the built-in chart's place unless given
+    #[arg(long, value_name = "X1,Y1,...,X4,Y4", value_parser = corners)]
+    corners: Option<Corners>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(ClapArgs)]
+struct ProfileArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Profile along this row
+    #[arg(long, value_name = "Y", conflicts_with = "column")]
+    row: Option<usize>,
+    /// Profile along this column
+    #[arg(long, value_name = "X")]
+    column: Option<usize>,
+    /// Lines averaged, from the given one on
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    lines: usize,
+    /// Channel letter, or all
+    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
+    channel: String,
+    /// Another frame of the same format to compare with
+    #[arg(long, value_name = "FRAME")]
+    against: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(ClapArgs)]
+struct CompareArgs {
+    /// A capture set
+    first: PathBuf,
+    /// Another one with captures of the same ids
+    second: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+fn corners(text: &str) -> Result<Corners, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[a, b, c, d, e, f, g, h]) => Ok([[a, b], [c, d], [e, f], [g, h]]),
+        _ => Err(format!("{text:?}: use eight numbers, X1,Y1,...,X4,Y4")),
+    }
+}
+
+#[derive(ClapArgs)]
+struct MtfArgs {
+    #[command(flatten)]
+    source: FrameSource,
     /// Region of the edge in pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     roi: Roi,
@@ -55,12 +195,6 @@ struct MtfArgs {
     /// Channel letter, or all
     #[arg(long, default_value = "all", value_name = "r|g|b|all")]
     channel: String,
-    /// Colour filter pattern, where the file does not say (mono without either)
-    #[arg(long, value_name = "PATTERN")]
-    cfa: Option<String>,
-    /// Saturated level, where the file does not say
-    #[arg(long, value_name = "DN")]
-    white: Option<u16>,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -82,6 +216,9 @@ pub fn run(args: Args) -> Result<ExitCode> {
         What::Ptc(args) => run_ptc(&args),
         What::Emva(args) => run_emva(&args),
         What::Mtf(args) => run_mtf(&args),
+        What::Patches(args) => run_patches(&args),
+        What::Profile(args) => run_profile(&args),
+        What::Compare(args) => run_compare(&args),
     }
 }
 
@@ -152,27 +289,13 @@ fn run_emva(args: &OnCaptures) -> Result<ExitCode> {
 }
 
 fn run_mtf(args: &MtfArgs) -> Result<ExitCode> {
-    let frames = formats::read(&args.frame).map_err(|e| e.at(args.frame.display()))?;
-    let facts = &frames.facts;
-    let cfa = match (&args.cfa, &facts.cfa) {
-        (Some(text), _) => Cfa::parse(text)?,
-        (None, Some(cfa)) => cfa.clone(),
-        (None, None) => {
-            eprintln!("note: {} names no colour filter pattern: mono", args.frame.display());
-            Cfa::parse("mono")?
-        }
-    };
-    let letters = match args.channel.as_str() {
-        "all" => cfa.channels(),
-        one => one.to_uppercase().chars().collect(),
-    };
-    let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
-    let white = args.white.or(facts.white_level_dn).or(full_scale);
+    let frame = args.source.open()?;
+    let letters = frame.letters(&args.channel)?;
     let edges: Vec<mtf::Edge> = letters
         .iter()
         .map(|&l| {
-            mtf::measure(&frames.planes[0], &cfa, l, args.roi, white, args.pitch_um)
-                .map_err(|e| e.at(format!("{}, channel {l}", args.frame.display())))
+            mtf::measure(&frame.plane, &frame.cfa, l, args.roi, frame.white, args.pitch_um)
+                .map_err(|e| e.at(format!("{}, channel {l}", args.source.frame.display())))
         })
         .collect::<Result<_>>()?;
     if args.json {
@@ -193,6 +316,135 @@ fn run_mtf(args: &MtfArgs) -> Result<ExitCode> {
         );
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn run_patches(args: &PatchesArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let plane = &frame.plane;
+    // The built-in chart's card is 0.8 sensor widths wide.
+    let corners = args.corners.unwrap_or_else(|| built_in_corners(plane.width, plane.height, 0.8));
+    let white = frame.white.unwrap_or(u16::MAX);
+    let patches = patches::measure(plane, &frame.cfa, frame.black()?, white, &corners)
+        .map_err(|e| e.at(args.source.frame.display()))?;
+    if args.json {
+        println!("{}", json!({ "channels": names(&frame.cfa), "patches": patches }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    println!("patch  luminance DN  std DN  (channels {})", names(&frame.cfa).join(" "));
+    for p in &patches {
+        let means: Vec<String> =
+            p.mean_dn.iter().zip(&p.std_dn).map(|(m, s)| format!("{m:.1}±{s:.1}")).collect();
+        println!(
+            "{:5}  {:12.2}  {:6.2}  {}",
+            p.number,
+            p.luminance_dn,
+            p.luminance_std_dn,
+            means.join("  ")
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn names(cfa: &Cfa) -> Vec<String> {
+    cfa.channels().iter().map(|c| c.to_ascii_lowercase().to_string()).collect()
+}
+
+fn run_profile(args: &ProfileArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let black = frame.black()?;
+    let (direction, first) = match (args.row, args.column) {
+        (_, Some(x)) => (Along::Column, x),
+        (Some(y), None) => (Along::Row, y),
+        (None, None) => (Along::Row, frame.plane.height / 2),
+    };
+    let other = args.against.as_ref().map(|path| {
+        let source = FrameSource {
+            frame: path.clone(),
+            cfa: Some(frame.cfa.to_string()),
+            white: args.source.white,
+            black: args.source.black,
+        };
+        source.open()
+    });
+    let other = other.transpose()?;
+    let mut object = Map::new();
+    for letter in frame.letters(&args.channel)? {
+        let line = |f: &Opened, black: f64| {
+            profile::along(&f.plane, &f.cfa, letter, black, direction, first, args.lines)
+        };
+        let name = letter.to_ascii_lowercase().to_string();
+        let here = match line(&frame, black) {
+            // A single row of a Bayer pattern has two of the three channels.
+            Err(_) if args.channel == "all" && args.lines == 1 => continue,
+            other => other?,
+        };
+        let difference = match &other {
+            Some(o) => Some(profile::difference(&here, &line(o, o.black()?)?)?),
+            None => None,
+        };
+        let rings = profile::relative_illumination(&frame.plane, &frame.cfa, letter, black, 20)?;
+        if args.json {
+            let channel = json!({
+                "profile": here.points, "against": difference, "relative_illumination": rings,
+            });
+            object.insert(name, channel);
+        } else if let Some(d) = difference {
+            println!(
+                "{name}: ratio of means {:.4}, rms {:.2} DN ({:.2} DN after scaling), correlation \
+                 {:.5}",
+                d.ratio_of_means, d.rms_dn, d.rms_scaled_dn, d.correlation
+            );
+        } else {
+            for [p, v] in &here.points {
+                println!("{name},{p},{v:.3}");
+            }
+        }
+    }
+    if args.json {
+        println!("{}", json!({ "channels": object }));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_compare(args: &CompareArgs) -> Result<ExitCode> {
+    let rows = compare::compare(&CaptureSet::load(&args.first)?, &CaptureSet::load(&args.second)?)?;
+    let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
+    let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
+    // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).
+    let limit = largest_normal(rows.len());
+    let differ = worst > limit;
+    if args.json {
+        let object = json!({
+            "statistics": rows, "mean_square_z": gap, "largest_z": worst, "limit": limit,
+            "differ": differ,
+        });
+        println!("{object}");
+    } else {
+        for r in rows.iter().filter(|r| r.z.abs() > limit) {
+            println!(
+                "{} {} {}: {} against {}, z {:+.1}",
+                r.id,
+                r.channel,
+                r.statistic,
+                plus_minus(r.first),
+                plus_minus(r.second),
+                r.z
+            );
+        }
+        println!("{} statistics, mean square z {gap:.2}, largest {worst:.1}", rows.len());
+    }
+    Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
+}
+
+/// Where the largest of n absolute standard normals lies with 99 % probability, at most: solves
+/// n erfc(z/√2) = 0.01 with the tail's leading term.
+fn largest_normal(n: usize) -> f64 {
+    let mut z = 3.0f64;
+    for _ in 0..50 {
+        let tail = (2.0 / std::f64::consts::PI).sqrt() / z * n as f64 / 0.01;
+        z = (2.0 * tail.ln()).max(1.0).sqrt();
+    }
+    z
 }
 
 fn print_figures(title: &str, figures: &impl serde::Serialize) -> Result<()> {

@@ -5,6 +5,7 @@
 pub mod arguments;
 mod capture;
 mod convert;
+mod crosstalk;
 mod demo;
 mod expose;
 mod lens;
@@ -32,6 +33,7 @@ enum Command {
     Capture(capture::Args),
     Scene(scene::Args),
     Lens(lens::Args),
+    Crosstalk(crosstalk::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
     Rig(rig::Args),
@@ -49,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Capture(args) => capture::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
+        Command::Crosstalk(args) => crosstalk::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),

@@ -1,12 +1,16 @@
 //! Measuring: captures in, figures out. Nothing here sees a camera model: measured and simulated
 //! frames are treated alike.
 
+pub mod compare;
 pub mod correlation;
+pub mod crosstalk;
 pub mod emva;
 pub mod fit;
 pub mod ladder;
 pub mod maps;
 pub mod mtf;
+pub mod patches;
+pub mod profile;
 pub mod ptc;
 pub mod response;
 pub mod spatial;

@@ -1,0 +1,133 @@
+//! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
+
+use super::arguments::{duration, progress};
+use crate::camera::Camera;
+use crate::captures::{CaptureSet, Role, bench};
+use crate::formats::output::write_file;
+use crate::measure::crosstalk;
+use crate::{Error, Result};
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The crosstalk experiment: simulate it, or fit its captures
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  \
+    camrig crosstalk bench --camera my.toml --frames 100 -o bench\n  \
+    camrig crosstalk fit bench -o crosstalk.csv")]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum What {
+    /// Simulate the experiment: seven filters, a 17 x 13 grid of points and four axis scans
+    Bench(BenchArgs),
+    /// Captures of role "rotation" to the table of factors, with uncertainty
+    Fit(FitArgs),
+}
+
+#[derive(clap::Args, Debug)]
+struct BenchArgs {
+    /// Camera file or preset; its crosstalk table is the hidden truth
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Frames per point
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
+    frames: u32,
+    /// Integration time
+    #[arg(long, default_value = "10ms", value_parser = duration, value_name = "TIME")]
+    exposure: f64,
+    /// Number of the first frame
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    frame_seed: u32,
+    /// Directory of the capture set
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace an existing set
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(clap::Args, Debug)]
+struct FitArgs {
+    /// A capture set with rotation captures
+    captures: PathBuf,
+    /// The table (CSV)
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Replace an existing table
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.what {
+        What::Bench(args) => run_bench(args),
+        What::Fit(args) => run_fit(args),
+    }
+}
+
+fn run_bench(args: &BenchArgs) -> Result<ExitCode> {
+    let camera = Camera::load(&args.camera)?;
+    let bar = progress("frames", bench::total_frames(args.frames));
+    bench::bench(
+        &camera,
+        args.frames,
+        args.exposure,
+        &args.output,
+        args.force,
+        args.frame_seed,
+        || bar.inc(1),
+    )?;
+    bar.finish_and_clear();
+    eprintln!("wrote {}", args.output.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_fit(args: &FitArgs) -> Result<ExitCode> {
+    let set = CaptureSet::load(&args.captures)?;
+    let result = crosstalk::fit(&set)?;
+    let coupling = match set.with_role(Role::Flat).next() {
+        Some(_) => Some(crosstalk::coupling(&set)?),
+        None => None,
+    };
+    for note in &result.notes {
+        eprintln!("note: {note}");
+    }
+    let csv = crosstalk::to_csv(&result);
+    if let Some(path) = &args.output {
+        write_file(path, args.force, csv.as_bytes())?;
+    }
+    if args.json {
+        let mut object = serde_json::to_value(&result)
+            .map_err(|e| Error::input(format!("figures as JSON: {e}")))?;
+        object["neighbour_coupling"] = match coupling {
+            Some([h, v]) => json!({ "horizontal": h, "vertical": v }),
+            None => serde_json::Value::Null,
+        };
+        println!("{object}");
+        return Ok(ExitCode::SUCCESS);
+    }
+    if args.output.is_none() {
+        print!("{csv}");
+    }
+    for c in &result.consistency {
+        eprintln!(
+            "{} scan: {} samples, {:.2} % rms from the grid, χ² per sample {:.2}",
+            c.scan, c.samples, c.rms_percent, c.chi2_per_sample
+        );
+    }
+    if let Some([h, v]) = coupling {
+        eprintln!(
+            "neighbour coupling: {:.4} ± {:.4} horizontal, {:.4} ± {:.4} vertical",
+            h.value, h.std_error, v.value, v.std_error
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}

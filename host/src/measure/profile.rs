@@ -1,0 +1,185 @@
+//! Profiles of a frame: along a row or column, against another frame, and over the radius.
+
+use crate::camera::Cfa;
+use crate::{Error, Plane, Result};
+use serde::Serialize;
+
+/// Which way a profile runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Along {
+    /// Along row(s), one value per column.
+    Row,
+    /// Along column(s), one value per row.
+    Column,
+}
+
+/// One channel's samples along a line.
+#[derive(Clone, Debug, Serialize)]
+pub struct Profile {
+    /// Pixel coordinate and mean DN above black, for every column (row) where the channel has
+    /// samples in the lines taken.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// Mean above `black` of a channel over `count` rows (columns) from `first` on.
+///
+/// # Errors
+/// Lines outside the frame, or without a sample of the channel.
+pub fn along(
+    frame: &Plane<u16>,
+    cfa: &Cfa,
+    channel: char,
+    black: f64,
+    direction: Along,
+    first: usize,
+    count: usize,
+) -> Result<Profile> {
+    let (length, lines) = match direction {
+        Along::Row => (frame.width, frame.height),
+        Along::Column => (frame.height, frame.width),
+    };
+    if count == 0 || first + count > lines {
+        return Err(Error::input(format!(
+            "lines {first} to {} of a frame with {lines}",
+            first + count.max(1) - 1
+        ))
+        .help(format!("lines run from 0 to {}", lines - 1)));
+    }
+    let mut points = Vec::with_capacity(length);
+    for p in 0..length {
+        let (mut sum, mut n) = (0.0, 0u32);
+        for line in first..first + count {
+            let (x, y) = if direction == Along::Row { (p, line) } else { (line, p) };
+            if cfa.letter(x, y) == channel {
+                sum += f64::from(frame.at(x, y)) - black;
+                n += 1;
+            }
+        }
+        if n > 0 {
+            points.push([p as f64, sum / f64::from(n)]);
+        }
+    }
+    if points.is_empty() {
+        return Err(Error::input(format!("no sample of channel {channel} in these lines"))
+            .help("take two lines of a Bayer pattern, or another first line"));
+    }
+    Ok(Profile { points })
+}
+
+/// How a profile lies to a reference of the same places.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Difference {
+    /// Mean of the profile over mean of the reference.
+    pub ratio_of_means: f64,
+    /// Root mean square of profile less reference, DN.
+    pub rms_dn: f64,
+    /// The same after scaling the reference to the profile's mean: what is not brightness.
+    pub rms_scaled_dn: f64,
+    /// Pearson correlation.
+    pub correlation: f64,
+}
+
+/// Compares two profiles.
+///
+/// # Errors
+/// Profiles of different places, or a reference without signal.
+pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> {
+    let same = profile.points.len() == reference.points.len()
+        && profile.points.iter().zip(&reference.points).all(|(a, b)| a[0] == b[0]);
+    if !same {
+        return Err(Error::input("the two frames differ in size or filter pattern")
+            .help("compare frames of one format"));
+    }
+    let values = |p: &Profile| -> Vec<f64> { p.points.iter().map(|v| v[1]).collect() };
+    let (a, b) = (values(profile), values(reference));
+    let n = a.len() as f64;
+    let (ma, mb) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
+    if mb == 0.0 {
+        return Err(Error::input("the reference has no signal above black"));
+    }
+    let rms = |scale: f64| {
+        let square: f64 = a.iter().zip(&b).map(|(a, b)| (a - scale * b).powi(2)).sum();
+        (square / n).sqrt()
+    };
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in a.iter().zip(&b) {
+        ab += (a - ma) * (b - mb);
+        aa += (a - ma).powi(2);
+        bb += (b - mb).powi(2);
+    }
+    let scale = (aa * bb).sqrt();
+    Ok(Difference {
+        ratio_of_means: ma / mb,
+        rms_dn: rms(1.0),
+        rms_scaled_dn: rms(ma / mb),
+        correlation: if scale > 0.0 { ab / scale } else { 0.0 },
+    })
+}
+
+/// Relative illumination: a channel's mean over rings of equal width around the frame's centre,
+/// relative to the innermost; (radius over the half diagonal, ratio, its standard error).
+///
+/// # Errors
+/// No signal at the centre.
+pub fn relative_illumination(
+    frame: &Plane<u16>,
+    cfa: &Cfa,
+    channel: char,
+    black: f64,
+    rings: usize,
+) -> Result<Vec<[f64; 3]>> {
+    let (cx, cy) = (0.5 * (frame.width as f64 - 1.0), 0.5 * (frame.height as f64 - 1.0));
+    let corner = cx.hypot(cy).max(1.0);
+    let mut sums = vec![(0.0f64, 0.0f64, 0.0f64, 0u64); rings.max(1)];
+    for y in 0..frame.height {
+        for x in 0..frame.width {
+            if cfa.letter(x, y) == channel {
+                let radius = (x as f64 - cx).hypot(y as f64 - cy) / corner;
+                let ring = ((radius * rings as f64) as usize).min(rings.max(1) - 1);
+                let v = f64::from(frame.at(x, y)) - black;
+                let s = &mut sums[ring];
+                *s = (s.0 + v, s.1 + v * v, s.2 + radius, s.3 + 1);
+            }
+        }
+    }
+    let (sum, _, _, n) = sums[0];
+    let centre = sum / n.max(1) as f64;
+    if n == 0 || centre <= 0.0 {
+        return Err(Error::input(format!("no signal of channel {channel} at the centre"))
+            .help("check the black level and the channel"));
+    }
+    Ok(sums
+        .iter()
+        .filter(|s| s.3 > 1)
+        .map(|&(sum, square, radius, n)| {
+            let n = n as f64;
+            let mean = sum / n;
+            let sd = ((square / n - mean * mean).max(0.0) / n).sqrt();
+            [radius / n, mean / centre, sd / centre]
+        })
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profile_and_rings_of_a_known_frame() {
+        let cfa = Cfa::parse("RGGB").unwrap();
+        let frame = Plane::from_fn(40, 30, |x, _| 10 + x as u16);
+        let p = along(&frame, &cfa, 'G', 10.0, Along::Row, 4, 2).unwrap();
+        assert_eq!(p.points.len(), 40);
+        assert!(p.points.iter().all(|v| v[0] == v[1]));
+        let doubled = Plane::from_fn(40, 30, |x, _| 10 + 2 * x as u16);
+        let q = along(&doubled, &cfa, 'G', 10.0, Along::Row, 4, 2).unwrap();
+        let d = difference(&q, &p).unwrap();
+        assert!((d.ratio_of_means - 2.0).abs() < 1e-12);
+        assert!(d.rms_scaled_dn < 1e-9 && (d.correlation - 1.0).abs() < 1e-12);
+        assert!(along(&frame, &cfa, 'G', 0.0, Along::Row, 29, 2).is_err());
+
+        let flat = Plane::filled(40, 30, 110u16);
+        let rings = relative_illumination(&flat, &cfa, 'R', 10.0, 8).unwrap();
+        assert!(rings.iter().all(|r| (r[1] - 1.0).abs() < 1e-12));
+    }
+}
