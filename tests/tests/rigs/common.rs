@@ -1,0 +1,106 @@
+//! Small cameras with everything that matters, and light that uses it.
+
+use camrig::Plane;
+use camrig::camera::{Camera, presets};
+use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, IrradianceWriter};
+use camrig::rig::{FrameRequest, Rig};
+use camrig::scene::Bands;
+use std::path::Path;
+
+pub const WIDTH: usize = 150;
+pub const HEIGHT: usize = 37;
+
+/// Effects on top of the presets: one that reads its neighbours, so that rows depend on one another; one with
+/// a memory.
+const EFFECTS: [&str; 3] = [
+    "",
+    "[[effect]]\nkind = \"charge-coupling\"\nside = 0.02\nvertical = 0.03\ndiagonal = 0.004\n",
+    "[[effect]]\nkind = \"image-lag\"\nfraction = 0.02\n\
+     [[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 2.0\n",
+];
+
+/// A preset with a small sensor of an awkward width: no multiple of a block, group or packing group.
+pub fn camera(folder: &Path, i: usize) -> Camera {
+    let name = presets::NAMES[i];
+    let text = presets::file(&format!("{name}.toml")).unwrap();
+    let mut small = String::new();
+    for line in text.lines() {
+        let line = match line.split_once(" =") {
+            Some(("width", _)) => format!("width = {}", WIDTH + i),
+            Some(("height", _)) => format!("height = {}", HEIGHT + i),
+            Some((key @ ("qe" | "ir_cut" | "crosstalk"), value)) => {
+                let file = value.trim().trim_matches('"');
+                std::fs::write(folder.join(file), presets::file(file).unwrap()).unwrap();
+                format!("{key} ={value}")
+            }
+            _ => line.to_string(),
+        };
+        small += &line;
+        small.push('\n');
+    }
+    small += EFFECTS[i];
+    let path = folder.join(format!("{name}-small.toml"));
+    std::fs::write(&path, small).unwrap();
+    Camera::load(path.to_str().unwrap()).unwrap()
+}
+
+/// Irradiance from dark to about full well, different in every band and pixel.
+pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
+    let (width, height) = (camera.sensor.width as usize, camera.sensor.height as usize);
+    let header = CubeHeader {
+        width,
+        height,
+        first_band_nm: bands.start_nm,
+        band_step_nm: bands.step_nm,
+        bands: bands.count,
+        lux: None,
+        illuminant: None,
+        made_of: "test".into(),
+    };
+    let mut writer = IrradianceWriter::new(header).unwrap();
+    for band in 0..bands.count {
+        let plane = Plane::from_fn(width, height, |x, y| {
+            let t = (x * 31 + y * 17 + band * 7) % 101;
+                4e-3 * (t as f32 / 101.0).powi(4)
+        });
+        writer.push(&plane).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
+pub const BANDS: Bands = Bands { start_nm: 420.0, step_nm: 40.0, count: 7 };
+
+pub fn exposure(camera: &Camera, cube: &IrradianceCube) -> Exposure {
+    Exposure::new(camera, &cube.header, 1.0).unwrap()
+}
+
+/// Takes two frames of each of the three cameras in the given arithmetics and compares them with what the
+/// host computes.
+pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
+    let folder = tempfile::tempdir().unwrap();
+    for i in 0..3 {
+        let camera = camera(folder.path(), i);
+        let cube = cube(&camera, BANDS);
+        let exposure = exposure(&camera, &cube);
+        rig.set_camera(&exposure).unwrap();
+        for &arithmetic in arithmetics {
+            for frame in 0..2 {
+                let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
+                let request = FrameRequest {
+                    settings,
+                    arithmetic,
+                    collapse: false,
+                    lit_before: frame > 0,
+                    by_registers: false,
+                };
+                let before = (frame > 0).then_some(&cube);
+                let here = exposure.frame(&cube, before, &settings, arithmetic).unwrap();
+                let there = rig.frame(&cube, &exposure, &request).unwrap();
+                let there = there.to_raw(&exposure).unwrap();
+                assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
+                let (low, high) = (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
+                assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);
+            }
+        }
+    }
+}

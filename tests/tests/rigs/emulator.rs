@@ -1,0 +1,116 @@
+//! The emulator: in this process, over TCP and over a pseudo-terminal.
+
+use crate::common::{self, BANDS};
+use camrig::render::Arithmetic;
+use camrig::rig::emulator::Emulator;
+use camrig::rig::{FrameRequest, Rig, serve};
+use rig_link::message::Fault;
+use rig_link::registers::address;
+use std::sync::mpsc;
+
+const BOTH: [Arithmetic; 2] = [Arithmetic::F32, Arithmetic::Fixed];
+
+/// Serves an emulator on a free port and returns its address.
+pub fn tcp_server(versions: Option<(u8, u8)>) -> String {
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || {
+        let ready = |address: &str| sender.send(format!("tcp://{address}")).unwrap();
+        serve::tcp("127.0.0.1:0", Emulator::new(versions), ready).unwrap();
+    });
+    receiver.recv().unwrap()
+}
+
+#[test]
+fn in_process_frames_are_those_of_the_host() {
+    common::compare(&mut Rig::open("emulator:").unwrap(), &BOTH);
+}
+
+#[test]
+fn frames_over_tcp_are_those_of_the_host() {
+    common::compare(&mut Rig::open(&tcp_server(None)).unwrap(), &BOTH);
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || {
+        serve::pty(Emulator::new(None), |path| sender.send(path.to_string()).unwrap()).unwrap();
+    });
+    let url = format!("serial://{}", receiver.recv().unwrap());
+    common::compare(&mut Rig::open(&url).unwrap(), &BOTH);
+}
+
+#[test]
+fn collapsed_rows_differ_by_their_rounding_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 0);
+    let cube = common::cube(&camera, BANDS);
+    let exposure = common::exposure(&camera, &cube);
+    let mut rig = Rig::open("emulator:").unwrap();
+    rig.set_camera(&exposure).unwrap();
+    let mut request = FrameRequest {
+        settings: camera.settings(5, 0.02, None),
+        arithmetic: Arithmetic::F32,
+        collapse: false,
+        lit_before: false,
+        by_registers: false,
+    };
+    let spectral = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    request.collapse = true;
+    let collapsed = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is the
+    // same draw, so a DN moves by the rounding of the count and of the converter.
+    let worst = spectral.data.iter().zip(&collapsed.data).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(worst <= Some(1), "{worst:?}");
+}
+
+#[test]
+fn registers_expose_and_faults_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 0);
+    let cube = common::cube(&camera, BANDS);
+    let exposure = common::exposure(&camera, &cube);
+    let mut rig = Rig::open(&tcp_server(None)).unwrap();
+    rig.set_camera(&exposure).unwrap();
+    rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
+    rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
+    rig.write_register(address::ANALOG_GAIN, 512).unwrap();
+    let mut request = FrameRequest {
+        settings: camera.settings(3, 1.0, None),
+        arithmetic: Arithmetic::F32,
+        collapse: false,
+        lit_before: false,
+        by_registers: true,
+    };
+    let by_registers = rig.frame(&cube, &exposure, &request).unwrap();
+    let said = by_registers.start.exposure;
+    assert!((said.exposure_s - 0.02).abs() < 1e-8);
+    assert_eq!(said.analog_gain, 2.0);
+    request.by_registers = false;
+    request.settings.exposure_s = said.exposure_s;
+    request.settings.analog_gain = said.analog_gain;
+    let by_message = rig.frame(&cube, &exposure, &request).unwrap();
+    assert!(by_registers.packed == by_message.packed);
+    assert_eq!(by_message.start.counter, by_registers.start.counter + 1);
+    assert_eq!(rig.read_register(address::FRAME_COUNT).unwrap(), 2);
+
+    let row_bytes = by_message.packed.len() / camera.sensor.height as usize;
+    rig.write_register(address::FAULT_ARGUMENT, 7).unwrap();
+    rig.write_register(address::FAULT, 2).unwrap();
+    let corrupt = rig.frame(&cube, &exposure, &request).unwrap();
+    assert_eq!(corrupt.start.fault, Fault::CorruptRow(7));
+    let rows = corrupt.packed.chunks(row_bytes).zip(by_message.packed.chunks(row_bytes));
+    let wrong: Vec<usize> = rows.enumerate().filter(|(_, (a, b))| a != b).map(|(i, _)| i).collect();
+    assert_eq!(wrong, [7]);
+    rig.write_register(address::FAULT, 1).unwrap();
+    assert!(rig.frame(&cube, &exposure, &request).unwrap().dropped);
+    assert!(rig.frame(&cube, &exposure, &request).unwrap().packed == by_message.packed);
+
+    rig.write_register(address::TEST_PATTERN, 2).unwrap();
+    let bars = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    let max = (1 << camera.sensor.bits) - 1;
+    // Left: white; right: black.
+    assert!(bars.data.iter().all(|&d| d == 0 || d == max));
+    assert_eq!((bars.data[0], bars.data[bars.width - 1]), (max, 0));
+}
