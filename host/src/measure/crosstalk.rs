@@ -127,8 +127,9 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
                 .collect();
             samples.sort_by(|a, b| a.rotation.y.total_cmp(&b.rotation.y));
             let name = letter.to_ascii_lowercase().to_string();
-            let centre =
+            let centre_sample =
                 centre_of(&samples).map_err(|e| e.at(format!("channel {name}, {nm} nm")))?;
+            let centre = centre_sample.factor;
             let relative = |s: &Sample| {
                 if std::ptr::eq(s, centre_sample) {
                     return Value::new(1.0, 0.0);

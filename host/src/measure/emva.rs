@@ -382,7 +382,7 @@ fn ladder_figures(
         temporal_dark_noise_e: transfer
             .as_ref()
             .ok()
-            .and_then(|t| t.read_noise())
+            .and_then(|t| t.read_noise(ladder::dark_spread(darks, c)))
             .map(|v| v.std_error),
         linearised_system_gain: transfer.as_ref().ok().map(|t| t.gain.std_error),
         ..StdErrors::default()
