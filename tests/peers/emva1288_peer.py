@@ -46,7 +46,7 @@ def main(root):
         stack = frames(os.path.join(root, c["files"]))
         key = (c["exposure_s"], rate, len(stack) > 2)
         stacks.setdefault(key, stack)
-    lines, images = ["v 1.0"], {}
+    lines, images, dark_given = ["v 1.0"], {}, set()
     lines.append(f"n {sensor['bits']} {sensor['width']} {sensor['height']}")
     for (t, rate, long), stack in sorted(stacks.items()):
         if rate == 0.0:
@@ -54,22 +54,21 @@ def main(root):
         dark = stacks.get((t, 0.0, long)) or stacks.get((t, 0.0, not long))
         if dark is None:
             continue
-        for head, group in (("d %.9f" % (t * 1e9), dark), ("b %.9f %.6f" % (t * 1e9, rate * t), stack)):
+        groups = [("d %.9f" % (t * 1e9), dark), ("b %.9f %.6f" % (t * 1e9, rate * t), stack)]
+        if (t, long) in dark_given:
+            del groups[0]
+        dark_given.add((t, long))
+        for head, group in groups:
             lines.append(head)
             for frame in group if long else group[:2]:
                 name = f"{len(images)}.bin"
                 images[name] = frame
                 lines.append(f"i {name}")
     with tempfile.TemporaryDirectory() as d:
-        seen, kept, skip = set(), [], False
-        for line in lines:  # one dark per exposure and kind
-            if line[0] in "db":
-                skip = False
-            kept.append(line)
         path = os.path.join(d, "descriptor.txt")
         for name in images:
             open(os.path.join(d, name), "w").close()
-        open(path, "w").write("\n".join(kept) + "\n")
+        open(path, "w").write("\n".join(lines) + "\n")
         info = process.ParseEmvaDescriptorFile(path, loglevel=50)
         load = lambda p: images[os.path.basename(p)]
         loaded = process.LoadImageData(info.images, d, fload=load, loglevel=50)

@@ -103,8 +103,8 @@ pub fn bench(
         let facts = Facts { bits: Some(u32::from(camera.sensor.bits)), ..Facts::default() };
         output.write(format!("{id}.npy"), &Format::Npy.encode(&Frames { planes, facts })?)
     };
-    let centre = points.iter().position(|p| p.rotation.x == 0.0 && p.rotation.y == 0.0);
-    let dark_point = &points[centre.unwrap_or(0)];
+    // The grid's middle point.
+    let dark_point = &points[GRID.0 * GRID.1 / 2];
     let dark = shoot(&filtered(camera, 550.0, 0.0)?, &[dark_point])?;
     save("dark", dark.concat())?;
     manifest.push(&capture("dark", Role::Dark, None, None));
@@ -189,7 +189,8 @@ fn points(camera: &Camera) -> Vec<Point> {
     out
 }
 
-/// A point of the sensor (-1..1): moved inwards so that its window fits, and the chief ray there.
+/// A point of the sensor near (x, y) in -1..1: moved so that its window fits on the sensor and
+/// starts on a whole period of the pattern; and the chief ray there.
 fn point(camera: &Camera, x: f64, y: f64, scan: Scan, id: String) -> Point {
     let s = &camera.sensor;
     let (width, height) = (f64::from(s.width), f64::from(s.height));
@@ -201,6 +202,9 @@ fn point(camera: &Camera, x: f64, y: f64, scan: Scan, id: String) -> Point {
         (start as usize / period * period).min(free as usize / period * period)
     };
     let (left, top) = (start(x, width), start(y, height));
+    // Where the middle of the region of 11 x 11 pixels comes to lie.
+    let middle = |start: usize, side: f64| 2.0 * (start as f64 + 5.5) / side - 1.0;
+    let (x, y) = (middle(left, width), middle(top, height));
     let half_diagonal = 0.5e-3 * s.pitch_um * width.hypot(height);
     let focal = match camera.lens.kind {
         LensKind::DiffractionLimited { focal_length_mm, .. } => focal_length_mm,

@@ -16,6 +16,19 @@ use std::path::Path;
 /// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
 const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 
+/// How a plan is taken.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TakeOptions<'a> {
+    /// What the set names as its camera: a preset, or a path relative to the set.
+    pub camera_name: Option<&'a str>,
+    /// Replace an existing set.
+    pub force: bool,
+    /// Number of the first frame.
+    pub first_frame: u32,
+    /// Arithmetic of the sensor stage.
+    pub arithmetic: Arithmetic,
+}
+
 /// Takes every stack of a plan and writes a capture set. Frames are numbered through from
 /// `first_frame`, so that no two frames of the set share temporal noise. `progress` hears of every
 /// frame done.
@@ -24,17 +37,14 @@ const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 /// A plan that saturates where it does not say so, and what rendering refuses.
 pub fn take(
     camera: &Camera,
-    camera_name: Option<&str>,
     plan: &[Shot],
     directory: &Path,
-    force: bool,
-    first_frame: u32,
-    arithmetic: Arithmetic,
+    options: &TakeOptions<'_>,
     mut progress: impl FnMut(),
 ) -> Result<()> {
-    let output = OutputDir::create(directory, force)?;
-    let mut manifest = ManifestWriter::new(facts(camera), camera_name, &camera.name);
-    let mut frame_number = first_frame;
+    let output = OutputDir::create(directory, options.force)?;
+    let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
+    let mut frame_number = options.first_frame;
     let mut lit: Option<(String, IrradianceCube)> = None;
     for shot in plan {
         let place = |e: Error| e.at(format!("stack {:?}", shot.id));
@@ -57,10 +67,7 @@ pub fn take(
                 if lit.as_ref().is_none_or(|l| l.0 != key) {
                     lit = Some((key, look_at(camera, shot).map_err(place)?));
                 }
-                match &lit {
-                    Some((_, cube)) => cube,
-                    None => unreachable!("set in the line above"),
-                }
+                &lit.as_ref().ok_or_else(|| Error::input("nothing to look at"))?.1
             }
         };
         let exposure = Exposure::new(camera, &cube.header, 1.0)?;
@@ -69,7 +76,7 @@ pub fn take(
             let settings = settings(camera, shot, frame_number);
             frame_number = frame_number.wrapping_add(1);
             let before = (i > 0).then_some(cube);
-            let frame = exposure.frame(cube, before, &settings, arithmetic)?;
+            let frame = exposure.frame(cube, before, &settings, options.arithmetic)?;
             let white = frame.white_level_dn;
             saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
             samples += frame.data.len() as u64;

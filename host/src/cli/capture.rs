@@ -64,9 +64,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let bar = progress("frames", total);
     // A preset can be named in the set; a file's place relative to the set is not known to last.
     let preset = !args.camera.contains(['/', '\\', '.']);
-    let name = preset.then_some(args.camera.as_str());
-    let tick = || bar.inc(1);
-    take::take(&camera, name, &shots, &args.output, args.force, args.frame_seed, args.arith, tick)?;
+    let options = take::TakeOptions {
+        camera_name: preset.then_some(args.camera.as_str()),
+        force: args.force,
+        first_frame: args.frame_seed,
+        arithmetic: args.arith,
+    };
+    take::take(&camera, &shots, &args.output, &options, || bar.inc(1))?;
     bar.finish_and_clear();
     eprintln!("wrote {} frames in {} stacks to {}", total, shots.len(), args.output.display());
     Ok(ExitCode::SUCCESS)

@@ -6,7 +6,7 @@ use crate::formats;
 use crate::measure::mtf::{self, Roi};
 use crate::measure::patches::{self, Corners, built_in_corners};
 use crate::measure::profile::{self, Along};
-use crate::measure::{Value, compare, emva, ptc};
+use crate::measure::{Value, compare, emva, ptc, rates};
 use crate::{Error, Plane, Result};
 use clap::{Args as ClapArgs, Subcommand};
 use serde_json::{Map, json};
@@ -42,6 +42,9 @@ enum What {
         after_help = "Example: camrig measure profile a.dng --row 510 --against b.dng --channel g"
     )]
     Profile(ProfileArgs),
+    /// Signal rates per position of the filter pattern under each light, from exposure series
+    #[command(after_help = "Example: camrig measure rates captures/ --json")]
+    Rates(OnCaptures),
     /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
     #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
     Compare(CompareArgs),
@@ -218,6 +221,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
         What::Mtf(args) => run_mtf(&args),
         What::Patches(args) => run_patches(&args),
         What::Profile(args) => run_profile(&args),
+        What::Rates(args) => run_rates(&args),
         What::Compare(args) => run_compare(&args),
     }
 }
@@ -402,6 +406,23 @@ fn run_profile(args: &ProfileArgs) -> Result<ExitCode> {
     }
     if args.json {
         println!("{}", json!({ "channels": object }));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run_rates(args: &OnCaptures) -> Result<ExitCode> {
+    let series = rates::measure(&CaptureSet::load(&args.captures)?)?;
+    if args.json {
+        println!("{}", json!({ "series": series }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    for s in &series {
+        let light = s.wavelength_nm.map_or("light".to_owned(), |nm| format!("{nm} nm"));
+        let positions = s.positions.iter().zip(&s.ratios);
+        let text: Vec<String> = positions
+            .map(|((letter, rate), ratio)| format!("{letter} {rate:.2} DN/s ({ratio:.4})"))
+            .collect();
+        println!("{:?}, {light}: {}", s.role, text.join(", "));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -23,6 +23,10 @@ const REGION: usize = 11;
 /// Positions closer than this are one grid line.
 const SAME: f64 = 1e-6;
 
+/// The point that counts as the sensor's centre lies within this of it: factors vary by far less
+/// than their errors over a twentieth of the half width.
+const CENTRE: f64 = 0.05;
+
 /// One node of the table.
 #[derive(Clone, Debug, Serialize)]
 pub struct Node {
@@ -123,14 +127,14 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
                 .collect();
             samples.sort_by(|a, b| a.rotation.y.total_cmp(&b.rotation.y));
             let name = letter.to_ascii_lowercase().to_string();
-            let centre =
+            let centre_sample =
                 centre_of(&samples).map_err(|e| e.at(format!("channel {name}, {nm} nm")))?;
+            let centre = centre_sample.factor;
             let relative = |s: &Sample| {
-                if s.rotation.x == 0.0 && s.rotation.y == 0.0 && s.rotation.scan == Scan::Grid {
-                    Value::new(1.0, 0.0)
-                } else {
-                    s.factor.over(centre)
+                if std::ptr::eq(s, centre_sample) {
+                    return Value::new(1.0, 0.0);
                 }
+                s.factor.over(centre)
             };
             let grid: Vec<(f64, f64, Value)> = samples
                 .iter()
@@ -288,16 +292,16 @@ fn region_means(
         .collect())
 }
 
-fn centre_of(samples: &[&Sample]) -> Result<Value> {
+fn centre_of<'a>(samples: &[&'a Sample]) -> Result<&'a Sample> {
     // The grid's own centre; an axis scan's where the grid has none.
-    let at_centre = |s: &&&Sample| s.rotation.x.abs() < SAME && s.rotation.y.abs() < SAME;
-    let centre = samples
-        .iter()
-        .filter(at_centre)
-        .min_by_key(|s| s.rotation.scan != Scan::Grid)
-        .map(|s| s.factor);
-    match centre {
-        Some(c) if c.value > 5.0 * c.std_error => Ok(c),
+    let off = |s: &Sample| s.rotation.x.hypot(s.rotation.y);
+    let key = |s: &Sample| (s.rotation.scan != Scan::Grid, off(s));
+    let nearest = samples.iter().filter(|s| off(s) < CENTRE).min_by(|a, b| {
+        let (ka, kb) = (key(a), key(b));
+        ka.0.cmp(&kb.0).then(ka.1.total_cmp(&kb.1))
+    });
+    match nearest {
+        Some(s) if s.factor.value > 5.0 * s.factor.std_error => Ok(s),
         Some(_) => Err(Error::input("no signal above black at the centre")
             .help("raise the light or the exposure for this filter")),
         None => Err(Error::input("no capture of the sensor's centre")
@@ -495,9 +499,7 @@ mod tests {
                 "g" => 0.16,
                 _ => 0.22,
             };
-            // The window stands up to half a window and a period inside the outermost nodes.
-            let inner = |u: f64, side: f64| u.clamp(13.0 / side - 1.0, 1.0 - 13.0 / side);
-            let (x, y) = (inner(n.x, 272.0), inner(n.y, 208.0));
+            let (x, y) = (n.x, n.y);
             let r2 = 0.64 * x * x + 0.36 * y * y;
             let expected = 1.0 - depth * (1.3 - n.wavelength_nm / 1000.0) * r2 + 0.02 * x;
             let error = n.factor.value - expected;
@@ -509,21 +511,14 @@ mod tests {
         }
         let share = inside as f64 / count as f64;
         println!("worst {worst:.4}, within two errors {share:.3}, {:?}", result.consistency);
-        // Dim channels far off their band carry more noise; 1 % holds for the root mean square of
-        // every channel and filter, and the errors cover.
-        for letter in ["r", "g", "b"] {
-            for nm in bench::FILTERS_NM {
-                let of: Vec<&Node> = result
-                    .nodes
-                    .iter()
-                    .filter(|n| n.channel == letter && n.wavelength_nm == nm)
-                    .collect();
-                let error = of.iter().map(|n| n.factor.std_error).sum::<f64>() / of.len() as f64;
-                println!("{letter} {nm}: mean error {error:.4}");
-            }
-        }
+        // Errors of 0.2 to 0.4 % (the fixed pattern of 30 pixels, mostly): none of 4641 nodes is
+        // more than 1.2 % off (four errors of the dimmest channel).
+        assert!(worst < 0.012, "{worst}");
+        // All nodes of a channel and filter share their centre: 21 groups, so the share within two
+        // errors scatters by a few per cent about 95 %.
         assert!((0.90..=0.99).contains(&share), "{share}");
-        assert!(result.consistency.iter().all(|c| c.chi2_per_sample < 1.5), "{result:?}");
+        // Scan and grid share fixed pattern at their crossings only.
+        assert!(result.consistency.iter().all(|c| c.chi2_per_sample < 1.5));
         // The table loads as a camera's.
         crate::camera::CrosstalkTable::parse(&to_csv(&result)).unwrap();
     }

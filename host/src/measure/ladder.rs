@@ -169,6 +169,12 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
     (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
 }
 
+/// Variance over pixels of the dark's mean at the shortest exposure, DN².
+pub fn dark_spread(darks: &[Level], channel: usize) -> f64 {
+    let shortest = darks.iter().min_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    shortest.map_or(0.0, |d| d.channels[channel].spatial().total.value)
+}
+
 /// Refuses frames that cannot be measured: single frames, a black level that contradicts the
 /// darks, darks that are not dark.
 pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {

@@ -12,6 +12,7 @@ pub mod mtf;
 pub mod patches;
 pub mod profile;
 pub mod ptc;
+pub mod rates;
 pub mod response;
 pub mod spatial;
 pub mod spectrogram;

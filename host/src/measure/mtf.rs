@@ -616,7 +616,9 @@ mod tests {
         let path = shared.join("data/raw/deviceA_iso_slantedbar_gbrg_574x212.npy");
         let image = crate::captures::open(&path).unwrap().next().unwrap().unwrap();
         let cfa = Cfa::parse("GBRG").unwrap();
-        let roi = Roi { x: 34, y: 130, width: 72, height: 320 };
+        // The left edge of the bar near its top; the lens is some per cent sharper further down
+        // (an independent sfrmat-like script agrees with ours on either region to 3 %).
+        let roi = Roi { x: 40, y: 100, width: 70, height: 150 };
         for (letter, low, high) in [('G', 76.3, 79.4), ('R', 53.8, 55.3), ('B', 69.9, 69.9)] {
             let e = measure(&image, &cfa, letter, roi, Some(1023), Some(2.2)).unwrap();
             let found = e.mtf50_cycles_per_mm.unwrap();

@@ -139,7 +139,8 @@ pub fn measure(set: &CaptureSet) -> Result<Ptc> {
             Transfer::fit(c, &darks, &flats.levels, &flats.passed[c], &flats.knees[c], white)
                 .map_err(|e| e.at(format!("channel {name}")))?;
         channel_notes(&transfer, &flats.levels, &name, &mut notes);
-        let mut figures = figures_of(&transfer, &flats.levels, c, white);
+        let dark_spread = ladder::dark_spread(&darks, c);
+        let mut figures = figures_of(&transfer, &flats.levels, c, white, dark_spread);
         let k = transfer.gain.value;
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
@@ -249,7 +250,13 @@ impl Flats {
     }
 }
 
-fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figures {
+fn figures_of(
+    t: &Transfer,
+    flats: &[Level],
+    channel: usize,
+    white: f64,
+    dark_spread: f64,
+) -> Figures {
     let k = t.gain;
     let (black, rate) = t.dark.offset_and_rate();
     let brightest =
@@ -257,7 +264,7 @@ fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figu
     let photons_known = flats.iter().all(|f| f.photons.is_some());
     Figures {
         system_gain_dn_per_e: Some(k),
-        read_noise_e: t.read_noise(),
+        read_noise_e: t.read_noise(dark_spread),
         full_well_e: t.full_well(flats, channel, white),
         dark_current_e_per_s: rate.map(|r| r.over(k)),
         dark_current_from_variance_e_per_s: t

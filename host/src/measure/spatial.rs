@@ -4,6 +4,9 @@ use super::stack::Site;
 use super::value::Value;
 use rayon::prelude::*;
 
+/// Rows that one task sums over columns.
+const BLOCK_ROWS: usize = 64;
+
 /// Moments over the pixels of a plane, noise of the plane included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneMoments {
@@ -53,19 +56,33 @@ impl PlaneMoments {
             .collect();
         let n = (rows * columns) as f64;
         let mean = sums.iter().sum::<f64>() / n;
-        let squares: Vec<f64> = (0..rows)
+        // Blocks of rows keep the walk over memory straight; their sums are added in order.
+        let blocks: Vec<(f64, Vec<f64>)> = (0..rows.div_ceil(BLOCK_ROWS))
             .into_par_iter()
-            .map(|j| (0..columns).map(|i| (value(at(i, j)) - mean).powi(2)).sum())
+            .map(|block| {
+                let (mut square, mut sums) = (0.0, vec![0.0; columns]);
+                for j in block * BLOCK_ROWS..((block + 1) * BLOCK_ROWS).min(rows) {
+                    for (i, sum) in sums.iter_mut().enumerate() {
+                        let deviation = value(at(i, j)) - mean;
+                        square += deviation * deviation;
+                        *sum += deviation;
+                    }
+                }
+                (square, sums)
+            })
             .collect();
-        let column_means: Vec<f64> = (0..columns)
-            .into_par_iter()
-            .map(|i| (0..rows).map(|j| value(at(i, j)) - mean).sum::<f64>() / rows as f64)
-            .collect();
+        let square: f64 = blocks.iter().map(|b| b.0).sum();
+        let mut column_means = vec![0.0; columns];
+        for (_, sums) in &blocks {
+            for (mean, sum) in column_means.iter_mut().zip(sums) {
+                *mean += sum / rows as f64;
+            }
+        }
         Self {
             rows,
             columns,
             mean,
-            measured: squares.iter().sum::<f64>() / (n - 1.0).max(1.0),
+            measured: square / (n - 1.0).max(1.0),
             of_rows: sums.iter().map(|s| (s / columns as f64 - mean).powi(2)).sum::<f64>()
                 / rows as f64,
             of_columns: column_means.iter().map(|c| c * c).sum::<f64>() / columns as f64,

@@ -61,7 +61,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
     for band in 0..bands.count {
         let plane = Plane::from_fn(width, height, |x, y| {
             let t = (x * 31 + y * 17 + band * 7) % 101;
-                4e-3 * (t as f32 / 101.0).powi(4)
+            4e-3 * (t as f32 / 101.0).powi(4)
         });
         writer.push(&plane).unwrap();
     }
@@ -98,7 +98,8 @@ pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
                 let there = rig.frame(&cube, &exposure, &request).unwrap();
                 let there = there.to_raw(&exposure).unwrap();
                 assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
-                let (low, high) = (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
+                let (low, high) =
+                    (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
                 assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);
             }
         }
