@@ -36,6 +36,9 @@ pub struct Limits {
     pub credit: u16,
     /// Longest packet that the host sends, whatever the device would take, bytes.
     pub send_bytes: u16,
+    /// Rows that the host may send beyond the one whose raw row it waits for. On a link where credit holds
+    /// the device's answers up, what is sent far ahead finds no room there and has to be sent again.
+    pub rows_ahead: u16,
     /// After this long without a packet the host asks, µs.
     pub timeout: Micros,
     /// Fruitless steps after which an operation has failed.
@@ -48,6 +51,7 @@ impl Default for Limits {
             packet_bytes: 4400,
             credit: 64,
             send_bytes: u16::MAX,
+            rows_ahead: u16::MAX,
             timeout: 250_000,
             idle_steps: 20,
         }
@@ -144,6 +148,8 @@ struct Frame {
     reached: Cursor,
     /// Raw rows that are not yet whole.
     missing: u16,
+    /// Rows sent whose raw rows have not come back.
+    ahead: u16,
     /// Raw rows whose pieces did not fit together.
     torn: u16,
     /// Units per part now: halved when parts get lost, doubled when a row's worth got through.
@@ -245,6 +251,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             ask: false,
             reached: Cursor::default(),
             missing,
+            ahead: 0,
             torn: 0,
             part_units: u16::MAX,
         }));
@@ -350,7 +357,9 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }
         let credit = self.device.as_ref().map_or(1, |d| d.credit);
         let free = self.seq.wrapping_sub(self.acknowledged) <= credit;
-        if free && frame.cursor.row < frame.shape.rows {
+        let far = self.limits.rows_ahead.saturating_add(frame.shape.halo.into());
+        let near = frame.cursor.unit > 0 || frame.ahead <= far;
+        if free && near && frame.cursor.row < frame.shape.rows {
             if frame.cursor.unit == 0 {
                 frame.cursor.row = self.next_needed(frame, frame.cursor.row);
             }
@@ -392,6 +401,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         frame.cursor.unit += count;
         if frame.cursor.unit == shape.units {
             frame.cursor = Cursor { row: at.row + 1, unit: 0 };
+            frame.ahead = frame.ahead.saturating_add(1);
             frame.part_units = frame.part_units.saturating_mul(2);
         }
         frame.expected = frame.cursor;
@@ -587,6 +597,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         if header.flags & GAP != 0 || (all_heard && cursor != frame.expected) {
             // Go back to where the device is, in smaller steps.
             frame.mark = self.seq;
+            frame.ahead = 0;
             (frame.cursor, frame.expected) = (cursor, cursor);
             if cursor.unit == 0 && self.next_needed(frame, cursor.row) == rows {
                 frame.start_pass();
@@ -594,10 +605,13 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             frame.part_units = (frame.part_units / 2).max(1);
             self.statistics.rewinds += 1;
             self.idle += 1;
-        } else if all_heard && frame.cursor.row == rows {
-            if header.flags & PENDING != 0 {
-                frame.ask = true; // Rows wait for the credit that asking again gives.
-            } else {
+        } else if all_heard && header.flags & PENDING != 0 {
+            // Raw rows wait for the credit that asking again gives.
+            frame.ask |= frame.cursor.row == rows;
+            self.idle += 1;
+        } else if all_heard {
+            frame.ahead = 0;
+            if frame.cursor.row == rows {
                 // Everything was heard and answered: what is missing got lost on its way here.
                 frame.mark = self.seq;
                 frame.start_pass();
@@ -637,6 +651,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             return (frame.torn > self.limits.idle_steps).then_some(Event::NoProgress);
         }
         *state = WHOLE;
+        frame.ahead = frame.ahead.saturating_sub(1);
         frame.missing -= 1;
         if frame.missing > 0 {
             return None;

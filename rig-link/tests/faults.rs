@@ -9,7 +9,14 @@ use rig_link::message::*;
 
 fn limits() -> Limits {
     // Short packets: at a chance of 1 % per byte one of 100 bytes comes through every third time.
-    Limits { packet_bytes: 72, credit: 8, send_bytes: 120, timeout: 100_000, idle_steps: 60 }
+    Limits {
+        packet_bytes: 72,
+        credit: 8,
+        send_bytes: 120,
+        rows_ahead: 1,
+        timeout: 100_000,
+        idle_steps: 60,
+    }
 }
 
 /// Connects with patience: a Hello is as exposed to the faults as anything else.

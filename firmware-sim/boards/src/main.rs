@@ -4,13 +4,19 @@
 #![no_std]
 #![no_main]
 
+#[cfg(feature = "count")]
+mod count;
 mod link;
 mod log;
 mod memory;
 
+#[cfg(feature = "count")]
+use count::Counted as Calls;
 use cortex_m as _; // the critical section
 use defmt::{error, info};
-use firmware_sim::{Plain, serve};
+#[cfg(not(feature = "count"))]
+use firmware_sim::Plain as Calls;
+use firmware_sim::serve;
 use rig_link::framing::Framing;
 
 /// Name and version that the rig answers with.
@@ -27,9 +33,11 @@ fn main() -> ! {
     let Some(memory::Parts { rig, device, buffers }) = memory::take() else {
         semihosting::process::exit(2)
     };
+    #[cfg(feature = "count")]
+    count::start();
     let mut link = link::Link::open();
     info!("{=str} is up", FIRMWARE);
-    let outcome = serve::<Plain, _, { memory::RAW_BYTES }>(
+    let outcome = serve::<Calls, _, { memory::RAW_BYTES }>(
         device,
         rig,
         &mut link,
@@ -39,6 +47,11 @@ fn main() -> ! {
     let s = device.statistics();
     info!("frames {=u32}, rows in {=u32}, out {=u32}, damaged packets {=u32}", s.frames, s.rows_in, s.rows_out, s.damaged);
     info!("stack used: {=usize} bytes of {=usize}", memory::stack_used(), memory::stack_size());
+    #[cfg(feature = "count")]
+    {
+        let (collect, compute) = count::totals();
+        info!("kilo-instructions: {=u32} to collect bands, {=u32} to compute rows", collect, compute);
+    }
     if outcome.is_err() {
         error!("the link failed");
     }

@@ -128,7 +128,7 @@ struct StreamArgs {
     camrig rig serve --tcp 127.0.0.1:7420\n  \
     camrig rig serve --pty\n  \
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
-#[group(required = true, multiple = false, args = ["tcp", "pty", "device"])]
+#[command(group(clap::ArgGroup::new("link").required(true).args(["tcp", "pty", "device"])))]
 struct ServeArgs {
     /// Listen on HOST:PORT
     #[arg(long, value_name = "HOST:PORT")]

@@ -139,6 +139,7 @@ impl Transport for HidLink {
             packet_bytes: per_packet * (self.report - 2),
             credit: REPORTS_UNDER_WAY / per_packet,
             send_bytes: 4096,
+            rows_ahead: 1,
             timeout: 500_000,
             idle_steps: 10,
         }

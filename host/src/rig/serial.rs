@@ -9,12 +9,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-/// A serial line's buffers are small and may overrun: short packets, few of them under way. 1 KiB is
-/// 3.4 ms at 3 Mbit/s.
+/// Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so credit need not be scarce.
 const LIMITS: Limits = Limits {
     packet_bytes: 1100,
-    credit: 16,
+    credit: 64,
     send_bytes: u16::MAX,
+    rows_ahead: u16::MAX,
     timeout: 1_000_000,
     idle_steps: 10,
 };

@@ -74,6 +74,32 @@ pub fn exposure(camera: &Camera, cube: &IrradianceCube) -> Exposure {
     Exposure::new(camera, &cube.header, 1.0).unwrap()
 }
 
+/// Takes a frame of a camera and compares it with what the host computes; nothing happened before.
+fn compare_frame(
+    rig: &mut Rig,
+    camera: &Camera,
+    cube: &IrradianceCube,
+    arithmetic: Arithmetic,
+    frame: u32,
+) {
+    let exposure = exposure(camera, cube);
+    rig.set_camera(&exposure).unwrap();
+    let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
+    let request = FrameRequest {
+        settings,
+        arithmetic,
+        collapse: false,
+        lit_before: frame > 0,
+        by_registers: false,
+    };
+    let before = (frame > 0).then_some(cube);
+    let here = exposure.frame(cube, before, &settings, arithmetic).unwrap();
+    let there = rig.frame(cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
+    let (low, high) = (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
+    assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);
+}
+
 /// Takes two frames of each of the three cameras in the given arithmetics and compares them with what the
 /// host computes.
 pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
@@ -81,27 +107,27 @@ pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
     for i in 0..3 {
         let camera = camera(folder.path(), i);
         let cube = cube(&camera, BANDS);
-        let exposure = exposure(&camera, &cube);
-        rig.set_camera(&exposure).unwrap();
         for &arithmetic in arithmetics {
             for frame in 0..2 {
-                let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
-                let request = FrameRequest {
-                    settings,
-                    arithmetic,
-                    collapse: false,
-                    lit_before: frame > 0,
-                    by_registers: false,
-                };
-                let before = (frame > 0).then_some(&cube);
-                let here = exposure.frame(&cube, before, &settings, arithmetic).unwrap();
-                let there = rig.frame(&cube, &exposure, &request).unwrap();
-                let there = there.to_raw(&exposure).unwrap();
-                assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
-                let (low, high) =
-                    (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
-                assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);
+                compare_frame(rig, &camera, &cube, arithmetic, frame);
             }
         }
     }
+}
+
+/// One frame of one camera, for slow links.
+pub fn one_frame(rig: &mut Rig, arithmetic: Arithmetic) {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = camera(folder.path(), 0);
+    compare_frame(rig, &camera, &cube(&camera, BANDS), arithmetic, 0);
+}
+
+/// One frame of the plain mt9v024 sensor; its pixels.
+pub fn count_frame(rig: &mut Rig, arithmetic: Arithmetic) -> usize {
+    let folder = tempfile::tempdir().unwrap();
+    let mut camera = camera(folder.path(), 1);
+    camera.effects.clear();
+    let cube = cube(&camera, BANDS);
+    compare_frame(rig, &camera, &cube, arithmetic, 0);
+    camera.sensor.width as usize * camera.sensor.height as usize
 }
