@@ -56,7 +56,7 @@ struct TraceArgs {
     #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
     max_field: Option<f64>,
     /// PSF samples per side
-    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=1024))]
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=512))]
     psf_size: u16,
     /// Distance of PSF samples, µm; chosen to fit the spots unless given
     #[arg(long, value_name = "UM", value_parser = arguments::positive)]

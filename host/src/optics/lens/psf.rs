@@ -32,7 +32,7 @@ pub struct Psf {
 
 /// Largest number of cells across the pupil; a wavefront that needs more is left to geometry.
 const FINEST: usize = 1024;
-/// Fewest cells across the pupil. Halving them changes PSFs of the test lenses by less than 1e-3 of the peak.
+/// Fewest cells across the pupil: enough for its rim, which is sharp, whatever the wavefront.
 const COARSEST: usize = 64;
 
 /// Cells across the pupil that a diffraction PSF over `window` needs; `None` where that is too many.
@@ -80,7 +80,7 @@ pub fn direct(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     normalised(field.iter().map(|[a, b]| a * a + b * b).collect(), samples, nm, window)
 }
 
-/// The diffraction PSF; equals [`direct`] within 1e-6 of the peak amplitude.
+/// The diffraction PSF; equals [`direct`] within 1e-6 of the peak.
 pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let Window { size, spacing_mm } = *window;
     let kernel = Kernel::new();

@@ -250,7 +250,7 @@ const ADMINISTRATIVE: &[&str] = &[
     "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "TEM", "PRE", "SLB", "CCY", "THC", "GLC", "KC", "AC",
     "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA", "DDM",
     "RAT", "PFR", "PTP", "POR", "RMD", "CIN", "SPT", "MFL", "COM", "TCE", "UID", "SAV", "OUT",
-    "STP",
+    "STP", "IC", "CUF",
 ];
 
 fn kind_of(keyword: &str) -> FieldKind {

