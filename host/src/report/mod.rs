@@ -1,3 +1,4 @@
 //! What people look at: self-contained pages.
 
+pub mod curves;
 pub mod page;
