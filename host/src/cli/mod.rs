@@ -4,6 +4,7 @@
 
 pub mod arguments;
 mod capture;
+mod calibrate;
 mod convert;
 mod crosstalk;
 mod demo;

@@ -1,6 +1,6 @@
 //! `camrig scene`: the scenes there are, what they hold and look like, and the library.
 
-use super::arguments;
+use super::{arguments, calibrate};
 use crate::formats::output::OutputDir;
 use crate::formats::{output, png};
 use crate::scene::library::{Library, describe};
@@ -34,6 +34,9 @@ enum Verb {
     Show(ShowArgs),
     Add(AddArgs),
     Export(ExportArgs),
+    Response(calibrate::ResponseArgs),
+    Hdr(calibrate::HdrArgs),
+    Spectral(calibrate::SpectralArgs),
 }
 
 /// List charts, illuminants and the scenes of a library
@@ -148,6 +151,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Verb::Show(args) => show(args),
         Verb::Add(args) => add(args),
         Verb::Export(args) => export(args),
+        Verb::Response(args) => calibrate::response(args),
+        Verb::Hdr(args) => calibrate::hdr(args),
+        Verb::Spectral(args) => calibrate::spectral(args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

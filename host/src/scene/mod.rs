@@ -15,7 +15,7 @@ pub mod illuminant;
 pub mod isetcam;
 pub mod library;
 mod matlab;
-mod numpy;
+pub mod numpy;
 pub mod painting;
 pub mod photometry;
 pub mod preview;

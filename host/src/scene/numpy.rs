@@ -9,10 +9,49 @@ use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Sample, Strided};
-use crate::{Error, Result};
+use crate::{Error, Plane, Result};
 use std::fs::File;
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
+
+/// A plane as an NPY file of version 1: H x W samples of type `kind`, each made of bytes by `to_bytes`.
+pub fn encode<T: Copy, const N: usize>(
+    plane: &Plane<T>,
+    kind: &str,
+    to_bytes: impl Fn(T) -> [u8; N],
+) -> Vec<u8> {
+    let text = format!(
+        "{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}, {}), }}",
+        plane.height, plane.width
+    );
+    let padded = (10 + text.len() + 1).next_multiple_of(64) - 10;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((padded as u16).to_le_bytes());
+    bytes.extend(format!("{text:<width$}\n", width = padded - 1).bytes());
+    plane.data.iter().for_each(|&v| bytes.extend(to_bytes(v)));
+    bytes
+}
+
+/// Reads a two-dimensional NPY file.
+pub fn read_plane(path: &Path) -> Result<Plane<f32>> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+    let read = || {
+        let array = Array::read(std::io::BufReader::new(file))?;
+        let [height, width] = array.shape[..] else {
+            return Err(Error::input(format!("an array of shape {:?}", array.shape))
+                .help("a frame has two axes: rows, columns"));
+        };
+        let layout = if array.fortran {
+            Layout::packed("bxy", [1, width, height])?
+        } else {
+            Layout::packed("byx", [1, height, width])?
+        };
+        let (sample, big_endian) = array.sample;
+        let bytes = Bytes::File(path.into());
+        Strided::new(bytes, array.offset, sample, big_endian, layout, 1.0)?.read(0)
+    };
+    read().map_err(|e| e.at(path.display()))
+}
 
 /// Opens an `.npy` or `.npz` cube.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {

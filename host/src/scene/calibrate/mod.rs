@@ -7,3 +7,4 @@ pub mod exposures;
 pub mod hdr;
 pub mod response;
 pub mod spectral;
+pub mod view;
