@@ -103,6 +103,40 @@ fn diffraction(small: bool) {
     );
 }
 
+/// Inputs, answer and time of one 1024 x 1024 band for `benches/peers/optics_scipy.py`.
+fn dump(folder: &std::path::Path) -> std::io::Result<()> {
+    let side = 1024;
+    let tiling = Tiling::new(1, (side, side), 31, 15, 256);
+    let (source, kernels) = (image(side), kernels(&tiling, 0));
+    let mut blurrer = Blurrer::new(&tiling);
+    let mut answer = Plane::filled(0, 0, 0.0);
+    let seconds = minimum(5, || {
+        answer = blurrer
+            .blur(
+                &|first, count| Ok(rows_of(&source, first, count)),
+                &kernels,
+                (0, 0),
+                (side, side),
+            )
+            .unwrap();
+    });
+    std::fs::create_dir_all(folder)?;
+    let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    std::fs::write(folder.join("image.f32"), bytes(&source.data))?;
+    std::fs::write(folder.join("kernels.f32"), bytes(&kernels.data))?;
+    std::fs::write(folder.join("ours.f32"), bytes(&answer.data))?;
+    let job = format!(
+        "{{\"side\": {side}, \"tile\": {}, \"kernel\": 31, \"before\": 15, \"seconds\": {seconds}}}",
+        tiling.tile
+    );
+    std::fs::write(folder.join("job.json"), job)
+}
+
+fn rows_of(source: &Plane<f32>, first: usize, count: usize) -> Plane<f32> {
+    let w = source.width;
+    Plane { width: w, height: count, data: source.data[first * w..(first + count) * w].to_vec() }
+}
+
 fn minimum(times: usize, mut run: impl FnMut()) -> f64 {
     (0..times)
         .map(|_| {
@@ -121,13 +155,10 @@ fn main() {
     }
     let side = if small { 1024 } else { 4096 };
     let source = image(side);
-    let rows = |first: usize, count: usize| {
-        Ok(Plane {
-            width: side,
-            height: count,
-            data: source.data[first * side..(first + count) * side].to_vec(),
-        })
-    };
+    let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
+    if let Some(folder) = std::env::var_os("CAMRIG_BENCH_DUMP") {
+        dump(folder.as_ref()).expect("the folder can be written");
+    }
     for size in [31, 81] {
         for largest in [341, 256, 128] {
             let name = format!("blur {size}x{size} tiles up to {largest}");

@@ -158,6 +158,7 @@ fn filtered(camera: &Camera, nm: f64, irradiance_w_m2: f64) -> Result<Irradiance
         first_band_nm: nm - 2.0 * step,
         band_step_nm: step,
         bands: shape.len(),
+        level: 1.0,
         lux: None,
         illuminant: None,
         made_of: format!("parallel light through a filter at {nm} nm"),

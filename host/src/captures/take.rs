@@ -147,6 +147,7 @@ pub(crate) fn uniform(
         first_band_nm: centre_nm,
         band_step_nm: width_nm,
         bands: 1,
+        level: 1.0,
         lux: None,
         illuminant: None,
         made_of: format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),

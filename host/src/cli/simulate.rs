@@ -48,6 +48,9 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
+    /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
+    #[arg(long)]
+    pub no_cache: bool,
 }
 
 /// What the optics stage gave, and what it was made from.
@@ -60,6 +63,8 @@ pub struct View {
     pub cube: IrradianceCube,
     /// Figures of the optics stage.
     pub optics: crate::optics::Report,
+    /// Whether they came from the cache.
+    pub cached: bool,
 }
 
 const DEFAULT_LUX: f64 = 300.0;
@@ -97,19 +102,29 @@ impl ViewArgs {
         let made_of = format!("scene {}, lens of {}", self.scene, camera.name);
         let illuminant = light.as_ref().map(|l| l.name.clone());
         let about = render::About { lux, illuminant, made_of };
-        let (cube, optics) = render::irradiance(&camera, &lit, &options, about, |done, _| {
-            bar.set_position(done as u64)
-        })
+        let directory = if self.no_cache { None } else { crate::optics::content::directory() };
+        let rendered = render::cache::irradiance(
+            &camera,
+            &lit,
+            &options,
+            about,
+            directory.as_deref(),
+            |done, _| bar.set_position(done as u64),
+        )
         .map_err(|e| e.at(&self.scene))?;
         bar.finish_and_clear();
-        Ok(View { camera, light, cube, optics })
+        if rendered.hit {
+            eprintln!("note: optics from the cache (--no-cache runs them again)");
+        }
+        let render::cache::Rendered { cube, report: optics, hit: cached } = rendered;
+        Ok(View { camera, light, cube, optics, cached })
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let View { camera, light, cube, optics } = args.view.view()?;
+    let View { camera, light, cube, optics, cached } = args.view.view()?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
@@ -123,6 +138,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
             "step_error": optics.step_error,
+            "cached": cached,
         },
     });
     arguments::report(&written, object, args.frames.json);

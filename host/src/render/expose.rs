@@ -46,6 +46,7 @@ impl Exposure {
             .help("use the camera for which the irradiance was made, or simulate it anew"));
         }
         let mut config = camera.sensor_config(&header.spectral_bands())?;
+        let light = light * header.level;
         config.response.iter_mut().for_each(|w| *w = (f64::from(*w) * light) as f32);
         config.check().map_err(refused)?;
         Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })

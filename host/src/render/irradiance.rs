@@ -34,12 +34,20 @@ pub struct CubeHeader {
     pub band_step_nm: f64,
     /// Number of bands.
     pub bands: usize,
+    /// Factor on the samples that makes them W m⁻² nm⁻¹. Lets one result of the optics stage, kept for a
+    /// white of 1, serve every light level.
+    #[serde(default = "one")]
+    pub level: f64,
     /// Scene illuminance for which it was made, lx, where there is one.
     pub lux: Option<f64>,
     /// Illuminant of a reflectance scene.
     pub illuminant: Option<String>,
     /// Scene and lens in words, for people.
     pub made_of: String,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 impl CubeHeader {
@@ -64,6 +72,7 @@ impl CubeHeader {
             || !(1..=sensor_core::config::MAX_BANDS).contains(&self.bands)
             || !self.first_band_nm.is_finite()
             || !(self.band_step_nm > 0.0)
+            || !(self.level > 0.0 && self.level.is_finite())
         {
             return Err(Error::input(format!(
                 "an irradiance cube of {} x {} pixels in {} bands of {} nm",

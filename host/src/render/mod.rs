@@ -3,6 +3,7 @@
 //! The optics stage writes an [`IrradianceCube`] once; [`Exposure`] turns it into frames, so that another
 //! light level, exposure, gain, frame number or sensor seed never runs the optics again.
 
+pub mod cache;
 mod corrections;
 mod expose;
 mod irradiance;
@@ -47,6 +48,7 @@ pub fn irradiance(
         first_band_nm: bands.start_nm,
         band_step_nm: bands.step_nm,
         bands: bands.count,
+        level: 1.0,
         lux: about.lux,
         illuminant: about.illuminant,
         made_of: about.made_of,

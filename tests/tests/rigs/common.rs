@@ -53,6 +53,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
         first_band_nm: bands.start_nm,
         band_step_nm: bands.step_nm,
         bands: bands.count,
+        level: 1.0,
         lux: None,
         illuminant: None,
         made_of: "test".into(),

@@ -42,6 +42,7 @@ impl Bench<'_> {
             first_band_nm: bands.start_nm,
             band_step_nm: bands.step_nm,
             bands: 1,
+            level: 1.0,
             lux: None,
             illuminant: None,
             made_of: String::new(),

@@ -35,6 +35,7 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
         first_band_nm: bands.start_nm,
         band_step_nm: bands.step_nm,
         bands: bands.count,
+        level: 1.0,
         lux: None,
         illuminant: None,
         made_of: String::new(),

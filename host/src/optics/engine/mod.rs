@@ -15,11 +15,12 @@ pub mod sampling;
 mod field;
 mod fourier;
 pub mod psf;
-mod source;
+pub(super) mod source;
 pub mod varying;
 
 use crate::scene::LitScene;
 use crate::{Error, Plane, Result};
+use serde::{Deserialize, Serialize};
 pub use source::Border;
 
 /// A function of image height in mm.
@@ -107,7 +108,7 @@ impl Default for Options {
 }
 
 /// What was done.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Cells per pixel and direction, per band.
     pub oversample: Vec<usize>,
@@ -120,7 +121,7 @@ pub struct Report {
 }
 
 /// The grid of nodes between which PSFs are interpolated.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeReport {
     /// Nodes across and down.
     pub grid: (usize, usize),

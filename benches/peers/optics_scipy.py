@@ -1,0 +1,118 @@
+"""Peers of the field-varying blur: the same tiles, nodes and kernels in scipy.fft, scipy.signal, OpenCV.
+
+The bench writes its inputs and its own answer with `CAMRIG_BENCH_DUMP=DIR` (1024 x 1024 cells); this
+script blurs the same image in the same run and prints seconds, Mcell/s and its largest difference from
+the bench's answer over the peak:
+
+    CAMRIG_BENCH_DUMP=/tmp/optics cargo bench -p camrig-benches --bench optics -- dump
+    python3 benches/peers/optics_scipy.py /tmp/optics
+
+OpenCV is tried where it is installed. Threads: OMP_NUM_THREADS, default 2.
+"""
+
+import json
+import os
+import sys
+import time
+
+import numpy as np
+import scipy.fft as fft
+import scipy.signal as signal
+
+THREADS = int(os.environ.get("OMP_NUM_THREADS", "2"))
+
+
+def tiles(job, image, kernels):
+    """Every tile with its four weights and kernels."""
+    side, tile, size = job["side"], job["tile"], job["kernel"]
+    count = -(-side // tile)
+    fraction = ((np.arange(tile) + 0.5) / tile).astype(np.float32)
+    for j in range(count):
+        for i in range(count):
+            part = image[j * tile : (j + 1) * tile, i * tile : (i + 1) * tile]
+            v = fraction[: part.shape[0], None]
+            t = fraction[None, : part.shape[1]]
+            corner = j * (count + 1) + i
+            nodes = [corner, corner + 1, corner + count + 1, corner + count + 2]
+            weights = [(1 - v) * (1 - t), (1 - v) * t, v * (1 - t), v * t]
+            yield j * tile, i * tile, [(part * w, kernels[n]) for w, n in zip(weights, nodes)]
+
+
+def blur(job, image, kernels, convolve):
+    side, size = job["side"], job["kernel"]
+    out = np.zeros((side + size - 1, side + size - 1), np.float32)
+    for y, x, parts in tiles(job, image, kernels):
+        light = convolve(parts)
+        out[y : y + light.shape[0], x : x + light.shape[1]] += light
+    before = job["before"]
+    return out[before : before + side, before : before + side]
+
+
+def by_scipy_fft(parts):
+    """The scheme of the engine: four products, one inverse."""
+    (h, w), (k, _) = parts[0][0].shape, parts[0][1].shape
+    shape = (fft.next_fast_len(h + k - 1, True), fft.next_fast_len(w + k - 1, True))
+    total = 0
+    for light, kernel in parts:
+        total = total + fft.rfft2(light, shape, workers=THREADS) * fft.rfft2(
+            kernel, shape, workers=THREADS
+        )
+    return fft.irfft2(total, shape, workers=THREADS)[: h + k - 1, : w + k - 1]
+
+
+def by_fftconvolve(parts):
+    return sum(signal.fftconvolve(light, kernel) for light, kernel in parts)
+
+
+def by_opencv(cv2):
+    cv2.setNumThreads(THREADS)
+
+    def convolve(parts):
+        total = 0
+        for light, kernel in parts:
+            pad = kernel.shape[0] - 1
+            padded = cv2.copyMakeBorder(light, pad, pad, pad, pad, cv2.BORDER_CONSTANT, value=0)
+            full = cv2.filter2D(
+                padded, cv2.CV_32F, kernel[::-1, ::-1], borderType=cv2.BORDER_CONSTANT
+            )
+            half = pad // 2
+            total = total + full[half : full.shape[0] - half, half : full.shape[1] - half]
+        return total
+
+    return convolve
+
+
+def main():
+    folder = sys.argv[1]
+    with open(os.path.join(folder, "job.json")) as file:
+        job = json.load(file)
+    side, size = job["side"], job["kernel"]
+    load = lambda name: np.fromfile(os.path.join(folder, name), "<f4")
+    image = load("image.f32").reshape(side, side)
+    kernels = load("kernels.f32").reshape(-1, size, size)
+    ours = load("ours.f32").reshape(side, side)
+    methods = {"scipy.fft, same scheme": by_scipy_fft, "scipy.signal.fftconvolve x 4": by_fftconvolve}
+    try:
+        import cv2
+
+        methods["OpenCV filter2D x 4"] = by_opencv(cv2)
+    except ImportError:
+        print("SKIP: OpenCV is not installed")
+    rate = side * side * 1e-6 / job["seconds"]
+    print(f"camrig: {job['seconds']:.4f} s, {rate:.1f} Mcell/s")
+    for name, convolve in methods.items():
+        best = float("inf")
+        for _ in range(3):
+            start = time.perf_counter()
+            with fft.set_workers(THREADS):
+                out = blur(job, image, kernels, convolve)
+            best = min(best, time.perf_counter() - start)
+        error = np.abs(out - ours).max() / ours.max()
+        print(
+            f"{name}: {best:.4f} s, {side * side * 1e-6 / best:.1f} Mcell/s, "
+            f"camrig is {best / job['seconds']:.1f} times as fast, difference {error:.1e} of peak"
+        )
+
+
+if __name__ == "__main__":
+    main()
