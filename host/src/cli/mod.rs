@@ -4,7 +4,6 @@
 
 pub mod arguments;
 mod capture;
-mod calibrate;
 mod convert;
 mod crosstalk;
 mod demo;
