@@ -162,7 +162,14 @@ struct LogArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig register tcp://127.0.0.1:7420 0x0202           (exposure, lines)\n  \
-    camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)")]
+    camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)\n\nRegisters (addresses of MIPI CCS):\n  \
+    0x0000 model id, read only          0x0005 frame counter, read only\n  \
+    0x0100 1 streams, 0 stands by       0x0202 exposure, lines\n  \
+    0x0204 gain code, gain x 256        0x0340 frame length, lines\n  \
+    0x0600 test pattern: 0 none, 1 solid, 2 bars, 4 PN9\n  \
+    0x0602 DN of the solid pattern      0x3000 line time, ns\n  \
+    0x3100 fault: 0 none, 1 drop a frame, 2 corrupt a row, 3 stuck counter, 4 late frame\n  \
+    0x3102 the corrupt row, or the lateness in ms")]
 struct RegisterArgs {
     /// Address of the rig
     url: String,

@@ -349,7 +349,7 @@ impl Rig {
             }
             Nack::Register(address) => (
                 format!("the rig has no register {address:#06x} that takes this"),
-                "the README lists the registers and their ranges",
+                "`camrig rig register --help` lists the registers",
             ),
             nack => (format!("the rig refuses: {nack:?}"), "start again; it may have been reset"),
         };
