@@ -379,11 +379,12 @@ impl<const RAW: usize> Device<RAW> {
         }
         let end = u64::from(head.offset) + piece.len() as u64;
         let next = !self.camera_ready && head.offset == self.camera_received;
-        if next && end <= u64::from(head.total) {
-            if let Err(refusal) = self.camera_piece(head, piece, model) {
-                self.camera_received = 0;
-                return self.nack(Nack::Refused(refusal));
-            }
+        if next
+            && end <= u64::from(head.total)
+            && let Err(refusal) = self.camera_piece(head, piece, model)
+        {
+            self.camera_received = 0;
+            return self.nack(Nack::Refused(refusal));
         }
         self.answer(Answer::Control(ToHost::Camera {
             id: self.camera_id,

@@ -127,7 +127,7 @@ fn a_device_that_was_switched_off_and_on_says_so() {
     assert!(establish(&mut bench));
     bench.begin(0, false);
     bench.run(Some(20));
-    bench.device = Box::new(ToyDevice::new(600));
+    *bench.device = ToyDevice::new(600);
     assert_eq!(bench.run(None), Some(Event::Refused(Nack::NoSession)));
     assert!(establish(&mut bench));
     assert!(matches!(bench.frame(0, true), Event::FrameDone(_)));

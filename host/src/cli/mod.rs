@@ -3,6 +3,7 @@
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
 pub mod arguments;
+mod calibrate;
 mod capture;
 mod convert;
 mod crosstalk;

@@ -86,7 +86,7 @@ impl<'a> Selection<'a> {
         Ok(Self {
             analog_gain: gain,
             wavelength_nm,
-            even_light: flats.iter().all(|c| even(&c)),
+            even_light: flats.iter().all(even),
             darks,
             other_darks,
             flats,

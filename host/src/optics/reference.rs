@@ -11,7 +11,7 @@ use super::engine::source::Source;
 use super::engine::{Blur, Lens, Options, SensorGrid};
 use crate::scene::LitScene;
 use crate::{Plane, Result};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Irradiance in one band, W m⁻² nm⁻¹, as [`super::irradiance`] gives it with `oversample` cells per pixel.
 ///
@@ -161,6 +161,7 @@ mod tests {
     use super::*;
     use crate::optics::{Departures, Diffraction, Illumination, Report, characterisation};
     use crate::scene::{Bands, Grid, Quantity, Scene, Spectrum};
+    use std::f64::consts::PI;
 
     /// Bright and dark patches with detail down to a cell.
     struct Patches;

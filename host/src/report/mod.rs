@@ -1,6 +1,6 @@
 //! What people look at: self-contained pages.
 
-pub mod lens;
 pub mod curves;
+pub mod lens;
 pub mod page;
 pub mod plot;

@@ -117,6 +117,7 @@ pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
 }
 
 /// Opens a scene with its width and height in pixels, `None` for charts.
+#[allow(clippy::type_complexity, reason = "a pair, named by the sentence above")]
 pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, Option<(usize, usize)>)> {
     let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
     if let Some(chart) = chart::open(name, options) {
