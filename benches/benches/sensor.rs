@@ -88,18 +88,28 @@ fn ratios() {
     println!("\nsensor stage, f32, {WIDTH} x {HEIGHT}:");
     println!("  1 thread          {one:8.1} Mpixel/s");
     println!("  2 threads         {two:8.1} Mpixel/s, {:.2} x one", two / one);
-    println!("  memory floor      {floor:8.1} Mpixel/s (read f32, write u16), {:.1} x one thread", floor / one);
+    println!(
+        "  memory floor      {floor:8.1} Mpixel/s (read f32, write u16), {:.1} x one thread",
+        floor / one
+    );
     for (name, script) in [("numpy", "numpy_noise.py"), ("GalSim", "galsim_noise.py")] {
         let path = format!("{}/peers/{script}", env!("CARGO_MANIFEST_DIR"));
-        let run = Command::new("python3").args([&path, &WIDTH.to_string(), &HEIGHT.to_string()]).output();
-        let text = run.ok().filter(|o| o.status.success()).map(|o| String::from_utf8_lossy(&o.stdout).into_owned());
+        let run =
+            Command::new("python3").args([&path, &WIDTH.to_string(), &HEIGHT.to_string()]).output();
+        let text = run
+            .ok()
+            .filter(|o| o.status.success())
+            .map(|o| String::from_utf8_lossy(&o.stdout).into_owned());
         match text.and_then(|t| t.trim().parse::<f64>().ok()) {
             Some(peer) => println!(
                 "  {name:<17} {peer:8.1} Mpixel/s: one thread is {:.1} x, two are {:.1} x as fast",
                 one / peer,
                 two / peer
             ),
-            None => println!("  {name}: SKIP, python3 has no {name} (pip install {})", name.to_lowercase()),
+            None => println!(
+                "  {name}: SKIP, python3 has no {name} (pip install {})",
+                name.to_lowercase()
+            ),
         }
     }
 
@@ -107,7 +117,8 @@ fn ratios() {
     let sensor = spectral_config(width as u32, height as u32, &chain());
     let cube = cube(width, height, usize::from(sensor.bands));
     let mut dn = vec![0; width * height];
-    let whole = megapixels_per_s(width * height, || collected_rows(&sensor, black_box(&cube), &mut dn));
+    let whole =
+        megapixels_per_s(width * height, || collected_rows(&sensor, black_box(&cube), &mut dn));
     let read = megapixels_per_s(width * height, || {
         let sum = cube.mantissas.iter().fold(0u64, |sum, &m| sum.wrapping_add(u64::from(m)));
         black_box(sum);

@@ -135,7 +135,10 @@ pub fn cube(width: usize, height: usize, bands: usize) -> Cube {
     let values: Vec<f32> = (0..width).map(|x| 6.4e-3 * x as f32 / width as f32).collect();
     let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);
     encode(&values, &mut exponents, &mut mantissas);
-    Cube { mantissas: mantissas.repeat(height * bands), exponents: exponents.repeat(height * bands) }
+    Cube {
+        mantissas: mantissas.repeat(height * bands),
+        exponents: exponents.repeat(height * bands),
+    }
 }
 
 /// Mean electrons from a cube.
@@ -169,7 +172,8 @@ impl MeanRows<Float> for FromCube<'_> {
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 pub fn collected_rows(config: &SensorConfig, cube: &Cube, dn: &mut [u16]) {
     let width = config.width as usize;
-    let nodes = |n: usize| (0..n).map(|i| i as f32 / (n - 1) as f32 * 2.0 - 1.0).collect::<Vec<_>>();
+    let nodes =
+        |n: usize| (0..n).map(|i| i as f32 / (n - 1) as f32 * 2.0 - 1.0).collect::<Vec<_>>();
     let (x, y, nm) = (nodes(NODES.0), nodes(NODES.1), [400.0, 500.0, 600.0, 700.0]);
     let factors: Vec<f32> =
         (0..3 * nm.len() * x.len() * y.len()).map(|i| 0.9 + 0.2 * (i % 7) as f32 / 7.0).collect();

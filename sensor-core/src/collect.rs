@@ -99,7 +99,7 @@ impl<'a, A: Arith> Collector<'a, A> {
 
     #[inline(always)]
     fn phases(&self) -> usize {
-        if self.config.pattern.width % 3 == 0 { PHASES } else { 1 }
+        if self.config.pattern.width.is_multiple_of(3) { PHASES } else { 1 }
     }
 
     #[inline(always)]

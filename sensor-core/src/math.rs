@@ -28,7 +28,7 @@ pub fn ln(x: f32) -> f32 {
     let z = f * f;
     let z2 = z * z;
     // By pairs (Estrin 1960): a short chain of dependent operations keeps the units busy.
-    let low = (3.333_333_2e-1 - 2.499_999_4e-1 * f) + z * (2.000_071_4e-1 - 1.666_805_8e-1 * f);
+    let low = (3.333_333e-1 - 2.499_999_4e-1 * f) + z * (2.000_071_4e-1 - 1.666_805_8e-1 * f);
     let high = (1.424_932_3e-1 - 1.242_014_1e-1 * f) + z * (1.167_699_9e-1 - 1.151_461e-1 * f);
     let p = low + z2 * (high + z2 * 7.037_683_6e-2);
     let y = f * z * p + k * LN2_LOW - 0.5 * z;
@@ -119,7 +119,7 @@ fn radius(w: u32) -> f32 {
     let f = m - 1.0;
     let z = f * f;
     let high = (3.423_471e-1 - 3.274_660_3e-1 * f) + z * 2.127_222e-1;
-    let p = (-6.667_217_4e-1 + 4.996_366e-1 * f) + z * (-3.974_817_2e-1 + f * high);
+    let p = (-6.667_217_4e-1 + 4.996_366e-1 * f) + z * (-3.974_817e-1 + f * high);
     let t = (((f * z) * p + z) - (f + f)) - k as f32 * (2.0 * core::f32::consts::LN_2);
     // Rounding can leave ln(1) a hair above zero.
     let t = if t > 0.0 { t } else { 0.0 };
@@ -181,7 +181,11 @@ mod tests {
             let w = i.wrapping_mul(4096 + 17);
             let a = f64::from(w) / 4_294_967_296.0 * core::f64::consts::TAU;
             let (s, c) = sin_cos_turns(w);
-            (if i % 2 == 0 { s } else { c }, if i % 2 == 0 { a.sin() } else { a.cos() }, 1.0)
+            (
+                if i.is_multiple_of(2) { s } else { c },
+                if i.is_multiple_of(2) { a.sin() } else { a.cos() },
+                1.0,
+            )
         }));
         assert!(e < 1.2e-7, "sin, cos {e}");
         let e = worst((-1000..1000).map(|i| {

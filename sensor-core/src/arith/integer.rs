@@ -233,7 +233,7 @@ pub(super) fn expansion(mean: u32, w: i32) -> u32 {
     let root = (((u64::from(m) * u64::from(y)) >> 32) << s >> 10) as i32; // Q20
     let inverse = (y >> s) as i32; // Q30, at most ¼
     let w2 = mul(w, w, 32) as i32; // Q24
-    let first = (i64::from(w2) * i64::from(SIXTH) >> 30) + THIRD; // Q24
+    let first = ((i64::from(w2) * i64::from(SIXTH)) >> 30) + THIRD; // Q24
     let bend = mul(w2 + (2 << 24), SECOND, 30) as i32; // Q24
     let second = mul(mul(w, inverse, 32) as i32, bend, 26); // Q24
     let quartic = mul(w2, mul(w2, A, 30) as i32 + B, 24) as i32 - C; // Q24

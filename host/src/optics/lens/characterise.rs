@@ -79,11 +79,17 @@ fn side(system: &System) -> f64 {
 ///
 /// # Errors
 /// Rays that are lost, glasses without data; says where.
-pub fn field_points(system: &System, fields: &[f64], wavelengths: &[f64]) -> Result<Vec<FieldPoint>> {
+pub fn field_points(
+    system: &System,
+    fields: &[f64],
+    wavelengths: &[f64],
+) -> Result<Vec<FieldPoint>> {
     let trains = trains(system, wavelengths)?;
     let points: Result<Vec<Vec<FieldPoint>>> = fields
         .par_iter()
-        .map(|&deg| trains.iter().map(|train| Ok(Aimed::new(system, train, deg)?.point(true))).collect())
+        .map(|&deg| {
+            trains.iter().map(|train| Ok(Aimed::new(system, train, deg)?.point(true))).collect()
+        })
         .collect();
     Ok(points?.concat())
 }
@@ -169,13 +175,19 @@ impl<'a> Aimed<'a> {
 ///
 /// # Errors
 /// As [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
-pub fn characterise(system: &System, plan: &Plan, step: &(dyn Fn() + Sync)) -> Result<Characterisation> {
+pub fn characterise(
+    system: &System,
+    plan: &Plan,
+    step: &(dyn Fn() + Sync),
+) -> Result<Characterisation> {
     if plan.heights < 2 || !(plan.max_field_deg > 0.0 && plan.max_field_deg < 90.0) {
         return Err(Error::input(format!(
             "{} heights up to a field of {}°",
             plan.heights, plan.max_field_deg
         ))
-        .help("give two heights or more and a largest field between 0 and 90 degrees (--max-field)"));
+        .help(
+            "give two heights or more and a largest field between 0 and 90 degrees (--max-field)",
+        ));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);
     let heights: Vec<f64> =

@@ -115,8 +115,11 @@ impl Glass {
     pub fn index(&self, nm: f64) -> Result<f64> {
         let [low, high] = self.range_nm;
         if !(nm >= low * (1.0 - BEYOND) && nm <= high * (1.0 + BEYOND)) {
-            return Err(Error::input(format!("{nm} nm is outside the data of glass {}", self.name))
-                .help(format!("its index is known from {low} to {high} nm")));
+            return Err(Error::input(format!(
+                "{nm} nm is outside the data of glass {}",
+                self.name
+            ))
+            .help(format!("its index is known from {low} to {high} nm")));
         }
         let n = self.dispersion.index(nm * 1e-3);
         if n.is_finite() && n > 0.5 {
@@ -248,8 +251,9 @@ impl Catalogue {
     fn nearest(&self, wanted: &str) -> Vec<String> {
         let own = self.own.values();
         let all = own.chain(built_in().values().flatten().map(|(_, glass)| glass));
-        let mut scored: Vec<(usize, &str)> =
-            all.map(|g| (strsim::damerau_levenshtein(wanted, &key(&g.name)), &g.name[..])).collect();
+        let mut scored: Vec<(usize, &str)> = all
+            .map(|g| (strsim::damerau_levenshtein(wanted, &key(&g.name)), &g.name[..]))
+            .collect();
         scored.sort();
         scored.dedup();
         scored.into_iter().take(3).map(|(_, name)| name.to_owned()).collect()

@@ -90,8 +90,10 @@ impl Paraxial {
                 .help("only lenses that form an image are traced"));
         }
         if front.a.abs() < 1e-9 {
-            return Err(Error::input("the entrance pupil is at infinity (telecentric in object space)")
-                .help("object-side telecentric lenses are not supported"));
+            return Err(Error::input(
+                "the entrance pupil is at infinity (telecentric in object space)",
+            )
+            .help("object-side telecentric lenses are not supported"));
         }
         let (image_distance_mm, magnification) = match object {
             Object::Infinity => (whole.a / power * index, 0.0),
@@ -99,8 +101,10 @@ impl Paraxial {
                 let slope = whole.c * d + whole.d;
                 let height = whole.a * d + whole.b;
                 if slope.abs() < 1e-12 {
-                    return Err(Error::input(format!("the object at {d} mm is in the front focus"))
-                        .help("its image is at infinity; choose another object distance"));
+                    return Err(Error::input(format!(
+                        "the object at {d} mm is in the front focus"
+                    ))
+                    .help("its image is at infinity; choose another object distance"));
                 }
                 (-height / slope * index, 1.0 / slope)
             }
@@ -122,10 +126,7 @@ impl Paraxial {
 ///
 /// # Errors
 /// An object-side aperture for an object at infinity.
-pub(super) fn stop_radius(
-    paraxial: &Paraxial,
-    prescription: &Prescription,
-) -> Result<f64> {
+pub(super) fn stop_radius(paraxial: &Paraxial, prescription: &Prescription) -> Result<f64> {
     let p = paraxial;
     // tan of the marginal angle whose sine is the numerical aperture.
     let slope_of_na = |na: f64| na / (1.0 - na * na).sqrt();
@@ -144,8 +145,10 @@ pub(super) fn stop_radius(
         Aperture::ObjectNa(na) => match prescription.object {
             Object::Distance(d) => (d + p.entrance_z_mm).abs() * slope_of_na(na),
             Object::Infinity => {
-                return Err(Error::input("an object-side aperture needs an object at finite distance")
-                    .help("give the entrance pupil's diameter or the f-number"));
+                return Err(Error::input(
+                    "an object-side aperture needs an object at finite distance",
+                )
+                .help("give the entrance pupil's diameter or the f-number"));
             }
         },
     };

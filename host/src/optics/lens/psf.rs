@@ -42,9 +42,11 @@ const COARSEST: usize = 64;
 pub fn cells_across(beam: &Beam, outline: &Outline, window: &Window) -> Option<usize> {
     let probe = PupilSamples::trace(beam, outline, 16);
     let extent = |pick: &dyn Fn(&super::samples::Sample) -> f64| {
-        probe.rays.iter().map(pick).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-            (a.min(v), b.max(v))
-        })
+        probe
+            .rays
+            .iter()
+            .map(pick)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
     };
     let reach = probe.rays.iter().map(|r| r.landing[0].abs().max(r.landing[1].abs()));
     let reach = reach.fold(0.0, f64::max);
@@ -87,9 +89,11 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let turns = 2 * size;
     let scale = spacing_mm * 1e6 / nm * turns as f64;
     let nodes = |pick: &dyn Fn(&super::samples::Sample) -> f64| {
-        let (low, high) = samples.rays.iter().map(pick).fold((0.0_f64, 0.0_f64), |(a, b), v| {
-            (a.min(v * scale), b.max(v * scale))
-        });
+        let (low, high) = samples
+            .rays
+            .iter()
+            .map(pick)
+            .fold((0.0_f64, 0.0_f64), |(a, b), v| (a.min(v * scale), b.max(v * scale)));
         let first = low.floor() as i64 - WIDTH as i64;
         (first, (high.ceil() as i64 - first) as usize + WIDTH + 1)
     };
@@ -126,7 +130,8 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
         .collect();
     let folded_re = product(&real, &cosines, [count_m, count_l, half]);
     let folded_im = product(&imaginary, &cosines, [count_m, count_l, half]);
-    let correction: Vec<f64> = (0..half).map(|j| kernel.transform(j as f64 / turns as f64)).collect();
+    let correction: Vec<f64> =
+        (0..half).map(|j| kernel.transform(j as f64 / turns as f64)).collect();
     let mut intensity = vec![0.0; size * size];
     let (mut re, mut im) = (vec![0.0; half], vec![0.0; half]);
     for i in 0..size {

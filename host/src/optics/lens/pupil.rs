@@ -49,8 +49,10 @@ impl Launcher {
                 Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil / cosine))
             }
             Object::Distance(d) => {
-                return Err(Error::input(format!("the entrance pupil lies behind the object at {d} mm"))
-                    .help("such lenses are not supported"));
+                return Err(Error::input(format!(
+                    "the entrance pupil lies behind the object at {d} mm"
+                ))
+                .help("such lenses are not supported"));
             }
         };
         Ok(Self { sine, cosine, pupil_z, object })
@@ -382,9 +384,8 @@ fn edges_along(
         }
     }
     let zero = [[0.0; 2]; LANES];
-    let bracket = |edge: &[Option<[f64; 2]>; LANES]| {
-        std::array::from_fn(|i| edge[i].unwrap_or(zero[i]))
-    };
+    let bracket =
+        |edge: &[Option<[f64; 2]>; LANES]| std::array::from_fn(|i| edge[i].unwrap_or(zero[i]));
     let outer = refine(&at, bracket(&exit));
     let outer_rays = at(&outer);
     let inner = if open { [0.0; LANES] } else { refine(&at, bracket(&entry)) };
@@ -402,10 +403,7 @@ fn edges_along(
 
 /// Where the excess changes sign between `inside` and `outside`, per lane: regula falsi (Illinois),
 /// bisection next to rays that are lost.
-fn refine(
-    at: &impl Fn(&[f64; LANES]) -> Rays<LANES>,
-    bracket: [[f64; 2]; LANES],
-) -> [f64; LANES] {
+fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]) -> [f64; LANES] {
     let mut inside = bracket.map(|b| b[0]);
     let mut outside = bracket.map(|b| b[1]);
     let value = |rays: &Rays<LANES>, i: usize| match rays.alive(i) {

@@ -152,7 +152,8 @@ impl Nodes {
                 0 => sign * here,
                 _ => at(values, column - 1, row),
             };
-            let after = if column + 1 < self.columns { at(values, column + 1, row) } else { f64::NAN };
+            let after =
+                if column + 1 < self.columns { at(values, column + 1, row) } else { f64::NAN };
             slope(before, here, after)
         };
         let along = |values: &[f64]| {
@@ -262,7 +263,8 @@ mod tests {
         let ring = |inner: f64, outer: f64| {
             let edges = (0..=n).map(|i| {
                 let (s, c) = ((i as f64 / n as f64 - 0.5) * std::f64::consts::PI).sin_cos();
-                let at = |r: f64| EdgePoint { launch: [r * c.max(0.0), r * s], direction: [0.0; 2] };
+                let at =
+                    |r: f64| EdgePoint { launch: [r * c.max(0.0), r * s], direction: [0.0; 2] };
                 Some([at(inner), at(outer)])
             });
             Outline { edges: edges.collect() }

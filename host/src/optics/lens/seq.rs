@@ -221,7 +221,11 @@ impl File {
             "SCO" => {
                 let name = rest.first().map(|w| w.to_ascii_uppercase()).unwrap_or_default();
                 let value = first(rest.get(1..).unwrap_or(&[]), "SCO")?;
-                let slot = if name == "K" { Some(1) } else { name.strip_prefix('C').and_then(|n| n.parse().ok()) };
+                let slot = if name == "K" {
+                    Some(1)
+                } else {
+                    name.strip_prefix('C').and_then(|n| n.parse().ok())
+                };
                 match slot {
                     Some(1) => surface.conic = value,
                     Some(n @ 2..=60) => {
@@ -244,8 +248,9 @@ impl File {
 /// Commands that say nothing about the path of light: labels, weights, solves, tolerances, buffers.
 const ADMINISTRATIVE: &[&str] = &[
     "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "TEM", "PRE", "SLB", "CCY", "THC", "GLC", "KC", "AC",
-    "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA", "DDM", "RAT",
-    "PFR", "PTP", "POR", "RMD", "CIN", "SPT", "MFL", "COM", "TCE", "UID", "SAV", "OUT", "STP",
+    "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA", "DDM",
+    "RAT", "PFR", "PTP", "POR", "RMD", "CIN", "SPT", "MFL", "COM", "TCE", "UID", "SAV", "OUT",
+    "STP",
 ];
 
 fn kind_of(keyword: &str) -> FieldKind {
@@ -260,7 +265,9 @@ fn kind_of(keyword: &str) -> FieldKind {
 impl File {
     fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
         let Some((object_bend, object)) = self.object else {
-            return Err(Error::input("no object (SO)").help("is this a CODE V lens file, and complete?"));
+            return Err(
+                Error::input("no object (SO)").help("is this a CODE V lens file, and complete?")
+            );
         };
         let Some(defocus) = self.image else {
             return Err(Error::input("no image (SI)").help("the file ends before its last surface"));
@@ -269,7 +276,9 @@ impl File {
             return Err(Error::input("the image surface is curved").help("sensors are flat"));
         }
         if object_bend != 0.0 && object.abs() < INFINITE {
-            return Err(Error::input("the object surface is curved").help("only flat objects are traced"));
+            return Err(
+                Error::input("the object surface is curved").help("only flat objects are traced")
+            );
         }
         let stop = self.stop.unwrap_or_else(|| {
             self.notes.push("STO is not given: the first surface is the stop, as in CODE V".into());
@@ -299,8 +308,12 @@ impl File {
             surfaces.push(surface);
         }
         let Some(&reference_nm) = self.waves.get(self.reference - 1) else {
-            return Err(Error::input(format!("reference wavelength {} of {}", self.reference, self.waves.len()))
-                .help("REF names one of the values of WL"));
+            return Err(Error::input(format!(
+                "reference wavelength {} of {}",
+                self.reference,
+                self.waves.len()
+            ))
+            .help("REF names one of the values of WL"));
         };
         let (kind, y) = self.fields.take().unwrap_or((FieldKind::Angle, vec![0.0]));
         let unit = if kind == FieldKind::Angle { 1.0 } else { scale };
@@ -310,7 +323,9 @@ impl File {
             .collect();
         let any = self.vignetting.iter().flatten().any(|v| *v != 0.0);
         let vignetting = match any {
-            true => (0..y.len()).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect(),
+            true => {
+                (0..y.len()).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect()
+            }
             false => Vec::new(),
         };
         let prescription = Prescription {
@@ -339,7 +354,9 @@ impl File {
         };
         let impossible = self.surfaces.iter().any(|s| s.bend.abs() * beam > 2.0);
         self.notes.push(match impossible {
-            true => "RDM is not given: taken as radii, since as curvatures the beam would miss".into(),
+            true => {
+                "RDM is not given: taken as radii, since as curvatures the beam would miss".into()
+            }
             false => "RDM is not given: surfaces are taken by curvature, as CODE V does".into(),
         });
         impossible

@@ -148,8 +148,10 @@ impl System {
     pub fn fields_deg(&self) -> Result<Vec<f64>> {
         let fields = &self.prescription.fields;
         let object_height = |h: f64| match self.prescription.object {
-            Object::Infinity => Err(Error::input("fields are object heights, the object is at infinity")
-                .help("give angles")),
+            Object::Infinity => {
+                Err(Error::input("fields are object heights, the object is at infinity")
+                    .help("give angles"))
+            }
             Object::Distance(d) => {
                 Ok(libm::atan(h / (d + self.paraxial.entrance_z_mm).abs()).to_degrees())
             }
@@ -217,7 +219,8 @@ impl System {
             }
         }
         self.prescription.notes.push(
-            "clear apertures follow from the vignetting factors (the file gives no apertures)".into(),
+            "clear apertures follow from the vignetting factors (the file gives no apertures)"
+                .into(),
         );
         Ok(())
     }

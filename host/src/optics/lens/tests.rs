@@ -7,9 +7,9 @@ use std::path::PathBuf;
 
 /// The folder of shared test material; `None`, with a word, where it is absent.
 pub(super) fn shared(what: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("CAMRIG_SHARED").map(PathBuf::from).unwrap_or_else(|| {
-        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared")
-    });
+    let root = std::env::var_os("CAMRIG_SHARED")
+        .map(PathBuf::from)
+        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared"));
     let path = root.join(what);
     if !path.exists() {
         println!("SKIP: {} is absent", path.display());
@@ -141,7 +141,9 @@ fn real_files_load() {
                     let system = match System::new(lens, Conditions::default()) {
                         Ok(system) => system,
                         // A plane-parallel plate with an r⁴ figure has no focal length.
-                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => continue,
+                        Err(e) if name == "asp46.seq" && e.to_string().contains("afocal") => {
+                            continue;
+                        }
                         Err(e) => panic!("{name}: {e}"),
                     };
                     assert!(system.paraxial.efl_mm.is_finite() && system.stop_radius_mm > 0.0);
@@ -243,8 +245,10 @@ fn vignetting_factors_give_the_apertures_ray_optics_finds() {
     let Some(file) = shared("data/lenses/rayoptics/ag_dblgauss.seq") else { return };
     let lens = read_prescription(&file, &Catalogue::default()).unwrap();
     let system = System::new(lens, Conditions::default()).unwrap();
-    let theirs =
-        [28.1719, 27.1359, 24.6262, 22.8939, 17.2926, 0.0, 15.1348, 17.2501, 18.9261, 20.349, 20.7763];
+    let theirs = [
+        28.1719, 27.1359, 24.6262, 22.8939, 17.2926, 0.0, 15.1348, 17.2501, 18.9261, 20.349,
+        20.7763,
+    ];
     for (i, (surface, radius)) in system.prescription.surfaces.iter().zip(theirs).enumerate() {
         // Programs differ in how they aim at the rim of a vignetted pupil: 2 % of a radius.
         if i != system.prescription.stop {
@@ -267,8 +271,20 @@ mod fuzz {
     fn mutated(text: &'static str) -> impl Strategy<Value = String> {
         let lines = text.lines().count();
         let word = prop_oneof![
-            Just("0"), Just("-1"), Just("1e308"), Just("-1e308"), Just("1e-308"), Just("NaN"), Just("INFINITY"),
-            Just("99999999999999999999"), Just(""), Just("x"), Just("-"), Just("MIRROR"), Just("true"), Just("\u{b5}"),
+            Just("0"),
+            Just("-1"),
+            Just("1e308"),
+            Just("-1e308"),
+            Just("1e-308"),
+            Just("NaN"),
+            Just("INFINITY"),
+            Just("99999999999999999999"),
+            Just(""),
+            Just("x"),
+            Just("-"),
+            Just("MIRROR"),
+            Just("true"),
+            Just("\u{b5}"),
         ];
         let edit = (0..lines, 0..8usize, 0..4u8, word);
         prop::collection::vec(edit, 1..6).prop_map(move |edits| {
@@ -326,8 +342,10 @@ mod fuzz {
         let read = |read: fn(&str, &Catalogue) -> Result<Prescription>, text| {
             System::new(read(text, &Catalogue::default()).unwrap(), Conditions::default()).unwrap()
         };
-        let all = [read(zmx::read, ZMX), read(seq::read, SEQ), read(super::super::toml::read, TOML)];
-        let points = |s: &System| characterise::field_points(s, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap();
+        let all =
+            [read(zmx::read, ZMX), read(seq::read, SEQ), read(super::super::toml::read, TOML)];
+        let points =
+            |s: &System| characterise::field_points(s, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap();
         let first = points(&all[0]);
         assert!(first[5].relative_illumination < 0.9);
         for other in &all[1..] {

@@ -95,8 +95,8 @@ struct OwnGlass {
 /// # Errors
 /// What is wrong, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
-    let file: File = ::toml::from_str(text)
-        .map_err(|e| Error::input(e.to_string().trim_end().to_owned()))?;
+    let file: File =
+        ::toml::from_str(text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()))?;
     if file.format != FORMAT {
         return Err(Error::input(format!("format \"{}\"", file.format))
             .help(format!("a prescription has format = \"{FORMAT}\"")));
@@ -195,7 +195,9 @@ impl Row {
 impl OwnGlass {
     fn glass(&self, name: &str) -> Result<Glass> {
         match (self.nd, self.vd, &self.table_nm) {
-            (Some(nd), Some(vd), None) => Ok(Glass { name: name.to_owned(), ..Glass::model(nd, vd)? }),
+            (Some(nd), Some(vd), None) => {
+                Ok(Glass { name: name.to_owned(), ..Glass::model(nd, vd)? })
+            }
             (Some(n), None, None) => Ok(Glass { name: name.to_owned(), ..Glass::constant(n)? }),
             (None, None, Some(table)) => Glass::table(name, table.clone()),
             _ => Err(Error::input("neither n_d and V_d nor a table")

@@ -262,7 +262,8 @@ impl Draft {
             kind => refuse(&format!("a surface of type {kind}"))?,
         }
         if let Some((line, words)) = &self.glass {
-            surface.medium = medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
+            surface.medium =
+                medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
         }
         Ok(surface)
     }
@@ -301,8 +302,9 @@ fn medium(words: &[String], file: &File, glasses: &Catalogue) -> Result<Medium> 
 impl File {
     fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
         if self.surfaces.len() < 3 {
-            return Err(Error::input(format!("{} surfaces", self.surfaces.len()))
-                .help("a lens file has at least an object, one surface and an image: is it complete?"));
+            return Err(Error::input(format!("{} surfaces", self.surfaces.len())).help(
+                "a lens file has at least an object, one surface and an image: is it complete?",
+            ));
         }
         let scale = self.scale.unwrap_or(1.0);
         let drafts = std::mem::take(&mut self.surfaces);
@@ -347,8 +349,12 @@ impl File {
             waves.truncate(self.counts[1]);
         }
         let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
-            return Err(Error::input(format!("primary wavelength {} of {}", self.primary, waves.len()))
-                .help("PWAV names one of the WAVM lines"));
+            return Err(Error::input(format!(
+                "primary wavelength {} of {}",
+                self.primary,
+                waves.len()
+            ))
+            .help("PWAV names one of the WAVM lines"));
         };
         let prescription = Prescription {
             name: self.name,

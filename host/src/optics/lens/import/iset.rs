@@ -209,9 +209,11 @@ fn psf_grid(
         used.dedup();
     }
     if h_used.first() != Some(&1) {
-        return Err(Error::input(format!("no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"))
-            .at(dir.display())
-            .help("PSFs start on the axis, at height number 1"));
+        return Err(Error::input(format!(
+            "no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"
+        ))
+        .at(dir.display())
+        .help("PSFs start on the axis, at height number 1"));
     }
     let (mut size, mut data, mut captured) = (0, Vec::new(), Vec::new());
     for &h in &h_used {
@@ -231,9 +233,11 @@ fn psf_grid(
             // The macro puts the field at negative y: rows from +y to −y run outwards.
             let (n, samples, kept) = listing.oriented(listing.field.is_none_or(|f| f <= 0.0));
             if size != 0 && n != size {
-                return Err(Error::input(format!("a PSF of {n} x {n} samples, others have {size}"))
-                    .at(path.display())
-                    .help("export all PSFs with the same grid"));
+                return Err(Error::input(format!(
+                    "a PSF of {n} x {n} samples, others have {size}"
+                ))
+                .at(path.display())
+                .help("export all PSFs with the same grid"));
             }
             size = n;
             captured.push(kept);
@@ -262,8 +266,10 @@ fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
     if let Some(own) = listing.spacing_um
         && (own - spacing_um).abs() > 0.02 * spacing_um
     {
-        return Err(Error::input(format!("PSF samples {own} µm apart where {spacing_um} µm are expected"))
-            .help("the files do not belong together"));
+        return Err(Error::input(format!(
+            "PSF samples {own} µm apart where {spacing_um} µm are expected"
+        ))
+        .help("the files do not belong together"));
     }
     Ok(())
 }

@@ -81,8 +81,8 @@ fn yes() -> bool {
 /// What is wrong in the manifest or a file it names, with the line.
 pub fn read(path: &Path) -> Result<Characterisation> {
     let text = read_text(path)?;
-    let manifest: Manifest =
-        ::toml::from_str(&text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
+    let manifest: Manifest = ::toml::from_str(&text)
+        .map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
     if manifest.format != FORMAT {
         return Err(Error::input(format!("format \"{}\"", manifest.format))
             .at(path.display())
@@ -222,9 +222,13 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
         let row: Result<Vec<f64>> = words(text).iter().map(|w| number("value", w)).collect();
         let row = row.map_err(|e| e.at(format!("line {line}")))?;
         if row.len() != wavelengths.len() + 1 {
-            return Err(Error::input(format!("{} values instead of {}", row.len(), wavelengths.len() + 1))
-                .at(format!("line {line}"))
-                .help("a row holds a height and a value per wavelength"));
+            return Err(Error::input(format!(
+                "{} values instead of {}",
+                row.len(),
+                wavelengths.len() + 1
+            ))
+            .at(format!("line {line}"))
+            .help("a row holds a height and a value per wavelength"));
         }
         heights.push(row[0]);
         values.extend_from_slice(&row[1..]);

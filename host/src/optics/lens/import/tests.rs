@@ -50,10 +50,16 @@ fn a_real_huygens_listing_comes_in() {
     let psf = listing::psf(&text).unwrap();
     assert_eq!(psf.shape, [128, 128]);
     assert_eq!(psf.centre, [64, 64]);
-    assert_eq!((psf.wavelength_nm, psf.field, psf.spacing_um), (Some(550.0), Some(-27.38), Some(0.25)));
+    assert_eq!(
+        (psf.wavelength_nm, psf.field, psf.spacing_um),
+        (Some(550.0), Some(-27.38), Some(0.25))
+    );
     let cut: String = text.lines().take(90).map(|l| format!("{l}\n")).collect();
     let error = message(listing::psf(&cut));
-    assert!(error.contains("rows of values instead of 128") && error.contains("line 90"), "{error}");
+    assert!(
+        error.contains("rows of values instead of 128") && error.contains("line 90"),
+        "{error}"
+    );
     let error = message(listing::psf(&text.replacen("3.206E-004", "-3.206E-004", 1)));
     assert!(error.contains("negative") && error.contains("line"), "{error}");
 }
