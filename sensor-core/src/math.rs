@@ -181,7 +181,11 @@ mod tests {
             let w = i.wrapping_mul(4096 + 17);
             let a = f64::from(w) / 4_294_967_296.0 * core::f64::consts::TAU;
             let (s, c) = sin_cos_turns(w);
-            (if i % 2 == 0 { s } else { c }, if i % 2 == 0 { a.sin() } else { a.cos() }, 1.0)
+            (
+                if i.is_multiple_of(2) { s } else { c },
+                if i.is_multiple_of(2) { a.sin() } else { a.cos() },
+                1.0,
+            )
         }));
         assert!(e < 1.2e-7, "sin, cos {e}");
         let e = worst((-1000..1000).map(|i| {

@@ -31,7 +31,7 @@ fn windows() -> Vec<Effect> {
 
 fn scene(x: u32, y: u32) -> f32 {
     // Means on either side of where the Poisson method changes.
-    ((x * 37 + y * 101) % 97) as f32 * if x % 5 == 0 { 0.2 } else { 20.0 }
+    ((x * 37 + y * 101) % 97) as f32 * if x.is_multiple_of(5) { 0.2 } else { 20.0 }
 }
 
 fn rows_come_out_the_same_in_any_order<A: Arith>() {
