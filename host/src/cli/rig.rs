@@ -264,6 +264,7 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             lux: args.lux,
             luminance: None,
             oversample: None,
+            no_cache: false,
         };
         let View { cube, .. } = view.view()?;
         return Ok(vec![cube]);
