@@ -439,7 +439,7 @@ mod tests {
     fn rounding_of_little_noise() {
         // Variance of rounded Gaussian noise by summing over codes, against the formula.
         for (sigma, mean) in [(0.53, 64.0), (0.5, 10.5), (0.4, 3.25), (1.5, 7.0)] {
-            let density = |x: f64| (-0.5 * ((x - mean) / sigma as f64).powi(2)).exp();
+            let density = |x: f64| (-0.5 * ((x - mean) / sigma).powi(2)).exp();
             let (mut n, mut sum, mut square) = (0.0, 0.0, 0.0);
             for k in -200_000..200_000 {
                 let x = mean + f64::from(k) * 1e-4;

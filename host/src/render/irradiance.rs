@@ -65,6 +65,7 @@ impl CubeHeader {
         self.row_bytes() as u64 * self.height as u64 * self.bands as u64
     }
 
+    #[allow(clippy::nonminimal_bool, reason = "a step that is no number must be refused")]
     fn check(&self) -> Result<()> {
         let side = 1..=sensor_core::config::MAX_SIDE as usize;
         if !side.contains(&self.width)

@@ -209,7 +209,7 @@ mod tests {
                 let lengths: Vec<usize> =
                     axes.chars().map(|c| [3, 2, 4]["xyb".find(c).unwrap()]).collect();
                 let layout = Layout::packed(axes, [lengths[0], lengths[1], lengths[2]]).unwrap();
-                let mut samples = vec![0u16; 24];
+                let mut samples = [0u16; 24];
                 for band in 0..4 {
                     for y in 0..2 {
                         for x in 0..3 {
