@@ -33,10 +33,11 @@ impl Iterator for FrameReader {
 /// Files that cannot be read, formats that are not known, and samples that are not 8 or 16 bit
 /// unsigned.
 pub fn open(path: &Path) -> Result<FrameReader> {
-    let kind = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")) {
-        NpyStack::open(path).map(Kind::Npy)
-    } else {
-        formats::read(path).map(|f| Kind::Read(f.planes.into_iter()))
+    let npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
+    let stack = if npy { NpyStack::open(path).map_err(|e| e.at(path.display()))? } else { None };
+    let kind = match stack {
+        Some(stack) => Ok(Kind::Npy(stack)),
+        None => formats::read(path).map(|f| Kind::Read(f.planes.into_iter())),
     };
     kind.map(FrameReader).map_err(|e| e.at(path.display()))
 }
@@ -89,35 +90,27 @@ fn check(sensor: &SensorFacts, frame: &Plane<u16>) -> Result<()> {
     Ok(())
 }
 
-/// A NPY file of `H x W` or `N x H x W` samples, read frame by frame.
+/// A NPY file of `N x H x W` samples, read frame by frame.
 struct NpyStack {
     data: Box<dyn Iterator<Item = std::io::Result<u16>> + Send>,
     width: usize,
     height: usize,
     left: u64,
-    columns_first: bool,
 }
 
 impl NpyStack {
-    fn open(path: &Path) -> Result<Self> {
+    /// `None` for an array that is no stack.
+    fn open(path: &Path) -> Result<Option<Self>> {
         let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
         let length = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
         let broken = |e: std::io::Error| Error::input(format!("not a readable NPY file: {e}"));
         let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(broken)?;
         let shape = npy.shape().to_vec();
-        let columns_first = npy.order() == npyz::Order::Fortran;
-        if columns_first && shape.len() != 2 {
+        let [frames, height, width] = shape[..] else { return Ok(None) };
+        if npy.order() != npyz::Order::C {
             return Err(Error::input("a stack stored columns first (Fortran order)")
                 .help("save it with numpy.ascontiguousarray"));
         }
-        let (frames, height, width) = match shape[..] {
-            [h, w] => (1, h, w),
-            [n, h, w] => (n, h, w),
-            _ => {
-                return Err(Error::input(format!("an array of shape {shape:?}"))
-                    .help("frames are H x W or N x H x W"));
-            }
-        };
         // A header may claim any size; the file bounds it before anything is reserved.
         let samples = frames.checked_mul(height).and_then(|n| n.checked_mul(width));
         if samples.is_none_or(|n| n == 0 || n > length) {
@@ -131,7 +124,7 @@ impl NpyStack {
             _ => Box::new(npy.data::<u16>().map_err(wrong_type)?),
         };
         let (width, height) = (width as usize, height as usize);
-        Ok(Self { data, width, height, left: frames, columns_first })
+        Ok(Some(Self { data, width, height, left: frames }))
     }
 
     fn next(&mut self) -> Option<Result<Plane<u16>>> {
@@ -142,9 +135,6 @@ impl NpyStack {
         let count = self.width * self.height;
         let data: std::io::Result<Vec<u16>> = self.data.by_ref().take(count).collect();
         Some(match data {
-            Ok(data) if data.len() == count && self.columns_first => {
-                Ok(Plane::from_fn(self.width, self.height, |x, y| data[x * self.height + y]))
-            }
             Ok(data) if data.len() == count => {
                 Ok(Plane { width: self.width, height: self.height, data })
             }

@@ -266,11 +266,20 @@ fn run_emva(args: &OnCaptures) -> Result<ExitCode> {
         let mut object = match &result.channels[..] {
             [mono] => self::object(mono)?,
             several => {
+                // At the top the channel that gets most light, for which the levels were chosen.
+                let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
+                let most = several
+                    .iter()
+                    .max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)))
+                    .ok_or_else(|| Error::input("no channels"))?;
+                let mut object = self::object(&most.figures)?;
+                object.insert("reference_channel".into(), json!(most.channel));
                 let mut channels = Map::new();
                 for c in several {
                     channels.insert(c.channel.clone(), to_json(c)?);
                 }
-                Map::from_iter([("channels".to_owned(), channels.into())])
+                object.insert("channels".into(), channels.into());
+                object
             }
         };
         object.insert("warnings".into(), json!(result.warnings));
