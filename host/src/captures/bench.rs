@@ -60,7 +60,7 @@ pub fn bench(
 ) -> Result<()> {
     let (width, height) = (camera.sensor.width as usize, camera.sensor.height as usize);
     let period = camera.sensor.cfa.width.max(camera.sensor.cfa.height);
-    if width.min(height) < 4 * WINDOW || WINDOW % period != 0 {
+    if width.min(height) < 4 * WINDOW || !WINDOW.is_multiple_of(period) {
         return Err(Error::input(format!("a sensor of {width} x {height} pixels"))
             .help("the bench reads windows of 12 x 12 pixels, whole periods of the pattern"));
     }
