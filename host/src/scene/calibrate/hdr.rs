@@ -7,7 +7,7 @@
 //! noise), not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are
 //! measured on the exposures themselves ([`Noise::measure`]).
 //!
-//! A pixel whose neighbourhood (9 x 9) disagrees between exposures by more than its noise and 1 % allow
+//! A pixel whose neighbourhood (9 x 9) disagrees between exposures by more than its noise and 5 % allow
 //! shows something that moved: it is taken from one exposure instead, the reference, or the longest
 //! shorter one where that is saturated.
 
@@ -56,8 +56,9 @@ pub struct Merged {
     pub dynamic_range_db: f64,
 }
 
-/// A systematic difference between exposures that is no movement, relative.
-const ALLOWANCE: f64 = 0.01;
+/// A systematic difference between exposures that is no movement, relative: real shutters, lamps and
+/// clipped blacks leave 1.5 to 5 %.
+const ALLOWANCE: f64 = 0.05;
 /// Least signal that is compared to find shifts, of full scale: above noise.
 const DETAIL: f32 = 0.02;
 /// Half of the neighbourhood's edge.
