@@ -288,12 +288,13 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     let cubes = files.iter().map(|p| IrradianceCube::open(p)).collect::<Result<Vec<_>>>()?;
     let same = cubes.windows(2).all(|w| {
         let (a, b) = (&w[0].header, &w[1].header);
-        (a.width, a.height, a.spectral_bands()) == (b.width, b.height, b.spectral_bands())
+        (a.width, a.height, a.spectral_bands(), a.level)
+            == (b.width, b.height, b.spectral_bands(), b.level)
     });
     if cubes.is_empty() || !same {
-        return Err(Error::input("irradiance files of different sizes or bands, or none at all")
+        return Err(Error::input("irradiance files of different sizes, bands or light, or none")
             .at(path.display())
-            .help(format!("give files that were made for {}", camera.name)));
+            .help(format!("give files made for {} at one light level", camera.name)));
     }
     Ok(cubes)
 }
