@@ -3,7 +3,7 @@
 //! The same code is the emulator on a workstation and the firmware of a microcontroller. No allocator:
 //! whoever starts a rig hands it its [`Memory`]. From top to bottom:
 //!
-//! - [`serve`]: reads packets from an `embedded_io` link and writes the answers;
+//! - [`mod@serve`]: reads packets from an `embedded_io` link and writes the answers;
 //! - [`rig`]: what a rig holds between frames: its camera and the frame's settings;
 //! - [`running`]: a frame in progress: spectral rows in, raw rows out;
 //! - [`camera`]: a camera as bytes on the link.

@@ -2,7 +2,7 @@
 //!
 //! [`engine`] renders any [`Lens`]: [`Diffraction`] (key parameters only) or [`Characterisation`] (tables
 //! over field and wavelength, exported by a lens program or traced from a prescription by [`lens`]).
-//! [`reference`] is the same physics by direct sums; [`content`] keys results for the cache.
+//! [`mod@reference`] is the same physics by direct sums; [`content`] keys results for the cache.
 //!
 //! # Conventions
 //! The choices that cost others their accuracy, and the test that holds each of ours.

@@ -69,7 +69,7 @@ pub fn observer() -> [Spectrum; 3] {
 }
 
 /// The colour-matching functions as means over bands, for spectra held in bands:
-/// X = Σ value[b] · observer[0][b] · step_nm. A part of the observer that lies outside the bands
+/// `X = Σ value[b] · observer[0][b] · step_nm`. A part of the observer that lies outside the bands
 /// belongs to no band.
 pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
     observer().map(|curve| curve.in_bands(bands))

@@ -1,5 +1,5 @@
 //! A lens as data: what a lens program exports or our tracer computes, over image height and
-//! wavelength. The engine renders through it; [`disk`] keeps it in a directory.
+//! wavelength. The engine renders through it; `disk` keeps it in a directory.
 //!
 //! # Conventions
 //! - The lens is rotationally symmetric about the optical axis. Every table is indexed by the

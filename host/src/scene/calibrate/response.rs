@@ -49,7 +49,7 @@ pub struct Response {
     pub channel: char,
     /// Least and largest signal that the curve was fitted to, DN above black.
     pub range_dn: [f64; 2],
-    /// ln Z of the first knot; the others follow at [`STEP`].
+    /// ln Z of the first knot; the others follow at `STEP`.
     pub first_ln_dn: f64,
     /// g at the knots.
     pub g: Vec<f64>,

@@ -2,7 +2,7 @@
 //!
 //! Reflectances are written S = m + B w: m the mean of a training set, B its first k principal
 //! components, w weights of which the training set gives the covariance Λ. The channels of a
-//! camera, each relative to its own signal on a perfect white, see r = C S with C[c][b] the share of
+//! camera, each relative to its own signal on a perfect white, see r = C S with `C[c][b]` the share of
 //! band b in channel c under the light. Three values do not determine six weights; the estimate is
 //! the linear one of least mean square error for the prior (m, Λ) and relative noise σ (Wiener):
 //!
