@@ -6,8 +6,8 @@
 //! order of the physics, effects of one domain in the order in which they are listed.
 //!
 //! # Adding an effect
-//! One file `effects/NAME.rs` with the [`effect!`] declaration (equation, source, parameters with units
-//! and ranges) and its [`Stage`]; one line in the [`catalogue!`] below; one test.
+//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with units
+//! and ranges) and its [`Stage`]; one line in the `catalogue!` below; one test.
 //! Numbers in the catalogue name random streams and travel over the rig's link: never reuse one.
 
 mod context;
