@@ -19,7 +19,9 @@ pub(super) fn shared(what: &str) -> Option<PathBuf> {
 }
 
 fn json(path: &Path) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+    // Python writes NaN, which JSON has not.
+    let text = std::fs::read_to_string(path).unwrap().replace("NaN", "null");
+    serde_json::from_str(&text).unwrap()
 }
 
 fn list(value: &Value) -> Vec<f64> {
