@@ -19,7 +19,7 @@ pub(super) fn shared(what: &str) -> Option<PathBuf> {
 }
 
 fn json(path: &Path) -> Value {
-    // One of the other programs writes its failures as NaN, which JSON does not have.
+    // Python writes NaN, which JSON has not.
     let text = std::fs::read_to_string(path).unwrap().replace("NaN", "null");
     serde_json::from_str(&text).unwrap()
 }

@@ -168,9 +168,13 @@ fn two(text: &str, between: &str) -> Result<[usize; 2]> {
 
 impl PsfListing {
     /// Whether the rows, which run from +y to −y, run away from the axis: where the image lies at
-    /// negative y, or (where the listing does not say) as the ISET macro arranges it.
+    /// negative y. On the axis, or where the listing does not say, so that the chief ray's row comes to
+    /// n/2 without losing one.
     pub fn runs_outwards(&self) -> bool {
-        self.image_y.or(self.field).is_none_or(|y| y <= 0.0)
+        match self.image_y.or(self.field) {
+            Some(y) if y != 0.0 => y < 0.0,
+            _ => self.centre[0] >= self.shape[0] / 2,
+        }
     }
 
     /// Of a PSF on the axis: whether its centre row is meant from the last row upwards.
