@@ -117,9 +117,7 @@ fn psfs(lens: &Characterisation) -> String {
         .collect();
     let side = psf.size as f64 * psf.spacing_um;
     picture_grid(
-        &format!(
-            "PSF over image height (away from the axis is up), {side:.0} µm wide, square root"
-        ),
+        &format!("PSF, {side:.0} µm wide, square root; away from the axis is up"),
         &columns,
         &rows,
     )

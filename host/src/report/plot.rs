@@ -148,14 +148,10 @@ impl Plot {
         out.text([left + inner_width / 2.0, height - 10.0], "middle", &self.x.label, "");
         let turn = format!(" transform=\"rotate(-90 16 {:.1})\"", top + inner_height / 2.0);
         out.text([16.0, top + inner_height / 2.0], "middle", &self.y.label, &turn);
-        out.add(format_args!(
-            "<clipPath id=\"area\"><rect x=\"{left}\" y=\"{top}\" width=\"{inner_width}\" height=\"{inner_height}\"/></clipPath>\n<g clip-path=\"url(#area)\">\n"
-        ));
         for series in &self.series {
             let points: Vec<[f64; 2]> = series.points.iter().filter_map(place).collect();
             out.marks(&points, series.mark, &series.colour);
         }
-        out.add(format_args!("</g>\n"));
         let labelled = self.series.iter().filter(|s| !s.label.is_empty());
         for (i, series) in labelled.enumerate() {
             let at = [left + inner_width - 8.0, top + 16.0 + 16.0 * i as f64];
@@ -202,12 +198,12 @@ impl Scale {
         Self { low: low - room, high: high + room, logarithmic }
     }
 
-    /// Where a value lies, 0 to 1 from end to end; `None` for what has no place.
+    /// Where a value lies, 0 to 1 from end to end; `None` for what has no place on the axis.
     fn at(&self, value: f64) -> Option<f64> {
         let v = if self.logarithmic { value.log10() } else { value };
         let t = (v - self.low) / (self.high - self.low);
-        // Far outside is outside: keeps coordinates short.
-        t.is_finite().then(|| t.clamp(-10.0, 11.0))
+        // Rounding must not drop what lies on the end.
+        (-1e-6..=1.0 + 1e-6).contains(&t).then_some(t)
     }
 
     /// Values with their text: decades, or round steps (1, 2 or 5).
@@ -289,7 +285,7 @@ pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<
     const CELL: f64 = 120.0;
     let left = 110.0;
     let (width, height) =
-        (left + CELL * columns.len() as f64 + 8.0, 64.0 + CELL * rows.len() as f64);
+        ((left + CELL * columns.len() as f64 + 8.0).max(480.0), 64.0 + CELL * rows.len() as f64);
     let mut out = Drawing::new(width, height, title);
     for (j, heading) in columns.iter().enumerate() {
         out.text([left + CELL * (j as f64 + 0.5), 52.0], "middle", heading, "");
