@@ -5,6 +5,7 @@
 use firmware_sim::{Memory, Rig, RowMemory};
 use libfuzzer_sys::fuzz_target;
 use rig_link::device::Device;
+use sensor_core::arith::BLOCK;
 use rig_link::framing::{Framing, Receiver};
 use rig_link::wire::{CHECK_BYTES, HEADER_BYTES, seal};
 use rig_link::wire::{Header, Kind};
@@ -23,9 +24,9 @@ const KINDS: [Kind; 8] = [
 
 /// A whole conversation: chunks of [kind, length, body...]; an odd kind byte of 0xff sends the body as it is.
 fn converse(data: &[u8]) {
-    let mut rows = vec![[0.0f32; 32]; 13 * 2];
+    let mut rows = vec![[0.0f32; BLOCK]; 13 * 2];
     let mut sums = vec![[0.0f32; 16]; 4];
-    let mut fixed_rows = vec![[Default::default(); 32]; 13 * 2];
+    let mut fixed_rows = vec![[Default::default(); BLOCK]; 13 * 2];
     let mut fixed_sums = vec![[Default::default(); 16]; 4];
     let (mut mantissas, mut exponents, mut table) = ([0; WIDTH], [0; 4], [0.0; 64]);
     let mut rig = Rig::new(
