@@ -588,6 +588,10 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             return;
         }
         let cursor = Cursor { row: body.row, unit: body.unit };
+        let end = Cursor { row: frame.shape.rows, unit: 0 };
+        if cursor > end || cursor.unit >= frame.shape.units {
+            return; // No place within the frame.
+        }
         if cursor > frame.reached {
             frame.reached = cursor;
             self.idle = 0;
