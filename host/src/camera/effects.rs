@@ -3,26 +3,8 @@
 use crate::{Error, Result, toml_text};
 use sensor_core::effects::{Effect, Entry};
 
-/// An effect of the lens: a change of the optics stage. Its parameters as in the file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OpticalEffect {
-    /// Name in the catalogue.
-    pub kind: &'static str,
-    /// Parameters in the order of the catalogue.
-    pub values: Vec<f64>,
-}
-
-/// Where an effect acts.
-#[derive(Clone, Debug, PartialEq)]
-pub enum AnyEffect {
-    /// In the sensor.
-    Sensor(Effect),
-    /// In the lens.
-    Optical(OpticalEffect),
-}
-
 /// Reads one `[[effect]]` table. Errors name the key.
-pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
+pub fn read_effect(table: &toml::Table) -> Result<Effect> {
     let kind = table.get("kind").and_then(toml::Value::as_str).ok_or_else(|| {
         Error::input("key \"kind\" is missing").help("kind = \"row-temporal-noise\", for instance")
     })?;
@@ -38,7 +20,6 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     let values: Result<Vec<f32>> =
         entry.parameters.iter().map(|p| value(table, entry, p)).collect();
     Effect::new(entry.id, &values?)
-        .map(AnyEffect::Sensor)
         .ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
 }
 

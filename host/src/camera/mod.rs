@@ -15,7 +15,7 @@ mod tests;
 
 pub use cfa::Cfa;
 pub use crosstalk::CrosstalkTable;
-pub use effects::{OpticalEffect, read_effect};
+pub use effects::read_effect;
 pub use sensor::{Noise, SensorModel};
 
 use crate::scene::Spectrum;
@@ -33,8 +33,6 @@ pub struct Camera {
     pub sensor: SensorModel,
     /// Effects of the sensor beyond the base model, in the order of the file.
     pub effects: Vec<sensor_core::effects::Effect>,
-    /// Effects of the lens beyond the base model.
-    pub optical_effects: Vec<OpticalEffect>,
     /// The file's text, for reports.
     pub text: String,
 }
