@@ -8,6 +8,7 @@
 pub mod camera;
 pub mod captures;
 pub mod cli;
+pub mod diagnose;
 pub mod error;
 pub mod formats;
 pub mod frame;

@@ -152,6 +152,8 @@ catalogue! {
     45 => blooming::Blooming,
     #[cfg(feature = "exact")]
     46 => exact_shot_noise::ExactShotNoise,
+    47 => system_gain::SystemGain,
+    48 => quantum_efficiency::QuantumEfficiency,
 }
 
 /// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.

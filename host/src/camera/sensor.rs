@@ -96,7 +96,7 @@ impl SensorModel {
     }
 
     /// The channel of each pixel of the repeating pattern.
-    fn pattern(&self) -> Pattern {
+    pub(crate) fn pattern(&self) -> Pattern {
         let cfa = &self.cfa;
         let channel = |x: usize, y: usize| {
             let letter = cfa.letter(x, y).to_ascii_lowercase();

@@ -15,6 +15,16 @@ enum Kind {
     Npy(NpyStack),
 }
 
+impl FrameReader {
+    /// Frames that are still to come.
+    pub fn frames_left(&self) -> usize {
+        match &self.0 {
+            Kind::Read(frames) => frames.len(),
+            Kind::Npy(stack) => stack.left as usize,
+        }
+    }
+}
+
 impl Iterator for FrameReader {
     type Item = Result<Plane<u16>>;
 

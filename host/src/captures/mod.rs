@@ -220,6 +220,14 @@ impl CaptureSet {
         self.captures.iter().filter(move |c| c.role == role)
     }
 
+    /// Frames of a capture.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn count(&self, capture: &Capture) -> Result<usize> {
+        capture.files.iter().map(|f| Ok(open(f)?.frames_left())).sum()
+    }
+
     /// Calls `each` with the capture's frames in order of time, a few at a time. Files of a batch
     /// are decoded in parallel. Returns the number of frames.
     ///

@@ -8,6 +8,7 @@ mod capture;
 mod convert;
 mod crosstalk;
 mod demo;
+mod diagnose;
 mod expose;
 mod lens;
 mod measure;
@@ -37,6 +38,7 @@ enum Command {
     Crosstalk(crosstalk::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
+    Diagnose(diagnose::Args),
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
@@ -54,6 +56,7 @@ pub fn main() -> ExitCode {
         Command::Lens(args) => lens::run(&args),
         Command::Crosstalk(args) => crosstalk::run(&args),
         Command::Measure(args) => measure::run(args),
+        Command::Diagnose(args) => diagnose::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),

@@ -1,0 +1,131 @@
+//! `camrig diagnose`: name what the model lacks.
+
+use super::arguments::progress;
+use crate::camera::Camera;
+use crate::captures::CaptureSet;
+use crate::diagnose::design::{self, Halves};
+use crate::diagnose::search::Session;
+use crate::diagnose::{improved, verdict};
+use crate::formats::output::OutputDir;
+use crate::{Error, Result, report};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Find where captures and a camera file disagree, name the missing effects, add them, show the gap shrink
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 where something \
+    stays unexplained. Example:\n  \
+    camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
+    camrig diagnose mt9v024 captures -o diagnosis")]
+pub struct Args {
+    /// Camera file or preset: the model
+    camera: String,
+    /// Capture set: a directory with captures.toml
+    captures: PathBuf,
+    /// Directory of the results
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Leave an effect out of the catalogue (may be repeated)
+    #[arg(long, value_name = "KIND")]
+    without: Vec<String>,
+    /// Print diagnosis.json on standard output
+    #[arg(long)]
+    json: bool,
+    /// Replace existing results
+    #[arg(long)]
+    force: bool,
+}
+
+/// Reads camera and captures and measures the frames.
+pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
+    let mut camera = Camera::load(camera)?;
+    let set = CaptureSet::load(captures)?;
+    // A capture set may hold a region of the sensor.
+    let (w, h) = (set.sensor.width as u32, set.sensor.height as u32);
+    if w <= camera.sensor.width && h <= camera.sensor.height {
+        (camera.sensor.width, camera.sensor.height) = (w, h);
+    }
+    let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
+    let halves = design::divide(&camera, &set, &counts)?;
+    let total: usize = frames(&halves);
+    let bar = progress("frames", total as u64);
+    let session = Session::open(&camera, &set, halves, &|n| bar.inc(n as u64))?;
+    bar.finish_and_clear();
+    for note in &session.notes {
+        eprintln!("note: {note}");
+    }
+    Ok((camera, session))
+}
+
+fn frames(halves: &Halves) -> usize {
+    let of = |d: &design::Design| d.conditions.iter().map(|c| c.frames).sum::<usize>();
+    of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let known: Vec<&str> = crate::diagnose::candidates::CATALOGUE.iter().map(|c| c.0).collect();
+    for kind in &args.without {
+        if !known.contains(&kind.as_str()) {
+            return Err(Error::input(format!("no effect {kind:?} is looked for"))
+                .help(crate::toml_text::did_you_mean(kind, &known)));
+        }
+    }
+    let output = OutputDir::create(&args.output, args.force)?;
+    let (camera, session) = open(&args.camera, &args.captures)?;
+    let bar = indicatif::ProgressBar::new_spinner();
+    let outcome = session.search(&camera, &args.without, &|what| {
+        bar.set_message(format!("trying {what}"));
+        bar.tick();
+    })?;
+    bar.finish_and_clear();
+    let found = verdict::report(&session, &outcome);
+    let alone = improved::standalone(&camera.text, &args.camera)?;
+    let text = improved::camera_file(&alone.text, &outcome.after.camera, &outcome.after.named)?;
+    let json = serde_json::to_string_pretty(&found).unwrap_or_default() + "\n";
+    output.write("diagnosis.json", json.as_bytes())?;
+    output.write("camera-improved.toml", text.as_bytes())?;
+    for (name, content) in &alone.tables {
+        output.write(name, content.as_bytes())?;
+    }
+    output.write("report.html", report::diagnosis::page(&session, &outcome, &text).as_bytes())?;
+    output.finish()?;
+    if args.json {
+        print!("{json}");
+    } else {
+        say(&found);
+    }
+    let fine = matches!(verdict::judge(&session, &outcome), verdict::Verdict::Agrees | verdict::Verdict::Explained);
+    Ok(if fine { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The diagnosis in a few lines.
+fn say(found: &serde_json::Value) {
+    let number = |v: &serde_json::Value| v.as_f64().unwrap_or(f64::NAN);
+    println!(
+        "{}: gap {:.2} → {:.2} on held-out frames (1.0: as good as the right model; passes below {:.2})",
+        found["verdict"].as_str().unwrap_or(""),
+        number(&found["gap_before"]),
+        number(&found["gap_after"]),
+        number(&found["gap_limit"]),
+    );
+    for step in found["steps"].as_array().into_iter().flatten() {
+        println!(
+            "  {} ({}): gap {:.2} → {:.2}; {}",
+            step["effect"].as_str().unwrap_or(""),
+            step["status"].as_str().unwrap_or(""),
+            number(&step["gap_before"]),
+            number(&step["gap_after"]),
+            step["where"].as_str().unwrap_or(""),
+        );
+        for (key, p) in step["parameters"].as_object().into_iter().flatten() {
+            println!("    {key} = {:.5} ± {:.2}", number(&p["value"]), number(&p["std_error"]));
+        }
+    }
+    for left in found["unexplained"].as_array().into_iter().flatten() {
+        println!("  unexplained: {}", left["description"].as_str().unwrap_or(""));
+    }
+    for twin in found["ambiguous"].as_array().into_iter().flatten() {
+        println!("  cannot be told apart: {}; {}", twin["effects"], twin["tie_breaker"].as_str().unwrap_or(""));
+    }
+}

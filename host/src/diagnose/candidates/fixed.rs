@@ -1,0 +1,505 @@
+//! Candidates that are fixed patterns: they show in maps.
+
+use super::{Proposal, deviation};
+use crate::diagnose::evidence::{Estimated, Evidence, pooled};
+use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
+use crate::diagnose::model::current;
+use crate::diagnose::spatial::PERIODS;
+use crate::diagnose::statistics::{Place, What};
+use crate::Plane;
+use crate::captures::Role;
+use sensor_core::effects::{
+    Effect, amp_glow::AmpGlow, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
+    dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
+    defective_pixels::DefectivePixels, green_imbalance::GreenImbalance, hot_pixels::HotPixels,
+    pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, prnu_low_frequency::PrnuLowFrequency,
+    readout_channel_mismatch::ReadoutChannelMismatch, relative_illumination::RelativeIllumination,
+    row_offset_fpn::RowOffsetFpn,
+};
+
+fn list(p: Option<Proposal>) -> Vec<Proposal> {
+    p.into_iter().collect()
+}
+
+/// Excess of a variance in a map, in units of `unit`².
+fn excess(e: &Evidence<'_>, map: MapKind, what: What, unit: f64) -> Option<Estimated> {
+    let x = e.difference(Place::Map(map), what)?;
+    Some(Estimated { value: x.value / (unit * unit), se: x.se / (unit * unit) })
+}
+
+/// A standard deviation from the excess of a variance.
+fn spread(
+    kind: &'static str,
+    key: &'static str,
+    present: f64,
+    excess: Option<Estimated>,
+    effect: impl Fn(f32) -> Effect,
+) -> Vec<Proposal> {
+    list((|| {
+        let excess = excess?;
+        let s = deviation(present, excess)?;
+        Some(Proposal::new(kind, effect(s.value as f32), excess.z().abs()).with(key, s.value, s.se))
+    })())
+}
+
+/// Variance of row means of the offset map.
+pub fn row_offset(e: &Evidence<'_>) -> Vec<Proposal> {
+    let x = e.reference_gain().and_then(|k| excess(e, MapKind::Offset, What::RowPattern, k));
+    let present = e.camera.sensor.noise.row_fpn_e;
+    spread("row-offset-fpn", "sigma_e", present, x, |s| RowOffsetFpn { sigma_e: s }.into())
+}
+
+/// Variance of column means of the offset map.
+pub fn column_offset(e: &Evidence<'_>) -> Vec<Proposal> {
+    let x = e.reference_gain().and_then(|k| excess(e, MapKind::Offset, What::ColumnPattern, k));
+    let present = match current(e.camera, "column-offset-fpn") {
+        Some(Effect::ColumnOffsetFpn(x)) => f64::from(x.sigma_e),
+        _ => 0.0,
+    };
+    spread("column-offset-fpn", "sigma_e", present, x, |s| ColumnOffsetFpn { sigma_e: s }.into())
+}
+
+/// Variance of the pixels of the offset map.
+pub fn pixel_offset(e: &Evidence<'_>) -> Vec<Proposal> {
+    let x = e.reference_gain().and_then(|k| excess(e, MapKind::Offset, What::PixelPattern, k));
+    let present = match current(e.camera, "pixel-offset-fpn") {
+        Some(Effect::PixelOffsetFpn(x)) => f64::from(x.sigma_e),
+        _ => 0.0,
+    };
+    spread("pixel-offset-fpn", "sigma_e", present, x, |s| PixelOffsetFpn { sigma_e: s }.into())
+}
+
+/// Columns that repeat every few columns, in the offset map.
+pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
+    let mut out = Vec::new();
+    for (map, gain) in [(MapKind::Offset, false), (MapKind::Gain, true)] {
+        let made = (|| {
+            let z = |i: usize| {
+                let d = e.difference(Place::Map(map), What::ColumnPeriod(i as u8))?;
+                let p = e.model.of.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
+                let s = e.data.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
+                let _ = d;
+                Some((p.scale.of(s.value) - p.scaled) / p.sd)
+            };
+            // The shortest period that shows most of it: its multiples show it too, diluted.
+            let all: Vec<f64> = (0..PERIODS.len()).map(|i| z(i).unwrap_or(0.0)).collect();
+            let best = (0..PERIODS.len()).max_by(|&a, &b| all[a].total_cmp(&all[b]))?;
+            let n = PERIODS[best];
+            let columns = &e.map(map)?.spatial.columns;
+            let unit = if gain { 1.0 } else { e.reference_gain()? };
+            let count = (columns.len() / n) as f64;
+            let means: Vec<f64> = (0..n)
+                .map(|p| columns.iter().skip(p).step_by(n).sum::<f64>() / count / unit)
+                .collect();
+            let m = means.iter().sum::<f64>() / n as f64;
+            let between = means.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n as f64 - 1.0);
+            let within = e.predicted(Place::Map(map), What::ColumnPattern)? / (unit * unit) / count;
+            let sigma = (between - within).max(0.0).sqrt();
+            let se = within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
+            let (mut offset_e, mut relative) = match current(e.camera, "readout-channel-mismatch") {
+                Some(Effect::ReadoutChannelMismatch(x)) if x.channels == n as f32 => (x.offset_e, x.gain),
+                _ => (0.0, 0.0),
+            };
+            let key = if gain {
+                relative = sigma as f32;
+                "gain"
+            } else {
+                offset_e = sigma as f32;
+                "offset_e"
+            };
+            let effect = ReadoutChannelMismatch { channels: n as f32, offset_e, gain: relative };
+            Some(Proposal::new("readout-channel-mismatch", effect.into(), all[best])
+                .with("channels", n as f64, f64::NAN)
+                .with(key, sigma, se))
+        })();
+        out.extend(made);
+    }
+    out
+}
+
+/// Outliers of the dark-current map, else of the offset map.
+pub fn hot_pixels(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let (kind, per_unit) = match long_dark(e.design) {
+            Some(_) => (MapKind::DarkCurrent, 1.0),
+            None => {
+                let c = &e.design.conditions[reference_dark(e.design)?];
+                (MapKind::Offset, 1.0 / (e.gain(c) * c.exposure_s))
+            }
+        };
+        let s = &e.map(kind)?.spatial;
+        let n = (s.rows.len() * s.columns.len()) as f64;
+        let limit = 5.5 * s.pixel_variance.sqrt();
+        let expected = e.predicted(Place::Map(kind), What::High)?;
+        let noise = &e.camera.sensor.noise;
+        let (held_fraction, held_mean) = match current(e.camera, "hot-pixels") {
+            Some(Effect::HotPixels(x)) => (f64::from(x.fraction), f64::from(x.mean_e_per_s)),
+            _ => (0.0, 0.0),
+        };
+        if s.high < 1.0 {
+            return None;
+        }
+        // Beyond a limit an exponential law has its mean above it.
+        let mean = ((s.high_sum / s.high - limit) * per_unit).max(0.05 * limit * per_unit);
+        let more = (s.high - expected).max(0.0);
+        let fraction = if held_fraction > 0.0 {
+            held_fraction * (s.high / expected.max(1.0))
+        } else {
+            more / n * (limit * per_unit / mean).exp()
+        };
+        let z = crate::diagnose::tails::count(s.high, expected * 16.0, 16.0);
+        let _ = held_mean;
+        // The growth with temperature was not looked at: the dark current's serves. The map was taken at the long dark's.
+        let growth = match long_dark(e.design) {
+            Some(i) => ((e.design.conditions[i].temperature_c - noise.temperature_ref_c)
+                / noise.dark_doubling_c)
+                .exp2(),
+            None => 1.0,
+        };
+        let mean = mean / growth;
+        let effect = HotPixels {
+            fraction: fraction.min(0.1) as f32,
+            mean_e_per_s: mean as f32,
+            doubling_c: noise.dark_doubling_c as f32,
+            reference_c: noise.temperature_ref_c as f32,
+        };
+        Some(Proposal::new("hot-pixels", effect.into(), z)
+            .with("fraction", fraction, fraction / more.max(1.0).sqrt() * 1.5)
+            .with("mean_e_per_s", mean, mean / s.high.sqrt()))
+    })())
+}
+
+/// Mean and spread of dark current.
+pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
+    let noise = e.camera.sensor.noise;
+    let growth_at = |t: f64| ((t - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
+    let made = (|| {
+        let reference = &e.design.conditions[reference_dark(e.design)?];
+        // Rise of the mean with exposure at the reference's temperature.
+        let rate = pooled(e.of_role(Role::Dark).flat_map(|(i, c)| {
+            let classes = e.camera.sensor.channel_names.len() as u8;
+            let time = c.exposure_s - reference.exposure_s;
+            let usable = time > 0.0
+                && (c.temperature_c - reference.temperature_c).abs() < 0.5
+                && c.before_e.iter().all(|&b| b == 0.0);
+            let scale = e.gain(c) * time * growth_at(c.temperature_c);
+            (0..classes).filter(move |_| usable).filter_map(move |k| {
+                let d = e.difference(Place::Stack(i), What::Mean(k))?;
+                Some(Estimated { value: d.value / scale, se: d.se / scale })
+            })
+        }));
+        let map = MapKind::DarkCurrent;
+        let spread = e.difference(Place::Map(map), What::PixelPattern).map(|x| {
+            let g = growth_at(reference.temperature_c).powi(2);
+            Estimated { value: x.value / g, se: x.se / g }
+        });
+        Some((rate, spread))
+    })();
+    let Some((rate, spread)) = made else { return Vec::new() };
+    let effect = |mean: f64, dsnu: f64| -> Effect {
+        DarkCurrent {
+            mean_e_per_s: mean as f32,
+            dsnu_e_per_s: dsnu as f32,
+            doubling_c: noise.dark_doubling_c as f32,
+            reference_c: noise.temperature_ref_c as f32,
+        }
+        .into()
+    };
+    let mut out = Vec::new();
+    let (mean, dsnu) = (noise.dark_current_e_per_s, noise.dsnu_e_per_s);
+    let new_mean = rate.map(|r| Estimated { value: (mean + r.value).max(0.0), se: r.se });
+    let new_dsnu = spread.and_then(|s| deviation(dsnu, s));
+    if let (Some(r), Some(m)) = (rate, new_mean) {
+        out.push(Proposal::new("dark-current", effect(m.value, dsnu), r.z().abs())
+            .with("mean_e_per_s", m.value, m.se));
+    }
+    if let (Some(x), Some(s)) = (spread, new_dsnu) {
+        out.push(Proposal::new("dark-current", effect(mean, s.value), x.z().abs())
+            .with("dsnu_e_per_s", s.value, s.se));
+        if let (Some(r), Some(m)) = (rate, new_mean) {
+            out.push(Proposal::new("dark-current", effect(m.value, s.value), r.z().abs().min(x.z().abs()))
+                .with("mean_e_per_s", m.value, m.se)
+                .with("dsnu_e_per_s", s.value, s.se));
+        }
+    }
+    out
+}
+
+/// Dark signal at other temperatures.
+pub fn doubling(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let noise = e.camera.sensor.noise;
+        let reference = &e.design.conditions[reference_dark(e.design)?];
+        let rates = e.of_role(Role::Dark).filter_map(|(i, c)| {
+            let dt = c.temperature_c - reference.temperature_c;
+            let from_ref = c.temperature_c - noise.temperature_ref_c;
+            if dt.abs() < 2.0 || from_ref.abs() < 2.0 || c.before_e.iter().any(|&b| b > 0.0) {
+                return None;
+            }
+            let place = Place::Stack(i);
+            let d = e.difference(place, What::Mean(0))?;
+            let scale = e.gain(c) * c.exposure_s;
+            let model = noise.dark_current_e_per_s * (from_ref / noise.dark_doubling_c).exp2();
+            let ratio = 1.0 + d.value / scale / model;
+            if ratio <= 0.0 {
+                return None;
+            }
+            // ln 2 (T − T_ref)/T_d' = ln 2 (T − T_ref)/T_d + ln ratio.
+            let per_k = ratio.ln() / (std::f64::consts::LN_2 * from_ref);
+            let se = d.se / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
+            Some(Estimated { value: per_k, se })
+        });
+        let shift = pooled(rates)?;
+        let inverse = 1.0 / noise.dark_doubling_c + shift.value;
+        if inverse <= 0.01 {
+            return None;
+        }
+        let value = 1.0 / inverse;
+        let effect = DarkCurrent {
+            mean_e_per_s: noise.dark_current_e_per_s as f32,
+            dsnu_e_per_s: noise.dsnu_e_per_s as f32,
+            doubling_c: value as f32,
+            reference_c: noise.temperature_ref_c as f32,
+        };
+        Some(Proposal::new("dark-current-temperature", effect.into(), shift.z().abs())
+            .with("doubling_c", value, shift.se * value * value))
+    })())
+}
+
+/// Means over 16x16 pixels with outliers held, and where they are: (u, v, value).
+fn block_means(plane: &Plane<f32>, clip: f64) -> Vec<(f64, f64, f64)> {
+    let (w, h) = (plane.width, plane.height);
+    let mean = plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / plane.data.len() as f64;
+    let mut out = Vec::new();
+    for by in 0..h / 16 {
+        for bx in 0..w / 16 {
+            let mut sum = 0.0;
+            for row in plane.data.chunks(w).skip(by * 16).take(16) {
+                sum += row[bx * 16..bx * 16 + 16]
+                    .iter()
+                    .map(|&v| (f64::from(v) - mean).clamp(-clip, clip))
+                    .sum::<f64>();
+            }
+            let u = (bx as f64 * 16.0 + 8.0) / w as f64 * 2.0 - 1.0;
+            let v = (by as f64 * 16.0 + 8.0) / h as f64 * 2.0 - 1.0;
+            out.push((u, v, sum / 256.0));
+        }
+    }
+    out
+}
+
+/// Least-squares amplitude of a template on block means, both without their means, and what it explains.
+fn amplitude(blocks: &[(f64, f64, f64)], template: impl Fn(f64, f64) -> f64) -> (f64, f64, f64) {
+    let n = blocks.len() as f64;
+    let t: Vec<f64> = blocks.iter().map(|b| template(b.0, b.1)).collect();
+    let (mt, mb) = (t.iter().sum::<f64>() / n, blocks.iter().map(|b| b.2).sum::<f64>() / n);
+    let (mut tb, mut tt) = (0.0, 0.0);
+    for (t, b) in t.iter().zip(blocks) {
+        tb += (t - mt) * (b.2 - mb);
+        tt += (t - mt).powi(2);
+    }
+    (tb / tt.max(1e-300), tt, tb * tb / tt.max(1e-300))
+}
+
+/// A glow at the edge of the dark-current map.
+pub fn amp_glow(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        if current(e.camera, "amp-glow").is_some() {
+            return None;
+        }
+        let map = e.map(MapKind::DarkCurrent)?;
+        let sd = map.spatial.pixel_variance.sqrt();
+        let blocks = block_means(&map.plane, 6.0 * sd.max(1e-12));
+        let aspect = map.plane.height as f64 / map.plane.width as f64;
+        let mut best: Option<(f64, f64, f64, f64, f64, f64)> = None;
+        for yi in -6i32..=6 {
+            for xi in -6i32..=6 {
+                let (x0, y0) = (f64::from(xi) * 0.2, f64::from(yi) * 0.2);
+                for width in [0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0] {
+                    let (a, tt, gain) = amplitude(&blocks, |u, v| {
+                        let (dx, dy) = (u - x0, (v - y0) * aspect);
+                        (-0.5 * (dx * dx + dy * dy) / (width * width)).exp()
+                    });
+                    if a > 0.0 && best.is_none_or(|b| gain > b.0) {
+                        best = Some((gain, a, tt, x0, y0, width));
+                    }
+                }
+            }
+        }
+        let (gain, a, tt, x, y, width) = best?;
+        let noise = map.spatial.pixel_variance / 256.0;
+        let effect = AmpGlow {
+            rate_e_per_s: a as f32,
+            x: x as f32,
+            y: y as f32,
+            width: width as f32,
+        };
+        // Place and width were searched for: their look-elsewhere takes about 3 standard errors.
+        let strength = ((gain / noise).sqrt() - 3.0).max(0.0);
+        Some(Proposal::new("amp-glow", effect.into(), strength)
+            .with("rate_e_per_s", a, (noise / tt).sqrt())
+            .with("x", x, 0.1)
+            .with("y", y, 0.1)
+            .with("width", width, 0.25 * width))
+    })())
+}
+
+/// A slope in the dark-current map.
+pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        if current(e.camera, "dark-current-gradient").is_some() {
+            return None;
+        }
+        let of = |i| e.difference(Place::Map(MapKind::DarkCurrent), What::Slope(i));
+        let (x, y) = (of(0)?, of(1)?);
+        let noise = &e.camera.sensor.noise;
+        let long = &e.design.conditions[long_dark(e.design)?];
+        let growth = ((long.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
+        // Rate (1 + u cos θ)/2 has slope rate/2 over u, root mean square of √3u is 1.
+        let rate = 2.0 / 3f64.sqrt() * 3.0 * x.value.hypot(y.value) / 3.0 * 3f64.sqrt() / growth;
+        let rate = rate / 3f64.sqrt() * 3f64.sqrt();
+        let direction = y.value.atan2(x.value).to_degrees();
+        let effect = DarkCurrentGradient {
+            rate_e_per_s: rate as f32,
+            direction_deg: direction as f32,
+            doubling_c: noise.dark_doubling_c as f32,
+            reference_c: noise.temperature_ref_c as f32,
+        };
+        // The gradient's own mean, rate/2, is no part of the mean that was there.
+        let mean = DarkCurrent {
+            mean_e_per_s: (noise.dark_current_e_per_s - rate / 2.0).max(0.0) as f32,
+            dsnu_e_per_s: noise.dsnu_e_per_s as f32,
+            doubling_c: noise.dark_doubling_c as f32,
+            reference_c: noise.temperature_ref_c as f32,
+        };
+        Some(Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
+            .and(mean.into())
+            .with("rate_e_per_s", rate, x.se * 2.0 / growth)
+            .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()))
+    })())
+}
+
+/// Variance of the pixels of the gain map.
+pub fn prnu(e: &Evidence<'_>) -> Vec<Proposal> {
+    let x = excess(e, MapKind::Gain, What::PixelPattern, 1.0);
+    spread("prnu", "sigma", e.camera.sensor.noise.prnu, x, |s| Prnu { sigma: s }.into())
+}
+
+/// Variance of the columns of the gain map.
+pub fn column_gain(e: &Evidence<'_>) -> Vec<Proposal> {
+    let x = excess(e, MapKind::Gain, What::ColumnPattern, 1.0);
+    let present = match current(e.camera, "column-gain-fpn") {
+        Some(Effect::ColumnGainFpn(x)) => f64::from(x.sigma),
+        _ => 0.0,
+    };
+    spread("column-gain-fpn", "sigma", present, x, |s| ColumnGainFpn { sigma: s }.into())
+}
+
+/// Smooth structure of the gain map.
+pub fn smooth_gain(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let map = e.map(MapKind::Gain).filter(|m| m.even)?;
+        let place = Place::Map(MapKind::Gain);
+        let s = &map.spatial;
+        // Root mean square of the five slopes and of the blocks they leave, noise taken off.
+        let slopes: f64 = s.slopes.iter().map(|k| k * k).sum();
+        let mut noise = 0.0;
+        for i in 0..5 {
+            noise += e.model.of.get(&(place, What::Slope(i)))?.sd.powi(2);
+        }
+        let blocks = (e.measured(place, What::MapBlocks)? * s.pixel_variance
+            - e.predicted(place, What::MapBlocks)? * e.predicted(place, What::PixelPattern)?)
+            / 256.0;
+        let present = match current(e.camera, "prnu-low-frequency") {
+            Some(Effect::PrnuLowFrequency(x)) => f64::from(x.sigma),
+            _ => 0.0,
+        };
+        let value = (slopes - if present > 0.0 { 0.0 } else { noise } + blocks.max(0.0)).max(0.0).sqrt();
+        let strength = (slopes / noise * 5.0 - 5.0) / 10f64.sqrt();
+        // Structure finer than the slopes asks for more half waves.
+        let order = if blocks > 0.3 * slopes { 4.0 } else { 2.0 };
+        let effect = PrnuLowFrequency { sigma: value as f32, order };
+        let strength = strength.max(e.difference(place, What::MapBlocks)?.z());
+        Some(Proposal::new("prnu-low-frequency", effect.into(), strength)
+            .with("sigma", value, value / 8f64.sqrt())
+            .with("order", f64::from(order), f64::NAN))
+    })())
+}
+
+/// Radial fall-off of the gain map.
+pub fn relative_illumination(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let map = e.map(MapKind::Gain).filter(|m| m.even)?;
+        if current(e.camera, "relative-illumination").is_some() {
+            return None;
+        }
+        let (w, h) = (map.plane.width as f64, map.plane.height as f64);
+        let blocks = block_means(&map.plane, 0.5);
+        let (k, tt, gain) = amplitude(&blocks, |u, v| {
+            ((u * w).powi(2) + (v * h).powi(2)) / (w * w + h * h)
+        });
+        // 1 + k r² relative to its mean, r² being 1/3 in the mean.
+        let corner = k / (1.0 - k / 3.0);
+        let noise = map.spatial.pixel_variance / 256.0;
+        let effect = RelativeIllumination { corner: corner as f32 };
+        Some(Proposal::new("relative-illumination", effect.into(), (gain / noise).sqrt())
+            .with("corner", corner, (noise / tt).sqrt()))
+    })())
+}
+
+/// Contrast of the greens in the gain map.
+pub fn green_imbalance(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let cfa = &e.camera.sensor.cfa;
+        if (cfa.width, cfa.height) != (2, 2) {
+            return None;
+        }
+        // Which of the two diagonals is green, and whether its first member is in a row with red.
+        let green = |x, y| cfa.letter(x, y) == 'G';
+        let (phase, first_row) = if green(0, 0) && green(1, 1) {
+            (0, 0)
+        } else if green(1, 0) && green(0, 1) {
+            (1, 0)
+        } else {
+            return None;
+        };
+        let red_first = (0..2).any(|x| cfa.letter(x, first_row) == 'R');
+        let d = e.difference(Place::Map(MapKind::Gain), What::Phase(phase))?;
+        let sign = if red_first { 1.0 } else { -1.0 };
+        let present = match current(e.camera, "green-imbalance") {
+            Some(Effect::GreenImbalance(x)) => f64::from(x.centre),
+            _ => 0.0,
+        };
+        let value = present + sign * d.value;
+        let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
+        Some(Proposal::new("green-imbalance", effect.into(), d.z().abs())
+            .with("centre", value, d.se))
+    })())
+}
+
+/// Low outliers of the gain map.
+pub fn defects(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let place = Place::Map(MapKind::Gain);
+        let s = &e.map(MapKind::Gain)?.spatial;
+        let n = (s.rows.len() * s.columns.len()) as f64;
+        let expected = e.predicted(place, What::Low)?;
+        let z = crate::diagnose::tails::count(s.low, expected * 16.0, 16.0);
+        if s.low < 1.0 {
+            return None;
+        }
+        let held = match current(e.camera, "defective-pixels") {
+            Some(Effect::DefectivePixels(x)) => Some(f64::from(x.fraction)),
+            _ => None,
+        };
+        let gain = (1.0 + s.low_sum / s.low).clamp(0.0, 1.0);
+        let fraction = match held {
+            Some(f) => f * s.low / expected.max(1.0),
+            None => (s.low - expected).max(0.0) / n,
+        };
+        let effect = DefectivePixels { fraction: fraction as f32, gain: gain as f32 };
+        Some(Proposal::new("defective-pixels", effect.into(), z)
+            .with("fraction", fraction, fraction / s.low.sqrt())
+            .with("gain", gain, s.pixel_variance.sqrt() / s.low.sqrt()))
+    })())
+}

@@ -1,0 +1,188 @@
+//! Which frames of a set are looked at, and under which conditions they were taken.
+
+use crate::camera::Camera;
+use crate::captures::{Capture, CaptureSet, Role, Split, Uniformity};
+use crate::scene::Bands;
+use crate::{Error, Result};
+
+/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
+const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
+/// Frames that are held in memory at once.
+pub const BATCH: usize = 32;
+
+/// A stack as it was taken.
+#[derive(Clone, Debug)]
+pub struct Condition {
+    /// Index of the capture in the set.
+    pub capture: usize,
+    /// Its id.
+    pub id: String,
+    /// What it is for.
+    pub role: Role,
+    /// Frames left out at its start.
+    pub skip: usize,
+    /// Frames used.
+    pub frames: usize,
+    /// Exposure, s.
+    pub exposure_s: f64,
+    /// Analog gain.
+    pub analog_gain: f64,
+    /// Temperature, °C; the camera's where the manifest has none.
+    pub temperature_c: f64,
+    /// Mean photo-electrons of each channel, as the camera file predicts.
+    pub photo_e: Vec<f64>,
+    /// Mean photo-electrons of each channel in the frame before each.
+    pub before_e: Vec<f64>,
+    /// Whether the amount of light is known.
+    pub level_known: bool,
+    /// Whether the light is even over the sensor.
+    pub even: bool,
+    /// Wavelength of narrow-band light, nm.
+    pub wavelength_nm: Option<f64>,
+}
+
+/// The stacks of one half of a set.
+#[derive(Clone, Debug)]
+pub struct Design {
+    /// In the order of the manifest.
+    pub conditions: Vec<Condition>,
+}
+
+/// A set divided in frames to fit and frames to judge.
+#[derive(Clone, Debug)]
+pub struct Halves {
+    /// For naming and fitting.
+    pub fit: Design,
+    /// For judging only; `None` where the set has too few frames.
+    pub holdout: Option<Design>,
+    /// What was left out or is not as wished, for people.
+    pub notes: Vec<String>,
+}
+
+/// Divides a set: as the manifest says, or else each stack in its first and second half.
+///
+/// # Errors
+/// A set without usable stacks, of another size than the camera, or whose light cannot be.
+pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Halves> {
+    let s = &camera.sensor;
+    if (set.sensor.width, set.sensor.height) != (s.width as usize, s.height as usize) {
+        return Err(Error::input(format!(
+            "captures of {} x {} pixels, a camera of {} x {}",
+            set.sensor.width, set.sensor.height, s.width, s.height
+        ))
+        .help("give the camera file of the sensor that took the captures"));
+    }
+    if set.sensor.bits != u32::from(s.bits) {
+        return Err(Error::input(format!(
+            "captures of {} bits, a camera of {} bits",
+            set.sensor.bits, s.bits
+        ))
+        .help("set bits in the camera file to the captures' depth"));
+    }
+    if let Some(cfa) = &set.sensor.cfa
+        && *cfa != s.cfa
+    {
+        return Err(Error::input(format!("captures with colour filters {cfa}, a camera with {}", s.cfa))
+            .help("give the camera file of the sensor that took the captures"));
+    }
+    let mut notes = Vec::new();
+    let (mut fit, mut holdout) = (Vec::new(), Vec::new());
+    let by_manifest = set.captures.iter().any(|c| c.split.is_some());
+    for (index, capture) in set.captures.iter().enumerate() {
+        if !matches!(capture.role, Role::Dark | Role::Flat) {
+            continue;
+        }
+        let n = counts[index];
+        let place = |e: Error| e.at(format!("capture {:?}", capture.id));
+        let mut condition = condition(camera, set, index).map_err(place)?;
+        if by_manifest {
+            if n < 2 {
+                notes.push(format!("{}: one frame shows no noise; left out", capture.id));
+                continue;
+            }
+            condition.frames = n;
+            let side = if capture.split == Some(Split::Holdout) { &mut holdout } else { &mut fit };
+            side.push(condition);
+        } else if n < 4 {
+            notes.push(format!(
+                "{}: {n} frames are too few to fit some and judge with others (4 and more); left out",
+                capture.id
+            ));
+        } else {
+            let half = n / 2;
+            condition.frames = half;
+            fit.push(condition.clone());
+            condition.skip = half;
+            holdout.push(condition);
+        }
+    }
+    if fit.is_empty() {
+        return Err(Error::input("no stack to look at")
+            .help("dark and flat stacks of four and more frames each are needed; two frames per stack leave nothing to judge with"));
+    }
+    let same = |a: &Condition, b: &Condition| a.capture == b.capture;
+    if by_manifest && holdout.is_empty() {
+        notes.push("no capture has split = \"holdout\": nothing can be confirmed".into());
+    }
+    debug_assert!(by_manifest || fit.iter().zip(&holdout).all(|(a, b)| same(a, b)));
+    let holdout = (!holdout.is_empty()).then_some(Design { conditions: holdout });
+    Ok(Halves { fit: Design { conditions: fit }, holdout, notes })
+}
+
+fn condition(camera: &Camera, set: &CaptureSet, index: usize) -> Result<Condition> {
+    let capture = &set.captures[index];
+    let (photo_e, level_known) = photo_electrons(camera, capture)?;
+    let before_e = match &capture.preceded_by {
+        Some(id) => {
+            let before = set.captures.iter().find(|c| &c.id == id);
+            match before {
+                Some(before) => photo_electrons(camera, before)?.0,
+                None => vec![0.0; photo_e.len()],
+            }
+        }
+        // A stack follows itself.
+        None => photo_e.clone(),
+    };
+    let light = capture.light.as_ref();
+    Ok(Condition {
+        capture: index,
+        id: capture.id.clone(),
+        role: capture.role,
+        skip: 0,
+        frames: 0,
+        exposure_s: capture.exposure_s,
+        analog_gain: capture.analog_gain,
+        temperature_c: capture.temperature_c.unwrap_or(camera.sensor.temperature_c),
+        photo_e,
+        before_e,
+        level_known,
+        even: light.is_some_and(|l| l.uniformity == Uniformity::Flat),
+        wavelength_nm: light.and_then(|l| l.wavelength_nm),
+    })
+}
+
+/// Mean photo-electrons per channel in one exposure, and whether the manifest determines them.
+fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool)> {
+    let s = &camera.sensor;
+    let channels = s.channel_names.len();
+    let Some(light) = capture.light.as_ref().filter(|_| capture.role != Role::Dark) else {
+        return Ok((vec![0.0; channels], true));
+    };
+    let Some(nm) = light.wavelength_nm else {
+        return Ok((vec![0.0; channels], false));
+    };
+    let area = (s.pitch_um * 1e-6).powi(2);
+    let irradiance = match (light.irradiance_w_m2, light.photons_per_pixel_per_s) {
+        (Some(e), _) => e,
+        (None, Some(photons)) => photons * HC / (nm * 1e-9) / area,
+        (None, None) => return Ok((vec![0.0; channels], false)),
+    };
+    let band = Bands { start_nm: nm, step_nm: 1.0, count: 1 };
+    let electrons: Vec<f64> =
+        s.response(&band).iter().map(|r| r[0] * irradiance * capture.exposure_s).collect();
+    if electrons.iter().all(|&e| e <= 0.0) && irradiance > 0.0 {
+        return Err(Error::input(format!("light at {nm} nm, where the camera sees nothing"))
+            .help("extend the quantum efficiency in the camera file to that wavelength"));
+    }
+    Ok((electrons, true))
+}

@@ -1,0 +1,45 @@
+//! Diagnosis: where do a model and captures disagree, which effect is missing, and is the model better with it?
+//!
+//! 1. [`design`]: which frames are fitted, which only judge.
+//! 2. [`temporal`], [`spatial`], [`maps`]: moments of the stacks; [`statistics`]: the battery made of them.
+//! 3. [`replicate`]: the same stacks of the model, by `sensor-core` itself; [`prediction`]: mean and scatter of
+//!    every statistic, deviations, deviance, gap.
+//! 4. [`candidates`]: what each effect of the catalogue would have to be; [`search`]: which earn their place.
+//! 5. [`verdict`]: what is said of it; [`improved`]: the camera file with what was found.
+//!
+//! The **gap** is the mean over statistics of the squared deviation of the held-out frames from the model, in
+//! units of what a replicate of the model scores against other replicates: 1.0 is as good as the right model can be.
+
+pub mod allowance;
+pub mod candidates;
+pub mod design;
+pub mod evidence;
+pub mod improved;
+pub mod maps;
+pub mod model;
+pub mod prediction;
+pub mod replicate;
+pub mod search;
+pub mod spatial;
+mod spectrum;
+pub mod statistics;
+pub mod tails;
+pub mod temporal;
+pub mod verdict;
+pub mod words;
+
+use design::Design;
+use prediction::Values;
+use statistics::{Place, Scale, Statistic, What};
+
+/// Adds what a model without waves predicts for the peak of the power: a standard normal deviate, by construction.
+fn add_flat_planes(values: &mut Values, design: &Design) {
+    for i in 0..design.conditions.len() {
+        let place = Place::Stack(i);
+        if values.contains_key(&(place, What::RowPeak)) {
+            let what = What::PlanePeak;
+            let flat = Statistic { place, what, value: 0.0, sd: 1.0, scale: Scale::Linear };
+            values.insert((place, what), flat);
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What a model predicts for every statistic, from replicates, and how far a measurement is from it.
+
+use super::statistics::{Place, Scale, Statistic, What};
+use super::tails;
+use std::collections::BTreeMap;
+
+/// Names a statistic.
+pub type Key = (Place, What);
+/// Statistics by name.
+pub type Values = BTreeMap<Key, Statistic>;
+
+/// Statistics by name.
+pub fn by_key(statistics: Vec<Statistic>) -> Values {
+    statistics.into_iter().map(|s| ((s.place, s.what), s)).collect()
+}
+
+/// Prediction of one statistic.
+#[derive(Clone, Copy, Debug)]
+pub struct Predicted {
+    /// Mean in its own unit.
+    pub value: f64,
+    /// Mean on its scale.
+    pub scaled: f64,
+    /// Standard deviation of one measurement on its scale.
+    pub sd: f64,
+    /// Its scale.
+    pub scale: Scale,
+    /// Sum over replicates (counts).
+    total: f64,
+    /// Replicates.
+    runs: f64,
+}
+
+/// Prediction of every statistic.
+#[derive(Clone, Debug, Default)]
+pub struct Prediction {
+    /// By name.
+    pub of: BTreeMap<Key, Predicted>,
+}
+
+/// Replicates scatter more than theory says only if their variance passes this multiple of it: for 15 degrees of freedom
+/// the 80 % point of the F distribution.
+const SCATTER_MARGIN: f64 = 1.3;
+
+impl Prediction {
+    /// From replicates of the model.
+    pub fn new(replicates: &[Values]) -> Self {
+        let mut of = BTreeMap::new();
+        let Some(first) = replicates.first() else { return Self::default() };
+        for (key, statistic) in first {
+            let all: Vec<&Statistic> = replicates.iter().filter_map(|r| r.get(key)).collect();
+            if all.len() < replicates.len() {
+                continue;
+            }
+            let runs = all.len() as f64;
+            let scale = statistic.scale;
+            let scaled: Vec<f64> = all.iter().map(|s| scale.of(s.value)).collect();
+            let mean = scaled.iter().sum::<f64>() / runs;
+            let scatter = scaled.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (runs - 1.0).max(1.0);
+            let theory = all.iter().map(|s| s.sd * s.sd).sum::<f64>() / runs;
+            let variance = theory.max(scatter / SCATTER_MARGIN);
+            let value = all.iter().map(|s| s.value).sum::<f64>() / runs;
+            let sd = variance.sqrt();
+            of.insert(*key, Predicted { value, scaled: mean, sd, scale, total: value * runs, runs });
+        }
+        Self { of }
+    }
+
+    /// This prediction moved by what a change of the model does to replicates with the same random numbers.
+    pub fn moved(&self, before: &[Values], after: &[Values]) -> Self {
+        let changed = Self::new(after);
+        let unchanged = Self::new(before);
+        let mut of = self.of.clone();
+        for (key, p) in &mut of {
+            let (Some(a), Some(b)) = (changed.of.get(key), unchanged.of.get(key)) else { continue };
+            p.scaled += a.scaled - b.scaled;
+            p.value += a.value - b.value;
+            p.total = p.value.max(0.0) * p.runs;
+            // Theory's part of the scatter; that of few replicates says little.
+            p.sd *= (a.sd / b.sd).clamp(0.2, 50.0);
+        }
+        Self { of }
+    }
+
+    /// Deviations in standard deviations, of every statistic that both have. `allowance` holds standard deviations
+    /// that come from the set-up, not the sensor.
+    pub fn deviations(&self, values: &Values, allowance: &BTreeMap<Key, f64>) -> BTreeMap<Key, f64> {
+        let mut out = BTreeMap::new();
+        for (key, s) in values {
+            let Some(p) = self.of.get(key) else { continue };
+            let z = match p.scale {
+                Scale::Count => tails::count(s.value, p.total, p.runs),
+                _ => {
+                    let allowed = allowance.get(key).copied().unwrap_or(0.0);
+                    let variance = p.sd * p.sd * (1.0 + 1.0 / p.runs) + allowed * allowed;
+                    (p.scale.of(s.value) - p.scaled) / variance.sqrt().max(1e-15)
+                }
+            };
+            if z.is_finite() {
+                out.insert(*key, z);
+            }
+        }
+        out
+    }
+
+    /// Σ ρ(z) + 2 Σ ln σ over statistics: twice the negative log-likelihood but for a constant. ρ is z² up to 10 standard
+    /// deviations and grows slower beyond, so that one gross deviation does not hide all others.
+    pub fn deviance(&self, values: &Values, allowance: &BTreeMap<Key, f64>) -> f64 {
+        let mut sum = 0.0;
+        for (key, z) in self.deviations(values, allowance) {
+            sum += bounded(z);
+            if let Some(p) = self.of.get(&key).filter(|p| p.scale != Scale::Count) {
+                let allowed = allowance.get(&key).copied().unwrap_or(0.0);
+                sum += (p.sd * p.sd + allowed * allowed).max(1e-30).ln();
+            }
+        }
+        sum
+    }
+}
+
+/// z² up to 10, then 100 (1 + ln (z/10)²).
+pub fn bounded(z: f64) -> f64 {
+    let square = z * z;
+    if square < 100.0 { square } else { 100.0 * (1.0 + (square / 100.0).ln()) }
+}
+
+/// Mean of squared deviations.
+pub fn mean_square(deviations: &BTreeMap<Key, f64>) -> f64 {
+    deviations.values().map(|z| z * z).sum::<f64>() / deviations.len().max(1) as f64
+}

@@ -1,0 +1,507 @@
+//! The search: which effects of the catalogue, put in the model, make it agree with the captures?
+//!
+//! Each round estimates every candidate, simulates the most significant ones and takes the one with which the
+//! frames to fit are most likely, if the held-out frames agree; repeats until none earns its place; then drops
+//! what is not missed.
+
+use super::candidates::{self, Proposal};
+use super::design::{Condition, Design, Halves};
+use super::evidence::Evidence;
+use super::maps::{self, Map};
+use super::prediction::{Key, Prediction, Values, bounded, by_key, mean_square};
+use super::statistics::battery;
+use super::temporal::Temporal;
+use super::{allowance, replicate};
+use crate::Result;
+use crate::camera::Camera;
+use crate::captures::{CaptureSet, Role};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Replicates of a model that is judged.
+const RUNS: u64 = 16;
+/// Replicates of a candidate, with the random numbers of the model's first ones.
+const TRIAL_RUNS: u64 = 2;
+/// Most candidates simulated in a round.
+const TRIALS: usize = 12;
+/// Most effects named.
+const MOST: usize = 8;
+/// Significance (standard errors) from which a candidate is tried.
+const LEAST: f64 = 4.0;
+/// Fall of the deviance that earns a place: on the frames to fit, on the held-out ones, and together (5.3 standard
+/// deviations of a single statistic).
+const EARNS: [f64; 3] = [14.0, 3.0, 28.0];
+/// Standard deviations, both halves together, from which a single statistic is unexplained.
+pub const UNEXPLAINED: f64 = 5.2;
+/// Held-out gap of the right model that is passed once in two hundred replicates (../../docs): see [`State::limit`].
+const GAP_LIMIT: f64 = 1.27;
+
+/// Measured moments of one half.
+pub struct Half {
+    /// How it was taken.
+    pub design: Design,
+    /// Its stacks.
+    pub stacks: Vec<Temporal>,
+    /// Its statistics.
+    pub values: Values,
+    /// Scatter that comes from the set-up.
+    pub allowance: BTreeMap<Key, f64>,
+}
+
+/// A model with what it predicts.
+#[derive(Clone)]
+pub struct State {
+    /// The camera.
+    pub camera: Camera,
+    /// What was named so far.
+    pub named: Vec<Proposal>,
+    /// Its replicates under the fit design.
+    replicates: Vec<Values>,
+    /// What it predicts for the frames to fit.
+    pub fit: Prediction,
+    /// What it predicts for the held-out frames.
+    pub holdout: Prediction,
+    /// Mean square deviation of a replicate, and its standard deviation over replicates.
+    norm: (f64, f64),
+}
+
+/// A candidate that was simulated.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// What was put in.
+    pub proposal: Proposal,
+    /// Fall of the deviance of the frames to fit.
+    pub evidence: f64,
+    /// The same of the held-out frames.
+    pub confirmed: f64,
+    /// Held-out gap with it.
+    pub gap: f64,
+    /// Share of the deviations it touches that it explains.
+    pub explains: f64,
+}
+
+/// One effect that earned its place.
+#[derive(Clone)]
+pub struct Step {
+    /// The trial that won.
+    pub trial: Trial,
+    /// Held-out gap before.
+    pub gap_before: f64,
+    /// Held-out gap after.
+    pub gap_after: f64,
+    /// The others, best first.
+    pub others: Vec<Trial>,
+    /// Statistics that moved most by it: key, deviation before and after (held-out).
+    pub gave_away: Vec<(Key, f64, f64)>,
+}
+
+/// What the search found.
+pub struct Outcome {
+    /// The model at the start.
+    pub before: State,
+    /// The model at the end.
+    pub after: State,
+    /// Effects in the order in which they were found.
+    pub steps: Vec<Step>,
+    /// Held-out gap at the start and at the end.
+    pub gaps: (f64, f64),
+    /// Twins that the captures cannot tell apart: kinds.
+    pub twins: Vec<(String, String)>,
+}
+
+/// A set ready to be searched.
+pub struct Session {
+    /// Frames to fit.
+    pub fit: Half,
+    /// Frames to judge with; where the set has none, the same as `fit` and nothing is confirmed.
+    pub holdout: Half,
+    /// Whether there are held-out frames.
+    pub can_confirm: bool,
+    /// Maps of the frames to fit.
+    pub maps: Vec<Map>,
+    /// Words for people.
+    pub notes: Vec<String>,
+}
+
+impl Session {
+    /// Measures the frames.
+    pub fn open(
+        camera: &Camera,
+        set: &CaptureSet,
+        halves: Halves,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Self> {
+        let half = |mut design: Design| -> Result<Half> {
+            let stacks = replicate::measure(set, &design, true, progress)?;
+            set_unknown_levels(camera, &mut design, &stacks);
+            let values = by_key(battery(camera, &design, &stacks));
+            let allowance = allowance::allowances(camera, &design, &values);
+            Ok(Half { design, stacks, values, allowance })
+        };
+        let mut notes = halves.notes;
+        let fit = half(halves.fit)?;
+        let can_confirm = halves.holdout.is_some();
+        let holdout = match halves.holdout {
+            Some(design) => half(design)?,
+            None => {
+                notes.push("no held-out frames: names stay tentative".into());
+                half(fit.design.clone())?
+            }
+        };
+        let maps = maps::maps(camera, &fit.design, &fit.stacks);
+        Ok(Self { fit, holdout, can_confirm, maps, notes })
+    }
+
+    /// The model with what it predicts.
+    fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
+        let replicates = self.replicates(&camera, &self.fit.design, RUNS)?;
+        let fit = Prediction::new(&replicates);
+        let same = self.fit.design.conditions.len() == self.holdout.design.conditions.len()
+            && self.fit.design.conditions.iter().zip(&self.holdout.design.conditions).all(
+                |(a, b)| a.capture == b.capture && a.frames == b.frames,
+            );
+        let judged = if same {
+            None
+        } else {
+            Some(self.replicates(&camera, &self.holdout.design, RUNS)?)
+        };
+        let own = judged.as_ref().unwrap_or(&replicates);
+        let holdout = judged.as_ref().map_or_else(|| fit.clone(), |r| Prediction::new(r));
+        // Each replicate against the others, as if it were measured.
+        let squares: Vec<f64> = (0..own.len())
+            .map(|i| {
+                let others: Vec<Values> =
+                    own.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, r)| r.clone()).collect();
+                let none = BTreeMap::new();
+                mean_square(&Prediction::new(&others).deviations(&own[i], &none))
+            })
+            .collect();
+        let n = squares.len() as f64;
+        let mean = squares.iter().sum::<f64>() / n;
+        let sd = (squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        Ok(State { camera, named, replicates, fit, holdout, norm: (mean, sd) })
+    }
+
+    fn replicates(&self, camera: &Camera, design: &Design, runs: u64) -> Result<Vec<Values>> {
+        let planes = camera.effects.iter().any(|e| e.entry().kind == "periodic-pattern-noise");
+        (0..runs)
+            .into_par_iter()
+            .map(|run| {
+                let stacks = replicate::simulate(camera, design, 0x5eed + run, planes)?;
+                let mut values = by_key(battery(camera, design, &stacks));
+                if !planes {
+                    super::add_flat_planes(&mut values, design);
+                }
+                Ok(values)
+            })
+            .collect()
+    }
+
+    /// Held-out gap of a prediction.
+    fn gap(&self, prediction: &Prediction, norm: f64) -> f64 {
+        let z = prediction.deviations(&self.holdout.values, &self.holdout.allowance);
+        mean_square(&z) / norm.max(1e-9)
+    }
+
+    fn evidence<'a>(&'a self, camera: &'a Camera, model: &'a Prediction) -> Evidence<'a> {
+        Evidence {
+            camera,
+            design: &self.fit.design,
+            data: &self.fit.values,
+            model,
+            stacks: &self.fit.stacks,
+            maps: &self.maps,
+            allowance: &self.fit.allowance,
+        }
+    }
+
+    /// Simulates a proposal on top of a model and scores it.
+    fn try_out(&self, state: &State, proposal: &Proposal) -> Result<(Trial, Prediction, Camera)> {
+        let camera = proposal.applied(&state.camera);
+        let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS)?;
+        let before = &state.replicates[..TRIAL_RUNS as usize];
+        let fit = state.fit.moved(before, &after);
+        let holdout = if std::ptr::eq(&self.fit, &self.holdout) {
+            fit.clone()
+        } else {
+            state.holdout.moved(before, &after)
+        };
+        let fall = |half: &Half, old: &Prediction, new: &Prediction| {
+            old.deviance(&half.values, &half.allowance) - new.deviance(&half.values, &half.allowance)
+        };
+        let evidence = fall(&self.fit, &state.fit, &fit);
+        let confirmed = fall(&self.holdout, &state.holdout, &holdout);
+        let explains = self.explained(state, &fit);
+        let gap = self.gap(&holdout, state.norm.0);
+        Ok((Trial { proposal: proposal.clone(), evidence, confirmed, gap, explains }, fit, camera))
+    }
+
+    /// Of the deviance of statistics that a change moves by three standard deviations or more, the share it removes.
+    fn explained(&self, state: &State, new: &Prediction) -> f64 {
+        let old = state.fit.deviations(&self.fit.values, &self.fit.allowance);
+        let after = new.deviations(&self.fit.values, &self.fit.allowance);
+        let (mut had, mut left) = (0.0, 0.0);
+        for (key, z) in &old {
+            let (Some(a), Some(b)) = (state.fit.of.get(key), new.of.get(key)) else { continue };
+            if ((b.scaled - a.scaled) / a.sd).abs() > 3.0
+                && let Some(z_after) = after.get(key)
+            {
+                had += bounded(*z);
+                left += bounded(*z_after);
+            }
+        }
+        if had > 0.0 { 1.0 - left / had } else { 0.0 }
+    }
+
+    /// Tries a proposal and moves its parameters until they stay.
+    fn settle(&self, state: &State, proposal: &Proposal) -> Result<Trial> {
+        let (mut best, mut prediction, mut camera) = self.try_out(state, proposal)?;
+        for _ in 0..3 {
+            let evidence = self.evidence(&camera, &prediction);
+            let again = candidates::propose(&evidence, &[], 1.0)
+                .into_iter()
+                .find(|p| p.kind == proposal.kind && !p.beside && same_shape(p, &best.proposal));
+            let Some(next) = again else { break };
+            let (trial, p, c) = self.try_out(state, &merged(&best.proposal, next))?;
+            if trial.evidence <= best.evidence + 0.5 {
+                break;
+            }
+            (best, prediction, camera) = (trial, p, c);
+        }
+        Ok(best)
+    }
+
+    /// Runs the search. `without` names kinds left out of the catalogue; `say` hears what is being tried.
+    pub fn search(
+        &self,
+        camera: &Camera,
+        without: &[String],
+        say: &(dyn Fn(&str) + Sync),
+    ) -> Result<Outcome> {
+        say("replicates of the model");
+        let before = self.state(camera.clone(), Vec::new())?;
+        let gap_before = self.gap(&before.holdout, before.norm.0);
+        let mut state = before.clone();
+        let mut steps: Vec<Step> = Vec::new();
+        let mut twins = Vec::new();
+        while steps.len() < MOST {
+            let evidence = self.evidence(&state.camera, &state.fit);
+            let mut proposals = candidates::propose(&evidence, without, LEAST);
+            proposals.truncate(TRIALS);
+            if proposals.is_empty() {
+                break;
+            }
+            let mut trials = Vec::new();
+            for p in &proposals {
+                say(p.kind);
+                trials.push(self.try_out(&state, p)?.0);
+            }
+            trials.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            // The best three, each at its best.
+            let mut settled = Vec::new();
+            for trial in trials.iter().filter(|t| t.evidence > 0.0).take(3) {
+                settled.push(self.settle(&state, &trial.proposal)?);
+            }
+            settled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            let Some(best) = settled.first().filter(|t| earns(t)).cloned() else { break };
+            let mut others: Vec<Trial> = settled.drain(..).chain(trials).collect();
+            let mut seen = vec![best.proposal.kind];
+            others.retain(|t| {
+                let new = !seen.contains(&t.proposal.kind);
+                seen.push(t.proposal.kind);
+                new
+            });
+            if let Some(second) = others.first()
+                && best.evidence - second.evidence < 9.0
+                && second.evidence > EARNS[0]
+            {
+                twins.push((best.proposal.kind.to_string(), second.proposal.kind.to_string()));
+            }
+            let mut named = state.named.clone();
+            named.push(best.proposal.clone());
+            let next = self.state(best.proposal.applied(&state.camera), named)?;
+            let next = self.refit(next)?;
+            let gaps = [&state, &next].map(|s| self.gap(&s.holdout, s.norm.0));
+            steps.push(Step {
+                gave_away: self.moved(&state, &next),
+                gap_before: gaps[0],
+                gap_after: gaps[1],
+                trial: best,
+                others,
+            });
+            state = next;
+        }
+        if steps.len() > 1 {
+            state = self.drop_idle(camera, state, &mut steps)?;
+        }
+        for step in &mut steps {
+            let kind = step.trial.proposal.kind;
+            if let Some(p) = state.named.iter().find(|p| p.kind == kind) {
+                step.trial.proposal = p.clone();
+            }
+        }
+        let gap_after = self.gap(&state.holdout, state.norm.0);
+        Ok(Outcome { before, after: state, steps, gaps: (gap_before, gap_after), twins })
+    }
+
+    /// Estimates every named effect again with all of them in the model.
+    fn refit(&self, mut state: State) -> Result<State> {
+        for _ in 0..2 {
+            let evidence = self.evidence(&state.camera, &state.fit);
+            let all = candidates::propose(&evidence, &[], 0.7);
+            let mut named = state.named.clone();
+            let mut moved = false;
+            for p in &mut named {
+                let next = all.iter().find(|a| a.kind == p.kind && !a.beside && same_shape(a, p));
+                if let Some(next) = next {
+                    *p = merged(p, next.clone());
+                    moved = true;
+                }
+            }
+            if !moved {
+                break;
+            }
+            let camera = named.iter().fold(self.base(&state), |c, p| p.applied(&c));
+            let next = self.state(camera, named)?;
+            let of = |s: &State| s.fit.deviance(&self.fit.values, &self.fit.allowance);
+            if of(&next) >= of(&state) {
+                break;
+            }
+            state = next;
+        }
+        Ok(state)
+    }
+
+    /// The camera that the named effects are put on: their parameters replace each other.
+    fn base(&self, state: &State) -> Camera {
+        let mut camera = state.camera.clone();
+        // Effects that stand beside others of their kind must not be put twice.
+        for p in state.named.iter().filter(|p| p.beside) {
+            if let Some(at) = p.effects.first().and_then(|e| camera.effects.iter().position(|x| x == e)) {
+                camera.effects.remove(at);
+            }
+        }
+        camera
+    }
+
+    /// Leaves out effects, the weakest first, whose absence nobody would notice.
+    fn drop_idle(&self, base: &Camera, mut state: State, steps: &mut Vec<Step>) -> Result<State> {
+        let of = |s: &State| {
+            s.fit.deviance(&self.fit.values, &self.fit.allowance)
+                + s.holdout.deviance(&self.holdout.values, &self.holdout.allowance)
+        };
+        let mut i = 0;
+        while i < state.named.len() && state.named.len() > 1 {
+            let mut named = state.named.clone();
+            let left_out = named.remove(i);
+            let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
+            let without = self.refit(self.state(camera, named)?)?;
+            if of(&without) - of(&state) < EARNS[2] / 2.0 {
+                if let Some(at) =
+                    steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
+                {
+                    steps.remove(at);
+                }
+                state = without;
+            } else {
+                i += 1;
+            }
+        }
+        Ok(state)
+    }
+
+    /// The held-out statistics whose deviation fell most.
+    fn moved(&self, before: &State, after: &State) -> Vec<(Key, f64, f64)> {
+        let z = |s: &State| s.holdout.deviations(&self.holdout.values, &self.holdout.allowance);
+        let (old, new) = (z(before), z(after));
+        let mut out: Vec<(Key, f64, f64)> =
+            old.iter().filter_map(|(k, z)| Some((*k, *z, *new.get(k)?))).collect();
+        let fall = |m: &(Key, f64, f64)| bounded(m.1) - bounded(m.2);
+        out.sort_by(|a, b| fall(b).total_cmp(&fall(a)));
+        out.truncate(8);
+        out
+    }
+
+    /// Deviations of both halves from a model: fit and held-out.
+    pub fn deviations(&self, state: &State) -> [BTreeMap<Key, f64>; 2] {
+        [
+            state.fit.deviations(&self.fit.values, &self.fit.allowance),
+            state.holdout.deviations(&self.holdout.values, &self.holdout.allowance),
+        ]
+    }
+
+    /// Statistics that a model leaves unexplained: key and deviation of both halves together.
+    pub fn unexplained(&self, state: &State) -> Vec<(Key, f64)> {
+        let [fit, holdout] = self.deviations(state);
+        let mut out: Vec<(Key, f64)> = fit
+            .iter()
+            .filter_map(|(k, a)| {
+                let b = holdout.get(k).copied().unwrap_or(*a);
+                let same_side = a.signum() == b.signum() && b.abs() > 2.0;
+                let both = (a + b) / std::f64::consts::SQRT_2;
+                (same_side && both.abs() > UNEXPLAINED).then_some((*k, both))
+            })
+            .collect();
+        out.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        out
+    }
+}
+
+impl State {
+    /// Held-out gap that the right model passes once in some two hundred replicates.
+    pub fn limit(&self) -> f64 {
+        GAP_LIMIT.max(1.0 + 3.5 * self.norm.1 / self.norm.0)
+    }
+}
+
+fn earns(t: &Trial) -> bool {
+    t.evidence > EARNS[0]
+        && t.confirmed > EARNS[1]
+        && t.evidence + t.confirmed > EARNS[2]
+        && t.explains > 0.3
+}
+
+/// Whether two proposals of one kind have the same free parameters.
+fn same_shape(a: &Proposal, b: &Proposal) -> bool {
+    a.effects.len() == b.effects.len()
+        && a.parameters.iter().map(|p| p.0).eq(b.parameters.iter().map(|p| p.0))
+}
+
+/// The second proposal, with standard errors of the first where the second has none.
+fn merged(first: &Proposal, second: Proposal) -> Proposal {
+    Proposal { strength: first.strength, beside: first.beside, ..second }
+}
+
+/// Where the manifest does not tell the light, the measured mean does.
+fn set_unknown_levels(camera: &Camera, design: &mut Design, stacks: &[Temporal]) {
+    let black = maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| mean(&stacks[i]));
+    for (c, t) in design.conditions.iter_mut().zip(stacks) {
+        if c.role == Role::Flat && !c.level_known {
+            let k = super::model::dn_per_e(camera, c.analog_gain);
+            let by_channel = channel_means(camera, t);
+            c.photo_e = by_channel.iter().map(|m| ((m - black) / k).max(0.0)).collect();
+            c.before_e.clone_from(&c.photo_e);
+        }
+    }
+}
+
+fn mean(t: &Temporal) -> f64 {
+    t.mean.data.iter().map(|&v| f64::from(v)).sum::<f64>() / t.mean.data.len() as f64
+}
+
+fn channel_means(camera: &Camera, t: &Temporal) -> Vec<f64> {
+    let pattern = camera.sensor.pattern();
+    let n = camera.sensor.channel_names.len();
+    let (mut sum, mut count) = (vec![0.0; n], vec![0.0; n]);
+    for (i, &v) in t.mean.data.iter().enumerate() {
+        let c = pattern.channel(i % t.width, i / t.width);
+        sum[c] += f64::from(v);
+        count[c] += 1.0;
+    }
+    sum.iter().zip(&count).map(|(s, n): (&f64, &f64)| s / n.max(1.0)).collect()
+}
+
+/// Whether a stack is a flat whose light is known.
+pub fn known_flat(c: &Condition) -> bool {
+    c.role == Role::Flat && c.level_known
+}

@@ -1,0 +1,302 @@
+//! What a map over pixels looks like: slopes, rows, columns, pixels, outliers, lattices.
+
+use super::spectrum::Spectrum;
+use super::temporal::covariance;
+use crate::Plane;
+
+/// Side of the blocks for large-scale structure.
+const BLOCK: usize = 16;
+/// Pixels further than this from the middle, in robust standard deviations, are outliers.
+const OUTLIER: f64 = 5.5;
+/// Values are held within this many robust standard deviations before they are summed.
+const CLIP: f64 = 4.0;
+/// Robust standard deviation per median absolute deviation of a normal law.
+const PER_MAD: f64 = 1.482_602_218_505_602;
+/// Periods of columns and rows that are looked for.
+pub const PERIODS: [usize; 3] = [2, 4, 8];
+
+/// Description of a map, in the map's unit.
+#[derive(Clone, Debug, Default)]
+pub struct Spatial {
+    /// Amplitudes (root mean square) of √3u, √3v, √5(3u²−1)/2, √5(3v²−1)/2, 3uv over −1..1.
+    pub slopes: [f64; 5],
+    /// Mean of each row, without slopes.
+    pub rows: Vec<f64>,
+    /// Mean of each column, without slopes.
+    pub columns: Vec<f64>,
+    /// Variance of row means.
+    pub row_variance: f64,
+    /// Variance of column means.
+    pub column_variance: f64,
+    /// Variance of what rows and columns leave, outliers held at 4 standard deviations.
+    pub pixel_variance: f64,
+    /// The same with outliers.
+    pub whole_variance: f64,
+    /// Sum of squares of column-phase means over their expectation, for each of [`PERIODS`].
+    pub column_periods: [f64; 3],
+    /// The same for rows.
+    pub row_periods: [f64; 3],
+    /// Largest bin of the rows' power over the median.
+    pub row_peak: f64,
+    /// Largest bin of the columns' power over the median.
+    pub column_peak: f64,
+    /// Variance of 16x16 block means x 256 over the pixel variance.
+    pub blocks: f64,
+    /// Means of the four corner regions (an eighth of each side): top left, top right, bottom left, bottom right.
+    pub corners: [f64; 4],
+    /// Contrasts of the 2x2 phases: 00−11, 01−10, (00+11)−(01+10).
+    pub phases: [f64; 3],
+    /// Correlation with the neighbour right, below, and diagonally below.
+    pub correlation: [f64; 3],
+    /// Pixels far above.
+    pub high: f64,
+    /// Sum of what pixels far above have in excess.
+    pub high_sum: f64,
+    /// Pixels far below.
+    pub low: f64,
+    /// Sum of what pixels far below lack (negative).
+    pub low_sum: f64,
+    /// Skewness of the clipped pixels.
+    pub skewness: f64,
+    /// Kurtosis of the clipped pixels less 3.
+    pub kurtosis: f64,
+    /// Largest mean over a phase of the 16x16 lattice in its standard deviations, 2x2 phases taken out.
+    pub lattice: f64,
+}
+
+/// Values of the five slopes at (u, v) in −1..1.
+pub fn basis(u: f64, v: f64) -> [f64; 5] {
+    let (r3, r5) = (3f64.sqrt(), 5f64.sqrt() / 2.0);
+    [r3 * u, r3 * v, r5 * (3.0 * u * u - 1.0), r5 * (3.0 * v * v - 1.0), 3.0 * u * v]
+}
+
+/// Robust standard deviation.
+fn robust_sd(values: &[f32]) -> f64 {
+    let mut v: Vec<f32> = values.to_vec();
+    let middle = v.len() / 2;
+    let median = *v.select_nth_unstable_by(middle, f32::total_cmp).1;
+    v.iter_mut().for_each(|x| *x = (*x - median).abs());
+    let mad = *v.select_nth_unstable_by(middle, f32::total_cmp).1;
+    f64::from(mad) * PER_MAD
+}
+
+fn variance(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
+}
+
+/// Describes a map.
+pub fn describe(map: &Plane<f32>) -> Spatial {
+    let (w, h) = (map.width, map.height);
+    let n = (w * h) as f64;
+    let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+    let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
+    let scale = robust_sd(&d).max(1e-12);
+    let mut s = Spatial::default();
+
+    // Slopes of the map with outliers held, then without slopes.
+    let u: Vec<f64> = (0..w).map(|x| (x as f64 + 0.5) / w as f64 * 2.0 - 1.0).collect();
+    let limit = (1.5 * CLIP * scale) as f32;
+    for (y, row) in d.chunks(w).enumerate() {
+        let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+        // Moments of the row over u give all five sums.
+        let (mut m0, mut m1, mut m2) = (0.0, 0.0, 0.0);
+        for (&x, &u) in row.iter().zip(&u) {
+            let x = f64::from(x.clamp(-limit, limit));
+            m0 += x;
+            m1 += x * u;
+            m2 += x * u * u;
+        }
+        let (r3, r5) = (3f64.sqrt(), 5f64.sqrt() / 2.0);
+        s.slopes[0] += r3 * m1;
+        s.slopes[1] += r3 * v * m0;
+        s.slopes[2] += r5 * (3.0 * m2 - m0);
+        s.slopes[3] += r5 * (3.0 * v * v - 1.0) * m0;
+        s.slopes[4] += 3.0 * v * m1;
+    }
+    s.slopes.iter_mut().for_each(|k| *k /= n);
+    for (y, row) in d.chunks_mut(w).enumerate() {
+        let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+        for (x, &u) in row.iter_mut().zip(&u) {
+            let b = basis(u, v);
+            let slope: f64 = b.iter().zip(&s.slopes).map(|(b, k)| b * k).sum();
+            *x -= slope as f32;
+        }
+    }
+
+    // Rows and columns.
+    let held = |x: f32| f64::from(x.clamp(-limit, limit));
+    s.rows = d.chunks(w).map(|r| r.iter().map(|&x| held(x)).sum::<f64>() / w as f64).collect();
+    s.columns = vec![0.0; w];
+    for row in d.chunks(w) {
+        s.columns.iter_mut().zip(row).for_each(|(c, &x)| *c += held(x));
+    }
+    s.columns.iter_mut().for_each(|c| *c /= h as f64);
+    s.row_variance = variance(&s.rows);
+    s.column_variance = variance(&s.columns);
+    s.row_periods = periods(&s.rows);
+    s.column_periods = periods(&s.columns);
+    s.row_peak = peak(&s.rows);
+    s.column_peak = peak(&s.columns);
+    blocks_and_corners(&d, w, h, limit, &mut s);
+    for (row, mean) in d.chunks_mut(w).zip(&s.rows) {
+        row.iter_mut().zip(&s.columns).for_each(|(x, c)| *x -= (mean + c) as f32);
+    }
+
+    // Pixels.
+    let sd = robust_sd(&d).max(1e-12);
+    let edge = OUTLIER * sd;
+    for &x in &d {
+        let x = f64::from(x);
+        s.whole_variance += x * x;
+        if x > edge {
+            s.high += 1.0;
+            s.high_sum += x;
+        } else if x < -edge {
+            s.low += 1.0;
+            s.low_sum += x;
+        }
+    }
+    s.whole_variance /= n;
+    let clip = (CLIP * sd) as f32;
+    d.iter_mut().for_each(|x| *x = x.clamp(-clip, clip));
+    let (mut m2, mut m3, mut m4) = (0.0, 0.0, 0.0);
+    for &x in &d {
+        let x = f64::from(x);
+        m2 += x * x;
+        m3 += x * x * x;
+        m4 += x * x * x * x;
+    }
+    s.pixel_variance = m2 / n;
+    s.skewness = m3 / n / s.pixel_variance.powf(1.5);
+    s.kurtosis = m4 / n / s.pixel_variance.powi(2) - 3.0;
+    for (c, (dx, dy)) in s.correlation.iter_mut().zip([(1, 0), (0, 1), (1, 1)]) {
+        *c = covariance(&d, w, h, dx, dy) / s.pixel_variance;
+    }
+    s.blocks /= s.pixel_variance;
+    phases_and_lattice(&mut d, w, h, &mut s);
+    s
+}
+
+/// Σ (mean of a phase)² x lines/(periods − 1), over the variance of lines: 1 where there is no period.
+fn periods(lines: &[f64]) -> [f64; 3] {
+    let mean = lines.iter().sum::<f64>() / lines.len() as f64;
+    let var = variance(lines).max(1e-300);
+    PERIODS.map(|p| {
+        let mut sum = 0.0;
+        for phase in 0..p {
+            let (mut total, mut count) = (0.0, 0.0);
+            for v in lines.iter().skip(phase).step_by(p) {
+                total += v - mean;
+                count += 1.0;
+            }
+            sum += total * total / f64::max(count, 1.0);
+        }
+        let between = sum / (p as f64 - 1.0);
+        let within = ((lines.len() as f64 - 1.0) * var - sum) / (lines.len() - p) as f64;
+        between / within.max(1e-300)
+    })
+}
+
+/// Largest bin of the power over the mean of an exponential law with the power's median.
+fn peak(lines: &[f64]) -> f64 {
+    let power = Spectrum::of(lines);
+    let mut sorted = power.clone();
+    sorted.sort_by(f64::total_cmp);
+    let mean = sorted[sorted.len() / 2] / std::f64::consts::LN_2;
+    sorted.last().copied().unwrap_or(0.0) / mean.max(1e-300)
+}
+
+fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial) {
+    let (across, down) = (w / BLOCK, h / BLOCK);
+    let mut blocks = vec![0.0f64; across * down];
+    for (y, row) in d.chunks(w).enumerate().take(down * BLOCK) {
+        for (bx, pixels) in row.chunks_exact(BLOCK).enumerate() {
+            let sum: f32 = pixels.iter().map(|x| x.clamp(-limit, limit)).sum();
+            blocks[y / BLOCK * across + bx] += f64::from(sum);
+        }
+    }
+    let area = (BLOCK * BLOCK) as f64;
+    blocks.iter_mut().for_each(|b| *b /= area);
+    s.blocks = variance(&blocks) * area;
+    let (cw, ch) = ((w / 8).max(1), (h / 8).max(1));
+    for (i, corner) in s.corners.iter_mut().enumerate() {
+        let (x0, y0) = ((i % 2) * (w - cw), (i / 2) * (h - ch));
+        let mut sum = 0.0;
+        for row in d.chunks(w).skip(y0).take(ch) {
+            sum += row[x0..x0 + cw].iter().map(|x| f64::from(x.clamp(-limit, limit))).sum::<f64>();
+        }
+        *corner = sum / (cw * ch) as f64;
+    }
+}
+
+fn phases_and_lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
+    let (w16, h16) = (w / 16 * 16, h / 16 * 16);
+    if w16 == 0 || h16 == 0 {
+        return;
+    }
+    let mut lattice = [0.0f64; 256];
+    for (y, row) in d.chunks(w).enumerate().take(h16) {
+        for (x, &v) in row[..w16].iter().enumerate() {
+            lattice[y % 16 * 16 + x % 16] += f64::from(v);
+        }
+    }
+    let count = (w16 / 16 * (h16 / 16)) as f64;
+    lattice.iter_mut().for_each(|l| *l /= count);
+    let mut phase = [0.0; 4];
+    for (i, l) in lattice.iter().enumerate() {
+        phase[i / 16 % 2 * 2 + i % 2] += l / 64.0;
+    }
+    let [a, b, c, e] = phase;
+    s.phases = [a - e, b - c, (a + e - b - c) / 2.0];
+    let sd = (s.pixel_variance / count).sqrt().max(1e-300);
+    s.lattice = (0..256)
+        .map(|i| (lattice[i] - phase[i / 16 % 2 * 2 + i % 2]).abs() / sd)
+        .fold(0.0, f64::max);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    #[test]
+    fn parts_come_apart() {
+        let (w, h) = (256, 192);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let mut normal = |n: usize, sd: f64| -> Vec<f64> {
+            (0..n)
+                .map(|_| {
+                    let z: f64 = StandardNormal.sample(&mut rng);
+                    sd * z
+                })
+                .collect()
+        };
+        let (rows, columns, pixels) = (normal(h, 0.5), normal(w, 0.25), normal(w * h, 2.0));
+        let map = Plane {
+            width: w,
+            height: h,
+            data: (0..w * h)
+                .map(|i| {
+                    let (x, y) = (i % w, i / w);
+                    let u = (x as f64 + 0.5) / w as f64 * 2.0 - 1.0;
+                    let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+                    let even = if x % 2 == 0 { 0.1 } else { -0.1 };
+                    let hot = if i % 5000 == 77 { 40.0 } else { 0.0 };
+                    (7.0 + 0.8 * basis(u, v)[2] + rows[y] + columns[x] + pixels[i] + even + hot)
+                        as f32
+                })
+                .collect(),
+        };
+        let s = describe(&map);
+        // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
+        assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
+        assert!((s.row_variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt());
+        assert!((s.pixel_variance / 4.0 - 1.0).abs() < 3.0 * (2.0f64 / 49152.0).sqrt() + 0.005);
+        assert_eq!(s.high, 10.0);
+        assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);
+        assert!(s.column_periods[0] > 5.0 && s.row_periods[0] < 12.0);
+    }
+}

@@ -1,0 +1,115 @@
+//! Tails of distributions, so that every statistic can be given as a standard normal deviate.
+
+use std::f64::consts::{FRAC_1_SQRT_2, LN_2};
+
+/// ln of half of 2π.
+const HALF_LN_TWO_PI: f64 = 0.918_938_533_204_672_8;
+
+/// ln P(Z > z) of a standard normal Z, by its asymptotic series where erfc underflows.
+pub fn ln_upper(z: f64) -> f64 {
+    if z < 10.0 {
+        return libm::erfc(z * FRAC_1_SQRT_2).ln() - LN_2;
+    }
+    let u = 1.0 / (z * z);
+    -0.5 * z * z - z.ln() - HALF_LN_TWO_PI + (u * (-1.0 + u * (3.0 - 15.0 * u))).ln_1p()
+}
+
+/// The z with ln P(Z > z) = `ln_p`.
+pub fn deviate(ln_p: f64) -> f64 {
+    let (mut low, mut high) = (-12.0, 1e6);
+    // Halving a range of 1e6 to below the rounding of a double at 10.
+    for _ in 0..72 {
+        let middle = 0.5 * (low + high);
+        if ln_upper(middle) > ln_p {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// Normal deviate of a mean of squares with `dof` degrees of freedom over its expectation (Wilson & Hilferty 1931).
+pub fn chi_square(ratio: f64, dof: f64) -> f64 {
+    let v = 2.0 / (9.0 * dof);
+    (ratio.max(0.0).cbrt() - (1.0 - v)) / v.sqrt()
+}
+
+/// Normal deviate of the largest of `count` independent standard normal deviates.
+pub fn largest(z: f64, count: usize) -> f64 {
+    let ln_expected = (count.max(1) as f64).ln() + ln_upper(z);
+    // P(any) = 1 − exp(−expected).
+    deviate(if ln_expected < -30.0 { ln_expected } else { (-(-ln_expected.exp()).exp_m1()).ln() })
+}
+
+/// Normal deviate of a count of which `runs` replicates of the model had `total` together: the predictive
+/// law is negative binomial (a gamma prior of shape ½ for the rate, Jeffreys').
+pub fn count(seen: f64, total: f64, runs: f64) -> f64 {
+    let shape = total + 0.5;
+    let (p, q) = (1.0 / (1.0 + runs), runs / (1.0 + runs));
+    // From the mean on both tails are summed term by term; far out a normal law on the root scale serves.
+    let mean = shape / runs;
+    if mean > 200.0 || seen > 2000.0 {
+        let sd = (mean * (1.0 + 1.0 / runs)).sqrt();
+        return 2.0 * ((seen + 0.375).sqrt() - (mean + 0.375).sqrt()) * mean.sqrt() / sd;
+    }
+    let ln_term = |k: f64| {
+        libm::lgamma(k + shape) - libm::lgamma(shape) - libm::lgamma(k + 1.0)
+            + shape * q.ln()
+            + k * p.ln()
+    };
+    let mut below = 0.0;
+    let mut k = 0.0;
+    while k < seen {
+        below += ln_term(k).exp();
+        k += 1.0;
+    }
+    // Half of the observed count's own chance to either side keeps the deviate centred.
+    let here = ln_term(seen).exp();
+    let mut above = 0.5 * here;
+    let mut k = seen + 1.0;
+    loop {
+        let term = ln_term(k).exp();
+        above += term;
+        if term < 1e-17 * above || k > seen + 4000.0 || term < 1e-300 {
+            break;
+        }
+        k += 1.0;
+    }
+    if above < 0.5 {
+        deviate(above.max(1e-290).ln())
+    } else {
+        -deviate((below + 0.5 * here).clamp(1e-290, 0.5).ln())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deviates_invert_tails() {
+        // Tail probabilities of the normal law (Abramowitz & Stegun, table 26.1).
+        assert!((ln_upper(1.959_963_985).exp() - 0.025).abs() < 1e-9);
+        assert!((ln_upper(5.0).exp() / 2.866_515_7e-7 - 1.0).abs() < 1e-6);
+        for z in [-3.0, 0.0, 2.0, 9.99, 10.01, 50.0, 3000.0] {
+            assert!((deviate(ln_upper(z)) - z).abs() < 1e-6 * (1.0 + z.abs()), "{z}");
+        }
+    }
+
+    #[test]
+    fn largest_of_one_is_itself() {
+        assert!((largest(2.0, 1) - 2.0).abs() < 0.1);
+        // The median of the largest of 1000 is where a single one has 1 − 2^(−1/1000).
+        let median = deviate((1.0f64 - 0.5f64.powf(1e-3)).ln());
+        assert!(largest(median, 1000).abs() < 1e-3);
+    }
+
+    #[test]
+    fn counts_are_centred_and_ordered() {
+        assert!(count(0.0, 0.0, 16.0).abs() < 0.3);
+        assert!(count(3.0, 0.0, 16.0) > 3.0);
+        assert!(count(100.0, 1600.0, 16.0).abs() < 0.1);
+        assert!(count(150.0, 1600.0, 16.0) > 4.0 && count(60.0, 1600.0, 16.0) < -4.0);
+    }
+}

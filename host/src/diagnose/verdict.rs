@@ -1,0 +1,188 @@
+//! What is said of a search: `diagnosis.json`.
+
+use super::candidates::Proposal;
+use super::prediction::Key;
+use super::search::{Outcome, Session, State};
+use super::statistics::{Place, Scale, What};
+use super::{model, words};
+use serde_json::{Value, json};
+
+/// The verdict in one word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Nothing was missing.
+    Agrees,
+    /// What was found explains the captures.
+    Explained,
+    /// What was found helps, but something is left.
+    PartlyExplained,
+    /// Nothing in the catalogue helps.
+    Unexplained,
+}
+
+impl Verdict {
+    /// As it stands in `diagnosis.json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Agrees => "agrees",
+            Verdict::Explained => "explained",
+            Verdict::PartlyExplained => "partly-explained",
+            Verdict::Unexplained => "unexplained",
+        }
+    }
+}
+
+/// Judges an outcome: the right model passes by its held-out gap, and leaves no statistic unexplained.
+pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
+    let passes = passes(session, &outcome.after, outcome.gaps.1);
+    match (outcome.steps.is_empty(), passes) {
+        (true, true) => Verdict::Agrees,
+        (true, false) => Verdict::Unexplained,
+        (false, true) if session.can_confirm => Verdict::Explained,
+        (false, _) => Verdict::PartlyExplained,
+    }
+}
+
+fn passes(session: &Session, state: &State, gap: f64) -> bool {
+    gap <= state.limit() && session.unexplained(state).is_empty()
+}
+
+fn number(v: f64) -> Value {
+    serde_json::Number::from_f64(v).map_or(Value::Null, Value::Number)
+}
+
+/// The parameters of a proposal.
+fn parameters(p: &Proposal) -> Value {
+    p.parameters
+        .iter()
+        .map(|(key, e)| ((*key).to_string(), json!({ "value": number(e.value), "std_error": number(e.se) })))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}
+
+/// A statistic left unexplained.
+fn leftover(session: &Session, state: &State, key: Key, z: f64) -> Value {
+    let measured = session.fit.values.get(&key).map(|s| s.value);
+    let predicted = state.fit.of.get(&key).map(|p| p.value);
+    let statistic = words::name(&state.camera, key);
+    let place = words::place(&session.fit.design, key);
+    json!({
+        "statistic": statistic,
+        "where": place,
+        "z": number((z * 100.0).round() / 100.0),
+        "measured": measured.map(number),
+        "predicted": predicted.map(number),
+        "description": describe(session, state, key, z, measured, predicted),
+    })
+}
+
+/// A sentence that a person can act on.
+fn describe(
+    session: &Session,
+    state: &State,
+    key: Key,
+    z: f64,
+    measured: Option<f64>,
+    predicted: Option<f64>,
+) -> String {
+    let (Some(m), Some(p)) = (measured, predicted) else { return String::new() };
+    let statistic = words::name(&state.camera, key);
+    let place = words::place(&session.fit.design, key);
+    let more = if z > 0.0 { "more" } else { "less" };
+    let size = match (key.0, key.1) {
+        (Place::Stack(i), What::Mean(_)) => {
+            let k = session.fit.design.conditions.get(i).map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            format!("{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN", (m - p).abs(), (m - p).abs() / k)
+        }
+        (Place::Stack(i), What::Variance(_)) => {
+            let k = session.fit.design.conditions.get(i).map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            let root = (m - p).abs().sqrt();
+            format!("{root:.3} DN ({:.2} e⁻) rms {more} noise than the model", root / k)
+        }
+        (Place::Stack(i), What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance) => {
+            let c = session.fit.design.conditions.get(i);
+            let exposure = c.map_or(0.0, |c| c.exposure_s);
+            format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
+        }
+        _ => match state.fit.of.get(&key).map(|x| x.scale) {
+            Some(Scale::Log) => format!("{m:.4e}, {:.1} % {more} than the model's {p:.4e}", 100.0 * (m / p - 1.0).abs()),
+            _ => format!("{m:.4}, the model {p:.4}"),
+        },
+    };
+    format!("{statistic} in {place}: {size} ({z:+.1} standard deviations)")
+}
+
+/// `diagnosis.json`.
+pub fn report(session: &Session, outcome: &Outcome) -> Value {
+    let verdict = judge(session, outcome);
+    let confirmed = verdict == Verdict::Explained;
+    let steps: Vec<Value> = outcome
+        .steps
+        .iter()
+        .map(|s| {
+            let (key, z, after) = s.gave_away.first().copied().unwrap_or(((Place::Set, What::Roughness), 0.0, 0.0));
+            let where_ = format!(
+                "{}: {} ({z:+.1} → {after:+.1} standard deviations)",
+                words::place(&session.fit.design, key),
+                words::name(&outcome.after.camera, key)
+            );
+            json!({
+                "effect": s.trial.proposal.kind,
+                "status": if confirmed { "confirmed" } else { "tentative" },
+                "parameters": parameters(&s.trial.proposal),
+                "gap_before": number(s.gap_before),
+                "gap_after": number(s.gap_after),
+                "evidence": number(s.trial.evidence),
+                "evidence_held_out": number(s.trial.confirmed),
+                "where": where_,
+                "runners_up": s.others.iter().take(5).map(|o| json!({
+                    "effect": o.proposal.kind,
+                    "gap_after": number(o.gap),
+                    "evidence": number(o.evidence),
+                })).collect::<Vec<_>>(),
+            })
+        })
+        .collect();
+    let unexplained: Vec<Value> = session
+        .unexplained(&outcome.after)
+        .into_iter()
+        .take(12)
+        .map(|(key, z)| leftover(session, &outcome.after, key, z))
+        .collect();
+    json!({
+        "format": "diagnosis/1",
+        "verdict": verdict.word(),
+        "gap_before": number(outcome.gaps.0),
+        "gap_after": number(outcome.gaps.1),
+        "gap_limit": number(outcome.after.limit()),
+        "statistics": outcome.after.fit.of.len(),
+        "steps": steps,
+        "ambiguous": outcome.twins.iter().map(|(a, b)| json!({
+            "effects": [a, b],
+            "tie_breaker": tie_breaker(a, b),
+        })).collect::<Vec<_>>(),
+        "unexplained": unexplained,
+        "notes": session.notes,
+    })
+}
+
+/// The capture that tells two kinds apart.
+fn tie_breaker(a: &str, b: &str) -> &'static str {
+    let is = |x: &str, y: &str| (a == x && b == y) || (a == y && b == x);
+    let any = |x: &str| a == x || b == x;
+    if is("system-gain", "quantum-efficiency") || is("system-gain", "lens-transmittance") {
+        "flats over the whole range: variance over mean gives the gain by itself"
+    } else if any("charge-coupling") || any("brighter-fatter") {
+        "flats at five and more levels up to full well: the neighbours' correlation is constant or grows with the level"
+    } else if any("read-noise-spread") || any("random-telegraph-noise") || any("heavy-tailed-read-noise") {
+        "a dark stack of 100 frames and more: kurtosis and memory of the noisiest pixels"
+    } else if any("row-correlated-noise") || any("row-temporal-noise") {
+        "a dark stack of 64 frames and more: spectrum of row means"
+    } else if any("hot-pixels") || any("amp-glow") || any("dark-current-gradient") || any("dark-current") {
+        "dark stacks at four exposures up to 10 s and two temperatures"
+    } else if any("nonlinearity") || any("full-well") || any("exposure-offset") {
+        "flats at ten levels by light at one exposure, and at ten exposures in one light"
+    } else {
+        "twice as many frames of the captures at hand"
+    }
+}
