@@ -49,9 +49,20 @@ fn row_correlated_noise<A: Arith>() {
         let total: f64 = (0..13).map(weight).sum();
         // Of differences, as the mean of a frame is not known: 2 (R(0) - R(h)).
         for lag in [1usize, 8, 100, 1000] {
-            let fall: f64 =
-                (0..13).map(|k| weight(k) * (lag as f64 / 2f64.powi(k)).min(1.0)).sum::<f64>()
-                    / total;
+            let fall: f64 = (0..13)
+                .map(|k| {
+                    let h = lag as f64 / 2f64.powi(k);
+                    let left = match h {
+                        // One cell around the frame is a square wave.
+                        _ if k == 12 => (1.0 - 4.0 * h).max(4.0 * h - 3.0),
+                        _ if h >= 1.0 => 0.0,
+                        _ if h <= 0.5 => 1.0 - 3.0 * h,
+                        _ => h - 1.0,
+                    };
+                    weight(k) * (1.0 - left)
+                })
+                .sum::<f64>()
+                / total;
             let (value, error) = estimate(
                 &frames
                     .iter()
@@ -118,6 +129,7 @@ fn random_telegraph_noise<A: Arith>() {
         amplitude_e: 100.0,
         renewal: q as f32,
         duty: d as f32,
+        spread: 1.0,
     };
     let config = monochrome(128, 64, &[effect.into()]);
     let frames: Vec<Vec<f64>> = (0..160).map(|f| flat::<A>(&config, &at(f), 0.0)).collect();

@@ -200,10 +200,10 @@ fn black_level_offset<A: Arith>() {
         offset_dn: 5.0,
         per_gain_dn: 2.0,
         per_second_dn: 100.0,
-        channel_0_dn: 0.0,
-        channel_1_dn: -3.0,
-        channel_2_dn: 7.0,
-        channel_3_dn: 0.0,
+        plane_0_dn: 0.0,
+        plane_1_dn: -3.0,
+        plane_2_dn: 7.0,
+        plane_3_dn: 0.0,
     };
     let config = bayer(70, 2, &[effect.into()]);
     for (analog_gain, exposure_s) in [(1.0, 0.01), (4.0, 0.05)] {

@@ -5,6 +5,7 @@
 pub mod arguments;
 mod calibrate;
 mod capture;
+mod compare;
 mod convert;
 mod crosstalk;
 mod demo;
@@ -38,6 +39,7 @@ enum Command {
     Crosstalk(crosstalk::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
+    Compare(compare::Args),
     Diagnose(diagnose::Args),
     Rig(rig::Args),
     Convert(convert::Args),
@@ -56,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::Lens(args) => lens::run(&args),
         Command::Crosstalk(args) => crosstalk::run(&args),
         Command::Measure(args) => measure::run(args),
+        Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),

@@ -23,6 +23,10 @@ pub struct Predicted {
     pub scaled: f64,
     /// Standard deviation of one measurement on its scale.
     pub sd: f64,
+    /// The part of it that theory gives.
+    theory: f64,
+    /// Variance over replicates on its scale.
+    scatter: f64,
     /// Its scale.
     pub scale: Scale,
     /// Sum over replicates (counts).
@@ -61,7 +65,10 @@ impl Prediction {
             let variance = theory.max(scatter / SCATTER_MARGIN);
             let value = all.iter().map(|s| s.value).sum::<f64>() / runs;
             let sd = variance.sqrt();
-            of.insert(*key, Predicted { value, scaled: mean, sd, scale, total: value * runs, runs });
+            let theory = theory.sqrt();
+            let total = value * runs;
+            let p = Predicted { value, scaled: mean, sd, theory, scatter, scale, total, runs };
+            of.insert(*key, p);
         }
         Self { of }
     }
@@ -76,8 +83,10 @@ impl Prediction {
             p.scaled += a.scaled - b.scaled;
             p.value += a.value - b.value;
             p.total = p.value.max(0.0) * p.runs;
-            // Theory's part of the scatter; that of few replicates says little.
-            p.sd *= (a.sd / b.sd).clamp(0.2, 50.0);
+            // The scatter of few replicates counts only where it is gross (the 99.9 % point of F for 3 degrees of freedom
+            // is 5.4): a new random pattern, that is another on each sensor.
+            let gross = a.scatter > 5.4 * a.theory * a.theory && b.scatter < 5.4 * b.theory * b.theory;
+            p.sd = if gross { p.sd.max(a.scatter.sqrt()) } else { p.sd * a.theory / b.theory.max(1e-30) };
         }
         Self { of }
     }

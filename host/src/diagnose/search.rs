@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 /// Replicates of a model that is judged.
 const RUNS: u64 = 16;
 /// Replicates of a candidate, with the random numbers of the model's first ones.
-const TRIAL_RUNS: u64 = 2;
+const TRIAL_RUNS: u64 = 4;
 /// Most candidates simulated in a round.
 const TRIALS: usize = 12;
 /// Most effects named.
@@ -263,12 +263,19 @@ impl Session {
                 .find(|p| p.kind == proposal.kind && !p.beside && same_shape(p, &best.proposal));
             let Some(next) = again else { break };
             let (trial, p, c) = self.try_out(state, &merged(&best.proposal, next))?;
-            if trial.evidence <= best.evidence + 0.5 {
-                break;
+            (prediction, camera) = (p, c);
+            if trial.evidence > best.evidence {
+                best = trial;
             }
-            (best, prediction, camera) = (trial, p, c);
         }
         Ok(best)
+    }
+
+    /// A model as it is: what it predicts, and its held-out gap.
+    pub fn compare(&self, camera: &Camera) -> Result<(State, f64)> {
+        let state = self.state(camera.clone(), Vec::new())?;
+        let gap = self.gap(&state.holdout, state.norm.0);
+        Ok((state, gap))
     }
 
     /// Runs the search. `without` names kinds left out of the catalogue; `say` hears what is being tried.
@@ -377,8 +384,10 @@ impl Session {
         let mut camera = state.camera.clone();
         // Effects that stand beside others of their kind must not be put twice.
         for p in state.named.iter().filter(|p| p.beside) {
-            if let Some(at) = p.effects.first().and_then(|e| camera.effects.iter().position(|x| x == e)) {
-                camera.effects.remove(at);
+            for effect in &p.effects {
+                if let Some(at) = camera.effects.iter().position(|x| x == effect) {
+                    camera.effects.remove(at);
+                }
             }
         }
         camera

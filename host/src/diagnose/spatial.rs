@@ -60,6 +60,8 @@ pub struct Spatial {
     pub skewness: f64,
     /// Kurtosis of the clipped pixels less 3.
     pub kurtosis: f64,
+    /// Third and fourth cumulant of the pixels, outliers and all.
+    pub cumulants: [f64; 2],
     /// Largest mean over a phase of the 16x16 lattice in its standard deviations, 2x2 phases taken out.
     pub lattice: f64,
 }
@@ -139,6 +141,7 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
     s.row_peak = peak(&s.rows);
     s.column_peak = peak(&s.columns);
     blocks_and_corners(&d, w, h, limit, &mut s);
+    s.phases = phases(&d, w, h, limit);
     for (row, mean) in d.chunks_mut(w).zip(&s.rows) {
         row.iter_mut().zip(&s.columns).for_each(|(x, c)| *x -= (mean + c) as f32);
     }
@@ -149,6 +152,8 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
     for &x in &d {
         let x = f64::from(x);
         s.whole_variance += x * x;
+        s.cumulants[0] += x * x * x;
+        s.cumulants[1] += x * x * x * x;
         if x > edge {
             s.high += 1.0;
             s.high_sum += x;
@@ -158,6 +163,7 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
         }
     }
     s.whole_variance /= n;
+    s.cumulants = [s.cumulants[0] / n, s.cumulants[1] / n - 3.0 * s.whole_variance.powi(2)];
     let clip = (CLIP * sd) as f32;
     d.iter_mut().for_each(|x| *x = x.clamp(-clip, clip));
     let (mut m2, mut m3, mut m4) = (0.0, 0.0, 0.0);
@@ -174,7 +180,7 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
         *c = covariance(&d, w, h, dx, dy) / s.pixel_variance;
     }
     s.blocks /= s.pixel_variance;
-    phases_and_lattice(&mut d, w, h, &mut s);
+    lattice(&mut d, w, h, &mut s);
     s
 }
 
@@ -230,7 +236,22 @@ fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial
     }
 }
 
-fn phases_and_lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
+/// Contrasts of the means of the 2x2 phases, outliers held: 00−11, 01−10, (00+11)−(01+10).
+fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
+    let mut mean = [0.0f64; 4];
+    for (y, row) in d.chunks(w).enumerate().take(h / 2 * 2) {
+        for pair in row.chunks_exact(2) {
+            for (x, v) in pair.iter().enumerate() {
+                mean[y % 2 * 2 + x] += f64::from(v.clamp(-limit, limit));
+            }
+        }
+    }
+    let count = (w / 2 * (h / 2)) as f64;
+    let [a, b, c, e] = mean.map(|m| m / count);
+    [a - e, b - c, (a + e - b - c) / 2.0]
+}
+
+fn lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
     let (w16, h16) = (w / 16 * 16, h / 16 * 16);
     if w16 == 0 || h16 == 0 {
         return;
@@ -247,8 +268,6 @@ fn phases_and_lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
     for (i, l) in lattice.iter().enumerate() {
         phase[i / 16 % 2 * 2 + i % 2] += l / 64.0;
     }
-    let [a, b, c, e] = phase;
-    s.phases = [a - e, b - c, (a + e - b - c) / 2.0];
     let sd = (s.pixel_variance / count).sqrt().max(1e-300);
     s.lattice = (0..256)
         .map(|i| (lattice[i] - phase[i / 16 % 2 * 2 + i % 2]).abs() / sd)

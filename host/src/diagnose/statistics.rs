@@ -225,21 +225,26 @@ fn means(
     let (w, h) = (t.width, t.height);
     let frames = |t: &Temporal| frame_variance(t) / t.frames as f64;
     let mut variance = frames(t) + against.map_or(0.0, frames);
-    let all = mean(&difference);
-    let row_means: Vec<f64> = difference.chunks(w).map(|r| mean(r) - all).collect();
-    variance += row_means.iter().map(|r| r * r).sum::<f64>() / (h * (h - 1)) as f64;
+    let by_class = classes.means(&difference);
+    let left: Vec<f32> = difference
+        .iter()
+        .zip(&classes.of)
+        .map(|(&v, &k)| (f64::from(v) - by_class[usize::from(k)]) as f32)
+        .collect();
+    let rows = left.chunks(w).map(|r| mean(r).powi(2)).sum::<f64>();
     let mut columns = vec![0.0f64; w];
-    for row in difference.chunks(w) {
-        columns.iter_mut().zip(row).for_each(|(c, &v)| *c += (f64::from(v) - all) / h as f64);
+    for row in left.chunks(w) {
+        columns.iter_mut().zip(row).for_each(|(c, &v)| *c += f64::from(v) / h as f64);
     }
-    variance += columns.iter().map(|c| c * c).sum::<f64>() / (w * (w - 1)) as f64;
+    variance += rows / (h * (h - 1)) as f64
+        + columns.iter().map(|c| c * c).sum::<f64>() / (w * (w - 1)) as f64;
     let share = classes.count as f64 / difference.len() as f64;
-    for (class, value) in classes.means(&difference).iter().enumerate() {
-        let own = difference
+    for (class, value) in by_class.iter().enumerate() {
+        let own = left
             .iter()
             .zip(&classes.of)
             .filter(|(_, k)| usize::from(**k) == class)
-            .map(|(&v, _)| (f64::from(v) - value).powi(2))
+            .map(|(&v, _)| f64::from(v).powi(2))
             .sum::<f64>()
             * share;
         let sd = (variance + own * share).sqrt();
@@ -476,8 +481,10 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
         add(What::MapCovariance(i as u8), *c, 1.0 / n.sqrt(), Scale::Linear);
     }
     for (i, p) in s.phases.iter().enumerate() {
-        let factor = if i == 2 { 4.0 } else { 8.0 };
-        add(What::Phase(i as u8), *p, (factor * v / n).sqrt(), Scale::Linear);
+        // Rows and columns that are not alike make diagonals unlike, not the checkerboard.
+        let lines = 4.0 * (s.row_variance / h + s.column_variance / w);
+        let variance = if i == 2 { 4.0 * v / n } else { 8.0 * v / n + lines };
+        add(What::Phase(i as u8), *p, variance.sqrt(), Scale::Linear);
     }
     add(What::Lattice, tails::largest(s.lattice, 512), 1.0, Scale::Linear);
     if let Some((slope, sd)) = map.after_image {

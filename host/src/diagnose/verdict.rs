@@ -43,7 +43,8 @@ pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
     }
 }
 
-fn passes(session: &Session, state: &State, gap: f64) -> bool {
+/// Whether a model passes for the right one.
+pub fn passes(session: &Session, state: &State, gap: f64) -> bool {
     gap <= state.limit() && session.unexplained(state).is_empty()
 }
 
@@ -185,4 +186,24 @@ fn tie_breaker(a: &str, b: &str) -> &'static str {
     } else {
         "twice as many frames of the captures at hand"
     }
+}
+
+/// Every statistic of a comparison, the furthest first.
+pub fn rows(session: &Session, found: &(State, f64)) -> Vec<Value> {
+    let [fit, holdout] = session.deviations(&found.0);
+    let both = |k: &Key| (fit.get(k).unwrap_or(&0.0) + holdout.get(k).unwrap_or(&0.0)).abs();
+    let mut keys: Vec<Key> = fit.keys().copied().collect();
+    keys.sort_by(|a, b| both(b).total_cmp(&both(a)));
+    keys.into_iter()
+        .map(|key| {
+            json!({
+                "statistic": words::name(&found.0.camera, key),
+                "where": words::place(&session.fit.design, key),
+                "z_fit": fit.get(&key).copied().map(number),
+                "z_held_out": holdout.get(&key).copied().map(number),
+                "measured": session.fit.values.get(&key).map(|s| number(s.value)),
+                "predicted": found.0.fit.of.get(&key).map(|p| number(p.value)),
+            })
+        })
+        .collect()
 }

@@ -48,6 +48,10 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
     }
 }
 
+/// Chance of a count below which the inversion goes no further: half of what the 32 bits of a uniform number tell
+/// apart. The f32 sum of chances may stay below a u next to 1 for ever; its count ends here.
+const NO_CHANCE: f32 = 1.0 / 8_589_934_592.0;
+
 /// Inversion: the smallest count whose distribution function reaches u.
 #[inline(always)]
 fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
@@ -63,6 +67,7 @@ fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
     for step in INVERSE[1..].chunks(4) {
         for inverse_k in step {
             for i in 0..BLOCK {
+                left[i] = if term[i] > NO_CHANCE { left[i] } else { 0.0 };
                 let more = left[i] > 0.0;
                 term[i] *= lambda[i] * inverse_k;
                 count[i] += if more { 1.0 } else { 0.0 };
@@ -229,6 +234,29 @@ impl Arith for Float {
             let v = clamp(signal[i] * dn_per_e + black_dn, 0.0, max);
             // The rounded integer is in the low mantissa bits.
             out[i] = (v + math::ROUNDER).to_bits() as u16;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_uniform_number_next_to_one_gives_a_count_that_can_be() {
+        for lambda in [0.0f32, 0.01, 0.04, 0.3, 3.0, 15.9] {
+            let mut words = [u32::MAX; BLOCK];
+            words.iter_mut().zip(0..).for_each(|(w, i)| *w -= i);
+            let mut counts = [lambda; BLOCK];
+            inversion(&mut counts, &words);
+            let most = counts.iter().fold(0.0, |a: f32, &b| a.max(b));
+            let whole = crate::arith::integer::inversion((lambda * 4096.0) as u32, u32::MAX);
+            for count in [most as u32, whole] {
+                let mean = f64::from(lambda);
+                let chance = (1..=count).fold((-mean).exp(), |p, k| p * mean / f64::from(k));
+                // 64 of 2³² numbers may reach a count whose chance is of the order of 2⁻³²; one more for rounding.
+                assert!(count == 0 || chance > 2f64.powi(-43), "{lambda}: {count}, {chance:e}");
+            }
         }
     }
 }

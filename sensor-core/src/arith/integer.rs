@@ -205,7 +205,9 @@ pub(super) fn inversion(mean: u32, w: u32) -> u32 {
     let mut reached = p;
     let mut count = 0;
     for &inverse in INVERSE.iter().skip(1) {
-        if reached >= u {
+        // Rounded chances may sum to less than a u next to 1: where a chance is below half of what the 32 bits of a
+        // uniform number tell apart (2⁻³³ in Q56), the count ends.
+        if reached >= u || p < 1 << 23 {
             break;
         }
         // mean / k in Q28.

@@ -9,13 +9,18 @@ effect! {
     /// Converter non-linearity: the weights of the converter's bits are not exact powers of two, so some codes
     /// are wide, some narrow, some missing.
     ///
-    /// With c the code of the signal, v += Σ_b (ε_b − g 2^b) bit_b(c) in DN, ε_b = σ 2^(b/2) z_b (matched unit elements:
-    /// the error of a weight grows with its root), z standard normal and fixed, and g the common gain error that
-    /// is taken out, Σ ε_b 2^b / Σ 4^b. IEEE 1241. Largest step at the middle of the scale, about σ 2^(bits/2). Put it
-    /// last of the effects on the signal.
+    /// A successive-approximation converter: code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN, the bits being tried
+    /// from the highest down. ε_b = σ 2^(b/2) z_b (matched unit elements: the error of a weight grows with its root), z
+    /// standard normal and fixed, g the common gain error that is taken out, Σ ε_b 2^b / Σ 4^b; the error of one bit is added
+    /// to that. IEEE 1241. Largest step at the middle of the scale, about σ 2^(bits/2). Put it last of the effects on the
+    /// signal.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Pixel {
         /// Standard deviation of the error of the lowest bit's weight
-        sigma_lsb: "DN", 0.0..=1.0;
+        sigma_lsb: "DN", 0.0..=1.0, default 0.0;
+        /// One bit (0 the lowest) whose weight has a known error
+        bit: "1", 0.0..=15.0, default 0.0;
+        /// Its error
+        error_lsb: "DN", -64.0..=64.0, default 0.0;
     }
 }
 
@@ -35,18 +40,22 @@ impl Stage for AdcNonlinearity {
             sum += *error * weight;
             power += weight * weight;
         }
+        let known = self.bit as usize;
         for (b, error) in errors.iter_mut().enumerate().take(bits) {
-            *error -= sum / power * (1u32 << b) as f32;
+            let weight = (1u32 << b) as f32;
+            // From here on whole weights.
+            *error += weight - sum / power * weight + if b == known { self.error_lsb } else { 0.0 };
         }
         let e_per_dn = 1.0 / cx.dn_per_e;
         for v in row.as_flattened_mut() {
-            let dn = A::electrons(*v) * cx.dn_per_e + cx.black_level_dn;
-            let code = math::round(dn.clamp(0.0, f32::from(cx.max_dn))) as u32;
-            let mut inl = 0.0;
-            for (b, error) in errors.iter().enumerate() {
-                inl += if code >> b & 1 != 0 { *error } else { 0.0 };
+            let mut left = A::electrons(*v) * cx.dn_per_e + cx.black_level_dn + 0.5;
+            let mut code = 0u32;
+            for (b, weight) in errors.iter().enumerate().take(bits).rev() {
+                let set = left >= *weight;
+                left -= if set { *weight } else { 0.0 };
+                code |= u32::from(set) << b;
             }
-            *v = A::add(*v, A::signal(inl * e_per_dn));
+            *v = A::signal((code as f32 - cx.black_level_dn) * e_per_dn);
         }
     }
 }

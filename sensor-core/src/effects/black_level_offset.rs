@@ -5,9 +5,9 @@ use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Black-level offset: the black level is another than the configuration says, and moves with gain,
-    /// exposure and channel.
+    /// exposure and colour plane.
     ///
-    /// DN += b + b_G (G − 1) + b_t t + b_c for channel c, before rounding.
+    /// DN += b + b_G (G − 1) + b_t t + b_p for the plane p = 2 (y mod 2) + x mod 2 of a 2x2 pattern, before rounding.
     BlackLevelOffset, "black-level-offset", Voltage, Pixel {
         /// Constant part
         offset_dn: "DN", -1e4..=1e4, default 0.0;
@@ -15,14 +15,14 @@ effect! {
         per_gain_dn: "DN", -1e4..=1e4, default 0.0;
         /// Part per second of exposure
         per_second_dn: "DN/s", -1e6..=1e6, default 0.0;
-        /// Part of the first channel
-        channel_0_dn: "DN", -1e4..=1e4, default 0.0;
-        /// Part of the second channel
-        channel_1_dn: "DN", -1e4..=1e4, default 0.0;
-        /// Part of the third channel
-        channel_2_dn: "DN", -1e4..=1e4, default 0.0;
-        /// Part of the fourth channel
-        channel_3_dn: "DN", -1e4..=1e4, default 0.0;
+        /// Part of even columns of even rows (from 0)
+        plane_0_dn: "DN", -1e4..=1e4, default 0.0;
+        /// Part of odd columns of even rows
+        plane_1_dn: "DN", -1e4..=1e4, default 0.0;
+        /// Part of even columns of odd rows
+        plane_2_dn: "DN", -1e4..=1e4, default 0.0;
+        /// Part of odd columns of odd rows
+        plane_3_dn: "DN", -1e4..=1e4, default 0.0;
     }
 }
 
@@ -36,9 +36,10 @@ impl Stage for BlackLevelOffset {
         let common = self.offset_dn
             + self.per_gain_dn * (cx.analog_gain - 1.0)
             + self.per_second_dn * cx.exposure_s;
-        let by_channel = [self.channel_0_dn, self.channel_1_dn, self.channel_2_dn, self.channel_3_dn];
+        let by_plane = [self.plane_0_dn, self.plane_1_dn, self.plane_2_dn, self.plane_3_dn];
+        let first = cx.row as usize % 2 * 2;
         for (x, v) in row.as_flattened_mut().iter_mut().enumerate() {
-            let own = by_channel.get(cx.channel(x)).copied().unwrap_or(0.0);
+            let own = by_plane.get(first + x % 2).copied().unwrap_or(0.0);
             *v = A::add(*v, A::signal((common + own) / cx.dn_per_e));
         }
     }

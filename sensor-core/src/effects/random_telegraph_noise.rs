@@ -9,8 +9,8 @@ effect! {
     /// Random telegraph noise: a trap in a few pixels' source followers switches the signal between two
     /// levels.
     ///
-    /// A fraction f of pixels, fixed, has v += A b(frame), A exponentially distributed with the given mean
-    /// and fixed, b 0 or 1. In each frame the trap is renewed with probability q and then is 1 with
+    /// A fraction f of pixels, fixed, has v += A b(frame), A = a (1 − w − w ln u) of mean a and fixed, u uniform: from
+    /// the same for all (w = 0) to exponentially distributed (w = 1), b 0 or 1. In each frame the trap is renewed with probability q and then is 1 with
     /// probability d, so that b has mean d, variance d(1−d) and autocorrelation (1−q)^|n|. Any frame can be had
     /// without the others: the last renewal is looked for up to 128 frames back (for q = 0.03 one trap in
     /// fifty reaches that end and forgets). Wang et al. 2006; Goiffon et al. 2009.
@@ -23,6 +23,8 @@ effect! {
         renewal: "1", 0.03..=1.0, default 0.2;
         /// Share of the time in the upper level
         duty: "1", 0.0..=1.0, default 0.5;
+        /// Spread w of the amplitudes: 1 exponential, 0 all alike
+        spread: "1", 0.0..=1.0, default 1.0;
     }
 }
 
@@ -56,7 +58,8 @@ impl Stage for RandomTelegraphNoise {
             let words = super::words(&mut pattern);
             for (i, v) in block.iter_mut().enumerate() {
                 if chosen[i] && self.up(cx, (b * BLOCK + i) as u32) {
-                    let amplitude = -self.amplitude_e * math::ln(unit(words[i]));
+                    let share = 1.0 - self.spread - self.spread * math::ln(unit(words[i]));
+                    let amplitude = self.amplitude_e * share;
                     *v = A::add(*v, A::signal(amplitude));
                 }
             }

@@ -10,11 +10,14 @@ effect! {
     /// Row-correlated noise (banding): rows' offsets drift, with a spectrum that falls as a power of
     /// frequency.
     ///
-    /// v += Σ_k σ_k z_k(⌊(y + s_k)/2^k⌋, frame): octaves k = 0..12 of independent offsets that hold for 2^k rows,
-    /// shifted by a random s_k in each frame; σ_k² in proportion to 2^(k(a−1)), together σ². Voss' sum of
-    /// octaves (Gardner 1978): power density falls as f^−a from 1/2 to 1/4096 cycles per row. The
-    /// autocovariance is Σ_k σ_k² max(0, 1 − |h|/2^k). Any row can be had without the others. Frames are
-    /// independent. Input-referred.
+    /// v += Σ_j σ_j s_j(y) z_j(cell, frame): octaves j = 0.. of 2^j cells per frame, in each cell a pulse that is up in
+    /// one half and down in the other (s = ±1, Haar's wavelet), wrapped around the frame from a random row d_j on, and
+    /// one white octave; z standard normal. σ_j² in proportion to L^(a−1), L = H/2^j rows the length of a cell, together
+    /// σ²: power density falls as f^−a from 1/2 cycle per row to one per frame, and the mean of a frame stays.
+    /// Slower noise is [`frame_offset_noise`](super::frame_offset_noise)'s, or is clamped away. The autocovariance
+    /// of an octave is σ_j² (1 − 3h/L) up to h = L/2, then σ_j² (h/L − 1), for h < L (of j = 0 it is that of a square wave). Any row can be had without the
+    /// others. Frames are independent. Input-referred. After the octave sums of Voss (Gardner 1978) and the wavelet
+    /// synthesis of 1/f noise (Wornell 1993).
     RowCorrelatedNoise, "row-correlated-noise", Voltage, Pixel {
         /// Standard deviation of a row's offset
         sigma_e: "e-", 0.0..=1e5;
@@ -23,8 +26,8 @@ effect! {
     }
 }
 
-/// Octaves of rows.
-const OCTAVES: u32 = 13;
+/// Most octaves of rows.
+const OCTAVES: u32 = 15;
 
 impl Stage for RowCorrelatedNoise {
     #[inline(always)]
@@ -36,10 +39,21 @@ impl Stage for RowCorrelatedNoise {
     ) {
         let (mut sum, mut total, mut variance) = (0.0, 0.0, 1.0);
         let ratio = math::exp(core::f32::consts::LN_2 * (self.exponent - 1.0));
-        for k in 0..OCTAVES {
-            let shift = cx.per_frame(k, cx.frame).next_u32() & ((1 << k) - 1);
-            let cell = (cx.row + shift) >> k;
-            sum += math::sqrt(variance) * normal(&mut cx.per_row_and_frame(k, cell));
+        // 2^j cells of two rows and more; then the white octave, whose cells are rows.
+        let height = u64::from(cx.height.max(1));
+        let octaves = (31 - cx.height.max(2).leading_zeros()).min(OCTAVES - 1);
+        for k in 0..=octaves {
+            // k = 0 is white, k = 1 has cells of two rows or a little more.
+            let j = octaves - k;
+            let first = u64::from(cx.per_frame(k, cx.frame).next_u32()) % height;
+            let at = (u64::from(cx.row) + first) % height;
+            let halves = (at << j) * 2 / height;
+            let (cell, sign) = if k == 0 {
+                (cx.row, 1.0)
+            } else {
+                ((halves >> 1) as u32, if halves & 1 == 0 { 1.0 } else { -1.0 })
+            };
+            sum += math::sqrt(variance) * sign * normal(&mut cx.per_row_and_frame(k, cell));
             total += variance;
             variance *= ratio;
         }

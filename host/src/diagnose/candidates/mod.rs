@@ -21,7 +21,7 @@ pub struct Proposal {
     pub kind: &'static str,
     /// What is put in the model.
     pub effects: Vec<Effect>,
-    /// Whether the first effect stands beside others of its kind.
+    /// Whether the effects stand beside others of their kind.
     pub beside: bool,
     /// Parameters with standard errors.
     pub parameters: Vec<(&'static str, Estimated)>,
@@ -47,8 +47,8 @@ impl Proposal {
     /// The camera with this change.
     pub fn applied(&self, camera: &Camera) -> Camera {
         let mut camera = camera.clone();
-        for (i, effect) in self.effects.iter().enumerate() {
-            if self.beside && i == 0 {
+        for effect in &self.effects {
+            if self.beside {
                 model::add(&mut camera, *effect);
             } else {
                 model::put(&mut camera, *effect);

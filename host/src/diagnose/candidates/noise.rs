@@ -3,6 +3,7 @@
 use super::{Proposal, deviation};
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
+use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::temporal::Temporal;
@@ -72,16 +73,12 @@ pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
             Some(Effect::RowCorrelatedNoise(x)) => (f64::from(x.sigma_e), Some(x.exponent)),
             _ => (0.0, None),
         };
-        // A line takes out the mean of its rows, so the slowest part does not show: the share that does is that of the
-        // bins. Octaves 2^k of variance 2^(k(a−1)): with a = 1 four of thirteen are slower than 512 rows.
         let excess = common(e, What::RowVariance, w)?;
         let exponent = match held {
             Some(a) => f64::from(a),
-            None => spectral_slope(e)?,
+            // Flatter than this it is white.
+            None => spectral_slope(e).filter(|a| *a > 0.2)?,
         };
-        let (_, h) = size(e);
-        let seen = seen_share(exponent, h);
-        let excess = Estimated { value: excess.value / seen, se: excess.se / seen };
         let s = deviation(present, excess)?;
         let effect = RowCorrelatedNoise { sigma_e: s.value as f32, exponent: exponent as f32 };
         let strength = excess.z().abs();
@@ -89,20 +86,6 @@ pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
             .with("sigma_e", s.value, s.se)
             .with("exponent", exponent, f64::NAN))
     })())
-}
-
-/// Share of the variance of row offsets that a frame of `h` rows shows about its own mean.
-fn seen_share(exponent: f64, h: f64) -> f64 {
-    let (mut seen, mut all) = (0.0, 0.0);
-    for k in 0..13 {
-        let cell = f64::from(1u32 << k);
-        let v = (f64::from(k) * (exponent - 1.0)).exp2();
-        all += v;
-        // What the mean of h rows made of cells of `cell` rows takes away.
-        let hidden = if cell < h { cell / h } else { 1.0 - h / (3.0 * cell) };
-        seen += v * (1.0 - hidden);
-    }
-    (seen / all).clamp(0.1, 1.0)
 }
 
 /// −slope of ln power over ln frequency of dark row means, white part taken off, octave by octave.
@@ -281,49 +264,76 @@ pub fn light_flicker(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
+/// Frequencies tried for light that pulsates, Hz: 30 to 3000 in steps of 1 %.
+fn frequencies() -> impl Iterator<Item = f64> {
+    (0..463).map(|i| 30.0 * 1.01f64.powi(i))
+}
+
+/// |sin(πx)/(πx)|: what is left of a wave of x periods in an exposure.
+fn sinc(x: f64) -> f64 {
+    let x = std::f64::consts::PI * x;
+    if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
+}
+
 /// Variance of row means in proportion to the square of the signal, with its line.
 pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let (w, h) = size(e);
-        let excess = pooled(e.flats().filter_map(|(i, _)| {
-            let square = e.signal(i)?.powi(2);
-            let x = e.component(i, What::RowVariance, w)?;
-            Some(Estimated { value: x.value / square, se: x.se / square })
-        }))?;
-        // Frequency from the flat with most light, where the bands stand out most.
-        let (brightest, c) =
-            e.flats().max_by(|a, b| a.1.photo_e.iter().sum::<f64>().total_cmp(&b.1.photo_e.iter().sum()))?;
-        let (present, per_row, time) = match current(e.camera, "flicker-banding") {
+        // Mean square of each flat's bands beyond the model, relative to the signal.
+        let bands: Vec<(f64, Estimated)> = e
+            .flats()
+            .filter_map(|(i, c)| {
+                let square = e.signal(i)?.powi(2) / 2.0;
+                let x = e.component(i, What::RowVariance, w)?;
+                let x = Estimated { value: x.value / square, se: x.se / square };
+                Some((c.exposure_s, x))
+            })
+            .collect();
+        let strength = pooled(bands.iter().map(|b| b.1))?.z().abs();
+        let (present, rows, frequency) = match current(e.camera, "flicker-banding") {
             Some(Effect::FlickerBanding(x)) => {
                 let rows = f64::from(x.frequency_hz) * f64::from(x.row_time_us) * 1e-6;
-                (f64::from(x.depth), rows, f64::from(x.row_time_us) * 1e-6)
+                (f64::from(x.depth), rows, f64::from(x.frequency_hz))
             }
-            _ => (0.0, line_peak(&e.stacks[brightest].row_power, h).0, 20e-6),
+            _ => {
+                // Bands per row from the flat where they stand out most.
+                let stands_out = |i: usize| {
+                    e.difference(Place::Stack(i), What::RowVariance).map_or(0.0, |d| d.z())
+                };
+                let (clearest, _) =
+                    e.flats().max_by(|a, b| stands_out(a.0).total_cmp(&stands_out(b.0)))?;
+                let rows = line_peak(&e.stacks[clearest].row_power, h).0;
+                // The frequency itself from how exposures of different length average the wave: least squares of A² sinc².
+                let misfit = |f: f64| {
+                    let a = slope(bands.iter().map(|(t, b)| (sinc(f * t).powi(2).max(1e-9), *b)))?;
+                    let left = bands.iter().map(|(t, b)| {
+                        ((b.value - a.value * sinc(f * t).powi(2)) / b.se).powi(2)
+                    });
+                    Some(left.sum::<f64>())
+                };
+                let all: Vec<(f64, f64)> = frequencies().filter_map(|f| Some((f, misfit(f)?))).collect();
+                let best = all.iter().map(|x| x.1).fold(f64::MAX, f64::min);
+                // Of frequencies that serve as well (within two standard deviations) the one next to that of mains lamps.
+                let mains = |f: f64| (f / 100.0).ln().abs().min((f / 120.0).ln().abs());
+                let (f, _) = all
+                    .into_iter()
+                    .filter(|x| x.1 < best + 4.0)
+                    .min_by(|a, b| mains(a.0).total_cmp(&mains(b.0)))?;
+                (0.0, rows, f)
+            }
         };
-        // Only frequency x row time is seen; the row time is taken as 20 µs, and the depth as seen through an
-        // exposure's mean.
-        let frequency = per_row / time;
-        let x = std::f64::consts::PI * frequency * c.exposure_s;
-        let sinc = if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() };
-        let (time, frequency, sinc) = if sinc < 0.02 || frequency <= 0.1 {
-            let slow = 0.1 / c.exposure_s;
-            (per_row / slow, slow, 0.983_6)
-        } else {
-            (time, frequency, sinc)
-        };
-        let square = Estimated {
-            value: 2.0 * excess.value / (sinc * sinc),
-            se: 2.0 * excess.se / (sinc * sinc),
-        };
-        let s = deviation(present, square)?;
+        let excess =
+            slope(bands.iter().map(|(t, b)| (sinc(frequency * t).powi(2).max(1e-9), *b)))?;
+        let s = deviation(present, excess)?;
         let effect = FlickerBanding {
             depth: s.value as f32,
             frequency_hz: frequency as f32,
-            row_time_us: (time * 1e6) as f32,
+            row_time_us: (rows / frequency * 1e6) as f32,
         };
-        Some(Proposal::new("flicker-banding", effect.into(), excess.z().abs())
+        Some(Proposal::new("flicker-banding", effect.into(), strength)
             .with("depth", s.value, s.se)
-            .with("frequency_hz", frequency, f64::NAN))
+            .with("frequency_hz", frequency, f64::NAN)
+            .with("row_time_us", rows / frequency * 1e6, f64::NAN))
     })())
 }
 
@@ -413,71 +423,109 @@ pub fn read_noise_spread(e: &Evidence<'_>) -> Vec<Proposal> {
     made.into_iter().flatten().collect()
 }
 
-/// A few pixels with far more noise than the rest, in two levels.
+/// A few pixels that switch between two levels: outliers of the offset map, or where few frames make that, of the
+/// map of noise.
 pub fn telegraph(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let (stack, excess, _) = variance_of_variance(e)?;
-        let t = &e.stacks[stack];
-        let k2 = e.gain(&e.design.conditions[stack]).powi(2);
-        let (present, held) = match current(e.camera, "random-telegraph-noise") {
-            Some(Effect::RandomTelegraphNoise(x)) => (Some(x), x.renewal),
-            _ => (None, 0.2),
+    let made = (|| {
+        let reference = super::super::maps::reference_dark(e.design)?;
+        let t = &e.stacks[reference];
+        let place = Place::Map(MapKind::Offset);
+        let s = &e.map(MapKind::Offset)?.spatial;
+        let k = e.reference_gain()?;
+        let pixels = (s.rows.len() * s.columns.len()) as f64;
+        let count = |place, what| {
+            let (d, m) = (e.measured(place, what)?, e.predicted(place, what)?);
+            Some((d, m, crate::diagnose::tails::count(d, m * 16.0, 16.0)))
         };
-        // Half a square wave of exponential amplitude a has variance a²/2 in the mean and 3a⁴/2 in the mean square.
-        let (m1, m2) = match present {
-            Some(x) => {
-                let (f, a) = (f64::from(x.fraction), f64::from(x.amplitude_e));
-                let first = e.variance_excess(stack)?.value / k2;
-                (f * a * a / 2.0 + first, 1.5 * f * a.powi(4) + excess.value)
-            }
-            None => {
-                // Pixels beyond the 99.9 % point of χ².
-                let f = t.dof;
-                let mut sorted: Vec<f32> = t.pixel_variance.clone();
-                let middle = sorted.len() / 2;
-                let median = f64::from(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1);
-                let white = median / (1.0 - 2.0 / (9.0 * f)).powi(3);
-                let h = 2.0 / (9.0 * f);
-                let limit = white * (1.0 - h + 3.1 * h.sqrt()).powi(3);
-                let (mut first, mut second) = (0.0, 0.0);
-                for &v in &t.pixel_variance {
-                    let v = f64::from(v);
-                    if v > limit {
-                        first += v - white;
-                        // The scatter of a pixel's own variance, 2v²/(f + 2), is no spread.
-                        second += (v - white).powi(2) - 2.0 * v * v / (f + 2.0);
-                    }
-                }
-                let n = t.pixel_variance.len() as f64;
-                // What a thousandth of χ² leaves above the limit.
-                (first / n / k2 - 0.001 * (limit - white) / k2 * 1.3, second / n / (k2 * k2))
-            }
+        let (high, expected, z_high) = count(place, What::High)?;
+        let noisy = count(Place::Stack(reference), What::NoisyPixels);
+        let spread = variance_of_variance(e).map_or(0.0, |v| v.1.z());
+        let strength = z_high.max(noisy.map_or(0.0, |n| n.2)).max(spread);
+        let renewal = renewal(e, reference, t.dof);
+        let propose = |fraction: f64, amplitude: f64, width: f32| {
+            let effect = RandomTelegraphNoise {
+                fraction: fraction as f32,
+                amplitude_e: amplitude as f32,
+                renewal: renewal as f32,
+                duty: 0.5,
+                spread: width,
+            };
+            let root = (fraction * pixels).max(1.0).sqrt();
+            Proposal::new("random-telegraph-noise", effect.into(), strength)
+                .with("fraction", fraction, fraction * 2.0 / root)
+                .with("amplitude_e", amplitude, amplitude / root)
+                .with("renewal", renewal, f64::NAN)
+                .with("spread", f64::from(width), f64::NAN)
         };
-        let square = m2 / (3.0 * m1);
-        if !(m1 > 0.0 && square > 0.0) {
-            return None;
+        if let Some(Effect::RandomTelegraphNoise(x)) = current(e.camera, "random-telegraph-noise") {
+            // The counts of outliers follow the fraction; the amplitude stays.
+            let noisy = noisy.map_or((0.0, 0.0), |n| (n.0, n.1));
+            let ratio = (high + noisy.0 + 1.0) / (expected + noisy.1 + 1.0);
+            let fraction = f64::from(x.fraction) * ratio;
+            return Some(vec![propose(fraction, f64::from(x.amplitude_e), x.spread)]);
         }
-        let fraction = 2.0 * m1 / square;
-        let amplitude = square.sqrt();
-        let place = Place::Stack(stack);
-        let lag = e.measured(place, What::TopTimeLag).zip(e.predicted(place, What::TopTimeLag));
-        let renewal = match lag {
-            Some((d, m)) if present.is_some() => (f64::from(held) - (d - m)).clamp(0.03, 1.0),
-            Some((d, _)) => (1.0 - d * (1.0 + 2.0 / t.dof)).clamp(0.03, 1.0),
-            None => f64::from(held),
-        };
-        let effect = RandomTelegraphNoise {
-            fraction: fraction.min(1.0) as f32,
-            amplitude_e: amplitude as f32,
-            renewal: renewal as f32,
-            duty: 0.5,
-        };
-        let count = (fraction * t.pixel_variance.len() as f64).max(1.0);
-        Some(Proposal::new("random-telegraph-noise", effect.into(), excess.z().abs())
-            .with("fraction", fraction, fraction * (5.0 / count).sqrt())
-            .with("amplitude_e", amplitude, amplitude * (2.0 / count).sqrt())
-            .with("renewal", renewal, f64::NAN))
-    })())
+        let mut out = Vec::new();
+        // Cumulants of the map: f (A/2)³ and f (A/2)⁴ for one amplitude, 6 and 24 times that for exponential ones.
+        let [third, fourth] = s.cumulants;
+        for (width, c3, c4) in [(1.0f32, 6.0, 24.0), (0.0, 1.0, 1.0)] {
+            let half = fourth / third * c3 / c4;
+            if half > 0.0 && third > 0.0 {
+                out.push(propose(third / (c3 * half.powi(3)), 2.0 * half / k, width));
+            }
+        }
+        // The same from the variances of the pixels, f A²/4 and f (A²/4)².
+        if let Some((m1, m2)) = variance_excess(e, reference) {
+            for (width, c1, c2) in [(1.0f32, 2.0, 24.0), (0.0, 1.0, 1.0)] {
+                let quarter = m2 / m1 * c1 / c2;
+                if quarter > 0.0 && m1 > 0.0 {
+                    out.push(propose(m1 / (c1 * quarter), 2.0 * quarter.sqrt(), width));
+                }
+            }
+        }
+        Some(out)
+    })();
+    made.unwrap_or_default()
+}
+
+/// Chance of a renewal from the memory of the noisiest pixels.
+fn renewal(e: &Evidence<'_>, stack: usize, dof: f64) -> f64 {
+    let place = Place::Stack(stack);
+    let lag = e.measured(place, What::TopTimeLag).zip(e.predicted(place, What::TopTimeLag));
+    let held = match current(e.camera, "random-telegraph-noise") {
+        Some(Effect::RandomTelegraphNoise(x)) => Some(f64::from(x.renewal)),
+        _ => None,
+    };
+    match (lag, held) {
+        (Some((d, m)), Some(held)) => held - (d - m),
+        // A stack's own mean hides part of the memory.
+        (Some((d, _)), None) => 1.0 - d - 2.0 / dof,
+        (None, held) => held.unwrap_or(0.2),
+    }
+    .clamp(0.03, 1.0)
+}
+
+/// Mean and mean square, e⁻² and e⁻⁴, of what pixels beyond the 99.9 % point of χ² have above the median variance, over
+/// all pixels.
+fn variance_excess(e: &Evidence<'_>, stack: usize) -> Option<(f64, f64)> {
+    let t = &e.stacks[stack];
+    let k2 = e.gain(&e.design.conditions[stack]).powi(2);
+    let mut sorted: Vec<f32> = t.pixel_variance.clone();
+    let middle = sorted.len() / 2;
+    let median = f64::from(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let white = median / (1.0 - 2.0 / (9.0 * t.dof)).powi(3);
+    let h = 2.0 / (9.0 * t.dof);
+    let limit = white * (1.0 - h + 3.1 * h.sqrt()).powi(3);
+    let (mut first, mut second) = (0.0, 0.0);
+    for v in t.pixel_variance.iter().map(|&v| f64::from(v)).filter(|v| *v > limit) {
+        first += v - white;
+        // The scatter of a pixel's own variance, 2v²/(f + 2), is no spread.
+        second += (v - white).powi(2) - 2.0 * v * v / (t.dof + 2.0);
+    }
+    let n = t.pixel_variance.len() as f64;
+    // χ² itself leaves a thousandth above the limit, 1.1 times as far above white as the limit.
+    let chance = 0.001 * 1.1 * (limit - white);
+    let (first, second) = ((first / n - chance) / k2, second / n / (k2 * k2));
+    (first > 0.0 && second > 0.0).then_some((first, second))
 }
 
 /// Kurtosis of a Tukey lambda law less 3.

@@ -3,7 +3,7 @@
 use super::Proposal;
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
-use crate::diagnose::maps::{reference_dark, saturated};
+use crate::diagnose::maps::{MapKind, reference_dark, saturated};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
@@ -38,10 +38,10 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             offset_dn: 0.0,
             per_gain_dn: 0.0,
             per_second_dn: 0.0,
-            channel_0_dn: 0.0,
-            channel_1_dn: 0.0,
-            channel_2_dn: 0.0,
-            channel_3_dn: 0.0,
+            plane_0_dn: 0.0,
+            plane_1_dn: 0.0,
+            plane_2_dn: 0.0,
+            plane_3_dn: 0.0,
         },
     };
     let own: Vec<Estimated> = (0..classes(e))
@@ -59,25 +59,29 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs())
         .with("offset_dn", f64::from(common.offset_dn), se);
     let mut out = vec![all];
-    if own.len() > 1 {
+    let place = Place::Map(MapKind::Offset);
+    let contrasts: Vec<Estimated> = (0..3).filter_map(|i| e.difference(place, What::Phase(i))).collect();
+    if let [main, other, checker] = contrasts[..] {
         let mut apart = common;
-        let keys = ["channel_0_dn", "channel_1_dn", "channel_2_dn", "channel_3_dn"];
+        let (p, q, r) = (main.value, other.value, checker.value);
+        let own = [(r + p) / 2.0, (q - r) / 2.0, -(q + r) / 2.0, (r - p) / 2.0];
+        let keys = ["plane_0_dn", "plane_1_dn", "plane_2_dn", "plane_3_dn"];
         let parts = [
-            &mut apart.channel_0_dn,
-            &mut apart.channel_1_dn,
-            &mut apart.channel_2_dn,
-            &mut apart.channel_3_dn,
+            &mut apart.plane_0_dn,
+            &mut apart.plane_1_dn,
+            &mut apart.plane_2_dn,
+            &mut apart.plane_3_dn,
         ];
+        let strength = contrasts.iter().map(|c| c.z() * c.z()).sum::<f64>().sqrt();
         let mut made = Vec::new();
-        for ((part, o), key) in parts.into_iter().zip(&own).zip(keys) {
-            *part += (o.value - mean) as f32;
-            made.push((key, f64::from(*part), o.se));
+        for ((part, o), key) in parts.into_iter().zip(own).zip(keys) {
+            *part += o as f32;
+            made.push((key, f64::from(*part)));
         }
-        let strength = own.iter().map(|o| ((o.value - mean) / o.se).abs()).fold(0.0, f64::max);
         let mut p = Proposal::new("black-level-offset", apart.into(), strength)
             .with("offset_dn", f64::from(apart.offset_dn), se);
-        for (key, value, se) in made {
-            p = p.with(key, value, se);
+        for (key, value) in made {
+            p = p.with(key, value, main.se / 2.0);
         }
         out.push(p);
     }
@@ -228,15 +232,21 @@ pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
         if signal <= 0.0 || saturated(&e.stacks[i]) > 0.5 {
             return None;
         }
+        // Spread of the charge over pixels and time.
+        let prnu = e.camera.sensor.noise.prnu;
         let knees: Vec<(f64, f64)> = match held.filter(|_| own) {
-            // The well moves by what is missing, the knee stays.
-            Some((w, k)) => vec![(w + change, k)],
+            // The well moves by what is missing over the share of pixels that it stops; the knee stays.
+            Some((w, k)) => {
+                let spread = (signal + (prnu * signal).powi(2)).sqrt();
+                let stopped = 0.5 * libm::erfc((w - signal - change.abs()) / spread / std::f64::consts::SQRT_2);
+                vec![(w + change / stopped.clamp(0.1, 1.0), k)]
+            }
             None => {
                 let asked = signal - change;
-                let missing = -change;
+                let spread = (asked + (prnu * asked).powi(2)).sqrt();
                 [0.0, 0.02, 0.05, 0.1]
                     .into_iter()
-                    .filter_map(|k: f64| solve_well(asked, missing, k).map(|w| (w, k)))
+                    .filter_map(|k: f64| solve_well(asked, -change, k, spread).map(|w| (w, k)))
                     .collect()
             }
         };
@@ -254,15 +264,18 @@ pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
         .collect()
 }
 
-/// The full well at which a charge `asked` loses `missing` with a knee of this width.
-fn solve_well(asked: f64, missing: f64, knee: f64) -> Option<f64> {
+/// The full well at which charge of mean `asked` and normal `spread` loses `missing` in the mean, with a knee of this width.
+fn solve_well(asked: f64, missing: f64, knee: f64, spread: f64) -> Option<f64> {
     if missing <= 0.0 {
         return None;
     }
-    if knee == 0.0 {
-        return Some(asked - missing);
-    }
     let lost = |w: f64| {
+        if knee == 0.0 {
+            // E[max(x − w, 0)] = s (φ(t) + t Φ(t)), t = (mean − w)/s.
+            let t = (asked - w) / spread;
+            let density = (-0.5 * t * t).exp() / std::f64::consts::TAU.sqrt();
+            return spread * (density + t * 0.5 * libm::erfc(-t / std::f64::consts::SQRT_2));
+        }
         let width = knee * w;
         let t = (asked - w) / width;
         if t > 30.0 { asked - w } else { width * t.exp().ln_1p() }
@@ -318,49 +331,56 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
-/// Codes of unequal width.
+/// Codes of unequal width: a bit whose weight is ε too large makes the code before it is set ε wider, the last code with
+/// it set ε narrower.
 pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let z = |what| {
-            let key = (Place::Set, what);
-            let (s, p) = (e.data.get(&key)?, e.model.of.get(&key)?);
-            Some((p.scale.of(s.value) - p.scaled) / p.sd)
-        };
-        let codes = (0..5).filter_map(|k| z(What::Codes(k))).fold(0.0, f64::max);
-        let rough = z(What::Roughness).unwrap_or(0.0);
-        let strength = codes.max(rough);
-        let present = match current(e.camera, "adc-nonlinearity") {
-            Some(Effect::AdcNonlinearity(x)) => Some(f64::from(x.sigma_lsb)),
+    let bins = e.stacks.first().map_or(0, |t| t.histogram.len());
+    let known = |bit: usize| {
+        e.camera.effects.iter().find_map(|x| match x {
+            Effect::AdcNonlinearity(a) if a.bit as usize == bit => Some(f64::from(a.error_lsb)),
             _ => None,
-        };
-        let sigma = match present {
-            // Power of the code waves goes with the square.
-            Some(s) => {
-                let power = |side: &dyn Fn(What) -> Option<f64>| {
-                    (0..5).filter_map(|k| side(What::Codes(k))).sum::<f64>()
-                };
-                let d = power(&|w| e.measured(Place::Set, w));
-                let m = power(&|w| e.predicted(Place::Set, w));
-                s * (d / m).sqrt().clamp(0.3, 3.0)
+        })
+    };
+    let (mut effects, mut strength, mut first) = (Vec::new(), 0.0f64, None);
+    for bit in 0..6 {
+        let half = 1usize << bit;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for t in e.stacks.iter().filter(|t| t.histogram[0] == 0 && t.histogram[bins - 1] == 0) {
+            // Codes must be smooth over a period without the error.
+            let n = t.mean.data.len() as f64;
+            let mean = t.mean.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+            let fixed = t.mean.data.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / n;
+            let noise = t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+            if (fixed + noise).sqrt() < 1.5 * half as f64 {
+                continue;
             }
-            None => {
-                // An error ε of the lowest bit makes odd codes ε wider than even ones: the wave of period 2 has ε²n.
-                let n: f64 = e
-                    .stacks
-                    .iter()
-                    .map(|t| t.histogram.iter().map(|&c| f64::from(c)).sum::<f64>())
-                    .sum();
-                let excess = e.measured(Place::Set, What::Codes(0))? - 1.0;
-                let others = (1..5)
-                    .filter_map(|k| e.measured(Place::Set, What::Codes(k)))
-                    .fold(0.0, f64::max);
-                (excess.max(others / 2.0).max(1.0) / n).sqrt()
+            for (c, &h) in t.histogram.iter().enumerate() {
+                if c % half == half - 1 {
+                    let h = f64::from(h);
+                    sum += if c & half == 0 { h } else { -h };
+                    count += h;
+                }
             }
-        };
-        let effect = AdcNonlinearity { sigma_lsb: sigma as f32 };
-        Some(Proposal::new("adc-nonlinearity", effect.into(), strength)
-            .with("sigma_lsb", sigma, sigma / 2.0))
-    })())
+        }
+        if count == 0.0 || known(bit).is_some() {
+            continue;
+        }
+        let error = Estimated { value: sum / count, se: count.sqrt().recip() };
+        if error.z().abs() > 4.0 {
+            strength = strength.max(error.z().abs());
+            let lsb = error.value as f32;
+            effects.push(AdcNonlinearity { sigma_lsb: 0.0, bit: bit as f32, error_lsb: lsb }.into());
+            if first.is_none_or(|(_, x): (usize, Estimated)| error.z().abs() > x.z().abs()) {
+                first = Some((bit, error));
+            }
+        }
+    }
+    let Some((bit, error)) = first else { return Vec::new() };
+    let parameters = vec![
+        ("bit", Estimated { value: bit as f64, se: f64::NAN }),
+        ("error_lsb", error),
+    ];
+    vec![Proposal { kind: "adc-nonlinearity", effects, beside: true, parameters, strength }]
 }
 
 /// Light of the frame before in a dark frame.
