@@ -9,7 +9,7 @@ use super::design::{Condition, Design, Halves};
 use super::evidence::Evidence;
 use super::maps::{self, Map};
 use super::prediction::{Key, Prediction, Values, bounded, by_key, mean_square};
-use super::statistics::battery;
+use super::statistics::{Place, battery};
 use super::temporal::Temporal;
 use super::{allowance, replicate};
 use crate::Result;
@@ -23,14 +23,21 @@ const RUNS: u64 = 16;
 /// Replicates of a candidate, with the random numbers of the model's first ones.
 const TRIAL_RUNS: u64 = 4;
 /// Most candidates simulated in a round.
-const TRIALS: usize = 12;
+const TRIALS: usize = 10;
 /// Most effects named.
-const MOST: usize = 8;
+const MOST: usize = 10;
 /// Significance (standard errors) from which a candidate is tried.
 const LEAST: f64 = 4.0;
 /// Fall of the deviance that earns a place: on the frames to fit, on the held-out ones, and together (5.3 standard
 /// deviations of a single statistic).
 const EARNS: [f64; 3] = [14.0, 3.0, 28.0];
+/// Deviation (standard deviations, both halves) that is gross, and the share of a name's evidence that gross deviations in
+/// what it touches may have.
+const GROSS: f64 = 10.0;
+/// See [`GROSS`].
+const GROSS_SHARE: f64 = 0.1;
+/// Share of the held-out gap that named effects must close where something is left.
+const ENOUGH: f64 = 0.75;
 /// Standard deviations, both halves together, from which a single statistic is unexplained.
 pub const UNEXPLAINED: f64 = 5.2;
 /// Held-out gap of the right model that is passed once in two hundred replicates (../../docs): see [`State::limit`].
@@ -91,6 +98,8 @@ pub struct Step {
     pub gap_after: f64,
     /// The others, best first.
     pub others: Vec<Trial>,
+    /// Statistics whose prediction it moves.
+    touches: Vec<Key>,
     /// Statistics that moved most by it: key, deviation before and after (held-out).
     pub gave_away: Vec<(Key, f64, f64)>,
 }
@@ -105,6 +114,8 @@ pub struct Outcome {
     pub steps: Vec<Step>,
     /// Held-out gap at the start and at the end.
     pub gaps: (f64, f64),
+    /// Kinds that came nearest where none explains enough.
+    pub nearest: Vec<String>,
     /// Twins that the captures cannot tell apart: kinds.
     pub twins: Vec<(String, String)>,
 }
@@ -261,7 +272,7 @@ impl Session {
             let again = candidates::propose(&evidence, &[], 1.0)
                 .into_iter()
                 .find(|p| p.kind == proposal.kind && !p.beside && same_shape(p, &best.proposal));
-            let Some(next) = again else { break };
+            let Some(next) = again.filter(|p| p.strength > 1.0) else { break };
             let (trial, p, c) = self.try_out(state, &merged(&best.proposal, next))?;
             (prediction, camera) = (p, c);
             if trial.evidence > best.evidence {
@@ -331,6 +342,7 @@ impl Session {
             let gaps = [&state, &next].map(|s| self.gap(&s.holdout, s.norm.0));
             steps.push(Step {
                 gave_away: self.moved(&state, &next),
+                touches: self.touched(&state, &next),
                 gap_before: gaps[0],
                 gap_after: gaps[1],
                 trial: best,
@@ -347,15 +359,76 @@ impl Session {
                 step.trial.proposal = p.clone();
             }
         }
+        let mut nearest = Vec::new();
+        state = self.withdraw(camera, state, &mut steps, &mut nearest)?;
         let gap_after = self.gap(&state.holdout, state.norm.0);
-        Ok(Outcome { before, after: state, steps, gaps: (gap_before, gap_after), twins })
+        let share = (gap_before - gap_after) / (gap_before - 1.0).max(1e-9);
+        if !steps.is_empty() && !self.unexplained(&state).is_empty() && share < ENOUGH {
+            // Names that leave that much are pressed on the data, not found in them.
+            nearest.extend(steps.drain(..).map(|s| s.trial.proposal.kind.to_string()));
+            twins.clear();
+            state = before.clone();
+        }
+        let gap_after = self.gap(&state.holdout, state.norm.0);
+        Ok(Outcome { nearest, before, after: state, steps, gaps: (gap_before, gap_after), twins })
+    }
+
+    /// Statistics whose prediction differs by three standard deviations and more.
+    fn touched(&self, before: &State, after: &State) -> Vec<Key> {
+        let moved = |k: &Key| {
+            let (a, b) = (before.fit.of.get(k)?, after.fit.of.get(k)?);
+            Some(((b.scaled - a.scaled) / a.sd).abs() > 3.0 || b.sd > 3.0 * a.sd)
+        };
+        before.fit.of.keys().filter(|k| moved(k) == Some(true)).copied().collect()
+    }
+
+    /// Takes back names that leave gross deviations in the very statistics, or the very map, that gave them away: another
+    /// thing is there, of which the name was the nearest in the catalogue.
+    fn withdraw(
+        &self,
+        base: &Camera,
+        mut state: State,
+        steps: &mut Vec<Step>,
+        nearest: &mut Vec<String>,
+    ) -> Result<State> {
+        // A sensor with many effects leaves something of each; one or two names must fit.
+        if steps.len() > 2 {
+            return Ok(state);
+        }
+        let gross: Vec<(Key, f64)> =
+            self.unexplained(&state).into_iter().filter(|(_, z)| z.abs() > GROSS).collect();
+        let before = steps.len();
+        steps.retain(|step| {
+            let near = |key: &Key| {
+                let same_map = |k: &Key| k.0 == key.0 && matches!(k.0, Place::Map(_));
+                step.touches.iter().any(|k| k == key || same_map(k))
+            };
+            let left: f64 = gross.iter().filter(|(k, _)| near(k)).map(|(_, z)| bounded(*z)).sum();
+            let keep = left < GROSS_SHARE * step.trial.evidence;
+            if !keep {
+                nearest.push(step.trial.proposal.kind.to_string());
+            }
+            keep
+        });
+        if steps.len() < before {
+            let named: Vec<Proposal> = state
+                .named
+                .iter()
+                .filter(|p| steps.iter().any(|s| s.trial.proposal.kind == p.kind))
+                .cloned()
+                .collect();
+            let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
+            state = self.refit(self.state(camera, named)?)?;
+        }
+        Ok(state)
     }
 
     /// Estimates every named effect again with all of them in the model.
     fn refit(&self, mut state: State) -> Result<State> {
-        for _ in 0..2 {
+        // A single name was settled when it was tried.
+        for _ in 0..if state.named.len() > 1 { 2 } else { 1 } {
             let evidence = self.evidence(&state.camera, &state.fit);
-            let all = candidates::propose(&evidence, &[], 0.7);
+            let all = candidates::propose(&evidence, &[], 1.0);
             let mut named = state.named.clone();
             let mut moved = false;
             for p in &mut named {
@@ -395,23 +468,25 @@ impl Session {
 
     /// Leaves out effects, the weakest first, whose absence nobody would notice.
     fn drop_idle(&self, base: &Camera, mut state: State, steps: &mut Vec<Step>) -> Result<State> {
-        let of = |s: &State| {
-            s.fit.deviance(&self.fit.values, &self.fit.allowance)
-                + s.holdout.deviance(&self.holdout.values, &self.holdout.allowance)
-        };
         let mut i = 0;
         while i < state.named.len() && state.named.len() > 1 {
             let mut named = state.named.clone();
             let left_out = named.remove(i);
             let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
-            let without = self.refit(self.state(camera, named)?)?;
-            if of(&without) - of(&state) < EARNS[2] / 2.0 {
+            let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS)?;
+            let before = &state.replicates[..TRIAL_RUNS as usize];
+            let rise = |half: &Half, with: &Prediction| {
+                with.moved(before, &after).deviance(&half.values, &half.allowance)
+                    - with.deviance(&half.values, &half.allowance)
+            };
+            let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
+            if missed < EARNS[2] / 2.0 {
                 if let Some(at) =
                     steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
                 {
                     steps.remove(at);
                 }
-                state = without;
+                state = self.refit(self.state(camera, named)?)?;
             } else {
                 i += 1;
             }

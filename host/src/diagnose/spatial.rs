@@ -42,6 +42,8 @@ pub struct Spatial {
     pub column_peak: f64,
     /// Variance of 16x16 block means x 256 over the pixel variance.
     pub blocks: f64,
+    /// What cosines of up to four half waves over the map leave of the blocks' variance, the same way.
+    pub fine_blocks: f64,
     /// Means of the four corner regions (an eighth of each side): top left, top right, bottom left, bottom right.
     pub corners: [f64; 4],
     /// Contrasts of the 2x2 phases: 00−11, 01−10, (00+11)−(01+10).
@@ -180,6 +182,7 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
         *c = covariance(&d, w, h, dx, dy) / s.pixel_variance;
     }
     s.blocks /= s.pixel_variance;
+    s.fine_blocks /= s.pixel_variance;
     lattice(&mut d, w, h, &mut s);
     s
 }
@@ -225,6 +228,7 @@ fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial
     let area = (BLOCK * BLOCK) as f64;
     blocks.iter_mut().for_each(|b| *b /= area);
     s.blocks = variance(&blocks) * area;
+    s.fine_blocks = beyond_cosines(&blocks, across, down) * area;
     let (cw, ch) = ((w / 8).max(1), (h / 8).max(1));
     for (i, corner) in s.corners.iter_mut().enumerate() {
         let (x0, y0) = ((i % 2) * (w - cw), (i / 2) * (h - ch));
@@ -234,6 +238,32 @@ fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial
         }
         *corner = sum / (cw * ch) as f64;
     }
+}
+
+/// Half waves over a map that count as smooth.
+const HALF_WAVES: usize = 4;
+
+/// Variance of a grid of means that cosines of up to [`HALF_WAVES`] half waves leave, per degree of freedom.
+fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
+    let n = blocks.len() as f64;
+    let (nx, ny) = ((HALF_WAVES + 1).min(across), (HALF_WAVES + 1).min(down));
+    let wave = |k: usize, i: usize, n: usize| {
+        let scale = if k == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
+        scale * (std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64).cos()
+    };
+    let mut left: f64 = blocks.iter().map(|b| b * b).sum();
+    for ky in 0..ny {
+        for kx in 0..nx {
+            let mut sum = 0.0;
+            for (y, row) in blocks.chunks(across.max(1)).enumerate() {
+                let inner: f64 = row.iter().enumerate().map(|(x, b)| b * wave(kx, x, across)).sum();
+                sum += inner * wave(ky, y, down);
+            }
+            // Cosines at the centres of a grid are orthogonal, of mean square 1.
+            left -= sum * sum / n;
+        }
+    }
+    left.max(0.0) / (n - (nx * ny) as f64).max(1.0)
 }
 
 /// Contrasts of the means of the 2x2 phases, outliers held: 00−11, 01−10, (00+11)−(01+10).

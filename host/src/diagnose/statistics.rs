@@ -6,7 +6,7 @@
 
 use super::design::{Condition, Design};
 use super::maps::{self, MapKind};
-use super::spatial::{PERIODS, Spatial};
+use super::spatial::{PERIODS, Spatial, basis};
 use super::tails;
 use super::temporal::{LAGS, Temporal};
 use crate::camera::Camera;
@@ -44,6 +44,8 @@ pub enum What {
     PlanePeak,
     Spread,
     NoisyPixels,
+    NoiseSlope(u8),
+    NoiseBlocks,
     Skewness,
     Kurtosis,
     TopKurtosis,
@@ -67,6 +69,7 @@ pub enum What {
     Low,
     MapCovariance(u8),
     MapBlocks,
+    FineBlocks,
     Corner(u8),
     Phase(u8),
     Lattice,
@@ -319,6 +322,40 @@ fn temporal(t: &Temporal, c: &Condition, s: &Summary, add: &mut impl FnMut(What,
     }
 }
 
+/// Where on the sensor the noise is: slopes and 16x16 blocks of the pixels' variance, single noisy pixels held.
+fn noise_over_the_sensor(t: &Temporal, v: f64, add: &mut impl FnMut(What, f64, f64, Scale)) {
+    let (w, h) = (t.width, t.height);
+    let limit = 1.0 + 5.0 * (2.0 / t.dof).sqrt();
+    let at = |i: usize| (f64::from(t.pixel_variance[i]) / v).min(limit);
+    let n = (w * h) as f64;
+    let middle = (0..w * h).map(at).sum::<f64>() / n;
+    let scatter = (0..w * h).map(|i| (at(i) - middle).powi(2)).sum::<f64>() / n;
+    let (across, down) = (w / 16, h / 16);
+    let (mut slopes, mut blocks) = ([0.0; 5], Vec::with_capacity(across * down));
+    for by in 0..down {
+        for bx in 0..across {
+            let mut sum = 0.0;
+            for y in by * 16..by * 16 + 16 {
+                sum += (y * w + bx * 16..y * w + bx * 16 + 16).map(at).sum::<f64>();
+            }
+            let block = sum / 256.0 - middle;
+            let u = (bx as f64 * 16.0 + 8.0) / w as f64 * 2.0 - 1.0;
+            let v = (by as f64 * 16.0 + 8.0) / h as f64 * 2.0 - 1.0;
+            for (s, b) in slopes.iter_mut().zip(basis(u, v)) {
+                *s += block * b;
+            }
+            blocks.push(block);
+        }
+    }
+    let count = blocks.len() as f64;
+    let sd = (scatter / (256.0 * count)).sqrt();
+    for (i, s) in slopes.iter().enumerate() {
+        add(What::NoiseSlope(i as u8), s / count, sd, Scale::Linear);
+    }
+    let ratio = blocks.iter().map(|b| b * b).sum::<f64>() / count * 256.0 / scatter;
+    add(What::NoiseBlocks, ratio, (2.0 / count).sqrt(), Scale::Log);
+}
+
 /// White part, slow part and lines of row or column means. `across` pixels make one mean.
 fn lines(
     power: &[f64],
@@ -364,6 +401,7 @@ fn pixels(t: &Temporal, s: &Summary, add: &mut impl FnMut(What, f64, f64, Scale)
     let limit = v * (1.0 - h + z * h.sqrt()).powi(3);
     let noisy = t.pixel_variance.iter().filter(|&&x| f64::from(x) > limit).count();
     add(What::NoisyPixels, noisy as f64, 1.0, Scale::Count);
+    noise_over_the_sensor(t, v, add);
     let lag = mean(&t.pixel_lag) / v;
     add(What::TimeLag, lag, 1.0 / (f * n).sqrt(), Scale::Linear);
     if t.frames >= 8 {
@@ -455,6 +493,7 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
             add(What::Slope(i as u8), *k, (variance + v / n).sqrt(), Scale::Linear);
         }
         add(What::MapBlocks, s.blocks, (512.0 / n).sqrt(), Scale::Log);
+        add(What::FineBlocks, s.fine_blocks, (2.0 / (n / 256.0 - 25.0).max(1.0)).sqrt(), Scale::Log);
         for (i, c) in s.corners.iter().enumerate() {
             let var = v * 64.0 / n + s.row_variance * 8.0 / h + s.column_variance * 8.0 / w;
             add(What::Corner(i as u8), *c, var.sqrt(), Scale::Linear);

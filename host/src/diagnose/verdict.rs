@@ -135,6 +135,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
                 "gap_after": number(s.gap_after),
                 "evidence": number(s.trial.evidence),
                 "evidence_held_out": number(s.trial.confirmed),
+                "explains": number(s.trial.explains),
                 "where": where_,
                 "runners_up": s.others.iter().take(5).map(|o| json!({
                     "effect": o.proposal.kind,
@@ -163,6 +164,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
             "tie_breaker": tie_breaker(a, b),
         })).collect::<Vec<_>>(),
         "unexplained": unexplained,
+        "nearest": outcome.nearest,
         "notes": session.notes,
     })
 }

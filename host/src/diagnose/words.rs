@@ -39,6 +39,12 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::PlanePeak => "line in the two-dimensional noise spectrum".into(),
         What::Spread => "spread of the pixels' noise".into(),
         What::NoisyPixels => "number of noisy pixels".into(),
+        What::NoiseSlope(i) => {
+            let names = ["from left to right", "from top to bottom", "from middle to sides", "from middle to top and bottom", "from corner to corner"];
+            format!("change of the noise {}", names.get(usize::from(i)).copied().unwrap_or(""))
+        }
+        What::NoiseBlocks => "noise of regions (16x16 blocks)".into(),
+        What::FineBlocks => "fixed structure of 16x16 blocks, smooth part left out".into(),
         What::Skewness if spatial => "skewness of pixels".into(),
         What::Skewness => "skewness of the noise".into(),
         What::Kurtosis if spatial => "kurtosis of pixels".into(),
