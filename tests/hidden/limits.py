@@ -1,0 +1,116 @@
+"""Analytic detection limits: what the frames of a design can show at best.
+
+All limits are 5 standard deviations of the statistic that is matched to the effect, over all stacks of the set,
+base parameters known as in camera.toml but for what a sensor of that description leaves open (the mean over its
+own fixed patterns) and, where said, the scale of the light. Signals in electrons.
+
+Three forms cover nearly everything:
+- a temporal variance component s^2 shared by m pixels, G groups per frame: an estimate from one stack of n frames
+  has standard deviation sqrt(2 / ((n - 1) G)) (v / m + s^2), v the variance of a pixel. For one dark stack this is
+  sigma sqrt(5 / W sqrt(2 / (N H))) for rows, the catalogue's figure.
+- a fixed component: the same with the variance of the pixel in the mean map, once (n - 1 -> 1).
+- a shift d of mean signals with covariance C: d' C^-1 d = 25.
+"""
+import numpy as np
+
+FIVE = 5.0
+
+
+class Information:
+    """Of a design: sizes and variances of each stack (rows of the arrays) and colour plane (columns)."""
+
+    def __init__(self, camera, stacks):
+        c = self.camera = camera
+        self.stacks = stacks
+        self.pixels = c.width * c.height
+        self.n = np.array([s.frames for s in stacks], float)
+        self.t = np.array([s.exposure_s for s in stacks])
+        warm = 2.0 ** (np.array([s.temperature_c - c.reference_c for s in stacks]) / c.doubling_c)
+        self.warm_t = self.t * warm
+        self.mu = np.array([s.electrons for s in stacks])
+        self.dark = np.array([s.role == "dark" for s in stacks])
+        self.floor = c.read_e**2 + 1 / (12 * c.gain**2)   # rounding adds 1/12 DN^2
+        self.var = self.floor + c.dark_e_per_s * self.warm_t[:, None] + self.mu
+        self.nu = self.n - 1
+        self.planes = self.mu.shape[1]
+
+    def temporal(self, m, groups, s2=0.0, weight=1.0):
+        """Fisher information on s^2: weight s^2 shared by `m` pixels, `groups` per frame."""
+        weight = np.broadcast_to(weight, self.var.shape)
+        v = self.var.mean(1) / m
+        w = weight.mean(1)
+        return np.sum(self.nu * groups / 2 * (w / (v + w * s2)) ** 2)
+
+    def fixed(self, map_var, m, groups, s2=0.0):
+        """Fisher information on the variance s^2 of a fixed component of a map with pixel variance `map_var`."""
+        return groups / 2 / (map_var / m + s2) ** 2
+
+    def offset_map(self):
+        """Pixel variance of the best offset map: the dark stacks, what dark current leaves in each as noise."""
+        v = self.var[:, 0] / self.n + (self.camera.dsnu_e_per_s * self.warm_t) ** 2
+        return 1 / np.sum(1 / v[self.dark])
+
+    def dark_map(self):
+        """Pixel variance of the map of dark-current slopes (e-/s)^2, without and with the sensor's own DSNU."""
+        w, t = (self.n / self.var[:, 0])[self.dark], self.warm_t[self.dark]
+        slope = 1 / np.sum(w * (t - np.sum(w * t) / w.sum()) ** 2)
+        return slope, slope + self.camera.dsnu_e_per_s**2
+
+    def gain_map(self):
+        """Pixel variance of the map of relative gain, without and with the sensor's own PRNU."""
+        shot = 1 / np.sum(self.n[:, None] * self.mu**2 / self.var, 0)
+        return shot.mean(), shot.mean() + self.camera.prnu**2
+
+    def means(self, shift, free=()):
+        """Deviation (in standard deviations) of stack and plane means shifted by `shift`, electrons.
+
+        The means share what the sensor's patterns average to: row offsets, dark current, PRNU per plane. `free`
+        are further vectors of which nothing is known, such as `self.mu` for the scale of the light.
+        """
+        c, per_plane = self.camera, self.pixels / self.planes
+        d = np.broadcast_to(shift, self.var.shape).ravel()
+        cov = np.diag((self.var / (self.n[:, None] * per_plane)).ravel())
+        known = [(np.repeat(self.warm_t, self.planes), c.dsnu_e_per_s**2 / self.pixels)]
+        for rows in ([[0]] if self.planes == 1 else [[0, 1], [2, 3]]):  # even and odd rows have offsets of their own
+            offset = np.zeros(self.var.shape)
+            offset[:, rows] = 1
+            known.append((offset.ravel(), c.row_fpn_e**2 / c.height * (1 if self.planes == 1 else 2)))
+        for p in range(self.planes):
+            light = np.zeros(self.var.shape)
+            light[:, p] = self.mu[:, p]
+            known.append((light.ravel(), c.prnu**2 / per_plane))
+        known += [(np.ravel(f), 1e6 * np.max(np.abs(d)) ** 2 / np.max(np.abs(f)) ** 2) for f in free]
+        for pattern, variance in known:
+            cov += variance * np.outer(pattern, pattern)
+        return np.sqrt(d @ np.linalg.solve(cov, d))
+
+    def shot_share(self):
+        """Share of photo-electron shot noise in the variance."""
+        return self.mu / self.var
+
+    def read_share(self):
+        """Share of read noise in the variance."""
+        return self.camera.read_e**2 / self.var
+
+    def samples(self):
+        """Independent pixel samples per stack and plane once the pixel means are taken out."""
+        return np.broadcast_to(self.nu[:, None] * self.pixels / self.planes, self.var.shape)
+
+
+def normal_tail(u):
+    """P(z > u)."""
+    from math import erfc, sqrt
+    return 0.5 * erfc(u / sqrt(2))
+
+
+def rare_pixels(pixels, sd, excess_above):
+    """Smallest fraction of outliers whose count stands out by 5 sd of the background's count.
+
+    `excess_above(x)`: probability that an outlier deviates by more than x. The best threshold is taken; one count
+    is added to the background's variance, as nothing can be seen with less than a few pixels.
+    """
+    best = np.inf
+    for u in np.arange(3, 8, 0.1):
+        background = pixels * normal_tail(u)
+        best = min(best, FIVE * np.sqrt(background + 1) / (pixels * max(excess_above(u * sd), 1e-12)))
+    return best
