@@ -18,7 +18,7 @@ FILTERS = {"r": (610, 45), "g": (535, 45), "b": (455, 40), "mono": (560, 160)}
 
 def stream(seed, *names):
     """A random generator of its own for each thing that is random."""
-    return np.random.Generator(np.random.SFC64([seed, zlib.crc32("/".join(map(str, names)).encode())]))
+    return np.random.default_rng([seed, zlib.crc32("/".join(map(str, names)).encode())])
 
 
 def digits(x, n=4):

@@ -14,7 +14,7 @@ import tomllib
 import numpy as np
 
 import generate
-from estimates import ESTIMATES, Frames
+from estimates import ESTIMATES, Frames, floored
 
 LIMIT = 4.5
 SIZE = (128, 128)
@@ -25,17 +25,11 @@ def base(seed, cfa):
     world, _, sensor = generate.build(seed, [], 0, SIZE, cfa=cfa)
     f, c, pixels = Frames(world, None, sensor), world.camera, SIZE[0] * SIZE[1]
     floor = c.read_e**2 + 1 / (12 * c.gain**2)
-    # A Gaussian of dark current floored at zero has a slightly larger mean and a smaller spread.
-    z = np.linspace(-9, 9, 20001)
-    weight = np.exp(-z * z / 2) / np.exp(-z * z / 2).sum()
-    current = np.maximum(c.dark_e_per_s + c.dsnu_e_per_s * z, 0)
-    dark = np.sum(weight * current)
-    dark_sd = np.sqrt(np.sum(weight * (current - dark) ** 2))
+    dark, dark_sd = floored(c.dark_e_per_s, c.dsnu_e_per_s)
     for s in world.stacks:
         t = s.exposure_s * 2 ** ((s.temperature_c - 25) / c.doubling_c)
-        joules = np.array([c.qe(p)[list(range(400, 701, 10)).index(s.wavelength_nm)] for p in c.planes]) if s.irradiance else np.zeros(1)
         photons = s.irradiance * s.exposure_s * (c.pitch_um * 1e-6) ** 2 * s.wavelength_nm * 1e-9 / 1.98644586e-25
-        mu = np.mean(joules * c.fill_factor * photons)
+        mu = photons * c.fill_factor * np.mean([c.qe(p)[max(s.wavelength_nm - 400, 0) // 10] for p in c.planes])
         sd = np.sqrt((floor + mu + dark * t) / s.frames / pixels + (mu * c.prnu) ** 2 / pixels
                      + (c.dsnu_e_per_s * t) ** 2 / pixels + c.row_fpn_e**2 / SIZE[1])
         yield f"{cfa} {s.id} mean", f.mean(s.id), mu + dark * t, sd
@@ -88,6 +82,8 @@ def main():
     p.add_argument("--draw", type=int, default=1)
     p.add_argument("--times", type=float, default=10)
     a = p.parse_args()
+    for kind in set(a.kinds) - set(ESTIMATES):
+        sys.exit(f"unknown kind {kind!r}; known: {', '.join(ESTIMATES)}")
     assert set(ESTIMATES) == set(generate.KINDS)
     failed = 0
     tests = [*files(a.draw), *base(a.draw, "mono"), *base(a.draw, "GRBG")] if len(a.kinds) == len(ESTIMATES) else []

@@ -190,9 +190,19 @@ def dark_current(f):
     return slope.mean(), f.c.dark_e_per_s * f.effect.factor, np.sqrt((noise + f.c.dsnu_e_per_s**2) / slope.size)
 
 
+def floored(mean, sd):
+    """Mean and standard deviation of a Gaussian floored at zero."""
+    z = np.linspace(-9, 9, 20001)
+    weight = np.exp(-z * z / 2) / np.exp(-z * z / 2).sum()
+    value = np.maximum(mean + sd * z, 0)
+    average = np.sum(weight * value)
+    return average, np.sqrt(np.sum(weight * (value - average) ** 2))
+
+
 def dsnu(f):
     slope, noise = f.dark_slope()
-    return component(slope - slope.mean(), noise, (f.c.dsnu_e_per_s * f.effect.factor) ** 2, slope.size - 1)
+    current = floored(f.c.dark_e_per_s, f.c.dsnu_e_per_s * f.effect.factor)
+    return component(slope - slope.mean(), noise, current[1] ** 2, slope.size - 1)
 
 
 def dark_warm(f):
@@ -382,7 +392,7 @@ ESTIMATES = {
     "dark-current": dark_current, "dsnu": dsnu, "dark-current-temperature": dark_warm, "black-level-offset": black,
     "system-gain": variance_over_mean, "prnu": prnu, "column-gain-fpn": lambda f: column_map(f, f.gain(), f.a**2),
     "prnu-low-frequency": lambda f: projected(f, f.gain(), f.effect.pattern), "nonlinearity": nonlinear,
-    "full-well": full_well, "brighter-fatter": lambda f: lag_covariance(f, lambda mu: 2 * f.a * mu**2),
+    "full-well": full_well, "brighter-fatter": lambda f: lag_covariance(f, lambda mu: 2 * f.a * mu**2 * (1 - 4 * f.a * mu)),
     "charge-coupling": lambda f: lag_covariance(f, lambda mu: 2 * f.a * (1 - 4 * f.a) * mu),
     "optical-crosstalk": crosstalk, "adc-nonlinearity": codes, "image-lag": lag, "exposure-offset": exposure,
     "green-imbalance": greens, "flicker-banding": flicker, "light-flicker": frame_gain, "defective-pixels": dead,
