@@ -20,6 +20,11 @@ LIMIT = 4.5
 SIZE = (128, 128)
 
 
+def planes(x, number):
+    """The colour planes of frames."""
+    return [x] if number == 1 else [x[:, i::2, j::2] for i in (0, 1) for j in (0, 1)]
+
+
 def base(seed, cfa):
     """Mean and variance of every stack, and the fixed patterns, of a sensor with nothing hidden."""
     world, _, sensor = generate.build(seed, [], 0, SIZE, cfa=cfa)
@@ -36,6 +41,10 @@ def base(seed, cfa):
         v = floor + mu * (1 + c.prnu**2) + dark * t
         yield f"{cfa} {s.id} variance", f.pixel_variance(s.id).mean(), v, v * np.sqrt(2 / (s.frames - 1) / pixels) * (
             1.2 if cfa != "mono" else 1)
+    i = world.info
+    means = np.array([[plane.mean() for plane in planes(f[s.id], i.planes)] for s in world.stacks])
+    off = (means - i.mu - i.warm_t[:, None] * dark).ravel()
+    yield f"{cfa} means: chi2", off @ np.linalg.solve(i.covariance(), off), off.size, np.sqrt(2 * off.size)
     x = f.residual("dark-short")
     v = f.pixel_variance("dark-short").mean()
     for name, product in (("row", x[:, :, 1:] * x[:, :, :-1]), ("column", x[:, 1:] * x[:, :-1]), ("frame", x[1:] * x[:-1])):
@@ -63,7 +72,7 @@ def files(seed):
     with tempfile.TemporaryDirectory() as folder:
         out = f"{folder}/set"
         built = generate.build(seed, [("system-gain", None), ("row-temporal-noise", None)], 10, (32, 32))
-        generate.write(out, seed, *built)
+        generate.write(out, built[0], built[2])
         with open(f"{out}/camera.toml", "rb") as t:
             sensor = tomllib.load(t)["sensor"]
         with open(f"{out}/captures.toml", "rb") as t:

@@ -45,18 +45,21 @@ def possible(cfa, kinds=CATALOGUED):
 
 
 def build(seed, effects, times, size=(256, 256), design_name="small", cfa="mono"):
-    """World, hidden effects with their amounts, and sensor. `effects`: (kind, amount or None for times x limit)."""
+    """World, hidden effects with their amounts, and sensor.
+
+    `effects`: pairs of kind and amount, or None for `times` (one for all, or one each) detection limits.
+    """
     camera = draw(stream(seed, "camera"), *size, cfa)
     world = World(camera, design(camera, design_name))
     hidden = []
-    for kind, amount in effects:
+    for (kind, amount), multiple in zip(effects, np.broadcast_to(times, len(effects))):
         effect = KINDS[kind](world, stream(seed, "effect", kind))
-        effect.amount = float(times * effect.limit() if amount is None else amount)
+        effect.amount = float(multiple * effect.limit() if amount is None else amount)
         hidden.append(effect)
     return world, hidden, Sensor(camera, hidden, seed)
 
 
-def truth(seed, world, hidden):
+def truth(seed, hidden):
     """What is hidden, for the scorer alone."""
     plain = lambda d: {k: v if isinstance(v, (int, str)) else float(v) for k, v in d.items()}
     return {"draw": seed, "effects": [
@@ -65,8 +68,8 @@ def truth(seed, world, hidden):
          "parameters": plain({e.parameter: e.amount} | e.details())} for e in hidden]}
 
 
-def write(out, seed, world, hidden, sensor):
-    """The set and, beside it, the truth."""
+def write(out, world, sensor):
+    """The set: camera file, manifest, frames."""
     out = pathlib.Path(out)
     out.mkdir(parents=True)
     for name, text in camera_files(world.camera).items():
@@ -74,8 +77,6 @@ def write(out, seed, world, hidden, sensor):
     (out / "captures.toml").write_text(captures_toml(world.camera, world.stacks))
     for stack in world.stacks:
         np.save(out / f"{stack.id}.npy", sensor.frames(stack))
-    said = json.dumps(truth(seed, world, hidden), indent=1)
-    out.with_name(out.name + "-truth.json").write_text(said + "\n")
 
 
 def read_effects(text, seed, cfa):
@@ -108,8 +109,11 @@ def main():
     size = tuple(map(int, a.size.split("x"))) if a.size else SIZES[a.design]
     if min(size) < 32 or size[0] % 2 or size[1] % 2:
         sys.exit(f"--size {a.size}: width and height are even and at least 32")
-    write(a.out, seed, *build(seed, read_effects(a.effects, seed, a.cfa), a.times, size, a.design, a.cfa))
-    print(f"{a.out}: draw {seed}")
+    out = pathlib.Path(a.out)
+    world, hidden, sensor = build(seed, read_effects(a.effects, seed, a.cfa), a.times, size, a.design, a.cfa)
+    write(out, world, sensor)
+    out.with_name(out.name + "-truth.json").write_text(json.dumps(truth(seed, hidden), indent=1) + "\n")
+    print(f"{out}: draw {seed}")
 
 
 if __name__ == "__main__":

@@ -26,6 +26,11 @@ class SystemGain(MisSet):
     def sd(self):
         return self.limit() / FIVE * self.w.camera.gain
 
+    @property
+    def factor(self):
+        """True over written; a gain that would saturate the brightest flat is too low instead."""
+        return 1 + self.amount * (self.sign if self.amount < 0.05 else -1)
+
     def camera(self, c):
         return replace(c, gain_error=self.factor - 1)
 
@@ -185,14 +190,14 @@ class ChargeCoupling(Effect):
 class OpticalCrosstalk(Effect):
     """A share k of the light of each pixel ends in each of its four neighbours, before shot noise.
 
-    On flats only the ratios of the colour planes show it: their means, QE known, whatever the scale of the light.
+    On flats only the ratios of the colour planes over wavelength show it, whatever the scale of each plane.
     """
     kind, parameter, needs_cfa = "optical-crosstalk", "side", True
 
     def limit(self):
         i = self.w.info
         beside, below = i.mu[:, [1, 0, 3, 2]], i.mu[:, [2, 3, 0, 1]]
-        return FIVE / i.means(2 * beside + 2 * below - 4 * i.mu, free=[i.mu])
+        return FIVE / i.means(2 * beside + 2 * below - 4 * i.mu, free=[i.mu * plane for plane in np.eye(4)])
 
     def light(self, rate, shot):
         return rate + F(self.amount) * (neighbours(rate) - 4 * rate)

@@ -11,6 +11,8 @@ Three forms cover nearly everything:
 - a fixed component: the same with the variance of the pixel in the mean map, once (n - 1 -> 1).
 - a shift d of mean signals with covariance C: d' C^-1 d = 25.
 """
+from math import erfc, sqrt
+
 import numpy as np
 
 FIVE = 5.0
@@ -61,28 +63,35 @@ class Information:
         shot = 1 / np.sum(self.n[:, None] * self.mu**2 / self.var, 0)
         return shot.mean(), shot.mean() + self.camera.prnu**2
 
+    def covariance(self):
+        """Of stack and plane means: temporal noise, and what the sensor's patterns average to: offsets of even and
+        of odd rows, dark current and PRNU of each plane."""
+        c, per_plane = self.camera, self.pixels / self.planes
+        cov = np.diag((self.var / (self.n[:, None] * per_plane)).ravel())
+        parities = [[0]] if self.planes == 1 else [[0, 1], [2, 3]]
+        for rows in parities:
+            offset = np.zeros(self.var.shape)
+            offset[:, rows] = 1
+            cov += c.row_fpn_e**2 * len(parities) / c.height * np.outer(offset, offset)
+        for p in range(self.planes):
+            for pattern, sd in ((self.warm_t, c.dsnu_e_per_s), (self.mu[:, p], c.prnu)):
+                of_plane = np.zeros(self.var.shape)
+                of_plane[:, p] = pattern
+                cov += sd**2 / per_plane * np.outer(of_plane, of_plane)
+        return cov
+
     def means(self, shift, free=()):
         """Deviation (in standard deviations) of stack and plane means shifted by `shift`, electrons.
 
-        The means share what the sensor's patterns average to: row offsets, dark current, PRNU per plane. `free`
-        are further vectors of which nothing is known, such as `self.mu` for the scale of the light.
+        `free`: further vectors of which nothing is known, such as `self.mu` for the scale of the light.
         """
-        c, per_plane = self.camera, self.pixels / self.planes
         d = np.broadcast_to(shift, self.var.shape).ravel()
-        cov = np.diag((self.var / (self.n[:, None] * per_plane)).ravel())
-        known = [(np.repeat(self.warm_t, self.planes), c.dsnu_e_per_s**2 / self.pixels)]
-        for rows in ([[0]] if self.planes == 1 else [[0, 1], [2, 3]]):  # even and odd rows have offsets of their own
-            offset = np.zeros(self.var.shape)
-            offset[:, rows] = 1
-            known.append((offset.ravel(), c.row_fpn_e**2 / c.height * (1 if self.planes == 1 else 2)))
-        for p in range(self.planes):
-            light = np.zeros(self.var.shape)
-            light[:, p] = self.mu[:, p]
-            known.append((light.ravel(), c.prnu**2 / per_plane))
-        known += [(np.ravel(f), 1e6 * np.max(np.abs(d)) ** 2 / np.max(np.abs(f)) ** 2) for f in free]
-        for pattern, variance in known:
-            cov += variance * np.outer(pattern, pattern)
-        return np.sqrt(d @ np.linalg.solve(cov, d))
+        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance()))
+        d = whiten @ d
+        if len(free):
+            open_to = whiten @ np.column_stack([np.ravel(f) for f in free])
+            d = d - open_to @ np.linalg.lstsq(open_to, d, rcond=None)[0]
+        return np.linalg.norm(d)
 
     def shot_share(self):
         """Share of photo-electron shot noise in the variance."""
@@ -99,7 +108,6 @@ class Information:
 
 def normal_tail(u):
     """P(z > u)."""
-    from math import erfc, sqrt
     return 0.5 * erfc(u / sqrt(2))
 
 
