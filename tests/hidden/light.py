@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 
 from limits import FIVE, normal_tail, rare_pixels
-from readout import Component, MisSet
+from readout import Component, MeanShift, MisSet
 from sensor import F, Effect, Shot
 
 
@@ -81,17 +81,23 @@ class PrnuLowFrequency(Effect):
         maps.light = maps.light * (1 + F(self.amount) * self.pattern)
 
 
-class Nonlinearity(Effect):
-    """e (1 - a (e / full well)^n): means of the flats, whatever the scale of the light."""
+class LightShift(MeanShift):
+    """Seen in the means of flats, whatever the scale of the light."""
+
+    def open_to(self):
+        return [self.w.info.mu]
+
+
+class Nonlinearity(LightShift):
+    """e (1 - a (e / full well)^n)."""
     kind, parameter = "nonlinearity", "loss"
 
     def __init__(self, world, rng):
         super().__init__(world, rng)
         self.exponent = rng.uniform(1, 3)
 
-    def limit(self):
-        i = self.w.info
-        return FIVE / i.means(i.mu * (i.mu / self.w.camera.full_well_e) ** self.exponent, free=[i.mu])
+    def shift(self):
+        return self.w.info.mu * (self.w.info.mu / self.w.camera.full_well_e) ** self.exponent
 
     def charge(self, q, shot):
         return q * (1 - F(self.amount) * (q / F(self.w.camera.full_well_e)) ** F(self.exponent))
@@ -100,11 +106,11 @@ class Nonlinearity(Effect):
         return {"exponent": self.exponent}
 
 
-class FullWell(Effect):
+class FullWell(LightShift):
     """Charge stops at a full well below the converter's range.
 
     The amount is the mean charge lost in the brightest flat, E[(q - well)+] = tau L(u), u = (well - mu) / tau, with
-    L(u) = phi(u) - u Q(u): the mean of that flat shows it, whatever the scale of the light.
+    L(u) = phi(u) - u Q(u): the mean of that flat shows it.
     """
     kind, parameter = "full-well", "loss_e"
 
@@ -115,8 +121,8 @@ class FullWell(Effect):
         self.mean = i.mu.max()
         self.tau = np.sqrt(self.mean + (world.camera.prnu * self.mean) ** 2)
 
-    def limit(self):
-        return FIVE / self.w.info.means(self.top * 1.0, free=[self.w.info.mu])
+    def shift(self):
+        return self.top * 1.0
 
     @property
     def well(self):
@@ -187,17 +193,20 @@ class ChargeCoupling(Effect):
         return q + F(self.amount) * (neighbours(q) - 4 * q)
 
 
-class OpticalCrosstalk(Effect):
+class OpticalCrosstalk(MeanShift):
     """A share k of the light of each pixel ends in each of its four neighbours, before shot noise.
 
     On flats only the ratios of the colour planes over wavelength show it, whatever the scale of each plane.
     """
     kind, parameter, needs_cfa = "optical-crosstalk", "side", True
 
-    def limit(self):
-        i = self.w.info
-        beside, below = i.mu[:, [1, 0, 3, 2]], i.mu[:, [2, 3, 0, 1]]
-        return FIVE / i.means(2 * beside + 2 * below - 4 * i.mu, free=[i.mu * plane for plane in np.eye(4)])
+    def shift(self):
+        mu = self.w.info.mu
+        beside, below = mu[:, [1, 0, 3, 2]], mu[:, [2, 3, 0, 1]]
+        return 2 * beside + 2 * below - 4 * mu
+
+    def open_to(self):
+        return [self.w.info.mu * plane for plane in np.eye(4)]
 
     def light(self, rate, shot):
         return rate + F(self.amount) * (neighbours(rate) - 4 * rate)
@@ -233,7 +242,7 @@ class ConverterBit(Effect):
         return {"bit": self.bit, "sign": int(self.sign)}
 
 
-class ImageLag(Effect):
+class ImageLag(LightShift):
     """A share of the charge of the frame before is added. Seen in the dark after a bright flat; every other frame
     comes after one of its own kind, which the scale of the light takes up."""
     kind, parameter = "image-lag", "fraction"
@@ -241,9 +250,8 @@ class ImageLag(Effect):
     def before(self, stack):
         return next((s for s in self.w.stacks if s.id == stack.preceded_by), stack)
 
-    def limit(self):
-        i = self.w.info
-        return FIVE / i.means(np.array([self.before(s).electrons for s in self.w.stacks]), free=[i.mu])
+    def shift(self):
+        return np.array([self.before(s).electrons for s in self.w.stacks])
 
     def charge(self, q, shot):
         if shot.n == 0 or shot.stack.preceded_by:
@@ -252,18 +260,16 @@ class ImageLag(Effect):
         return self.last
 
 
-class ExposureOffset(Effect):
-    """Light is collected for t + dt: means of the flats over exposure, whatever the scale of the light.
-    (Dark charge of dt is beyond notice.)"""
+class ExposureOffset(LightShift):
+    """Light is collected for t + dt (dark charge of dt is beyond notice)."""
     kind, parameter = "exposure-offset", "offset_us"
 
     def __init__(self, world, rng):
         super().__init__(world, rng)
         self.sign = rng.choice([-1, 1])
 
-    def limit(self):
-        i = self.w.info
-        return FIVE / i.means(i.mu / i.t[:, None] * 1e-6, free=[i.mu])
+    def shift(self):
+        return self.w.info.mu / self.w.info.t[:, None] * 1e-6
 
     def sd(self):
         return self.limit() / FIVE
@@ -275,8 +281,8 @@ class ExposureOffset(Effect):
         return {self.parameter: self.sign * self.amount}
 
 
-class GreenImbalance(Effect):
-    """Greens in red rows see 1 + g/2, those in blue rows 1 - g/2: means of the planes."""
+class GreenImbalance(LightShift):
+    """Greens in red rows see 1 + g/2, those in blue rows 1 - g/2."""
     kind, parameter, needs_cfa = "green-imbalance", "centre", True
 
     def __init__(self, world, rng):
@@ -285,9 +291,8 @@ class GreenImbalance(Effect):
         red_row = planes.index("r") // 2
         self.cell = [0.0 if f != "g" else 0.5 if p // 2 == red_row else -0.5 for p, f in enumerate(planes)]
 
-    def limit(self):
-        i = self.w.info
-        return FIVE / i.means(i.mu * self.cell, free=[i.mu])
+    def shift(self):
+        return self.w.info.mu * self.cell
 
     def light(self, rate, shot):
         return rate * (1 + F(self.sign * self.amount) * self.w.camera.spread(self.cell))

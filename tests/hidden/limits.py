@@ -47,10 +47,17 @@ class Information:
         """Fisher information on the variance s^2 of a fixed component of a map with pixel variance `map_var`."""
         return groups / 2 / (map_var / m + s2) ** 2
 
+    def offset_weights(self):
+        """Weights of the dark stacks' mean maps in the best offset map, and its pixel variance: in each stack there
+        is temporal noise, and in all the same map of dark current."""
+        t = self.warm_t[self.dark]
+        cov = np.diag((self.var[:, 0] / self.n)[self.dark]) + self.camera.dsnu_e_per_s**2 * np.outer(t, t)
+        weights = np.linalg.solve(cov, np.ones(t.size))
+        return weights / weights.sum(), 1 / weights.sum()
+
     def offset_map(self):
-        """Pixel variance of the best offset map: the dark stacks, what dark current leaves in each as noise."""
-        v = self.var[:, 0] / self.n + (self.camera.dsnu_e_per_s * self.warm_t) ** 2
-        return 1 / np.sum(1 / v[self.dark])
+        """Pixel variance of the best offset map."""
+        return self.offset_weights()[1]
 
     def dark_map(self):
         """Pixel variance of the map of dark-current slopes (e-/s)^2, without and with the sensor's own DSNU."""
@@ -80,18 +87,18 @@ class Information:
                 cov += sd**2 / per_plane * np.outer(of_plane, of_plane)
         return cov
 
-    def means(self, shift, free=()):
-        """Deviation (in standard deviations) of stack and plane means shifted by `shift`, electrons.
+    def means(self, shift, open_to=(), off=None):
+        """Deviation (in standard deviations) of stack and plane means shifted by `shift`, electrons; with `off`, the
+        matched statistic of means that are off by that much.
 
-        `free`: further vectors of which nothing is known, such as `self.mu` for the scale of the light.
+        `open_to`: further shifts of which nothing is known, such as `self.mu` for the scale of the light.
         """
-        d = np.broadcast_to(shift, self.var.shape).ravel()
         whiten = np.linalg.inv(np.linalg.cholesky(self.covariance()))
-        d = whiten @ d
-        if len(free):
-            open_to = whiten @ np.column_stack([np.ravel(f) for f in free])
-            d = d - open_to @ np.linalg.lstsq(open_to, d, rcond=None)[0]
-        return np.linalg.norm(d)
+        d = whiten @ np.broadcast_to(shift, self.var.shape).ravel()
+        if len(open_to):
+            free = whiten @ np.column_stack([np.ravel(f) for f in open_to])
+            d = d - free @ np.linalg.lstsq(free, d, rcond=None)[0]
+        return np.linalg.norm(d) if off is None else d @ whiten @ np.ravel(off) / np.linalg.norm(d)
 
     def shot_share(self):
         """Share of photo-electron shot noise in the variance."""

@@ -303,6 +303,21 @@ class AmpGlow(Effect):
         return {"x": self.x0, "y": self.y0, "width_pixels": self.width}
 
 
+class MeanShift(Effect):
+    """An effect seen in the means of stacks and planes."""
+
+    def shift(self):
+        """Electrons per unit of the amount, stacks x planes."""
+        raise NotImplementedError
+
+    def open_to(self):
+        """Shifts of which nothing is known."""
+        return []
+
+    def limit(self):
+        return FIVE / self.w.info.means(self.shift(), self.open_to())
+
+
 class MisSet(Effect):
     """A figure of the camera file is wrong; the amount is its relative error."""
     field = ""
@@ -345,13 +360,12 @@ class ReadNoise(MisSet):
         return self.limit() / FIVE * self.w.camera.read_e
 
 
-class DarkCurrent(MisSet):
+class DarkCurrent(MeanShift, MisSet):
     """Mean dark current of another size; its spread over the pixels as written."""
     kind, parameter, field = "dark-current", "mean_e_per_s", "dark_e_per_s"
 
-    def limit(self):
-        i = self.w.info
-        return FIVE / i.means(i.warm_t[:, None] * self.w.camera.dark_e_per_s)
+    def shift(self):
+        return self.w.info.warm_t[:, None] * self.w.camera.dark_e_per_s
 
 
 class Dsnu(MisSet):
@@ -363,17 +377,17 @@ class Dsnu(MisSet):
         return np.sqrt(1 + FIVE * np.sqrt(2 / i.pixels) * i.dark_map()[1] / s2) - 1
 
 
-class DarkTemperature(MisSet):
+class DarkTemperature(MeanShift, MisSet):
     """Another doubling interval of dark current; seen in the means of the cold and the warm stack."""
     kind, parameter, field = "dark-current-temperature", "doubling_c", "doubling_c"
 
-    def limit(self):
+    def shift(self):
         i, c = self.w.info, self.w.camera
         octaves = np.array([s.temperature_c - c.reference_c for s in i.stacks]) / c.doubling_c
-        return FIVE / i.means((-np.log(2) * octaves * i.warm_t * c.dark_e_per_s)[:, None])
+        return (-np.log(2) * octaves * i.warm_t * c.dark_e_per_s)[:, None]
 
 
-class BlackLevel(Effect):
+class BlackLevel(MeanShift):
     """Black level of another size (DN), of all pixels or, under a filter array, of one plane."""
     kind = "black-level-offset"
     parameter = "offset_dn"
@@ -387,8 +401,8 @@ class BlackLevel(Effect):
             self.parameter = f"channel_{plane}_dn"
             self.cell = np.eye(4)[plane]
 
-    def limit(self):
-        return FIVE / self.w.info.means(self.cell[None, :] / self.w.camera.gain)
+    def shift(self):
+        return self.cell[None, :] / self.w.camera.gain
 
     def fixed(self, maps):
         shift = self.sign * self.amount / self.w.camera.gain
