@@ -59,7 +59,7 @@ class ColumnGain(Component):
 
 
 class PrnuLowFrequency(Effect):
-    """A smooth factor 1 + m(x, y) on light: cosines of up to 1.5 cycles per frame, rms the amount.
+    """A smooth factor 1 + m(x, y) on light, rms the amount: cosines of up to 1.5 cycles per frame, or a tilted bowl.
 
     A pattern of rms m over A pixels of relative map variance v: m sqrt(A / v) = 5.
     """
@@ -67,18 +67,25 @@ class PrnuLowFrequency(Effect):
 
     def __init__(self, world, rng):
         super().__init__(world, rng)
-        weight = rng.standard_normal((4, 4)) / (1 + np.add.outer(np.arange(4), np.arange(4)))
-        weight[0, 0] = 0
-        rows = np.cos(np.pi * np.outer(np.arange(world.height) + 0.5, np.arange(4)) / world.height)
-        columns = np.cos(np.pi * np.outer(np.arange(world.width) + 0.5, np.arange(4)) / world.width)
-        pattern = rows @ weight @ columns.T
-        self.pattern = (pattern / pattern.std()).astype(F)
+        self.shape = str(rng.choice(["cosines", "bowl"]))
+        u, v = 2 * (world.x + 0.5) / world.width - 1, 2 * (world.y + 0.5) / world.height - 1
+        if self.shape == "cosines":
+            weight = rng.standard_normal((4, 4)) / (1 + np.add.outer(np.arange(4), np.arange(4)))
+            rows, columns = (np.cos(np.pi / 2 * np.outer(p.ravel() + 1, np.arange(4))) for p in (v, u))
+            pattern = rows @ weight @ columns.T
+        else:
+            a, b, c = rng.standard_normal(3)
+            pattern = u * u + v * v + 0.5 * (a * u + b * v + c * u * v)
+        self.pattern = ((pattern - pattern.mean()) / pattern.std()).astype(F)
 
     def limit(self):
         return FIVE * np.sqrt(self.w.info.gain_map()[1] / self.w.info.pixels)
 
     def fixed(self, maps):
         maps.light = maps.light * (1 + F(self.amount) * self.pattern)
+
+    def details(self):
+        return {"shape": self.shape}
 
 
 class LightShift(MeanShift):

@@ -1,5 +1,6 @@
 """Catalogued effects of read-out and dark charge, each with its equation and detection limit."""
 from dataclasses import replace
+from math import lgamma
 
 import numpy as np
 
@@ -155,22 +156,53 @@ class RandomTelegraph(Effect):
         return {"amplitude_e": self.step, "dwell_frames": self.dwell}
 
 
+def tukey_moments(a):
+    """Second and fourth moment of (u^a - (1 - u)^a) / a, u uniform."""
+    def beta(p, q):
+        return np.exp(lgamma(p) + lgamma(q) - lgamma(p + q))
+    second = 2 / a**2 * (1 / (2 * a + 1) - beta(a + 1, a + 1))
+    fourth = 2 / a**4 * (1 / (4 * a + 1) - 4 * beta(3 * a + 1, a + 1) + 3 * beta(2 * a + 1, 2 * a + 1))
+    return second, fourth
+
+
 class HeavyTails(Effect):
-    """Read noise of Student's t at unchanged variance; the amount is its excess kurtosis, 6 / (dof - 4).
+    """Read noise of unchanged variance and heavier tails, Student's t or Tukey's lambda distribution; the amount is
+    its excess kurtosis, for t 6 / (dof - 4).
 
     The fourth cumulant of N samples is known to sqrt(24 / N); other noise dilutes it by share^2.
     """
     kind = "heavy-tailed-read-noise"
     parameter = "excess_kurtosis"
 
+    def __init__(self, world, rng):
+        super().__init__(world, rng)
+        self.family = str(rng.choice(["student-t", "tukey-lambda"]))
+
     def limit(self):
         i = self.w.info
         return FIVE / np.sqrt(np.sum(i.samples() * i.read_share() ** 4) / 24)
 
+    @property
+    def shape(self):
+        """Degrees of freedom, or lambda by bisection: kurtosis falls from lambda = -0.2 to that of a normal variable."""
+        if self.family == "student-t":
+            return 4 + 6 / self.amount
+        low, high = -0.2, 0.1349
+        for _ in range(40):
+            middle = (low + high) / 2
+            second, fourth = tukey_moments(middle)
+            low, high = (middle, high) if fourth / second**2 - 3 > self.amount else (low, middle)
+        return low
+
     def noise(self, z, shot):
-        dof = 4 + 6 / self.amount
-        chi2 = 2 * shot.rng(self.kind).standard_gamma(dof / 2, z.shape, dtype=F)
-        return z * np.sqrt(F(dof - 2) / chi2)
+        rng, shape = shot.rng(self.kind), self.shape
+        if self.family == "student-t":
+            return z * np.sqrt(F(shape - 2) / (2 * rng.standard_gamma(shape / 2, z.shape, dtype=F)))
+        u = 1 - rng.random(z.shape)
+        return ((u**shape - (1 - u) ** shape) / (shape * np.sqrt(tukey_moments(shape)[0]))).astype(F)
+
+    def details(self):
+        return {"family": self.family, ("dof" if self.family == "student-t" else "lambda"): self.shape}
 
 
 class FrameOffset(Component):
