@@ -156,7 +156,7 @@ def one_line(line):
         return f"{line['key']}: FAILED {line['failure'][:200]}"
     c = Case(line)
     names = [n + ("" if n in c.confirmed else "?") for n in c.names]
-    wrong = "" if c.group == "outside" or set(names) == c.hidden else "  <-"
+    wrong = "" if c.group == "outside" or set(c.names) == c.hidden else "  <-"
     return f"{line['key']}: {c.answer['verdict']}, gap {c.answer['gap_after']:.2f}, {' '.join(names) or '-'}{wrong}"
 
 
