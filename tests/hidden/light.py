@@ -250,8 +250,8 @@ class ConverterBit(Effect):
 
 
 class ImageLag(LightShift):
-    """A share of the charge of the frame before is added. Seen in the dark after a bright flat; every other frame
-    comes after one of its own kind, which the scale of the light takes up."""
+    """A share of the electrons of the frame before comes late, each by chance (Poisson for a small share). Seen in the
+    dark after a bright flat; every other frame comes after one of its own kind: the scale of the light takes it up."""
     kind, parameter = "image-lag", "fraction"
 
     def before(self, stack):
@@ -263,7 +263,7 @@ class ImageLag(LightShift):
     def charge(self, q, shot):
         if shot.n == 0 or shot.stack.preceded_by:
             self.last = shot.sensor.collect(Shot(shot.sensor, self.before(shot.stack), f"before {shot.n}"))
-        self.last = q + F(self.amount) * self.last
+        self.last = q + shot.rng(self.kind).poisson(F(self.amount) * np.maximum(self.last, 0)).astype(F)
         return self.last
 
 
