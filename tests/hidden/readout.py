@@ -235,7 +235,8 @@ class FrameOffset(Component):
 
 
 class ReadoutChannels(Effect):
-    """Column x is read by channel x mod n, each with its own offset (e-) or gain; the amount is their rms.
+    """Column x is read by channel x mod n, each with its own offset (e-) or gain; the amount is their rms, the truth
+    file gives the standard deviation of n channels (n - 1 degrees of freedom).
 
     A pattern of rms o over A pixels of map variance v: o sqrt(A / v) = 5.
     """
@@ -261,7 +262,7 @@ class ReadoutChannels(Effect):
             maps.offset = maps.offset + F(self.amount) * self.pattern
 
     def details(self):
-        return {"channels": self.channels}
+        return {"channels": self.channels, self.parameter: self.amount * np.sqrt(self.channels / (self.channels - 1))}
 
 
 class ColumnOffset(Component):

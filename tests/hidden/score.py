@@ -13,6 +13,7 @@ import json
 import os
 import pathlib
 import secrets
+import signal
 import subprocess
 import sys
 import tempfile
@@ -132,16 +133,21 @@ def main():
         wanted = [j for j in jobs(a) if "answer" not in lines.get(j[0], {})]  # runs without an answer again
         stream(a.seed, "order").shuffle(wanted)  # so that a part of the run says something of all
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
         with concurrent.futures.ProcessPoolExecutor(a.jobs) as pool, a.results.open("a") as out:
             running = [pool.submit(judge, *job, a.seed, a) for job in wanted]
-            for done, future in enumerate(concurrent.futures.as_completed(running), 1):
-                line = future.result()
-                lines[line["key"]] = line
-                out.write(json.dumps(line) + "\n")
-                out.flush()
-                print(f"[{done}/{len(wanted)}] {tally.one_line(line)}", flush=True)
-                if done % 50 == 0:
-                    print(tally.summary(list(lines.values())), flush=True)
+            try:
+                for done, future in enumerate(concurrent.futures.as_completed(running), 1):
+                    line = future.result()
+                    lines[line["key"]] = line
+                    out.write(json.dumps(line) + "\n")
+                    out.flush()
+                    print(f"[{done}/{len(wanted)}] {tally.one_line(line)}", flush=True)
+                    if done % 50 == 0:
+                        print(tally.summary(list(lines.values())), flush=True)
+            except BaseException:  # interrupted: finish the sets in hand, which removes their files
+                pool.shutdown(cancel_futures=True)
+                raise
     ordered = [lines[k] for k in sorted(lines)]
     print(tally.summary(ordered))
     if a.output:
