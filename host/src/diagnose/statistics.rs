@@ -209,6 +209,11 @@ fn frame_variance(t: &Temporal) -> f64 {
     t.frame_means.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (t.frames as f64 - 1.0)
 }
 
+/// Standard deviation of the cube root of a mean of squares with `dof` degrees of freedom (Wilson & Hilferty 1931).
+fn spread_of_squares(value: f64, dof: f64) -> f64 {
+    value.max(0.0).cbrt() * (2.0 / (9.0 * dof)).sqrt()
+}
+
 /// Mean per channel: absolute for the reference dark stack, relative to it for all others, so that the mean of the
 /// offset pattern, which is another on each sensor, counts once.
 fn means(
@@ -353,7 +358,7 @@ fn noise_over_the_sensor(t: &Temporal, v: f64, add: &mut impl FnMut(What, f64, f
         add(What::NoiseSlope(i as u8), s / count, sd, Scale::Linear);
     }
     let ratio = blocks.iter().map(|b| b * b).sum::<f64>() / count * 256.0 / scatter;
-    add(What::NoiseBlocks, ratio, (2.0 / count).sqrt(), Scale::Log);
+    add(What::NoiseBlocks, ratio, spread_of_squares(ratio, count), Scale::CubeRoot);
 }
 
 /// White part, slow part and lines of row or column means. `across` pixels make one mean.
@@ -370,7 +375,8 @@ fn lines(
     add(all, mean * across / pixel_variance, (1.0 / (dof * bins)).sqrt(), Scale::Log);
     let few = power.len().min(8);
     let low = power[..few].iter().sum::<f64>() / few as f64;
-    add(slow, low / mean.max(1e-12), (1.0 / (dof * few as f64)).sqrt(), Scale::Log);
+    let (ratio, samples) = (low / mean.max(1e-12), 2.0 * dof * few as f64);
+    add(slow, ratio, spread_of_squares(ratio, samples), Scale::CubeRoot);
     // Against the bins around, so that a continuum is no line.
     let mut top = f64::MIN;
     for (i, &p) in power.iter().enumerate().skip(4) {
@@ -492,15 +498,19 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
         for (i, (k, variance)) in s.slopes.iter().zip(scatter).enumerate() {
             add(What::Slope(i as u8), *k, (variance + v / n).sqrt(), Scale::Linear);
         }
-        add(What::MapBlocks, s.blocks, (512.0 / n).sqrt(), Scale::Log);
-        add(What::FineBlocks, s.fine_blocks, (2.0 / (n / 256.0 - 25.0).max(1.0)).sqrt(), Scale::Log);
+        let blocks = n / 256.0;
+        let fine = (blocks - 25.0).max(1.0);
+        add(What::MapBlocks, s.blocks, spread_of_squares(s.blocks, blocks), Scale::CubeRoot);
+        add(What::FineBlocks, s.fine_blocks, spread_of_squares(s.fine_blocks, fine), Scale::CubeRoot);
         for (i, c) in s.corners.iter().enumerate() {
             let var = v * 64.0 / n + s.row_variance * 8.0 / h + s.column_variance * 8.0 / w;
             add(What::Corner(i as u8), *c, var.sqrt(), Scale::Linear);
         }
     }
-    add(What::RowPattern, s.row_variance, (2.0 / (h - 3.0)).sqrt(), Scale::Log);
-    add(What::ColumnPattern, s.column_variance, (2.0 / (w - 3.0)).sqrt(), Scale::Log);
+    let rows = spread_of_squares(s.row_variance, h - 3.0);
+    add(What::RowPattern, s.row_variance, rows, Scale::CubeRoot);
+    let columns = spread_of_squares(s.column_variance, w - 3.0);
+    add(What::ColumnPattern, s.column_variance, columns, Scale::CubeRoot);
     // A bin of a single line's power is exponential: P(> r) = e^−r.
     let line = |r: f64, bins: f64| tails::largest(tails::deviate(-r), bins as usize);
     add(What::RowPatternPeak, line(s.row_peak / 1.1, h / 2.0), 1.0, Scale::Linear);
