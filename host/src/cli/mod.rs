@@ -10,6 +10,7 @@ mod convert;
 mod crosstalk;
 mod demo;
 mod diagnose;
+mod effects;
 mod expose;
 mod lens;
 mod measure;
@@ -44,6 +45,7 @@ enum Command {
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Effects(effects::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -63,6 +65,7 @@ pub fn main() -> ExitCode {
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Effects(args) => effects::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");
