@@ -18,6 +18,7 @@ mod presets;
 mod rig;
 mod scene;
 mod simulate;
+mod validate;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -42,6 +43,7 @@ enum Command {
     Measure(measure::Args),
     Compare(compare::Args),
     Diagnose(diagnose::Args),
+    Validate(validate::Args),
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
@@ -62,6 +64,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Validate(args) => validate::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),

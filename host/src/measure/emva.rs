@@ -117,6 +117,8 @@ pub struct ChannelEmva {
     pub std_errors: StdErrors,
     /// Levels: photons, signal DN, variance DN² (both above dark), deviation from the line %.
     pub levels: Vec<LevelRow>,
+    /// Dark stacks at the flats' temperature.
+    pub darks: Vec<DarkRow>,
     /// Spectra of the dark mean frame, DN².
     pub spectrogram_dark: Option<Spectrogram>,
     /// Spectra of the flat mean frame less the dark one, DN².
@@ -140,6 +142,17 @@ pub struct LevelRow {
     pub variance_dn2: f64,
     /// Deviation from the line of the linearity fit, per cent, where the fit covers it.
     pub linearity_deviation_percent: Option<f64>,
+}
+
+/// One dark stack.
+#[derive(Clone, Debug, Serialize)]
+pub struct DarkRow {
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Mean, DN.
+    pub mean_dn: f64,
+    /// Temporal variance, DN².
+    pub variance_dn2: f64,
 }
 
 /// The outcome, with what a reader must know.
@@ -324,7 +337,8 @@ fn ladder_figures(
             0.40 / k
         ));
     }
-    let threshold_e = dark_dn / k + 0.5;
+    // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier ones left the ¼ out).
+    let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
     let saturation_p = photons.as_ref().map(|p| p[saturation]);
     let saturation_e = match (efficiency, saturation_p) {
         (Some(eta), Some(p)) => eta * p,
@@ -394,11 +408,17 @@ fn ladder_figures(
         variance_dn2: variance[i],
         linearity_deviation_percent: deviations.as_ref().map(|d| d[i].0),
     });
+    let dark_rows = darks.iter().map(|d| DarkRow {
+        exposure_s: d.exposure_s,
+        mean_dn: d.channels[c].mean(),
+        variance_dn2: d.channels[c].temporal,
+    });
     Ok(ChannelEmva {
         channel: name.to_owned(),
         figures,
         std_errors,
         levels: rows.collect(),
+        darks: dark_rows.collect(),
         spectrogram_dark: None,
         spectrogram_prnu: None,
         histogram_dsnu: None,

@@ -118,13 +118,20 @@ pub struct Ptc {
 /// Darks or flats missing, single frames, fewer than two usable flat levels, a black level that
 /// the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Ptc> {
-    let selection = Selection::of(set)?;
+    of_selection(set, &Selection::of(set)?)
+}
+
+/// The photon transfer of captures of one analog gain and light.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> {
     let (darks, dark_maps) = read_darks(set, &selection.darks)?;
     ladder::check_darks(set, &darks)?;
     let (other_darks, _) = read_darks(set, &selection.other_darks)?;
-    let flats = Flats::read(set, &selection, &darks)?;
+    let flats = Flats::read(set, selection, &darks)?;
 
-    let mut notes = sensor_notes(set, &selection, &darks);
+    let mut notes = sensor_notes(set, selection, &darks);
     // The longest stack tells fixed patterns best; the longest exposure among equals.
     let longest = (0..darks.len()).max_by(|&a, &b| {
         let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);

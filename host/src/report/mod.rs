@@ -2,6 +2,8 @@
 
 pub mod curves;
 pub mod diagnosis;
+pub mod emva;
 pub mod lens;
 pub mod page;
+pub mod paper;
 pub mod plot;

@@ -1,0 +1,3 @@
+//! Validating: a model's frames beside captured ones, figure by figure.
+
+pub mod paper;
