@@ -8,6 +8,7 @@ mod capture;
 mod compare;
 mod convert;
 mod crosstalk;
+mod datasheet;
 mod demo;
 mod diagnose;
 mod effects;
@@ -44,6 +45,7 @@ enum Command {
     Compare(compare::Args),
     Diagnose(diagnose::Args),
     Validate(validate::Args),
+    Datasheet(datasheet::Args),
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
@@ -65,6 +67,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Validate(args) => validate::run(&args),
+        Command::Datasheet(args) => datasheet::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),

@@ -78,7 +78,7 @@ pub fn sheet(page: &mut Page, channels: &[ChannelEmva]) {
 }
 
 /// The plots of one channel.
-fn plots(page: &mut Page, channel: &ChannelEmva) {
+pub fn plots(page: &mut Page, channel: &ChannelEmva) {
     let mut draw = |plot: &Plot, caption: &str| {
         page.drawing(&plot.svg(), &format!("Channel {}: {caption}", channel.channel));
     };

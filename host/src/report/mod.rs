@@ -2,6 +2,7 @@
 
 pub mod curves;
 pub mod diagnosis;
+pub mod datasheet;
 pub mod emva;
 pub mod lens;
 pub mod page;

@@ -1,3 +1,4 @@
-//! Validating: a model's frames beside captured ones, figure by figure.
+//! A model's frames measured as real ones are: beside captured ones, and for its data sheet.
 
+pub mod datasheet;
 pub mod paper;
