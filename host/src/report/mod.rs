@@ -1,8 +1,8 @@
 //! What people look at: self-contained pages.
 
 pub mod curves;
-pub mod diagnosis;
 pub mod datasheet;
+pub mod diagnosis;
 pub mod emva;
 pub mod lens;
 pub mod page;
