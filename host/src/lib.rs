@@ -1,7 +1,7 @@
 //! camrig: a camera-system simulator for hardware-in-the-loop benches of image signal processors.
 //!
 //! Layers, top to bottom; each uses only those below it:
-//! `cli` (one file per command) → `report`, `diagnose` → `measure` → `render` (scene + camera →
+//! `cli` (one file per command) → `report`, `diagnose`, `validate` → `measure` → `render` (scene + camera →
 //! irradiance → raw) → `optics`, `scene`, `camera`, `formats` → `sensor-core` (the sensor, in rows).
 //! See `ARCHITECTURE.md` for the data flow with units.
 
@@ -20,6 +20,7 @@ pub mod report;
 pub mod rig;
 pub mod scene;
 pub mod toml_text;
+pub mod validate;
 
 pub use error::{Error, Result};
 pub use frame::RawFrame;

@@ -1,6 +1,6 @@
 //! From the raw shape of a camera file to checked values.
 
-use super::effects::read_effect;
+use super::effects::{AnyEffect, read_effect};
 use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
 use super::{Camera, Cfa, CrosstalkTable, Folder, LensKind, LensModel, Noise};
 use super::{RelativeIllumination, SensorModel};
@@ -57,14 +57,17 @@ pub(super) fn camera(
 ) -> Result<Camera> {
     let lens = lens(file.lens, &Keys { text, table: "lens" }, folder)?;
     let sensor = sensor(file.sensor, text, folder)?;
-    let mut effects = Vec::new();
+    let (mut effects, mut optical_effects) = (Vec::new(), Vec::new());
     for table in &file.effects {
         let line = toml_text::line_of(text, table.span().start);
         let place = |e: Error| e.at(format!("[[effect]] at line {line}"));
-        effects.push(read_effect(table.get_ref()).map_err(place)?);
+        match read_effect(table.get_ref()).map_err(place)? {
+            AnyEffect::Sensor(effect) => effects.push(effect),
+            AnyEffect::Optical(effect) => optical_effects.push(effect),
+        }
     }
     let name = file.name.unwrap_or_else(|| default_name.to_string());
-    let camera = Camera { name, lens, sensor, effects, text: text.to_string() };
+    let camera = Camera { name, lens, sensor, effects, optical_effects, text: text.to_string() };
     camera.check_chain()?;
     Ok(camera)
 }

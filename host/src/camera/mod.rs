@@ -15,7 +15,7 @@ mod tests;
 
 pub use cfa::Cfa;
 pub use crosstalk::CrosstalkTable;
-pub use effects::read_effect;
+pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
 use crate::scene::Spectrum;
@@ -33,6 +33,8 @@ pub struct Camera {
     pub sensor: SensorModel,
     /// Effects of the sensor beyond the base model, in the order of the file.
     pub effects: Vec<sensor_core::effects::Effect>,
+    /// Effects of the optics beyond the lens's description, in the order of the file.
+    pub optical_effects: Vec<crate::optics::OpticalEffect>,
     /// The file's text, for reports.
     pub text: String,
 }

@@ -184,8 +184,11 @@ impl Camera {
         }
     }
 
-    /// Checks that the chain fits the sensor model.
-    pub(super) fn check_chain(&self) -> Result<()> {
+    /// Checks that the chain fits the sensor model; for cameras whose effects were changed after loading.
+    ///
+    /// # Errors
+    /// More effects than a sensor takes.
+    pub fn check_chain(&self) -> Result<()> {
         let chain = self.chain();
         let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
         let most = sensor_core::pipeline::MAX_WINDOWS;

@@ -51,3 +51,25 @@ fn wrong_effects_are_named() {
         assert!(message.contains("[[effect]] at line"), "{message}");
     }
 }
+
+#[test]
+fn optical_effects_are_kept_apart_from_the_sensor() {
+    let text = format!(
+        "{GOOD}\n[[effect]]\nkind = \"defocus\"\nshift_um = 12\n\n[[effect]]\nkind = \
+         \"row-temporal-noise\"\nsigma_e = 1\n\n[[effect]]\nkind = \"distortion\"\nk1 = 0.01\n"
+    );
+    let plain = Camera::parse(GOOD, "test", &Folder::BuiltIn).unwrap();
+    let camera = Camera::parse(&text, "test", &Folder::BuiltIn).unwrap();
+    let kinds: Vec<_> = camera.optical_effects.iter().map(|e| e.entry().kind).collect();
+    assert_eq!(kinds, ["defocus", "distortion"]);
+    assert_eq!(camera.optical_effects[1].values(), [0.01, 0.0, 1.0]);
+    assert_eq!(camera.chain().len(), plain.chain().len() + 1);
+    for (effect, expected) in [
+        ("kind = \"defocus\"", "\"shift_um\" of \"defocus\" is missing"),
+        ("kind = \"defocus\"\nshift_um = 2000", "-1000 to 1000"),
+        ("kind = \"veiling-glar\"\nfraction = 0.1", "did you mean \"veiling-glare\""),
+    ] {
+        let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
+        assert!(message.contains(expected), "{effect}: {message}");
+    }
+}

@@ -4,7 +4,7 @@ use super::arguments::{duration, progress};
 use crate::camera::Camera;
 use crate::captures::{CaptureSet, Role, bench};
 use crate::formats::output::write_file;
-use crate::measure::crosstalk;
+use crate::measure::{coupling, crosstalk};
 use crate::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
@@ -94,7 +94,7 @@ fn run_fit(args: &FitArgs) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.captures)?;
     let result = crosstalk::fit(&set)?;
     let coupling = match set.with_role(Role::Flat).next() {
-        Some(_) => Some(crosstalk::coupling(&set)?),
+        Some(_) => Some(coupling::fit(&set)?),
         None => None,
     };
     for note in &result.notes {
@@ -107,10 +107,7 @@ fn run_fit(args: &FitArgs) -> Result<ExitCode> {
     if args.json {
         let mut object = serde_json::to_value(&result)
             .map_err(|e| Error::input(format!("figures as JSON: {e}")))?;
-        object["neighbour_coupling"] = match coupling {
-            Some([h, v]) => json!({ "horizontal": h, "vertical": v }),
-            None => serde_json::Value::Null,
-        };
+        object["neighbour_coupling"] = json!(coupling);
         println!("{object}");
         return Ok(ExitCode::SUCCESS);
     }
@@ -123,7 +120,7 @@ fn run_fit(args: &FitArgs) -> Result<ExitCode> {
             c.scan, c.samples, c.rms_percent, c.chi2_per_sample
         );
     }
-    if let Some([h, v]) = coupling {
+    if let Some(coupling::Coupling { horizontal: h, vertical: v }) = coupling {
         eprintln!(
             "neighbour coupling: {:.4} ± {:.4} horizontal, {:.4} ± {:.4} vertical",
             h.value, h.std_error, v.value, v.std_error

@@ -8,8 +8,10 @@ mod capture;
 mod compare;
 mod convert;
 mod crosstalk;
+mod datasheet;
 mod demo;
 mod diagnose;
+mod effects;
 mod expose;
 mod lens;
 mod measure;
@@ -17,6 +19,7 @@ mod presets;
 mod rig;
 mod scene;
 mod simulate;
+mod validate;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -41,9 +44,12 @@ enum Command {
     Measure(measure::Args),
     Compare(compare::Args),
     Diagnose(diagnose::Args),
+    Validate(validate::Args),
+    Datasheet(datasheet::Args),
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Effects(effects::Args),
 }
 
 /// Runs the program on the process's arguments.
@@ -60,9 +66,12 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(args),
         Command::Compare(args) => compare::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Validate(args) => validate::run(&args),
+        Command::Datasheet(args) => datasheet::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Effects(args) => effects::run(&args),
     };
     outcome.unwrap_or_else(|error| {
         eprintln!("error: {error}");

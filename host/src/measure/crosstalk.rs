@@ -8,9 +8,8 @@
 //! point and of the centre.
 //!
 //! The experiment sees the low spatial frequencies only. Charge that couples into neighbours leaves
-//! these factors as they are; it shows as correlated noise in flats ([`coupling`]).
+//! these factors as they are; it shows as correlated noise in flats ([`super::coupling`]).
 
-use super::correlation::NoiseCorrelation;
 use super::stack::Stack;
 use super::value::Value;
 use crate::captures::{Capture, CaptureSet, Role, Rotation, Scan};
@@ -406,51 +405,6 @@ fn bilinear(nodes: &[Node], x: f64, y: f64) -> Option<Value> {
     let value = corners.iter().map(|(f, w)| f.value * w).sum();
     let error = corners.iter().map(|(f, w)| (f.std_error * w).powi(2)).sum::<f64>().sqrt();
     Some(Value::new(value, error))
-}
-
-/// Share of a pixel's charge that couples into each horizontal and each vertical neighbour after
-/// it was collected, from the correlation of the shot noise of a flat.
-///
-/// With shares a and b to the left and right, above and below, the noise of neighbours in a row
-/// has the correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares
-/// that meet in no third pixel are left out). Read noise is added after the coupling: it thins the
-/// correlation by the share of the variance that is not shot noise.
-///
-/// # Errors
-/// No flat with two frames, no dark to take the read noise from.
-pub fn coupling(set: &CaptureSet) -> Result<[Value; 2]> {
-    let flat = set
-        .with_role(Role::Flat)
-        .last()
-        .ok_or_else(|| Error::input("no flat captures").help("coupling shows in flats' noise"))?;
-    let dark = set
-        .with_role(Role::Dark)
-        .next()
-        .ok_or_else(|| Error::input("no dark captures").help("the read noise must be known"))?;
-    let variance = |c: &Capture| -> Result<f64> {
-        let stack = Stack::read(set, c)?;
-        let channels = set.cfa().channels().len();
-        Ok((0..channels).map(|c| stack.channel_moments(c).temporal).sum::<f64>() / channels as f64)
-    };
-    let (total, read) = (variance(flat)?, variance(dark)?);
-    let shot_share = 1.0 - read / total;
-    if shot_share.is_nan() || shot_share < 0.1 {
-        return Err(Error::input("the flat's noise is not shot noise")
-            .help("use a flat at half saturation"));
-    }
-    let correlation = NoiseCorrelation::of(set, flat)?;
-    let rho = |lag| {
-        let none = || Error::input("no correlation at that lag");
-        correlation.at(lag).ok_or_else(none).map(|r| r.scaled(1.0 / shot_share))
-    };
-    let (h, v) = (rho((1, 0))?, rho((0, 1))?);
-    let (mut a, mut b) = (0.5 * h.value, 0.5 * v.value);
-    for _ in 0..50 {
-        let c = 1.0 - 2.0 * a - 2.0 * b;
-        let norm = c * c + 2.0 * a * a + 2.0 * b * b;
-        (a, b) = (0.5 * h.value * norm / c, 0.5 * v.value * norm / c);
-    }
-    Ok([Value::new(a, 0.5 * h.std_error), Value::new(b, 0.5 * v.std_error)])
 }
 
 #[cfg(test)]

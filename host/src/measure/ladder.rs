@@ -53,23 +53,41 @@ impl<'a> Selection<'a> {
     /// # Errors
     /// No darks, or no flats.
     pub fn of(set: &'a CaptureSet) -> Result<Self> {
-        let flats: Vec<&Capture> = set.with_role(Role::Flat).collect();
+        let all = Self::all(set);
+        // Most flats; the first of the file among equals.
+        let most = all.iter().map(|s| s.flats.len()).max();
+        let best = all.into_iter().find(|s| Some(s.flats.len()) == most);
+        let best = best.ok_or_else(|| {
+            Error::input("no flat captures")
+                .help("photon transfer needs captures of role = \"flat\" at several exposures")
+        })?;
+        if best.darks.is_empty() {
+            return Err(Error::input(format!(
+                "no dark captures at analog gain {}",
+                best.analog_gain
+            ))
+            .help("add captures of role = \"dark\" at the flats' exposure times"));
+        }
+        Ok(best)
+    }
+
+    /// Every combination of analog gain and wavelength that has flats, in the order of the file.
+    pub fn all(set: &'a CaptureSet) -> Vec<Self> {
         let key = |c: &Capture| (c.analog_gain, wavelength(c));
-        let mut kinds: Vec<((f64, Option<f64>), usize)> = Vec::new();
-        for flat in &flats {
-            match kinds.iter_mut().find(|(k, _)| *k == key(flat)) {
-                Some((_, n)) => *n += 1,
-                None => kinds.push((key(flat), 1)),
+        let mut kinds: Vec<(f64, Option<f64>)> = Vec::new();
+        for flat in set.with_role(Role::Flat) {
+            if !kinds.contains(&key(flat)) {
+                kinds.push(key(flat));
             }
         }
-        // Most flats; the first of the file among equals.
-        let most = kinds.iter().map(|k| k.1).max().unwrap_or(0);
-        let Some(&((gain, wavelength_nm), _)) = kinds.iter().find(|k| k.1 == most) else {
-            return Err(Error::input("no flat captures")
-                .help("photon transfer needs captures of role = \"flat\" at several exposures"));
-        };
-        let flats: Vec<&Capture> =
-            flats.into_iter().filter(|c| key(c) == (gain, wavelength_nm)).collect();
+        kinds.into_iter().map(|kind| Self::of_kind(set, kind)).collect()
+    }
+
+    fn of_kind(set: &'a CaptureSet, (gain, wavelength_nm): (f64, Option<f64>)) -> Self {
+        let flats: Vec<&Capture> = set
+            .with_role(Role::Flat)
+            .filter(|c| (c.analog_gain, wavelength(c)) == (gain, wavelength_nm))
+            .collect();
         let reference = flats.iter().find_map(|c| c.temperature_c);
         let near = |c: &&Capture| match (reference, c.temperature_c) {
             (Some(a), Some(b)) => (a - b).abs() <= SAME_TEMPERATURE_C,
@@ -77,20 +95,10 @@ impl<'a> Selection<'a> {
         };
         let (darks, other_darks): (Vec<_>, Vec<_>) =
             set.with_role(Role::Dark).filter(|c| c.analog_gain == gain).partition(near);
-        if darks.is_empty() {
-            return Err(Error::input(format!("no dark captures at analog gain {gain}"))
-                .help("add captures of role = \"dark\" at the flats' exposure times"));
-        }
         let even =
             |c: &&Capture| c.light.as_ref().is_some_and(|l| l.uniformity == Uniformity::Flat);
-        Ok(Self {
-            analog_gain: gain,
-            wavelength_nm,
-            even_light: flats.iter().all(even),
-            darks,
-            other_darks,
-            flats,
-        })
+        let even_light = flats.iter().all(even);
+        Self { analog_gain: gain, wavelength_nm, even_light, darks, other_darks, flats }
     }
 }
 

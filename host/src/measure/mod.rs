@@ -3,9 +3,11 @@
 
 pub mod compare;
 pub mod correlation;
+pub mod coupling;
 pub mod crosstalk;
 pub mod emva;
 pub mod fit;
+pub mod gains;
 pub mod ladder;
 pub mod maps;
 pub mod mtf;

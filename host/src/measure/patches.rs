@@ -116,6 +116,38 @@ pub fn measure(
         .collect())
 }
 
+/// Share of the patches' pixels that stand out from their patch and channel by more than `sigmas` robust
+/// standard deviations (1.4826 times the median absolute deviation, at least that of rounding).
+///
+/// # Errors
+/// Patches that leave the frame.
+pub fn outliers(frame: &Plane<u16>, cfa: &Cfa, corners: &Corners, sigmas: f64) -> Result<f64> {
+    let (mut found, mut all) = (0usize, 0usize);
+    for index in 0..COUNT {
+        let (centre, half) = place(corners, index);
+        check_inside(frame, centre, half).map_err(|e| e.at(format!("patch {}", index + 1)))?;
+        let span = |v: f64| (v - half).ceil() as usize..(v + half) as usize;
+        for channel in 0..cfa.channels().len() {
+            let pixels = span(centre[1]).flat_map(|y| span(centre[0]).map(move |x| (x, y)));
+            let mut values: Vec<f64> = pixels
+                .filter(|&(x, y)| cfa.channel(x, y) == channel)
+                .map(|(x, y)| f64::from(frame.at(x, y)))
+                .collect();
+            let middle = median(&mut values);
+            let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
+            let limit = sigmas * (1.4826 * median(&mut off)).max(1.0 / 12f64.sqrt());
+            found += off.iter().filter(|d| **d > limit).count();
+            all += off.len();
+        }
+    }
+    Ok(found as f64 / all.max(1) as f64)
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// Weights per channel: BT.709 for red, green, blue; equal for other patterns.
 fn luminance_weights(cfa: &Cfa) -> Vec<f64> {
     let letters = cfa.channels();
@@ -141,6 +173,18 @@ fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
     ([at(0), at(1)], 0.5 * SAMPLED * pitch)
 }
 
+fn check_inside(frame: &Plane<u16>, centre: [f64; 2], half: f64) -> Result<()> {
+    let inside = centre[0] - half >= 0.0
+        && centre[1] - half >= 0.0
+        && centre[0] + half <= frame.width as f64
+        && centre[1] + half <= frame.height as f64;
+    if !inside || half.is_nan() {
+        return Err(Error::input("the patch lies outside the frame")
+            .help("--corners are the centres of patches 1, 6, 24 and 19 in pixels"));
+    }
+    Ok(())
+}
+
 /// Channel means of every pattern period inside a square.
 fn sample(
     frame: &Plane<u16>,
@@ -151,14 +195,7 @@ fn sample(
     half: f64,
     channels: usize,
 ) -> Result<Vec<Vec<f64>>> {
-    let inside = centre[0] - half >= 0.0
-        && centre[1] - half >= 0.0
-        && centre[0] + half <= frame.width as f64
-        && centre[1] + half <= frame.height as f64;
-    if !inside || half.is_nan() {
-        return Err(Error::input("the patch lies outside the frame")
-            .help("--corners are the centres of patches 1, 6, 24 and 19 in pixels"));
-    }
+    check_inside(frame, centre, half)?;
     let cell = |v: f64, step: usize| (v / step as f64).ceil() as usize;
     let columns = cell(centre[0] - half, cfa.width)..cell(centre[0] + half, cfa.width);
     let rows = cell(centre[1] - half, cfa.height)..cell(centre[1] + half, cfa.height);
@@ -232,6 +269,16 @@ mod tests {
             let error = green / (2.0 * p.samples as f64).sqrt();
             assert!((p.std_dn[1] - green).abs() < 5.0 * error, "{index} {p:?}");
         }
+        // Noise has no outliers; a hundred bright pixels within the patches are found.
+        assert_eq!(outliers(&frame, &cfa, &corners, 6.0).unwrap(), 0.0);
+        let (c, half) = place(&corners, 7);
+        let (x, y) = ((c[0] - half) as usize + 2, (c[1] - half) as usize + 2);
+        for k in 0..100 {
+            frame.data[(y + k / 10) * w + x + k % 10] = 1000;
+        }
+        let pixels = (2.0 * half).floor().powi(2) * COUNT as f64;
+        let share = outliers(&frame, &cfa, &corners, 6.0).unwrap();
+        assert!((share * pixels - 100.0).abs() < 15.0, "{}", share * pixels);
         let outside = [[-50.0, 0.0], [600.0, 0.0], [600.0, 400.0], [0.0, 400.0]];
         assert!(measure(&frame, &cfa, 64.0, 1023, &outside).is_err());
         assert!(measure(&frame, &cfa, 64.0, 300, &corners).is_err());

@@ -116,6 +116,56 @@ pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> 
     })
 }
 
+/// Samples to either side of an edge that are matched, and the largest displacement looked for.
+const WINDOW: usize = 10;
+const FARTHEST: usize = 10;
+
+/// How far the edges of a profile lie from those of a reference: (place, displacement), both in pixels, for
+/// every edge of the reference that stands clear of its noise and is found again.
+///
+/// The displacement is where the correlation of the windows is largest, by a parabola through its peak.
+pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
+    let (a, b) = (&profile.points, &reference.points);
+    let n = a.len().min(b.len());
+    if n < 2 * (WINDOW + FARTHEST) + 1 {
+        return Vec::new();
+    }
+    let step = (b[n - 1][0] - b[0][0]) / (n - 1) as f64;
+    // Difference of the means of three samples on either side.
+    let jump =
+        |i: usize| -> f64 { (1..=3).map(|k| b[i + k][1] - b[i - k][1]).sum::<f64>().abs() / 3.0 };
+    let range = WINDOW + FARTHEST..n - WINDOW - FARTHEST;
+    let mut jumps: Vec<f64> = range.clone().map(jump).collect();
+    jumps.sort_by(f64::total_cmp);
+    // Most of a profile has no edge, so the median jump is that of the noise.
+    let clear = 8.0 * jumps[jumps.len() / 2];
+    let is_edge = |&i: &usize| {
+        let around = i.saturating_sub(WINDOW).max(3)..(i + WINDOW).min(n - 3);
+        jump(i) > clear && around.into_iter().all(|k| k == i || jump(k) < jump(i))
+    };
+    let correlation = |at: usize, shift: isize| {
+        let window = |points: &[[f64; 2]], middle: usize| -> Vec<f64> {
+            let part: Vec<f64> =
+                points[middle - WINDOW..=middle + WINDOW].iter().map(|p| p[1]).collect();
+            let mean = part.iter().sum::<f64>() / part.len() as f64;
+            part.iter().map(|v| v - mean).collect()
+        };
+        let (p, q) = (window(a, at.saturating_add_signed(shift)), window(b, at));
+        let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
+        dot(&p, &q) / (dot(&p, &p) * dot(&q, &q)).sqrt()
+    };
+    let found = range.filter(is_edge).filter_map(|i| {
+        let reach = FARTHEST as isize;
+        let values: Vec<f64> = (-reach..=reach).map(|s| correlation(i, s)).collect();
+        let best = (1..values.len() - 1).max_by(|&p, &q| values[p].total_cmp(&values[q]))?;
+        let [left, peak, right] = [values[best - 1], values[best], values[best + 1]];
+        let vertex = 0.5 * (left - right) / (left - 2.0 * peak + right);
+        let shift = best as f64 - reach as f64 + vertex;
+        (peak > 0.9 && vertex.abs() <= 1.0).then_some([b[i][0], shift * step])
+    });
+    found.collect()
+}
+
 /// Relative illumination: a channel's mean over rings of equal width around the frame's centre,
 /// relative to the innermost; (radius over the half diagonal, ratio, its standard error).
 ///
@@ -177,6 +227,21 @@ mod tests {
         assert!((d.ratio_of_means - 2.0).abs() < 1e-12);
         assert!(d.rms_scaled_dn < 1e-9 && (d.correlation - 1.0).abs() < 1e-12);
         assert!(along(&frame, &cfa, 'G', 0.0, Along::Row, 29, 2).is_err());
+
+        // Stripes of 60 pixels with soft edges, stretched by 0.5 % about the middle.
+        let stripes = |stretch: f64| {
+            let points = (0..600).map(|x| {
+                let x = f64::from(x);
+                let u = (x - 300.0) / stretch + 300.0;
+                [x, 100.0 + 50.0 * (8.0 * (u * std::f64::consts::PI / 60.0).sin()).tanh()]
+            });
+            Profile { points: points.collect() }
+        };
+        let shifts = displacements(&stripes(1.005), &stripes(1.0));
+        assert!(shifts.len() >= 7, "{shifts:?}");
+        for [x, shift] in shifts {
+            assert!((shift - 0.005 * (x - 300.0)).abs() < 0.05, "{x} {shift}");
+        }
 
         let flat = Plane::filled(40, 30, 110u16);
         let rings = relative_illumination(&flat, &cfa, 'R', 10.0, 8).unwrap();

@@ -109,7 +109,7 @@ impl PlaneMoments {
     }
 
     /// Splits the variance that is left without the pixels' own noise variance `noise` (EMVA 1288
-    /// R4, eq. 38 to 45: the three parts of the total, and of the variances of the averages).
+    /// R4, section 8: the three parts of the total, and of the variances of the averages).
     /// `sites` planes of this size were averaged. Errors are those of Gaussian patterns: a variance
     /// seen through k samples has a relative error of sqrt(2/k).
     pub fn split(&self, noise: f64, sites: usize) -> SpatialVariance {

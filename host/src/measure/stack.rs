@@ -258,8 +258,8 @@ pub struct Moments {
     pub frames: usize,
     /// Variance of the frames' means: temporal noise of the mean and drift of the light.
     pub drift: f64,
-    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4 for
-    /// two frames: half the mean square difference less half the squared difference of the means;
+    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4, eq. 18,
+    /// for two frames: half the mean square difference less half the squared difference of the means;
     /// this is the same for any number of frames). 0 for one frame.
     pub temporal: f64,
     /// Standard error of `temporal` for Gaussian noise whose variance may differ over pixels.

@@ -20,6 +20,15 @@ pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
+/// Largest relative change that rounding to whole DN makes to differences of means much smaller than a DN,
+/// under Gaussian noise of `variance` (DN², before rounding).
+///
+/// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár 2008, ch. 4): its
+/// slope differs from 1 by up to 2 exp(−2π²σ²).
+pub fn rounding_of_patterns(variance: f64) -> f64 {
+    2.0 * (-2.0 * std::f64::consts::PI.powi(2) * variance).exp()
+}
+
 /// Exposure times that agree to this fraction are one exposure time.
 const SAME_EXPOSURE: f64 = 1e-6;
 
@@ -434,6 +443,23 @@ fn abscissa_slope(s: f64, response: &Response) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rounding_of_small_patterns() {
+        // Slope of the mean of rounded Gaussian samples at a whole DN, where it is least, by summing codes.
+        for sigma in [0.3, 0.45, 0.6] {
+            let mean = |mu: f64| {
+                let density = |k: i32| (-0.5 * ((f64::from(k) * 1e-4 - mu) / sigma).powi(2)).exp();
+                let all = -60_000..60_000;
+                let sum: f64 =
+                    all.clone().map(|k| density(k) * (f64::from(k) * 1e-4).round()).sum();
+                sum / all.map(density).sum::<f64>()
+            };
+            let slope = (mean(0.01) - mean(-0.01)) / 0.02;
+            let found = 1.0 - rounding_of_patterns(sigma * sigma);
+            assert!((slope - found).abs() < 0.02, "{sigma}: {slope} {found}");
+        }
+    }
 
     #[test]
     fn rounding_of_little_noise() {

@@ -120,7 +120,7 @@ impl Content {
 mod tests {
     use super::*;
     use crate::Plane;
-    use crate::optics::{Departures, Diffraction, Illumination};
+    use crate::optics::{Departed, Departures, Diffraction, Distortion, Illumination};
     use crate::scene::{Quantity, Spectrum};
 
     struct Ramp(f32);
@@ -148,7 +148,7 @@ mod tests {
             magnification: 0.0,
             transmittance: Spectrum::constant(0.9),
             illumination: Illumination::Cos4,
-            departures: Departures::default(),
+            defocus_um: 0.0,
         };
         let grid = SensorGrid { width: 24, height: 16, pitch_um: 2.2, fill_factor: 0.6 };
         let white = [1.0; 3];
@@ -162,13 +162,18 @@ mod tests {
             key(&Ramp(1.0), &white, &lens, &SensorGrid { pitch_um: 2.3, ..grid }, &options),
             key(&Ramp(1.0), &white, &lens, &grid, &Options { oversample: Some(2), ..options }),
         ];
+        let defocused = Diffraction { defocus_um: 3.0, ..lens.clone() };
+        others.push(key(&Ramp(1.0), &white, &defocused, &grid, &options));
         for departures in [
-            Departures { defocus_um: 3.0, ..Departures::default() },
-            Departures { k1: 1e-3, ..Departures::default() },
+            Departures {
+                distortion: Distortion { k1: 1e-3, ..Distortion::default() },
+                ..Departures::default()
+            },
             Departures { veiling_glare: 0.01, ..Departures::default() },
             Departures { axis_mm: (0.0, 0.1), ..Departures::default() },
+            Departures { transmittance: Spectrum::constant(0.9), ..Departures::default() },
         ] {
-            let lens = Diffraction { departures, ..lens.clone() };
+            let lens = Departed { lens: Box::new(lens.clone()), departures };
             others.push(key(&Ramp(1.0), &white, &lens, &grid, &options));
         }
         for (i, other) in others.into_iter().enumerate() {

@@ -1,7 +1,6 @@
-//! The diffraction-limited lens of which only key parameters are known, and simple departures from it.
+//! The diffraction-limited lens of which only key parameters are known, in focus or out of it.
 //!
-//! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus;
-//! Brown-Conrady for radial distortion.
+//! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus.
 //! Circular pupil without obscuration, incoherent light, scalar diffraction.
 
 use super::engine::{Blur, Lens, RadialCurve};
@@ -9,7 +8,7 @@ use super::interpolate::MonotoneCubic;
 use crate::scene::Spectrum;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A perfect lens of given f-number, with optional departures (all zero by default).
+/// A perfect lens of given f-number.
 #[derive(Clone, Debug)]
 pub struct Diffraction {
     /// N: focal length over entrance-pupil diameter.
@@ -22,8 +21,8 @@ pub struct Diffraction {
     pub transmittance: Spectrum,
     /// Fall-off of illumination towards the corners.
     pub illumination: Illumination,
-    /// What keeps the lens from being perfect.
-    pub departures: Departures,
+    /// Displacement of the sensor from the focus along the axis, µm; sign without effect.
+    pub defocus_um: f64,
 }
 
 /// Relative illumination over the field.
@@ -35,36 +34,6 @@ pub enum Illumination {
     Uniform,
     /// Ratio over real image height in mm.
     Table(MonotoneCubic),
-}
-
-/// Departures from the perfect lens.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Departures {
-    /// Displacement of the sensor from the focus along the axis, µm; sign without effect.
-    pub defocus_um: f64,
-    /// Brown-Conrady k1: real height = h·(1 + k1·t² + k2·t⁴), t = h / image distance.
-    pub k1: f64,
-    /// Brown-Conrady k2.
-    pub k2: f64,
-    /// Lateral colour: factor of the image's size at each wavelength.
-    pub lateral_colour: Spectrum,
-    /// Fraction of the light that is spread evenly over the frame.
-    pub veiling_glare: f64,
-    /// Where the optical axis meets the sensor, mm right of and below its centre.
-    pub axis_mm: (f64, f64),
-}
-
-impl Default for Departures {
-    fn default() -> Self {
-        Self {
-            defocus_um: 0.0,
-            k1: 0.0,
-            k2: 0.0,
-            lateral_colour: Spectrum::constant(1.0),
-            veiling_glare: 0.0,
-            axis_mm: (0.0, 0.0),
-        }
-    }
 }
 
 impl Diffraction {
@@ -87,8 +56,7 @@ impl Diffraction {
     /// defocus. Real, since the pupil is symmetric.
     pub fn otf(&self, nm: f64, cycles_per_mm: f64) -> f64 {
         // W020 = δ/(8 Nw²), the wavefront error at the pupil's edge, in waves.
-        let waves =
-            self.departures.defocus_um.abs() * 1e3 / (8.0 * self.working_f_number().powi(2) * nm);
+        let waves = self.defocus_um.abs() * 1e3 / (8.0 * self.working_f_number().powi(2) * nm);
         hopkins_otf(cycles_per_mm.abs() / self.cutoff_per_mm(nm), waves)
     }
 }
@@ -133,43 +101,15 @@ impl Lens for Diffraction {
         }
     }
 
-    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>> {
-        let Departures { k1, k2, ref lateral_colour, .. } = self.departures;
-        let size = lateral_colour.at(nm);
-        if k1 == 0.0 && k2 == 0.0 && size == 1.0 {
-            return None;
-        }
-        let distance = self.image_distance_mm();
-        Some(Box::new(move |real| {
-            // Newton from the undistorted height; monotone for every distortion that does not fold.
-            let target = real / (size * distance);
-            let mut t = target;
-            for _ in 0..50 {
-                let t2 = t * t;
-                let step = (t * (1.0 + t2 * (k1 + t2 * k2)) - target)
-                    / (1.0 + t2 * (3.0 * k1 + 5.0 * t2 * k2));
-                t -= step;
-                if step.abs() < 1e-14 * (1.0 + t.abs()) {
-                    break;
-                }
-            }
-            t * distance
-        }))
-    }
-
-    fn axis_mm(&self) -> (f64, f64) {
-        self.departures.axis_mm
-    }
-
-    fn veiling_glare(&self) -> f64 {
-        self.departures.veiling_glare
+    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        None
     }
 
     fn blur(&self, nm: f64) -> Blur<'_> {
         // The line-spread function's tail beyond X holds 2λN/(π³X) of the light on each side:
         // 0.2 % beyond 32 λN. The geometric blur circle of defocus comes on top.
         let spread = 32e-3 * nm * self.working_f_number()
-            + self.departures.defocus_um.abs() / (2.0 * self.working_f_number());
+            + self.defocus_um.abs() / (2.0 * self.working_f_number());
         Blur::Otf {
             cutoff_per_mm: self.cutoff_per_mm(nm),
             spread_um: spread,
@@ -181,17 +121,6 @@ impl Lens for Diffraction {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    pub(crate) fn perfect(f_number: f64) -> Diffraction {
-        Diffraction {
-            f_number,
-            focal_length_mm: 4.0,
-            magnification: 0.0,
-            transmittance: Spectrum::constant(1.0),
-            illumination: Illumination::Uniform,
-            departures: Departures::default(),
-        }
-    }
 
     #[test]
     fn defocus_integral_without_defocus_is_equation_5() {
@@ -213,18 +142,5 @@ mod tests {
         // R = δ/(2N), δ = 8N²Wλ, f = x/(λN): 2πRf = 8πWx.
         let geometric = 3.8317 / (8.0 * PI * waves);
         assert!((zero / geometric - 1.0).abs() < 0.05, "{zero} against {geometric}");
-    }
-
-    #[test]
-    fn distortion_is_inverted() {
-        let mut lens = perfect(2.8);
-        lens.departures = Departures { k1: -0.1, k2: 0.02, ..Departures::default() };
-        let ideal = lens.ideal_height(550.0).unwrap();
-        for k in 0..30 {
-            let h = f64::from(k) * 0.1;
-            let t: f64 = h / 4.0;
-            let real = h * (1.0 - 0.1 * t.powi(2) + 0.02 * t.powi(4));
-            assert!((ideal(real) - h).abs() < 1e-12);
-        }
     }
 }

@@ -1,7 +1,8 @@
 //! Lens descriptions and the engine that turns scene radiance into sensor irradiance.
 //!
 //! [`engine`] renders any [`Lens`]: [`Diffraction`] (key parameters only) or [`Characterisation`] (tables
-//! over field and wavelength, exported by a lens program or traced from a prescription by [`lens`]).
+//! over field and wavelength, exported by a lens program or traced from a prescription by [`lens`]), with
+//! [`departures`] from its description where a camera file names [`effects`].
 //! [`mod@reference`] is the same physics by direct sums; [`content`] keys results for the cache.
 //!
 //! # Conventions
@@ -27,7 +28,9 @@
 
 pub mod characterisation;
 pub mod content;
+pub mod departures;
 pub mod diffraction;
+pub mod effects;
 pub mod engine;
 pub mod fft;
 pub mod interpolate;
@@ -35,5 +38,7 @@ pub mod lens;
 pub mod reference;
 
 pub use characterisation::{Characterisation, PsfGrid};
-pub use diffraction::{Departures, Diffraction, Illumination};
+pub use departures::{Departed, Departures, Distortion};
+pub use diffraction::{Diffraction, Illumination};
+pub use effects::OpticalEffect;
 pub use engine::{Blur, Border, Lens, NodeReport, Options, Report, SensorGrid, irradiance};

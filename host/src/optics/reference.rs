@@ -159,7 +159,9 @@ fn apply_field(plane: &mut Plane<f64>, lens: &dyn Lens, nm: f64, grid: &SensorGr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{Departures, Diffraction, Illumination, Report, characterisation};
+    use crate::optics::{
+        Departed, Departures, Diffraction, Distortion, Illumination, Report, characterisation,
+    };
     use crate::scene::{Bands, Grid, Quantity, Scene, Spectrum};
     use std::f64::consts::PI;
 
@@ -225,15 +227,16 @@ mod tests {
             magnification: 0.05,
             transmittance: Spectrum::constant(0.9),
             illumination: Illumination::Cos4,
-            departures: Departures {
-                defocus_um: 9.0,
-                k1: -0.08,
-                k2: 0.03,
-                veiling_glare: 0.03,
-                axis_mm: (0.003, -0.005),
-                ..Departures::default()
-            },
+            defocus_um: 9.0,
         };
+        let departures = Departures {
+            transmittance: Spectrum::constant(0.95),
+            distortion: Distortion { size: 0.99, k1: -0.08, k2: 0.03, unit_mm: 0.21 },
+            lateral_colour: Spectrum::constant(1.01),
+            veiling_glare: 0.03,
+            axis_mm: (0.003, -0.005),
+        };
+        let lens = Departed { lens: Box::new(lens), departures };
         let grid = SensorGrid { width: 30, height: 22, pitch_um: 2.2, fill_factor: 0.7 };
         use crate::optics::Border::{Black, Edge, Mirror, Scene};
         for (oversample, border) in [(1, Mirror), (1, Edge), (2, Scene), (2, Black)] {

@@ -92,6 +92,19 @@ impl Spectrum {
         self.value[i - 1] + t * (self.value[i] - self.value[i - 1])
     }
 
+    /// The product of two curves at the samples of both, linear between them.
+    ///
+    /// # Errors
+    /// None while products of the values are finite.
+    pub fn times(&self, other: &Self) -> Result<Self> {
+        let mut nm: Vec<f64> =
+            [self, other].iter().flat_map(|s| &s.wavelength_nm).copied().collect();
+        nm.sort_by(f64::total_cmp);
+        nm.dedup();
+        let value = nm.iter().map(|&nm| self.at(nm) * other.at(nm)).collect();
+        Self::new(nm, value)
+    }
+
     /// The value at each band's centre.
     pub fn sample(&self, bands: &Bands) -> Vec<f64> {
         bands.centres().map(|nm| self.at(nm)).collect()

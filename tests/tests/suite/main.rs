@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod command_line;
+mod measuring;
 mod photon_transfer;
 mod radiometry;
 mod real_data;

@@ -297,6 +297,11 @@ impl SensorGrid {
         self.pitch_um * self.fill_factor.sqrt()
     }
 
+    /// Half the frame's diagonal: the image height of the corners, mm.
+    pub fn corner_mm(&self) -> f64 {
+        f64::hypot(self.width as f64, self.height as f64) * self.pitch_um * 5e-4
+    }
+
     /// The frame's width, mm.
     pub fn width_mm(&self) -> f64 {
         self.width as f64 * self.pitch_um * 1e-3

@@ -1,5 +1,5 @@
 use super::*;
-use crate::optics::diffraction::{Departures, Diffraction, Illumination};
+use crate::optics::diffraction::{Diffraction, Illumination};
 use crate::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use std::f64::consts::PI;
 use std::path::PathBuf;
@@ -36,7 +36,7 @@ fn perfect(f_number: f64) -> Diffraction {
         magnification: 0.0,
         transmittance: Spectrum::constant(1.0),
         illumination: Illumination::Uniform,
-        departures: Departures::default(),
+        defocus_um: 0.0,
     }
 }
 

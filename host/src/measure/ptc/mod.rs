@@ -17,18 +17,21 @@
 //! saturated levels stand, or of the white level; (4) from the top down, a variance more than 3.5
 //! standard errors below the fit to the rest.
 
+mod notes;
+
+use self::notes::{channel_notes, sensor_notes};
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
 use super::spatial::SpatialVariance;
 use super::stack::{Site, Stack};
-use super::transfer::{DarkLine, Knee, QUANTISATION, Transfer};
+use super::transfer::{DarkLine, Knee, QUANTISATION, Transfer, rounding_of_patterns};
 use super::value::Value;
 use crate::captures::{Capture, CaptureSet};
 use crate::{Error, Result};
 use serde::Serialize;
 
 /// Below this temporal variance of the dark, DN², rounding is no longer like added noise (EMVA
-/// 1288 R4, section 6.3).
+/// 1288 release 4.0, eq. 53 and 54).
 pub const QUANTISATION_LIMITED: f64 = 0.24;
 
 /// The figures of one channel, or of the sensor over its channels. `None` where the captures do
@@ -118,13 +121,20 @@ pub struct Ptc {
 /// Darks or flats missing, single frames, fewer than two usable flat levels, a black level that
 /// the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Ptc> {
-    let selection = Selection::of(set)?;
+    of_selection(set, &Selection::of(set)?)
+}
+
+/// The photon transfer of captures of one analog gain and light.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> {
     let (darks, dark_maps) = read_darks(set, &selection.darks)?;
     ladder::check_darks(set, &darks)?;
     let (other_darks, _) = read_darks(set, &selection.other_darks)?;
-    let flats = Flats::read(set, &selection, &darks)?;
+    let flats = Flats::read(set, selection, &darks)?;
 
-    let mut notes = sensor_notes(set, &selection, &darks);
+    let mut notes = sensor_notes(set, selection, &darks);
     // The longest stack tells fixed patterns best; the longest exposure among equals.
     let longest = (0..darks.len()).max_by(|&a, &b| {
         let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);
@@ -145,6 +155,13 @@ pub fn measure(set: &CaptureSet) -> Result<Ptc> {
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
         figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
+        hide_what_rounding_hides(
+            &mut figures,
+            k,
+            dsnu_level.channels[c].temporal,
+            &name,
+            &mut notes,
+        );
         figures.dark_doubling_c = ladder::doubling(&darks, &other_darks, c);
         channels.push(ChannelPtc {
             channel: name,
@@ -312,6 +329,33 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
     f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
 }
 
+/// Takes back patterns of the dark that rounding to whole DN changes: offsets at zero exposure by its noise, the
+/// dark current's by the noise of the longest stack (`variance`, DN²).
+fn hide_what_rounding_hides(
+    f: &mut Figures,
+    k: f64,
+    variance: f64,
+    name: &str,
+    notes: &mut Vec<String>,
+) {
+    let note = |what: &str, noise: f64| {
+        format!(
+            "channel {name}: {what} not determined: with a noise of {noise:.2} DN, rounding to whole DN changes \
+             patterns that are smaller than a DN"
+        )
+    };
+    let at_zero = f.read_noise_e.map_or(0.0, |r| r.value * k);
+    if rounding_of_patterns(at_zero * at_zero) > 0.05 {
+        (f.row_fpn_e, f.column_fpn_e, f.pixel_fpn_e) = (None, None, None);
+        notes.push(note("row_fpn_e, column_fpn_e and pixel_fpn_e", at_zero));
+    }
+    let longest = (variance - QUANTISATION).max(0.0);
+    if rounding_of_patterns(longest) > 0.05 {
+        (f.dsnu_e, f.dsnu_e_per_s) = (None, None);
+        notes.push(note("dsnu_e and dsnu_e_per_s", longest.sqrt()));
+    }
+}
+
 fn curve(t: &Transfer, flats: &[Level], channel: usize) -> Vec<CurvePoint> {
     (0..flats.len())
         .map(|i| {
@@ -353,159 +397,5 @@ fn over_channels(channels: &[ChannelPtc]) -> Figures {
     }
 }
 
-fn sensor_notes(set: &CaptureSet, selection: &Selection, darks: &[Level]) -> Vec<String> {
-    let mut notes = Vec::new();
-    if set.sensor.cfa.is_none() {
-        notes.push("the set names no colour filter pattern: taken as one channel".into());
-    }
-    if !selection.even_light {
-        notes.push(
-            "the light may be uneven over the sensor: prnu includes its shading, if any".into(),
-        );
-    }
-    let clipped = darks.iter().flat_map(|d| &d.channels).map(|m| m.zeros).fold(0.0, f64::max);
-    if clipped > 1e-3 {
-        notes.push(format!(
-            "{:.2} % of the dark samples are at 0 DN: the offset clips the noise, so read noise, \
-             dark current and fixed patterns come out too small",
-            100.0 * clipped
-        ));
-    }
-    if DarkLine::of(darks, 0).offset_and_rate().1.is_none() {
-        notes.push(format!(
-            "the darks' exposure times (about {} s) do not span a factor of 1.5: no dark current, \
-             and the read noise includes the dark current's shot noise of that time",
-            darks[0].exposure_s
-        ));
-    }
-    notes
-}
-
-fn channel_notes(t: &Transfer, flats: &[Level], name: &str, notes: &mut Vec<String>) {
-    let left: Vec<&str> =
-        flats.iter().zip(&t.used).filter(|f| !f.1).map(|f| f.0.id.as_str()).collect();
-    if !left.is_empty() {
-        notes.push(format!(
-            "channel {name}: {} of {} flat levels left out as saturated or past the knee ({})",
-            left.len(),
-            flats.len(),
-            left.join(", ")
-        ));
-    }
-    if t.response.is_none() {
-        notes.push(format!(
-            "channel {name}: the light of the levels is not known (or fewer than five are \
-             usable), so the response is taken for a straight line"
-        ));
-    }
-    let (k, straight) = (t.gain, t.gain_if_straight);
-    let shift = straight.value / k.value - 1.0;
-    if shift.abs() > 0.005 && (straight.value - k.value).abs() > 3.0 * k.std_error {
-        notes.push(format!(
-            "channel {name}: the response is not a straight line; a photon transfer that takes it \
-             for one would give K {:+.1} %",
-            100.0 * shift
-        ));
-    }
-    if t.reduced_chi2 > 3.0 {
-        notes.push(format!(
-            "channel {name}: the variances scatter about the fit more than their sampling errors \
-             say (χ²/ν = {:.1}); errors are widened accordingly",
-            t.reduced_chi2
-        ));
-    }
-    if t.dark_variance.value < QUANTISATION_LIMITED {
-        notes.push(format!(
-            "channel {name}: the dark noise ({:.2} DN²) is not above quantisation: the read noise \
-             is an upper limit at best",
-            t.dark_variance.value
-        ));
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::super::synthetic::{Sensor, Shot};
-    use super::*;
-    use rand_xoshiro::rand_core::{Rng, SeedableRng};
-
-    fn shots(sensor: &Sensor) -> Vec<Shot> {
-        let mut shots = Vec::new();
-        for t in [0.001, 0.5, 2.0] {
-            shots.push(Shot { exposure_s: t, rate: 0.0, frames: 8, temperature_c: 25.0 });
-        }
-        for t in [0.5, 2.0] {
-            shots.push(Shot { exposure_s: t, rate: 0.0, frames: 8, temperature_c: 39.0 });
-        }
-        for k in 1..=10 {
-            let electrons = sensor.full_well_e * 0.13 * f64::from(k);
-            let rate = electrons / sensor.qe[0] / 0.02;
-            shots.push(Shot { exposure_s: 0.02, rate, frames: 4, temperature_c: 25.0 });
-        }
-        shots
-    }
-
-    fn measured(sensor: &Sensor) -> Ptc {
-        let directory = tempfile::tempdir().unwrap();
-        sensor.write(directory.path(), &shots(sensor));
-        measure(&CaptureSet::load(directory.path()).unwrap()).unwrap()
-    }
-
-    /// Twenty random cameras: every parameter within two standard errors in 90 to 98 % of all
-    /// cases (95.4 % is what two standard errors mean).
-    #[test]
-    fn random_cameras_come_back() {
-        let mut rng = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(20);
-        let mut between = |low: f64, high: f64| {
-            low + (high - low) * (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-        };
-        let mut hits: std::collections::BTreeMap<&str, (u32, u32)> = Default::default();
-        for seed in 0..20 {
-            let bits = 12;
-            let full_well_e = between(4000.0, 12000.0);
-            let black_dn = between(60.0, 200.0).round();
-            let sensor = Sensor {
-                bits,
-                full_well_e,
-                black_dn,
-                gain: between(0.6, 0.95) * (4095.0 - black_dn) / full_well_e,
-                read_e: between(2.0, 8.0),
-                prnu: between(0.005, 0.02),
-                row_fpn_e: between(0.5, 2.0),
-                dark_e_per_s: between(20.0, 80.0),
-                dsnu_e_per_s: between(3.0, 10.0),
-                qe: [between(0.2, 0.8); 3],
-                seed: 100 * seed + 1,
-                ..Sensor::default()
-            };
-            let f = measured(&sensor).figures;
-            let truths = [
-                ("gain", f.system_gain_dn_per_e, sensor.gain),
-                ("read noise", f.read_noise_e, sensor.read_e),
-                ("full well", f.full_well_e, sensor.full_well_e),
-                ("prnu", f.prnu, sensor.prnu),
-                ("dark current", f.dark_current_e_per_s, sensor.dark_e_per_s),
-                ("dsnu", f.dsnu_e_per_s, sensor.dsnu_e_per_s),
-                ("row fpn", f.row_fpn_e, sensor.row_fpn_e),
-                ("black", f.black_level_dn, sensor.black_dn),
-                ("efficiency", f.quantum_efficiency, sensor.qe[0]),
-                ("doubling", f.dark_doubling_c, 7.0),
-            ];
-            for (name, found, truth) in truths {
-                let found = found.unwrap_or_else(|| panic!("{name} not determined: {f:?}"));
-                let z = (found.value - truth) / found.std_error;
-                let entry = hits.entry(name).or_default();
-                entry.1 += 1;
-                entry.0 += u32::from(z.abs() <= 2.0);
-                println!(
-                    "{seed} {name}: {:.5} ± {:.5}, truth {truth:.5}, z {z:.2}",
-                    found.value, found.std_error
-                );
-            }
-        }
-        let total: (u32, u32) = hits.values().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        let share = f64::from(total.0) / f64::from(total.1);
-        println!("{hits:?} {share:.3}");
-        assert!((0.90..=0.98).contains(&share), "{share} {hits:?}");
-    }
-}
+mod tests;

@@ -1,0 +1,52 @@
+//! `camrig datasheet`: a measured page of a camera.
+
+use super::arguments::progress;
+use crate::camera::{Camera, presets};
+use crate::formats::output::write_file;
+use crate::report::datasheet::page;
+use crate::validate::datasheet::Datasheet;
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Measure a camera on simulated captures and write its data sheet (HTML)
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig datasheet mt9t012 -o sheets\n\n\
+    Without a camera, all presets: camrig datasheet -o docs/datasheets --force")]
+pub struct Args {
+    /// Camera files or presets
+    cameras: Vec<String>,
+    /// Folder for the pages, each called NAME.html; it is made where it is missing
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace existing pages
+    #[arg(long)]
+    force: bool,
+}
+
+/// Sensor on which the figures are measured: large enough for their sampling errors to be below a per cent.
+const SIZE: (u32, u32) = (256, 192);
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let all: Vec<String> = presets::NAMES.map(str::to_owned).to_vec();
+    let cameras = if args.cameras.is_empty() { &all } else { &args.cameras };
+    std::fs::create_dir_all(&args.output).map_err(|e| Error::io("make", &args.output, e))?;
+    let path = |spec: &str| {
+        let stem = Path::new(spec).file_stem().map_or(spec.into(), |s| s.to_string_lossy());
+        args.output.join(format!("{stem}.html"))
+    };
+    if let Some(taken) = cameras.iter().map(|c| path(c)).find(|p| p.exists() && !args.force) {
+        return Err(Error::input(format!("{} exists", taken.display())).help("--force replaces it"));
+    }
+    let bar = progress("cameras", cameras.len() as u64);
+    for spec in cameras {
+        let camera = Camera::load(spec)?;
+        let sheet = Datasheet::measure(&camera, SIZE).map_err(|e| e.at(spec))?;
+        write_file(&path(spec), args.force, page(&camera, &sheet).as_bytes())?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    eprintln!("wrote {} data sheets to {}", cameras.len(), args.output.display());
+    Ok(ExitCode::SUCCESS)
+}

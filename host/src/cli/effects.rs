@@ -1,0 +1,69 @@
+//! `camrig effects`: the catalogue of effects.
+
+use crate::camera::EffectKind;
+use crate::{Error, Result, toml_text};
+use serde_json::json;
+use std::process::ExitCode;
+
+/// List the effects that a camera file may name in [[effect]], or describe one
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig effects defocus")]
+pub struct Args {
+    /// An effect
+    kind: Option<String>,
+    /// Print everything as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut kinds: Vec<EffectKind> = EffectKind::all().collect();
+    if let Some(kind) = &args.kind {
+        let known: Vec<&str> = kinds.iter().map(|e| e.kind).collect();
+        let unknown = Error::input(format!("unknown effect {kind:?}"))
+            .help(toml_text::did_you_mean(kind, &known));
+        kinds.retain(|e| e.kind == kind);
+        if kinds.is_empty() {
+            return Err(unknown);
+        }
+    }
+    if args.json {
+        let effects: Vec<_> = kinds.iter().map(as_json).collect();
+        println!("{:#}", json!({ "effects": effects }));
+    } else if args.kind.is_some() {
+        kinds.iter().for_each(describe);
+    } else {
+        for e in &kinds {
+            let keys: Vec<&str> = e.parameters.iter().map(|p| p.key).collect();
+            println!("{:27} {:16} {}", e.kind, e.acts, keys.join(", "));
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn describe(effect: &EffectKind) {
+    for line in effect.doc.trim().lines() {
+        println!("{}", line.trim());
+    }
+    println!("\nacts on {}\n\n[[effect]]\nkind = {:?}", effect.acts, effect.kind);
+    for p in effect.parameters {
+        let value = p.default.map_or_else(|| "...".to_string(), |d| d.to_string());
+        let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
+        let must = if p.default.is_none() { "; must be given" } else { "" };
+        println!("{} = {value:8} # {}: {} to {}{unit}{must}", p.key, p.doc.trim(), p.min, p.max);
+    }
+}
+
+fn as_json(effect: &EffectKind) -> serde_json::Value {
+    let parameters = effect.parameters.iter().map(|p| {
+        json!({
+            "key": p.key, "unit": p.unit, "doc": p.doc.trim(),
+            "min": p.min, "max": p.max, "default": p.default,
+        })
+    });
+    json!({
+        "kind": effect.kind, "acts_on": effect.acts, "doc": effect.doc.trim(),
+        "parameters": parameters.collect::<Vec<_>>(),
+    })
+}

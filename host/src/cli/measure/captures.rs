@@ -1,0 +1,212 @@
+//! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
+
+use super::{object, plus_minus, to_json};
+use crate::captures::CaptureSet;
+use crate::formats::output::write_file;
+use crate::measure::{Value, compare, emva, gains, ptc, rates};
+use crate::report;
+use crate::{Error, Result};
+use clap::Args as ClapArgs;
+use serde_json::{Map, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(ClapArgs)]
+pub struct OnCaptures {
+    /// A capture set: a directory with captures.toml
+    captures: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(ClapArgs)]
+pub struct EmvaArgs {
+    #[command(flatten)]
+    on: OnCaptures,
+    /// Also write a page with figures and plots (HTML)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Replace an existing page
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(ClapArgs)]
+pub struct CompareArgs {
+    /// A capture set
+    first: PathBuf,
+    /// Another one with captures of the same ids
+    second: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn ptc_of(args: &OnCaptures) -> Result<ExitCode> {
+    let set = CaptureSet::load(&args.captures)?;
+    let result = ptc::measure(&set)?;
+    let gains = gains::measure(&set)?;
+    if args.json {
+        let mut object = object(&result.figures)?;
+        if let Some(gains) = &gains {
+            object.append(&mut self::object(gains)?);
+        }
+        if result.channels.len() > 1 {
+            let channels: Map<String, serde_json::Value> = result
+                .channels
+                .iter()
+                .map(|c| Ok((c.channel.clone(), to_json(c)?)))
+                .collect::<Result<_>>()?;
+            object.insert("channels".into(), channels.into());
+        } else {
+            object.append(&mut self::object(&result.channels[0])?);
+        }
+        object.insert("analog_gain".into(), json!(result.analog_gain));
+        object.insert("dsnu_exposure_s".into(), json!(result.dsnu_exposure_s));
+        object.insert("notes".into(), json!(result.notes));
+        println!("{}", serde_json::Value::Object(object));
+    } else {
+        for note in &result.notes {
+            eprintln!("note: {note}");
+        }
+        print_figures("all channels", &result.figures)?;
+        if result.channels.len() > 1 {
+            for channel in &result.channels {
+                print_figures(&format!("channel {}", channel.channel), &channel.figures)?;
+            }
+        }
+        if let Some(gains) = &gains {
+            for g in &gains.gains {
+                print_figures(&format!("analog gain {}", g.analog_gain), g)?;
+            }
+            println!("over the gains");
+            for (name, v) in [("read_e", gains.read_e), ("read_e_post", gains.read_e_post)] {
+                let text = v.map_or("not determined by these captures".to_owned(), plus_minus);
+                println!("  {name:36} {text}");
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn emva_of(args: &EmvaArgs) -> Result<ExitCode> {
+    let set = CaptureSet::load(&args.on.captures)?;
+    let result = emva::measure(&set)?;
+    if let Some(path) = &args.report {
+        let title = format!("EMVA 1288: {}", args.on.captures.display());
+        write_file(path, args.force, report::emva::page(&title, &result).as_bytes())?;
+        eprintln!("wrote {}", path.display());
+    }
+    let args = &args.on;
+    if args.json {
+        let mut object = match &result.channels[..] {
+            [mono] => self::object(mono)?,
+            several => {
+                // At the top the channel that gets most light, for which the levels were chosen.
+                let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
+                let most = several
+                    .iter()
+                    .max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)))
+                    .ok_or_else(|| Error::input("no channels"))?;
+                let mut object = self::object(&most.figures)?;
+                object.insert("reference_channel".into(), json!(most.channel));
+                let mut channels = Map::new();
+                for c in several {
+                    channels.insert(c.channel.clone(), to_json(c)?);
+                }
+                object.insert("channels".into(), channels.into());
+                object
+            }
+        };
+        object.insert("warnings".into(), json!(result.warnings));
+        println!("{}", serde_json::Value::Object(object));
+        return Ok(ExitCode::SUCCESS);
+    }
+    for warning in &result.warnings {
+        eprintln!("warning: {warning}");
+    }
+    for channel in &result.channels {
+        println!("channel {}", channel.channel);
+        for (name, value) in object(&channel.figures)? {
+            match value.as_f64() {
+                Some(v) => println!("  {name:36} {v:.6}"),
+                None => println!("  {name:36} not determined by these captures"),
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn rates_of(args: &OnCaptures) -> Result<ExitCode> {
+    let series = rates::measure(&CaptureSet::load(&args.captures)?)?;
+    if args.json {
+        println!("{}", json!({ "series": series }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut notes: Vec<&String> = series.iter().flat_map(|s| &s.notes).collect();
+    notes.sort();
+    notes.dedup();
+    notes.iter().for_each(|note| eprintln!("note: {note}"));
+    for s in &series {
+        let light = s.wavelength_nm.map_or("light".to_owned(), |nm| format!("{nm} nm"));
+        let positions = s.positions.iter().zip(&s.ratios);
+        let text: Vec<String> = positions
+            .map(|((letter, rate), ratio)| format!("{letter} {rate:.2} DN/s ({ratio:.4})"))
+            .collect();
+        println!("{:?}, {light}: {}", s.role, text.join(", "));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
+    let rows = compare::compare(&CaptureSet::load(&args.first)?, &CaptureSet::load(&args.second)?)?;
+    let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
+    let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
+    // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).
+    let limit = largest_normal(rows.len());
+    let differ = worst > limit;
+    if args.json {
+        let object = json!({
+            "statistics": rows, "mean_square_z": gap, "largest_z": worst, "limit": limit,
+            "differ": differ,
+        });
+        println!("{object}");
+    } else {
+        for r in rows.iter().filter(|r| r.z.abs() > limit) {
+            println!(
+                "{} {} {}: {} against {}, z {:+.1}",
+                r.id,
+                r.channel,
+                r.statistic,
+                plus_minus(r.first),
+                plus_minus(r.second),
+                r.z
+            );
+        }
+        println!("{} statistics, mean square z {gap:.2}, largest {worst:.1}", rows.len());
+    }
+    Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
+}
+
+/// Where the largest of n absolute standard normals lies with 99 % probability, at most: solves
+/// n erfc(z/√2) = 0.01 with the tail's leading term.
+fn largest_normal(n: usize) -> f64 {
+    let mut z = 3.0f64;
+    for _ in 0..50 {
+        let tail = (2.0 / std::f64::consts::PI).sqrt() / z * n as f64 / 0.01;
+        z = (2.0 * tail.ln()).max(1.0).sqrt();
+    }
+    z
+}
+
+fn print_figures(title: &str, figures: &impl serde::Serialize) -> Result<()> {
+    println!("{title}");
+    for (name, value) in object(figures)?.into_iter().filter(|f| !f.1.is_number()) {
+        match (value["value"].as_f64(), value["std_error"].as_f64()) {
+            (Some(v), Some(e)) => println!("  {name:36} {}", plus_minus(Value::new(v, e))),
+            _ => println!("  {name:36} not determined by these captures"),
+        }
+    }
+    Ok(())
+}

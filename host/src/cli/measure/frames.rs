@@ -1,0 +1,277 @@
+//! `camrig measure mtf|patches|profile`: figures of single raw frames.
+
+use super::plus_minus;
+use crate::camera::Cfa;
+use crate::formats;
+use crate::measure::Value;
+use crate::measure::mtf::{self, Roi};
+use crate::measure::patches::{self, Corners, built_in_corners};
+use crate::measure::profile::{self, Along};
+use crate::{Error, Plane, Result};
+use clap::Args as ClapArgs;
+use serde_json::{Map, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// A raw frame and what its file may not say.
+#[derive(ClapArgs)]
+struct FrameSource {
+    /// A raw frame
+    frame: PathBuf,
+    /// Colour filter pattern, where the file does not say (mono without either)
+    #[arg(long, value_name = "PATTERN")]
+    cfa: Option<String>,
+    /// Saturated level, where the file does not say
+    #[arg(long, value_name = "DN")]
+    white: Option<u16>,
+    /// Black level, where the file does not say
+    #[arg(long, value_name = "DN")]
+    black: Option<f64>,
+}
+
+/// A frame with what is known about it.
+struct Opened {
+    plane: Plane<u16>,
+    cfa: Cfa,
+    white: Option<u16>,
+    black: Option<f64>,
+}
+
+impl FrameSource {
+    fn open(&self) -> Result<Opened> {
+        let mut frames = formats::read(&self.frame).map_err(|e| e.at(self.frame.display()))?;
+        let facts = &frames.facts;
+        let cfa = match (&self.cfa, &facts.cfa) {
+            (Some(text), _) => Cfa::parse(text)?,
+            (None, Some(cfa)) => cfa.clone(),
+            (None, None) => {
+                eprintln!("note: {} names no colour filter pattern: mono", self.frame.display());
+                Cfa::parse("mono")?
+            }
+        };
+        let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
+        Ok(Opened {
+            cfa,
+            white: self.white.or(facts.white_level_dn).or(full_scale),
+            black: self.black.or(facts.black_level_dn),
+            plane: frames.planes.swap_remove(0),
+        })
+    }
+}
+
+impl Opened {
+    /// The black level, which figures above black cannot do without.
+    fn black(&self) -> Result<f64> {
+        self.black.ok_or_else(|| {
+            Error::input("the file does not say its black level").help("give --black DN")
+        })
+    }
+
+    /// The letters asked for: all channels, or one.
+    fn letters(&self, asked: &str) -> Result<Vec<char>> {
+        let known = self.cfa.channels();
+        if asked == "all" {
+            return Ok(known);
+        }
+        match asked.to_uppercase().chars().collect::<Vec<_>>()[..] {
+            [one] if known.contains(&one) => Ok(vec![one]),
+            _ => Err(Error::input(format!("no channel {asked:?}")).help(format!(
+                "the pattern {} has {}",
+                self.cfa,
+                known.iter().map(char::to_string).collect::<Vec<_>>().join(", ")
+            ))),
+        }
+    }
+}
+
+#[derive(ClapArgs)]
+pub struct MtfArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Region of the edge in pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    roi: Roi,
+    /// Pixel pitch, for cycles per millimetre
+    #[arg(long, value_name = "P")]
+    pitch_um: Option<f64>,
+    /// Channel letter, or all
+    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
+    channel: String,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads a region of a frame.
+pub fn roi(text: &str) -> Result<Roi, String> {
+    let numbers: Result<Vec<usize>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, width, height]) => Ok(Roi { x, y, width, height }),
+        _ => {
+            Err(format!("{text:?} is no region; use X,Y,WIDTH,HEIGHT, for instance 200,100,80,120"))
+        }
+    }
+}
+
+#[derive(ClapArgs)]
+pub struct PatchesArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Centres of patches 1, 6, 24 and 19 in pixels; the built-in chart's place unless given
+    #[arg(long, value_name = "X1,Y1,...,X4,Y4", value_parser = corners)]
+    corners: Option<Corners>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads the centres of a chart's corner patches.
+pub fn corners(text: &str) -> Result<Corners, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[a, b, c, d, e, f, g, h]) => Ok([[a, b], [c, d], [e, f], [g, h]]),
+        _ => Err(format!("{text:?}: use eight numbers, X1,Y1,...,X4,Y4")),
+    }
+}
+
+#[derive(ClapArgs)]
+pub struct ProfileArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Profile along this row
+    #[arg(long, value_name = "Y", conflicts_with = "column")]
+    row: Option<usize>,
+    /// Profile along this column
+    #[arg(long, value_name = "X")]
+    column: Option<usize>,
+    /// Lines averaged, from the given one on
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    lines: usize,
+    /// Channel letter, or all
+    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
+    channel: String,
+    /// Another frame of the same format to compare with
+    #[arg(long, value_name = "FRAME")]
+    against: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let letters = frame.letters(&args.channel)?;
+    let edges: Vec<mtf::Edge> = letters
+        .iter()
+        .map(|&l| {
+            mtf::measure(&frame.plane, &frame.cfa, l, args.roi, frame.white, args.pitch_um)
+                .map_err(|e| e.at(format!("{}, channel {l}", args.source.frame.display())))
+        })
+        .collect::<Result<_>>()?;
+    if args.json {
+        println!("{}", json!({ "edges": edges }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    for e in &edges {
+        let mtf50 = Value::new(e.mtf50_cycles_per_pixel, e.mtf50_std_error);
+        let per_mm = args.pitch_um.map_or(String::new(), |p| {
+            format!(" ({} cycles/mm)", plus_minus(mtf50.scaled(1e3 / p)))
+        });
+        println!(
+            "{}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {:.3}, edge at {:.2} degrees",
+            e.channel,
+            plus_minus(mtf50),
+            e.mtf_at_nyquist,
+            e.angle_deg
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn patches_of(args: &PatchesArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let plane = &frame.plane;
+    // The built-in chart's card is 0.8 sensor widths wide.
+    let corners = args.corners.unwrap_or_else(|| built_in_corners(plane.width, plane.height, 0.8));
+    let white = frame.white.unwrap_or(u16::MAX);
+    let patches = patches::measure(plane, &frame.cfa, frame.black()?, white, &corners)
+        .map_err(|e| e.at(args.source.frame.display()))?;
+    if args.json {
+        println!("{}", json!({ "channels": names(&frame.cfa), "patches": patches }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    println!("patch  luminance DN  std DN  (channels {})", names(&frame.cfa).join(" "));
+    for p in &patches {
+        let means: Vec<String> =
+            p.mean_dn.iter().zip(&p.std_dn).map(|(m, s)| format!("{m:.1}±{s:.1}")).collect();
+        println!(
+            "{:5}  {:12.2}  {:6.2}  {}",
+            p.number,
+            p.luminance_dn,
+            p.luminance_std_dn,
+            means.join("  ")
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn names(cfa: &Cfa) -> Vec<String> {
+    cfa.channels().iter().map(|c| c.to_ascii_lowercase().to_string()).collect()
+}
+
+pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let black = frame.black()?;
+    let (direction, first) = match (args.row, args.column) {
+        (_, Some(x)) => (Along::Column, x),
+        (Some(y), None) => (Along::Row, y),
+        (None, None) => (Along::Row, frame.plane.height / 2),
+    };
+    let other = args.against.as_ref().map(|path| {
+        let source = FrameSource {
+            frame: path.clone(),
+            cfa: Some(frame.cfa.to_string()),
+            white: args.source.white,
+            black: args.source.black,
+        };
+        source.open()
+    });
+    let other = other.transpose()?;
+    let mut object = Map::new();
+    for letter in frame.letters(&args.channel)? {
+        let line = |f: &Opened, black: f64| {
+            profile::along(&f.plane, &f.cfa, letter, black, direction, first, args.lines)
+        };
+        let name = letter.to_ascii_lowercase().to_string();
+        let here = match line(&frame, black) {
+            // A single row of a Bayer pattern has two of the three channels.
+            Err(_) if args.channel == "all" && args.lines == 1 => continue,
+            other => other?,
+        };
+        let difference = match &other {
+            Some(o) => Some(profile::difference(&here, &line(o, o.black()?)?)?),
+            None => None,
+        };
+        let rings = profile::relative_illumination(&frame.plane, &frame.cfa, letter, black, 20)?;
+        if args.json {
+            let channel = json!({
+                "profile": here.points, "against": difference, "relative_illumination": rings,
+            });
+            object.insert(name, channel);
+        } else if let Some(d) = difference {
+            println!(
+                "{name}: ratio of means {:.4}, rms {:.2} DN ({:.2} DN after scaling), correlation \
+                 {:.5}",
+                d.ratio_of_means, d.rms_dn, d.rms_scaled_dn, d.correlation
+            );
+        } else {
+            for [p, v] in &here.points {
+                println!("{name},{p},{v:.3}");
+            }
+        }
+    }
+    if args.json {
+        println!("{}", json!({ "channels": object }));
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,80 @@
+//! `camrig measure`: figures from captures or frames.
+
+mod captures;
+mod frames;
+
+pub use frames::{corners, roi};
+
+use crate::measure::Value;
+use crate::{Error, Result};
+use clap::{Args as ClapArgs, Subcommand};
+use serde_json::Map;
+use std::process::ExitCode;
+
+/// What a person types.
+#[derive(ClapArgs)]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// Photon transfer: gain, read noise, full well, fixed patterns, dark current, non-linearity
+    #[command(after_help = "Example: camrig measure ptc captures/ --json")]
+    Ptc(captures::OnCaptures),
+    /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
+    #[command(after_help = "Example: camrig measure emva captures/ --report emva.html")]
+    Emva(captures::EmvaArgs),
+    /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
+    #[command(
+        after_help = "Example: camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
+    )]
+    Mtf(frames::MtfArgs),
+    /// Means and standard deviations of ColorChecker patches
+    #[command(after_help = "Example: camrig measure patches chart.dng --json\n\
+        Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
+    Patches(frames::PatchesArgs),
+    /// Row or column profile, against another frame, and relative illumination
+    #[command(
+        after_help = "Example: camrig measure profile a.dng --row 510 --against b.dng --channel g"
+    )]
+    Profile(frames::ProfileArgs),
+    /// Signal rates per position of the filter pattern under each light, from exposure series
+    #[command(after_help = "Example: camrig measure rates captures/ --json")]
+    Rates(captures::OnCaptures),
+    /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
+    #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
+    Compare(captures::CompareArgs),
+}
+
+/// Runs `camrig measure`.
+pub fn run(args: Args) -> Result<ExitCode> {
+    match args.what {
+        What::Ptc(args) => captures::ptc_of(&args),
+        What::Emva(args) => captures::emva_of(&args),
+        What::Mtf(args) => frames::mtf_of(&args),
+        What::Patches(args) => frames::patches_of(&args),
+        What::Profile(args) => frames::profile_of(&args),
+        What::Rates(args) => captures::rates_of(&args),
+        What::Compare(args) => captures::compare_of(&args),
+    }
+}
+
+/// A value to the two leading digits of its error.
+pub fn plus_minus(v: Value) -> String {
+    let digits = if v.std_error > 0.0 { 1 - v.std_error.log10().floor() as i32 } else { 6 };
+    let digits = digits.clamp(0, 9) as usize;
+    format!("{:.digits$} ± {:.digits$}", v.value, v.std_error)
+}
+
+fn to_json(value: &impl serde::Serialize) -> Result<serde_json::Value> {
+    serde_json::to_value(value).map_err(|e| Error::input(format!("figures as JSON: {e}")))
+}
+
+fn object(value: &impl serde::Serialize) -> Result<Map<String, serde_json::Value>> {
+    match to_json(value)? {
+        serde_json::Value::Object(map) => Ok(map),
+        _ => Ok(Map::new()),
+    }
+}

@@ -1,0 +1,156 @@
+//! Coupling of collected charge into neighbouring pixels, from the correlation of a flat's shot noise.
+//!
+//! The crosstalk experiment ([`super::crosstalk`]) sees optical and electrical crosstalk together, and only
+//! their low spatial frequencies. What happens after the shot noise, electrical coupling, correlates the
+//! noise of neighbours; what happens before it, optical crosstalk and diffusion of single carriers, does
+//! not. So this fit tells the two apart (Moore, Ninkov and Forrest 2004).
+
+use super::correlation::NoiseCorrelation;
+use super::stack::Stack;
+use super::value::Value;
+use crate::captures::{Capture, CaptureSet, Role};
+use crate::{Error, Result};
+use serde::Serialize;
+
+/// Shares of a pixel's charge that its neighbours get.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Coupling {
+    /// To the left and to the right neighbour, each.
+    pub horizontal: Value,
+    /// To the neighbour above and below, each.
+    pub vertical: Value,
+}
+
+/// Fits the shares to the unsaturated flat with most shot noise.
+///
+/// With shares a and b to the left and right, above and below, the noise of neighbours in a row has the
+/// correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares that meet in no
+/// third pixel are left out). Read noise is added after the coupling: it thins the correlation by the share
+/// of the variance that is not shot noise, which the dark of the same gain and nearest exposure tells.
+///
+/// # Errors
+/// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot noise.
+pub fn fit(set: &CaptureSet) -> Result<Coupling> {
+    let variance = |c: &Capture| -> Result<(f64, f64)> {
+        let stack = Stack::read(set, c)?;
+        let channels = set.cfa().channels().len();
+        let moments: Vec<_> = (0..channels).map(|c| stack.channel_moments(c)).collect();
+        let whites = moments.iter().map(|m| m.whites).fold(0.0, f64::max);
+        Ok((moments.iter().map(|m| m.temporal).sum::<f64>() / channels as f64, whites))
+    };
+    let mut flat: Option<(&Capture, f64)> = None;
+    for capture in set.with_role(Role::Flat).filter(|c| c.files.len() > 1 || is_stack(c)) {
+        let (total, whites) = variance(capture)?;
+        if whites < 1e-3 && flat.is_none_or(|f| total > f.1) {
+            flat = Some((capture, total));
+        }
+    }
+    let (flat, total) = flat.ok_or_else(|| {
+        Error::input("no unsaturated flat capture of several frames")
+            .help("coupling shows in the noise of flats: add one at half saturation")
+    })?;
+    let apart = |c: &&Capture| (c.exposure_s / flat.exposure_s).ln().abs();
+    let dark = set
+        .with_role(Role::Dark)
+        .filter(|c| c.analog_gain == flat.analog_gain)
+        .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+        .ok_or_else(|| {
+            Error::input(format!("no dark captures at analog gain {}", flat.analog_gain))
+                .help("the read noise must be known")
+        })?;
+    let (read, _) = variance(dark)?;
+    let shot_share = 1.0 - read / total;
+    if shot_share.is_nan() || shot_share < 0.1 {
+        return Err(Error::input("the flat's noise is not shot noise")
+            .at(format!("capture {:?}", flat.id))
+            .help("use a flat at half saturation"));
+    }
+    let correlation = NoiseCorrelation::of(set, flat)?;
+    let rho = |lag| {
+        let none = || Error::input("no correlation at that lag");
+        correlation.at(lag).ok_or_else(none).map(|r| r.scaled(1.0 / shot_share))
+    };
+    let (h, v) = (rho((1, 0))?, rho((0, 1))?);
+    let (mut a, mut b) = (0.5 * h.value, 0.5 * v.value);
+    for _ in 0..50 {
+        let c = 1.0 - 2.0 * a - 2.0 * b;
+        let norm = c * c + 2.0 * a * a + 2.0 * b * b;
+        (a, b) = (0.5 * h.value * norm / c, 0.5 * v.value * norm / c);
+    }
+    Ok(Coupling {
+        horizontal: Value::new(a, 0.5 * h.std_error),
+        vertical: Value::new(b, 0.5 * v.std_error),
+    })
+}
+
+/// Whether a capture of one file may hold several frames.
+fn is_stack(capture: &Capture) -> bool {
+    capture.files.iter().any(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+    use crate::captures::{plan, take};
+    use sensor_core::effects::charge_coupling::ChargeCoupling;
+    use sensor_core::effects::optical_crosstalk::OpticalCrosstalk;
+
+    const PLAN: &str = "format = \"plan/1\"
+[[stack]]
+id = \"dark\"
+role = \"dark\"
+frames = 16
+exposure_s = 0.01
+[[stack]]
+id = \"flat\"
+role = \"flat\"
+frames = 16
+exposure_s = 0.01
+fill = [0.1, 0.6]
+light = { wavelength_nm = 550.0 }
+[[stack]]
+id = \"saturated\"
+role = \"flat\"
+frames = 4
+exposure_s = 0.01
+fill = 1.5
+light = { wavelength_nm = 550.0 }
+saturates = true
+";
+
+    fn measured(change: impl Fn(&mut Camera)) -> Coupling {
+        let directory = tempfile::tempdir().unwrap();
+        let mut camera = Camera::load("mt9t012").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (256, 192);
+        camera.sensor.cfa = crate::camera::Cfa::parse("GRBG").unwrap();
+        change(&mut camera);
+        let file = directory.path().join("plan.toml");
+        std::fs::write(&file, PLAN).unwrap();
+        let shots = plan::load(file.to_str().unwrap()).unwrap();
+        let out = directory.path().join("set");
+        take::take(&camera, &shots, &out, &take::TakeOptions::default(), || ()).unwrap();
+        fit(&CaptureSet::load(&out).unwrap()).unwrap()
+    }
+
+    fn near(found: Value, truth: f64) {
+        // Four standard errors; what the formula leaves out is of third order in the shares.
+        let tolerance = 4.0 * found.std_error + 10.0 * truth.powi(3);
+        assert!((found.value - truth).abs() < tolerance, "{found:?} instead of {truth}");
+    }
+
+    /// Electrical coupling comes back; optical crosstalk, before the shot noise, does not show.
+    #[test]
+    fn electrical_and_optical_parts_come_apart() {
+        let side = ChargeCoupling { side: 0.02, vertical: 0.008, diagonal: 0.0 };
+        let found = measured(|c| c.effects.push(side.into()));
+        near(found.horizontal, 0.02);
+        near(found.vertical, 0.008);
+        let values = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let optical =
+            OpticalCrosstalk::from_values(&values[..OpticalCrosstalk::ENTRY.parameters.len()]);
+        let found = measured(|c| c.effects.push(optical.into()));
+        near(found.horizontal, 0.0);
+        near(found.vertical, 0.0);
+    }
+}

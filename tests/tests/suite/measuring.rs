@@ -1,0 +1,236 @@
+//! Captures and measurements as a person types them: figures that can be known beforehand, and refusals.
+
+use super::{camrig, camrig_ok, shared, small_camera};
+use serde_json::Value;
+use std::path::Path;
+
+fn json(dir: &Path, arguments: &str) -> Value {
+    serde_json::from_slice(&camrig_ok(dir, arguments).stdout).expect("one JSON object")
+}
+
+fn refuses(dir: &Path, arguments: &str, says: &[&str]) {
+    let output = camrig(dir, arguments);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "camrig {arguments}\n{told}");
+    assert!(output.stdout.is_empty(), "camrig {arguments} prints figures");
+    for expected in says {
+        assert!(told.contains(expected), "camrig {arguments}\nshould say {expected:?}:\n{told}");
+    }
+}
+
+fn folder(width: u32, height: u32, changes: &[(&str, &str)]) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("c.toml"), small_camera(width, height, changes)).unwrap();
+    dir
+}
+
+const SHOOT: &str = "simulate --camera c.toml --lux 300 --exposure 20ms --force -o";
+
+#[test]
+fn patches_and_profiles_of_a_frame() {
+    let dir = folder(360, 270, &[("prnu", "0.0"), ("row_fpn_e", "0.0")]);
+    let dir = dir.path();
+    camrig_ok(dir, &format!("{SHOOT} a.dng --scene colorchecker"));
+    let patches = json(dir, "measure patches a.dng --json");
+    assert_eq!(patches["patches"].as_array().unwrap().len(), 24);
+    let luminance = |i: usize| patches["patches"][i]["luminance_dn"].as_f64().unwrap();
+    // Grey patches by their published reflectances: 18.4 % (22 here: 0.19 of 0.9) and white.
+    assert!(
+        (luminance(21) / luminance(18) - 0.21).abs() < 0.03,
+        "{}",
+        luminance(21) / luminance(18)
+    );
+    let same = json(dir, "measure profile a.dng --row 90 --channel g --against a.dng --json");
+    let against = &same["channels"]["g"]["against"];
+    assert_eq!(against["ratio_of_means"], 1.0);
+    assert_eq!(against["rms_dn"], 0.0);
+    // The file says black level and pattern; a NPY does not.
+    camrig_ok(dir, &format!("{SHOOT} a.npy --scene colorchecker"));
+    refuses(dir, "measure patches a.npy", &["black level", "--black"]);
+    refuses(dir, "measure patches a.dng --corners 0,0,9,0,9,9,0,9", &["patch 1"]);
+    refuses(dir, "measure patches a.dng --corners 1,2,3", &["eight numbers"]);
+    refuses(dir, "measure profile a.dng --row 270", &["lines run from 0 to 269"]);
+    refuses(dir, "measure profile a.dng --channel x", &["no channel \"x\"", "R, G, B"]);
+    camrig_ok(dir, &format!("{SHOOT} u.dng --scene uniform:0.5"));
+    std::fs::write(dir.join("c.toml"), small_camera(180, 270, &[])).unwrap();
+    camrig_ok(dir, &format!("{SHOOT} b.dng --scene colorchecker"));
+    refuses(dir, "measure profile a.dng --row 90 --against b.dng --channel g", &["size"]);
+}
+
+#[test]
+fn edges_that_cannot_be_measured() {
+    let dir = folder(160, 120, &[("cfa", "\"mono\""), ("f_number", "4.0")]);
+    let dir = dir.path();
+    camrig_ok(dir, &format!("{SHOOT} edge.dng --scene slanted-edge"));
+    let edges = json(dir, "measure mtf edge.dng --roi 50,20,60,80 --pitch-um 2.2 --json");
+    let edge = &edges["edges"][0];
+    assert!((edge["angle_deg"].as_f64().unwrap().abs() - 5.0).abs() < 0.1, "{edge}");
+    // Theory for f/4 and 2.2 µm with a full aperture: 145.5 cycles/mm; fill factor 0.8 makes it more.
+    let mtf50 = edge["mtf50_cycles_per_mm"].as_f64().unwrap();
+    assert!((145.0..165.0).contains(&mtf50), "{mtf50}");
+    camrig_ok(dir, &format!("{SHOOT} upright.dng --scene slanted-edge:angle=0"));
+    refuses(dir, "measure mtf upright.dng --roi 50,20,60,80", &["parallel", "slant it"]);
+    camrig_ok(dir, &format!("{SHOOT} clipped.dng --scene slanted-edge --lux 30000"));
+    refuses(dir, "measure mtf clipped.dng --roi 50,20,60,80", &["clipped", "expose less"]);
+    camrig_ok(dir, &format!("{SHOOT} none.dng --scene uniform:0.3"));
+    refuses(dir, "measure mtf none.dng --roi 50,20,60,80", &["edge"]);
+    refuses(dir, "measure mtf edge.dng --roi 150,20,60,80", &["not inside the frame"]);
+    refuses(dir, "measure mtf edge.dng --roi 50,20,10,80", &["20 pixels"]);
+    refuses(dir, "measure mtf edge.dng --roi 50,20", &["no region"]);
+}
+
+const PLAN: &str = r#"format = "plan/1"
+[[stack]]
+id = "dark"
+role = "dark"
+frames = 4
+exposure_s = [0.01, 0.1]
+[[stack]]
+id = "flat"
+role = "flat"
+frames = 4
+exposure_s = 0.01
+fill = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]
+light = { wavelength_nm = 550.0 }
+"#;
+
+#[test]
+fn sets_are_compared_and_what_is_wrong_with_them_is_told() {
+    let dir = folder(96, 64, &[]);
+    let dir = dir.path();
+    std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
+    camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o a");
+    camrig_ok(dir, "capture --camera c.toml --plan plan.toml --frame-seed 900 -o b");
+    // The same camera differs by noise only, another one by more.
+    camrig_ok(dir, "measure compare a b");
+    std::fs::write(dir.join("noisy.toml"), small_camera(96, 64, &[("read_e", "5.0")])).unwrap();
+    camrig_ok(dir, "capture --camera noisy.toml --plan plan.toml --frame-seed 900 -o noisy");
+    let output = camrig(dir, "measure compare a noisy --json");
+    assert_eq!(output.status.code(), Some(1));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["differ"], true);
+    let worst =
+        found["statistics"].as_array().unwrap().iter().max_by(|a, b| {
+            a["z"].as_f64().unwrap().abs().total_cmp(&b["z"].as_f64().unwrap().abs())
+        });
+    assert_eq!(worst.unwrap()["statistic"], "temporal_variance_dn2");
+    std::fs::write(dir.join("c.toml"), small_camera(64, 64, &[])).unwrap();
+    camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o other");
+    refuses(dir, "measure compare a other", &["96 x 64", "64 x 64"]);
+
+    // Wrong black level, mismatched sizes, a single frame.
+    let manifest = dir.join("a/captures.toml");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    for (from, to, says) in [
+        ("black_level_dn = 42.0", "black_level_dn = 90.0", "darker than black"),
+        ("width = 96", "width = 95", "a frame of 96 x 64"),
+        ("bits = 10", "bits = 8", "bits"),
+        ("flat-03/*.npy", "flat-03/0000.npy", "one frame"),
+        ("dark-00/*.npy", "dark-00/none*.npy", "none*.npy"),
+    ] {
+        assert!(text.contains(from), "{from}\n{text}");
+        std::fs::write(&manifest, text.replace(from, to)).unwrap();
+        refuses(dir, "measure ptc a --json", &[says]);
+        refuses(dir, "measure emva a --json", &[says]);
+    }
+    // A plan that saturates without saying so leaves nothing behind.
+    std::fs::write(dir.join("plan.toml"), PLAN.replace("0.7]", "1.3]")).unwrap();
+    refuses(
+        dir,
+        "capture --camera c.toml --plan plan.toml -o s",
+        &["saturated", "saturates = true"],
+    );
+    assert!(!dir.join("s").exists());
+    refuses(dir, "capture --camera c.toml --plan emvva -o s", &["did you mean \"emva\""]);
+}
+
+#[test]
+fn an_emva_page_is_written_whole_or_not_at_all() {
+    let dir = folder(96, 64, &[]);
+    let dir = dir.path();
+    std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
+    camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o a");
+    camrig_ok(dir, "measure emva a --report page.html");
+    let page = std::fs::read_to_string(dir.join("page.html")).unwrap();
+    for part in
+        ["Photon transfer", "Linearity", "DSNU spectrogram", "PRNU histogram", "DSNU1288 row"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(
+        !page.contains("http://www.w3.org/1999") && !page.contains("src=\"http"),
+        "self-contained"
+    );
+    refuses(dir, "measure emva a --report page.html", &["exists", "--force"]);
+}
+
+#[test]
+fn the_crosstalk_experiment() {
+    let dir = folder(96, 64, &[("crosstalk", "\"x.csv\""), ("prnu", "0.002")]);
+    let dir = dir.path();
+    let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
+    let text = text.replace("[sensor]", "[sensor]\ncrosstalk = \"x.csv\"");
+    std::fs::write(dir.join("c.toml"), text).unwrap();
+    let mut table = "channel,wavelength_nm,x,y,factor\n".to_owned();
+    for channel in ["r", "g", "b"] {
+        for (x, y) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
+        {
+            let factor = 1.0 - 0.1 * f64::from(x * x) - 0.05 * f64::from(y * y);
+            table.push_str(&format!("{channel},550,{x},{y},{factor}\n"));
+        }
+    }
+    std::fs::write(dir.join("x.csv"), table).unwrap();
+    camrig_ok(dir, "crosstalk bench --camera c.toml --frames 4 -o bench");
+    let fit = json(dir, "crosstalk fit bench -o fit.csv --json");
+    let nodes = fit["nodes"].as_array().unwrap();
+    assert_eq!(nodes.len(), 3 * 7 * 13 * 17);
+    // Bilinear between nodes, so the truth is known at every point; four standard errors and what region
+    // and grid of so small a sensor differ by.
+    let off = nodes.iter().filter(|n| {
+        let at = |key: &str| n[key].as_f64().unwrap();
+        let truth = 1.0 - 0.1 * at("x").abs() - 0.05 * at("y").abs();
+        let factor = &n["factor"];
+        let error = factor["std_error"].as_f64().unwrap();
+        (factor["value"].as_f64().unwrap() - truth).abs() > 4.0 * error + 0.01
+    });
+    assert!(off.count() < nodes.len() / 50);
+    // What was fitted is a camera's table.
+    let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
+    std::fs::write(dir.join("d.toml"), text.replace("x.csv", "fit.csv")).unwrap();
+    camrig_ok(dir, "simulate --camera d.toml --scene uniform:0.5 --exposure 5ms -o d.npy");
+    refuses(dir, "crosstalk fit bench -o fit.csv", &["exists", "--force"]);
+    std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
+    camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o a");
+    refuses(dir, "crosstalk fit a", &["no rotation captures", "crosstalk bench"]);
+    let manifest = dir.join("bench/captures.toml");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replacen("wavelength_nm = 400.0\n", "", 1)).unwrap();
+    refuses(dir, "crosstalk fit bench", &["without a wavelength"]);
+}
+
+#[test]
+fn real_captures() {
+    let Some(captures) = shared("data/captures") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let measure = |what: &str, set: &str| {
+        json(dir.path(), &format!("measure {what} {} --json", captures.join(set).display()))
+    };
+    let emva = measure("emva", "emva1288_ref001_CCD_12Bit");
+    let near = |v: &Value, truth: f64| (v.as_f64().unwrap() / truth - 1.0).abs() < 0.02;
+    assert!(
+        near(&emva["overall_system_gain"], 0.2808) && near(&emva["temporal_dark_noise_dn"], 3.07)
+    );
+    // The response bends by 1.8 %: K at small signals lies above the standard's, and it is told.
+    let ptc = measure("ptc", "emva1288_ref001_CCD_12Bit");
+    assert!(near(&ptc["system_gain_dn_per_e"]["value"], 0.2808), "{ptc}");
+    assert!(ptc["notes"].to_string().contains("not a straight line"));
+    let rates = measure("rates", "bllanos_narrowband_7x7");
+    assert_eq!(rates["series"].as_array().unwrap().len(), 14);
+    // A set whose light is not known has no quantum efficiency, and says so.
+    let ptc = measure("ptc", "imx541_alvium1800u2040m");
+    assert!(ptc["system_gain_dn_per_e"]["value"].as_f64().unwrap() > 0.0);
+    let emva = measure("emva", "imx541_alvium1800u2040m");
+    assert!(emva["quantum_efficiency"].is_null());
+    let warned = emva["warnings"].to_string();
+    assert!(warned.contains("photons per pixel are not known"), "{warned}");
+}
