@@ -166,28 +166,9 @@ impl FrameSink {
     }
 }
 
-/// Name, mean DN and saturated fraction of each channel.
-pub fn channel_means(frame: &RawFrame) -> Vec<(String, f64, f64)> {
-    let channels = frame.cfa.channels();
-    let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];
-    for (y, row) in frame.data.chunks(frame.width).enumerate() {
-        let of_column: Vec<usize> = (0..frame.cfa.width).map(|x| frame.cfa.channel(x, y)).collect();
-        for (x, &dn) in row.iter().enumerate() {
-            let (sum, count, full) = &mut sums[of_column[x % frame.cfa.width]];
-            *sum += u64::from(dn);
-            *count += 1;
-            *full += u64::from(dn >= frame.white_level_dn);
-        }
-    }
-    let figures = |(c, (sum, count, full)): (&char, (u64, u64, u64))| {
-        let n = count.max(1) as f64;
-        (c.to_lowercase().to_string(), sum as f64 / n, full as f64 / n)
-    };
-    channels.iter().zip(sums).map(figures).collect()
-}
-
 fn channel_figures(frame: &RawFrame) -> Value {
-    channel_means(frame)
+    frame
+        .channel_means()
         .into_iter()
         .map(|(name, mean_dn, saturated)| {
             (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))

@@ -2,7 +2,7 @@
 
 use super::arguments::{self, FrameArgs, positive};
 use super::simulate::expose_frames;
-use crate::camera::Camera;
+use crate::camera::{Camera, changes};
 use crate::render::{Exposure, IrradianceCube};
 use crate::scene::Illuminant;
 use crate::{Error, Result};
@@ -25,6 +25,9 @@ pub struct Args {
     /// Scene illuminance, lx, instead of the one it was made for
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     lux: Option<f64>,
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    set: Vec<(String, toml::Value)>,
     #[command(flatten)]
     frames: FrameArgs,
 }
@@ -32,7 +35,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let camera = Camera::load(&args.camera)?;
+    let camera = Camera::load_with(&args.camera, &args.set)?;
     let cube = IrradianceCube::open(&args.irradiance)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,

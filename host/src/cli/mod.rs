@@ -2,7 +2,18 @@
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
+/// `println!` of this program: a reader that has gone is an error with words, not a panic.
+macro_rules! println {
+    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*))) };
+}
+
+/// `print!`, likewise.
+macro_rules! print {
+    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!($($what)*)) };
+}
+
 pub mod arguments;
+mod batch;
 mod calibrate;
 mod capture;
 mod compare;
@@ -17,7 +28,9 @@ mod presets;
 mod rig;
 mod scene;
 mod simulate;
+mod stdout;
 
+use crate::Result;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -33,6 +46,7 @@ enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
     Demo(demo::Args),
+    Batch(batch::Args),
     Capture(capture::Args),
     Scene(scene::Args),
     Lens(lens::Args),
@@ -48,11 +62,19 @@ enum Command {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let outcome = match cli.command {
+    let command = Cli::parse().command;
+    stdout::guard(|| run(command)).unwrap_or_else(|error| {
+        eprintln!("error: {error}");
+        ExitCode::from(2)
+    })
+}
+
+fn run(command: Command) -> Result<ExitCode> {
+    match command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Capture(args) => capture::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
@@ -63,9 +85,5 @@ pub fn main() -> ExitCode {
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
-    };
-    outcome.unwrap_or_else(|error| {
-        eprintln!("error: {error}");
-        ExitCode::from(2)
-    })
+    }
 }

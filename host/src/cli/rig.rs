@@ -1,7 +1,7 @@
 //! `camrig rig`: talk to rigs, or be one.
 
 use super::arguments::{self, duration, positive};
-use super::simulate::{View, ViewArgs};
+use super::simulate::ViewArgs;
 use crate::camera::Camera;
 use crate::formats::{Frames, csi2, output};
 use crate::render::{Arithmetic, Exposure, IrradianceCube};
@@ -271,10 +271,10 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             lux: args.lux,
             luminance: None,
             oversample: None,
+            set: Vec::new(),
             no_cache: false,
         };
-        let View { cube, .. } = view.view()?;
-        return Ok(vec![cube]);
+        return Ok(vec![view.view()?.1.cube]);
     }
     let path =
         args.irradiance.as_ref().ok_or_else(|| Error::input("neither scene nor irradiance"))?;

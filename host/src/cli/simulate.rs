@@ -1,12 +1,12 @@
 //! `camrig simulate`: scene to raw.
 
 use super::arguments::{self, FrameArgs, positive};
-use crate::camera::Camera;
-use crate::optics::Options;
-use crate::render::{self, Exposure, IrradianceCube};
+use crate::Result;
+use crate::camera::{Camera, changes};
+use crate::optics::{Options, content};
+use crate::render::{self, Exposure, IrradianceCube, Sight, View};
 use crate::rig::{FrameRequest, Rig};
-use crate::scene::{self, Illuminant, LightLevel, LitScene, Quantity, photometry};
-use crate::{Error, Result};
+use crate::scene::{Illuminant, LightLevel};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -48,83 +48,48 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    pub set: Vec<(String, toml::Value)>,
     /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
     #[arg(long)]
     pub no_cache: bool,
 }
 
-/// What the optics stage gave, and what it was made from.
-pub struct View {
-    /// The camera.
-    pub camera: Camera,
-    /// The light, where the scene is one of reflectances.
-    pub light: Option<Illuminant>,
-    /// Irradiance on the sensor.
-    pub cube: IrradianceCube,
-    /// Figures of the optics stage.
-    pub optics: crate::optics::Report,
-    /// Whether they came from the cache.
-    pub cached: bool,
-}
-
-const DEFAULT_LUX: f64 = 300.0;
-
 impl ViewArgs {
-    /// Runs the optics stage.
-    pub fn view(&self) -> Result<View> {
-        let camera = Camera::load(&self.camera)?;
-        let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
-        let scene = scene::open_filling(&self.scene, aspect)?;
-        scene.notes().iter().for_each(|note| eprintln!("note: {note}"));
-        let bands = scene.bands();
-        let (light, lux, white) = match scene.quantity() {
-            Quantity::Reflectance => {
-                let light = Illuminant::parse(&self.illuminant)?;
-                let level = match (self.lux, self.luminance) {
-                    (_, Some(l)) => LightLevel::Luminance(l),
-                    (lux, None) => LightLevel::Lux(lux.unwrap_or(DEFAULT_LUX)),
-                };
-                let white = photometry::white_radiance(&light, level, &bands)?;
-                (Some(light), Some(level.white_luminance() * std::f64::consts::PI), white)
-            }
-            Quantity::Radiance => {
-                if self.lux.is_some() || self.luminance.is_some() {
-                    return Err(Error::input(format!("a light level for {:?}", self.scene)).help(
-                        "this scene holds radiance, light included; leave --lux and --luminance out",
-                    ));
-                }
-                (None, None, vec![1.0; bands.count])
-            }
+    /// Loads the camera and runs the optics stage.
+    pub fn view(&self) -> Result<(Camera, View)> {
+        let camera = Camera::load_with(&self.camera, &self.set)?;
+        let level = match (self.lux, self.luminance) {
+            (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
+            (lux, None) => lux.map(LightLevel::Lux),
         };
-        let lit = LitScene { scene: &*scene, white };
-        let options = Options { oversample: self.oversample, ..Options::default() };
-        let bar = arguments::progress("optics", bands.count as u64);
-        let made_of = format!("scene {}, lens of {}", self.scene, camera.name);
-        let illuminant = light.as_ref().map(|l| l.name.clone());
-        let about = render::About { lux, illuminant, made_of };
-        let directory = if self.no_cache { None } else { crate::optics::content::directory() };
-        let rendered = render::cache::irradiance(
-            &camera,
-            &lit,
-            &options,
-            about,
-            directory.as_deref(),
-            |done, _| bar.set_position(done as u64),
-        )
-        .map_err(|e| e.at(&self.scene))?;
+        let cache = if self.no_cache { None } else { content::directory() };
+        let sight = Sight {
+            scene: self.scene.clone(),
+            illuminant: self.illuminant.clone(),
+            level,
+            options: Options { oversample: self.oversample, ..Options::default() },
+            cache,
+        };
+        let bar = arguments::progress("optics", 0);
+        let view = sight.view(&camera, |done, bands| {
+            bar.set_length(bands as u64);
+            bar.set_position(done as u64);
+        })?;
         bar.finish_and_clear();
-        if rendered.hit {
+        view.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
-        let render::cache::Rendered { cube, report: optics, hit: cached } = rendered;
-        Ok(View { camera, light, cube, optics, cached })
+        Ok((camera, view))
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let View { camera, light, cube, optics, cached } = args.view.view()?;
+    let (camera, View { light, cube, optics, cached, .. }) = args.view.view()?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
@@ -175,15 +140,7 @@ pub fn expose_frames(
                 rig.frame(cube, exposure, &request)?.to_raw(exposure)?
             }
         };
-        let description = format!(
-            "{}; sensor seed {}, frame {}",
-            cube.header.made_of, camera.sensor.seed, settings.frame
-        );
-        let mut info = render::dng_info(camera, &settings, light, &description)?;
-        if args.opcodes {
-            let corrections = render::corrections(camera, &settings)?;
-            (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
-        }
+        let info = render::frame_info(camera, &settings, light, &cube.header, args.opcodes)?;
         sink.write(&frame, &info)?;
         bar.inc(1);
     }

@@ -13,7 +13,8 @@ use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 use sensor_core::spectral::{GROUP, groups};
 
 /// Arithmetic of the sensor stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Arithmetic {
     /// 32-bit floating point.
     #[default]

@@ -1,6 +1,7 @@
 //! Tests of camrig as its users meet it: the program, the files, the figures.
 
 mod bad_input;
+mod batch;
 mod command_line;
 mod photon_transfer;
 mod radiometry;
