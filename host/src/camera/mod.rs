@@ -9,7 +9,9 @@ mod check;
 mod crosstalk;
 mod effects;
 mod file;
+pub mod keys;
 pub mod presets;
+pub mod schema;
 mod sensor;
 #[cfg(test)]
 mod tests;

@@ -1,13 +1,16 @@
 //! What several commands have in common: durations, progress bars, where frames go.
 
 use crate::camera::Camera;
-use crate::formats::output::{OutputDir, write_file};
+use crate::formats::output::{OutputDir, OutputFile, write_file};
 use crate::formats::{DngInfo, Facts, Format, Frames, png, preview};
 use crate::render::Arithmetic;
+use crate::report::page::Page;
+use crate::report::simulation;
 use crate::{Error, RawFrame, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use sensor_core::config::FrameSettings;
 use serde_json::{Value, json};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
@@ -68,12 +71,27 @@ pub struct FrameArgs {
     /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
     #[arg(long)]
     pub opcodes: bool,
+    /// Also write a page about the frames, for people: pictures, plots, tables, the camera file
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Replace existing output
     #[arg(long)]
     pub force: bool,
     /// Print one JSON object about the frames on standard output
     #[arg(long)]
     pub json: bool,
+}
+
+/// Opens the file of a page before the work, so that a bad name fails at once.
+pub fn open_report(path: Option<&Path>, force: bool) -> Result<Option<OutputFile>> {
+    path.map(|path| OutputFile::create(path, force)).transpose()
+}
+
+/// Writes a page.
+pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
+    file.write_all(page.html().as_bytes())
+        .map_err(|e| Error::io("write", Path::new("the report"), e))?;
+    file.finish()
 }
 
 /// What a frame's file is to be.
@@ -90,6 +108,7 @@ pub struct FrameSink {
     path: PathBuf,
     force: bool,
     written: Vec<Value>,
+    report: Option<(OutputFile, simulation::Frames)>,
 }
 
 impl FrameArgs {
@@ -128,6 +147,8 @@ impl FrameArgs {
             path: self.output.clone(),
             force: self.force,
             written: Vec::new(),
+            report: open_report(self.report.as_deref(), self.force)?
+                .map(|file| (file, simulation::Frames::default())),
         })
     }
 }
@@ -153,14 +174,21 @@ impl FrameSink {
                 self.path.join(name).display().to_string()
             }
         };
+        if let Some((_, frames)) = &mut self.report {
+            let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
+            frames.add(&file, frame, info)?;
+        }
         self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
         Ok(())
     }
 
-    /// Completes the output; what was written, for `--json`.
-    pub fn finish(self) -> Result<Vec<Value>> {
+    /// Completes the output; what was written, for `--json`. `page` is asked for the page about the frames.
+    pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
         if let Some(directory) = self.directory {
             directory.finish()?;
+        }
+        if let Some((file, frames)) = self.report {
+            write_report(file, &page(&frames))?;
         }
         Ok(self.written)
     }

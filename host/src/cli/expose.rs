@@ -1,9 +1,10 @@
 //! `camrig expose`: the sensor stage alone.
 
 use super::arguments::{self, FrameArgs, positive};
-use super::simulate::expose_frames;
+use super::simulate::{expose_frames, light_of};
 use crate::camera::{Camera, changes};
 use crate::render::{Exposure, IrradianceCube};
+use crate::report::simulation;
 use crate::scene::Illuminant;
 use crate::{Error, Result};
 use serde_json::json;
@@ -49,7 +50,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
     let exposure = Exposure::new(&camera, &cube.header, factor)?;
     expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
-    let written = sink.finish()?;
+    let mut header = cube.header.clone();
+    header.lux = args.lux.or(header.lux);
+    let mut made_of = vec![("irradiance of", header.made_of.clone())];
+    made_of.extend(light_of(&header));
+    let settings = args.frames.settings(&camera, 0);
+    let written = sink.finish(|frames| {
+        let title = format!("{} in other light or settings", camera.name);
+        simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
+    })?;
     let object = json!({ "camera": camera.name, "frames": written });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)

@@ -1,5 +1,6 @@
 //! `camrig measure`: figures from captures or frames.
 
+use super::arguments;
 use crate::camera::Cfa;
 use crate::captures::CaptureSet;
 use crate::formats;
@@ -7,6 +8,7 @@ use crate::measure::mtf::{self, Roi};
 use crate::measure::patches::{self, Corners, built_in_corners};
 use crate::measure::profile::{self, Along};
 use crate::measure::{Value, compare, emva, ptc, rates};
+use crate::report::{measurement, page::Page};
 use crate::{Error, Plane, Result};
 use clap::{Args as ClapArgs, Subcommand};
 use serde_json::{Map, json};
@@ -23,7 +25,7 @@ pub struct Args {
 #[derive(Subcommand)]
 enum What {
     /// Photon transfer: gain, read noise, full well, fixed patterns, dark current, non-linearity
-    #[command(after_help = "Example: camrig measure ptc captures/ --json")]
+    #[command(after_help = "Example: camrig measure ptc captures/ --json --report ptc.html")]
     Ptc(OnCaptures),
     /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
     #[command(after_help = "Example: camrig measure emva captures/ --json")]
@@ -44,7 +46,7 @@ enum What {
     Profile(ProfileArgs),
     /// Signal rates per position of the filter pattern under each light, from exposure series
     #[command(after_help = "Example: camrig measure rates captures/ --json")]
-    Rates(OnCaptures),
+    Rates(RatesArgs),
     /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
     #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
     Compare(CompareArgs),
@@ -54,9 +56,41 @@ enum What {
 struct OnCaptures {
     /// A capture set: a directory with captures.toml
     captures: PathBuf,
+    #[command(flatten)]
+    page: PageArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+}
+
+#[derive(ClapArgs)]
+struct RatesArgs {
+    /// A capture set: a directory with captures.toml
+    captures: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// A page about a measurement.
+#[derive(ClapArgs)]
+struct PageArgs {
+    /// Also write a page: figures, plots
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Replace an existing page
+    #[arg(long)]
+    force: bool,
+}
+
+impl PageArgs {
+    /// Writes the page if one was asked for.
+    fn write(&self, page: impl FnOnce() -> Page) -> Result<()> {
+        match arguments::open_report(self.report.as_deref(), self.force)? {
+            Some(file) => arguments::write_report(file, &page()),
+            None => Ok(()),
+        }
+    }
 }
 
 /// A raw frame and what its file may not say.
@@ -192,6 +226,8 @@ struct MtfArgs {
     /// Region of the edge in pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     roi: Roi,
+    #[command(flatten)]
+    page: PageArgs,
     /// Pixel pitch, for cycles per millimetre
     #[arg(long, value_name = "P")]
     pitch_um: Option<f64>,
@@ -229,6 +265,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
 fn run_ptc(args: &OnCaptures) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.captures)?;
     let result = ptc::measure(&set)?;
+    args.page.write(|| measurement::ptc(&set, &result))?;
     if args.json {
         let mut object = object(&result.figures)?;
         if result.channels.len() > 1 {
@@ -262,6 +299,7 @@ fn run_ptc(args: &OnCaptures) -> Result<ExitCode> {
 fn run_emva(args: &OnCaptures) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.captures)?;
     let result = emva::measure(&set)?;
+    args.page.write(|| measurement::emva(&set, &result))?;
     if args.json {
         let mut object = match &result.channels[..] {
             [mono] => self::object(mono)?,
@@ -311,6 +349,7 @@ fn run_mtf(args: &MtfArgs) -> Result<ExitCode> {
                 .map_err(|e| e.at(format!("{}, channel {l}", args.source.frame.display())))
         })
         .collect::<Result<_>>()?;
+    args.page.write(|| measurement::mtf(&args.source.frame.display().to_string(), &edges))?;
     if args.json {
         println!("{}", json!({ "edges": edges }));
         return Ok(ExitCode::SUCCESS);
@@ -419,7 +458,7 @@ fn run_profile(args: &ProfileArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn run_rates(args: &OnCaptures) -> Result<ExitCode> {
+fn run_rates(args: &RatesArgs) -> Result<ExitCode> {
     let series = rates::measure(&CaptureSet::load(&args.captures)?)?;
     if args.json {
         println!("{}", json!({ "series": series }));

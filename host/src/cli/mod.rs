@@ -4,6 +4,7 @@
 
 /// `println!` of this program: a reader that has gone is an error with words, not a panic.
 macro_rules! println {
+    () => { $crate::cli::stdout::print(format_args!("\n")) };
     ($($what:tt)*) => { $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*))) };
 }
 
@@ -21,12 +22,14 @@ mod convert;
 mod crosstalk;
 mod demo;
 mod diagnose;
+mod explain;
 mod expose;
 mod lens;
 mod measure;
 mod presets;
 mod rig;
 mod scene;
+mod shell;
 mod simulate;
 mod stdout;
 
@@ -58,6 +61,10 @@ enum Command {
     Rig(rig::Args),
     Convert(convert::Args),
     Presets(presets::Args),
+    Explain(explain::Args),
+    Schema(explain::SchemaArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
 }
 
 /// Runs the program on the process's arguments.
@@ -85,5 +92,9 @@ fn run(command: Command) -> Result<ExitCode> {
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Presets(args) => presets::run(&args),
+        Command::Explain(args) => explain::run(&args),
+        Command::Schema(args) => explain::run_schema(&args),
+        Command::Completions(args) => shell::run_completions(&args),
+        Command::Man(args) => shell::run_man(&args),
     }
 }

@@ -4,7 +4,8 @@ use super::arguments::{self, FrameArgs, positive};
 use crate::Result;
 use crate::camera::{Camera, changes};
 use crate::optics::{Options, content};
-use crate::render::{self, Exposure, IrradianceCube, Sight, View};
+use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Sight, View};
+use crate::report::simulation;
 use crate::rig::{FrameRequest, Rig};
 use crate::scene::{Illuminant, LightLevel};
 use serde_json::json;
@@ -15,7 +16,8 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms -o chart.dng\n  \
-    camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png")]
+    camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png\n  \
+    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy --report edge.html")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
@@ -95,7 +97,19 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
     expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
-    let written = sink.finish()?;
+    let mut made_of = vec![
+        ("scene", args.view.scene.clone()),
+        ("camera", camera.name.clone()),
+        ("arithmetic", args.frames.arith.to_string()),
+        ("cells per pixel and direction", optics.oversample.iter().max().unwrap_or(&1).to_string()),
+        ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
+    ];
+    made_of.extend(light_of(&cube.header));
+    let settings = args.frames.settings(&camera, 0);
+    let written = sink.finish(|frames| {
+        let title = format!("{} through {}", args.view.scene, camera.name);
+        simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
+    })?;
     let object = json!({
         "camera": camera.name,
         "frames": written,
@@ -108,6 +122,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)
+}
+
+/// The light that irradiance was made with, for a page.
+pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
+    let light = header.illuminant.clone().map(|name| ("illuminant", name));
+    let lux = header.lux.map(|lux| ("scene illuminance", format!("{lux} lx")));
+    light.into_iter().chain(lux).collect()
 }
 
 /// Takes the frames and writes them.

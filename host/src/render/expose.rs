@@ -23,6 +23,15 @@ pub enum Arithmetic {
     Fixed,
 }
 
+impl std::fmt::Display for Arithmetic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::F32 => "f32",
+            Self::Fixed => "fixed",
+        })
+    }
+}
+
 /// Rows computed by one task.
 const ROWS_PER_TASK: usize = 32;
 

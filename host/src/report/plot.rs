@@ -361,9 +361,11 @@ impl Drawing {
 
     fn marks(&mut self, points: &[[f64; 2]], mark: Mark, colour: &str) {
         if mark == Mark::Points {
+            // Few points are looked at one by one, many as a cloud.
+            let radius = if points.len() < 100 { 3.0 } else { 1.6 };
             self.add(format_args!("<g fill=\"{colour}\" fill-opacity=\"0.7\">"));
             for [x, y] in points {
-                self.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\"/>"));
+                self.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>"));
             }
             self.add(format_args!("</g>\n"));
             return;

@@ -3,6 +3,7 @@
 mod bad_input;
 mod batch;
 mod command_line;
+mod guide;
 mod photon_transfer;
 mod radiometry;
 mod real_data;
