@@ -22,6 +22,7 @@ pub mod report;
 pub mod rig;
 pub mod scene;
 pub mod toml_text;
+pub mod view;
 
 pub use error::{Error, Result};
 pub use frame::RawFrame;

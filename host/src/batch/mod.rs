@@ -84,6 +84,7 @@ pub fn run(
             level: sweep.base_lux().map(LightLevel::Lux),
             options: Options { oversample: sweep.oversample, ..Options::default() },
             cache: cache.clone(),
+            motion: None,
         };
         let view = sight.view(&camera, |_, _| ())?;
         missing.par_iter().try_for_each(|picture| {

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
     let exposure = Exposure::new(&camera, &cube.header, factor)?;
-    expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
+    expose_frames(&args.frames, &camera, &exposure, (&cube, None), light.as_ref(), &mut sink)?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];

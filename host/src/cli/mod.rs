@@ -24,10 +24,12 @@ mod demo;
 mod diagnose;
 mod explain;
 mod expose;
+mod isp;
 mod lens;
 mod measure;
 mod presets;
 mod rig;
+mod rig_view;
 mod scene;
 mod shell;
 mod simulate;
@@ -60,6 +62,7 @@ enum Command {
     Diagnose(diagnose::Args),
     Rig(rig::Args),
     Convert(convert::Args),
+    Isp(isp::Args),
     Presets(presets::Args),
     Explain(explain::Args),
     Schema(explain::SchemaArgs),
@@ -91,6 +94,7 @@ fn run(command: Command) -> Result<ExitCode> {
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Isp(args) => isp::run(&args),
         Command::Presets(args) => presets::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Schema(args) => explain::run_schema(&args),

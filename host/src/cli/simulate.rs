@@ -4,10 +4,11 @@ use super::arguments::{self, FrameArgs, positive};
 use crate::Result;
 use crate::camera::{Camera, changes};
 use crate::optics::{Options, content};
-use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Sight, View};
+use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, View};
 use crate::report::simulation;
 use crate::rig::{FrameRequest, Rig};
 use crate::scene::{Illuminant, LightLevel};
+use sensor_core::config::FrameSettings;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +18,10 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:\n  \
     camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms -o chart.dng\n  \
     camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png\n  \
-    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy --report edge.html")]
+    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy --report edge.html\n  \
+    camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 -o bracket\n  \
+    camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 --rolling 0.8 \\\n    \
+        -o - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le -video_size 752x480 -")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
@@ -53,27 +57,54 @@ pub struct ViewArgs {
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
     pub set: Vec<(String, toml::Value)>,
+    /// Let the scene move: pixels per frame to the right and down
+    #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
+    pub motion: Option<[f64; 2]>,
+    /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
+    #[arg(long, value_name = "PART", value_parser = part, default_value_t = 0.0, requires = "motion")]
+    pub rolling: f64,
     /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
     #[arg(long)]
     pub no_cache: bool,
 }
 
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
+        _ => Err(format!("{text:?}: use two numbers, for instance 4,-0.5")),
+    }
+}
+
+fn part(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| (0.0..=1.0).contains(v));
+    value.ok_or_else(|| format!("{text:?}: use a number from 0 to 1"))
+}
+
 impl ViewArgs {
-    /// Loads the camera and runs the optics stage.
-    pub fn view(&self) -> Result<(Camera, View)> {
-        let camera = Camera::load_with(&self.camera, &self.set)?;
+    /// What is looked at.
+    fn sight(&self) -> Sight {
         let level = match (self.lux, self.luminance) {
             (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
             (lux, None) => lux.map(LightLevel::Lux),
         };
         let cache = if self.no_cache { None } else { content::directory() };
-        let sight = Sight {
+        let motion =
+            self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });
+        Sight {
             scene: self.scene.clone(),
             illuminant: self.illuminant.clone(),
             level,
             options: Options { oversample: self.oversample, ..Options::default() },
             cache,
-        };
+            motion,
+        }
+    }
+
+    /// Loads the camera and runs the optics stage.
+    pub fn view(&self) -> Result<(Camera, View)> {
+        let camera = Camera::load_with(&self.camera, &self.set)?;
+        let sight = self.sight();
         let bar = arguments::progress("optics", 0);
         let view = sight.view(&camera, |done, bands| {
             bar.set_length(bands as u64);
@@ -96,7 +127,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         cube.save(path, args.frames.force)?;
     }
     let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
-    expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
+    let sight = args.view.sight();
+    let mut moved = |frame: u32| Ok(sight.view_at(&camera, frame, |_, _| ())?.cube);
+    let next: Option<&mut Cubes<'_>> = if sight.motion.is_some() { Some(&mut moved) } else { None };
+    expose_frames(&args.frames, &camera, &exposure, (&cube, next), light.as_ref(), &mut sink)?;
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),
         ("camera", camera.name.clone()),
@@ -131,37 +165,57 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
     light.into_iter().chain(lux).collect()
 }
 
-/// Takes the frames and writes them.
+/// Irradiance at each frame of a sequence.
+pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
+
+/// Takes the frames and writes them. `light` is the irradiance, and what gives that of frames 1, 2, ... where
+/// it changes.
 pub fn expose_frames(
     args: &FrameArgs,
     camera: &Camera,
     exposure: &Exposure,
-    cube: &IrradianceCube,
-    light: Option<&Illuminant>,
+    (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
+    illuminant: Option<&Illuminant>,
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
     let mut rig = args.rig.as_deref().map(Rig::open).transpose()?;
     if let Some(rig) = &mut rig {
         rig.set_camera(exposure)?;
     }
-    let bar = arguments::progress("frames", u64::from(args.frames));
-    for i in 0..args.frames {
+    let bar = arguments::progress("frames", u64::from(args.count()));
+    // Irradiance of this frame and the one before, where it changes.
+    let (mut moved, mut moved_before) = (None, None);
+    for i in 0..args.count() {
+        if let (Some(next), true) = (&mut next, i > 0) {
+            moved_before = moved.replace(next(i)?);
+        }
+        let cube = moved.as_ref().unwrap_or(first);
+        let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
         let settings = args.settings(camera, i);
-        let before = if i > 0 { Some(cube) } else { None };
-        let frame = match &mut rig {
-            None => exposure.frame(cube, before, &settings, args.arith)?,
+        let mut take = |settings: &FrameSettings| match &mut rig {
+            None => exposure.frame(cube, before, settings, args.arith),
             Some(rig) => {
                 let request = FrameRequest {
-                    settings,
+                    settings: *settings,
                     arithmetic: args.arith,
                     collapse: false,
-                    lit_before: before.is_some(),
+                    lit_before: before.is_some() && next.is_none(),
                     by_registers: false,
                 };
-                rig.frame(cube, exposure, &request)?.to_raw(exposure)?
+                rig.frame(cube, exposure, &request)?.to_raw(exposure)
             }
         };
-        let info = render::frame_info(camera, &settings, light, &cube.header, args.opcodes)?;
+        let frame = match args.hdr {
+            None => take(&settings)?,
+            Some(hdr) => {
+                let [long, short] = hdr.frames(settings.frame);
+                let exposure_s = settings.exposure_s / hdr.ratio() as f32;
+                let long = take(&FrameSettings { frame: long, ..settings })?;
+                let short = take(&FrameSettings { frame: short, exposure_s, ..settings })?;
+                hdr.interleave(&long, &short)?
+            }
+        };
+        let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
         sink.write(&frame, &info)?;
         bar.inc(1);
     }

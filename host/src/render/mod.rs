@@ -6,6 +6,7 @@
 pub mod cache;
 mod corrections;
 mod expose;
+pub mod hdr;
 mod irradiance;
 mod lens;
 mod metadata;
@@ -16,7 +17,7 @@ pub use expose::{Arithmetic, Exposure};
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use lens::{lens, sensor_grid};
 pub use metadata::{dng_info, frame_info};
-pub use view::{Sight, View};
+pub use view::{Motion, Sight, View};
 
 use crate::Result;
 use crate::camera::Camera;

@@ -3,6 +3,7 @@
 use super::{About, CubeHeader, IrradianceCube, cache};
 use crate::camera::Camera;
 use crate::optics::{Options, Report};
+use crate::scene::moving::Moving;
 use crate::scene::{self, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use crate::{Error, Result};
 use std::path::PathBuf;
@@ -23,6 +24,17 @@ pub struct Sight {
     pub options: Options,
     /// Where results of the optics stage are kept, if anywhere.
     pub cache: Option<PathBuf>,
+    /// How the scene moves, if it does.
+    pub motion: Option<Motion>,
+}
+
+/// Movement of a whole scene over the frames of a sequence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// To the right and down, pixels per frame.
+    pub velocity_pixels: [f64; 2],
+    /// Part of the frame period in which a rolling shutter reads its rows; 0 for a global shutter.
+    pub rolling: f64,
 }
 
 /// What the optics stage gave, and what it was made from.
@@ -45,8 +57,26 @@ impl Sight {
     /// # Errors
     /// A scene, light or lens that cannot be.
     pub fn view(&self, camera: &Camera, progress: impl FnMut(usize, usize)) -> Result<View> {
-        let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
-        let scene = scene::open_filling(&self.scene, aspect)?;
+        self.view_at(camera, 0, progress)
+    }
+
+    /// The same at frame `frame` of a sequence in which the scene moves.
+    ///
+    /// # Errors
+    /// Those of [`Sight::view`].
+    pub fn view_at(
+        &self,
+        camera: &Camera,
+        frame: u32,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<View> {
+        let [width, height] = [camera.sensor.width, camera.sensor.height].map(f64::from);
+        let mut scene = scene::open_filling(&self.scene, width / height)?;
+        if let Some(Motion { velocity_pixels, rolling }) = self.motion {
+            let velocity = velocity_pixels.map(|v| v / width);
+            let (start, height) = (f64::from(frame), height / width);
+            scene = Box::new(Moving { scene, velocity, start, rolling, height });
+        }
         let bands = scene.bands();
         let (light, lux, white) = match scene.quantity() {
             Quantity::Reflectance => {
@@ -68,7 +98,8 @@ impl Sight {
             made_of: format!("scene {}, lens of {}", self.scene, camera.name),
         };
         let lit = LitScene { scene: &*scene, white };
-        let directory = self.cache.as_deref();
+        // A moving scene is seen once in each place: nothing to keep.
+        let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
         let cache::Rendered { cube, report, hit } =
             cache::irradiance(camera, &lit, &self.options, about, directory, progress)
                 .map_err(|e| e.at(&self.scene))?;

@@ -303,7 +303,7 @@ pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<
 }
 
 /// A colour between black and near white by way of blue, red and yellow; t from 0 to 1.
-fn colour(t: f64) -> [u8; 3] {
+pub(crate) fn colour(t: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 5] = [
         [0.0, 0.0, 4.0],
         [87.0, 16.0, 110.0],

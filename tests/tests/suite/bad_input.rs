@@ -60,6 +60,8 @@ fn standard_output_that_takes_nothing() {
         "presets mt9t012",
         "--help",
         "simulate --camera c.toml --scene ramp --exposure 1ms -o a.npy --json --force",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o - --to npy",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o - --to SGRBG10 --frames 2",
         "convert a.npy - --to npy",
         "lens --help",
         "scene info ramp",

@@ -3,10 +3,12 @@
 mod bad_input;
 mod batch;
 mod command_line;
+mod control;
 mod guide;
 mod photon_transfer;
 mod radiometry;
 mod real_data;
+mod sequences;
 mod statistics;
 
 use std::path::Path;
