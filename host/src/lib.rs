@@ -5,6 +5,8 @@
 //! irradiance → raw) → `optics`, `scene`, `camera`, `formats` → `sensor-core` (the sensor, in rows).
 //! See `ARCHITECTURE.md` for the data flow with units.
 
+pub mod alternatives;
+pub mod batch;
 pub mod camera;
 pub mod captures;
 pub mod cli;
@@ -21,6 +23,7 @@ pub mod rig;
 pub mod scene;
 pub mod toml_text;
 pub mod validate;
+pub mod view;
 
 pub use error::{Error, Result};
 pub use frame::RawFrame;

@@ -4,11 +4,14 @@
 //! or a built-in preset, checks every value and names the line of what is wrong.
 
 mod cfa;
+pub mod changes;
 mod check;
 mod crosstalk;
 mod effects;
 mod file;
+pub mod keys;
 pub mod presets;
+pub mod schema;
 mod sensor;
 #[cfg(test)]
 mod tests;
@@ -107,23 +110,35 @@ impl Folder<'_> {
     }
 }
 
+/// Whether a camera's name is that of a preset rather than of a file.
+pub fn is_preset(spec: &str) -> bool {
+    !spec.contains(['/', '\\', '.'])
+}
+
 impl Camera {
     /// Loads a camera file, or a built-in preset where `spec` has no path separator and no extension.
     pub fn load(spec: &str) -> Result<Self> {
-        if !spec.contains(['/', '\\', '.']) {
+        Self::load_with(spec, &[])
+    }
+
+    /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY` for the
+    /// effect of that kind, which is added where the file has none. [`Camera::text`] is the changed file.
+    pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
+        if is_preset(spec) {
             let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {
                 Error::input(format!("unknown camera {spec:?}")).help(format!(
                     "{}; or give a file such as ./camera.toml",
                     toml_text::did_you_mean(spec, &presets::NAMES)
                 ))
             })?;
-            return Self::parse(text, spec, &Folder::BuiltIn);
+            return changes::parse(text, changes, spec, &Folder::BuiltIn);
         }
         let path = Path::new(spec);
         let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
         let directory = path.parent().unwrap_or(Path::new("."));
         let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
-        Self::parse(&text, &stem, &Folder::Directory(directory)).map_err(|e| e.at(spec))
+        let folder = Folder::Directory(directory);
+        changes::parse(&text, changes, &stem, &folder).map_err(|e| e.at(spec))
     }
 
     fn parse(text: &str, default_name: &str, folder: &Folder<'_>) -> Result<Self> {

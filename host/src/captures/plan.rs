@@ -7,6 +7,7 @@
 //! channel that gets most.
 
 use super::{Light, Role, SceneSeen};
+use crate::alternatives::Numbers;
 use crate::{Error, Result, toml_text};
 use serde::Deserialize;
 use std::path::Path;
@@ -81,26 +82,6 @@ struct PlanLight {
 
 fn ten() -> f64 {
     10.0
-}
-
-#[derive(Clone, Deserialize)]
-#[serde(untagged)]
-enum Numbers {
-    One(f64),
-    List(Vec<f64>),
-    Range { from: f64, to: f64, count: usize },
-}
-
-impl Numbers {
-    fn values(&self) -> Vec<f64> {
-        match self {
-            Self::One(v) => vec![*v],
-            Self::List(v) => v.clone(),
-            Self::Range { from, to, count } => (0..*count)
-                .map(|i| from + (to - from) * i as f64 / (count - 1).max(1) as f64)
-                .collect(),
-        }
-    }
 }
 
 /// Loads a built-in plan by name, or a file.
@@ -179,14 +160,14 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
         _ => {}
     }
     let optional = |n: &Option<Numbers>| match n {
-        Some(n) => n.values().into_iter().map(Some).collect(),
-        None => vec![None],
+        Some(n) => n.values().map(|values| values.into_iter().map(Some).collect()),
+        None => Ok(vec![None]),
     };
     let mut shots = Vec::new();
-    for &exposure_s in &stack.exposure_s.values() {
-        for &temperature_c in &optional(&stack.temperature_c) {
-            for &analog_gain in &optional(&stack.analog_gain) {
-                for &fill in &optional(&stack.fill) {
+    for &exposure_s in &stack.exposure_s.values()? {
+        for &temperature_c in &optional(&stack.temperature_c)? {
+            for &analog_gain in &optional(&stack.analog_gain)? {
+                for &fill in &optional(&stack.fill)? {
                     let positive =
                         [Some(exposure_s), analog_gain, fill, amount].into_iter().flatten();
                     for value in positive {

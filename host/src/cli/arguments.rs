@@ -1,13 +1,17 @@
 //! What several commands have in common: durations, progress bars, where frames go.
 
 use crate::camera::Camera;
-use crate::formats::output::{OutputDir, write_file};
+use crate::formats::output::{OutputDir, OutputFile, write_file};
 use crate::formats::{DngInfo, Facts, Format, Frames, png, preview};
 use crate::render::Arithmetic;
+use crate::render::hdr::Hdr;
+use crate::report::page::Page;
+use crate::report::simulation;
 use crate::{Error, RawFrame, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use sensor_core::config::FrameSettings;
 use serde_json::{Value, json};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
@@ -50,9 +54,17 @@ pub struct FrameArgs {
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
-    /// Frames to take; more than one go into a directory
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub frames: u32,
+    /// Frames to take; more than one go into a directory, or as a stream into - or headerless pixels
+    /// [default: 1, or as many as the bracket has]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub frames: Option<u32>,
+    /// Exposure bracket: steps in EV around the exposure, taken in turn
+    #[arg(long, value_name = "EV,...", value_delimiter = ',', allow_hyphen_values = true)]
+    pub bracket: Vec<f64>,
+    /// Two exposures in one frame: rows:RATIO (pairs of rows long and short in turn) or
+    /// staggered:RATIO[:OFFSET] (each row twice, the short one OFFSET rows later)
+    #[arg(long, value_name = "FORM", value_parser = Hdr::parse)]
+    pub hdr: Option<Hdr>,
     /// Number of the first frame: names its temporal noise; fixed patterns stay the sensor's
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame_seed: u32,
@@ -63,17 +75,36 @@ pub struct FrameArgs {
     #[arg(long, value_name = "URL")]
     pub rig: Option<String>,
     /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several frames
-    #[arg(short, long, value_name = "OUT")]
+    #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     pub output: PathBuf,
+    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, ..., or the V4L2 name of
+    /// headerless pixels
+    #[arg(long, value_name = "FORMAT")]
+    pub to: Option<String>,
     /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
     #[arg(long)]
     pub opcodes: bool,
+    /// Also write a page about the frames, for people: pictures, plots, tables, the camera file
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Replace existing output
     #[arg(long)]
     pub force: bool,
     /// Print one JSON object about the frames on standard output
     #[arg(long)]
     pub json: bool,
+}
+
+/// Opens the file of a page before the work, so that a bad name fails at once.
+pub fn open_report(path: Option<&Path>, force: bool) -> Result<Option<OutputFile>> {
+    path.map(|path| OutputFile::create(path, force)).transpose()
+}
+
+/// Writes a page.
+pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
+    file.write_all(page.html().as_bytes())
+        .map_err(|e| Error::io("write", Path::new("the report"), e))?;
+    file.finish()
 }
 
 /// What a frame's file is to be.
@@ -83,51 +114,96 @@ enum Kind {
     Picture,
 }
 
+/// Where the files are.
+enum Place {
+    /// One file.
+    File,
+    /// A file for each frame.
+    Directory(OutputDir),
+    /// One file, or standard output, into which frame after frame goes.
+    Stream(OutputFile),
+}
+
 /// Where frames go; made before any work, so that a bad output fails at once.
 pub struct FrameSink {
     kind: Kind,
-    directory: Option<OutputDir>,
+    place: Place,
     path: PathBuf,
     force: bool,
     written: Vec<Value>,
+    report: Option<(OutputFile, simulation::Frames)>,
 }
 
 impl FrameArgs {
+    /// Frames to take.
+    pub fn count(&self) -> u32 {
+        self.frames.unwrap_or(self.bracket.len().max(1) as u32)
+    }
+
     /// Settings of frame `i`.
     pub fn settings(&self, camera: &Camera, i: u32) -> FrameSettings {
-        camera.settings(self.frame_seed.wrapping_add(i), self.exposure, self.gain)
+        let step = self.bracket.get(i as usize % self.bracket.len().max(1)).unwrap_or(&0.0);
+        let exposure_s = self.exposure * libm::exp2(*step);
+        camera.settings(self.frame_seed.wrapping_add(i), exposure_s, self.gain)
+    }
+
+    /// The kind of file asked for; `None` for a directory.
+    fn kind(&self) -> Result<Option<Kind>> {
+        if let Some(name) = &self.to {
+            return Ok(Some(Kind::Raw(Format::parse(name).map_err(|e| e.at("--to"))?)));
+        }
+        if self.output.as_os_str() == "-" {
+            return Err(Error::input("standard output does not say its format")
+                .help("give --to, for instance --to SGRBG10 or --to npy"));
+        }
+        match self.output.extension() {
+            None => Ok(None),
+            Some(e) if e.eq_ignore_ascii_case("png") => Ok(Some(Kind::Picture)),
+            Some(_) => Ok(Some(Kind::Raw(Format::from_path(&self.output)?))),
+        }
     }
 
     /// Opens the output.
     pub fn sink(&self) -> Result<FrameSink> {
-        let is_file = self.output.extension().is_some() || self.output.as_os_str() == "-";
-        if self.frames > 1 && is_file {
-            return Err(Error::input(format!(
-                "{} frames into {}",
-                self.frames,
-                self.output.display()
-            ))
-            .help("several frames go into a directory; give a name without extension"));
+        if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
+            return Err(Error::input("--bracket").help("use steps of -32 to 32 EV, such as -2,0,2"));
         }
-        let kind = if !is_file {
-            Kind::Raw(Format::Dng)
-        } else if self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-            Kind::Picture
-        } else {
-            Kind::Raw(Format::from_path(&self.output)?)
+        let several = self.count() > 1;
+        let (kind, place) = match self.kind()? {
+            None => {
+                let directory = OutputDir::create(&self.output, self.force)?;
+                (Kind::Raw(Format::Dng), Place::Directory(directory))
+            }
+            Some(kind @ Kind::Raw(Format::Raw(_) | Format::Pgm)) => {
+                (kind, Place::Stream(OutputFile::create(&self.output, self.force)?))
+            }
+            Some(_) if several => {
+                return Err(Error::input(format!(
+                    "{} frames into {}",
+                    self.count(),
+                    self.output.display()
+                ))
+                .help(
+                    "several frames go into a directory (a name without extension), or one after the \
+                     other as .pgm or headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
+                ));
+            }
+            Some(kind) => {
+                if self.output.exists() && !self.force {
+                    return Err(Error::input(format!("{} exists", self.output.display()))
+                        .help("give another name, or --force to replace it"));
+                }
+                (kind, Place::File)
+            }
         };
-        if is_file && self.output.exists() && !self.force {
-            return Err(Error::input(format!("{} exists", self.output.display()))
-                .help("give another name, or --force to replace it"));
-        }
-        let directory =
-            if is_file { None } else { Some(OutputDir::create(&self.output, self.force)?) };
         Ok(FrameSink {
             kind,
-            directory,
+            place,
             path: self.output.clone(),
             force: self.force,
             written: Vec::new(),
+            report: open_report(self.report.as_deref(), self.force)?
+                .map(|file| (file, simulation::Frames::default())),
         })
     }
 }
@@ -142,52 +218,49 @@ impl FrameSink {
                 format.encode(&Frames { facts, ..Frames::from_raw(frame) })?
             }
         };
-        let name = match &self.directory {
-            None => {
+        let number = self.written.len();
+        let name = match &mut self.place {
+            Place::File => {
                 write_file(&self.path, self.force, &bytes)?;
                 self.path.display().to_string()
             }
-            Some(directory) => {
-                let name = format!("{:04}.dng", self.written.len());
+            Place::Directory(directory) => {
+                let name = format!("{number:04}.dng");
                 directory.write(Path::new(&name), &bytes)?;
                 self.path.join(name).display().to_string()
             }
+            Place::Stream(file) => {
+                // Frame by frame: who reads a pipe waits for whole frames.
+                let written = file.write_all(&bytes).and_then(|()| file.flush());
+                written.map_err(|e| Error::io("write", &self.path, e))?;
+                format!("{} frame {number}", self.path.display())
+            }
         };
+        if let Some((_, frames)) = &mut self.report {
+            let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
+            frames.add(&file, frame, info)?;
+        }
         self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
         Ok(())
     }
 
-    /// Completes the output; what was written, for `--json`.
-    pub fn finish(self) -> Result<Vec<Value>> {
-        if let Some(directory) = self.directory {
-            directory.finish()?;
+    /// Completes the output; what was written, for `--json`. `page` is asked for the page about the frames.
+    pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
+        match self.place {
+            Place::File => {}
+            Place::Directory(directory) => directory.finish()?,
+            Place::Stream(file) => file.finish()?,
+        }
+        if let Some((file, frames)) = self.report {
+            write_report(file, &page(&frames))?;
         }
         Ok(self.written)
     }
 }
 
-/// Name, mean DN and saturated fraction of each channel.
-pub fn channel_means(frame: &RawFrame) -> Vec<(String, f64, f64)> {
-    let channels = frame.cfa.channels();
-    let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];
-    for (y, row) in frame.data.chunks(frame.width).enumerate() {
-        let of_column: Vec<usize> = (0..frame.cfa.width).map(|x| frame.cfa.channel(x, y)).collect();
-        for (x, &dn) in row.iter().enumerate() {
-            let (sum, count, full) = &mut sums[of_column[x % frame.cfa.width]];
-            *sum += u64::from(dn);
-            *count += 1;
-            *full += u64::from(dn >= frame.white_level_dn);
-        }
-    }
-    let figures = |(c, (sum, count, full)): (&char, (u64, u64, u64))| {
-        let n = count.max(1) as f64;
-        (c.to_lowercase().to_string(), sum as f64 / n, full as f64 / n)
-    };
-    channels.iter().zip(sums).map(figures).collect()
-}
-
 fn channel_figures(frame: &RawFrame) -> Value {
-    channel_means(frame)
+    frame
+        .channel_means()
         .into_iter()
         .map(|(name, mean_dn, saturated)| {
             (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))

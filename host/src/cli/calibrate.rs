@@ -3,7 +3,7 @@
 use crate::camera::{Camera, Cfa};
 use crate::captures::CaptureSet;
 use crate::formats::output::OutputDir;
-use crate::report::curves;
+use crate::report::plot::{Mark, Plot};
 use crate::scene::calibrate::exposures::{self, Series};
 use crate::scene::calibrate::hdr;
 use crate::scene::calibrate::response::{self, Response};
@@ -80,16 +80,15 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
     let file = ResponseFile { format: "response/1".into(), response: responses.clone() };
     let text = toml::to_string(&file).map_err(|e| Error::input(format!("response.toml: {e}")))?;
     output.write("response.toml", text.as_bytes())?;
-    let curves: Vec<curves::Curve> = responses
-        .iter()
-        .map(|r| {
-            let [first, last] = r.range_dn;
-            let points = (0..=200).map(|i| first * (last / first).powf(f64::from(i) / 200.0));
-            let points = points.map(|dn| [r.linear_dn(dn).log10(), dn]).collect();
-            (channel_name(r.channel), channel_colour(r.channel), points)
-        })
-        .collect();
-    let svg = curves::plot("log10 exposure (DN of a linear camera)", "DN above black", &curves);
+    let mut plot =
+        Plot::new("Camera response", "log10 exposure (DN of a linear camera)", "DN above black");
+    for r in &responses {
+        let [first, last] = r.range_dn;
+        let points = (0..=200).map(|i| first * (last / first).powf(f64::from(i) / 200.0));
+        let points = points.map(|dn| [r.linear_dn(dn).log10(), dn]).collect();
+        plot.coloured(channel_name(r.channel), Mark::Line, points, channel_colour(r.channel));
+    }
+    let svg = plot.svg();
     output.write("response.svg", svg.as_bytes())?;
     output.finish()?;
     if args.json {

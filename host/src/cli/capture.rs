@@ -2,7 +2,7 @@
 
 use super::arguments::progress;
 use crate::Result;
-use crate::camera::Camera;
+use crate::camera::{Camera, is_preset};
 use crate::captures::{plan, take};
 use crate::render::Arithmetic;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let total: u64 = shots.iter().map(|s| u64::from(s.frames)).sum();
     let bar = progress("frames", total);
     // A preset can be named in the set; a file's place relative to the set is not known to last.
-    let preset = !args.camera.contains(['/', '\\', '.']);
+    let preset = is_preset(&args.camera);
     let options = take::TakeOptions {
         camera_name: preset.then_some(args.camera.as_str()),
         force: args.force,

@@ -40,7 +40,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         println!("{}", serde_json::to_string_pretty(&object).unwrap_or_default());
     } else {
         let most = if args.most == 0 { rows.len() } else { args.most };
-        println!("gap {:.3} on held-out frames (1: a replicate of the right model; passes below {:.2})", found.1, found.0.limit());
+        println!(
+            "gap {:.3} on held-out frames (1: a replicate of the right model; passes below {:.2})",
+            found.1,
+            found.0.limit()
+        );
         println!("{:>8} {:>8}  {:>13} {:>13}  statistic", "z fit", "held-out", "measured", "model");
         for row in rows.iter().take(most) {
             let n = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);

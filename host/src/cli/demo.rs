@@ -116,7 +116,8 @@ fn mebibytes(bytes: u64) -> String {
 }
 
 fn channel_rows(frame: &RawFrame) -> Vec<Vec<String>> {
-    arguments::channel_means(frame)
+    frame
+        .channel_means()
         .into_iter()
         .map(|(name, mean_dn, saturated)| {
             vec![

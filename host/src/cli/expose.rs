@@ -1,9 +1,10 @@
 //! `camrig expose`: the sensor stage alone.
 
 use super::arguments::{self, FrameArgs, positive};
-use super::simulate::expose_frames;
-use crate::camera::Camera;
+use super::simulate::{expose_frames, light_of};
+use crate::camera::{Camera, changes};
 use crate::render::{Exposure, IrradianceCube};
+use crate::report::simulation;
 use crate::scene::Illuminant;
 use crate::{Error, Result};
 use serde_json::json;
@@ -25,6 +26,9 @@ pub struct Args {
     /// Scene illuminance, lx, instead of the one it was made for
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     lux: Option<f64>,
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    set: Vec<(String, toml::Value)>,
     #[command(flatten)]
     frames: FrameArgs,
 }
@@ -32,7 +36,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let camera = Camera::load(&args.camera)?;
+    let camera = Camera::load_with(&args.camera, &args.set)?;
     let cube = IrradianceCube::open(&args.irradiance)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,
@@ -45,8 +49,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
     let exposure = Exposure::new(&camera, &cube.header, factor)?;
-    expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
-    let written = sink.finish()?;
+    expose_frames(&args.frames, &camera, &exposure, (&cube, None), light.as_ref(), &mut sink)?;
+    let mut header = cube.header.clone();
+    header.lux = args.lux.or(header.lux);
+    let mut made_of = vec![("irradiance of", header.made_of.clone())];
+    made_of.extend(light_of(&header));
+    let settings = args.frames.settings(&camera, 0);
+    let written = sink.finish(|frames| {
+        let title = format!("{} in other light or settings", camera.name);
+        simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
+    })?;
     let object = json!({ "camera": camera.name, "frames": written });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)

@@ -2,7 +2,19 @@
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
 //! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
 
+/// `println!` of this program: a reader that has gone is an error with words, not a panic.
+macro_rules! println {
+    () => { $crate::cli::stdout::print(format_args!("\n")) };
+    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*))) };
+}
+
+/// `print!`, likewise.
+macro_rules! print {
+    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!($($what)*)) };
+}
+
 pub mod arguments;
+mod batch;
 mod calibrate;
 mod capture;
 mod compare;
@@ -12,15 +24,21 @@ mod datasheet;
 mod demo;
 mod diagnose;
 mod effects;
+mod explain;
 mod expose;
+mod isp;
 mod lens;
 mod measure;
 mod presets;
 mod rig;
+mod rig_view;
 mod scene;
+mod shell;
 mod simulate;
+mod stdout;
 mod validate;
 
+use crate::Result;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -36,6 +54,7 @@ enum Command {
     Simulate(simulate::Args),
     Expose(expose::Args),
     Demo(demo::Args),
+    Batch(batch::Args),
     Capture(capture::Args),
     Scene(scene::Args),
     Lens(lens::Args),
@@ -48,17 +67,30 @@ enum Command {
     Datasheet(datasheet::Args),
     Rig(rig::Args),
     Convert(convert::Args),
+    Isp(isp::Args),
     Presets(presets::Args),
     Effects(effects::Args),
+    Explain(explain::Args),
+    Schema(explain::SchemaArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
 }
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let outcome = match cli.command {
+    let command = Cli::parse().command;
+    stdout::guard(|| run(command)).unwrap_or_else(|error| {
+        eprintln!("error: {error}");
+        ExitCode::from(2)
+    })
+}
+
+fn run(command: Command) -> Result<ExitCode> {
+    match command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Expose(args) => expose::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Capture(args) => capture::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
@@ -70,11 +102,12 @@ pub fn main() -> ExitCode {
         Command::Datasheet(args) => datasheet::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Isp(args) => isp::run(&args),
         Command::Presets(args) => presets::run(&args),
         Command::Effects(args) => effects::run(&args),
-    };
-    outcome.unwrap_or_else(|error| {
-        eprintln!("error: {error}");
-        ExitCode::from(2)
-    })
+        Command::Explain(args) => explain::run(&args),
+        Command::Schema(args) => explain::run_schema(&args),
+        Command::Completions(args) => shell::run_completions(&args),
+        Command::Man(args) => shell::run_man(&args),
+    }
 }

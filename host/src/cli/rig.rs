@@ -1,11 +1,12 @@
 //! `camrig rig`: talk to rigs, or be one.
 
 use super::arguments::{self, duration, positive};
-use super::simulate::{View, ViewArgs};
+use super::simulate::ViewArgs;
 use crate::camera::Camera;
 use crate::formats::{Frames, csi2, output};
 use crate::render::{Arithmetic, Exposure, IrradianceCube};
-use crate::rig::{self, FrameRequest, Rig, emulator::Emulator, log::LogDecoder};
+use crate::rig::script::Script;
+use crate::rig::{self, FrameRequest, Rig, RigFrame, emulator::Emulator, log::LogDecoder};
 use crate::{Error, Plane, RawFrame, Result};
 use clap::Subcommand;
 use rig_link::message::Codec;
@@ -36,6 +37,7 @@ enum Command {
     Serve(ServeArgs),
     Log(LogArgs),
     Register(RegisterArgs),
+    View(Box<super::rig_view::Args>),
 }
 
 /// Show serial ports and HID devices that may be rigs
@@ -62,7 +64,12 @@ struct InfoArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms --frames 100\n  \
-    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 -o out.csi2")]
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 -o out.csi2\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 --json\n\nA script:\n  \
+    format = \"rig-script/1\"\n  \
+    [[write]]\n  \
+    before_frame = 5\n  \
+    exposure_s = 0.02            # or analog_gain, or registers = { \"0x0202\" = 800 }")]
 struct StreamArgs {
     /// Address of the rig
     url: String,
@@ -88,11 +95,14 @@ struct StreamArgs {
     #[arg(long, value_name = "FILE|DIR")]
     irradiance: Option<PathBuf>,
     /// Integration time; the rig's registers decide unless given
-    #[arg(long, value_parser = duration, value_name = "TIME", required_unless_present = "by_registers")]
+    #[arg(long, value_parser = duration, value_name = "TIME", required_unless_present_any = ["by_registers", "script"])]
     exposure: Option<f64>,
     /// Take exposure and gain from the rig's registers
     #[arg(long, conflicts_with_all = ["exposure", "gain"])]
     by_registers: bool,
+    /// Write registers as this script says, before the frames it names; implies --by-registers
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
+    script: Option<PathBuf>,
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G")]
     gain: Option<f64>,
@@ -202,6 +212,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Serve(args) => serve(args),
         Command::Log(args) => log(args),
         Command::Register(args) => register(args),
+        Command::View(args) => super::rig_view::run(args),
     }
     .map(|()| ExitCode::SUCCESS)
 }
@@ -271,10 +282,12 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             lux: args.lux,
             luminance: None,
             oversample: None,
+            set: Vec::new(),
+            motion: None,
+            rolling: 0.0,
             no_cache: false,
         };
-        let View { cube, .. } = view.view()?;
-        return Ok(vec![cube]);
+        return Ok(vec![view.view()?.1.cube]);
     }
     let path =
         args.irradiance.as_ref().ok_or_else(|| Error::input("neither scene nor irradiance"))?;
@@ -301,6 +314,7 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
 
 fn stream(args: &StreamArgs) -> Result<()> {
     let camera = Camera::load(&args.camera)?;
+    let script = args.script.as_deref().map(Script::load).transpose()?;
     let mut file = args
         .output
         .as_ref()
@@ -312,13 +326,16 @@ fn stream(args: &StreamArgs) -> Result<()> {
     rig.set_camera(&exposure)?;
     let before = rig.link_bytes();
     let bar = arguments::progress("frames", args.frames.into());
-    let (mut latency, mut dropped) = (Vec::new(), 0);
+    let (mut latency, mut dropped, mut in_force) = (Vec::new(), 0, Vec::new());
     let mut kept = (Vec::<RawFrame>::new(), Vec::new());
     let start = Instant::now();
     for i in 0..args.frames {
         if let Some(fps) = args.fps {
             let due = start + Duration::from_secs_f64(f64::from(i) / fps);
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
+        for write in script.iter().flat_map(|script| script.before(i)) {
+            write.apply(&mut rig).map_err(|e| e.at(format!("script, before frame {i}")))?;
         }
         let seed = args.frame_seed.wrapping_add(i);
         let cube = i as usize % cubes.len();
@@ -327,11 +344,12 @@ fn stream(args: &StreamArgs) -> Result<()> {
             arithmetic: args.arith,
             collapse: args.collapse,
             lit_before: i > 0 && cubes.len() == 1,
-            by_registers: args.by_registers,
+            by_registers: args.by_registers || script.is_some(),
         };
         let sent = Instant::now();
         let frame = rig.frame(&cubes[cube], &exposure, &request)?;
         latency.push(sent.elapsed().as_secs_f64());
+        in_force.push(frame_settings(&frame));
         if frame.dropped {
             dropped += 1;
         } else if file.is_some() {
@@ -357,8 +375,20 @@ fn stream(args: &StreamArgs) -> Result<()> {
     if let Some(file) = file {
         file.finish()?;
     }
-    report(args, &rig, before, seconds, latency, dropped);
+    report(args, &rig, before, seconds, latency, dropped, in_force);
     Ok(())
+}
+
+/// What the sensor says about a frame.
+fn frame_settings(frame: &RigFrame) -> Value {
+    let start = &frame.start;
+    json!({
+        "counter": start.counter,
+        "frame": start.frame,
+        "exposure_s": start.exposure.exposure_s,
+        "analog_gain": start.exposure.analog_gain,
+        "dropped": frame.dropped,
+    })
 }
 
 fn report(
@@ -368,6 +398,7 @@ fn report(
     seconds: f64,
     mut latency: Vec<f64>,
     dropped: u32,
+    in_force: Vec<Value>,
 ) {
     latency.sort_by(f64::total_cmp);
     // Nearest rank.
@@ -395,6 +426,7 @@ fn report(
                 "sent_bytes": sent,
                 "received_bytes": received,
                 "repairs": repairs,
+                "settings": in_force,
             })
         );
     } else {

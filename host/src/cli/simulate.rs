@@ -1,12 +1,14 @@
 //! `camrig simulate`: scene to raw.
 
 use super::arguments::{self, FrameArgs, positive};
-use crate::camera::Camera;
-use crate::optics::Options;
-use crate::render::{self, Exposure, IrradianceCube};
+use crate::Result;
+use crate::camera::{Camera, changes};
+use crate::optics::{Options, content};
+use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, View};
+use crate::report::simulation;
 use crate::rig::{FrameRequest, Rig};
-use crate::scene::{self, Illuminant, LightLevel, LitScene, Quantity, photometry};
-use crate::{Error, Result};
+use crate::scene::{Illuminant, LightLevel};
+use sensor_core::config::FrameSettings;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -15,7 +17,11 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms -o chart.dng\n  \
-    camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png")]
+    camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png\n  \
+    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy --report edge.html\n  \
+    camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 -o bracket\n  \
+    camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 --rolling 0.8 \\\n    \
+        -o - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le -video_size 752x480 -")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
@@ -48,89 +54,96 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    pub set: Vec<(String, toml::Value)>,
+    /// Let the scene move: pixels per frame to the right and down
+    #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
+    pub motion: Option<[f64; 2]>,
+    /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
+    #[arg(long, value_name = "PART", value_parser = part, default_value_t = 0.0, requires = "motion")]
+    pub rolling: f64,
     /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
     #[arg(long)]
     pub no_cache: bool,
 }
 
-/// What the optics stage gave, and what it was made from.
-pub struct View {
-    /// The camera.
-    pub camera: Camera,
-    /// The light, where the scene is one of reflectances.
-    pub light: Option<Illuminant>,
-    /// Irradiance on the sensor.
-    pub cube: IrradianceCube,
-    /// Figures of the optics stage.
-    pub optics: crate::optics::Report,
-    /// Whether they came from the cache.
-    pub cached: bool,
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
+        _ => Err(format!("{text:?}: use two numbers, for instance 4,-0.5")),
+    }
 }
 
-const DEFAULT_LUX: f64 = 300.0;
+fn part(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| (0.0..=1.0).contains(v));
+    value.ok_or_else(|| format!("{text:?}: use a number from 0 to 1"))
+}
 
 impl ViewArgs {
-    /// Runs the optics stage.
-    pub fn view(&self) -> Result<View> {
-        let camera = Camera::load(&self.camera)?;
-        let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
-        let scene = scene::open_filling(&self.scene, aspect)?;
-        scene.notes().iter().for_each(|note| eprintln!("note: {note}"));
-        let bands = scene.bands();
-        let (light, lux, white) = match scene.quantity() {
-            Quantity::Reflectance => {
-                let light = Illuminant::parse(&self.illuminant)?;
-                let level = match (self.lux, self.luminance) {
-                    (_, Some(l)) => LightLevel::Luminance(l),
-                    (lux, None) => LightLevel::Lux(lux.unwrap_or(DEFAULT_LUX)),
-                };
-                let white = photometry::white_radiance(&light, level, &bands)?;
-                (Some(light), Some(level.white_luminance() * std::f64::consts::PI), white)
-            }
-            Quantity::Radiance => {
-                if self.lux.is_some() || self.luminance.is_some() {
-                    return Err(Error::input(format!("a light level for {:?}", self.scene)).help(
-                        "this scene holds radiance, light included; leave --lux and --luminance out",
-                    ));
-                }
-                (None, None, vec![1.0; bands.count])
-            }
+    /// What is looked at.
+    fn sight(&self) -> Sight {
+        let level = match (self.lux, self.luminance) {
+            (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
+            (lux, None) => lux.map(LightLevel::Lux),
         };
-        let lit = LitScene { scene: &*scene, white };
-        let options = Options { oversample: self.oversample, ..Options::default() };
-        let bar = arguments::progress("optics", bands.count as u64);
-        let made_of = format!("scene {}, lens of {}", self.scene, camera.name);
-        let illuminant = light.as_ref().map(|l| l.name.clone());
-        let about = render::About { lux, illuminant, made_of };
-        let directory = if self.no_cache { None } else { crate::optics::content::directory() };
-        let rendered = render::cache::irradiance(
-            &camera,
-            &lit,
-            &options,
-            about,
-            directory.as_deref(),
-            |done, _| bar.set_position(done as u64),
-        )
-        .map_err(|e| e.at(&self.scene))?;
+        let cache = if self.no_cache { None } else { content::directory() };
+        let motion =
+            self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });
+        Sight {
+            scene: self.scene.clone(),
+            illuminant: self.illuminant.clone(),
+            level,
+            options: Options { oversample: self.oversample, ..Options::default() },
+            cache,
+            motion,
+        }
+    }
+
+    /// Loads the camera and runs the optics stage.
+    pub fn view(&self) -> Result<(Camera, View)> {
+        let camera = Camera::load_with(&self.camera, &self.set)?;
+        let sight = self.sight();
+        let bar = arguments::progress("optics", 0);
+        let view = sight.view(&camera, |done, bands| {
+            bar.set_length(bands as u64);
+            bar.set_position(done as u64);
+        })?;
         bar.finish_and_clear();
-        if rendered.hit {
+        view.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
-        let render::cache::Rendered { cube, report: optics, hit: cached } = rendered;
-        Ok(View { camera, light, cube, optics, cached })
+        Ok((camera, view))
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let View { camera, light, cube, optics, cached } = args.view.view()?;
+    let (camera, View { light, cube, optics, cached, .. }) = args.view.view()?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
     let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
-    expose_frames(&args.frames, &camera, &exposure, &cube, light.as_ref(), &mut sink)?;
-    let written = sink.finish()?;
+    let sight = args.view.sight();
+    let mut moved = |frame: u32| Ok(sight.view_at(&camera, frame, |_, _| ())?.cube);
+    let next: Option<&mut Cubes<'_>> = if sight.motion.is_some() { Some(&mut moved) } else { None };
+    expose_frames(&args.frames, &camera, &exposure, (&cube, next), light.as_ref(), &mut sink)?;
+    let mut made_of = vec![
+        ("scene", args.view.scene.clone()),
+        ("camera", camera.name.clone()),
+        ("arithmetic", args.frames.arith.to_string()),
+        ("cells per pixel and direction", optics.oversample.iter().max().unwrap_or(&1).to_string()),
+        ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
+    ];
+    made_of.extend(light_of(&cube.header));
+    let settings = args.frames.settings(&camera, 0);
+    let written = sink.finish(|frames| {
+        let title = format!("{} through {}", args.view.scene, camera.name);
+        simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
+    })?;
     let object = json!({
         "camera": camera.name,
         "frames": written,
@@ -145,45 +158,64 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Takes the frames and writes them.
+/// The light that irradiance was made with, for a page.
+pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
+    let light = header.illuminant.clone().map(|name| ("illuminant", name));
+    let lux = header.lux.map(|lux| ("scene illuminance", format!("{lux} lx")));
+    light.into_iter().chain(lux).collect()
+}
+
+/// Irradiance at each frame of a sequence.
+pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
+
+/// Takes the frames and writes them. `light` is the irradiance, and what gives that of frames 1, 2, ... where
+/// it changes.
 pub fn expose_frames(
     args: &FrameArgs,
     camera: &Camera,
     exposure: &Exposure,
-    cube: &IrradianceCube,
-    light: Option<&Illuminant>,
+    (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
+    illuminant: Option<&Illuminant>,
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
     let mut rig = args.rig.as_deref().map(Rig::open).transpose()?;
     if let Some(rig) = &mut rig {
         rig.set_camera(exposure)?;
     }
-    let bar = arguments::progress("frames", u64::from(args.frames));
-    for i in 0..args.frames {
+    let bar = arguments::progress("frames", u64::from(args.count()));
+    // Irradiance of this frame and the one before, where it changes.
+    let (mut moved, mut moved_before) = (None, None);
+    for i in 0..args.count() {
+        if let (Some(next), true) = (&mut next, i > 0) {
+            moved_before = moved.replace(next(i)?);
+        }
+        let cube = moved.as_ref().unwrap_or(first);
+        let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
         let settings = args.settings(camera, i);
-        let before = if i > 0 { Some(cube) } else { None };
-        let frame = match &mut rig {
-            None => exposure.frame(cube, before, &settings, args.arith)?,
+        let mut take = |settings: &FrameSettings| match &mut rig {
+            None => exposure.frame(cube, before, settings, args.arith),
             Some(rig) => {
                 let request = FrameRequest {
-                    settings,
+                    settings: *settings,
                     arithmetic: args.arith,
                     collapse: false,
-                    lit_before: before.is_some(),
+                    lit_before: before.is_some() && next.is_none(),
                     by_registers: false,
                 };
-                rig.frame(cube, exposure, &request)?.to_raw(exposure)?
+                rig.frame(cube, exposure, &request)?.to_raw(exposure)
             }
         };
-        let description = format!(
-            "{}; sensor seed {}, frame {}",
-            cube.header.made_of, camera.sensor.seed, settings.frame
-        );
-        let mut info = render::dng_info(camera, &settings, light, &description)?;
-        if args.opcodes {
-            let corrections = render::corrections(camera, &settings)?;
-            (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
-        }
+        let frame = match args.hdr {
+            None => take(&settings)?,
+            Some(hdr) => {
+                let [long, short] = hdr.frames(settings.frame);
+                let exposure_s = settings.exposure_s / hdr.ratio() as f32;
+                let long = take(&FrameSettings { frame: long, ..settings })?;
+                let short = take(&FrameSettings { frame: short, exposure_s, ..settings })?;
+                hdr.interleave(&long, &short)?
+            }
+        };
+        let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
         sink.write(&frame, &info)?;
         bar.inc(1);
     }

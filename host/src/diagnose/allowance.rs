@@ -61,7 +61,9 @@ fn scatter(design: &Design, values: &Values, series: &[usize], class: u8) -> Opt
         return None;
     }
     let rows = points.len();
-    let a = nalgebra::DMatrix::from_fn(rows, 3, |r, c| (points[r].0 / top).powi(c as i32) / points[r].2);
+    let a = nalgebra::DMatrix::from_fn(rows, 3, |r, c| {
+        (points[r].0 / top).powi(c as i32) / points[r].2
+    });
     let b = nalgebra::DVector::from_fn(rows, |r, _| points[r].1 / points[r].2);
     let fit = a.clone().svd(true, true).solve(&b, 1e-12).ok()?;
     let left = b - a * fit;

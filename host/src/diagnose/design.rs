@@ -82,8 +82,11 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     if let Some(cfa) = &set.sensor.cfa
         && *cfa != s.cfa
     {
-        return Err(Error::input(format!("captures with colour filters {cfa}, a camera with {}", s.cfa))
-            .help("give the camera file of the sensor that took the captures"));
+        return Err(Error::input(format!(
+            "captures with colour filters {cfa}, a camera with {}",
+            s.cfa
+        ))
+        .help("give the camera file of the sensor that took the captures"));
     }
     let mut notes = Vec::new();
     let (mut fit, mut holdout) = (Vec::new(), Vec::new());

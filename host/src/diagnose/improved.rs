@@ -10,7 +10,11 @@ use std::path::Path;
 ///
 /// # Errors
 /// A text that is no camera file.
-pub fn camera_file(text: &str, camera: &crate::camera::Camera, named: &[Proposal]) -> Result<String> {
+pub fn camera_file(
+    text: &str,
+    camera: &crate::camera::Camera,
+    named: &[Proposal],
+) -> Result<String> {
     let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
     let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
     let noise = &camera.sensor.noise;
@@ -24,7 +28,13 @@ pub fn camera_file(text: &str, camera: &crate::camera::Camera, named: &[Proposal
         ("row_fpn_e", noise.row_fpn_e),
     ];
     let base = |e: &Effect| {
-        matches!(e, Effect::ReadNoise(_) | Effect::Prnu(_) | Effect::DarkCurrent(_) | Effect::RowOffsetFpn(_))
+        matches!(
+            e,
+            Effect::ReadNoise(_)
+                | Effect::Prnu(_)
+                | Effect::DarkCurrent(_)
+                | Effect::RowOffsetFpn(_)
+        )
     };
     if named.iter().flat_map(|p| &p.effects).any(base) {
         let sensor = file.get_mut("sensor").and_then(toml::Value::as_table_mut);
@@ -92,14 +102,17 @@ pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
         ("sensor", "crosstalk"),
     ] {
         let Some(value) = file.get_mut(section).and_then(|s| s.get_mut(key)) else { continue };
-        let Some(name) = value.as_str().filter(|n| n.contains('.')).map(str::to_string) else { continue };
+        let Some(name) = value.as_str().filter(|n| n.contains('.')).map(str::to_string) else {
+            continue;
+        };
         let content = if built_in {
             presets::file(&name).unwrap_or_default().to_string()
         } else {
             let path = directory.join(&name);
             std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?
         };
-        let base = Path::new(&name).file_name().map_or(name.clone(), |b| b.to_string_lossy().into());
+        let base =
+            Path::new(&name).file_name().map_or(name.clone(), |b| b.to_string_lossy().into());
         *value = base.clone().into();
         tables.push((base, content));
     }

@@ -50,8 +50,7 @@ fn plain_darks(design: &Design) -> impl Iterator<Item = (usize, &Condition)> {
 
 /// The dark stack that others are compared with: the shortest at the gain and temperature of most.
 pub fn reference_dark(design: &Design) -> Option<usize> {
-    let alike_count =
-        |c: &Condition| design.conditions.iter().filter(|o| alike(c, o)).count();
+    let alike_count = |c: &Condition| design.conditions.iter().filter(|o| alike(c, o)).count();
     plain_darks(design)
         .min_by(|(_, a), (_, b)| {
             let by_company = alike_count(b).cmp(&alike_count(a));
@@ -73,9 +72,8 @@ pub fn long_dark(design: &Design) -> Option<usize> {
 /// Flats of the largest group with the same light and gain, weakest first.
 pub fn flats(design: &Design) -> Vec<usize> {
     let key = |c: &Condition| (c.wavelength_nm.map(f64::to_bits), c.analog_gain.to_bits());
-    let flats: Vec<usize> = (0..design.conditions.len())
-        .filter(|&i| design.conditions[i].role == Role::Flat)
-        .collect();
+    let flats: Vec<usize> =
+        (0..design.conditions.len()).filter(|&i| design.conditions[i].role == Role::Flat).collect();
     let group = |i: usize| {
         let k = key(&design.conditions[i]);
         flats.iter().copied().filter(|&j| key(&design.conditions[j]) == k).collect::<Vec<_>>()
@@ -108,9 +106,8 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
         height: t.height,
         data: t.mean.data.iter().zip(&t0.mean.data).map(|(a, b)| (a - b) * scale).collect(),
     };
-    let config_gain = |gain: f64| {
-        gain * f64::from((1u32 << camera.sensor.bits) - 1) / camera.sensor.full_well_e
-    };
+    let config_gain =
+        |gain: f64| gain * f64::from((1u32 << camera.sensor.bits) - 1) / camera.sensor.full_well_e;
     if let Some(long) = long_dark(design) {
         let c = &design.conditions[long];
         let scale = 1.0 / (config_gain(c.analog_gain) * (c.exposure_s - c0.exposure_s));
@@ -129,7 +126,10 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
         }
         let scale: Vec<f32> = sum.iter().zip(&n).map(|(s, n)| (n / s) as f32).collect();
         let data = plane.data.iter().enumerate();
-        Plane { data: data.map(|(i, v)| v * scale[pattern.channel(i % w, i / w)]).collect(), ..plane }
+        Plane {
+            data: data.map(|(i, v)| v * scale[pattern.channel(i % w, i / w)]).collect(),
+            ..plane
+        }
     };
     let mean = |i: usize| {
         let d = &stacks[i].mean.data;
@@ -154,21 +154,25 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     if flats.len() >= 3 {
         let (high, middle) = (flats[flats.len() - 1], flats[(flats.len() - 1) / 2]);
         if mean(high) > 1.5 * mean(middle) {
-            let (a, b) = (relative(difference(&stacks[high], 1.0)), relative(difference(&stacks[middle], 1.0)));
+            let (a, b) = (
+                relative(difference(&stacks[high], 1.0)),
+                relative(difference(&stacks[middle], 1.0)),
+            );
             let data = a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect();
             out.push(map(MapKind::Curvature, Plane { data, ..a }, even));
         }
     }
-    let after = design.conditions.iter().enumerate().find(|(_, c)| {
-        c.role == Role::Dark && c.before_e.iter().any(|&e| e > 0.0) && alike(c, c0)
-    });
+    let after =
+        design.conditions.iter().enumerate().find(|(_, c)| {
+            c.role == Role::Dark && c.before_e.iter().any(|&e| e > 0.0) && alike(c, c0)
+        });
     if let Some((i, c)) = after {
         let plane = difference(&stacks[i], 1.0);
         let mut m = map(MapKind::AfterLight, plane, true);
         let n = m.plane.data.len() as f64;
         let mean = m.plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-        let before = c.before_e.iter().sum::<f64>() / c.before_e.len() as f64
-            * config_gain(c.analog_gain);
+        let before =
+            c.before_e.iter().sum::<f64>() / c.before_e.len() as f64 * config_gain(c.analog_gain);
         m.after_image = Some((mean / before, (m.spatial.pixel_variance / n).sqrt() / before));
         out.push(m);
     }

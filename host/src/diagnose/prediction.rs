@@ -60,7 +60,8 @@ impl Prediction {
             let scale = statistic.scale;
             let scaled: Vec<f64> = all.iter().map(|s| scale.of(s.value)).collect();
             let mean = scaled.iter().sum::<f64>() / runs;
-            let scatter = scaled.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (runs - 1.0).max(1.0);
+            let scatter =
+                scaled.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (runs - 1.0).max(1.0);
             let theory = all.iter().map(|s| s.sd * s.sd).sum::<f64>() / runs;
             let variance = theory.max(scatter / SCATTER_MARGIN);
             let value = all.iter().map(|s| s.value).sum::<f64>() / runs;
@@ -85,15 +86,24 @@ impl Prediction {
             p.total = p.value.max(0.0) * p.runs;
             // The scatter of few replicates counts only where it is gross (the 99.9 % point of F for 3 degrees of freedom
             // is 5.4): a new random pattern, that is another on each sensor.
-            let gross = a.scatter > 5.4 * a.theory * a.theory && b.scatter < 5.4 * b.theory * b.theory;
-            p.sd = if gross { p.sd.max(a.scatter.sqrt()) } else { p.sd * a.theory / b.theory.max(1e-30) };
+            let gross =
+                a.scatter > 5.4 * a.theory * a.theory && b.scatter < 5.4 * b.theory * b.theory;
+            p.sd = if gross {
+                p.sd.max(a.scatter.sqrt())
+            } else {
+                p.sd * a.theory / b.theory.max(1e-30)
+            };
         }
         Self { of }
     }
 
     /// Deviations in standard deviations, of every statistic that both have. `allowance` holds standard deviations
     /// that come from the set-up, not the sensor.
-    pub fn deviations(&self, values: &Values, allowance: &BTreeMap<Key, f64>) -> BTreeMap<Key, f64> {
+    pub fn deviations(
+        &self,
+        values: &Values,
+        allowance: &BTreeMap<Key, f64>,
+    ) -> BTreeMap<Key, f64> {
         let mut out = BTreeMap::new();
         for (key, s) in values {
             let Some(p) = self.of.get(key) else { continue };

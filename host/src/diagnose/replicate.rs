@@ -13,7 +13,12 @@ use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 
 /// Moments of every stack of a design, simulated. `seed` names the sensor and its noise.
-pub fn simulate(camera: &Camera, design: &Design, seed: u64, planes: bool) -> Result<Vec<Temporal>> {
+pub fn simulate(
+    camera: &Camera,
+    design: &Design,
+    seed: u64,
+    planes: bool,
+) -> Result<Vec<Temporal>> {
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
     let mut config = camera.sensor_config(&band)?;
     config.seed = seed;

@@ -168,21 +168,26 @@ impl Session {
         let replicates = self.replicates(&camera, &self.fit.design, RUNS)?;
         let fit = Prediction::new(&replicates);
         let same = self.fit.design.conditions.len() == self.holdout.design.conditions.len()
-            && self.fit.design.conditions.iter().zip(&self.holdout.design.conditions).all(
-                |(a, b)| a.capture == b.capture && a.frames == b.frames,
-            );
-        let judged = if same {
-            None
-        } else {
-            Some(self.replicates(&camera, &self.holdout.design, RUNS)?)
-        };
+            && self
+                .fit
+                .design
+                .conditions
+                .iter()
+                .zip(&self.holdout.design.conditions)
+                .all(|(a, b)| a.capture == b.capture && a.frames == b.frames);
+        let judged =
+            if same { None } else { Some(self.replicates(&camera, &self.holdout.design, RUNS)?) };
         let own = judged.as_ref().unwrap_or(&replicates);
         let holdout = judged.as_ref().map_or_else(|| fit.clone(), |r| Prediction::new(r));
         // Each replicate against the others, as if it were measured.
         let squares: Vec<f64> = (0..own.len())
             .map(|i| {
-                let others: Vec<Values> =
-                    own.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, r)| r.clone()).collect();
+                let others: Vec<Values> = own
+                    .iter()
+                    .enumerate()
+                    .filter(|(j, _)| *j != i)
+                    .map(|(_, r)| r.clone())
+                    .collect();
                 let none = BTreeMap::new();
                 mean_square(&Prediction::new(&others).deviations(&own[i], &none))
             })
@@ -238,7 +243,8 @@ impl Session {
             state.holdout.moved(before, &after)
         };
         let fall = |half: &Half, old: &Prediction, new: &Prediction| {
-            old.deviance(&half.values, &half.allowance) - new.deviance(&half.values, &half.allowance)
+            old.deviance(&half.values, &half.allowance)
+                - new.deviance(&half.values, &half.allowance)
         };
         let evidence = fall(&self.fit, &state.fit, &fit);
         let confirmed = fall(&self.holdout, &state.holdout, &holdout);
@@ -481,8 +487,7 @@ impl Session {
             };
             let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
             if missed < EARNS[2] / 2.0 {
-                if let Some(at) =
-                    steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
+                if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
                 {
                     steps.remove(at);
                 }
@@ -558,7 +563,8 @@ fn merged(first: &Proposal, second: Proposal) -> Proposal {
 
 /// Where the manifest does not tell the light, the measured mean does.
 fn set_unknown_levels(camera: &Camera, design: &mut Design, stacks: &[Temporal]) {
-    let black = maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| mean(&stacks[i]));
+    let black =
+        maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| mean(&stacks[i]));
     for (c, t) in design.conditions.iter_mut().zip(stacks) {
         if c.role == Role::Flat && !c.level_known {
             let k = super::model::dn_per_e(camera, c.analog_gain);

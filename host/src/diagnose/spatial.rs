@@ -342,7 +342,9 @@ mod tests {
         let s = describe(&map);
         // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
         assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
-        assert!((s.row_variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt());
+        assert!(
+            (s.row_variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt()
+        );
         assert!((s.pixel_variance / 4.0 - 1.0).abs() < 3.0 * (2.0f64 / 49152.0).sqrt() + 0.005);
         assert_eq!(s.high, 10.0);
         assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);

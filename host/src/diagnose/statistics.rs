@@ -397,7 +397,8 @@ fn pixels(t: &Temporal, s: &Summary, add: &mut impl FnMut(What, f64, f64, Scale)
         return;
     }
     let v = s.mean_variance;
-    let second = t.pixel_variance.iter().map(|&x| (f64::from(x) / v - 1.0).powi(2)).sum::<f64>() / n;
+    let second =
+        t.pixel_variance.iter().map(|&x| (f64::from(x) / v - 1.0).powi(2)).sum::<f64>() / n;
     // Variance of χ²/f is 2/f, its own scatter has fourth moment 12/f² (1 + 4/f).
     let scatter = ((8.0 + 48.0 / f) / (f * f) / n).sqrt();
     add(What::Spread, second * f / 2.0, scatter * f / 2.0, Scale::Linear);
@@ -501,7 +502,12 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
         let blocks = n / 256.0;
         let fine = (blocks - 25.0).max(1.0);
         add(What::MapBlocks, s.blocks, spread_of_squares(s.blocks, blocks), Scale::CubeRoot);
-        add(What::FineBlocks, s.fine_blocks, spread_of_squares(s.fine_blocks, fine), Scale::CubeRoot);
+        add(
+            What::FineBlocks,
+            s.fine_blocks,
+            spread_of_squares(s.fine_blocks, fine),
+            Scale::CubeRoot,
+        );
         for (i, c) in s.corners.iter().enumerate() {
             let var = v * 64.0 / n + s.row_variance * 8.0 / h + s.column_variance * 8.0 / w;
             add(What::Corner(i as u8), *c, var.sqrt(), Scale::Linear);

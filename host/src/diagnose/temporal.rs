@@ -177,7 +177,8 @@ impl Collector {
         let dof = t.dof.max(1.0);
         let frames = t.frames.max(1) as f64;
         t.mean.data.iter_mut().zip(&self.sum).for_each(|(m, s)| *m = (s / frames) as f32);
-        let by = |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
+        let by =
+            |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
         by(&mut t.pixel_variance, dof);
         by(&mut t.pixel_third, dof);
         by(&mut t.pixel_fourth, dof);

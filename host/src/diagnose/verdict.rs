@@ -56,7 +56,9 @@ fn number(v: f64) -> Value {
 fn parameters(p: &Proposal) -> Value {
     p.parameters
         .iter()
-        .map(|(key, e)| ((*key).to_string(), json!({ "value": number(e.value), "std_error": number(e.se) })))
+        .map(|(key, e)| {
+            ((*key).to_string(), json!({ "value": number(e.value), "std_error": number(e.se) }))
+        })
         .collect::<serde_json::Map<_, _>>()
         .into()
 }
@@ -92,21 +94,41 @@ fn describe(
     let more = if z > 0.0 { "more" } else { "less" };
     let size = match (key.0, key.1) {
         (Place::Stack(i), What::Mean(_)) => {
-            let k = session.fit.design.conditions.get(i).map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
-            format!("{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN", (m - p).abs(), (m - p).abs() / k)
+            let k = session
+                .fit
+                .design
+                .conditions
+                .get(i)
+                .map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            format!(
+                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
+                (m - p).abs(),
+                (m - p).abs() / k
+            )
         }
         (Place::Stack(i), What::Variance(_)) => {
-            let k = session.fit.design.conditions.get(i).map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            let k = session
+                .fit
+                .design
+                .conditions
+                .get(i)
+                .map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
             let root = (m - p).abs().sqrt();
             format!("{root:.3} DN ({:.2} e⁻) rms {more} noise than the model", root / k)
         }
-        (Place::Stack(i), What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance) => {
+        (
+            Place::Stack(i),
+            What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance,
+        ) => {
             let c = session.fit.design.conditions.get(i);
             let exposure = c.map_or(0.0, |c| c.exposure_s);
             format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
         }
         _ => match state.fit.of.get(&key).map(|x| x.scale) {
-            Some(Scale::Log) => format!("{m:.4e}, {:.1} % {more} than the model's {p:.4e}", 100.0 * (m / p - 1.0).abs()),
+            Some(Scale::Log) => format!(
+                "{m:.4e}, {:.1} % {more} than the model's {p:.4e}",
+                100.0 * (m / p - 1.0).abs()
+            ),
             _ => format!("{m:.4}, the model {p:.4}"),
         },
     };
@@ -121,7 +143,8 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
         .steps
         .iter()
         .map(|s| {
-            let (key, z, after) = s.gave_away.first().copied().unwrap_or(((Place::Set, What::Roughness), 0.0, 0.0));
+            let (key, z, after) =
+                s.gave_away.first().copied().unwrap_or(((Place::Set, What::Roughness), 0.0, 0.0));
             let where_ = format!(
                 "{}: {} ({z:+.1} → {after:+.1} standard deviations)",
                 words::place(&session.fit.design, key),
@@ -177,11 +200,18 @@ fn tie_breaker(a: &str, b: &str) -> &'static str {
         "flats over the whole range: variance over mean gives the gain by itself"
     } else if any("charge-coupling") || any("brighter-fatter") {
         "flats at five and more levels up to full well: the neighbours' correlation is constant or grows with the level"
-    } else if any("read-noise-spread") || any("random-telegraph-noise") || any("heavy-tailed-read-noise") {
+    } else if any("read-noise-spread")
+        || any("random-telegraph-noise")
+        || any("heavy-tailed-read-noise")
+    {
         "a dark stack of 100 frames and more: kurtosis and memory of the noisiest pixels"
     } else if any("row-correlated-noise") || any("row-temporal-noise") {
         "a dark stack of 64 frames and more: spectrum of row means"
-    } else if any("hot-pixels") || any("amp-glow") || any("dark-current-gradient") || any("dark-current") {
+    } else if any("hot-pixels")
+        || any("amp-glow")
+        || any("dark-current-gradient")
+        || any("dark-current")
+    {
         "dark stacks at four exposures up to 10 s and two temperatures"
     } else if any("nonlinearity") || any("full-well") || any("exposure-offset") {
         "flats at ten levels by light at one exposure, and at ten exposures in one light"

@@ -9,7 +9,8 @@ use crate::camera::Camera;
 
 /// A statistic's name as it stands in `diagnosis.json`: place and what.
 pub fn name(camera: &Camera, key: Key) -> String {
-    let channel = |c: u8| camera.sensor.channel_names.get(usize::from(c)).cloned().unwrap_or_default();
+    let channel =
+        |c: u8| camera.sensor.channel_names.get(usize::from(c)).cloned().unwrap_or_default();
     let of = |text: &str, c: u8| {
         if camera.sensor.channel_names.len() > 1 {
             format!("{text} of channel {}", channel(c))
@@ -40,7 +41,13 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::Spread => "spread of the pixels' noise".into(),
         What::NoisyPixels => "number of noisy pixels".into(),
         What::NoiseSlope(i) => {
-            let names = ["from left to right", "from top to bottom", "from middle to sides", "from middle to top and bottom", "from corner to corner"];
+            let names = [
+                "from left to right",
+                "from top to bottom",
+                "from middle to sides",
+                "from middle to top and bottom",
+                "from corner to corner",
+            ];
             format!("change of the noise {}", names.get(usize::from(i)).copied().unwrap_or(""))
         }
         What::NoiseBlocks => "noise of regions (16x16 blocks)".into(),
@@ -61,7 +68,13 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::Roughness => "roughness of the code histogram".into(),
         What::MissingCodes => "missing codes".into(),
         What::Slope(i) => {
-            let names = ["left-right slope", "top-bottom slope", "horizontal curvature", "vertical curvature", "saddle"];
+            let names = [
+                "left-right slope",
+                "top-bottom slope",
+                "horizontal curvature",
+                "vertical curvature",
+                "saddle",
+            ];
             names.get(usize::from(i)).copied().unwrap_or("slope").into()
         }
         What::RowPattern => "fixed pattern of rows".into(),
@@ -96,7 +109,9 @@ pub fn name(camera: &Camera, key: Key) -> String {
 /// Where a statistic was taken.
 pub fn place(design: &Design, key: Key) -> String {
     match key.0 {
-        Place::Stack(i) => design.conditions.get(i).map_or(String::new(), |c| format!("capture {}", c.id)),
+        Place::Stack(i) => {
+            design.conditions.get(i).map_or(String::new(), |c| format!("capture {}", c.id))
+        }
         Place::Map(kind) => map(kind).into(),
         Place::Set => "all captures".into(),
     }

@@ -12,6 +12,7 @@ pub mod ladder;
 pub mod maps;
 pub mod mtf;
 pub mod patches;
+pub mod picture;
 pub mod profile;
 pub mod ptc;
 pub mod rates;

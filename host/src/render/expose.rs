@@ -13,13 +13,23 @@ use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 use sensor_core::spectral::{GROUP, groups};
 
 /// Arithmetic of the sensor stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Arithmetic {
     /// 32-bit floating point.
     #[default]
     F32,
     /// 32-bit fixed point, as on parts without a floating-point unit.
     Fixed,
+}
+
+impl std::fmt::Display for Arithmetic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::F32 => "f32",
+            Self::Fixed => "fixed",
+        })
+    }
 }
 
 /// Rows computed by one task.

@@ -1,5 +1,6 @@
 //! What a raw file says about the camera that made it, computed from the camera's model.
 
+use super::{CubeHeader, corrections};
 use crate::Result;
 use crate::camera::{Camera, LensKind};
 use crate::formats::{DngInfo, color};
@@ -46,6 +47,25 @@ pub fn dng_info(
         if let Some(light) = light {
             info.as_shot_neutral = Some(color::neutral(&sensitivity, &light.power)?);
         }
+    }
+    Ok(info)
+}
+
+/// What the file of a frame says, [`dng_info`] with how the frame was made; with `opcodes` also how to
+/// correct lens shading and bad pixels.
+pub fn frame_info(
+    camera: &Camera,
+    settings: &FrameSettings,
+    light: Option<&Illuminant>,
+    header: &CubeHeader,
+    opcodes: bool,
+) -> Result<DngInfo> {
+    let (seed, frame) = (camera.sensor.seed, settings.frame);
+    let description = format!("{}; sensor seed {seed}, frame {frame}", header.made_of);
+    let mut info = dng_info(camera, settings, light, &description)?;
+    if opcodes {
+        let corrections = corrections(camera, settings)?;
+        (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
     }
     Ok(info)
 }

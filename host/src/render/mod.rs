@@ -6,15 +6,18 @@
 pub mod cache;
 mod corrections;
 mod expose;
+pub mod hdr;
 mod irradiance;
 mod lens;
 mod metadata;
+mod view;
 
 pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, Exposure};
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use lens::{lens, sensor_grid};
-pub use metadata::dng_info;
+pub use metadata::{dng_info, frame_info};
+pub use view::{Motion, Sight, View};
 
 use crate::Result;
 use crate::camera::Camera;

@@ -8,10 +8,10 @@ const STYLE: &str = "\
 @media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#9aa5b1;--line:#3a424b;--paper:#15181c}}\
 body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);margin:0 auto;\
 padding:1rem;max-width:60rem}\
-h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2rem}\
+h1,h2,p,figcaption{overflow-wrap:anywhere}h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2rem}\
 figure{margin:1rem 0}figcaption{color:var(--soft)}img,svg{max-width:100%;height:auto}\
 .scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
-th,td{text-align:left;padding:.25rem .75rem;border-bottom:1px solid var(--line)}\
+th,td{text-align:left;vertical-align:top;padding:.25rem .75rem;border-bottom:1px solid var(--line)}\
 pre{overflow-x:auto;border:1px solid var(--line);padding:.75rem;font-size:.85rem}\
 @media print{body{max-width:none}h2,figure,table{break-inside:avoid}}";
 

@@ -303,7 +303,7 @@ pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<
 }
 
 /// A colour between black and near white by way of blue, red and yellow; t from 0 to 1.
-fn colour(t: f64) -> [u8; 3] {
+pub(crate) fn colour(t: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 5] = [
         [0.0, 0.0, 4.0],
         [87.0, 16.0, 110.0],
@@ -361,9 +361,11 @@ impl Drawing {
 
     fn marks(&mut self, points: &[[f64; 2]], mark: Mark, colour: &str) {
         if mark == Mark::Points {
+            // Few points are looked at one by one, many as a cloud.
+            let radius = if points.len() < 100 { 3.0 } else { 1.6 };
             self.add(format_args!("<g fill=\"{colour}\" fill-opacity=\"0.7\">"));
             for [x, y] in points {
-                self.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\"/>"));
+                self.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>"));
             }
             self.add(format_args!("</g>\n"));
             return;

@@ -3,6 +3,7 @@
 //! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], [`serial`], [`hid`] open them;
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`feed`]: a cube's rows as they go over the link;
+//! * [`script`]: register writes of a control loop, frame by frame;
 //! * [`serve`]: the emulator as a server; [`log`]: the log of a firmware in words.
 
 pub mod client;
@@ -11,6 +12,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
+pub mod script;
 pub mod serial;
 pub mod serve;
 pub mod tcp;

@@ -15,6 +15,7 @@ pub mod illuminant;
 pub mod isetcam;
 pub mod library;
 mod matlab;
+pub mod moving;
 pub mod numpy;
 pub mod painting;
 pub mod photometry;

@@ -50,6 +50,49 @@ fn arguments() {
     );
 }
 
+/// Standard output that nobody reads, or that is full: words and status 2, no panic.
+#[cfg(target_os = "linux")]
+#[test]
+fn standard_output_that_takes_nothing() {
+    let dir = folder();
+    let commands = [
+        "presets",
+        "presets mt9t012",
+        "--help",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o a.npy --json --force",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o - --to npy",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o - --to SGRBG10 --frames 2",
+        "convert a.npy - --to npy",
+        "lens --help",
+        "scene info ramp",
+    ];
+    for command in commands {
+        let run = |stdout: std::process::Stdio| {
+            let program = env!("CARGO_BIN_EXE_camrig-under-test");
+            let output = std::process::Command::new(program)
+                .args(command.split_whitespace())
+                .current_dir(dir.path())
+                .stdout(stdout)
+                .output()
+                .unwrap();
+            let told = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(!told.contains("panicked"), "camrig {command}: {told}");
+            (output.status.code(), told)
+        };
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let closed = run(writer.into());
+        let full = run(std::fs::File::create("/dev/full").unwrap().into());
+        if command.ends_with("--help") {
+            continue; // help that nobody reads is no failure
+        }
+        for ((status, told), cause) in [(closed, "Broken pipe"), (full, "No space left")] {
+            assert_eq!(status, Some(2), "camrig {command}: {told}");
+            assert!(told.contains(cause), "camrig {command}: {told}");
+        }
+    }
+}
+
 #[test]
 fn camera_files() {
     let dir = folder();

@@ -1,11 +1,15 @@
 //! Tests of camrig as its users meet it: the program, the files, the figures.
 
 mod bad_input;
+mod batch;
 mod command_line;
+mod control;
+mod guide;
 mod measuring;
 mod photon_transfer;
 mod radiometry;
 mod real_data;
+mod sequences;
 mod statistics;
 
 use std::path::Path;

@@ -1,8 +1,7 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
-use super::{object, plus_minus, to_json};
+use super::{PageArgs, object, plus_minus, to_json};
 use crate::captures::CaptureSet;
-use crate::formats::output::write_file;
 use crate::measure::{Value, compare, emva, gains, ptc, rates};
 use crate::report;
 use crate::{Error, Result};
@@ -21,15 +20,11 @@ pub struct OnCaptures {
 }
 
 #[derive(ClapArgs)]
-pub struct EmvaArgs {
+pub struct WithPage {
     #[command(flatten)]
     on: OnCaptures,
-    /// Also write a page with figures and plots (HTML)
-    #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
-    /// Replace an existing page
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    page: PageArgs,
 }
 
 #[derive(ClapArgs)]
@@ -43,9 +38,11 @@ pub struct CompareArgs {
     json: bool,
 }
 
-pub fn ptc_of(args: &OnCaptures) -> Result<ExitCode> {
+pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
+    let WithPage { on: args, page } = args;
     let set = CaptureSet::load(&args.captures)?;
     let result = ptc::measure(&set)?;
+    page.write(|| report::measurement::ptc(&set, &result).html())?;
     let gains = gains::measure(&set)?;
     if args.json {
         let mut object = object(&result.figures)?;
@@ -90,14 +87,11 @@ pub fn ptc_of(args: &OnCaptures) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn emva_of(args: &EmvaArgs) -> Result<ExitCode> {
+pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.on.captures)?;
     let result = emva::measure(&set)?;
-    if let Some(path) = &args.report {
-        let title = format!("EMVA 1288: {}", args.on.captures.display());
-        write_file(path, args.force, report::emva::page(&title, &result).as_bytes())?;
-        eprintln!("wrote {}", path.display());
-    }
+    let title = format!("EMVA 1288: {}", args.on.captures.display());
+    args.page.write(|| report::emva::page(&title, &result))?;
     let args = &args.on;
     if args.json {
         let mut object = match &result.channels[..] {

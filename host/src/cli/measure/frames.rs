@@ -1,12 +1,13 @@
 //! `camrig measure mtf|patches|profile`: figures of single raw frames.
 
-use super::plus_minus;
+use super::{PageArgs, plus_minus};
 use crate::camera::Cfa;
 use crate::formats;
 use crate::measure::Value;
 use crate::measure::mtf::{self, Roi};
 use crate::measure::patches::{self, Corners, built_in_corners};
 use crate::measure::profile::{self, Along};
+use crate::report;
 use crate::{Error, Plane, Result};
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
@@ -91,6 +92,8 @@ pub struct MtfArgs {
     /// Region of the edge in pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     roi: Roi,
+    #[command(flatten)]
+    page: PageArgs,
     /// Pixel pitch, for cycles per millimetre
     #[arg(long, value_name = "P")]
     pitch_um: Option<f64>,
@@ -168,6 +171,8 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
                 .map_err(|e| e.at(format!("{}, channel {l}", args.source.frame.display())))
         })
         .collect::<Result<_>>()?;
+    let name = args.source.frame.display().to_string();
+    args.page.write(|| report::measurement::mtf(&name, &edges).html())?;
     if args.json {
         println!("{}", json!({ "edges": edges }));
         return Ok(ExitCode::SUCCESS);

@@ -5,10 +5,12 @@ mod frames;
 
 pub use frames::{corners, roi};
 
+use crate::formats::output::write_file;
 use crate::measure::Value;
 use crate::{Error, Result};
 use clap::{Args as ClapArgs, Subcommand};
 use serde_json::Map;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What a person types.
@@ -21,11 +23,11 @@ pub struct Args {
 #[derive(Subcommand)]
 enum What {
     /// Photon transfer: gain, read noise, full well, fixed patterns, dark current, non-linearity
-    #[command(after_help = "Example: camrig measure ptc captures/ --json")]
-    Ptc(captures::OnCaptures),
+    #[command(after_help = "Example: camrig measure ptc captures/ --json --report ptc.html")]
+    Ptc(captures::WithPage),
     /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
     #[command(after_help = "Example: camrig measure emva captures/ --report emva.html")]
-    Emva(captures::EmvaArgs),
+    Emva(captures::WithPage),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(
         after_help = "Example: camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
@@ -46,6 +48,27 @@ enum What {
     /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
     #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
     Compare(captures::CompareArgs),
+}
+
+/// A page about a measurement.
+#[derive(ClapArgs)]
+struct PageArgs {
+    /// Also write a page with figures and plots (HTML)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Replace an existing page
+    #[arg(long)]
+    force: bool,
+}
+
+impl PageArgs {
+    /// Writes the page if one was asked for.
+    fn write(&self, page: impl FnOnce() -> String) -> Result<()> {
+        match &self.report {
+            Some(path) => write_file(path, self.force, page().as_bytes()),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Runs `camrig measure`.

@@ -1,13 +1,13 @@
 //! Candidates that are fixed patterns: they show in maps.
 
 use super::{Proposal, deviation};
+use crate::Plane;
+use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
 use crate::diagnose::model::current;
 use crate::diagnose::spatial::PERIODS;
 use crate::diagnose::statistics::{Place, What};
-use crate::Plane;
-use crate::captures::Role;
 use sensor_core::effects::{
     Effect, amp_glow::AmpGlow, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
@@ -97,7 +97,9 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
             let sigma = (between - within).max(0.0).sqrt();
             let se = within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
             let (mut offset_e, mut relative) = match current(e.camera, "readout-channel-mismatch") {
-                Some(Effect::ReadoutChannelMismatch(x)) if x.channels == n as f32 => (x.offset_e, x.gain),
+                Some(Effect::ReadoutChannelMismatch(x)) if x.channels == n as f32 => {
+                    (x.offset_e, x.gain)
+                }
                 _ => (0.0, 0.0),
             };
             let key = if gain {
@@ -108,9 +110,11 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
                 "offset_e"
             };
             let effect = ReadoutChannelMismatch { channels: n as f32, offset_e, gain: relative };
-            Some(Proposal::new("readout-channel-mismatch", effect.into(), all[best])
-                .with("channels", n as f64, f64::NAN)
-                .with(key, sigma, se))
+            Some(
+                Proposal::new("readout-channel-mismatch", effect.into(), all[best])
+                    .with("channels", n as f64, f64::NAN)
+                    .with(key, sigma, se),
+            )
         })();
         out.extend(made);
     }
@@ -163,9 +167,11 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Vec<Proposal> {
             doubling_c: noise.dark_doubling_c as f32,
             reference_c: noise.temperature_ref_c as f32,
         };
-        Some(Proposal::new("hot-pixels", effect.into(), z)
-            .with("fraction", fraction, fraction / more.max(1.0).sqrt() * 1.5)
-            .with("mean_e_per_s", mean, mean / s.high.sqrt()))
+        Some(
+            Proposal::new("hot-pixels", effect.into(), z)
+                .with("fraction", fraction, fraction / more.max(1.0).sqrt() * 1.5)
+                .with("mean_e_per_s", mean, mean / s.high.sqrt()),
+        )
     })())
 }
 
@@ -210,16 +216,28 @@ pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
     let new_mean = rate.map(|r| Estimated { value: (mean + r.value).max(0.0), se: r.se });
     let new_dsnu = spread.and_then(|s| deviation(dsnu, s));
     if let (Some(r), Some(m)) = (rate, new_mean) {
-        out.push(Proposal::new("dark-current", effect(m.value, dsnu), r.z().abs())
-            .with("mean_e_per_s", m.value, m.se));
+        out.push(Proposal::new("dark-current", effect(m.value, dsnu), r.z().abs()).with(
+            "mean_e_per_s",
+            m.value,
+            m.se,
+        ));
     }
     if let (Some(x), Some(s)) = (spread, new_dsnu) {
-        out.push(Proposal::new("dark-current", effect(mean, s.value), x.z().abs())
-            .with("dsnu_e_per_s", s.value, s.se));
+        out.push(Proposal::new("dark-current", effect(mean, s.value), x.z().abs()).with(
+            "dsnu_e_per_s",
+            s.value,
+            s.se,
+        ));
         if let (Some(r), Some(m)) = (rate, new_mean) {
-            out.push(Proposal::new("dark-current", effect(m.value, s.value), r.z().abs().min(x.z().abs()))
+            out.push(
+                Proposal::new(
+                    "dark-current",
+                    effect(m.value, s.value),
+                    r.z().abs().min(x.z().abs()),
+                )
                 .with("mean_e_per_s", m.value, m.se)
-                .with("dsnu_e_per_s", s.value, s.se));
+                .with("dsnu_e_per_s", s.value, s.se),
+            );
         }
     }
     out
@@ -261,8 +279,11 @@ pub fn doubling(e: &Evidence<'_>) -> Vec<Proposal> {
             doubling_c: value as f32,
             reference_c: noise.temperature_ref_c as f32,
         };
-        Some(Proposal::new("dark-current-temperature", effect.into(), shift.z().abs())
-            .with("doubling_c", value, shift.se * value * value))
+        Some(Proposal::new("dark-current-temperature", effect.into(), shift.z().abs()).with(
+            "doubling_c",
+            value,
+            shift.se * value * value,
+        ))
     })())
 }
 
@@ -328,19 +349,17 @@ pub fn amp_glow(e: &Evidence<'_>) -> Vec<Proposal> {
         }
         let (gain, a, tt, x, y, width) = best?;
         let noise = map.spatial.pixel_variance / 256.0;
-        let effect = AmpGlow {
-            rate_e_per_s: a as f32,
-            x: x as f32,
-            y: y as f32,
-            width: width as f32,
-        };
+        let effect =
+            AmpGlow { rate_e_per_s: a as f32, x: x as f32, y: y as f32, width: width as f32 };
         // Place and width were searched for: their look-elsewhere takes about 3 standard errors.
         let strength = ((gain / noise).sqrt() - 3.0).max(0.0);
-        Some(Proposal::new("amp-glow", effect.into(), strength)
-            .with("rate_e_per_s", a, (noise / tt).sqrt())
-            .with("x", x, 0.1)
-            .with("y", y, 0.1)
-            .with("width", width, 0.25 * width))
+        Some(
+            Proposal::new("amp-glow", effect.into(), strength)
+                .with("rate_e_per_s", a, (noise / tt).sqrt())
+                .with("x", x, 0.1)
+                .with("y", y, 0.1)
+                .with("width", width, 0.25 * width),
+        )
     })())
 }
 
@@ -354,7 +373,8 @@ pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
         let (x, y) = (of(0)?, of(1)?);
         let noise = &e.camera.sensor.noise;
         let long = &e.design.conditions[long_dark(e.design)?];
-        let growth = ((long.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
+        let growth =
+            ((long.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
         // Rate (1 + u cos θ)/2 has slope rate/2 over u, root mean square of √3u is 1.
         let rate = 2.0 / 3f64.sqrt() * 3.0 * x.value.hypot(y.value) / 3.0 * 3f64.sqrt() / growth;
         let rate = rate / 3f64.sqrt() * 3f64.sqrt();
@@ -372,10 +392,12 @@ pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
             doubling_c: noise.dark_doubling_c as f32,
             reference_c: noise.temperature_ref_c as f32,
         };
-        Some(Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
-            .and(mean.into())
-            .with("rate_e_per_s", rate, x.se * 2.0 / growth)
-            .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()))
+        Some(
+            Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
+                .and(mean.into())
+                .with("rate_e_per_s", rate, x.se * 2.0 / growth)
+                .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()),
+        )
     })())
 }
 
@@ -414,15 +436,18 @@ pub fn smooth_gain(e: &Evidence<'_>) -> Vec<Proposal> {
             Some(Effect::PrnuLowFrequency(x)) => f64::from(x.sigma),
             _ => 0.0,
         };
-        let value = (slopes - if present > 0.0 { 0.0 } else { noise } + blocks.max(0.0)).max(0.0).sqrt();
+        let value =
+            (slopes - if present > 0.0 { 0.0 } else { noise } + blocks.max(0.0)).max(0.0).sqrt();
         let strength = (slopes / noise * 5.0 - 5.0) / 10f64.sqrt();
         // Structure finer than the slopes asks for more half waves.
         let order = if blocks > 0.3 * slopes { 4.0 } else { 2.0 };
         let effect = PrnuLowFrequency { sigma: value as f32, order };
         let strength = strength.max(e.difference(place, What::MapBlocks)?.z());
-        Some(Proposal::new("prnu-low-frequency", effect.into(), strength)
-            .with("sigma", value, value / 8f64.sqrt())
-            .with("order", f64::from(order), f64::NAN))
+        Some(
+            Proposal::new("prnu-low-frequency", effect.into(), strength)
+                .with("sigma", value, value / 8f64.sqrt())
+                .with("order", f64::from(order), f64::NAN),
+        )
     })())
 }
 
@@ -435,15 +460,17 @@ pub fn relative_illumination(e: &Evidence<'_>) -> Vec<Proposal> {
         }
         let (w, h) = (map.plane.width as f64, map.plane.height as f64);
         let blocks = block_means(&map.plane, 0.5);
-        let (k, tt, gain) = amplitude(&blocks, |u, v| {
-            ((u * w).powi(2) + (v * h).powi(2)) / (w * w + h * h)
-        });
+        let (k, tt, gain) =
+            amplitude(&blocks, |u, v| ((u * w).powi(2) + (v * h).powi(2)) / (w * w + h * h));
         // 1 + k r² relative to its mean, r² being 1/3 in the mean.
         let corner = k / (1.0 - k / 3.0);
         let noise = map.spatial.pixel_variance / 256.0;
         let effect = RelativeIllumination { corner: corner as f32 };
-        Some(Proposal::new("relative-illumination", effect.into(), (gain / noise).sqrt())
-            .with("corner", corner, (noise / tt).sqrt()))
+        Some(Proposal::new("relative-illumination", effect.into(), (gain / noise).sqrt()).with(
+            "corner",
+            corner,
+            (noise / tt).sqrt(),
+        ))
     })())
 }
 
@@ -472,8 +499,10 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let value = present + sign * d.value;
         let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
-        Some(Proposal::new("green-imbalance", effect.into(), d.z().abs())
-            .with("centre", value, d.se))
+        Some(
+            Proposal::new("green-imbalance", effect.into(), d.z().abs())
+                .with("centre", value, d.se),
+        )
     })())
 }
 
@@ -498,8 +527,10 @@ pub fn defects(e: &Evidence<'_>) -> Vec<Proposal> {
             None => (s.low - expected).max(0.0) / n,
         };
         let effect = DefectivePixels { fraction: fraction as f32, gain: gain as f32 };
-        Some(Proposal::new("defective-pixels", effect.into(), z)
-            .with("fraction", fraction, fraction / s.low.sqrt())
-            .with("gain", gain, s.pixel_variance.sqrt() / s.low.sqrt()))
+        Some(
+            Proposal::new("defective-pixels", effect.into(), z)
+                .with("fraction", fraction, fraction / s.low.sqrt())
+                .with("gain", gain, s.pixel_variance.sqrt() / s.low.sqrt()),
+        )
     })())
 }

@@ -45,8 +45,10 @@ pub fn row_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let s = deviation(present, excess)?;
         let effect = RowTemporalNoise { sigma_e: s.value as f32 };
-        Some(Proposal::new("row-temporal-noise", effect.into(), excess.z().abs())
-            .with("sigma_e", s.value, s.se))
+        Some(
+            Proposal::new("row-temporal-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", s.value, s.se),
+        )
     })())
 }
 
@@ -60,8 +62,10 @@ pub fn column_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let s = deviation(present, excess)?;
         let effect = ColumnTemporalNoise { sigma_e: s.value as f32 };
-        Some(Proposal::new("column-temporal-noise", effect.into(), excess.z().abs())
-            .with("sigma_e", s.value, s.se))
+        Some(
+            Proposal::new("column-temporal-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", s.value, s.se),
+        )
     })())
 }
 
@@ -82,9 +86,11 @@ pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
         let s = deviation(present, excess)?;
         let effect = RowCorrelatedNoise { sigma_e: s.value as f32, exponent: exponent as f32 };
         let strength = excess.z().abs();
-        Some(Proposal::new("row-correlated-noise", effect.into(), strength)
-            .with("sigma_e", s.value, s.se)
-            .with("exponent", exponent, f64::NAN))
+        Some(
+            Proposal::new("row-correlated-noise", effect.into(), strength)
+                .with("sigma_e", s.value, s.se)
+                .with("exponent", exponent, f64::NAN),
+        )
     })())
 }
 
@@ -105,7 +111,12 @@ fn spectral_slope(e: &Evidence<'_>) -> Option<f64> {
     }
     let white = darks
         .iter()
-        .map(|t| t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>() / t.pixel_variance.len() as f64 / w * t.dof)
+        .map(|t| {
+            t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>()
+                / t.pixel_variance.len() as f64
+                / w
+                * t.dof
+        })
         .sum::<f64>()
         / dof;
     // Weighted least squares over octaves whose power stands out.
@@ -181,7 +192,11 @@ fn plane_peak(t: &Temporal) -> Option<(f64, f64, f64)> {
     let get = |dy: isize, dx: isize| -> f64 {
         let yy = (y as isize + dy).rem_euclid(h as isize) as usize;
         let xx = x as isize + dx;
-        if xx < 0 || xx >= half as isize { 0.0 } else { f64::from(power[yy * half + xx as usize]) - white }
+        if xx < 0 || xx >= half as isize {
+            0.0
+        } else {
+            f64::from(power[yy * half + xx as usize]) - white
+        }
     };
     let mut sum = 0.0;
     for dy in -3..=3 {
@@ -228,7 +243,8 @@ pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let s = deviation(present, excess)?;
         let memory = pooled(
-            e.of_role(Role::Dark).filter_map(|(i, _)| e.difference(Place::Stack(i), What::FrameLag)),
+            e.of_role(Role::Dark)
+                .filter_map(|(i, _)| e.difference(Place::Stack(i), What::FrameLag)),
         );
         // Below three standard errors drift is taken as white. A short stack's own mean hides part of the memory: the
         // difference to the model is repeated until it is gone.
@@ -236,11 +252,12 @@ pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
             Some(m) if held != 0.0 || m.z() > 3.0 => (held + 1.3 * m.value).clamp(0.0, 0.95),
             _ => held,
         };
-        let effect =
-            FrameOffsetNoise { sigma_e: s.value as f32, correlation: correlation as f32 };
-        Some(Proposal::new("frame-offset-noise", effect.into(), excess.z().abs())
-            .with("sigma_e", s.value, s.se)
-            .with("correlation", correlation, memory.map_or(f64::NAN, |m| m.se)))
+        let effect = FrameOffsetNoise { sigma_e: s.value as f32, correlation: correlation as f32 };
+        Some(
+            Proposal::new("frame-offset-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", s.value, s.se)
+                .with("correlation", correlation, memory.map_or(f64::NAN, |m| m.se)),
+        )
     })())
 }
 
@@ -259,8 +276,10 @@ pub fn light_flicker(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let s = deviation(present, excess)?;
         let effect = LightFlicker { sigma: s.value as f32 };
-        Some(Proposal::new("light-flicker", effect.into(), excess.z().abs())
-            .with("sigma", s.value, s.se))
+        Some(
+            Proposal::new("light-flicker", effect.into(), excess.z().abs())
+                .with("sigma", s.value, s.se),
+        )
     })())
 }
 
@@ -306,12 +325,13 @@ pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
                 // The frequency itself from how exposures of different length average the wave: least squares of A² sinc².
                 let misfit = |f: f64| {
                     let a = slope(bands.iter().map(|(t, b)| (sinc(f * t).powi(2).max(1e-9), *b)))?;
-                    let left = bands.iter().map(|(t, b)| {
-                        ((b.value - a.value * sinc(f * t).powi(2)) / b.se).powi(2)
-                    });
+                    let left = bands
+                        .iter()
+                        .map(|(t, b)| ((b.value - a.value * sinc(f * t).powi(2)) / b.se).powi(2));
                     Some(left.sum::<f64>())
                 };
-                let all: Vec<(f64, f64)> = frequencies().filter_map(|f| Some((f, misfit(f)?))).collect();
+                let all: Vec<(f64, f64)> =
+                    frequencies().filter_map(|f| Some((f, misfit(f)?))).collect();
                 let best = all.iter().map(|x| x.1).fold(f64::MAX, f64::min);
                 // Of frequencies that serve as well (within two standard deviations) the one next to that of mains lamps.
                 let mains = |f: f64| (f / 100.0).ln().abs().min((f / 120.0).ln().abs());
@@ -322,18 +342,19 @@ pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
                 (0.0, rows, f)
             }
         };
-        let excess =
-            slope(bands.iter().map(|(t, b)| (sinc(frequency * t).powi(2).max(1e-9), *b)))?;
+        let excess = slope(bands.iter().map(|(t, b)| (sinc(frequency * t).powi(2).max(1e-9), *b)))?;
         let s = deviation(present, excess)?;
         let effect = FlickerBanding {
             depth: s.value as f32,
             frequency_hz: frequency as f32,
             row_time_us: (rows / frequency * 1e6) as f32,
         };
-        Some(Proposal::new("flicker-banding", effect.into(), strength)
-            .with("depth", s.value, s.se)
-            .with("frequency_hz", frequency, f64::NAN)
-            .with("row_time_us", rows / frequency * 1e6, f64::NAN))
+        Some(
+            Proposal::new("flicker-banding", effect.into(), strength)
+                .with("depth", s.value, s.se)
+                .with("frequency_hz", frequency, f64::NAN)
+                .with("row_time_us", rows / frequency * 1e6, f64::NAN),
+        )
     })())
 }
 
@@ -350,8 +371,10 @@ pub fn read_noise(e: &Evidence<'_>) -> Vec<Proposal> {
         let s = deviation(noise.read_e, excess)?;
         let post = noise.read_e_post.min(s.value);
         let effect = ReadNoise { read_e: s.value as f32, read_e_post: post as f32 };
-        Some(Proposal::new("read-noise", effect.into(), excess.z().abs())
-            .with("read_e", s.value, s.se))
+        Some(
+            Proposal::new("read-noise", effect.into(), excess.z().abs())
+                .with("read_e", s.value, s.se),
+        )
     })())
 }
 
@@ -361,7 +384,8 @@ fn short_darks(e: &Evidence<'_>) -> Vec<usize> {
     let few: Vec<usize> = e
         .of_role(Role::Dark)
         .filter(|(_, c)| {
-            let growth = ((c.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
+            let growth =
+                ((c.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
             noise.dark_current_e_per_s * growth * c.exposure_s < 0.1 * noise.read_e.powi(2)
                 && c.before_e.iter().all(|&b| b == 0.0)
         })
@@ -573,10 +597,12 @@ pub fn heavy_tails(e: &Evidence<'_>) -> Vec<Proposal> {
         let step = (tukey_kurtosis(lambda - 0.005) - tukey_kurtosis(lambda + 0.005)) / 0.01;
         let effect = HeavyTailedReadNoise { sigma_e: read as f32, lambda: lambda as f32 };
         let none = ReadNoise { read_e: 0.0, read_e_post: 0.0 };
-        Some(Proposal::new("heavy-tailed-read-noise", effect.into(), k.z().abs())
-            .and(none.into())
-            .with("sigma_e", read, f64::NAN)
-            .with("lambda", lambda, k.se * (v / (read * read)).powi(2) / step))
+        Some(
+            Proposal::new("heavy-tailed-read-noise", effect.into(), k.z().abs())
+                .and(none.into())
+                .with("sigma_e", read, f64::NAN)
+                .with("lambda", lambda, k.se * (v / (read * read)).powi(2) / step),
+        )
     })())
 }
 
@@ -595,16 +621,21 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Vec<Proposal> {
             _ => (0.0, 0.0),
         };
         let (side, vertical) = ((px + x.value).max(0.0), (py + y.value).max(0.0));
-        let effect =
-            ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
-        Some(Proposal::new("charge-coupling", effect.into(), x.z().hypot(y.z()))
-            .with("side", side, x.se)
-            .with("vertical", vertical, y.se))
+        let effect = ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
+        Some(
+            Proposal::new("charge-coupling", effect.into(), x.z().hypot(y.z()))
+                .with("side", side, x.se)
+                .with("vertical", vertical, y.se),
+        )
     })())
 }
 
 /// Share of shot noise in a stack's variance.
-fn shot_share(e: &Evidence<'_>, stack: usize, c: &crate::diagnose::design::Condition) -> Option<f64> {
+fn shot_share(
+    e: &Evidence<'_>,
+    stack: usize,
+    c: &crate::diagnose::design::Condition,
+) -> Option<f64> {
     let (v, _) = e.variance(stack)?;
     Some((e.signal(stack)? * e.gain(c) / v).clamp(0.0, 1.0))
 }
@@ -624,7 +655,10 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let a = (present + found.value).max(0.0);
         let effect = BrighterFatter { coefficient: a as f32 };
-        Some(Proposal::new("brighter-fatter", effect.into(), found.z().abs())
-            .with("coefficient", a, found.se))
+        Some(Proposal::new("brighter-fatter", effect.into(), found.z().abs()).with(
+            "coefficient",
+            a,
+            found.se,
+        ))
     })())
 }

@@ -56,11 +56,15 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let se = own.iter().map(|o| o.se).sum::<f64>() / n;
     let mut common = present;
     common.offset_dn += mean as f32;
-    let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs())
-        .with("offset_dn", f64::from(common.offset_dn), se);
+    let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs()).with(
+        "offset_dn",
+        f64::from(common.offset_dn),
+        se,
+    );
     let mut out = vec![all];
     let place = Place::Map(MapKind::Offset);
-    let contrasts: Vec<Estimated> = (0..3).filter_map(|i| e.difference(place, What::Phase(i))).collect();
+    let contrasts: Vec<Estimated> =
+        (0..3).filter_map(|i| e.difference(place, What::Phase(i))).collect();
     if let [main, other, checker] = contrasts[..] {
         let mut apart = common;
         let (p, q, r) = (main.value, other.value, checker.value);
@@ -78,8 +82,11 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             *part += o as f32;
             made.push((key, f64::from(*part)));
         }
-        let mut p = Proposal::new("black-level-offset", apart.into(), strength)
-            .with("offset_dn", f64::from(apart.offset_dn), se);
+        let mut p = Proposal::new("black-level-offset", apart.into(), strength).with(
+            "offset_dn",
+            f64::from(apart.offset_dn),
+            se,
+        );
         for (key, value) in made {
             p = p.with(key, value, main.se / 2.0);
         }
@@ -87,7 +94,8 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     }
     let c0 = &e.design.conditions[reference];
     let per_gain = slope(e.of_role(Role::Dark).filter_map(|(i, c)| {
-        let short = c.exposure_s <= 2.0 * c0.exposure_s && (c.temperature_c - c0.temperature_c).abs() < 0.5;
+        let short =
+            c.exposure_s <= 2.0 * c0.exposure_s && (c.temperature_c - c0.temperature_c).abs() < 0.5;
         let d = e.difference(Place::Stack(i), What::Mean(0))?;
         (short && i != reference).then_some((c.analog_gain - c0.analog_gain, d))
     }));
@@ -95,17 +103,22 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
         let mut moved = present;
         moved.per_gain_dn += g.value as f32;
         let value = f64::from(moved.per_gain_dn);
-        out.push(Proposal::new("black-level-offset", moved.into(), g.z().abs())
-            .with("per_gain_dn", value, g.se));
+        out.push(Proposal::new("black-level-offset", moved.into(), g.z().abs()).with(
+            "per_gain_dn",
+            value,
+            g.se,
+        ));
     }
     out
 }
 
 /// Common factor of all flats' means.
 fn common_factor(e: &Evidence<'_>) -> Option<Estimated> {
-    pooled(e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, _)| {
-        (0..classes(e)).filter_map(move |k| relative(e, i, k))
-    }))
+    pooled(
+        e.flats()
+            .filter(|(_, c)| c.level_known)
+            .flat_map(|(i, _)| (0..classes(e)).filter_map(move |k| relative(e, i, k))),
+    )
 }
 
 /// Variance over mean of the flats against the model's, and the dark variance with it.
@@ -113,11 +126,7 @@ fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
     pooled(e.flats().filter_map(|(i, c)| {
         let (vd, vm) = e.variance(i)?;
         let se = e.variance_excess(i)?.se / vm;
-        let means = if c.level_known {
-            relative(e, i, 0)?.value
-        } else {
-            0.0
-        };
+        let means = if c.level_known { relative(e, i, 0)?.value } else { 0.0 };
         Some(Estimated { value: vd / vm / (1.0 + means) - 1.0, se })
     }))
 }
@@ -150,8 +159,11 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let ratio = present * (1.0 + f.value);
         let effect = QuantumEfficiency { ratio: ratio as f32 };
-        Some(Proposal::new("quantum-efficiency", effect.into(), f.z().abs())
-            .with("ratio", ratio, present * f.se))
+        Some(Proposal::new("quantum-efficiency", effect.into(), f.z().abs()).with(
+            "ratio",
+            ratio,
+            present * f.se,
+        ))
     })())
 }
 
@@ -202,9 +214,11 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
             };
             let loss = present + a;
             let effect = Nonlinearity { loss: loss as f32, exponent: n as f32 };
-            out.push(Proposal::new("nonlinearity", effect.into(), (a / se).abs())
-                .with("loss", loss, se)
-                .with("exponent", n, f64::NAN));
+            out.push(
+                Proposal::new("nonlinearity", effect.into(), (a / se).abs())
+                    .with("loss", loss, se)
+                    .with("exponent", n, f64::NAN),
+            );
         }
     }
     // The exponent that leaves least; the strongest is that.
@@ -238,7 +252,8 @@ pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
             // The well moves by what is missing over the share of pixels that it stops; the knee stays.
             Some((w, k)) => {
                 let spread = (signal + (prnu * signal).powi(2)).sqrt();
-                let stopped = 0.5 * libm::erfc((w - signal - change.abs()) / spread / std::f64::consts::SQRT_2);
+                let stopped = 0.5
+                    * libm::erfc((w - signal - change.abs()) / spread / std::f64::consts::SQRT_2);
                 vec![(w + change / stopped.clamp(0.1, 1.0), k)]
             }
             None => {
@@ -325,9 +340,11 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
         }))?;
         let k = (present + found.value).max(0.0);
         let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
-        Some(Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
-            .with("side", k, found.se)
-            .with("vertical", k, found.se))
+        Some(
+            Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
+                .with("side", k, found.se)
+                .with("vertical", k, found.se),
+        )
     })())
 }
 
@@ -369,17 +386,16 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
         if error.z().abs() > 4.0 {
             strength = strength.max(error.z().abs());
             let lsb = error.value as f32;
-            effects.push(AdcNonlinearity { sigma_lsb: 0.0, bit: bit as f32, error_lsb: lsb }.into());
+            effects
+                .push(AdcNonlinearity { sigma_lsb: 0.0, bit: bit as f32, error_lsb: lsb }.into());
             if first.is_none_or(|(_, x): (usize, Estimated)| error.z().abs() > x.z().abs()) {
                 first = Some((bit, error));
             }
         }
     }
     let Some((bit, error)) = first else { return Vec::new() };
-    let parameters = vec![
-        ("bit", Estimated { value: bit as f64, se: f64::NAN }),
-        ("error_lsb", error),
-    ];
+    let parameters =
+        vec![("bit", Estimated { value: bit as f64, se: f64::NAN }), ("error_lsb", error)];
     vec![Proposal { kind: "adc-nonlinearity", effects, beside: true, parameters, strength }]
 }
 
@@ -397,8 +413,10 @@ pub fn image_lag(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let l = (present + after.value).max(0.0);
         let effect = ImageLag { fraction: l as f32 };
-        Some(Proposal::new("image-lag", effect.into(), after.z().abs())
-            .with("fraction", l, after.se))
+        Some(
+            Proposal::new("image-lag", effect.into(), after.z().abs())
+                .with("fraction", l, after.se),
+        )
     })())
 }
 
@@ -410,7 +428,8 @@ pub fn exposure_offset(e: &Evidence<'_>) -> Vec<Proposal> {
             .filter(|(_, c)| c.level_known)
             .filter_map(|(i, c)| Some((1.0 / c.exposure_s, relative(e, i, 0)?)))
             .collect();
-        let (least, most) = points.iter().fold((f64::MAX, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
+        let (least, most) =
+            points.iter().fold((f64::MAX, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
         if most < 1.5 * least {
             return None;
         }
@@ -421,7 +440,10 @@ pub fn exposure_offset(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let offset = present + found.value * 1e6;
         let effect = ExposureOffset { offset_us: offset as f32, step_us: step };
-        Some(Proposal::new("exposure-offset", effect.into(), found.z().abs())
-            .with("offset_us", offset, found.se * 1e6))
+        Some(Proposal::new("exposure-offset", effect.into(), found.z().abs()).with(
+            "offset_us",
+            offset,
+            found.se * 1e6,
+        ))
     })())
 }

@@ -1,0 +1,88 @@
+//! `camrig batch`: a sweep rendered to a data set.
+
+use super::arguments::progress;
+use crate::Result;
+use crate::batch::{self, Dataset, Shard, Sweep};
+use crate::optics::content;
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds) to a data set with a manifest
+///
+/// Pictures that are there already are not made again: run the same command once more after a crash
+/// or a kill. The pictures do not depend on how the work was split.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "A sweep file:\n  \
+    format = \"sweep/1\"\n  \
+    frames = 2                       # of each combination\n\n  \
+    [grid]                           # a value, a list, or { from, to, count, spacing = \"log\" }\n  \
+    camera = \"mt9t012\"\n  \
+    scene = [\"colorchecker\", \"slanted-edge:angle=5\"]\n  \
+    illuminant = [\"D65\", \"A\"]\n  \
+    lux = [10, 100, 1000]\n  \
+    exposure_s = [0.01, 0.04]\n  \
+    analog_gain = 1.0\n  \
+    sensor_seed = [1, 2]\n\n  \
+    [grid.camera_keys]\n  \
+    \"sensor.noise.read_e\" = [2.0, 4.0]\n\nExamples:\n  \
+    camrig batch sweep.toml --dry-run\n  \
+    camrig batch sweep.toml -o dataset\n  \
+    camrig batch sweep.toml -o dataset --shard $SLURM_ARRAY_TASK_ID/64\n  \
+    parallel -j 8 camrig batch sweep.toml -o dataset --shard {}/64 ::: $(seq 64)")]
+pub struct Args {
+    /// Sweep file
+    sweep: PathBuf,
+    /// Directory of the data set: a new one, or one to go on with
+    #[arg(short, long, value_name = "DIR", required_unless_present = "dry_run")]
+    output: Option<PathBuf>,
+    /// Make only part K of N, counted from 1
+    #[arg(long, value_name = "K/N", value_parser = Shard::parse, default_value = "1/1")]
+    shard: Shard,
+    /// Say what would be made, and how much of it is there
+    #[arg(long)]
+    dry_run: bool,
+    /// Keep nothing of the optics stage (~/.cache/camrig/optics)
+    #[arg(long)]
+    no_cache: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let sweep = Sweep::load(&args.sweep)?;
+    let total = sweep.pictures();
+    let part = args.shard.pictures(total);
+    let dataset = match &args.output {
+        Some(directory) if !args.dry_run || directory.join("batch.json").exists() => {
+            Some(Dataset::open(directory, &sweep)?)
+        }
+        _ => None,
+    };
+    let done = match &dataset {
+        Some(dataset) if !args.dry_run => {
+            let bar = progress("pictures", part.end - part.start);
+            let cache = if args.no_cache { None } else { content::directory() };
+            batch::run(&sweep, dataset, args.shard, cache, || bar.inc(1))?;
+            bar.finish_and_clear();
+            dataset.complete()?
+        }
+        Some(dataset) => dataset.done(),
+        None => 0,
+    };
+    let (in_part, complete) = (part.end - part.start, done == total);
+    if args.json {
+        println!(
+            "{}",
+            json!({ "pictures": total, "in_shard": in_part, "done": done, "complete": complete })
+        );
+    } else {
+        eprintln!("{total} pictures, {in_part} of them in shard {}; {done} are there", args.shard);
+        if let (true, Some(directory)) = (complete, &args.output) {
+            eprintln!("complete: {}", directory.join("manifest.jsonl").display());
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,159 @@
+//! `camrig explain` and `camrig schema`: what the keys of a camera file mean.
+
+use crate::camera::keys::{Holds, KEYS, Key};
+use crate::camera::schema;
+use crate::{Error, Result};
+use sensor_core::effects::{Effect, Entry};
+use serde_json::{Value, json};
+use std::process::ExitCode;
+
+/// What a key of the camera file means: unit, range, what real cameras have
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig explain                            every key and every effect\n  \
+    camrig explain sensor.noise.read_e\n  \
+    camrig explain effect.row-temporal-noise")]
+pub struct Args {
+    /// A key with or without its table, or an effect
+    key: Option<String>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// The JSON schema of the camera file, for editors
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example, for editors that know Taplo's directive:\n  \
+    camrig schema > camera.schema.json\n  \
+    sed -i '1i #:schema ./camera.schema.json' my-camera.toml")]
+pub struct SchemaArgs {}
+
+/// Runs `camrig schema`.
+pub fn run_schema(_: &SchemaArgs) -> Result<ExitCode> {
+    println!("{:#}", schema::schema());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Runs `camrig explain`.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let (keys, effects) = match &args.key {
+        None => (KEYS.iter().collect(), Effect::CATALOGUE.iter().collect()),
+        Some(name) => find(name)?,
+    };
+    if args.json {
+        let keys: Vec<Value> = keys.iter().map(|k| key_json(k)).collect();
+        let effects: Vec<Value> = effects.iter().map(|e| effect_json(e)).collect();
+        println!("{}", json!({ "keys": keys, "effects": effects }));
+        return Ok(ExitCode::SUCCESS);
+    }
+    if args.key.is_none() {
+        for key in keys {
+            println!("{:38} {}", key.path(), first_sentence(key.doc));
+        }
+        for entry in effects {
+            println!("{:38} {}", format!("effect.{}", entry.kind), first_sentence(entry.doc));
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    keys.iter().for_each(|key| explain_key(key));
+    effects.iter().for_each(|entry| explain_effect(entry));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Keys and effects of a name: the whole path, or its last part.
+fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<&'static Entry>)> {
+    let keys: Vec<&Key> = KEYS.iter().filter(|k| k.path() == name || k.name == name).collect();
+    let mut words = name.strip_prefix("effect.").unwrap_or(name).split('.');
+    let kind = words.next().unwrap_or_default();
+    let parameter = words.next();
+    let is_it = |e: &&Entry| {
+        e.kind == kind && parameter.is_none_or(|p| e.parameters.iter().any(|q| q.key == p))
+    };
+    let effects: Vec<&Entry> = Effect::CATALOGUE.iter().filter(is_it).collect();
+    if !keys.is_empty() || !effects.is_empty() {
+        return Ok((keys, effects));
+    }
+    let paths: Vec<String> = KEYS.iter().map(Key::path).collect();
+    let mut known: Vec<&str> = paths.iter().map(String::as_str).collect();
+    known.extend(KEYS.iter().map(|k| k.name));
+    known.extend(Effect::CATALOGUE.iter().map(|e| e.kind));
+    let nearest = crate::scene::nearest(name, known.iter().copied());
+    Err(Error::input(format!("no key or effect {name:?}"))
+        .help(format!("did you mean {nearest:?}? `camrig explain` lists them all")))
+}
+
+fn explain_key(key: &Key) {
+    println!("{}", key.path());
+    println!("  {}", key.doc);
+    println!("  {}", holds(key));
+    if !key.usual.is_empty() {
+        println!("  usual: {}", key.usual);
+    }
+    match key.default {
+        None => println!("  must be given"),
+        Some(default) => println!("  left out: {default}"),
+    }
+}
+
+fn holds(key: &Key) -> String {
+    let unit = if key.unit.is_empty() { String::new() } else { format!(" {}", key.unit) };
+    match key.holds {
+        Holds::Number(low, high) => format!("number, {low} to {high}{unit}"),
+        Holds::Whole(low, high) => format!("whole number, {low} to {high}{unit}"),
+        Holds::NumberOrFile(low, high) => format!("number, {low} to {high}{unit}, or a file"),
+        Holds::File => "file".into(),
+        Holds::Word(words) => format!("one of {}", words.join(", ")),
+        Holds::WordOrFile(words) => format!("{}, or a file", words.join(", ")),
+        Holds::Text => "text".into(),
+    }
+}
+
+fn explain_effect(entry: &Entry) {
+    println!("[[effect]]");
+    println!("kind = {:?}", entry.kind);
+    for p in entry.parameters {
+        match p.default {
+            Some(default) => println!("# {} = {default}", p.key),
+            None => println!("{} = ...", p.key),
+        }
+    }
+    println!();
+    for line in entry.doc.lines() {
+        println!("  {}", line.trim());
+    }
+    for p in entry.parameters {
+        println!("  {}: {}, {} to {} ({})", p.key, p.doc.trim(), p.min, p.max, p.unit);
+    }
+    println!("  acts on: {:?}", entry.domain);
+}
+
+fn first_sentence(doc: &str) -> String {
+    let line = doc.split_whitespace().collect::<Vec<_>>().join(" ");
+    line.split_once(". ").map_or(line.clone(), |(first, _)| format!("{first}."))
+}
+
+fn key_json(key: &Key) -> Value {
+    let (low, high) = match key.holds {
+        Holds::Number(low, high) | Holds::NumberOrFile(low, high) => (Some(low), Some(high)),
+        Holds::Whole(low, high) => (Some(low as f64), Some(high as f64)),
+        _ => (None, None),
+    };
+    json!({
+        "key": key.path(), "holds": holds(key), "unit": key.unit, "min": low, "max": high,
+        "usual": key.usual, "default": key.default, "doc": key.doc,
+    })
+}
+
+fn effect_json(entry: &Entry) -> Value {
+    let parameters: Vec<Value> = entry
+        .parameters
+        .iter()
+        .map(|p| {
+            json!({
+                "key": p.key, "unit": p.unit, "min": p.min, "max": p.max, "default": p.default,
+                "doc": p.doc.trim(),
+            })
+        })
+        .collect();
+    json!({ "kind": entry.kind, "doc": entry.doc.trim(), "parameters": parameters })
+}

@@ -1,0 +1,101 @@
+//! `camrig rig view`: a live page of a rig.
+
+use super::arguments::{duration, positive};
+use super::simulate::ViewArgs;
+use crate::Result;
+use crate::render::{self, Arithmetic, Exposure};
+use crate::rig::script::Write;
+use crate::rig::{FrameRequest, Rig};
+use crate::view::{Control, State, Told, View};
+use std::io::Write as _;
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+/// Show a rig's frames live on a page of this machine: picture, histogram, profiles, noise map, sliders
+///
+/// Prints the address of the page; it goes on until it is interrupted. The page needs the token in that
+/// address, and pages of other origins are turned away.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
+    camrig rig view tcp://127.0.0.1:7420 --camera mt9v024 --scene dots --exposure 5ms --fps 10")]
+pub struct Args {
+    /// Address of the rig
+    url: String,
+    #[command(flatten)]
+    view: ViewArgs,
+    /// Integration time at the start
+    #[arg(long, value_parser = duration, value_name = "TIME", default_value = "10ms")]
+    exposure: f64,
+    /// Analog gain at the start
+    #[arg(long, value_parser = positive, value_name = "G", default_value_t = 1.0)]
+    gain: f64,
+    /// At most this many frames per second
+    #[arg(long, value_parser = positive, value_name = "F", default_value_t = 15.0)]
+    fps: f64,
+    /// Arithmetic of the rig's sensor stage
+    #[arg(long, value_enum, default_value_t)]
+    arith: Arithmetic,
+    /// End after this many frames
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// Where the page is served; another interface than the loopback one shows the page to the network
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0")]
+    listen: String,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let page = View::listen(&args.listen)?;
+    let mut rig = Rig::open(&args.url)?;
+    let (camera, view) = args.view.view()?;
+    let exposure = Exposure::new(&camera, &view.cube.header, 1.0)?;
+    rig.set_camera(&exposure)?;
+    Write::Exposure(args.exposure).apply(&mut rig)?;
+    Write::Gain(args.gain).apply(&mut rig)?;
+
+    let settings = camera.settings(0, args.exposure, Some(args.gain));
+    let header = &view.cube.header;
+    let info = render::frame_info(&camera, &settings, view.light.as_ref(), header, false)?;
+    let state = Arc::new(Mutex::new(State::new(info)));
+    let (sender, controls) = mpsc::channel();
+    // The address is data: scripts wait for it.
+    println!("{}", page.url());
+    let _ = std::io::stdout().flush();
+    page.serve(state.clone(), sender);
+
+    let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut last = Instant::now();
+    for number in 0..args.frames.unwrap_or(u32::MAX) {
+        while let Ok(Control { exposure_s, analog_gain }) = controls.try_recv() {
+            let writes = [exposure_s.map(Write::Exposure), analog_gain.map(Write::Gain)];
+            writes.into_iter().flatten().try_for_each(|write| write.apply(&mut rig))?;
+        }
+        let request = FrameRequest {
+            settings: camera.settings(number, args.exposure, Some(args.gain)),
+            arithmetic: args.arith,
+            collapse: false,
+            lit_before: number > 0,
+            by_registers: true,
+        };
+        let frame = rig.frame(&view.cube, &exposure, &request).inspect_err(|error| {
+            locked().ended = Some(error.to_string());
+        })?;
+        let due = last + Duration::from_secs_f64(1.0 / args.fps);
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let told = Told {
+            counter: frame.start.counter,
+            exposure_s: f64::from(frame.start.exposure.exposure_s),
+            analog_gain: f64::from(frame.start.exposure.analog_gain),
+            period_s: last.elapsed().as_secs_f64(),
+        };
+        last = Instant::now();
+        if frame.dropped {
+            locked().dropped += 1;
+        } else {
+            let raw = frame.to_raw(&exposure)?;
+            locked().push(raw, told);
+        }
+    }
+    Ok(())
+}

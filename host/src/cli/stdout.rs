@@ -1,0 +1,35 @@
+//! Standard output whose reader may go away, or whose disk may be full.
+//!
+//! The standard library's `println!` panics then. Here it unwinds with the error as its payload, without the
+//! words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it an [`Error`] again.
+
+use crate::{Error, Result};
+use std::any::Any;
+use std::io::{self, Write};
+use std::panic::{self, AssertUnwindSafe};
+use std::path::Path;
+
+/// Writes to standard output; what fails ends the command that [`guard`] runs.
+pub fn print(what: std::fmt::Arguments<'_>) {
+    if let Err(error) = io::stdout().lock().write_fmt(what) {
+        panic::resume_unwind(Box::new(failed(error)));
+    }
+}
+
+/// Runs a command; output that cannot be written is its error.
+pub fn guard<T>(command: impl FnOnce() -> Result<T>) -> Result<T> {
+    let done = panic::catch_unwind(AssertUnwindSafe(command));
+    let outcome =
+        done.unwrap_or_else(|payload: Box<dyn Any + Send>| match payload.downcast::<Error>() {
+            Ok(error) => Err(*error),
+            Err(payload) => panic::resume_unwind(payload),
+        })?;
+    io::stdout().flush().map_err(failed)?;
+    Ok(outcome)
+}
+
+fn failed(error: io::Error) -> Error {
+    let gone = error.kind() == io::ErrorKind::BrokenPipe;
+    let error = Error::io("write", Path::new("standard output"), error);
+    if gone { error.help("the program that reads it has ended") } else { error }
+}

@@ -1,0 +1,165 @@
+//! Sweeps rendered to data sets: the same pictures however the work is split, interrupted or repeated.
+
+use super::{camrig, camrig_ok, small_camera};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+const SWEEP: &str = r#"
+format = "sweep/1"
+frames = 2
+files = "npy"
+
+[grid]
+camera = "c.toml"
+scene = ["slanted-edge:angle=5", "uniform:0.4"]
+lux = [30, 300]
+exposure_s = [0.005, 0.02]
+sensor_seed = [1, 7]
+
+[grid.camera_keys]
+"sensor.noise.read_e" = [3.0, 9.0]
+"#;
+
+/// A folder with a sweep of 64 pictures of 32 x 24 pixels.
+fn folder() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("c.toml"), small_camera(32, 24, &[])).unwrap();
+    std::fs::write(dir.path().join("sweep.toml"), SWEEP).unwrap();
+    dir
+}
+
+/// Every file below a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            all.extend(files(&path).into_iter().map(|(k, v)| (format!("{name}/{k}"), v)));
+        } else {
+            all.insert(name, std::fs::read(path).unwrap());
+        }
+    }
+    all
+}
+
+#[test]
+fn shards_in_any_order_make_what_one_process_makes() {
+    let dir = folder();
+    let output = camrig_ok(dir.path(), "batch sweep.toml -o whole --no-cache --json");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((told["done"].as_u64(), told["complete"].as_bool()), (Some(64), Some(true)));
+    for number in [5, 2, 7, 1, 3, 6, 4] {
+        assert!(!dir.path().join("parts/manifest.jsonl").exists());
+        camrig_ok(dir.path(), &format!("batch sweep.toml -o parts --shard {number}/7 --no-cache"));
+    }
+    let whole = files(&dir.path().join("whole"));
+    assert!(whole == files(&dir.path().join("parts")));
+    assert_eq!(whole.len(), 2 * 64 + 2, "{:?}", whole.keys());
+    // From another working directory, and again over what is there.
+    let above = dir.path().parent().unwrap();
+    let name = dir.path().file_name().unwrap().to_string_lossy();
+    camrig_ok(above, &format!("batch {name}/sweep.toml -o {name}/there --no-cache"));
+    camrig_ok(above, &format!("batch {name}/sweep.toml -o {name}/there --no-cache"));
+    assert!(whole == files(&dir.path().join("there")));
+}
+
+#[test]
+fn the_manifest_says_what_each_picture_is() {
+    let dir = folder();
+    camrig_ok(dir.path(), "batch sweep.toml -o set --no-cache");
+    let manifest = std::fs::read_to_string(dir.path().join("set/manifest.jsonl")).unwrap();
+    let records: Vec<serde_json::Value> =
+        manifest.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(records.len(), 64);
+    // A picture is the frame that `simulate` takes with the parameters of its record.
+    for record in records.iter().step_by(21) {
+        let p = &record["parameters"];
+        let number = |key: &str| p[key].as_f64().unwrap();
+        camrig_ok(
+            dir.path(),
+            &format!(
+                "simulate --camera c.toml --scene {} --lux {} --exposure {}s --gain {} --frame-seed {} \
+                 --set sensor.seed={} --set sensor.noise.read_e={} --no-cache --force -o one.npy",
+                p["scene"].as_str().unwrap(),
+                number("lux"),
+                number("exposure_s"),
+                number("analog_gain"),
+                p["frame"],
+                p["sensor_seed"],
+                p["camera_keys"]["sensor.noise.read_e"],
+            ),
+        );
+        let batch = std::fs::read(dir.path().join("set").join(record["file"].as_str().unwrap()));
+        assert!(batch.unwrap() == std::fs::read(dir.path().join("one.npy")).unwrap(), "{record}");
+    }
+}
+
+#[test]
+fn a_data_set_is_not_mixed_from_different_inputs() {
+    let dir = folder();
+    let refused = |says: &[&str]| {
+        let output = camrig(dir.path(), "batch sweep.toml -o set --shard 2/2 --no-cache");
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        says.iter().for_each(|s| assert!(told.contains(s), "{s}: {told}"));
+    };
+    camrig_ok(dir.path(), "batch sweep.toml -o set --shard 1/2 --no-cache");
+    std::fs::write(dir.path().join("c.toml"), small_camera(32, 24, &[("prnu", "0.02")])).unwrap();
+    refused(&["c.toml has changed", "new directory"]);
+    std::fs::write(dir.path().join("c.toml"), small_camera(32, 24, &[])).unwrap();
+    std::fs::write(dir.path().join("sweep.toml"), SWEEP.replace("0.02", "0.03")).unwrap();
+    refused(&["sweep file is not the one"]);
+    std::fs::remove_dir_all(dir.path().join("set")).unwrap();
+    std::fs::create_dir(dir.path().join("set")).unwrap();
+    std::fs::write(dir.path().join("set/mine.txt"), "precious").unwrap();
+    refused(&["holds something else"]);
+}
+
+/// 200 times SIGKILL at moments spread over the whole run. After each: only whole files, each with the
+/// bytes that an undisturbed run gives it. A data set that is complete is followed by a new one.
+#[cfg(unix)]
+#[test]
+fn killed_at_any_moment_it_loses_and_doubles_nothing() {
+    const KILLS: u32 = 200;
+    let dir = folder();
+    let begun = Instant::now();
+    camrig_ok(dir.path(), "batch sweep.toml -o whole --no-cache");
+    let mut span_s = begun.elapsed().as_secs_f64();
+    let whole = files(&dir.path().join("whole"));
+    let set = dir.path().join("set");
+    let (mut caught, mut pictures, mut completed) = (0, 0, 0);
+    for i in 0..KILLS {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+            .args(["batch", "sweep.toml", "-o", "set", "--no-cache"])
+            .current_dir(dir.path())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // 0.618...: the moments fill the run evenly, whatever their number.
+        let moment = f64::from(i) * 0.618_033_988_75 % 1.0;
+        std::thread::sleep(Duration::from_secs_f64(moment * span_s));
+        child.kill().unwrap();
+        match child.wait().unwrap().success() {
+            true => span_s *= 0.95, // the machine is less busy than it was: strike sooner
+            false => caught += 1,
+        }
+        let now = files(&set);
+        for (name, bytes) in &now {
+            assert!(whole.get(name) == Some(bytes), "after kill {i}: {name} is not whole");
+        }
+        pictures = pictures.max(now.len());
+        if now.contains_key("manifest.jsonl") {
+            assert!(now == whole);
+            completed += 1;
+            std::fs::remove_dir_all(&set).unwrap();
+        }
+    }
+    println!("{caught} of {KILLS} killed under way, {completed} data sets completed in spite");
+    assert!(caught > KILLS / 2, "the kills must strike: {caught}");
+    assert!(completed > 0 || pictures > 2, "some work must have been under way");
+    camrig_ok(dir.path(), "batch sweep.toml -o set --no-cache");
+    assert!(files(&set) == whole);
+}
