@@ -3,7 +3,7 @@
 //! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], [`serial`], [`hid`] open them;
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`feed`]: a cube's rows as they go over the link;
-//! * [`serve`]: the emulator as a server; [`log`]: the log of a firmware in words.
+//! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in words.
 
 pub mod client;
 pub mod emulator;
@@ -11,6 +11,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
+mod parallel;
 pub mod serial;
 pub mod serve;
 pub mod tcp;
