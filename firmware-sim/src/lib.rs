@@ -17,4 +17,4 @@ pub mod running;
 pub mod serve;
 
 pub use rig::{Memory, Rig, RowMemory};
-pub use serve::{Buffers, Dispatch, Plain, ServeError, serve};
+pub use serve::{Buffers, Dispatch, Plain, ServeError, serve, serve_rig};

@@ -13,7 +13,7 @@ use sensor_core::arith::Float;
 use sensor_core::arith::{Arith, Block, blocks};
 use sensor_core::collect::Sums;
 use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::Needs;
+use sensor_core::effects::{Effect, Needs};
 use sensor_core::pipeline::memory_blocks;
 use sensor_core::spectral::{GROUP, groups};
 
@@ -138,6 +138,7 @@ impl Model for Rig<'_> {
             arithmetics: bit(Arithmetic::F32) | bit(Arithmetic::Fixed),
             codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8,
             memory_bytes: memory_bytes as u32,
+            effects: Effect::AVAILABLE,
             camera: 0,
         }
     }

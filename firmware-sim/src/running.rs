@@ -137,8 +137,9 @@ impl<'r, A: Arith> Running<'r, A> {
                 *place = *exponent as i8;
             }
             let place = self.mantissas.chunks_mut(GROUP).nth(group).unwrap_or_default();
-            for (m, bytes) in place.iter_mut().zip(mantissas.chunks_exact(2)) {
-                *m = u16::from_le_bytes([bytes[0], bytes[1]]);
+            let words = mantissas.as_chunks::<2>().0;
+            for (m, bytes) in place.iter_mut().zip(words) {
+                *m = u16::from_le_bytes(*bytes);
             }
             if group + 1 == groups {
                 self.add_band(row.into(), band);
@@ -152,18 +153,11 @@ impl<'r, A: Arith> Running<'r, A> {
     /// Adds the band that has just become whole.
     #[inline(always)]
     fn add_band(&mut self, row: u32, band: usize) {
+        let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
         if self.frame.begin.codec == Codec::Bfp16 {
-            let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
             return self.collector.add_band(row, band, whole, self.sums);
         }
-        // Electrons: the "weight" of each is 1.
-        let one = [A::weight(1.0); GROUP];
-        let groups = self.mantissas.chunks(GROUP).zip(self.exponents.iter());
-        for ((mantissas, &exponent), sums) in groups.zip(self.sums.iter_mut()) {
-            let mut padded = [0; GROUP];
-            padded[..mantissas.len()].copy_from_slice(mantissas);
-            A::accumulate(sums, &padded, exponent.into(), &one);
-        }
+        self.collector.add_rates(whole, self.frame.settings.exposure_s, self.sums);
     }
 
     /// Puts the row that has just become whole into the ring.

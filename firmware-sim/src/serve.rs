@@ -5,7 +5,7 @@ use crate::running::{self, AnyRunning};
 use core::marker::PhantomData;
 use embedded_io::{Read, Write};
 use rig_link::device::{Begun, Device, Model};
-use rig_link::framing::{Framing, Receiver};
+use rig_link::framing::{Framing, Receiver, Sender};
 use rig_link::message::*;
 use rig_link::registers::Registers;
 use rig_link::wire::Kind;
@@ -18,7 +18,7 @@ pub struct Buffers<'m> {
     pub packet: &'m mut [u8],
     /// The packet to send.
     pub answer: &'m mut [u8],
-    /// Its framed form.
+    /// Bytes on their way out: a packet's longest framed form, or for HID a whole number of reports.
     pub framed: &'m mut [u8],
 }
 
@@ -33,57 +33,100 @@ pub enum ServeError<E> {
 
 struct Port<'m, L> {
     link: &'m mut L,
-    framing: Framing,
     receiver: Receiver<&'m mut [u8]>,
+    sender: Sender<&'m mut [u8]>,
     input: &'m mut [u8],
     /// What of `input` is yet to be used.
     left: (usize, usize),
     answer: &'m mut [u8],
-    framed: &'m mut [u8],
 }
 
-impl<L: Read + Write> Port<'_, L> {
+impl<'m, L: Read + Write> Port<'m, L> {
+    fn new(link: &'m mut L, framing: Framing, buffers: Buffers<'m>) -> Self {
+        let Buffers { input, packet, answer, framed } = buffers;
+        Self {
+            link,
+            receiver: Receiver::new(framing, packet),
+            sender: Sender::new(framing, framed),
+            input,
+            left: (0, 0),
+            answer,
+        }
+    }
+
+    /// Whether a further packet has arrived.
+    fn arrived(&mut self) -> Result<bool, ServeError<L::Error>> {
+        let (start, end) = self.left;
+        let mut bytes = &self.input[start..end];
+        let whole = self.receiver.push(&mut bytes).map_err(|_| ServeError::OutOfStep)?;
+        self.left = (end - bytes.len(), end);
+        Ok(whole)
+    }
+
     /// Waits for a packet; false when the link is closed.
     fn wait(&mut self) -> Result<bool, ServeError<L::Error>> {
-        loop {
-            let (start, end) = self.left;
-            let mut bytes = &self.input[start..end];
-            let whole = self.receiver.push(&mut bytes).map_err(|_| ServeError::OutOfStep)?;
-            self.left = (end - bytes.len(), end);
-            if whole {
-                return Ok(true);
-            }
+        while !self.arrived()? {
             let read = self.link.read(self.input).map_err(ServeError::Link)?;
             if read == 0 {
                 return Ok(false);
             }
             self.left = (0, read);
         }
+        Ok(true)
     }
 
-    /// Hands the packet to the device and sends all that it answers.
-    fn handle<const RAW: usize>(
+    /// Sends all that the device has to say, but for what is gathered until the next flush.
+    fn send<const RAW: usize>(
         &mut self,
         device: &mut Device<RAW>,
         model: &mut impl Model,
     ) -> Result<(), ServeError<L::Error>> {
-        device.receive(self.receiver.packet(), model);
         while let Some(bytes) = device.transmit(self.answer, model) {
-            let bytes = self.framing.encode(&self.answer[..bytes], self.framed);
-            self.link.write_all(&self.framed[..bytes]).map_err(ServeError::Link)?;
+            let write = |bytes: &[u8]| self.link.write_all(bytes);
+            self.sender.push(&self.answer[..bytes], write).map_err(ServeError::Link)?;
         }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), ServeError<L::Error>> {
+        self.sender.flush(|bytes| self.link.write_all(bytes)).map_err(ServeError::Link)?;
         self.link.flush().map_err(ServeError::Link)
     }
 
-    /// Whether the packet is one of the many of a frame, which ask nothing else of the model.
-    fn is_of_frame(&mut self) -> bool {
-        const KINDS: [u8; 3] = [Kind::Part as u8, Kind::Ack as u8, Kind::Ping as u8];
-        self.receiver.packet().first().is_some_and(|kind| KINDS.contains(kind))
+    /// Hands the packet at hand to the device, and those that follow as long as they are `wanted`; answers
+    /// when there is nothing more to take in. False when the link is closed.
+    fn run<const RAW: usize>(
+        &mut self,
+        device: &mut Device<RAW>,
+        model: &mut impl Model,
+        wanted: impl Fn(&[u8]) -> bool,
+    ) -> Result<bool, ServeError<L::Error>> {
+        loop {
+            device.receive(self.receiver.packet(), model);
+            if device.is_pressed(model) {
+                self.send(device, model)?;
+            }
+            if !self.arrived()? {
+                self.send(device, model)?;
+                self.flush()?;
+                if !self.wait()? {
+                    return Ok(false);
+                }
+            }
+            if !wanted(self.receiver.packet()) {
+                return Ok(true);
+            }
+        }
     }
 }
 
-/// Calls the row functions of a frame in progress. A workstation puts versions for its vector
-/// instructions in between.
+/// Whether a packet is one of the many of a frame, which ask nothing else of the model.
+fn is_of_frame(packet: &[u8]) -> bool {
+    const KINDS: [u8; 3] = [Kind::Part as u8, Kind::Ack as u8, Kind::Ping as u8];
+    packet.first().is_some_and(|kind| KINDS.contains(kind))
+}
+
+/// Calls the row functions of a frame in progress; one may count or time in between.
 pub trait Dispatch {
     /// Calls [`AnyRunning::units`].
     fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
@@ -102,30 +145,38 @@ pub struct Plain;
 impl Dispatch for Plain {}
 
 /// Serves a link until it is closed.
-pub fn serve<D: Dispatch, L: Read + Write, const RAW: usize>(
+pub fn serve<L: Read + Write, const RAW: usize>(
+    device: &mut Device<RAW>,
+    model: &mut impl Model,
+    link: &mut L,
+    framing: Framing,
+    buffers: Buffers<'_>,
+) -> Result<(), ServeError<L::Error>> {
+    let mut port = Port::new(link, framing, buffers);
+    if port.wait()? {
+        port.run(device, model, |_| true)?;
+    }
+    Ok(())
+}
+
+/// Serves a link until it is closed, and keeps a frame's working state from packet to packet.
+pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     device: &mut Device<RAW>,
     rig: &mut Rig<'_>,
     link: &mut L,
     framing: Framing,
     buffers: Buffers<'_>,
 ) -> Result<(), ServeError<L::Error>> {
-    let Buffers { input, packet, answer, framed } = buffers;
-    let receiver = Receiver::new(framing, packet);
-    let mut port = Port { link, framing, receiver, input, left: (0, 0), answer, framed };
+    let mut port = Port::new(link, framing, buffers);
     let mut open = port.wait()?;
     while open {
-        if port.is_of_frame()
+        open = if is_of_frame(port.receiver.packet())
             && let Some(running) = rig.running()
         {
-            let mut streaming = Streaming::<D>(running, PhantomData);
-            while open && port.is_of_frame() {
-                port.handle(device, &mut streaming)?;
-                open = port.wait()?;
-            }
+            port.run(device, &mut Streaming::<D>(running, PhantomData), is_of_frame)?
         } else {
-            port.handle(device, rig)?;
-            open = port.wait()?;
-        }
+            port.run(device, rig, |packet| !is_of_frame(packet))?
+        };
     }
     Ok(())
 }

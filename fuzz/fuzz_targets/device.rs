@@ -40,7 +40,7 @@ fn converse(data: &[u8]) {
             max_bands: 8,
         },
     );
-    let mut device = Device::<128>::new(600);
+    let mut device = Device::<128>::new(600, 32);
     let mut receivers =
         [Framing::Cobs, Framing::Length, Framing::Report(64)].map(|f| Receiver::new(f, [0; 700]));
     let mut out = [0; 600];

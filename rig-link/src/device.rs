@@ -13,10 +13,16 @@ use heapless::Deque;
 
 /// What computes raw rows.
 ///
-/// [`Model::units`] is called with the units of a row in order; a row never begins before the raw
-/// rows that its predecessors completed have been taken with [`Model::raw_row`]. So a model needs room
-/// for `2 * halo + 1` rows, used in turn.
+/// [`Model::units`] is called with the units of a row in order; a row begins only when at most
+/// [`Model::rows_ahead`] of the raw rows that its predecessors completed have yet to be taken with
+/// [`Model::raw_row`]. So a model needs room for `2 * halo + 1 + rows_ahead` rows, used in turn.
 pub trait Model {
+    /// Raw rows that may wait while further spectral rows arrive: none for a device that computes one
+    /// row at a time.
+    fn rows_ahead(&self) -> u16 {
+        0
+    }
+
     /// What the model can do. The device itself fills in packet size, credit and the camera's identity.
     fn capabilities(&self) -> Capabilities;
 
@@ -49,9 +55,6 @@ pub struct Begun {
     /// The camera's seed.
     pub seed: u64,
 }
-
-/// Most packets that the host may send ahead.
-const CREDIT: u16 = 32;
 
 /// Room for log bytes that wait to be sent.
 const LOG_BYTES: usize = 128;
@@ -88,6 +91,11 @@ impl Transfer {
         }
     }
 
+    /// Raw rows that wait to be computed.
+    fn waiting(&self) -> u16 {
+        self.computable().saturating_sub(self.next_out)
+    }
+
     /// Goes on at row `row` instead of where the cursor is.
     fn jump(&mut self, row: u16) {
         self.cursor = Cursor { row, unit: 0 };
@@ -101,6 +109,7 @@ impl Transfer {
 /// a frame, what it computes with.
 pub struct Device<const RAW: usize> {
     packet_bytes: u16,
+    credit: u16,
     versions: (u8, u8),
     registers: Registers,
     statistics: Statistics,
@@ -134,10 +143,11 @@ pub struct Device<const RAW: usize> {
 
 impl<const RAW: usize> Device<RAW> {
     /// A device that has just been switched on. `packet_bytes`: the longest packet that its receiver
-    /// holds.
-    pub const fn new(packet_bytes: u16) -> Self {
+    /// holds; `credit`: packets that the host may send ahead.
+    pub const fn new(packet_bytes: u16, credit: u16) -> Self {
         Self {
             packet_bytes,
+            credit,
             versions: VERSIONS,
             registers: Registers::new(),
             statistics: Statistics::new(),
@@ -225,7 +235,7 @@ impl<const RAW: usize> Device<RAW> {
         if let Some(answer) = self.answers.pop_front() {
             return Some(self.send_answer(&answer, out, model));
         }
-        if self.heard.wrapping_sub(self.told) >= CREDIT / 4 {
+        if self.heard.wrapping_sub(self.told) >= (self.credit / 4).max(1) {
             return Some(self.send_answer(&Answer::Ack, out, model));
         }
         if self.seq.wrapping_sub(self.acknowledged) > self.host?.credit {
@@ -238,6 +248,13 @@ impl<const RAW: usize> Device<RAW> {
             self.compute_row(model);
         }
         self.send_raw(out)
+    }
+
+    /// Whether to [`Device::transmit`] before the next packet is given to [`Device::receive`]; otherwise
+    /// packets that have arrived already may come first, and answers be gathered.
+    pub fn is_pressed(&self, model: &impl Model) -> bool {
+        let rows = self.transfer.as_ref().map_or(0, Transfer::waiting);
+        !self.answers.is_empty() || rows > model.rows_ahead()
     }
 
     /// Counters since power-on.
@@ -343,11 +360,11 @@ impl<const RAW: usize> Device<RAW> {
             && count_bytes.is_multiple_of(unit_bytes)
             && end <= usize::from(shape.units)
             && head.row < shape.rows;
-        // A row may begin only when the raw rows that the last one completed have been computed.
-        let room = t.next_out >= t.computable();
+        let room = t.waiting() <= model.rows_ahead();
         let begins = head.unit == 0;
         let here = Cursor { row: head.row, unit: head.unit };
-        if sound && room && begins && packet.header.flags & JUMP != 0 && here != t.cursor {
+        let jumps = packet.header.flags & JUMP != 0 && here != t.cursor;
+        if sound && begins && jumps && t.waiting() == 0 {
             t.jump(head.row);
         }
         if !sound || here != t.cursor || (begins && !room) {
@@ -427,7 +444,7 @@ impl<const RAW: usize> Device<RAW> {
             Answer::Hello => {
                 let device = (self.version > 0).then(|| Capabilities {
                     packet_bytes: self.packet_bytes,
-                    credit: CREDIT,
+                    credit: self.credit,
                     camera: if self.camera_ready { self.camera_id } else { 0 },
                     ..model.capabilities()
                 });
@@ -439,7 +456,7 @@ impl<const RAW: usize> Device<RAW> {
                 let (mut transfer, mut cursor, mut flags) = (0, Cursor::default(), 0);
                 if let Some(t) = &self.transfer {
                     (transfer, cursor) = (t.begin.transfer, t.cursor);
-                    let pending = self.sending.is_some() || t.next_out < t.computable();
+                    let pending = self.sending.is_some() || t.waiting() > 0;
                     flags = if t.gap { GAP } else { 0 } | if pending { PENDING } else { 0 };
                 }
                 AckBody { transfer, row: cursor.row, unit: cursor.unit }.write(body);
@@ -471,7 +488,7 @@ impl<const RAW: usize> Device<RAW> {
         if t.start.fault == Fault::DropFrame {
             t.next_out = t.computable();
         }
-        if t.next_out >= t.computable() {
+        if t.waiting() == 0 {
             return;
         }
         let row = t.next_out;

@@ -64,6 +64,8 @@ pub struct Capabilities {
     pub codecs: u8,
     /// Memory that the device's rows and buffers take, bytes.
     pub memory_bytes: u32,
+    /// Effects of the sensor model that the firmware has, as a bit set of `1 <<` catalogue number.
+    pub effects: u64,
     /// Identity of the camera that the device holds; 0 for none.
     pub camera: u64,
 }
@@ -82,7 +84,8 @@ pub enum Arithmetic {
 pub enum Codec {
     /// Irradiance: band after band, blocks of 16 pixels with a shared exponent and 16-bit mantissas.
     Bfp16,
-    /// Mean electrons, integrated over the bands by the host: one "band" of such blocks.
+    /// Mean electrons per second of exposure, integrated over the bands by the host: one "band" of such
+    /// blocks.
     Electrons16,
 }
 
@@ -183,7 +186,7 @@ pub enum Fault {
     CorruptRow(u16),
     /// The frame counter stands still.
     StuckCounter,
-    /// The frame comes this much later, in ms.
+    /// The frame comes this much later, in ms: the host, which has the clock, holds it back.
     LateFrame(u16),
 }
 
@@ -356,6 +359,7 @@ mod tests {
                 arithmetics: 255,
                 codecs: 255,
                 memory_bytes: u32::MAX,
+                effects: u64::MAX,
                 camera: u64::MAX,
             }),
         };

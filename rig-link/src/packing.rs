@@ -88,37 +88,23 @@ impl Packing {
 /// format are lost.
 pub fn pack_row(packing: Packing, row: &[u16], out: &mut [u8]) -> Result<(), WrongSize> {
     check(packing, row.len(), out.len())?;
-    let (samples, bytes) = packing.group();
-    for (group, out) in row.chunks(samples).zip(out.chunks_exact_mut(bytes)) {
-        let at = |i: usize| group.get(i).copied().unwrap_or(0);
-        match (packing, out) {
-            (Packing::Raw8, [a]) => *a = at(0) as u8,
-            (Packing::Raw16, out @ [_, _]) => out.copy_from_slice(&at(0).to_be_bytes()),
-            (Packing::Le16, out @ [_, _]) => out.copy_from_slice(&at(0).to_le_bytes()),
-            (Packing::Raw10, [a, b, c, d, low]) => {
-                *low = 0;
-                for (i, upper) in [a, b, c, d].into_iter().enumerate() {
-                    *upper = (at(i) >> 2) as u8;
-                    *low |= ((at(i) & 3) as u8) << (2 * i);
-                }
-            }
-            (Packing::Raw12, [a, b, low]) => {
-                *a = (at(0) >> 4) as u8;
-                *b = (at(1) >> 4) as u8;
-                *low = (at(0) & 15) as u8 | ((at(1) & 15) as u8) << 4;
-            }
-            (Packing::Raw14, [a, b, c, d, low @ ..]) => {
-                let mut rest = 0u32;
-                for (i, upper) in [a, b, c, d].into_iter().enumerate() {
-                    *upper = (at(i) >> 6) as u8;
-                    rest |= u32::from(at(i) & 63) << (6 * i);
-                }
-                for (low, byte) in low.iter_mut().zip(rest.to_le_bytes()) {
-                    *low = byte;
-                }
-            }
-            _ => {} // chunks_exact_mut gives no other sizes
-        }
+    match packing {
+        Packing::Raw8 => pack(row, out, |[a]| [a as u8]),
+        Packing::Raw16 => pack(row, out, |[a]| a.to_be_bytes()),
+        Packing::Le16 => pack(row, out, |[a]| a.to_le_bytes()),
+        Packing::Raw10 => pack(row, out, |[a, b, c, d]| {
+            let low = (a & 3) | (b & 3) << 2 | (c & 3) << 4 | (d & 3) << 6;
+            [(a >> 2) as u8, (b >> 2) as u8, (c >> 2) as u8, (d >> 2) as u8, low as u8]
+        }),
+        Packing::Raw12 => pack(row, out, |[a, b]| {
+            [(a >> 4) as u8, (b >> 4) as u8, ((a & 15) | (b & 15) << 4) as u8]
+        }),
+        Packing::Raw14 => pack(row, out, |[a, b, c, d]| {
+            let low = [a, b, c, d].map(|s| u32::from(s & 63));
+            let low = low[0] | low[1] << 6 | low[2] << 12 | low[3] << 18;
+            let [e, f, g, _] = low.to_le_bytes();
+            [(a >> 6) as u8, (b >> 6) as u8, (c >> 6) as u8, (d >> 6) as u8, e, f, g]
+        }),
     }
     Ok(())
 }
@@ -126,34 +112,58 @@ pub fn pack_row(packing: Packing, row: &[u16], out: &mut [u8]) -> Result<(), Wro
 /// Unpacks a row; the inverse of [`pack_row`]. `bytes` has exactly [`Packing::row_bytes`] bytes.
 pub fn unpack_row(packing: Packing, bytes: &[u8], row: &mut [u16]) -> Result<(), WrongSize> {
     check(packing, row.len(), bytes.len())?;
-    let (samples, size) = packing.group();
-    for (group, row) in bytes.chunks_exact(size).zip(row.chunks_mut(samples)) {
-        let values: [u16; 4] = match *group {
-            [a] => [a.into(), 0, 0, 0],
-            [a, b] if packing == Packing::Le16 => [u16::from_le_bytes([a, b]), 0, 0, 0],
-            [a, b] => [u16::from_be_bytes([a, b]), 0, 0, 0],
-            [a, b, low] => {
-                let join = |upper: u8, low: u8| u16::from(upper) << 4 | u16::from(low);
-                [join(a, low & 15), join(b, low >> 4), 0, 0]
-            }
-            [a, b, c, d, low] => {
-                let join =
-                    |upper: u8, i: u32| u16::from(upper) << 2 | u16::from(low >> (2 * i) & 3);
-                [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
-            }
-            [a, b, c, d, e, f, g] => {
-                let rest = u32::from_le_bytes([e, f, g, 0]);
-                let join =
-                    |upper: u8, i: u32| u16::from(upper) << 6 | (rest >> (6 * i) & 63) as u16;
-                [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
-            }
-            _ => [0; 4], // chunks_exact gives no other sizes
-        };
-        for (sample, value) in row.iter_mut().zip(values) {
-            *sample = value;
-        }
+    match packing {
+        Packing::Raw8 => unpack(bytes, row, |[a]| [a.into()]),
+        Packing::Raw16 => unpack(bytes, row, |b| [u16::from_be_bytes(b)]),
+        Packing::Le16 => unpack(bytes, row, |b| [u16::from_le_bytes(b)]),
+        Packing::Raw10 => unpack(bytes, row, |[a, b, c, d, low]| {
+            let join = |upper: u8, i: u32| u16::from(upper) << 2 | u16::from(low >> (2 * i) & 3);
+            [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
+        }),
+        Packing::Raw12 => unpack(bytes, row, |[a, b, low]| {
+            [u16::from(a) << 4 | u16::from(low & 15), u16::from(b) << 4 | u16::from(low >> 4)]
+        }),
+        Packing::Raw14 => unpack(bytes, row, |[a, b, c, d, e, f, g]| {
+            let low = u32::from_le_bytes([e, f, g, 0]);
+            let join = |upper: u8, i: u32| u16::from(upper) << 6 | (low >> (6 * i) & 63) as u16;
+            [join(a, 0), join(b, 1), join(c, 2), join(d, 3)]
+        }),
     }
     Ok(())
+}
+
+/// Packs group by group; the last one is padded with zero samples.
+#[inline(always)]
+fn pack<const S: usize, const B: usize>(
+    row: &[u16],
+    out: &mut [u8],
+    group: impl Fn([u16; S]) -> [u8; B],
+) {
+    let ((row, rest), out) = (row.as_chunks::<S>(), out.as_chunks_mut::<B>().0);
+    for (out, samples) in out.iter_mut().zip(row) {
+        *out = group(*samples);
+    }
+    if let Some(out) = out.get_mut(row.len()) {
+        let mut padded = [0; S];
+        padded[..rest.len()].copy_from_slice(rest);
+        *out = group(padded);
+    }
+}
+
+/// Unpacks group by group; of the last one, the samples that are of the row.
+#[inline(always)]
+fn unpack<const S: usize, const B: usize>(
+    bytes: &[u8],
+    row: &mut [u16],
+    group: impl Fn([u8; B]) -> [u16; S],
+) {
+    let (bytes, (row, rest)) = (bytes.as_chunks::<B>().0, row.as_chunks_mut::<S>());
+    for (samples, bytes) in row.iter_mut().zip(bytes) {
+        *samples = group(*bytes);
+    }
+    if let Some(bytes) = bytes.get(row.len()) {
+        rest.copy_from_slice(&group(*bytes)[..rest.len()]);
+    }
 }
 
 fn check(packing: Packing, width: usize, found: usize) -> Result<(), WrongSize> {

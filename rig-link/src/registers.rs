@@ -2,7 +2,12 @@
 //!
 //! As in a real sensor, exposure is counted in lines: `exposure_s = lines x line_length_ns x 1e-9`, and
 //! gain is a code: `gain = code / 256` (CCS gain type 0 with m0 = 1, c0 = 0, m1 = 0, c1 = 256).
-//! Registers take effect with the next frame that does not bring its own exposure.
+//!
+//! And as in a real sensor, what is written while it streams shows some frames later: a delay of 1 is the
+//! next frame, the least. Exposure and frame length take 2 and gain 1 unless the delay registers say
+//! otherwise (so do the IMX219 and others in libcamera's table of sensors). Before the first frame and in
+//! standby a write is in force at once; under group hold writes wait for its end. Frames that bring
+//! their own exposure leave the registers aside but count.
 
 use crate::message::{Exposure, Fault};
 
@@ -17,6 +22,8 @@ pub mod address {
     pub const FRAME_COUNT: u16 = 0x0005;
     /// 1 streams, 0 stands by: frames without their own exposure are then dropped.
     pub const MODE_SELECT: u16 = 0x0100;
+    /// 1 holds writes to exposure, gain and frame length back, 0 lets them go together.
+    pub const GROUPED_PARAMETER_HOLD: u16 = 0x0104;
     /// Exposure, lines.
     pub const COARSE_INTEGRATION_TIME: u16 = 0x0202;
     /// Analogue gain code.
@@ -29,11 +36,26 @@ pub mod address {
     pub const TEST_DATA: u16 = 0x0602;
     /// Line time, ns (manufacturer-specific).
     pub const LINE_LENGTH_NS: u16 = 0x3000;
+    /// Frames until a written exposure or frame length is in force, 1 to 4. Manufacturer-specific.
+    pub const EXPOSURE_DELAY: u16 = 0x3004;
+    /// Frames until a written gain is in force, 1 to 4. Manufacturer-specific.
+    pub const GAIN_DELAY: u16 = 0x3006;
     /// Fault to show with the next frame: 0 none, 1 drop it, 2 corrupt a row, 3 stop the frame counter
     /// (until written 0), 4 late. Manufacturer-specific.
     pub const FAULT: u16 = 0x3100;
     /// The corrupt row's number, or the lateness in ms.
     pub const FAULT_ARGUMENT: u16 = 0x3102;
+}
+
+/// Longest delay, frames.
+const MAX_DELAY: usize = 4;
+
+/// What takes effect some frames after it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Timing {
+    lines: u16,
+    gain_code: u16,
+    frame_length: u16,
 }
 
 /// Values of the writable registers and the frame counter.
@@ -43,9 +65,17 @@ pub struct Registers {
     pub frame_count: u16,
     /// Whether frames without their own exposure are made.
     pub streaming: bool,
-    lines: u16,
-    gain_code: u16,
-    frame_length: u16,
+    /// As last written.
+    written: Timing,
+    /// As last written outside a group hold.
+    released: Timing,
+    /// What was released when the last frames began, newest first.
+    begun: [Timing; MAX_DELAY - 1],
+    /// A frame has begun since power-on or the end of standby.
+    running: bool,
+    hold: bool,
+    exposure_delay: u16,
+    gain_delay: u16,
     /// Test pattern code.
     pub test_pattern: u16,
     /// DN of the solid test pattern.
@@ -64,12 +94,17 @@ impl Default for Registers {
 impl Registers {
     /// Values at power-on.
     pub const fn new() -> Self {
+        let timing = Timing { lines: 1000, gain_code: 256, frame_length: 2000 };
         Self {
             frame_count: 0,
             streaming: true,
-            lines: 1000,
-            gain_code: 256,
-            frame_length: 2000,
+            written: timing,
+            released: timing,
+            begun: [timing; MAX_DELAY - 1],
+            running: false,
+            hold: false,
+            exposure_delay: 2,
+            gain_delay: 1,
             test_pattern: 0,
             test_data: 0,
             line_ns: 10_000,
@@ -78,18 +113,21 @@ impl Registers {
         }
     }
 
-    /// Value of a register.
+    /// Value of a register, as last written.
     pub fn read(&self, address: u16) -> Option<u32> {
         Some(match address {
             address::MODEL_ID => MODEL_ID.into(),
             address::FRAME_COUNT => self.frame_count.into(),
             address::MODE_SELECT => self.streaming.into(),
-            address::COARSE_INTEGRATION_TIME => self.lines.into(),
-            address::ANALOG_GAIN => self.gain_code.into(),
-            address::FRAME_LENGTH_LINES => self.frame_length.into(),
+            address::GROUPED_PARAMETER_HOLD => self.hold.into(),
+            address::COARSE_INTEGRATION_TIME => self.written.lines.into(),
+            address::ANALOG_GAIN => self.written.gain_code.into(),
+            address::FRAME_LENGTH_LINES => self.written.frame_length.into(),
             address::TEST_PATTERN => self.test_pattern.into(),
             address::TEST_DATA => self.test_data.into(),
             address::LINE_LENGTH_NS => self.line_ns,
+            address::EXPOSURE_DELAY => self.exposure_delay.into(),
+            address::GAIN_DELAY => self.gain_delay.into(),
             address::FAULT => self.fault.into(),
             address::FAULT_ARGUMENT => self.fault_argument.into(),
             _ => return None,
@@ -98,6 +136,17 @@ impl Registers {
 
     /// Writes a register; false, and nothing changes, where that cannot be.
     pub fn write(&mut self, address: u16, value: u32) -> bool {
+        let allowed = self.set(address, value);
+        if allowed && !self.hold {
+            self.released = self.written;
+            if !self.running {
+                self.begun = [self.released; MAX_DELAY - 1];
+            }
+        }
+        allowed
+    }
+
+    fn set(&mut self, address: u16, value: u32) -> bool {
         if address == address::LINE_LENGTH_NS {
             let allowed = (1..=10_000_000).contains(&value);
             if allowed {
@@ -106,16 +155,24 @@ impl Registers {
             return allowed;
         }
         let Ok(value) = u16::try_from(value) else { return false };
+        let delay = (1..=MAX_DELAY as u16).contains(&value);
         let (register, allowed) = match address {
             address::MODE_SELECT if value <= 1 => {
                 self.streaming = value == 1;
+                self.running = false;
                 return true;
             }
-            address::COARSE_INTEGRATION_TIME => (&mut self.lines, true),
-            address::ANALOG_GAIN => (&mut self.gain_code, value >= 1),
-            address::FRAME_LENGTH_LINES => (&mut self.frame_length, value >= 1),
+            address::GROUPED_PARAMETER_HOLD if value <= 1 => {
+                self.hold = value == 1;
+                return true;
+            }
+            address::COARSE_INTEGRATION_TIME => (&mut self.written.lines, value >= 1),
+            address::ANALOG_GAIN => (&mut self.written.gain_code, value >= 1),
+            address::FRAME_LENGTH_LINES => (&mut self.written.frame_length, value >= 1),
             address::TEST_PATTERN => (&mut self.test_pattern, matches!(value, 0 | 1 | 2 | 4)),
             address::TEST_DATA => (&mut self.test_data, true),
+            address::EXPOSURE_DELAY => (&mut self.exposure_delay, delay),
+            address::GAIN_DELAY => (&mut self.gain_delay, delay),
             address::FAULT => (&mut self.fault, value <= 4),
             address::FAULT_ARGUMENT => (&mut self.fault_argument, true),
             _ => return false,
@@ -126,18 +183,26 @@ impl Registers {
         allowed
     }
 
-    /// The exposure that the registers ask for.
+    /// The exposure that the registers ask for in the frame that begins next.
     pub fn exposure(&self) -> Exposure {
-        let lines = self.lines.min(self.frame_length);
+        let in_force = |delay: u16| match usize::from(delay).checked_sub(2) {
+            Some(frames_ago) => self.begun.get(frames_ago).copied().unwrap_or(self.released),
+            None => self.released,
+        };
+        let timing = in_force(self.exposure_delay);
+        let lines = timing.lines.min(timing.frame_length);
         // Both factors are exact in f32 for all register values that matter (below 2^24).
         Exposure {
             exposure_s: f32::from(lines) * (self.line_ns as f32 * 1e-9),
-            analog_gain: f32::from(self.gain_code) / 256.0,
+            analog_gain: f32::from(in_force(self.gain_delay).gain_code) / 256.0,
         }
     }
 
-    /// Counts a frame and takes the fault that it is to show.
+    /// Begins a frame: counts it and takes the fault that it is to show.
     pub fn next_frame(&mut self) -> Fault {
+        self.begun.rotate_right(1);
+        self.begun[0] = self.released;
+        self.running = true;
         let fault = match self.fault {
             1 => Fault::DropFrame,
             2 => Fault::CorruptRow(self.fault_argument),
@@ -153,6 +218,7 @@ impl Registers {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
 
     #[test]
@@ -169,6 +235,59 @@ mod tests {
         assert!((r.exposure().exposure_s - 0.002).abs() <= 2.0 * f32::EPSILON * 0.002);
     }
 
+    /// Lines and gain code of the frames that begin now.
+    fn frames(r: &mut Registers, count: usize) -> std::vec::Vec<(u16, u16)> {
+        (0..count)
+            .map(|_| {
+                let e = r.exposure();
+                r.next_frame();
+                ((e.exposure_s * 1e5).round() as u16, (e.analog_gain * 256.0) as u16)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn writes_show_as_many_frames_later_as_the_delays_say() {
+        let mut r = Registers::default();
+        let write = |r: &mut Registers, lines, gain| {
+            assert!(r.write(address::COARSE_INTEGRATION_TIME, lines));
+            assert!(r.write(address::ANALOG_GAIN, gain));
+        };
+        write(&mut r, 500, 512);
+        assert_eq!(frames(&mut r, 2), [(500, 512); 2], "before the first frame: at once");
+        write(&mut r, 600, 300);
+        assert_eq!(frames(&mut r, 3), [(500, 300), (600, 300), (600, 300)]);
+        // One write between frames after the other, as a control loop does.
+        let mut seen = std::vec::Vec::new();
+        for i in 0..4 {
+            write(&mut r, 700 + i, 400 + i);
+            seen.extend(frames(&mut r, 1));
+        }
+        assert_eq!(seen, [(600, 400), (700, 401), (701, 402), (702, 403)]);
+        assert!(r.write(address::EXPOSURE_DELAY, 4) && r.write(address::GAIN_DELAY, 3));
+        write(&mut r, 800, 256);
+        assert_eq!(
+            frames(&mut r, 5)[..],
+            [(701, 402), (702, 403), (703, 256), (800, 256), (800, 256)]
+        );
+    }
+
+    #[test]
+    fn a_group_hold_lets_writes_go_together_and_standby_at_once() {
+        let mut r = Registers::default();
+        frames(&mut r, 1);
+        assert!(r.write(address::GROUPED_PARAMETER_HOLD, 1));
+        assert!(r.write(address::ANALOG_GAIN, 512));
+        assert_eq!(r.read(address::ANALOG_GAIN), Some(512));
+        assert_eq!(frames(&mut r, 2), [(1000, 256); 2]);
+        assert!(r.write(address::GROUPED_PARAMETER_HOLD, 0));
+        assert_eq!(frames(&mut r, 1), [(1000, 512)]);
+        assert!(r.write(address::MODE_SELECT, 0));
+        assert!(r.write(address::COARSE_INTEGRATION_TIME, 30));
+        assert!(r.write(address::MODE_SELECT, 1));
+        assert_eq!(frames(&mut r, 1), [(30, 512)]);
+    }
+
     #[test]
     fn read_only_and_senseless_writes_are_refused() {
         let mut r = Registers::default();
@@ -181,6 +300,10 @@ mod tests {
             (address::TEST_PATTERN, 3),
             (address::FAULT, 5),
             (address::COARSE_INTEGRATION_TIME, 0x1_0000),
+            (address::COARSE_INTEGRATION_TIME, 0),
+            (address::EXPOSURE_DELAY, 0),
+            (address::GAIN_DELAY, 5),
+            (address::GROUPED_PARAMETER_HOLD, 2),
             (address::LINE_LENGTH_NS, 0),
             (0x4444, 0),
         ] {

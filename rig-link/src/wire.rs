@@ -16,23 +16,21 @@
 //! fixed fields are read with checked slicing. [`seal`] panics if its buffer is too small, which is
 //! the caller's own size.
 
-use crc::{CRC_32_ISCSI, Crc, Table};
-
 /// Bytes before the body.
 pub const HEADER_BYTES: usize = 8;
 /// Bytes after the body.
 pub const CHECK_BYTES: usize = 4;
 
-#[cfg(feature = "large-tables")]
-type Tables = Table<16>;
-#[cfg(not(feature = "large-tables"))]
-type Tables = Table<1>;
-
-/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI).
-static CRC32C: Crc<u32, Tables> = Crc::<u32, Tables>::new(&CRC_32_ISCSI);
-
-/// CRC-32C of some bytes.
+/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI) of some bytes.
+#[cfg(feature = "hardware-crc")]
 pub fn crc32c(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes)
+}
+
+/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI) of some bytes.
+#[cfg(not(feature = "hardware-crc"))]
+pub fn crc32c(bytes: &[u8]) -> u32 {
+    static CRC32C: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
     CRC32C.checksum(bytes)
 }
 

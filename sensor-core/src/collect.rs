@@ -28,6 +28,12 @@ pub struct Collector<'a, A: Arith> {
     weights: [[Sums<A::Weight>; PHASES]; MAX_NODES],
 }
 
+/// The exponent with which `largest` x 2^-exponent is at most 1.
+#[inline(always)]
+fn scale_of(largest: f32) -> i32 {
+    ((largest.to_bits() >> 23) as i32 - 126).clamp(-100, 100)
+}
+
 impl<'a, A: Arith> Collector<'a, A> {
     /// A collector for one frame.
     pub fn new(
@@ -48,7 +54,7 @@ impl<'a, A: Arith> Collector<'a, A> {
         }
         let response = config.response.iter().fold(0.0, |a: f32, &r| if r > a { r } else { a });
         let largest = response * settings.exposure_s * factor;
-        let scale = ((largest.to_bits() >> 23) as i32 - 126).clamp(-100, 100);
+        let scale = scale_of(largest);
         let per_unit = settings.exposure_s * power_of_two(-scale);
         let weights = [[[A::Weight::default(); GROUP]; PHASES]; MAX_NODES];
         Ok(Self { config, crosstalk, nodes, scale, per_unit, weights })
@@ -94,6 +100,19 @@ impl<'a, A: Arith> Collector<'a, A> {
                 }
             }
             A::accumulate(sums, mantissas, exponent, &weights);
+        }
+    }
+
+    /// Adds a row of mean electrons per second of exposure: bands that were collected elsewhere.
+    #[inline(always)]
+    pub fn add_rates(&mut self, row: BandRow<'_>, exposure_s: f32, sums: &mut [Sums<A::Sum>]) {
+        let scale = scale_of(exposure_s);
+        let weights = [A::weight(exposure_s * power_of_two(-scale)); GROUP];
+        let groups = row.mantissas.chunks(GROUP).zip(row.exponents).zip(sums);
+        for ((mantissas, &exponent), sums) in groups {
+            let mut padded = [0; GROUP];
+            padded[..mantissas.len()].copy_from_slice(mantissas);
+            A::accumulate(sums, &padded, i32::from(exponent) + scale, &weights);
         }
     }
 

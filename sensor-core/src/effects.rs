@@ -9,6 +9,9 @@
 //! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with units
 //! and ranges) and its [`Stage`]; one line in the `catalogue!` below; one test.
 //! Numbers in the catalogue name random streams and travel over the rig's link: never reuse one.
+//!
+//! Without the feature `catalogue` only the base model is compiled, eq. 10 of the paper and the coupling
+//! of neighbours: for a microcontroller with little flash.
 
 mod context;
 mod declare;
@@ -104,7 +107,13 @@ pub struct Entry {
 /// Most parameters an effect may have.
 pub const MAX_PARAMETERS: usize = 8;
 
+/// A text of the catalogue, where texts are wanted.
+const fn text(text: &'static str) -> &'static str {
+    if cfg!(feature = "texts") { text } else { "" }
+}
+
 catalogue! {
+    base:
     1 => shot_noise::ShotNoise,
     2 => prnu::Prnu,
     3 => dark_current::DarkCurrent,
@@ -112,6 +121,7 @@ catalogue! {
     5 => row_offset_fpn::RowOffsetFpn,
     6 => read_noise::ReadNoise,
     7 => charge_coupling::ChargeCoupling,
+    catalogue:
     8 => hot_pixels::HotPixels,
     9 => defective_pixels::DefectivePixels,
     10 => stuck_pixels::StuckPixels,

@@ -65,6 +65,7 @@ pub mod arith;
 pub mod collect;
 pub mod config;
 pub mod crosstalk;
+#[cfg_attr(not(feature = "catalogue"), allow(dead_code, reason = "what the others use"))]
 pub mod effects;
 pub mod math;
 pub mod pipeline;

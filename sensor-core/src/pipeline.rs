@@ -82,6 +82,27 @@ pub fn memory_blocks(config: &SensorConfig) -> usize {
     rows * blocks(config.width as usize)
 }
 
+/// What effects that are settings rather than stages say: the actual exposure, s, and the spread of read
+/// noise over pixels.
+#[cfg(feature = "catalogue")]
+fn settings_of(links: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
+    let (mut exposure_s, mut read_noise_spread) = (settings.exposure_s, None);
+    for link in links {
+        match link.effect {
+            Effect::ExposureOffset(e) => exposure_s = e.actual(exposure_s),
+            Effect::ReadNoiseSpread(e) => read_noise_spread = Some((e.spread, link.key)),
+            _ => {}
+        }
+    }
+    (exposure_s, read_noise_spread)
+}
+
+/// The base model has none.
+#[cfg(not(feature = "catalogue"))]
+fn settings_of(_: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
+    (settings.exposure_s, None)
+}
+
 impl<'a, A: Arith> Pipeline<'a, A> {
     /// A pipeline for one frame, working in `memory` of at least [`memory_blocks`].
     pub fn new(
@@ -111,15 +132,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             rest = left;
             windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
         }
-        let mut exposure_s = settings.exposure_s;
-        let mut read_noise_spread = None;
-        for link in &links {
-            match link.effect {
-                Effect::ExposureOffset(e) => exposure_s = e.actual(exposure_s),
-                Effect::ReadNoiseSpread(e) => read_noise_spread = Some((e.spread, link.key)),
-                _ => {}
-            }
-        }
+        let (exposure_s, read_noise_spread) = settings_of(&links, settings);
         let cx = Context {
             width: config.width,
             height: config.height,

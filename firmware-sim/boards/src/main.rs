@@ -16,7 +16,7 @@ use cortex_m as _; // the critical section
 use defmt::{error, info};
 #[cfg(not(feature = "count"))]
 use firmware_sim::Plain as Calls;
-use firmware_sim::serve;
+use firmware_sim::serve_rig;
 use rig_link::framing::Framing;
 
 /// Name and version that the rig answers with.
@@ -37,7 +37,7 @@ fn main() -> ! {
     count::start();
     let mut link = link::Link::open();
     info!("{=str} is up", FIRMWARE);
-    let outcome = serve::<Calls, _, { memory::RAW_BYTES }>(
+    let outcome = serve_rig::<Calls, _, { memory::RAW_BYTES }>(
         device,
         rig,
         &mut link,

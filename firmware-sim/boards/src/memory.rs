@@ -2,6 +2,7 @@
 
 use crate::FIRMWARE;
 use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 use firmware_sim::{Buffers, Memory, Rig, RowMemory};
 use rig_link::device::Device;
@@ -24,6 +25,8 @@ const ROWS: usize = 7;
 pub const RAW_BYTES: usize = 2 * WIDTH;
 /// Longest packet received: a band of 2048 pixels is 4224 bytes.
 const PACKET: usize = 4400;
+/// Packets that the host may send ahead.
+const CREDIT: u16 = 32;
 /// Longest packet sent.
 const ANSWER: usize = 1100;
 /// Values of the crosstalk table: 13 x 17 nodes, 7 wavelengths, 3 channels, and the axes.
@@ -70,8 +73,9 @@ static PACKET_BYTES: Once<[u8; Framing::Cobs.max_encoded(PACKET)]> =
 static ANSWER_BYTES: Once<[u8; ANSWER]> = Once::new([0; ANSWER]);
 static FRAMED: Once<[u8; Framing::Cobs.max_encoded(ANSWER)]> =
     Once::new([0; Framing::Cobs.max_encoded(ANSWER)]);
-static DEVICE: Once<Device<RAW_BYTES>> = Once::new(Device::new(PACKET as u16));
-static RIG: Once<Option<Rig<'static>>> = Once::new(None);
+// Made when the firmware starts, so that their first values take no flash.
+static DEVICE: Once<MaybeUninit<Device<RAW_BYTES>>> = Once::new(MaybeUninit::zeroed());
+static RIG: Once<MaybeUninit<Rig<'static>>> = Once::new(MaybeUninit::zeroed());
 
 /// The rig and its link's memory.
 pub struct Parts {
@@ -102,8 +106,9 @@ pub fn take() -> Option<Parts> {
         answer: ANSWER_BYTES.take()?,
         framed: FRAMED.take()?,
     };
-    let rig = RIG.take()?.insert(Rig::new(FIRMWARE, memory));
-    Some(Parts { rig, device: DEVICE.take()?, buffers })
+    let rig = RIG.take()?.write(Rig::new(FIRMWARE, memory));
+    let device = DEVICE.take()?.write(Device::new(PACKET as u16, CREDIT));
+    Some(Parts { rig, device, buffers })
 }
 
 const PAINT: u32 = 0x5ac5_ac5a;

@@ -6,7 +6,9 @@ use crate::camera::Camera;
 use crate::formats::{Frames, csi2, output};
 use crate::render::{Arithmetic, Exposure, IrradianceCube};
 use crate::rig::script::Script;
-use crate::rig::{self, FrameRequest, Rig, RigFrame, emulator::Emulator, log::LogDecoder};
+use crate::rig::{
+    self, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
+};
 use crate::{Error, Plane, RawFrame, Result};
 use clap::Subcommand;
 use rig_link::message::Codec;
@@ -174,10 +176,12 @@ struct LogArgs {
     camrig rig register tcp://127.0.0.1:7420 0x0202           (exposure, lines)\n  \
     camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)\n\nRegisters (addresses of MIPI CCS):\n  \
     0x0000 model id, read only          0x0005 frame counter, read only\n  \
-    0x0100 1 streams, 0 stands by       0x0202 exposure, lines\n  \
-    0x0204 gain code, gain x 256        0x0340 frame length, lines\n  \
+    0x0100 1 streams, 0 stands by       0x0104 1 holds writes back, 0 lets them go\n  \
+    0x0202 exposure, lines              0x0204 gain code, gain x 256\n  \
+    0x0340 frame length, lines          0x3000 line time, ns\n  \
+    0x3004 frames until an exposure     0x3006 frames until a gain shows, 1 to 4\n  \
     0x0600 test pattern: 0 none, 1 solid, 2 bars, 4 PN9\n  \
-    0x0602 DN of the solid pattern      0x3000 line time, ns\n  \
+    0x0602 DN of the solid pattern\n  \
     0x3100 fault: 0 none, 1 drop a frame, 2 corrupt a row, 3 stuck counter, 4 late frame\n  \
     0x3102 the corrupt row, or the lateness in ms")]
 struct RegisterArgs {
@@ -312,6 +316,13 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     Ok(cubes)
 }
 
+/// Memory for rows in their form on the link; what does not fit is made anew for each frame, bytes.
+const KEPT_BYTES: usize = 1 << 30;
+
+fn feed<'a>(cube: &'a IrradianceCube, exposure: &'a Exposure, args: &StreamArgs) -> Feed<'a> {
+    if args.collapse { Feed::collapsed(cube, exposure) } else { Feed::spectral(cube) }
+}
+
 fn stream(args: &StreamArgs) -> Result<()> {
     let camera = Camera::load(&args.camera)?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
@@ -324,6 +335,10 @@ fn stream(args: &StreamArgs) -> Result<()> {
     let cubes = cubes(args, &camera)?;
     let exposure = Exposure::new(&camera, &cubes[0].header, 1.0)?;
     rig.set_camera(&exposure)?;
+    let mut feeds: Vec<Feed<'_>> = cubes.iter().map(|cube| feed(cube, &exposure, args)).collect();
+    if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
+        feeds = feeds.into_iter().map(Feed::kept).collect();
+    }
     let before = rig.link_bytes();
     let bar = arguments::progress("frames", args.frames.into());
     let (mut latency, mut dropped, mut in_force) = (Vec::new(), 0, Vec::new());
@@ -347,7 +362,7 @@ fn stream(args: &StreamArgs) -> Result<()> {
             by_registers: args.by_registers || script.is_some(),
         };
         let sent = Instant::now();
-        let frame = rig.frame(&cubes[cube], &exposure, &request)?;
+        let frame = rig.frame_from(&mut feeds[cube], &exposure, &request)?;
         latency.push(sent.elapsed().as_secs_f64());
         in_force.push(frame_settings(&frame));
         if frame.dropped {

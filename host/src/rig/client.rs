@@ -10,8 +10,8 @@ use firmware_sim::camera;
 use firmware_sim::rig::frame_shape;
 use rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use rig_link::message::{
-    Arithmetic as LinkArithmetic, Capabilities, Codec, FrameBegin, FrameStart, Nack, Refusal,
-    Statistics, ToDevice, ToHost, camera_id,
+    Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
+    Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
 use rig_link::packing::{Packing, unpack_row};
 use sensor_core::config::FrameSettings;
@@ -20,6 +20,9 @@ use std::time::{Duration, Instant};
 
 /// Times that a frame is taken up again after the link broke.
 const RECONNECTS: u32 = 3;
+/// Patience with a link that was closed and is to be opened again.
+const REOPEN_TRIES: u32 = 10;
+const REOPEN_WAIT: Duration = Duration::from_millis(200);
 
 /// How a frame is to be taken.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +55,8 @@ pub struct RigFrame {
 /// An open rig.
 pub struct Rig {
     url: Url,
-    transport: Box<dyn Transport>,
+    /// Nothing while a broken link is being opened again.
+    transport: Option<Box<dyn Transport>>,
     host: Host<Vec<u16>>,
     camera: Vec<u8>,
     out: Vec<u8>,
@@ -88,7 +92,7 @@ impl Rig {
         let host = Host::new(transport.limits(), Vec::new());
         let mut rig = Self {
             url,
-            transport,
+            transport: Some(transport),
             host,
             camera: Vec::new(),
             out: vec![0; MAX_PACKET],
@@ -111,7 +115,7 @@ impl Rig {
 
     /// Bytes over the link, framing included: sent and received.
     pub fn link_bytes(&self) -> (u64, u64) {
-        self.transport.bytes()
+        self.transport.as_ref().map_or((0, 0), |t| t.bytes())
     }
 
     /// Log bytes that came over the link since the last call.
@@ -151,6 +155,19 @@ impl Rig {
         bytes.truncate(n);
         self.camera = bytes;
         let device = self.device();
+        let lacking: Vec<&str> = (exposure.config.effects.iter())
+            .map(|effect| effect.entry())
+            .filter(|entry| device.effects >> entry.id & 1 == 0)
+            .map(|entry| entry.kind)
+            .collect();
+        if !lacking.is_empty() {
+            let what =
+                format!("the rig's firmware lacks effects of the camera: {}", lacking.join(", "));
+            return Err(Error::input(what).at(&self.url).help(
+                "leave them out of the camera file, or give the rig the firmware with all effects \
+                 (feature `catalogue`)",
+            ));
+        }
         let (width, bands) = (exposure.config.width, u16::from(exposure.config.bands));
         if width > u32::from(device.max_width) {
             return Err(self.refused(Nack::Refused(Refusal::TooWide { max: device.max_width })));
@@ -174,15 +191,28 @@ impl Rig {
         }
     }
 
-    /// Takes a frame. A link that breaks is opened again and the frame goes on where it was.
+    /// Takes a frame of a cube.
     pub fn frame(
         &mut self,
         cube: &IrradianceCube,
         exposure: &Exposure,
         request: &FrameRequest,
     ) -> Result<RigFrame> {
+        let mut feed =
+            if request.collapse { Feed::collapsed(cube, exposure) } else { Feed::spectral(cube) };
+        self.frame_from(&mut feed, exposure, request)
+    }
+
+    /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that breaks is
+    /// opened again and the frame goes on where it was.
+    pub fn frame_from(
+        &mut self,
+        feed: &mut Feed<'_>,
+        exposure: &Exposure,
+        request: &FrameRequest,
+    ) -> Result<RigFrame> {
         let config = &exposure.config;
-        let codec = if request.collapse { Codec::Electrons16 } else { Codec::Bfp16 };
+        let codec = feed.codec();
         let raw_bits = [8, 10, 12, 14, 16].into_iter().find(|&b| b >= config.bits).unwrap_or(16);
         let too_large = || {
             Error::input(format!(
@@ -198,7 +228,7 @@ impl Rig {
             frame: request.settings.frame,
             rows: shape.rows,
             width: config.width as u16, // frame_shape has a unit count, so the width is small
-            bands: if request.collapse { 1 } else { config.bands.into() },
+            bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
             codec,
             arithmetic: match request.arithmetic {
                 Arithmetic::F32 => LinkArithmetic::F32,
@@ -211,11 +241,6 @@ impl Rig {
                 exposure_s: request.settings.exposure_s,
                 analog_gain: request.settings.analog_gain,
             }),
-        };
-        let feed = if request.collapse {
-            Feed::collapsed(cube, exposure, &request.settings)?
-        } else {
-            Feed::spectral(cube)
         };
         let raw_bytes = usize::from(shape.raw_bytes);
         self.host.reserve_rows(|rows| rows.resize(rows.len().max(shape.rows.into()), 0));
@@ -230,6 +255,9 @@ impl Rig {
             }
             let broken = match outcome {
                 Ok(Event::FrameDone(start)) | Ok(Event::FrameDropped(start)) => {
+                    if let Fault::LateFrame(ms) = start.fault {
+                        std::thread::sleep(Duration::from_millis(ms.into()));
+                    }
                     let dropped = matches!(outcome, Ok(Event::FrameDropped(_)));
                     let packed = transfer.map(|t| t.packed).unwrap_or_default();
                     return Ok(RigFrame { start, packed, packing, dropped });
@@ -245,10 +273,25 @@ impl Rig {
                 return Err(broken);
             }
             eprintln!("the link broke; taking the frame up again at {}", self.url);
-            std::thread::sleep(Duration::from_millis(200));
-            self.transport = open(&self.url)?;
-            self.connect()?;
+            self.reopen()?;
             self.send_camera()?;
+        }
+    }
+
+    /// Closes the link and opens it again, as soon as the other end lets go of it.
+    fn reopen(&mut self) -> Result<()> {
+        self.transport = None;
+        let mut tries = 0..REOPEN_TRIES;
+        loop {
+            std::thread::sleep(REOPEN_WAIT);
+            let outcome = open(&self.url).and_then(|transport| {
+                self.transport = Some(transport);
+                self.connect()
+            });
+            if outcome.is_ok() || tries.next().is_none() {
+                return outcome;
+            }
+            self.transport = None;
         }
     }
 
@@ -269,21 +312,26 @@ impl Rig {
     }
 
     /// Runs the host's operation to its end.
-    fn run(&mut self, transfer: &mut Option<Transfer<'_>>) -> Result<Event> {
+    fn run(&mut self, transfer: &mut Option<Transfer<'_, '_>>) -> Result<Event> {
+        let transport = (self.transport.as_mut())
+            .ok_or_else(|| Error::input("the link is closed").at(&self.url))?;
         loop {
             let now = self.since.elapsed().as_micros() as u64 + 1;
             let mut io = Io { transfer, camera: &self.camera, log: &mut self.log };
             let wait = match self.host.poll(now, &mut io, &mut self.out) {
                 Poll::Done(event) => return Ok(event),
                 Poll::Send(bytes) => {
-                    self.transport.send(&self.out[..bytes])?;
+                    transport.send(&self.out[..bytes])?;
                     Duration::ZERO
                 }
-                Poll::Wait(until) => Duration::from_micros(until.saturating_sub(now)),
+                Poll::Wait(until) => {
+                    transport.flush()?;
+                    Duration::from_micros(until.saturating_sub(now))
+                }
             };
-            if self.transport.receive(wait)? {
+            if transport.receive(wait)? {
                 let now = self.since.elapsed().as_micros() as u64 + 1;
-                if let Some(event) = self.host.receive(now, self.transport.packet(), &mut io) {
+                if let Some(event) = self.host.receive(now, transport.packet(), &mut io) {
                     return Ok(event);
                 }
             }
@@ -393,8 +441,8 @@ impl RigFrame {
 }
 
 /// A frame under way.
-struct Transfer<'a> {
-    feed: Feed<'a>,
+struct Transfer<'a, 'c> {
+    feed: &'a mut Feed<'c>,
     packed: Vec<u8>,
     raw_bytes: usize,
     /// Why the cube could not be read.
@@ -402,13 +450,13 @@ struct Transfer<'a> {
 }
 
 /// What the protocol reads and writes.
-struct Io<'a, 'f> {
-    transfer: &'a mut Option<Transfer<'f>>,
+struct Io<'a, 'f, 'c> {
+    transfer: &'a mut Option<Transfer<'f, 'c>>,
     camera: &'a [u8],
     log: &'a mut Vec<u8>,
 }
 
-impl FrameIo for Io<'_, '_> {
+impl FrameIo for Io<'_, '_, '_> {
     fn spectral(&mut self, row: u16, first: u16, out: &mut [u8]) {
         if let Some(t) = self.transfer
             && let Err(error) = t.feed.units(row.into(), first.into(), out)

@@ -1,9 +1,8 @@
 //! The rig emulator: the firmware's own code with a workstation's memory.
 
+use super::parallel::Parallel;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
-use firmware_sim::running::AnyRunning;
-use firmware_sim::{Buffers, Dispatch, Memory, Rig, RowMemory, ServeError, serve};
-use multiversion::multiversion;
+use firmware_sim::{Buffers, Memory, Rig, RowMemory, ServeError, serve};
 use rig_link::device::Device;
 use rig_link::framing::Framing;
 use rig_link::host::Limits;
@@ -22,6 +21,10 @@ const RAW_BYTES: usize = 2 * MAX_WIDTH;
 const ROWS: usize = 5 + 8;
 /// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels.
 const CROSSTALK: usize = 33 * 33 * 64 * 4 + 130;
+/// Packets that a host may send ahead.
+const CREDIT: u16 = 256;
+/// Bytes read and written at a time on a byte stream.
+const STREAM_BYTES: usize = 256 * 1024;
 
 /// Name and version that the emulator answers with.
 const FIRMWARE: &str = concat!("camrig emulator ", env!("CARGO_PKG_VERSION"));
@@ -44,28 +47,55 @@ impl<A: Arith> Rows<A> {
     }
 }
 
-/// Memory of an emulated rig.
-pub struct Emulator {
+/// Memory of one of the rigs that an emulator is made of.
+struct Worker {
     float: Rows<Float>,
     fixed: Rows<Fixed>,
     mantissas: Vec<u16>,
     exponents: Vec<i8>,
     crosstalk: Vec<f32>,
-    versions: Option<(u8, u8)>,
 }
 
-impl Emulator {
-    /// An emulated rig that has just been switched on. `versions`: pretend to speak these versions of
-    /// the protocol.
-    pub fn new(versions: Option<(u8, u8)>) -> Self {
+impl Worker {
+    fn new() -> Self {
         Self {
             float: Rows::new(),
             fixed: Rows::new(),
             mantissas: vec![0; MAX_WIDTH],
             exponents: vec![0; groups(MAX_WIDTH)],
             crosstalk: vec![0.0; CROSSTALK],
-            versions,
         }
+    }
+
+    fn rig(&mut self) -> Rig<'_> {
+        let memory = Memory {
+            float: self.float.lend(),
+            fixed: self.fixed.lend(),
+            mantissas: &mut self.mantissas,
+            exponents: &mut self.exponents,
+            crosstalk: &mut self.crosstalk,
+            max_bands: MAX_BANDS as u16,
+        };
+        Rig::new(FIRMWARE, memory)
+    }
+}
+
+/// An emulated rig.
+pub struct Emulator {
+    workers: Vec<Worker>,
+    versions: Option<(u8, u8)>,
+}
+
+impl Emulator {
+    /// An emulated rig that has just been switched on and computes rows in as many threads as `rayon` has.
+    /// `versions`: pretend to speak these versions of the protocol.
+    pub fn new(versions: Option<(u8, u8)>) -> Self {
+        Self::with_threads(rayon::current_num_threads(), versions)
+    }
+
+    /// Computes rows in so many threads.
+    pub fn with_threads(threads: usize, versions: Option<(u8, u8)>) -> Self {
+        Self { workers: (0..threads.max(1)).map(|_| Worker::new()).collect(), versions }
     }
 
     /// Serves link after link, as `next` gives them; its camera and registers outlast a link. Ends when
@@ -76,67 +106,34 @@ impl Emulator {
         mut next: impl FnMut() -> Option<L>,
         mut ended: impl FnMut(Result<(), ServeError<L::Error>>),
     ) {
-        let mut rig = Rig::new(
-            FIRMWARE,
-            Memory {
-                float: self.float.lend(),
-                fixed: self.fixed.lend(),
-                mantissas: &mut self.mantissas,
-                exponents: &mut self.exponents,
-                crosstalk: &mut self.crosstalk,
-                max_bands: MAX_BANDS as u16,
-            },
-        );
-        let mut device = Box::new(Device::<RAW_BYTES>::new(MAX_PACKET as u16));
+        let mut model = Parallel::new(self.workers.iter_mut().map(Worker::rig).collect());
+        let mut device = Box::new(Device::<RAW_BYTES>::new(MAX_PACKET as u16, CREDIT));
         if let Some((oldest, newest)) = self.versions {
             device.set_versions(oldest, newest);
         }
-        let mut buffer = [(); 4].map(|()| vec![0; 2 * framing.max_encoded(MAX_PACKET)]);
+        let chunk = match framing {
+            Framing::Report(size) => size.into(),
+            _ => STREAM_BYTES,
+        };
+        let [mut input, mut framed] = [(); 2].map(|()| vec![0; chunk]);
+        let [mut packet, mut answer] = [(); 2].map(|()| vec![0; framing.max_encoded(MAX_PACKET)]);
         while let Some(mut link) = next() {
-            let [input, packet, answer, framed] = &mut buffer;
-            let input = match framing {
-                Framing::Report(size) => &mut input[..usize::from(size)],
-                _ => &mut input[..],
+            let buffers = Buffers {
+                input: &mut input,
+                packet: &mut packet,
+                answer: &mut answer[..MAX_PACKET],
+                framed: &mut framed,
             };
-            let buffers = Buffers { input, packet, answer: &mut answer[..MAX_PACKET], framed };
-            ended(serve::<Vectorised, _, RAW_BYTES>(
-                &mut device,
-                &mut rig,
-                &mut link,
-                framing,
-                buffers,
-            ));
+            ended(serve(&mut device, &mut model, &mut link, framing, buffers));
         }
     }
-}
-
-/// The row functions compiled for the vector instructions of this machine, as `camrig expose` has them.
-struct Vectorised;
-
-impl Dispatch for Vectorised {
-    fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, bytes: &[u8]) {
-        units(running, row, first, bytes);
-    }
-
-    fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
-        raw_row(running, row, out);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, bytes: &[u8]) {
-    running.units(row, first, bytes);
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
-    running.raw_row(row, out);
 }
 
 /// One end of an in-process link.
 struct ChannelEnd {
     received: mpsc::Receiver<Vec<u8>>,
     left: Vec<u8>,
+    used: usize,
     sent: mpsc::Sender<io::Result<Vec<u8>>>,
 }
 
@@ -146,15 +143,16 @@ impl embedded_io::ErrorType for ChannelEnd {
 
 impl embedded_io::Read for ChannelEnd {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        if self.left.is_empty() {
+        if self.used == self.left.len() {
             match self.received.recv() {
-                Ok(bytes) => self.left = bytes,
+                Ok(bytes) => (self.left, self.used) = (bytes, 0),
                 Err(_) => return Ok(0),
             }
         }
-        let n = out.len().min(self.left.len());
-        out[..n].copy_from_slice(&self.left[..n]);
-        self.left.drain(..n);
+        let rest = &self.left[self.used..];
+        let n = out.len().min(rest.len());
+        out[..n].copy_from_slice(&rest[..n]);
+        self.used += n;
         Ok(n)
     }
 }
@@ -185,17 +183,16 @@ impl io::Write for ChannelWriter {
 
 /// Starts an emulator in a thread of this process.
 pub fn open() -> Box<dyn Transport> {
+    let limits = Limits { packet_bytes: MAX_PACKET as u16, credit: CREDIT, ..Limits::default() };
+    open_as(Framing::Length, limits)
+}
+
+/// Starts an emulator behind an in-process link that frames packets as another kind of link does.
+pub fn open_as(framing: Framing, limits: Limits) -> Box<dyn Transport> {
     let (to_device, received) = mpsc::channel();
     let (sent, from_device) = mpsc::channel();
-    let mut end = Some(ChannelEnd { received, left: Vec::new(), sent });
-    std::thread::spawn(move || Emulator::new(None).run(Framing::Length, || end.take(), drop));
-    let limits = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
+    let mut end = Some(ChannelEnd { received, left: Vec::new(), used: 0, sent });
+    std::thread::spawn(move || Emulator::new(None).run(framing, || end.take(), drop));
     let writer = ChannelWriter(to_device);
-    Box::new(ByteLink::from_chunks(
-        "emulator:".into(),
-        Framing::Length,
-        limits,
-        writer,
-        from_device,
-    ))
+    Box::new(ByteLink::from_chunks("emulator:".into(), framing, limits, writer, from_device))
 }

@@ -3,7 +3,7 @@
 use super::transport::{MAX_PACKET, Transport};
 use crate::{Error, Result};
 use hidapi::{HidApi, HidDevice};
-use rig_link::framing::{Framing, Receiver};
+use rig_link::framing::{Framing, Receiver, Sender};
 use rig_link::host::Limits;
 use std::time::Duration;
 
@@ -43,13 +43,13 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
     let mut old = vec![0; usize::from(report)];
     while matches!(device.read_timeout(&mut old, 0), Ok(n) if n > 0) {}
     let framing = Framing::Report(report);
-    let buffer = vec![0; framing.max_encoded(MAX_PACKET)];
     Ok(Box::new(HidLink {
         name,
         device,
-        report,
-        framed: buffer.clone(),
-        receiver: Receiver::new(framing, buffer),
+        sender: Sender::new(framing, vec![0; report.into()]),
+        receiver: Receiver::new(framing, vec![0; framing.max_encoded(MAX_PACKET)]),
+        report: vec![0; report.into()],
+        used: report.into(),
         bytes: (0, 0),
     }))
 }
@@ -82,49 +82,80 @@ fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
     None
 }
 
+/// Packet sizes and credit for reports of this many bytes: the packets that credit lets under way fill all
+/// but one of the reports that may be, as they need not begin with a report.
+pub fn limits(report: u16) -> Limits {
+    let credit = if report <= 255 { 2 } else { 4 };
+    Limits {
+        packet_bytes: (REPORTS_UNDER_WAY - 1) * (report - 2) / credit - 2,
+        credit,
+        send_bytes: 4096,
+        rows_ahead: 1,
+        timeout: 500_000,
+        idle_steps: 10,
+    }
+}
+
 struct HidLink {
     name: String,
     device: HidDevice,
-    report: u16,
-    framed: Vec<u8>,
+    sender: Sender<Vec<u8>>,
     receiver: Receiver<Vec<u8>>,
+    /// The report that was read last, and how much of it has been used.
+    report: Vec<u8>,
+    used: usize,
     bytes: (u64, u64),
 }
 
-impl HidLink {
-    fn failed(&self, e: hidapi::HidError) -> Error {
-        Error::input(format!("the HID device is gone: {e}"))
-            .at(&self.name)
-            .help("look at the rig and its cable, and try again")
+fn gone(name: &str, e: hidapi::HidError) -> Error {
+    Error::input(format!("the HID device is gone: {e}"))
+        .at(name)
+        .help("look at the rig and its cable, and try again")
+}
+
+/// Writes a report behind the number 0, which says that reports have no numbers.
+fn write<'a>(
+    device: &'a HidDevice,
+    name: &'a str,
+    sent: &'a mut u64,
+) -> impl FnMut(&[u8]) -> Result<()> {
+    move |report| {
+        *sent += report.len() as u64;
+        let mut numbered = Vec::with_capacity(report.len() + 1);
+        numbered.push(0);
+        numbered.extend_from_slice(report);
+        device.write(&numbered).map(drop).map_err(|e| gone(name, e))
     }
 }
 
 impl Transport for HidLink {
     fn send(&mut self, packet: &[u8]) -> Result<()> {
-        let n = Framing::Report(self.report).encode(packet, &mut self.framed);
-        let mut numbered = vec![0; usize::from(self.report) + 1]; // Report number 0 comes first.
-        for report in self.framed[..n].chunks(usize::from(self.report)) {
-            numbered[1..].copy_from_slice(report);
-            self.device.write(&numbered).map_err(|e| self.failed(e))?;
-        }
-        self.bytes.0 += n as u64;
-        Ok(())
+        self.sender.push(packet, write(&self.device, &self.name, &mut self.bytes.0))
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.sender.flush(write(&self.device, &self.name, &mut self.bytes.0))
     }
 
     fn receive(&mut self, wait: Duration) -> Result<bool> {
-        let mut report = [0; 4096];
-        let report = &mut report[..usize::from(self.report)];
-        let mut wait = wait.as_millis().min(60_000) as i32;
+        let wait = wait.as_millis().min(60_000) as i32;
         loop {
-            let n = self.device.read_timeout(report, wait).map_err(|e| self.failed(e))?;
+            let mut rest = &self.report[self.used..];
+            let whole = self.receiver.push(&mut rest) == Ok(true);
+            self.used = self.report.len() - rest.len();
+            if whole {
+                return Ok(true);
+            }
+            let n = self
+                .device
+                .read_timeout(&mut self.report, wait)
+                .map_err(|e| gone(&self.name, e))?;
             if n == 0 {
                 return Ok(false);
             }
             self.bytes.1 += n as u64;
-            if n == report.len() && self.receiver.push(&mut &report[..]) == Ok(true) {
-                return Ok(true);
-            }
-            wait = 0.max(wait); // The rest of a packet is under way.
+            // A report that is cut short is none.
+            self.used = if n == self.report.len() { 0 } else { self.report.len() };
         }
     }
 
@@ -133,16 +164,7 @@ impl Transport for HidLink {
     }
 
     fn limits(&self) -> Limits {
-        // Packets of half the reports that may be under way, two of them; long reports one each.
-        let per_packet = if self.report >= 512 { 1 } else { REPORTS_UNDER_WAY / 2 };
-        Limits {
-            packet_bytes: per_packet * (self.report - 2),
-            credit: REPORTS_UNDER_WAY / per_packet,
-            send_bytes: 4096,
-            rows_ahead: 1,
-            timeout: 500_000,
-            idle_steps: 10,
-        }
+        limits(self.report.len() as u16) // read from a descriptor as a u16
     }
 
     fn bytes(&self) -> (u64, u64) {

@@ -4,7 +4,7 @@
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`feed`]: a cube's rows as they go over the link;
 //! * [`script`]: register writes of a control loop, frame by frame;
-//! * [`serve`]: the emulator as a server; [`log`]: the log of a firmware in words.
+//! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in words.
 
 pub mod client;
 pub mod emulator;
@@ -12,6 +12,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
+mod parallel;
 pub mod script;
 pub mod serial;
 pub mod serve;

@@ -9,15 +9,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-/// Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so credit need not be scarce.
-const LIMITS: Limits = Limits {
-    packet_bytes: 1100,
-    credit: 64,
-    send_bytes: u16::MAX,
-    rows_ahead: u16::MAX,
-    timeout: 1_000_000,
-    idle_steps: 10,
-};
+/// Limits for a line of this rate. Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so
+/// credit need not be scarce. Patience is for what may be under way: 16 packets of 4400 bytes, ten bits each.
+fn limits(baud: u32) -> Limits {
+    Limits {
+        packet_bytes: 1100,
+        credit: 64,
+        send_bytes: 4400,
+        rows_ahead: u16::MAX,
+        timeout: 1_000_000 + 16 * 4400 * 10 * 1_000_000 / u64::from(baud),
+        idle_steps: 10,
+    }
+}
 
 /// Opens a port.
 pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
@@ -36,7 +39,7 @@ pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
     let stop = Arc::new(AtomicBool::new(false));
     let reader = StoppableReader { port: port.try_clone().map_err(failed)?, stop: stop.clone() };
     let writer = QueuedWriter::new(port, stop);
-    Ok(Box::new(ByteLink::new(name, Framing::Cobs, LIMITS, writer, reader)))
+    Ok(Box::new(ByteLink::new(name, Framing::Cobs, limits(baud), writer, reader)))
 }
 
 struct StoppableReader {
@@ -61,10 +64,20 @@ struct QueuedWriter {
 impl QueuedWriter {
     fn new(mut port: Box<dyn serialport::SerialPort>, stop: Arc<AtomicBool>) -> Self {
         let (queue, packets) = mpsc::channel::<Vec<u8>>();
+        let stopped = stop.clone();
         std::thread::spawn(move || {
             for packet in packets {
-                if port.write_all(&packet).is_err() {
-                    return;
+                let mut rest = &packet[..];
+                while !rest.is_empty() {
+                    match port.write(rest) {
+                        Ok(written) => rest = &rest[written..],
+                        // A slow line is full for a while.
+                        Err(e) if e.kind() == io::ErrorKind::TimedOut => {}
+                        Err(_) => return,
+                    }
+                    if stopped.load(Ordering::Relaxed) {
+                        return;
+                    }
                 }
             }
         });

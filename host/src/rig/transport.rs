@@ -1,7 +1,7 @@
 //! What all links have in common: whole packets out, whole packets in.
 
 use crate::{Error, Result};
-use rig_link::framing::{Framing, Receiver};
+use rig_link::framing::{Framing, Receiver, Sender};
 use rig_link::host::Limits;
 use std::io::{self, Read, Write};
 use std::sync::mpsc;
@@ -9,8 +9,12 @@ use std::time::Duration;
 
 /// A link to a rig. Packets may get lost; those that arrive are checked by their receiver.
 pub trait Transport: Send {
-    /// Sends a packet. Does not wait for ever when the rig stops reading.
+    /// Sends a packet, at the latest with the next [`Transport::flush`]. Does not wait for ever when the rig
+    /// stops reading.
     fn send(&mut self, packet: &[u8]) -> Result<()>;
+
+    /// Sends what has been gathered.
+    fn flush(&mut self) -> Result<()>;
 
     /// Waits for a packet; whether one came.
     fn receive(&mut self, wait: Duration) -> Result<bool>;
@@ -34,10 +38,9 @@ type Chunk = io::Result<Vec<u8>>;
 /// sending and two ends can never wait for each other.
 pub struct ByteLink<W> {
     name: String,
-    framing: Framing,
     limits: Limits,
     writer: W,
-    framed: Vec<u8>,
+    sender: Sender<Vec<u8>>,
     chunks: mpsc::Receiver<Chunk>,
     chunk: Vec<u8>,
     used: usize,
@@ -88,13 +91,12 @@ impl<W: Write + Send> ByteLink<W> {
         writer: W,
         chunks: mpsc::Receiver<Chunk>,
     ) -> Self {
-        let buffer = || vec![0; framing.max_encoded(MAX_PACKET)];
+        let buffer = || vec![0; 2 * framing.max_encoded(MAX_PACKET)];
         Self {
             name,
-            framing,
             limits,
             writer,
-            framed: buffer(),
+            sender: Sender::new(framing, buffer()),
             chunks,
             chunk: Vec::new(),
             used: 0,
@@ -111,12 +113,24 @@ impl<W: Write + Send> ByteLink<W> {
     }
 }
 
+/// Writes all bytes and counts them.
+fn counted(writer: &mut impl Write, count: &mut u64) -> impl FnMut(&[u8]) -> io::Result<()> {
+    |bytes| {
+        *count += bytes.len() as u64;
+        writer.write_all(bytes)
+    }
+}
+
 impl<W: Write + Send> Transport for ByteLink<W> {
     fn send(&mut self, packet: &[u8]) -> Result<()> {
-        let n = self.framing.encode(packet, &mut self.framed);
-        self.bytes.0 += n as u64;
-        self.writer
-            .write_all(&self.framed[..n])
+        let write = counted(&mut self.writer, &mut self.bytes.0);
+        self.sender.push(packet, write).map_err(|e| self.closed(&format!(": {e}")))
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let write = counted(&mut self.writer, &mut self.bytes.0);
+        self.sender
+            .flush(write)
             .and_then(|()| self.writer.flush())
             .map_err(|e| self.closed(&format!(": {e}")))
     }

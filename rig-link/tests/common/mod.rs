@@ -1,7 +1,7 @@
 //! Two ends in one process: a toy model, a link with faults, a virtual clock.
 
 use rig_link::device::{Begun, Device, Model};
-use rig_link::framing::{Framing, Receiver};
+use rig_link::framing::{Framing, Receiver, Sender};
 use rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
 use rig_link::message::*;
 use rig_link::registers::Registers;
@@ -91,6 +91,7 @@ impl Model for Toy {
             arithmetics: 1,
             codecs: 1,
             memory_bytes: 0,
+            effects: 0,
             camera: 0,
         }
     }
@@ -255,7 +256,11 @@ pub struct Bench {
     pub device: Box<ToyDevice>,
     pub toy: Toy,
     host_receiver: Receiver<Vec<u8>>,
+    /// What has been read and not yet used.
+    host_input: Vec<u8>,
     device_receiver: Receiver<Vec<u8>>,
+    host_sender: Sender<Vec<u8>>,
+    device_sender: Sender<Vec<u8>>,
     pub io: Frame,
     pub session: u16,
 }
@@ -286,10 +291,13 @@ impl Bench {
             up: Pipe::new(50),
             down: Pipe::new(50),
             host: Host::new(limits, [0; ROWS as usize]),
-            device: Box::new(Device::new(600)),
+            device: Box::new(ToyDevice::new(600, 32)),
             toy: Toy::default(),
             host_receiver: Receiver::new(framing, buffer()),
+            host_input: Vec::new(),
             device_receiver: Receiver::new(framing, buffer()),
+            host_sender: Sender::new(framing, buffer()),
+            device_sender: Sender::new(framing, buffer()),
             io: Frame {
                 frame: 0,
                 camera: (0..700).map(|i| i as u8).collect(),
@@ -307,7 +315,10 @@ impl Bench {
     pub fn disconnect(&mut self) {
         self.up.clear();
         self.down.clear();
-        self.host_receiver = Receiver::new(self.framing, vec![0; self.framing.max_encoded(2000)]);
+        self.host_input.clear();
+        let buffer = || vec![0; self.framing.max_encoded(2000)];
+        self.host_receiver = Receiver::new(self.framing, buffer());
+        self.host_sender = Sender::new(self.framing, buffer());
     }
 
     /// Runs the host's operation to its end, or until `stop` packets were sent. The clock jumps to
@@ -318,7 +329,6 @@ impl Bench {
             _ => None,
         };
         let mut out = [0; 2000];
-        let mut link = vec![0; self.framing.max_encoded(2000)];
         let mut sent = 0;
         for _ in 0..5_000_000 {
             let wait = match self.host.poll(self.now, &mut self.io, &mut out) {
@@ -328,32 +338,42 @@ impl Bench {
                         return None;
                     }
                     sent += 1;
-                    let n = self.framing.encode(&out[..bytes], &mut link);
-                    self.up.write(self.now, &link[..n], report, &mut self.random);
+                    let (up, random, now) = (&mut self.up, &mut self.random, self.now);
+                    let write = |bytes: &[u8]| Ok::<(), ()>(up.write(now, bytes, report, random));
+                    self.host_sender.push(&out[..bytes], write).unwrap();
                     continue;
                 }
                 Poll::Wait(until) => until,
             };
+            let (up, random, now) = (&mut self.up, &mut self.random, self.now);
+            let write = |bytes: &[u8]| Ok::<(), ()>(up.write(now, bytes, report, random));
+            self.host_sender.flush(write).unwrap();
             let next = [self.up.next(), self.down.next(), Some(wait)];
             self.now = next.into_iter().flatten().min().unwrap().max(self.now);
             while let Some(bytes) = self.up.read(self.now) {
                 let mut input = &bytes[..];
+                let (down, random, now) = (&mut self.down, &mut self.random, self.now);
+                let mut write = |bytes: &[u8]| Ok::<(), ()>(down.write(now, bytes, report, random));
                 while self.device_receiver.push(&mut input) == Ok(true) {
                     self.device.receive(self.device_receiver.packet(), &mut self.toy);
                     while let Some(n) = self.device.transmit(&mut out, &mut self.toy) {
-                        let n = self.framing.encode(&out[..n], &mut link);
-                        self.down.write(self.now, &link[..n], report, &mut self.random);
+                        self.device_sender.push(&out[..n], &mut write).unwrap();
                     }
                 }
+                self.device_sender.flush(write).unwrap();
             }
-            while let Some(bytes) = self.down.read(self.now) {
+            loop {
+                let bytes = std::mem::take(&mut self.host_input);
                 let mut input = &bytes[..];
                 while self.host_receiver.push(&mut input) == Ok(true) {
                     let packet = self.host_receiver.packet();
                     if let Some(event) = self.host.receive(self.now, packet, &mut self.io) {
+                        self.host_input = input.to_vec();
                         return Some(event);
                     }
                 }
+                let Some(bytes) = self.down.read(self.now) else { break };
+                self.host_input = bytes;
             }
         }
         panic!("hang: the host neither ends nor fails");

@@ -36,14 +36,14 @@ macro_rules! effect {
             pub const ENTRY: $crate::effects::Entry = $crate::effects::Entry {
                 id: 0,
                 kind: $kind,
-                doc: concat!($($doc, "\n"),+),
+                doc: $crate::effects::text(concat!($($doc, "\n"),+)),
                 domain: $crate::effects::Domain::$domain,
                 needs: $crate::effects::Needs::$needs,
                 parameters: &[$(
                     $crate::effects::Parameter {
                         key: stringify!($key),
                         unit: $unit,
-                        doc: concat!($($pdoc),+),
+                        doc: $crate::effects::text(concat!($($pdoc),+)),
                         min: $min,
                         max: $max,
                         default: effect!(@default $($default)?),
@@ -70,6 +70,18 @@ macro_rules! effect {
 
 /// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
 macro_rules! catalogue {
+    (
+        base: $($base_id:literal => $base_module:ident::$base_name:ident,)+
+        catalogue: $($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+
+    ) => {
+        #[cfg(feature = "catalogue")]
+        catalogue! {
+            $($base_id => $base_module::$base_name,)+
+            $($(#[$cfg])? $id => $module::$name,)+
+        }
+        #[cfg(not(feature = "catalogue"))]
+        catalogue! { $($base_id => $base_module::$base_name,)+ }
+    };
     ($($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+) => {
         $($(#[$cfg])? pub mod $module;)+
 
@@ -82,6 +94,13 @@ macro_rules! catalogue {
             /// The catalogue.
             pub const CATALOGUE: &'static [Entry] =
                 &[$($(#[$cfg])? Entry { id: $id, ..$module::$name::ENTRY },)+];
+
+            /// The effects that are compiled in, as a bit set of `1 <<` number.
+            pub const AVAILABLE: u64 = {
+                let mut set = 0;
+                $($(#[$cfg])? { set |= 1 << $id; })+
+                set
+            };
 
             /// Its entry.
             pub const fn entry(&self) -> &'static Entry {
