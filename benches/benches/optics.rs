@@ -5,7 +5,7 @@
 //! sixteenth of the area.
 
 use camrig::optics::engine::varying::{Blurrer, Kernels, Tiling};
-use camrig::optics::{Departures, Diffraction, Illumination, Options, SensorGrid, irradiance};
+use camrig::optics::{Diffraction, Illumination, Options, SensorGrid, irradiance};
 use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use camrig::{Plane, Result};
 use std::hint::black_box;
@@ -80,7 +80,7 @@ fn diffraction(small: bool) {
         magnification: 0.0,
         transmittance: Spectrum::constant(0.9),
         illumination: Illumination::Cos4,
-        departures: Departures::default(),
+        defocus_um: 0.0,
     };
     let (width, height) = if small { (512, 384) } else { (2048, 1536) };
     let grid = SensorGrid { width, height, pitch_um: 2.2, fill_factor: 0.8 };
