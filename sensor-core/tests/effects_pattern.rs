@@ -304,11 +304,8 @@ fn adc_nonlinearity<A: Arith>() {
     let sigma = 0.12f64;
     let mut lowest = Vec::new();
     for seed in 0..60 {
-        let effect = adc_nonlinearity::AdcNonlinearity {
-            sigma_lsb: sigma as f32,
-            bit: 0.0,
-            error_lsb: 0.0,
-        };
+        let effect =
+            adc_nonlinearity::AdcNonlinearity { sigma_lsb: sigma as f32, bit: 0.0, error_lsb: 0.0 };
         let dn = converted::<A>(effect, seed);
         // A bit is set first where the signal and a half reach its weight.
         let weights: Vec<f64> = (0..8)

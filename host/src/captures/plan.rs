@@ -13,7 +13,8 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Built-in plans: name and text.
-pub const BUILT_IN: [(&str, &str); 3] = [
+pub const BUILT_IN: [(&str, &str); 4] = [
+    ("diagnosis", include_str!("../../plans/diagnosis.toml")),
     ("emva", include_str!("../../plans/emva.toml")),
     ("ptc", include_str!("../../plans/ptc.toml")),
     ("paper", include_str!("../../plans/paper.toml")),
@@ -82,6 +83,11 @@ struct PlanLight {
 
 fn ten() -> f64 {
     10.0
+}
+
+/// The text of a built-in plan; empty for a name that is none.
+pub fn text(name: &str) -> &'static str {
+    BUILT_IN.iter().find(|b| b.0 == name).map_or("", |b| b.1)
 }
 
 /// Loads a built-in plan by name, or a file.

@@ -2,7 +2,7 @@
 
 use super::arguments::progress;
 use crate::camera::Camera;
-use crate::captures::CaptureSet;
+use crate::captures::{CaptureSet, plan};
 use crate::diagnose::design::{self, Halves};
 use crate::diagnose::search::Session;
 use crate::diagnose::{improved, verdict};
@@ -90,7 +90,19 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for (name, content) in &alone.tables {
         output.write(name, content.as_bytes())?;
     }
-    output.write("report.html", report::diagnosis::page(&session, &outcome, &text).as_bytes())?;
+    let command = format!(
+        "camrig diagnose {} {} -o {}",
+        args.camera,
+        args.captures.display(),
+        args.output.display()
+    );
+    if !outcome.twins.is_empty() || !session.unexplained(&outcome.after).is_empty() {
+        output.write("next-captures.toml", plan::text("diagnosis").as_bytes())?;
+    }
+    output.write(
+        "report.html",
+        report::diagnosis::page(&session, &outcome, &text, &command).as_bytes(),
+    )?;
     output.finish()?;
     if args.json {
         print!("{json}");

@@ -17,6 +17,7 @@ pub mod evidence;
 pub mod improved;
 pub mod maps;
 pub mod model;
+pub mod plausible;
 pub mod prediction;
 pub mod replicate;
 pub mod search;

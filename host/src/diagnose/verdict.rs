@@ -184,7 +184,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
         "steps": steps,
         "ambiguous": outcome.twins.iter().map(|(a, b)| json!({
             "effects": [a, b],
-            "tie_breaker": tie_breaker(a, b),
+            "tie_breaker": format!("{}; plan in next-captures.toml", tie_breaker(a, b)),
         })).collect::<Vec<_>>(),
         "unexplained": unexplained,
         "nearest": outcome.nearest,
