@@ -88,6 +88,11 @@ fn characterise_a_sensor() {
 }
 
 #[test]
+fn diagnose() {
+    chapter("diagnose.md");
+}
+
+#[test]
 fn drive_a_rig() {
     chapter("rig.md");
 }

@@ -4,6 +4,7 @@ mod bad_input;
 mod batch;
 mod command_line;
 mod control;
+mod diagnosis;
 mod guide;
 mod measuring;
 mod photon_transfer;
