@@ -304,8 +304,7 @@ fn adc_nonlinearity<A: Arith>() {
     let sigma = 0.12f64;
     let mut lowest = Vec::new();
     for seed in 0..60 {
-        let effect =
-            adc_nonlinearity::AdcNonlinearity { sigma_lsb: sigma as f32, bit: 0.0, error_lsb: 0.0 };
+        let effect = adc_nonlinearity::AdcNonlinearity::from_values(&[sigma as f32]);
         let dn = converted::<A>(effect, seed);
         // A bit is set first where the signal and a half reach its weight.
         let weights: Vec<f64> = (0..8)
@@ -331,7 +330,7 @@ fn adc_nonlinearity<A: Arith>() {
     near_variance("weight of the lowest bit", variance(&lowest), sigma * sigma, 60, 0.0);
 
     // One known error: the code before the bit is set is wider, the last code with it set narrower.
-    let effect = adc_nonlinearity::AdcNonlinearity { sigma_lsb: 0.0, bit: 2.0, error_lsb: 0.25 };
+    let effect = adc_nonlinearity::AdcNonlinearity::from_values(&[0.0, 0.0, 0.0, 0.25]);
     let dn = converted::<A>(effect, 1);
     for code in 1..200u16 {
         let width = dn.iter().filter(|&&d| d == code).count();

@@ -142,11 +142,13 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
     s.column_periods = periods(&s.columns);
     s.row_peak = peak(&s.rows);
     s.column_peak = peak(&s.columns);
-    blocks_and_corners(&d, w, h, limit, &mut s);
+    s.corners = corners(&d, w, h, limit);
     s.phases = phases(&d, w, h, limit);
     for (row, mean) in d.chunks_mut(w).zip(&s.rows) {
         row.iter_mut().zip(&s.columns).for_each(|(x, c)| *x -= (mean + c) as f32);
     }
+    // Blocks without rows and columns, whose patterns whole lines of blocks would share.
+    (s.blocks, s.fine_blocks) = blocks(&d, w, h, limit);
 
     // Pixels.
     let sd = robust_sd(&d).max(1e-12);
@@ -216,7 +218,8 @@ fn peak(lines: &[f64]) -> f64 {
     sorted.last().copied().unwrap_or(0.0) / mean.max(1e-300)
 }
 
-fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial) {
+/// Variance of block means x the pixels of a block: all of it, and what smooth cosines leave.
+fn blocks(d: &[f32], w: usize, h: usize, limit: f32) -> (f64, f64) {
     let (across, down) = (w / BLOCK, h / BLOCK);
     let mut blocks = vec![0.0f64; across * down];
     for (y, row) in d.chunks(w).enumerate().take(down * BLOCK) {
@@ -227,17 +230,19 @@ fn blocks_and_corners(d: &[f32], w: usize, h: usize, limit: f32, s: &mut Spatial
     }
     let area = (BLOCK * BLOCK) as f64;
     blocks.iter_mut().for_each(|b| *b /= area);
-    s.blocks = variance(&blocks) * area;
-    s.fine_blocks = beyond_cosines(&blocks, across, down) * area;
+    (variance(&blocks) * area, beyond_cosines(&blocks, across, down) * area)
+}
+
+/// Means of the four corner regions, an eighth of each side, outliers held.
+fn corners(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 4] {
     let (cw, ch) = ((w / 8).max(1), (h / 8).max(1));
-    for (i, corner) in s.corners.iter_mut().enumerate() {
+    [0, 1, 2, 3].map(|i| {
         let (x0, y0) = ((i % 2) * (w - cw), (i / 2) * (h - ch));
-        let mut sum = 0.0;
-        for row in d.chunks(w).skip(y0).take(ch) {
-            sum += row[x0..x0 + cw].iter().map(|x| f64::from(x.clamp(-limit, limit))).sum::<f64>();
-        }
-        *corner = sum / (cw * ch) as f64;
-    }
+        let rows = d.chunks(w).skip(y0).take(ch);
+        let sum: f64 =
+            rows.flat_map(|r| &r[x0..x0 + cw]).map(|x| f64::from(x.clamp(-limit, limit))).sum();
+        sum / (cw * ch) as f64
+    })
 }
 
 /// Half waves over a map that count as smooth.

@@ -442,9 +442,10 @@ fn codes(stacks: &[Temporal], summaries: &[Summary], out: &mut Vec<Statistic>) {
     for (k, (frequency, _)) in CODE_PERIODS.iter().enumerate() {
         let (mut re, mut im, mut n) = (0.0, 0.0, 0.0);
         for (t, s) in stacks.iter().zip(summaries) {
-            let ends = u64::from(t.histogram[0]) + u64::from(t.histogram[bins - 1]);
+            let ends = f64::from(t.histogram[0]) + f64::from(t.histogram[bins - 1]);
+            let samples = (t.mean.data.len() * t.frames) as f64;
             // A normal law's own wave at this frequency: exp(−2π²σ²f²), to be below its scatter.
-            if s.sample_sd * frequency < 0.75 || ends > 0 {
+            if s.sample_sd * frequency < 0.75 || ends > 1e-4 * samples {
                 continue;
             }
             for (code, &count) in t.histogram.iter().enumerate().filter(|c| *c.1 > 0) {
@@ -462,10 +463,8 @@ fn codes(stacks: &[Temporal], summaries: &[Summary], out: &mut Vec<Statistic>) {
     }
     // Fourth differences, which a smooth density has none of, in their Poisson scatter.
     let mut pooled = vec![0.0f64; bins];
-    for (t, s) in stacks.iter().zip(summaries).filter(|(_, s)| s.sample_sd > 4.0) {
+    for (t, _) in stacks.iter().zip(summaries).filter(|(_, s)| s.sample_sd > 4.0) {
         pooled.iter_mut().zip(&t.histogram).for_each(|(p, &h)| *p += f64::from(h));
-        let _ = s;
-        let _ = t;
     }
     let (mut sum, mut count, mut missing) = (0.0, 0.0, 0.0);
     for w in pooled.windows(5).filter(|w| w.iter().sum::<f64>() > 250.0) {

@@ -11,16 +11,26 @@ effect! {
     ///
     /// A successive-approximation converter: code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN, the bits being tried
     /// from the highest down. ε_b = σ 2^(b/2) z_b (matched unit elements: the error of a weight grows with its root), z
-    /// standard normal and fixed, g the common gain error that is taken out, Σ ε_b 2^b / Σ 4^b; the error of one bit is added
-    /// to that. IEEE 1241. Largest step at the middle of the scale, about σ 2^(bits/2). Put it last of the effects on the
-    /// signal.
+    /// standard normal and fixed, g the common gain error that is taken out, Σ ε_b 2^b / Σ 4^b; known errors of the lowest bits are
+    /// added to that. IEEE 1241. Largest random step at the middle of the scale, about σ 2^(bits/2). Put it last of the
+    /// effects on the signal.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Pixel {
         /// Standard deviation of the error of the lowest bit's weight
         sigma_lsb: "DN", 0.0..=1.0, default 0.0;
-        /// One bit (0 the lowest) whose weight has a known error
-        bit: "1", 0.0..=15.0, default 0.0;
-        /// Its error
-        error_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the lowest bit
+        bit_0_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the second bit
+        bit_1_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the third bit
+        bit_2_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the fourth bit
+        bit_3_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the fifth bit
+        bit_4_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the sixth bit
+        bit_5_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the weight of the seventh bit
+        bit_6_lsb: "DN", -64.0..=64.0, default 0.0;
     }
 }
 
@@ -40,11 +50,19 @@ impl Stage for AdcNonlinearity {
             sum += *error * weight;
             power += weight * weight;
         }
-        let known = self.bit as usize;
+        let known = [
+            self.bit_0_lsb,
+            self.bit_1_lsb,
+            self.bit_2_lsb,
+            self.bit_3_lsb,
+            self.bit_4_lsb,
+            self.bit_5_lsb,
+            self.bit_6_lsb,
+        ];
         for (b, error) in errors.iter_mut().enumerate().take(bits) {
             let weight = (1u32 << b) as f32;
             // From here on whole weights.
-            *error += weight - sum / power * weight + if b == known { self.error_lsb } else { 0.0 };
+            *error += weight - sum / power * weight + known.get(b).copied().unwrap_or(0.0);
         }
         let e_per_dn = 1.0 / cx.dn_per_e;
         for v in row.as_flattened_mut() {

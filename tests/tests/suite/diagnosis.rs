@@ -59,13 +59,15 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
         assert_eq!(step["status"], "confirmed");
         let sigma = &step["parameters"]["sigma_e"];
         let truth = if step["effect"] == "row-temporal-noise" { 0.4 } else { 0.5 };
-        let (value, se) =
-            (sigma["value"].as_f64().unwrap(), sigma["std_error"].as_f64().unwrap());
+        let (value, se) = (sigma["value"].as_f64().unwrap(), sigma["std_error"].as_f64().unwrap());
         // Four standard errors; the stated error of a fixed pattern is that of its 128 columns.
         assert!((value - truth).abs() < 4.0 * se, "{step}");
     }
     // The improved camera is a camera: it renders, and nothing is missing any more.
-    camrig_ok(dir, "simulate --camera d1/camera-improved.toml --scene ramp --lux 300 --exposure 10ms -o a.dng");
+    camrig_ok(
+        dir,
+        "simulate --camera d1/camera-improved.toml --scene ramp --lux 300 --exposure 10ms -o a.dng",
+    );
     camrig_ok(dir, "compare d1/camera-improved.toml captures");
     let page = std::fs::read_to_string(dir.join("d1/report.html")).unwrap();
     for expected in ["column-offset-fpn", "row-temporal-noise", "<svg", "Improved camera file"] {

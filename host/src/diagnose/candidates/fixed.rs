@@ -75,10 +75,8 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
     for (map, gain) in [(MapKind::Offset, false), (MapKind::Gain, true)] {
         let made = (|| {
             let z = |i: usize| {
-                let d = e.difference(Place::Map(map), What::ColumnPeriod(i as u8))?;
                 let p = e.model.of.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
                 let s = e.data.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
-                let _ = d;
                 Some((p.scale.of(s.value) - p.scaled) / p.sd)
             };
             // The shortest period that shows most of it: its multiples show it too, diluted.
@@ -136,9 +134,9 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Vec<Proposal> {
         let limit = 5.5 * s.pixel_variance.sqrt();
         let expected = e.predicted(Place::Map(kind), What::High)?;
         let noise = &e.camera.sensor.noise;
-        let (held_fraction, held_mean) = match current(e.camera, "hot-pixels") {
-            Some(Effect::HotPixels(x)) => (f64::from(x.fraction), f64::from(x.mean_e_per_s)),
-            _ => (0.0, 0.0),
+        let held_fraction = match current(e.camera, "hot-pixels") {
+            Some(Effect::HotPixels(x)) => f64::from(x.fraction),
+            _ => 0.0,
         };
         if s.high < 1.0 {
             return None;
@@ -152,7 +150,6 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Vec<Proposal> {
             more / n * (limit * per_unit / mean).exp()
         };
         let z = crate::diagnose::tails::count(s.high, expected * 16.0, 16.0);
-        let _ = held_mean;
         // The growth with temperature was not looked at: the dark current's serves. The map was taken at the long dark's.
         let growth = match long_dark(e.design) {
             Some(i) => ((e.design.conditions[i].temperature_c - noise.temperature_ref_c)
@@ -375,9 +372,8 @@ pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
         let long = &e.design.conditions[long_dark(e.design)?];
         let growth =
             ((long.temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
-        // Rate (1 + u cos θ)/2 has slope rate/2 over u, root mean square of √3u is 1.
-        let rate = 2.0 / 3f64.sqrt() * 3.0 * x.value.hypot(y.value) / 3.0 * 3f64.sqrt() / growth;
-        let rate = rate / 3f64.sqrt() * 3f64.sqrt();
+        // rate (1 + u cos θ)/2 is an amplitude of rate/(2√3) of √3u.
+        let rate = 2.0 * 3f64.sqrt() * x.value.hypot(y.value) / growth;
         let direction = y.value.atan2(x.value).to_degrees();
         let effect = DarkCurrentGradient {
             rate_e_per_s: rate as f32,
@@ -395,7 +391,7 @@ pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
         Some(
             Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
                 .and(mean.into())
-                .with("rate_e_per_s", rate, x.se * 2.0 / growth)
+                .with("rate_e_per_s", rate, x.se * 2.0 * 3f64.sqrt() / growth)
                 .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()),
         )
     })())
