@@ -38,10 +38,10 @@ pub fn along(
         Along::Row => (frame.width, frame.height),
         Along::Column => (frame.height, frame.width),
     };
-    if count == 0 || first + count > lines {
+    if count == 0 || first.saturating_add(count) > lines {
         return Err(Error::input(format!(
             "lines {first} to {} of a frame with {lines}",
-            first + count.max(1) - 1
+            first.saturating_add(count.max(1) - 1)
         ))
         .help(format!("lines run from 0 to {}", lines - 1)));
     }
@@ -64,6 +64,18 @@ pub fn along(
             .help("take two lines of a Bayer pattern, or another first line"));
     }
     Ok(Profile { points })
+}
+
+/// Whether the channel has samples in `count` lines from `first` on.
+pub fn passes(cfa: &Cfa, channel: char, direction: Along, first: usize, count: usize) -> bool {
+    let period = if direction == Along::Row { cfa.width } else { cfa.height };
+    // Two periods of lines hold whatever more of them do.
+    let lines = first..first.saturating_add(count.min(2 * cfa.width.max(cfa.height)));
+    let mut places = lines.flat_map(|line| (0..period).map(move |p| (p, line)));
+    places.any(|(p, line)| match direction {
+        Along::Row => cfa.letter(p, line) == channel,
+        Along::Column => cfa.letter(line, p) == channel,
+    })
 }
 
 /// How a profile lies to a reference of the same places.

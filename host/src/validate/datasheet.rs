@@ -28,8 +28,10 @@ pub struct Datasheet {
     pub crosstalk: Option<Crosstalk>,
 }
 
-/// Side of the frame with the edge, pixels.
-const EDGE_SIDE: u32 = 192;
+/// Columns and rows of the frame with the edge, and of the region measured. Long along the edge and narrow
+/// across it: far from the edge there is only noise.
+const EDGE_FRAME: (u32, u32) = (96, 320);
+const EDGE_REGION: (usize, usize) = (64, 288);
 
 /// Frames per point of the crosstalk bench.
 const BENCH_FRAMES: u32 = 16;
@@ -118,7 +120,7 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Va
 
 /// The edge under D65 in the middle of the image, every channel; exposed to half of saturation.
 fn edges(camera: &Camera) -> Result<Vec<Edge>> {
-    let camera = cropped(camera, (EDGE_SIDE, EDGE_SIDE));
+    let camera = cropped(camera, EDGE_FRAME);
     let scene = scene::open("slanted-edge")?;
     let light = Illuminant::parse("D65")?;
     let white = photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands())?;
@@ -143,12 +145,9 @@ fn edges(camera: &Camera) -> Result<Vec<Edge>> {
         }
         seconds *= (0.5 * range / bright.max(1.0)).clamp(1.5, 20.0);
     };
-    let roi = Roi {
-        x: frame.width / 6,
-        y: frame.height / 6,
-        width: frame.width * 2 / 3,
-        height: frame.height * 2 / 3,
-    };
+    let (width, height) = (EDGE_REGION.0.min(frame.width), EDGE_REGION.1.min(frame.height));
+    let (x, y) = ((frame.width - width) / 2, (frame.height - height) / 2);
+    let roi = Roi { x, y, width, height };
     let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
     let (white, pitch) = (Some(frame.white_level_dn), Some(camera.sensor.pitch_um));
     frame
@@ -182,5 +181,6 @@ mod tests {
         let read = camera.sensor.noise.read_e;
         assert!((green.temporal_dark_noise_e.unwrap() / read - 1.0).abs() < 0.05);
         assert_eq!(sheet.edges.len(), 3);
+        assert!(sheet.edges.iter().all(|e| e.mtf50_std_error < 0.05 * e.mtf50_cycles_per_pixel));
     }
 }

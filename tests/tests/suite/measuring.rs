@@ -70,7 +70,8 @@ fn edges_that_cannot_be_measured() {
     assert!((145.0..165.0).contains(&mtf50), "{mtf50}");
     camrig_ok(dir, &format!("{SHOOT} upright.dng --scene slanted-edge:angle=0"));
     refuses(dir, "measure mtf upright.dng --roi 50,20,60,80", &["parallel", "slant it"]);
-    camrig_ok(dir, &format!("{SHOOT} clipped.dng --scene slanted-edge --lux 30000"));
+    let bright = SHOOT.replace("--lux 300", "--lux 30000");
+    camrig_ok(dir, &format!("{bright} clipped.dng --scene slanted-edge"));
     refuses(dir, "measure mtf clipped.dng --roi 50,20,60,80", &["clipped", "expose less"]);
     camrig_ok(dir, &format!("{SHOOT} none.dng --scene uniform:0.3"));
     refuses(dir, "measure mtf none.dng --roi 50,20,60,80", &["edge"]);
@@ -166,7 +167,7 @@ fn an_emva_page_is_written_whole_or_not_at_all() {
 
 #[test]
 fn the_crosstalk_experiment() {
-    let dir = folder(96, 64, &[("crosstalk", "\"x.csv\""), ("prnu", "0.002")]);
+    let dir = folder(204, 156, &[("prnu", "0.002")]);
     let dir = dir.path();
     let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
     let text = text.replace("[sensor]", "[sensor]\ncrosstalk = \"x.csv\"");

@@ -248,11 +248,12 @@ pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
             profile::along(&f.plane, &f.cfa, letter, black, direction, first, args.lines)
         };
         let name = letter.to_ascii_lowercase().to_string();
-        let here = match line(&frame, black) {
-            // A single row of a Bayer pattern has two of the three channels.
-            Err(_) if args.channel == "all" && args.lines == 1 => continue,
-            other => other?,
-        };
+        // A single row of a Bayer pattern has two of the three channels.
+        let there = profile::passes(&frame.cfa, letter, direction, first, args.lines);
+        if args.channel == "all" && !there {
+            continue;
+        }
+        let here = line(&frame, black)?;
         let difference = match &other {
             Some(o) => Some(profile::difference(&here, &line(o, o.black()?)?)?),
             None => None,
