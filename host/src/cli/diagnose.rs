@@ -13,10 +13,12 @@ use std::process::ExitCode;
 
 /// Find where captures and a camera file disagree, name the missing effects, add them, show the gap shrink
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 where something \
+#[command(
+    after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 where something \
     stays unexplained. Example:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
-    camrig diagnose mt9v024 captures -o diagnosis")]
+    camrig diagnose mt9v024 captures -o diagnosis"
+)]
 pub struct Args {
     /// Camera file or preset: the model
     camera: String,
@@ -107,7 +109,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     } else {
         say(&found);
     }
-    let fine = matches!(verdict::judge(&session, &outcome), verdict::Verdict::Agrees | verdict::Verdict::Explained);
+    let fine = matches!(
+        verdict::judge(&session, &outcome),
+        verdict::Verdict::Agrees | verdict::Verdict::Explained
+    );
     Ok(if fine { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
@@ -138,6 +143,10 @@ fn say(found: &serde_json::Value) {
         println!("  unexplained: {}", left["description"].as_str().unwrap_or(""));
     }
     for twin in found["ambiguous"].as_array().into_iter().flatten() {
-        println!("  cannot be told apart: {}; {}", twin["effects"], twin["tie_breaker"].as_str().unwrap_or(""));
+        println!(
+            "  cannot be told apart: {}; {}",
+            twin["effects"],
+            twin["tie_breaker"].as_str().unwrap_or("")
+        );
     }
 }
