@@ -50,6 +50,10 @@ async function update() {
   const state = await answer.json();
   if (state.ended) at("told").textContent = `the stream ended: ${state.ended}`;
   if (!state.frames || state.frames === shown) return;
+  if (!shown) {
+    at("exposure").value = Math.log10(state.exposure_s);
+    at("gain").value = Math.log2(state.analog_gain);
+  }
   shown = state.frames;
   size = [state.width, state.height];
   const means = state.channels.map(([name, mean, full]) => `${name} ${mean.toFixed(1)}` + (full > 0.001 ? ` (${(100 * full).toFixed(1)} % full)` : ""));
