@@ -9,6 +9,7 @@ use crate::rig::{self, FrameRequest, Rig, emulator::Emulator, feed::Feed, log::L
 use crate::{Error, Plane, RawFrame, Result};
 use clap::Subcommand;
 use rig_link::message::Codec;
+use sensor_core::effects::Effect;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::path::PathBuf;
@@ -224,8 +225,13 @@ fn list(args: &ListArgs) -> Result<()> {
 }
 
 fn info(args: &InfoArgs) -> Result<()> {
-    let rig = Rig::open(&args.url)?;
+    let mut rig = Rig::open(&args.url)?;
     let d = rig.device();
+    let s = rig.device_statistics()?;
+    let effects: Vec<&str> = (Effect::CATALOGUE.iter())
+        .filter(|entry| d.effects >> entry.id & 1 == 1)
+        .map(|entry| entry.kind)
+        .collect();
     let arithmetics: Vec<&str> = [(Arithmetic::F32, "f32"), (Arithmetic::Fixed, "fixed")]
         .into_iter()
         .filter(|(a, _)| d.arithmetics >> (*a as u8) & 1 == 1)
@@ -250,7 +256,17 @@ fn info(args: &InfoArgs) -> Result<()> {
                 "credit_packets": d.credit,
                 "max_camera_bytes": d.max_camera,
                 "row_memory_bytes": d.memory_bytes,
+                "effects": effects,
                 "camera": camera,
+                "statistics": {
+                    "frames": s.frames,
+                    "rows_in": s.rows_in,
+                    "rows_out": s.rows_out,
+                    "packets": s.packets,
+                    "damaged_packets": s.damaged,
+                    "stale_packets": s.stale,
+                    "gaps": s.gaps,
+                },
             })
         );
         return Ok(());
@@ -260,6 +276,15 @@ fn info(args: &InfoArgs) -> Result<()> {
     println!("arithmetics  {}", arithmetics.join(", "));
     println!("row codecs   {}", codecs.join(", "));
     println!("row memory   {} bytes", d.memory_bytes);
+    if effects.len() == Effect::CATALOGUE.len() {
+        println!("effects      all {}", effects.len());
+    } else {
+        println!("effects      {}", effects.join(", "));
+    }
+    println!(
+        "since start  {} frames, {} packets, {} damaged, {} gaps",
+        s.frames, s.packets, s.damaged, s.gaps
+    );
     Ok(())
 }
 

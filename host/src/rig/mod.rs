@@ -11,7 +11,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
-mod parallel;
+pub mod parallel;
 pub mod serial;
 pub mod serve;
 pub mod tcp;
