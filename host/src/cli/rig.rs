@@ -144,8 +144,8 @@ struct ServeArgs {
     #[arg(long, value_name = "BYTES", requires = "device", value_parser = clap::value_parser!(u16).range(8..=4096))]
     report: Option<u16>,
     /// Pretend to speak only these versions of the protocol, to try a host's words
-    #[arg(long, value_name = "OLDEST,NEWEST", value_delimiter = ',', num_args = 2, hide = true)]
-    versions: Option<Vec<u8>>,
+    #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
+    versions: Option<(u8, u8)>,
 }
 
 /// Decode the log of a firmware
@@ -194,6 +194,13 @@ fn number(text: &str) -> Result<u32, String> {
         None => text.parse(),
     }
     .map_err(|_| format!("{text:?} is no number such as 514 or 0x0202"))
+}
+
+/// Reads two versions of the protocol.
+fn versions(text: &str) -> Result<(u8, u8), String> {
+    text.split_once(',')
+        .and_then(|(oldest, newest)| Some((oldest.parse().ok()?, newest.parse().ok()?)))
+        .ok_or_else(|| format!("{text:?} is no pair of versions such as 1,2"))
 }
 
 /// Runs the command.
@@ -450,8 +457,7 @@ fn report(
 }
 
 fn serve(args: &ServeArgs) -> Result<()> {
-    let versions = args.versions.as_ref().map(|v| (v[0], v[1]));
-    let emulator = Emulator::new(versions);
+    let emulator = Emulator::new(args.versions);
     // The address is data: scripts wait for it.
     let ready = |url: String| {
         println!("{url}");
