@@ -130,23 +130,23 @@ impl<'r, A: Arith> Running<'r, A> {
         if first == 0 {
             self.sums.fill([A::Sum::default(); GROUP]);
         }
-        for (at, unit) in (usize::from(first)..).zip(units.chunks_exact(UNIT_BYTES)) {
+        let (mut at, mut units) = (usize::from(first), units.as_chunks::<UNIT_BYTES>().0);
+        while !units.is_empty() {
+            // Up to the end of the band.
             let (band, group) = (at / groups, at % groups);
-            let [exponent, mantissas @ ..] = unit else { return };
-            if let Some(place) = self.exponents.get_mut(group) {
-                *place = *exponent as i8;
+            let (now, later) = units.split_at(units.len().min(groups - group));
+            let exponents = self.exponents.iter_mut().skip(group);
+            let mantissas = self.mantissas.chunks_mut(GROUP).skip(group);
+            for ((unit, exponent), mantissas) in now.iter().zip(exponents).zip(mantissas) {
+                take_unit(unit, exponent, mantissas);
             }
-            let place = self.mantissas.chunks_mut(GROUP).nth(group).unwrap_or_default();
-            let words = mantissas.as_chunks::<2>().0;
-            for (m, bytes) in place.iter_mut().zip(words) {
-                *m = u16::from_le_bytes(*bytes);
-            }
-            if group + 1 == groups {
+            if group + now.len() == groups {
                 self.add_band(row.into(), band);
                 if band + 1 == bands {
                     self.keep(row.into());
                 }
             }
+            (at, units) = (at + now.len(), later);
         }
     }
 
@@ -184,6 +184,18 @@ impl<'r, A: Arith> Running<'r, A> {
             let packed = pack_row(packing, dn, out);
             debug_assert!(packed.is_ok());
         }
+    }
+}
+
+/// Takes a unit apart; the last one of a row may have fewer pixels.
+#[inline(always)]
+fn take_unit(unit: &[u8; UNIT_BYTES], exponent: &mut i8, mantissas: &mut [u16]) {
+    let [first, bytes @ ..] = unit;
+    *exponent = *first as i8;
+    let words = bytes.as_chunks::<2>().0.iter().map(|word| u16::from_le_bytes(*word));
+    match mantissas.first_chunk_mut::<GROUP>() {
+        Some(whole) => whole.iter_mut().zip(words).for_each(|(m, word)| *m = word),
+        None => mantissas.iter_mut().zip(words).for_each(|(m, word)| *m = word),
     }
 }
 

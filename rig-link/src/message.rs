@@ -79,7 +79,9 @@ pub enum Arithmetic {
     Fixed,
 }
 
-/// How a spectral row is coded.
+/// How a spectral row is coded: units of 16 pixels, an exponent byte and 16 mantissas of 16 bits, 2.06 bytes per
+/// sample. Rounding is at most 2⁻¹⁷ of the largest of the 16; on a scene of high dynamic range 0.012 of a
+/// pixel's own noise at worst (12-bit mantissas would save a quarter of the bytes and make it 0.18).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Codec {
     /// Irradiance: band after band, blocks of 16 pixels with a shared exponent and 16-bit mantissas.

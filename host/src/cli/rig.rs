@@ -12,6 +12,7 @@ use crate::rig::{
 use crate::{Error, Plane, RawFrame, Result};
 use clap::Subcommand;
 use rig_link::message::Codec;
+use sensor_core::effects::Effect;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::path::PathBuf;
@@ -155,8 +156,8 @@ struct ServeArgs {
     #[arg(long, value_name = "BYTES", requires = "device", value_parser = clap::value_parser!(u16).range(8..=4096))]
     report: Option<u16>,
     /// Pretend to speak only these versions of the protocol, to try a host's words
-    #[arg(long, value_name = "OLDEST,NEWEST", value_delimiter = ',', num_args = 2, hide = true)]
-    versions: Option<Vec<u8>>,
+    #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
+    versions: Option<(u8, u8)>,
 }
 
 /// Decode the log of a firmware
@@ -207,6 +208,13 @@ fn number(text: &str) -> Result<u32, String> {
     .map_err(|_| format!("{text:?} is no number such as 514 or 0x0202"))
 }
 
+/// Reads two versions of the protocol.
+fn versions(text: &str) -> Result<(u8, u8), String> {
+    text.split_once(',')
+        .and_then(|(oldest, newest)| Some((oldest.parse().ok()?, newest.parse().ok()?)))
+        .ok_or_else(|| format!("{text:?} is no pair of versions such as 1,2"))
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
@@ -237,8 +245,13 @@ fn list(args: &ListArgs) -> Result<()> {
 }
 
 fn info(args: &InfoArgs) -> Result<()> {
-    let rig = Rig::open(&args.url)?;
+    let mut rig = Rig::open(&args.url)?;
     let d = rig.device();
+    let s = rig.device_statistics()?;
+    let effects: Vec<&str> = (Effect::CATALOGUE.iter())
+        .filter(|entry| d.effects >> entry.id & 1 == 1)
+        .map(|entry| entry.kind)
+        .collect();
     let arithmetics: Vec<&str> = [(Arithmetic::F32, "f32"), (Arithmetic::Fixed, "fixed")]
         .into_iter()
         .filter(|(a, _)| d.arithmetics >> (*a as u8) & 1 == 1)
@@ -263,7 +276,17 @@ fn info(args: &InfoArgs) -> Result<()> {
                 "credit_packets": d.credit,
                 "max_camera_bytes": d.max_camera,
                 "row_memory_bytes": d.memory_bytes,
+                "effects": effects,
                 "camera": camera,
+                "statistics": {
+                    "frames": s.frames,
+                    "rows_in": s.rows_in,
+                    "rows_out": s.rows_out,
+                    "packets": s.packets,
+                    "damaged_packets": s.damaged,
+                    "stale_packets": s.stale,
+                    "gaps": s.gaps,
+                },
             })
         );
         return Ok(());
@@ -273,6 +296,15 @@ fn info(args: &InfoArgs) -> Result<()> {
     println!("arithmetics  {}", arithmetics.join(", "));
     println!("row codecs   {}", codecs.join(", "));
     println!("row memory   {} bytes", d.memory_bytes);
+    if effects.len() == Effect::CATALOGUE.len() {
+        println!("effects      all {}", effects.len());
+    } else {
+        println!("effects      {}", effects.join(", "));
+    }
+    println!(
+        "since start  {} frames, {} packets, {} damaged, {} gaps",
+        s.frames, s.packets, s.damaged, s.gaps
+    );
     Ok(())
 }
 
@@ -459,8 +491,7 @@ fn report(
 }
 
 fn serve(args: &ServeArgs) -> Result<()> {
-    let versions = args.versions.as_ref().map(|v| (v[0], v[1]));
-    let emulator = Emulator::new(versions);
+    let emulator = Emulator::new(args.versions);
     // The address is data: scripts wait for it.
     let ready = |url: String| {
         println!("{url}");

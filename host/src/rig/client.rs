@@ -8,6 +8,7 @@ use crate::render::{Arithmetic, Exposure, IrradianceCube};
 use crate::{Error, RawFrame, Result};
 use firmware_sim::camera;
 use firmware_sim::rig::frame_shape;
+use rayon::prelude::*;
 use rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use rig_link::message::{
     Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
@@ -431,11 +432,11 @@ impl RigFrame {
     pub fn to_raw(&self, exposure: &Exposure) -> Result<RawFrame> {
         let (width, height) = (exposure.config.width as usize, exposure.config.height as usize);
         let mut data = vec![0; width * height];
-        let rows = self.packed.chunks(self.packing.row_bytes(width));
-        for (row, packed) in data.chunks_mut(width).zip(rows) {
+        let rows = self.packed.par_chunks(self.packing.row_bytes(width));
+        data.par_chunks_mut(width).zip(rows).try_for_each(|(row, packed)| {
             unpack_row(self.packing, packed, row)
-                .map_err(|e| Error::input(format!("a raw row of {} bytes", e.found)))?;
-        }
+                .map_err(|e| Error::input(format!("a raw row of {} bytes", e.found)))
+        })?;
         Ok(exposure.raw_frame(data, self.start.exposure.analog_gain))
     }
 }

@@ -98,6 +98,11 @@ impl Emulator {
         Self { workers: (0..threads.max(1)).map(|_| Worker::new()).collect(), versions }
     }
 
+    /// The rig without its link.
+    pub fn model(&mut self) -> Parallel<'_> {
+        Parallel::new(self.workers.iter_mut().map(Worker::rig).collect())
+    }
+
     /// Serves link after link, as `next` gives them; its camera and registers outlast a link. Ends when
     /// there is no next link.
     pub fn run<L: embedded_io::Read + embedded_io::Write>(
@@ -106,9 +111,10 @@ impl Emulator {
         mut next: impl FnMut() -> Option<L>,
         mut ended: impl FnMut(Result<(), ServeError<L::Error>>),
     ) {
-        let mut model = Parallel::new(self.workers.iter_mut().map(Worker::rig).collect());
+        let versions = self.versions;
+        let mut model = self.model();
         let mut device = Box::new(Device::<RAW_BYTES>::new(MAX_PACKET as u16, CREDIT));
-        if let Some((oldest, newest)) = self.versions {
+        if let Some((oldest, newest)) = versions {
             device.set_versions(oldest, newest);
         }
         let chunk = match framing {

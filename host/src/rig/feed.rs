@@ -136,11 +136,14 @@ fn write_units(band: BandRow<'_>, out: &mut [u8]) {
     for ((unit, &exponent), mantissas) in
         units.zip(band.exponents).zip(band.mantissas.chunks(GROUP))
     {
+        let mut padded = [0; GROUP];
+        let mantissas = mantissas.first_chunk().unwrap_or_else(|| {
+            padded[..mantissas.len()].copy_from_slice(mantissas);
+            &padded
+        });
         unit[0] = exponent as u8;
-        let mut words = unit[1..].chunks_exact_mut(2);
-        for (bytes, m) in (&mut words).zip(mantissas) {
-            bytes.copy_from_slice(&m.to_le_bytes());
+        for (bytes, m) in unit[1..].as_chunks_mut::<2>().0.iter_mut().zip(mantissas) {
+            *bytes = m.to_le_bytes();
         }
-        words.for_each(|bytes| bytes.fill(0));
     }
 }

@@ -82,13 +82,15 @@ fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
     None
 }
 
-/// Packet sizes and credit for reports of this many bytes: the packets that credit lets under way fill all
-/// but one of the reports that may be, as they need not begin with a report.
+/// Packet sizes and credit for reports of this many bytes. Packets fill whole reports, and those that credit
+/// lets under way all but one of the reports that may be: an acknowledgement has room as well.
 pub fn limits(report: u16) -> Limits {
-    let credit = if report <= 255 { 2 } else { 4 };
+    let reports = if report <= 255 { 7 } else { 3 };
+    // A pointer of at most two bytes begins each report, a length of two each packet.
+    let packet_bytes = reports * (report - if report <= 255 { 1 } else { 2 }) - 2;
     Limits {
-        packet_bytes: (REPORTS_UNDER_WAY - 1) * (report - 2) / credit - 2,
-        credit,
+        packet_bytes,
+        credit: (REPORTS_UNDER_WAY - 1) / reports,
         send_bytes: 4096,
         rows_ahead: 1,
         timeout: 500_000,

@@ -12,7 +12,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
-mod parallel;
+pub mod parallel;
 pub mod script;
 pub mod serial;
 pub mod serve;

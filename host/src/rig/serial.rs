@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// Limits for a line of this rate. Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so
 /// credit need not be scarce. Patience is for what may be under way: 16 packets of 4400 bytes, ten bits each.
-fn limits(baud: u32) -> Limits {
+pub fn limits(baud: u32) -> Limits {
     Limits {
         packet_bytes: 1100,
         credit: 64,

@@ -6,6 +6,7 @@ use rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
 use rig_link::message::*;
 use rig_link::registers::Registers;
 use std::collections::VecDeque;
+use std::convert::Infallible;
 
 pub const WIDTH: usize = 40;
 pub const BANDS: usize = 3;
@@ -169,7 +170,13 @@ impl Pipe {
         Self { queue: VecDeque::new(), faults: Faults::default(), delay, bytes: 0 }
     }
 
-    pub fn write(&mut self, now: Micros, bytes: &[u8], report: Option<usize>, random: &mut Random) {
+    pub fn write(
+        &mut self,
+        now: Micros,
+        bytes: &[u8],
+        report: Option<usize>,
+        random: &mut Random,
+    ) -> Result<(), Infallible> {
         self.bytes += bytes.len() as u64;
         let f = self.faults;
         let mut sent = Vec::new();
@@ -204,6 +211,7 @@ impl Pipe {
         // A stream stays in order: nothing overtakes what was stalled.
         arrival = arrival.max(self.queue.back().map_or(0, |(t, _)| *t));
         self.queue.push_back((arrival, sent));
+        Ok(())
     }
 
     fn read(&mut self, now: Micros) -> Option<Vec<u8>> {
@@ -339,21 +347,21 @@ impl Bench {
                     }
                     sent += 1;
                     let (up, random, now) = (&mut self.up, &mut self.random, self.now);
-                    let write = |bytes: &[u8]| Ok::<(), ()>(up.write(now, bytes, report, random));
+                    let write = |bytes: &[u8]| up.write(now, bytes, report, random);
                     self.host_sender.push(&out[..bytes], write).unwrap();
                     continue;
                 }
                 Poll::Wait(until) => until,
             };
             let (up, random, now) = (&mut self.up, &mut self.random, self.now);
-            let write = |bytes: &[u8]| Ok::<(), ()>(up.write(now, bytes, report, random));
+            let write = |bytes: &[u8]| up.write(now, bytes, report, random);
             self.host_sender.flush(write).unwrap();
             let next = [self.up.next(), self.down.next(), Some(wait)];
             self.now = next.into_iter().flatten().min().unwrap().max(self.now);
             while let Some(bytes) = self.up.read(self.now) {
                 let mut input = &bytes[..];
                 let (down, random, now) = (&mut self.down, &mut self.random, self.now);
-                let mut write = |bytes: &[u8]| Ok::<(), ()>(down.write(now, bytes, report, random));
+                let mut write = |bytes: &[u8]| down.write(now, bytes, report, random);
                 while self.device_receiver.push(&mut input) == Ok(true) {
                     self.device.receive(self.device_receiver.packet(), &mut self.toy);
                     while let Some(n) = self.device.transmit(&mut out, &mut self.toy) {

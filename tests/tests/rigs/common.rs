@@ -5,6 +5,7 @@ use camrig::camera::{Camera, presets};
 use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, IrradianceWriter};
 use camrig::rig::{FrameRequest, Rig};
 use camrig::scene::Bands;
+use std::ops::Range;
 use std::path::Path;
 
 pub const WIDTH: usize = 150;
@@ -76,7 +77,7 @@ pub fn exposure(camera: &Camera, cube: &IrradianceCube) -> Exposure {
 }
 
 /// Takes a frame of a camera and compares it with what the host computes; nothing happened before.
-fn compare_frame(
+pub fn compare_frame(
     rig: &mut Rig,
     camera: &Camera,
     cube: &IrradianceCube,
@@ -104,8 +105,13 @@ fn compare_frame(
 /// Takes two frames of each of the three cameras in the given arithmetics and compares them with what the
 /// host computes.
 pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
+    compare_cameras(rig, arithmetics, 0..3);
+}
+
+/// The same for some of the cameras; the first two have effects of the base model only.
+pub fn compare_cameras(rig: &mut Rig, arithmetics: &[Arithmetic], cameras: Range<usize>) {
     let folder = tempfile::tempdir().unwrap();
-    for i in 0..3 {
+    for i in cameras {
         let camera = camera(folder.path(), i);
         let cube = cube(&camera, BANDS);
         for &arithmetic in arithmetics {

@@ -41,6 +41,46 @@ fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
     common::compare(&mut Rig::open(&url).unwrap(), &BOTH);
 }
 
+/// Stands between a host and a rig and cuts the first connection after so many bytes to the rig.
+fn cutting_proxy(rig: String, after: u64) -> String {
+    use std::io::Read;
+    use std::net::{Shutdown, TcpListener, TcpStream};
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcp://{}", listener.local_addr().unwrap());
+    std::thread::spawn(move || {
+        let mut limit = after;
+        for host in listener.incoming() {
+            let host = host.unwrap();
+            let rig = TcpStream::connect(rig.trim_start_matches("tcp://")).unwrap();
+            let pump = |from: &TcpStream, to: &TcpStream, limit| {
+                let (from, to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
+                std::thread::spawn(move || {
+                    let _ = std::io::copy(&mut (&from).take(limit), &mut &to);
+                    let _ = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
+                });
+            };
+            pump(&host, &rig, limit);
+            pump(&rig, &host, u64::MAX);
+            limit = u64::MAX;
+        }
+    });
+    url
+}
+
+#[test]
+fn a_frame_goes_on_after_the_connection_broke() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 1);
+    let cube = common::cube(&camera, BANDS);
+    // The camera is some 4 KB, the frame 90.
+    for after in [6_000, 20_000, 60_000] {
+        let mut rig = Rig::open(&cutting_proxy(tcp_server(None), after)).unwrap();
+        common::compare_frame(&mut rig, &camera, &cube, Arithmetic::F32, 0);
+        let sent = rig.link_bytes().0;
+        assert!(sent < 100_000, "{sent} bytes in the second connection");
+    }
+}
+
 #[test]
 fn collapsed_rows_differ_by_their_rounding_only() {
     let folder = tempfile::tempdir().unwrap();
@@ -59,6 +99,13 @@ fn collapsed_rows_differ_by_their_rounding_only() {
     let spectral = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
     request.collapse = true;
     let collapsed = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    // Exposure is the rig's, whoever integrated the bands: by registers as by request.
+    rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
+    rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
+    request.by_registers = true;
+    request.settings.exposure_s = 1.0;
+    let by_registers = rig.frame(&cube, &exposure, &request).unwrap();
+    assert!(by_registers.to_raw(&exposure).unwrap() == collapsed);
     // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is the
     // same draw, so a DN moves by the rounding of the count and of the converter.
     let worst = spectral.data.iter().zip(&collapsed.data).map(|(a, b)| a.abs_diff(*b)).max();
@@ -106,6 +153,27 @@ fn registers_expose_and_faults_show() {
     rig.write_register(address::FAULT, 1).unwrap();
     assert!(rig.frame(&cube, &exposure, &request).unwrap().dropped);
     assert!(rig.frame(&cube, &exposure, &request).unwrap().packed == by_message.packed);
+
+    // What is written between frames shows after the sensor's delay: gain in the next frame, exposure in
+    // the one after.
+    request.by_registers = true;
+    rig.write_register(address::COARSE_INTEGRATION_TIME, 500).unwrap();
+    rig.write_register(address::ANALOG_GAIN, 256).unwrap();
+    let shown: Vec<_> = (0..2)
+        .map(|_| {
+            let said = rig.frame(&cube, &exposure, &request).unwrap().start.exposure;
+            ((said.exposure_s * 1e3).round(), said.analog_gain)
+        })
+        .collect();
+    assert_eq!(shown, [(20.0, 1.0), (10.0, 1.0)]);
+    request.by_registers = false;
+
+    rig.write_register(address::FAULT_ARGUMENT, 120).unwrap();
+    rig.write_register(address::FAULT, 4).unwrap();
+    let start = std::time::Instant::now();
+    let late = rig.frame(&cube, &exposure, &request).unwrap();
+    assert_eq!(late.start.fault, Fault::LateFrame(120));
+    assert!(start.elapsed().as_millis() >= 120 && late.packed == by_message.packed);
 
     rig.write_register(address::TEST_PATTERN, 2).unwrap();
     let bars = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();

@@ -6,4 +6,5 @@
 mod common;
 mod emulator;
 mod errors;
+mod overhead;
 mod qemu;
