@@ -39,12 +39,18 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
         return Err(Error::input("every flat is saturated")
             .help("take flats below saturation, or leave them out of the set"));
     }
+    let pattern = camera.sensor.pattern();
     let known: Vec<(&Condition, f64)> = usable
         .iter()
         .filter(|(c, _)| c.level_known)
         .map(|(c, t)| {
-            let expected = c.photo_e.iter().sum::<f64>() / c.photo_e.len() as f64
-                * dn_per_e(camera, c.analog_gain);
+            let tile: Vec<f64> = pattern
+                .channels
+                .iter()
+                .map(|&k| c.photo_e.get(usize::from(k)).copied().unwrap_or(0.0))
+                .collect();
+            let expected =
+                tile.iter().sum::<f64>() / tile.len() as f64 * dn_per_e(camera, c.analog_gain);
             (*c, (mean(&t.mean.data) - black) / expected)
         })
         .collect();

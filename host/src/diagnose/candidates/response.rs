@@ -419,7 +419,7 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
 pub fn image_lag(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let after = pooled(e.of_role(Role::Dark).filter_map(|(i, c)| {
-            let before = c.before_e.iter().sum::<f64>() / c.before_e.len() as f64 * e.gain(c);
+            let before = c.before_e.first().copied().unwrap_or(0.0) * e.gain(c);
             let d = e.difference(Place::Stack(i), What::Mean(0))?;
             (before > 0.0).then(|| Estimated { value: d.value / before, se: d.se / before })
         }))?;
