@@ -62,7 +62,7 @@ pub struct FrameArgs {
     #[arg(long, value_name = "EV,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub bracket: Vec<f64>,
     /// Two exposures in one frame: rows:RATIO (pairs of rows long and short in turn) or
-    /// staggered:RATIO[:OFFSET] (each row twice, the short one OFFSET rows later)
+    /// `staggered:RATIO[:OFFSET]` (each row twice, the short one OFFSET rows later)
     #[arg(long, value_name = "FORM", value_parser = Hdr::parse)]
     pub hdr: Option<Hdr>,
     /// Number of the first frame: names its temporal noise; fixed patterns stay the sensor's

@@ -47,10 +47,16 @@ pub fn camera_file(
             }
         }
     }
-    let effects: Vec<toml::Value> = camera
-        .effects
-        .iter()
-        .map(|e| {
+    // Effects of the optics stay as they are.
+    let of_sensor = |e: &toml::Value| {
+        let kind = e.get("kind").and_then(toml::Value::as_str);
+        Effect::CATALOGUE.iter().any(|c| Some(c.kind) == kind)
+    };
+    let kept = file.get("effect").and_then(toml::Value::as_array).cloned().unwrap_or_default();
+    let effects: Vec<toml::Value> = kept
+        .into_iter()
+        .filter(|e| !of_sensor(e))
+        .chain(camera.effects.iter().map(|e| {
             let entry = e.entry();
             let mut table = toml::Table::new();
             table.insert("kind".into(), entry.kind.into());
@@ -60,7 +66,7 @@ pub fn camera_file(
                 }
             }
             table.into()
-        })
+        }))
         .collect();
     if effects.is_empty() {
         file.remove("effect");
@@ -126,4 +132,28 @@ pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
     tables.dedup();
     let text = toml::to_string(&file).map_err(|e| Error::input(format!("the camera file: {e}")))?;
     Ok(Standalone { text, tables })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+
+    #[test]
+    fn effects_of_the_optics_stay() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("c.toml");
+        let base = presets::file("mt9v024.toml").unwrap();
+        for table in ["mt9v024-qe.csv", "ir-cut-690.csv"] {
+            std::fs::write(directory.path().join(table), presets::file(table).unwrap()).unwrap();
+        }
+        let text = format!("{base}\n[[effect]]\nkind = \"veiling-glare\"\nfraction = 0.02\n");
+        std::fs::write(&path, &text).unwrap();
+        let spec = path.to_str().unwrap();
+        let camera = Camera::load(spec).unwrap();
+        let alone = standalone(&camera.text, spec).unwrap();
+        assert_eq!(alone.tables.len(), 2);
+        let improved = camera_file(&alone.text, &camera, &[]).unwrap();
+        assert!(improved.contains("veiling-glare"), "{improved}");
+    }
 }
