@@ -262,10 +262,12 @@ impl Figures {
         let (width, height, cfa) = (first.width, first.height, &first.cfa);
         let corners = places.corners.unwrap_or_else(|| built_in_corners(width, height, CARD_WIDTH));
         let edge = &taken.edge;
-        // Narrow across the edge: far from it there is only noise.
-        let (across, along) = ((edge.width / 2).min(64), edge.height * 3 / 4);
-        let (x, y) = ((edge.width - across) / 2, (edge.height - along) / 2);
-        let roi = places.roi.unwrap_or(Roi { x, y, width: across, height: along });
+        let roi = places.roi.unwrap_or(Roi {
+            x: edge.width / 4,
+            y: edge.height / 4,
+            width: edge.width / 2,
+            height: edge.height / 2,
+        });
         let green = if cfa.channels().contains(&'G') { 'G' } else { cfa.channels()[0] };
         let white = Some(taken.edge.white_level_dn);
         let mtf = mtf::measure(&plane(&taken.edge), cfa, green, roi, white, None)

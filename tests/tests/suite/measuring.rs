@@ -206,7 +206,7 @@ fn the_crosstalk_experiment() {
     let manifest = dir.join("bench/captures.toml");
     let text = std::fs::read_to_string(&manifest).unwrap();
     std::fs::write(&manifest, text.replacen("wavelength_nm = 400.0\n", "", 1)).unwrap();
-    refuses(dir, "crosstalk fit bench", &["without a wavelength"]);
+    refuses(dir, "crosstalk fit bench", &["without wavelength_nm", "400nm-grid-00-00"]);
 }
 
 #[test]

@@ -200,14 +200,15 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     let mut values: Vec<f64> = rows.iter().flatten().map(|s| s.value).collect();
     values.sort_by(f64::total_cmp);
     let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Ok(()) };
-    if high - low < 8.0 {
-        return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
-            .help("choose a region across a dark and a bright area"));
-    }
     let n = values.len() as f64;
     let share = |level: f64| values.iter().filter(|v| **v == level).count() as f64 / n;
     let at_white =
         white.map_or(0.0, |w| values.iter().filter(|v| **v >= f64::from(w)).count() as f64 / n);
+    let flat = high - low < 8.0;
+    if flat && at_white <= 0.005 {
+        return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
+            .help("choose a region across a dark and a bright area"));
+    }
     if at_white > 0.005 || share(high) > 0.25 {
         return Err(Error::input(format!(
             "the bright side is clipped at {high} DN ({:.0} % of the samples)",
