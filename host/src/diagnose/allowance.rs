@@ -6,7 +6,6 @@
 
 use super::design::{Condition, Design};
 use super::prediction::{Key, Values};
-use super::search::known_flat;
 use super::statistics::{Place, What};
 use crate::camera::Camera;
 use std::collections::BTreeMap;
@@ -20,7 +19,7 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
     let channels = camera.sensor.channel_names.len() as u8;
     let mut out = BTreeMap::new();
     let flats: Vec<usize> =
-        (0..design.conditions.len()).filter(|&i| known_flat(&design.conditions[i])).collect();
+        (0..design.conditions.len()).filter(|&i| design.conditions[i].is_known_flat()).collect();
     for &i in &flats {
         let own = &design.conditions[i];
         let series: Vec<usize> =

@@ -41,6 +41,13 @@ pub struct Condition {
     pub wavelength_nm: Option<f64>,
 }
 
+impl Condition {
+    /// Whether it is a flat whose light is known.
+    pub fn is_known_flat(&self) -> bool {
+        self.role == Role::Flat && self.level_known
+    }
+}
+
 /// The stacks of one half of a set.
 #[derive(Clone, Debug)]
 pub struct Design {

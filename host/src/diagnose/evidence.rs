@@ -129,15 +129,11 @@ impl Evidence<'_> {
 
     /// Signal above dark, mean of the channels, DN; of dark stacks about 0.
     pub fn signal(&self, stack: usize) -> Option<f64> {
-        let mean = |i: usize| {
-            let d = &self.stacks[i].mean.data;
-            d.iter().map(|&v| f64::from(v)).sum::<f64>() / d.len() as f64
-        };
         let black = match super::maps::reference_dark(self.design) {
-            Some(r) => mean(r),
+            Some(r) => self.stacks[r].level(),
             None => self.camera.sensor.black_level_dn,
         };
-        Some(mean(stack) - black)
+        Some(self.stacks[stack].level() - black)
     }
 
     /// Stacks of a role, with their conditions.

@@ -3,17 +3,13 @@
 use super::design::{Condition, Design};
 use super::maps::{reference_dark, saturated};
 use super::model::dn_per_e;
-use super::temporal::Temporal;
+use super::temporal::{Temporal, mean};
 use crate::camera::Camera;
 use crate::captures::Role;
 use crate::{Error, Result};
 
 /// A stack's signal, or its noise for its signal, that is this much off the others' is no effect of a sensor.
 const GROSS: f64 = 1.5;
-
-fn mean(values: &[f32]) -> f64 {
-    values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64
-}
 
 fn median(values: &[f64]) -> f64 {
     let mut v = values.to_vec();
@@ -28,7 +24,7 @@ fn median(values: &[f64]) -> f64 {
 /// those of different sensors.
 pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()> {
     let black = match reference_dark(design) {
-        Some(i) => mean(&stacks[i].mean.data),
+        Some(i) => stacks[i].level(),
         None => camera.sensor.black_level_dn,
     };
     let flats: Vec<(&Condition, &Temporal)> =
@@ -51,7 +47,7 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
                 .collect();
             let expected =
                 tile.iter().sum::<f64>() / tile.len() as f64 * dn_per_e(camera, c.analog_gain);
-            (*c, (mean(&t.mean.data) - black) / expected)
+            (*c, (t.level() - black) / expected)
         })
         .collect();
     alone(&known, |c, times| {
@@ -64,7 +60,7 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
         .filter_map(|(c, t)| {
             let k = dn_per_e(camera, c.analog_gain);
             let read = (camera.sensor.noise.read_e * k).powi(2) + 1.0 / 12.0;
-            let signal = mean(&t.mean.data) - black;
+            let signal = t.level() - black;
             // Only where shot noise is most of it.
             (signal * k > 2.0 * read).then(|| (*c, (mean(&t.pixel_variance) - read) / (signal * k)))
         })
@@ -97,7 +93,7 @@ fn alone(ratios: &[(&Condition, f64)], say: impl Fn(&Condition, f64) -> Error) -
 
 /// The gain pattern of one sensor is in all its flats.
 fn same_sensor(camera: &Camera, flats: &[(&Condition, &Temporal)], black: f64) -> Result<()> {
-    let level = |t: &Temporal| mean(&t.mean.data) - black;
+    let level = |t: &Temporal| t.level() - black;
     let mut by_level = flats.to_vec();
     by_level.sort_by(|a, b| level(b.1).total_cmp(&level(a.1)));
     let [(first, a), (second, b), ..] = by_level[..] else { return Ok(()) };

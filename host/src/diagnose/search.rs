@@ -5,7 +5,7 @@
 //! what is not missed.
 
 use super::candidates::{self, Proposal};
-use super::design::{Condition, Design, Halves};
+use super::design::{Design, Halves};
 use super::evidence::Evidence;
 use super::maps::{self, Map};
 use super::prediction::{Key, Prediction, Values, bounded, by_key, mean_square};
@@ -257,11 +257,7 @@ impl Session {
         let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS)?;
         let before = &state.replicates[..TRIAL_RUNS as usize];
         let fit = state.fit.moved(before, &after);
-        let holdout = if std::ptr::eq(&self.fit, &self.holdout) {
-            fit.clone()
-        } else {
-            state.holdout.moved(before, &after)
-        };
+        let holdout = state.holdout.moved(before, &after);
         let fall = |half: &Half, old: &Prediction, new: &Prediction| {
             old.deviance(&half.values, &half.allowance)
                 - new.deviance(&half.values, &half.allowance)
@@ -389,15 +385,15 @@ impl Session {
         }
         let mut nearest = Vec::new();
         state = self.withdraw(camera, state, &mut steps, &mut nearest)?;
-        let gap_after = self.gap(&state.holdout, state.norm.0);
+        let mut gap_after = self.gap(&state.holdout, state.norm.0);
         let share = (gap_before - gap_after) / (gap_before - 1.0).max(1e-9);
         if !steps.is_empty() && !self.unexplained(&state).is_empty() && share < ENOUGH {
             // Names that leave that much are pressed on the data, not found in them.
             nearest.extend(steps.drain(..).map(|s| s.trial.proposal.kind.to_string()));
             twins.clear();
             state = before.clone();
+            gap_after = gap_before;
         }
-        let gap_after = self.gap(&state.holdout, state.norm.0);
         Ok(Outcome { nearest, before, after: state, steps, gaps: (gap_before, gap_after), twins })
     }
 
@@ -598,7 +594,7 @@ fn same_shape(a: &Proposal, b: &Proposal) -> bool {
         && a.parameters.iter().map(|p| p.0).eq(b.parameters.iter().map(|p| p.0))
 }
 
-/// The second proposal, with standard errors of the first where the second has none.
+/// The second proposal in the place of the first.
 fn merged(first: &Proposal, second: Proposal) -> Proposal {
     Proposal { strength: first.strength, beside: first.beside, ..second }
 }
@@ -606,7 +602,7 @@ fn merged(first: &Proposal, second: Proposal) -> Proposal {
 /// Where the manifest does not tell the light, the measured mean does.
 fn set_unknown_levels(camera: &Camera, design: &mut Design, stacks: &[Temporal]) {
     let black =
-        maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| mean(&stacks[i]));
+        maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level());
     for (c, t) in design.conditions.iter_mut().zip(stacks) {
         if c.role == Role::Flat && !c.level_known {
             let k = super::model::dn_per_e(camera, c.analog_gain);
@@ -615,10 +611,6 @@ fn set_unknown_levels(camera: &Camera, design: &mut Design, stacks: &[Temporal])
             c.before_e.clone_from(&c.photo_e);
         }
     }
-}
-
-fn mean(t: &Temporal) -> f64 {
-    t.mean.data.iter().map(|&v| f64::from(v)).sum::<f64>() / t.mean.data.len() as f64
 }
 
 fn channel_means(camera: &Camera, t: &Temporal) -> Vec<f64> {
@@ -631,9 +623,4 @@ fn channel_means(camera: &Camera, t: &Temporal) -> Vec<f64> {
         count[c] += 1.0;
     }
     sum.iter().zip(&count).map(|(s, n): (&f64, &f64)| s / n.max(1.0)).collect()
-}
-
-/// Whether a stack is a flat whose light is known.
-pub fn known_flat(c: &Condition) -> bool {
-    c.role == Role::Flat && c.level_known
 }

@@ -8,7 +8,7 @@ use super::design::{Condition, Design};
 use super::maps::{self, MapKind};
 use super::spatial::{PERIODS, Spatial, basis};
 use super::tails;
-use super::temporal::{LAGS, Temporal};
+use super::temporal::{LAGS, Temporal, mean};
 use crate::camera::Camera;
 use crate::captures::Role;
 
@@ -185,7 +185,7 @@ impl Classes {
             m.iter().zip(&variance).map(|(m, v)| m / v.max(1e-9).powf(power)).sum::<f64>() / k
         };
         let kurtosis = over(&fourth, 2.0) - 3.0 * shrink;
-        let mean = mean(&t.mean.data);
+        let mean = t.level();
         let spatial = t.mean.data.iter().map(|&m| (f64::from(m) - mean).powi(2)).sum::<f64>()
             / t.mean.data.len() as f64;
         let mean_variance = variance.iter().sum::<f64>() / k;
@@ -197,10 +197,6 @@ impl Classes {
             variance,
         }
     }
-}
-
-fn mean(values: &[f32]) -> f64 {
-    values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64
 }
 
 /// Variance of the frames' means about their mean.

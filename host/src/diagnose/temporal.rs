@@ -50,6 +50,18 @@ pub struct Temporal {
     pub power: Option<Vec<f32>>,
 }
 
+impl Temporal {
+    /// Mean of all pixels and frames, DN.
+    pub fn level(&self) -> f64 {
+        mean(&self.mean.data)
+    }
+}
+
+/// Mean of values.
+pub fn mean(values: &[f32]) -> f64 {
+    values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64
+}
+
 /// Collects [`Temporal`].
 pub struct Collector {
     t: Temporal,

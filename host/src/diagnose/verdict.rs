@@ -92,14 +92,11 @@ fn describe(
     let statistic = words::name(&state.camera, key);
     let place = words::place(&session.fit.design, key);
     let more = if z > 0.0 { "more" } else { "less" };
+    let condition = |i: usize| session.fit.design.conditions.get(i);
+    let gain = |i| condition(i).map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
     let size = match (key.0, key.1) {
         (Place::Stack(i), What::Mean(_)) => {
-            let k = session
-                .fit
-                .design
-                .conditions
-                .get(i)
-                .map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            let k = gain(i);
             format!(
                 "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
                 (m - p).abs(),
@@ -107,12 +104,7 @@ fn describe(
             )
         }
         (Place::Stack(i), What::Variance(_)) => {
-            let k = session
-                .fit
-                .design
-                .conditions
-                .get(i)
-                .map_or(1.0, |c| model::dn_per_e(&state.camera, c.analog_gain));
+            let k = gain(i);
             let root = (m - p).abs().sqrt();
             format!("{root:.3} DN ({:.2} e⁻) rms {more} noise than the model", root / k)
         }
@@ -120,8 +112,7 @@ fn describe(
             Place::Stack(i),
             What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance,
         ) => {
-            let c = session.fit.design.conditions.get(i);
-            let exposure = c.map_or(0.0, |c| c.exposure_s);
+            let exposure = condition(i).map_or(0.0, |c| c.exposure_s);
             format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
         }
         _ => match state.fit.of.get(&key).map(|x| x.scale) {

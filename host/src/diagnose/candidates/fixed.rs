@@ -1,6 +1,6 @@
 //! Candidates that are fixed patterns: they show in maps.
 
-use super::{Proposal, deviation};
+use super::{Proposal, deviation, list};
 use crate::Plane;
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
@@ -16,10 +16,6 @@ use sensor_core::effects::{
     readout_channel_mismatch::ReadoutChannelMismatch, relative_illumination::RelativeIllumination,
     row_offset_fpn::RowOffsetFpn,
 };
-
-fn list(p: Option<Proposal>) -> Vec<Proposal> {
-    p.into_iter().collect()
-}
 
 /// Excess of a variance in a map, in units of `unit`².
 fn excess(e: &Evidence<'_>, map: MapKind, what: What, unit: f64) -> Option<Estimated> {

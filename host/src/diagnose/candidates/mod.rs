@@ -120,6 +120,11 @@ pub fn propose(evidence: &Evidence<'_>, without: &[String], least: f64) -> Vec<P
     out
 }
 
+/// One proposal, or none.
+fn list(p: Option<Proposal>) -> Vec<Proposal> {
+    p.into_iter().collect()
+}
+
 /// New standard deviation from the present one and an excess of variance; `None` where none is left.
 fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
     let variance = present * present + excess.value;

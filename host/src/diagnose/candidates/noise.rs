@@ -1,6 +1,6 @@
 //! Candidates that show over time.
 
-use super::{Proposal, deviation};
+use super::{Proposal, deviation, list};
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::MapKind;
@@ -29,10 +29,6 @@ fn common(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
         let x = e.component(i, what, across)?;
         Some(Estimated { value: x.value / k, se: x.se / k })
     }))
-}
-
-fn list(p: Option<Proposal>) -> Vec<Proposal> {
-    p.into_iter().collect()
 }
 
 /// Variance of row means beyond white noise / pixels.

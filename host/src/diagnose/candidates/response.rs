@@ -1,6 +1,6 @@
 //! Candidates that change the mean signal or how it is converted.
 
-use super::Proposal;
+use super::{Proposal, list};
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark, saturated};
@@ -19,10 +19,6 @@ const KNOWN_BITS: usize = 7;
 /// Their keys.
 const BIT_KEYS: [&str; KNOWN_BITS] =
     ["bit_0_lsb", "bit_1_lsb", "bit_2_lsb", "bit_3_lsb", "bit_4_lsb", "bit_5_lsb", "bit_6_lsb"];
-
-fn list(p: Option<Proposal>) -> Vec<Proposal> {
-    p.into_iter().collect()
-}
 
 /// Measured over predicted signal of a channel of a flat, less 1.
 fn relative(e: &Evidence<'_>, stack: usize, class: u8) -> Option<Estimated> {
