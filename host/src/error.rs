@@ -35,9 +35,11 @@ impl Error {
     /// Adds where it is wrong: a file with a line, a key, an option.
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
+        let place = place.to_string();
         self.place = Some(match self.place {
+            Some(inner) if inner.starts_with(&place) => inner, // said already
             Some(inner) => format!("{place}, {inner}"),
-            None => place.to_string(),
+            None => place,
         });
         self
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Clients that are Python modules rather than programs.
-const PYTHON_MODULES: [&str; 5] = ["astropy", "cv2", "numpy", "rawpy", "tifffile"];
+const PYTHON_MODULES: [&str; 6] = ["astropy", "cv2", "jsonschema", "numpy", "rawpy", "tifffile"];
 
 /// Finds a real client: a program on the PATH, or the Python that has a module.
 ///

@@ -1,7 +1,7 @@
 //! The camera file's JSON schema, for editors that complete and check TOML by one.
 
+use super::EffectKind;
 use super::keys::{Holds, KEYS, Key};
-use sensor_core::effects::Effect;
 use serde_json::{Map, Value, json};
 
 /// The schema (draft 2020-12).
@@ -19,7 +19,7 @@ pub fn schema() -> Value {
     all["properties"]["effect"] = json!({
         "type": "array",
         "description": "Effects beyond the base model, in the order of the signal chain.",
-        "items": { "oneOf": Effect::CATALOGUE.iter().map(effect).collect::<Vec<_>>() },
+        "items": { "oneOf": EffectKind::all().map(effect).collect::<Vec<_>>() },
     });
     all["required"] = json!(["lens", "sensor"]);
     all
@@ -58,7 +58,7 @@ fn property(key: &Key) -> Value {
     property
 }
 
-fn effect(entry: &sensor_core::effects::Entry) -> Value {
+fn effect(entry: EffectKind) -> Value {
     let mut properties = Map::new();
     properties.insert("kind".into(), json!({ "const": entry.kind }));
     let mut required = vec!["kind"];

@@ -42,7 +42,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn describe(effect: &EffectKind) {
+/// Prints what an effect is, and how a camera file says it.
+pub(super) fn describe(effect: &EffectKind) {
     for line in effect.doc.trim().lines() {
         println!("{}", line.trim());
     }
@@ -55,7 +56,8 @@ fn describe(effect: &EffectKind) {
     }
 }
 
-fn as_json(effect: &EffectKind) -> serde_json::Value {
+/// An effect and its parameters.
+pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
     let parameters = effect.parameters.iter().map(|p| {
         json!({
             "key": p.key, "unit": p.unit, "doc": p.doc.trim(),

@@ -1,9 +1,9 @@
 //! `camrig explain` and `camrig schema`: what the keys of a camera file mean.
 
+use super::effects;
 use crate::camera::keys::{Holds, KEYS, Key};
-use crate::camera::schema;
+use crate::camera::{EffectKind, schema};
 use crate::{Error, Result};
-use sensor_core::effects::{Effect, Entry};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
@@ -36,13 +36,13 @@ pub fn run_schema(_: &SchemaArgs) -> Result<ExitCode> {
 
 /// Runs `camrig explain`.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let (keys, effects) = match &args.key {
-        None => (KEYS.iter().collect(), Effect::CATALOGUE.iter().collect()),
+    let (keys, kinds) = match &args.key {
+        None => (KEYS.iter().collect(), EffectKind::all().collect()),
         Some(name) => find(name)?,
     };
     if args.json {
         let keys: Vec<Value> = keys.iter().map(|k| key_json(k)).collect();
-        let effects: Vec<Value> = effects.iter().map(|e| effect_json(e)).collect();
+        let effects: Vec<Value> = kinds.iter().map(effects::as_json).collect();
         println!("{}", json!({ "keys": keys, "effects": effects }));
         return Ok(ExitCode::SUCCESS);
     }
@@ -50,33 +50,33 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         for key in keys {
             println!("{:38} {}", key.path(), first_sentence(key.doc));
         }
-        for entry in effects {
-            println!("{:38} {}", format!("effect.{}", entry.kind), first_sentence(entry.doc));
+        for kind in kinds {
+            println!("{:38} {}", format!("effect.{}", kind.kind), first_sentence(kind.doc));
         }
         return Ok(ExitCode::SUCCESS);
     }
     keys.iter().for_each(|key| explain_key(key));
-    effects.iter().for_each(|entry| explain_effect(entry));
+    kinds.iter().for_each(effects::describe);
     Ok(ExitCode::SUCCESS)
 }
 
 /// Keys and effects of a name: the whole path, or its last part.
-fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<&'static Entry>)> {
+fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
     let keys: Vec<&Key> = KEYS.iter().filter(|k| k.path() == name || k.name == name).collect();
     let mut words = name.strip_prefix("effect.").unwrap_or(name).split('.');
     let kind = words.next().unwrap_or_default();
     let parameter = words.next();
-    let is_it = |e: &&Entry| {
+    let is_it = |e: &EffectKind| {
         e.kind == kind && parameter.is_none_or(|p| e.parameters.iter().any(|q| q.key == p))
     };
-    let effects: Vec<&Entry> = Effect::CATALOGUE.iter().filter(is_it).collect();
+    let effects: Vec<EffectKind> = EffectKind::all().filter(is_it).collect();
     if !keys.is_empty() || !effects.is_empty() {
         return Ok((keys, effects));
     }
     let paths: Vec<String> = KEYS.iter().map(Key::path).collect();
     let mut known: Vec<&str> = paths.iter().map(String::as_str).collect();
     known.extend(KEYS.iter().map(|k| k.name));
-    known.extend(Effect::CATALOGUE.iter().map(|e| e.kind));
+    known.extend(EffectKind::all().map(|e| e.kind));
     let nearest = crate::scene::nearest(name, known.iter().copied());
     Err(Error::input(format!("no key or effect {name:?}"))
         .help(format!("did you mean {nearest:?}? `camrig explain` lists them all")))
@@ -108,25 +108,6 @@ fn holds(key: &Key) -> String {
     }
 }
 
-fn explain_effect(entry: &Entry) {
-    println!("[[effect]]");
-    println!("kind = {:?}", entry.kind);
-    for p in entry.parameters {
-        match p.default {
-            Some(default) => println!("# {} = {default}", p.key),
-            None => println!("{} = ...", p.key),
-        }
-    }
-    println!();
-    for line in entry.doc.lines() {
-        println!("  {}", line.trim());
-    }
-    for p in entry.parameters {
-        println!("  {}: {}, {} to {} ({})", p.key, p.doc.trim(), p.min, p.max, p.unit);
-    }
-    println!("  acts on: {:?}", entry.domain);
-}
-
 fn first_sentence(doc: &str) -> String {
     let line = doc.split_whitespace().collect::<Vec<_>>().join(" ");
     line.split_once(". ").map_or(line.clone(), |(first, _)| format!("{first}."))
@@ -142,18 +123,4 @@ fn key_json(key: &Key) -> Value {
         "key": key.path(), "holds": holds(key), "unit": key.unit, "min": low, "max": high,
         "usual": key.usual, "default": key.default, "doc": key.doc,
     })
-}
-
-fn effect_json(entry: &Entry) -> Value {
-    let parameters: Vec<Value> = entry
-        .parameters
-        .iter()
-        .map(|p| {
-            json!({
-                "key": p.key, "unit": p.unit, "min": p.min, "max": p.max, "default": p.default,
-                "doc": p.doc.trim(),
-            })
-        })
-        .collect();
-    json!({ "kind": entry.kind, "doc": entry.doc.trim(), "parameters": parameters })
 }

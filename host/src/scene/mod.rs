@@ -180,6 +180,10 @@ impl Scene for Filling {
 
 fn unknown_scene(spec: &str) -> Error {
     let name = spec.split(':').next().unwrap_or(spec);
+    if chart::NAMES.contains(&name) {
+        return Error::input(format!("{name:?} is a chart, which has no pixels of its own"))
+            .help(format!("draw it first: camrig scene export {name} -o chart"));
+    }
     let nearest = nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
         "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .exr), or a scene directory",

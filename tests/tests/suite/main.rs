@@ -2,10 +2,13 @@
 
 mod bad_input;
 mod batch;
+mod calibration;
 mod command_line;
 mod control;
 mod diagnosis;
+mod full_disk;
 mod guide;
+mod interfaces;
 mod measuring;
 mod photon_transfer;
 mod radiometry;

@@ -7,9 +7,10 @@
 //! noise), not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are
 //! measured on the exposures themselves ([`Noise::measure`]).
 //!
-//! A pixel whose neighbourhood (9 x 9) disagrees between exposures by more than its noise and 5 % allow
-//! shows something that moved: it is taken from one exposure instead, the reference, or the longest
-//! shorter one where that is saturated.
+//! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter that is
+//! not exact) is found first, [`Departure`]. A pixel whose neighbourhood (9 x 9) disagrees by more than
+//! that, its noise and 5 % shows something that moved: it is taken from one exposure instead, the
+//! reference, or the longest shorter one where that is saturated.
 
 use super::align;
 use super::exposures::{Exposure, Series};
@@ -86,21 +87,36 @@ pub fn merge(
 
     let mut radiance = Plane::filled(width, height, 0.0f32);
     let mut sigma = Plane::filled(width, height, 0.0f32);
+    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
+    lines.enumerate().for_each(|(y, (radiance, sigma))| {
+        for x in 0..width {
+            let estimate = noise.estimate(&exposures, |e| f64::from(e.signal.at(x, y)));
+            (radiance[x], sigma[x]) = (estimate.value as f32, estimate.sigma as f32);
+        }
+    });
+    let departures: Vec<Vec<Departure>> =
+        exposures.par_iter().map(|e| Departure::of(e, &radiance, cfa)).collect();
+    let cell: Vec<usize> =
+        (0..cfa.width * cfa.height).map(|i| cfa.channel(i % cfa.width, i / cfa.width)).collect();
     let mut disagreement = Plane::filled(width, height, [0.0f32; 2]);
-    radiance
-        .data
-        .par_chunks_mut(width)
-        .zip(sigma.data.par_chunks_mut(width))
-        .zip(disagreement.data.par_chunks_mut(width))
-        .enumerate()
-        .for_each(|(y, ((radiance, sigma), disagreement))| {
-            for x in 0..width {
-                let at = |e: &Exposure| f64::from(e.signal.at(x, y));
-                let estimate = noise.estimate(&exposures, at);
-                (radiance[x], sigma[x]) = (estimate.value as f32, estimate.sigma as f32);
-                disagreement[x] = [estimate.chi_square as f32, estimate.freedom as f32];
+    disagreement.data.par_chunks_mut(width).enumerate().for_each(|(y, line)| {
+        for (x, sum) in line.iter_mut().enumerate() {
+            let channel = cell[y % cfa.height * cfa.width + x % cfa.width];
+            let light = f64::from(radiance.at(x, y));
+            for (e, departures) in exposures.iter().zip(&departures) {
+                let signal = f64::from(e.signal.at(x, y));
+                if signal.is_finite() {
+                    let expected = light * e.seconds;
+                    let rest = signal - departures[channel].seen(expected);
+                    let variance =
+                        noise.variance(expected, e.frames) + (ALLOWANCE * expected).powi(2);
+                    sum[0] += (rest * rest / variance) as f32;
+                    sum[1] += 1.0;
+                }
             }
-        });
+            sum[1] = (sum[1] - 1.0).max(0.0);
+        }
+    });
 
     let moved = moved(&disagreement);
     let reference = reference(&exposures);
@@ -211,9 +227,6 @@ fn align_all(exposures: &mut [Exposure], cfa: &Cfa, least_dn: f32) -> Result<Vec
 struct Estimate {
     value: f64,
     sigma: f64,
-    /// Σ (x − E t)² / variance, and the exposures less one.
-    chi_square: f64,
-    freedom: f64,
 }
 
 impl Noise {
@@ -230,24 +243,16 @@ impl Noise {
             time += e.seconds * e.frames as f64;
         }
         if time == 0.0 {
-            return Estimate { value: 0.0, sigma: f64::INFINITY, chi_square: 0.0, freedom: 0.0 };
+            return Estimate { value: 0.0, sigma: f64::INFINITY };
         }
         let first = signal / time;
-        let (mut weighted, mut weights, mut count) = (0.0, 0.0, 0);
+        let (mut weighted, mut weights) = (0.0, 0.0);
         for (e, x) in usable() {
             let variance = self.variance(first * e.seconds, e.frames);
             weighted += x * e.seconds / variance;
             weights += e.seconds * e.seconds / variance;
-            count += 1;
         }
-        let value = weighted / weights;
-        let chi_square = usable().map(|(e, x)| {
-            let expected = value * e.seconds;
-            let variance = self.variance(expected, e.frames) + (ALLOWANCE * expected).powi(2);
-            (x - expected) * (x - expected) / variance
-        });
-        let chi_square = chi_square.sum();
-        Estimate { value, sigma: 1.0 / weights.sqrt(), chi_square, freedom: f64::from(count - 1) }
+        Estimate { value: weighted / weights, sigma: 1.0 / weights.sqrt() }
     }
 
     /// Measures the noise on neighbouring exposures: the shorter one's difference from what the
@@ -310,6 +315,74 @@ impl Noise {
 fn median(values: &mut [f32]) -> f32 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// What one exposure sees of a channel where the merged frame says s: offset + slope · s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Departure {
+    offset_dn: f64,
+    slope: f64,
+}
+
+impl Departure {
+    fn seen(self, expected: f64) -> f64 {
+        self.offset_dn + self.slope * expected
+    }
+
+    /// The line of each channel: least absolute deviations over the medians of 64 classes of equally many
+    /// pixels, which a minority that moved does not change.
+    fn of(exposure: &Exposure, radiance: &Plane<f32>, cfa: &Cfa) -> Vec<Self> {
+        const CLASSES: usize = 64;
+        const SAMPLES: usize = 1 << 16;
+        let width = radiance.width;
+        // An odd step visits every column and channel.
+        let step = (radiance.data.len() / SAMPLES) | 1;
+        let mut pairs: Vec<Vec<(f32, f32)>> = vec![Vec::new(); cfa.channels().len()];
+        for i in (0..radiance.data.len()).step_by(step) {
+            let signal = exposure.signal.data[i];
+            if signal.is_finite() {
+                let expected = (f64::from(radiance.data[i]) * exposure.seconds) as f32;
+                pairs[cfa.channel(i % width, i / width)].push((expected, signal));
+            }
+        }
+        let line = |mut pairs: Vec<(f32, f32)>| {
+            pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            let points: Vec<(f64, f64)> = pairs
+                .chunks((pairs.len() / CLASSES).max(1))
+                .map(|class| {
+                    let expected = f64::from(class[class.len() / 2].0);
+                    let mut rest: Vec<f32> = class.iter().map(|p| p.1 - p.0).collect();
+                    (expected, f64::from(median(&mut rest)))
+                })
+                .collect();
+            Self::least_absolute(&points)
+        };
+        pairs.into_iter().map(line).collect()
+    }
+
+    /// The line s + offset + slope·s of least absolute deviation from (s, rest), by reweighted least squares.
+    fn least_absolute(points: &[(f64, f64)]) -> Self {
+        let (mut offset, mut slope) = (0.0, 0.0);
+        for _ in 0..30 {
+            let (mut n, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for &(s, rest) in points {
+                // A thousandth of a DN keeps a point on the line from having all the say.
+                let w = 1.0 / (rest - offset - slope * s).abs().max(1e-3);
+                n += w;
+                x += w * s;
+                y += w * rest;
+                xx += w * s * s;
+                xy += w * s * rest;
+            }
+            let spread = n * xx - x * x;
+            if n == 0.0 || spread <= 1e-9 * n * xx {
+                break; // one brightness: neither can be told
+            }
+            slope = (n * xy - x * y) / spread;
+            offset = (y - slope * x) / n;
+        }
+        Self { offset_dn: offset, slope: 1.0 + slope }
+    }
 }
 
 /// Where exposures disagree within the neighbourhood: the mean χ² per degree of freedom is above 1.5
@@ -446,6 +519,19 @@ mod tests {
         assert_eq!(merged.shifts, [[0, 0], [0, 0], [-4, 0]]);
         let message = merge(&shifted(3), &bayer, FULL, &[]).err().unwrap().to_string();
         assert!(message.contains("\"e2\"") && message.contains("-3"), "{message}");
+    }
+
+    /// A black that is 2 DN off and a shutter that is 8 % off in one exposure are no movement.
+    #[test]
+    fn what_departs_as_a_whole_has_not_moved() {
+        let mono = Cfa::parse("mono").unwrap();
+        let mut series = series(&TIMES, patches, |_, x, y| (x, y));
+        for v in &mut series.exposures[3].signal.data {
+            *v = (*v * 1.08 + 2.0).min(FULL as f32);
+        }
+        let merged = merge(&series, &mono, FULL, &[]).unwrap();
+        let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
+        assert!(flagged == 0, "{flagged} flagged");
     }
 
     #[test]

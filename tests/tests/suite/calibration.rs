@@ -1,0 +1,281 @@
+//! The closed loop: a spectral scene seen by our own camera at several exposures, and from those frames back to
+//! the response curve, the light and the reflectances that went in.
+
+use super::{camera, camrig, camrig_ok, shared, small_camera};
+use camrig::scene::calibrate::response::Response;
+use camrig::scene::chart::colorchecker;
+use std::path::Path;
+
+const SIZE: (u32, u32) = (376, 240);
+/// Width of the chart's card in frame widths (the chart's default).
+const CARD: f64 = 0.8;
+
+/// A small MT9T012 whose pixels do not depend on their place, with `effects` appended.
+fn camera_file(effects: &str) -> String {
+    let mut text = small_camera(
+        SIZE.0,
+        SIZE.1,
+        &[("relative_illumination", "\"none\""), ("bits", "12"), ("qe", "\"qe.csv\"")],
+    );
+    text.push_str(effects);
+    text
+}
+
+/// A folder with the camera `c.toml`, its quantum efficiency, and a plan of 16 frames per exposure of `scene` with
+/// darks beside them.
+fn folder(effects: &str, scene: &str, light: &str, exposures: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("c.toml", &camera_file(effects));
+    let qe = camrig::camera::presets::file("mt9m131-qe.csv").expect("the preset's table");
+    write("qe.csv", qe);
+    let stack = |id: &str, rest: &str| {
+        format!("[[stack]]\nid = \"{id}\"\nframes = 16\nexposure_s = {exposures}\n{rest}\n")
+    };
+    let seen =
+        format!("role = \"chart\"\nsaturates = true\nscene = {{ scene = \"{scene}\" }}\n{light}");
+    let plan = format!(
+        "format = \"plan/1\"\n{}{}",
+        stack("seen", &seen),
+        stack("dark", "role = \"dark\"")
+    );
+    write("plan.toml", &plan);
+    dir
+}
+
+const D65: &str = "light = { illuminant = \"D65\", lux = 300.0 }";
+const DOUBLING: &str = "[0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.256]";
+
+fn responses(dir: &Path) -> Vec<Response> {
+    let text = std::fs::read_to_string(dir.join("response/response.toml")).unwrap();
+    let file: toml::Table = toml::from_str(&text).unwrap();
+    file["response"].clone().try_into().unwrap()
+}
+
+/// A linear camera and one that bends by 6 % (the stage of sensor-core and its inverse in closed form): the curve of
+/// every channel within 1 % over its whole range, its scale set at half of it.
+#[test]
+fn response_of_our_own_camera_within_1_percent() {
+    let full_well_e = camera(&small_camera(8, 8, &[])).sensor.full_well_e;
+    let bent = "\n[[effect]]\nkind = \"nonlinearity\"\nloss = 0.06\nexponent = 1.0\n";
+    for (effects, fraction) in [("", 0.0), (bent, 0.06)] {
+        let dir = folder(effects, "colorchecker", D65, DOUBLING);
+        camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml -o captures");
+        camrig_ok(dir.path(), "scene response captures -o response");
+        let full_scale_dn = 4095.0; // of full well, eq. 11
+        // y = e (1 − a e/W): e = W (1 − √(1 − 4 a y/W)) / (2a).
+        let electrons = |dn: f64| {
+            let y = dn / full_scale_dn * full_well_e;
+            match fraction {
+                0.0 => y,
+                a => full_well_e * (1.0 - (1.0 - 4.0 * a * y / full_well_e).sqrt()) / (2.0 * a),
+            }
+        };
+        for r in responses(dir.path()) {
+            let [least, most] = r.range_dn;
+            assert!(most / least > 50.0, "{}: {least} to {most} DN", r.channel);
+            let points: Vec<f64> =
+                (0..=60).map(|i| least * (most / least).powf(f64::from(i) / 60.0)).collect();
+            let ratio: Vec<f64> =
+                points.iter().map(|&dn| r.linear_dn(dn) / electrons(dn)).collect();
+            let (low, high) =
+                ratio.iter().fold((f64::MAX, 0.0f64), |(a, b), &v| (a.min(v), b.max(v)));
+            // Scale is free: within ± 1 % of the middle.
+            let worst = (high / low).sqrt() - 1.0;
+            println!("bent by {fraction}: {} within {:.2} %", r.channel, 100.0 * worst);
+            assert!(worst < 0.01, "{} {fraction}: {:.2} %", r.channel, 100.0 * worst);
+        }
+    }
+}
+
+/// A wedge of 26 grey steps over 100 dB: the merged frame against the irradiance that the optics stage made, in
+/// absolute terms (electrons per second times DN per electron), within 2 % at every step.
+#[test]
+fn radiance_of_our_own_camera_over_100_db() {
+    const STEPS: usize = 26;
+    let exposures = "[2e-5, 8e-5, 3.2e-4, 1.28e-3, 5.12e-3, 2.048e-2, 8.192e-2, 0.32768]";
+    let scene = "wedge.npy:quantity=radiance,start_nm=500,step_nm=50";
+    let dir = folder("", scene, "", exposures);
+    let (rows, bands) = (16, 3);
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    let header = format!(
+        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {STEPS}, {bands}), }}"
+    );
+    bytes.extend(118u16.to_le_bytes());
+    bytes.extend(format!("{header:<117}\n").bytes());
+    for _ in 0..rows {
+        for step in 0..STEPS {
+            let radiance = 12.0 * 10f32.powf(-(step as f32) / 5.0);
+            (0..bands).for_each(|_| bytes.extend(radiance.to_le_bytes()));
+        }
+    }
+    std::fs::write(dir.path().join("wedge.npy"), bytes).unwrap();
+    camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml -o captures");
+    camrig_ok(dir.path(), "scene hdr captures -o merged");
+    camrig_ok(
+        dir.path(),
+        &format!(
+            "simulate --camera c.toml --scene {scene} --exposure 1ms -o a.npy --save-irradiance a.irr"
+        ),
+    );
+    let merged = camrig::scene::numpy::read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
+    let camera = camrig::camera::Camera::load(dir.path().join("c.toml").to_str().unwrap()).unwrap();
+    let cube = camrig::render::IrradianceCube::open(&dir.path().join("a.irr")).unwrap();
+    let of = cube.header.spectral_bands();
+    let response = camera.sensor.response(&of);
+    let dn_per_e = 4095.0 / camera.sensor.full_well_e;
+    let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+    let mut electrons_per_s = vec![0.0; width * height];
+    for band in 0..of.count {
+        let rows = cube.chunk(band, 0, height).unwrap();
+        for y in 0..height {
+            let mut line = vec![0.0f32; width];
+            sensor_core::spectral::decode(rows.row(width, y), &mut line);
+            for x in 0..width {
+                let channel = camera.sensor.cfa.channel(x, y);
+                electrons_per_s[y * width + x] += f64::from(line[x]) * response[channel][band];
+            }
+        }
+    }
+    let (mut least, mut most) = (f64::MAX, 0.0f64);
+    for step in 0..STEPS {
+        let centre = (width as f64 * (step as f64 + 0.5) / STEPS as f64) as usize;
+        let (mut got, mut expected) = (0.0, 0.0);
+        for y in height / 8..height - height / 8 {
+            for x in centre - 3..=centre + 3 {
+                got += f64::from(merged.at(x, y));
+                expected += electrons_per_s[y * width + x] * dn_per_e;
+            }
+        }
+        println!("step {step}: {:.2} % off", 100.0 * (got / expected - 1.0));
+        assert!((got / expected - 1.0).abs() < 0.02, "step {step}: {got} where {expected} was");
+        (least, most) = (least.min(expected), most.max(expected));
+    }
+    // The lens spreads a little of the brightest over the darkest.
+    assert!(20.0 * (most / least).log10() > 95.0, "{:.1} dB", 20.0 * (most / least).log10());
+}
+
+/// Reflectances of the patches from merged frames, against those that were painted: each patch's error is stated,
+/// and none is larger than what leaving it out of the training costs, with a quarter for noise and rounding.
+#[test]
+fn reflectances_of_our_own_camera() {
+    let dir = folder("", "colorchecker", D65, DOUBLING);
+    camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml -o captures");
+    camrig_ok(dir.path(), "scene hdr captures -o merged");
+    let place = |index: usize| colorchecker::patch(index, CARD).map(|v| v * f64::from(SIZE.0));
+    let middle = (f64::from(SIZE.0) / 2.0, f64::from(SIZE.1) / 2.0);
+    let (first, last) = (place(0), place(23));
+    let chart = format!(
+        "{},{},{},{}",
+        middle.0 + first[0],
+        middle.1 + first[1],
+        last[0] + last[2] - first[0],
+        last[1] + last[2] - first[1]
+    );
+    let output = camrig_ok(
+        dir.path(),
+        &format!(
+            "scene spectral merged --camera c.toml --illuminant D65 --chart {chart} -o scene --json"
+        ),
+    );
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // What the sensor's noise leaves of 24 means of 16 frames, and the lens's blur at patch edges.
+    assert!(told["chart_residual"].as_f64().unwrap() < 0.005, "{told}");
+    let left_out = &told["leave_one_out"]["rmse_per_patch"];
+    let cube = camrig::scene::open_file(dir.path().join("scene").to_str().unwrap()).unwrap();
+    let table = colorchecker::reflectances();
+    let bands = camrig::scene::Scene::bands(&cube);
+    let planes: Vec<_> = (0..bands.count).map(|b| cube.band(b).unwrap()).collect();
+    for index in 0..24 {
+        let [left, top, edge] = place(index);
+        // A cell of the pattern is a pixel of the scene.
+        let (x, y) = ((middle.0 + left + edge / 2.0) / 2.0, (middle.1 + top + edge / 2.0) / 2.0);
+        let truth = table.spectrum(index).unwrap().in_bands(&bands);
+        let mut square = 0.0;
+        for (plane, truth) in planes.iter().zip(&truth) {
+            let cells = (0..64).map(|i| plane.at(x as usize - 4 + i % 8, y as usize - 4 + i / 8));
+            let mean = cells.map(f64::from).sum::<f64>() / 64.0;
+            square += (mean - truth).powi(2);
+        }
+        let rmse = (square / bands.count as f64).sqrt();
+        let bound = 1.25 * left_out[index].as_f64().unwrap();
+        println!("patch {:2}: rmse {rmse:.4}, left out {:.4}", index + 1, bound / 1.25);
+        assert!(rmse < bound, "patch {}: {rmse} beyond {bound}", index + 1);
+    }
+    let (ours, plain) = (&told["leave_one_out"]["rmse"], &told["pseudo_inverse"]["rmse"]);
+    assert!(ours.as_f64().unwrap() * 2.0 < plain.as_f64().unwrap(), "{ours} {plain}");
+}
+
+/// What cannot give a scene is refused in words.
+#[test]
+fn frames_that_cannot_give_a_scene() {
+    let dir = folder("", "colorchecker", D65, "[0.016, 0.032]");
+    camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml --frames 2 -o captures");
+    let refused = |arguments: &str, says: &[&str]| {
+        let output = camrig(dir.path(), arguments);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "camrig {arguments}\n{told}");
+        for word in says {
+            assert!(told.contains(word), "camrig {arguments}\nshould say {word:?}: {told}");
+        }
+        assert!(!dir.path().join("out").exists(), "half-written output");
+    };
+    refused("scene hdr captures --only seen-00 -o out", &["fewer than two exposures"]);
+    refused("scene response captures --only seen-00 -o out", &["fewer than two exposures"]);
+    refused("scene hdr captures --only seen-07 -o out", &["seen-07", "did you mean"]);
+    camrig_ok(dir.path(), "scene hdr captures -o merged");
+    let spectral = "scene spectral merged --camera c.toml -o out --chart";
+    refused(&format!("{spectral} 0,0,100,60"), &["no ColorChecker"]);
+    refused(&format!("{spectral} 0,0,1000,60"), &["376 x 240"]);
+    refused("scene spectral merged --camera c.toml -o out --white 0,0,1,1", &["lies at"]);
+
+    let manifest = std::fs::read_to_string(dir.path().join("captures/captures.toml")).unwrap();
+    let rewrite =
+        |text: String| std::fs::write(dir.path().join("captures/captures.toml"), text).unwrap();
+    // The same frames, said to be of five times the exposure.
+    rewrite(manifest.replacen("exposure_s = 0.032", "exposure_s = 0.16", 1));
+    refused("scene hdr captures -o out", &["seen-01", "times"]);
+    rewrite(manifest.replacen("width = 376", "width = 374", 1));
+    refused("scene hdr captures -o out", &["376 x 240", "374 x 240"]);
+    rewrite(manifest);
+    // Every patch beyond full scale at both exposures.
+    let bright =
+        std::fs::read_to_string(dir.path().join("plan.toml")).unwrap().replace("300.0", "90000.0");
+    std::fs::write(dir.path().join("plan.toml"), bright).unwrap();
+    camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml --frames 2 -o full");
+    refused("scene response full -o out", &["saturated"]);
+}
+
+/// Real data through the commands they fit: a camera's seven exposures through a filter, and a photograph with a
+/// ColorChecker's spectra beside it.
+#[test]
+fn real_captures_give_a_curve_and_a_merged_frame() {
+    let Some(path) = shared("data/captures/bllanos_narrowband_7x7") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let set = path.display();
+    let ids: Vec<String> = ["25ms", "50ms", "100ms", "250ms", "500ms", "2000ms", "3916ms"]
+        .iter()
+        .map(|t| format!("dots-d1_550nm_{t}"))
+        .collect();
+    let only = ids.join(",");
+    let output = camrig_ok(
+        dir.path(),
+        &format!("scene response {set} --only {only} --cfa GBRG -o response --json"),
+    );
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{told}");
+    let green = told["channels"]["g"]["residual_percent"].as_f64().unwrap();
+    // The set's exposure times agree with each other to 2 %.
+    assert!(green < 2.0, "{told}");
+    let output = camrig_ok(
+        dir.path(),
+        &format!(
+            "scene hdr {set} --only {only} --cfa GBRG --response response/response.toml -o merged --json"
+        ),
+    );
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{told}");
+    // 8 bits (48 dB) and exposures 157 times apart (44 dB).
+    assert!(told["dynamic_range_db"].as_f64().unwrap() > 70.0, "{told}");
+    assert!(told["moved_fraction"].as_f64().unwrap() < 0.05, "{told}");
+}
