@@ -78,6 +78,11 @@ fn a_camera_of_your_own() {
 }
 
 #[test]
+fn a_scene_from_a_camera() {
+    chapter("scene.md");
+}
+
+#[test]
 fn a_lens_from_a_patent() {
     chapter("lens.md");
 }
