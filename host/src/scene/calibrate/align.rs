@@ -13,30 +13,29 @@ const DECISIVE: f64 = 0.8;
 /// Largest window compared, cells a side.
 const WINDOW: usize = 384;
 
-/// Shift of `moved` against `still` in pixels, by (x, y); `None` where too few pixels are usable in
-/// both. Signals are linear, per second; `usable` says for each where a value counts. `cell` is the
-/// edge of the colour filter pattern.
+/// Shift of the second view against the first in pixels, by (x, y); `None` where too few pixels are usable in
+/// both. `rates` are linear signals per second at an index of a frame of that size, NaN where they do not count.
+/// `cell` is the edge of the colour filter pattern.
 pub fn shift(
-    still: &Plane<f32>,
-    moved: &Plane<f32>,
-    usable: [&dyn Fn(usize) -> bool; 2],
+    (frame_width, frame_height): (usize, usize),
+    rates: [&dyn Fn(usize) -> f32; 2],
     cell: usize,
 ) -> Option<[f64; 2]> {
-    let (width, height) = (still.width / cell, still.height / cell);
+    let (width, height) = (frame_width / cell, frame_height / cell);
     let reach = REACH as usize;
     if width <= 2 * reach + 8 || height <= 2 * reach + 8 {
         return None;
     }
     let (w, h) = ((width - 2 * reach).min(WINDOW), (height - 2 * reach).min(WINDOW));
-    let (left, top) = ((width - w) / 2, (height - h) / 2);
-    let logs = |plane: &Plane<f32>, usable: &dyn Fn(usize) -> bool| -> Plane<f32> {
-        Plane::from_fn(width, height, |x, y| {
-            let index = y * cell * plane.width + x * cell;
-            let value = plane.data[index];
-            if value > 0.0 && usable(index) { libm::logf(value) } else { f32::NAN }
+    // Cells of the window and of what it may be shifted over.
+    let (left, top) = ((width - w) / 2 - reach, (height - h) / 2 - reach);
+    let [still, moved] = rates.map(|rate| {
+        Plane::from_fn(w + 2 * reach, h + 2 * reach, |x, y| {
+            let value = rate((top + y) * cell * frame_width + (left + x) * cell);
+            if value > 0.0 { libm::logf(value) } else { f32::NAN }
         })
-    };
-    let (still, moved) = (logs(still, usable[0]), logs(moved, usable[1]));
+    });
+    let (left, top) = (reach, reach);
     let cost = |dx: isize, dy: isize| -> Option<f64> {
         let (mut sum, mut count) = (0.0f64, 0usize);
         for y in top..top + h {

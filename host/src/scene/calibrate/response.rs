@@ -4,15 +4,14 @@
 //! A pixel that sees the irradiance E for a time t has the signal Z above black with
 //! g(ln Z) = ln E + ln t. The curve g and all ln E are found together by least squares:
 //!
-//! Σ w (g(ln Z) − ln E − ln t)² + λ Σ (Δ²g / h²)²
+//! Σ w (g(ln Z) − ln E − ln t)² + Σ (Δ²g / h²)²
 //!
 //! g is piecewise linear over knots h = 0.1 apart in ln Z, so that a linear response and any power law
 //! have no second difference and the smoothness term does not bend them (over Z itself, as first
-//! published, it pulls the dark end off). λ is the one under which the data are likeliest (restricted
-//! maximum likelihood with the scale of the noise profiled out, Wahba 1985): a straight response gets a
-//! straight curve, a bent one as much freedom as its samples bear out. ln E is eliminated, which leaves
-//! one banded system of the size of the knots. Scale is free: the curve is set to g = ln Z at half of
-//! full scale.
+//! published, it pulls the dark end off); the prior is a curvature of about 1 per e-fold². (It cannot be
+//! left to the likelihood: noise is in Z, so a staircase with a step between any two patches would fit best.)
+//! ln E is eliminated, which leaves one banded system of the size of the knots. Scale is free: the curve is
+//! set to g = ln Z at half of full scale.
 //!
 //! Exposure times that are all powers of one factor leave a ripple of that period undetermined but
 //! for the smoothness; mixed factors (1, 2, 5, 10, ...) or steps of 2 determine it.
@@ -37,9 +36,6 @@ const DARKNESS: f64 = 0.005;
 const UNEVENNESS: f64 = 0.1;
 /// Relative standard deviation of light and shutter from one exposure to the next.
 const REPEATABILITY: f64 = 0.005;
-/// Where λ is looked for, in quarters of a decade of its logarithm: from a curve as free as its knots to a
-/// straight line.
-const SMOOTHNESS: std::ops::RangeInclusive<i32> = -16..=24;
 /// Blocks across a frame.
 const BLOCKS: usize = 32;
 /// Least signal that tells of an exposure's time, of full scale.
@@ -296,9 +292,7 @@ fn block_statistics(signal: &Plane<f32>, cfa: &Cfa, channel: char) -> Vec<Block>
 fn solve(blocks: &[Vec<Sample>], first: f64, knots: usize, anchor: f64) -> Result<Vec<f64>> {
     let mut normal = DMatrix::<f64>::zeros(knots, knots);
     let mut right = DVector::<f64>::zeros(knots);
-    let (mut square, mut free) = (0.0, -1.0);
     for block in blocks {
-        free += block.len() as f64 - 1.0;
         let sum: f64 = block.iter().map(|s| s.weight).sum();
         let mean_time = block.iter().map(|s| s.weight * s.ln_seconds).sum::<f64>() / sum;
         let mut mean_row = vec![0.0; knots];
@@ -314,7 +308,6 @@ fn solve(blocks: &[Vec<Sample>], first: f64, knots: usize, anchor: f64) -> Resul
                 own[knot] += part;
             }
             let time = s.ln_seconds - mean_time;
-            square += s.weight * time * time;
             for &i in &used {
                 let a = own[i] - mean_row[i];
                 right[i] += s.weight * a * time;
@@ -324,40 +317,30 @@ fn solve(blocks: &[Vec<Sample>], first: f64, knots: usize, anchor: f64) -> Resul
             }
         }
     }
-    let mut roughness = DMatrix::<f64>::zeros(knots, knots);
+    let smooth = 1.0 / (STEP * STEP * STEP * STEP);
     for middle in 1..knots - 1 {
         let terms = [(middle - 1, 1.0), (middle, -2.0), (middle + 1, 1.0)];
         for (i, a) in terms {
             for (j, b) in terms {
-                roughness[(i, j)] += a * b / (STEP * STEP * STEP * STEP);
+                normal[(i, j)] += smooth * a * b;
             }
         }
     }
-    // The scale, of which neither term says anything: one more equation, as heavy as all others together.
+    // The scale: one more equation, as heavy as all others together.
     let heavy = normal.diagonal().sum();
-    let mut scale = DVector::<f64>::zeros(knots);
-    row(anchor, first, knots).into_iter().for_each(|(i, a)| scale[i] += a);
-    let mut best: Option<(f64, DVector<f64>)> = None;
-    for quarter_decade in SMOOTHNESS {
-        let lambda = 10f64.powf(f64::from(quarter_decade) / 4.0);
-        let system = &normal + lambda * &roughness + heavy * &scale * scale.transpose();
-        let Some(factor) = system.cholesky() else { continue };
-        let g = factor.solve(&(&right + heavy * anchor * &scale));
-        // Least sum of squares at this λ; the anchor costs nothing.
-        let least = square - 2.0 * right.dot(&g)
-            + g.dot(&(&normal * &g))
-            + lambda * g.dot(&(&roughness * &g));
-        let unlikely = free * least.max(1e-12 * square).ln() + factor.ln_determinant()
-            - (knots - 2) as f64 * lambda.ln();
-        if best.as_ref().is_none_or(|b| unlikely < b.0) {
-            best = Some((unlikely, g));
+    let terms = row(anchor, first, knots);
+    for (i, a) in terms {
+        right[i] += heavy * a * anchor;
+        for (j, b) in terms {
+            normal[(i, j)] += heavy * a * b;
         }
     }
-    let (_, g) = best.ok_or_else(|| {
+    let solved = normal.cholesky().map(|c| c.solve(&right));
+    let solved = solved.ok_or_else(|| {
         Error::input("the exposures do not determine a response curve")
             .help("add exposures so that neighbouring ones share part of their range of signals")
     })?;
-    Ok(g.iter().copied().collect())
+    Ok(solved.iter().copied().collect())
 }
 
 /// The two knots about ln Z with their weights.

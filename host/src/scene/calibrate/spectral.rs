@@ -16,6 +16,7 @@ use crate::scene::photometry::observer_in_bands;
 use crate::scene::{Bands, Illuminant};
 use crate::{Error, Result};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Relative noise of a channel that the estimate is regularised with, unless told otherwise.
 pub const NOISE: f64 = 0.01;
@@ -99,11 +100,17 @@ impl Estimator {
     pub fn band(&self, band: usize, channels: &[&[f32]]) -> Vec<f32> {
         let offset = self.offset[band] as f32;
         let weights: Vec<f32> = self.matrix.row(band).iter().map(|&w| w as f32).collect();
-        let mut out = vec![offset; channels[0].len()];
-        for (weight, channel) in weights.iter().zip(channels) {
-            out.iter_mut().zip(*channel).for_each(|(o, v)| *o += weight * v);
-        }
-        out.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+        let mut out = vec![0.0; channels[0].len()];
+        // Pieces that stay in the first cache from the first channel to the last.
+        const PIECE: usize = 4096;
+        out.par_chunks_mut(PIECE).enumerate().for_each(|(i, out)| {
+            out.fill(offset);
+            for (weight, channel) in weights.iter().zip(channels) {
+                let channel = &channel[i * PIECE..];
+                out.iter_mut().zip(channel).for_each(|(o, v)| *o += weight * v);
+            }
+            out.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+        });
         out
     }
 }

@@ -1,0 +1,361 @@
+//! Several exposures of a static view to one linear radiance frame, per raw pixel.
+//!
+//! With the linearised signal x_j of exposure j (time t_j, n_j frames averaged) and its variance
+//! v_j = (read² + K E t_j) / n_j, the estimate of E in DN/s is the weighted mean
+//! E = Σ x_j t_j / v_j / Σ t_j² / v_j with standard deviation (Σ t_j² / v_j)^-½ over the exposures that
+//! are not saturated. The weights take E from a first pass with v ∝ t (the optimum of pure shot
+//! noise), not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are
+//! measured on the exposures themselves ([`Noise::measure`]).
+//!
+//! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter that is
+//! not exact) is found first, see [`movement`]. A pixel whose neighbourhood (9 x 9) disagrees by more than
+//! that, its noise and 5 % shows something that moved: it is taken from one exposure instead, the
+//! reference, or the longest shorter one where that is saturated.
+
+mod movement;
+mod noise;
+
+use super::align;
+use super::exposures::{Exposure, Series};
+use super::response::{Response, SATURATION};
+use crate::camera::Cfa;
+use crate::{Error, Plane, Result};
+use noise::Seen;
+use rayon::prelude::*;
+
+pub use noise::Noise;
+
+/// What became of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Flag {
+    /// Merged from all exposures that are not saturated.
+    Merged = 0,
+    /// Something moved: from one exposure.
+    Moved = 1,
+    /// Saturated in every exposure: the radiance is a lower bound.
+    Saturated = 2,
+}
+
+/// A merged frame.
+#[derive(Clone, Debug)]
+pub struct Merged {
+    /// Linear signal per time, DN/s.
+    pub radiance: Plane<f32>,
+    /// Its standard deviation, DN/s; infinite where saturated.
+    pub sigma: Plane<f32>,
+    /// [`Flag`] per pixel.
+    pub flags: Plane<u8>,
+    /// The noise that weights and flags rest on.
+    pub noise: Noise,
+    /// Shift of each exposure that was corrected, pixels.
+    pub shifts: Vec<[isize; 2]>,
+    /// 20 log10 of the largest signal over the noise floor.
+    pub dynamic_range_db: f64,
+}
+
+/// Least signal that is compared to find shifts, of full scale: above noise.
+const DETAIL: f32 = 0.02;
+
+/// Merges a series. `full_scale_dn` is the saturation level above black, `responses` the curves of the
+/// channels where the camera is not linear.
+pub fn merge(
+    series: &Series,
+    cfa: &Cfa,
+    full_scale_dn: f64,
+    responses: &[Response],
+) -> Result<Merged> {
+    let limit = (SATURATION * full_scale_dn) as f32;
+    check_sizes(&series.exposures)?;
+    let mut exposures: Vec<Exposure> =
+        series.exposures.iter().map(|e| linear(e, limit, cfa, responses)).collect();
+    let shifts = align_all(&mut exposures, cfa, DETAIL * limit)?;
+    let noise = Noise::measure(&exposures, limit)?;
+    let (width, height) = (exposures[0].signal.width, exposures[0].signal.height);
+
+    let mut radiance = Plane::filled(width, height, 0.0f32);
+    let mut sigma = Plane::filled(width, height, 0.0f32);
+    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
+    lines.enumerate().for_each(|(y, (radiance, sigma))| {
+        let row: Vec<Seen<'_>> = exposures.iter().map(|e| Seen::row(e, y)).collect();
+        noise.merge(&row, radiance, sigma);
+    });
+    let moved = movement::find(&exposures, &radiance, cfa, noise, limit)?;
+
+    let reference = reference(&exposures);
+    let mut flags = Plane::filled(width, height, Flag::Merged as u8);
+    let brightest = exposures.iter().map(|e| f64::from(limit) / e.seconds).fold(0.0, f64::max);
+    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
+    lines.zip(flags.data.par_chunks_mut(width)).zip(moved.par_chunks(width)).enumerate().for_each(
+        |(y, (((radiance, sigma), flags), moved))| {
+            for x in 0..width {
+                if sigma[x].is_infinite() {
+                    flags[x] = Flag::Saturated as u8;
+                    radiance[x] = brightest as f32;
+                } else if moved[x] {
+                    flags[x] = Flag::Moved as u8;
+                    let usable = |e: &&Exposure| e.signal.at(x, y).is_finite();
+                    if let Some(single) = exposures[..=reference].iter().rev().find(usable) {
+                        let alone = Seen::one(single, &single.signal.row(y)[x..=x]);
+                        noise.merge(&[alone], &mut radiance[x..=x], &mut sigma[x..=x]);
+                    }
+                }
+            }
+        },
+    );
+    let mut floor = [0.0];
+    let black: Vec<Seen<'_>> = exposures.iter().map(|e| Seen::one(e, &[0.0])).collect();
+    noise.merge(&black, &mut [0.0], &mut floor);
+    let dynamic_range_db = 20.0 * libm::log10(brightest / f64::from(floor[0]));
+    Ok(Merged { radiance, sigma, flags, noise, shifts, dynamic_range_db })
+}
+
+/// The exposure with saturated pixels infinite (a matter of DN, so before anything else) and the others on the
+/// scale of a linear camera.
+fn linear(exposure: &Exposure, limit: f32, cfa: &Cfa, responses: &[Response]) -> Exposure {
+    let width = exposure.signal.width;
+    let mut data = vec![0.0; exposure.signal.data.len()];
+    let rows = data.par_chunks_mut(width).zip(exposure.signal.data.par_chunks(width));
+    rows.enumerate().for_each(|(y, (out, row))| {
+        for (o, &v) in out.iter_mut().zip(row) {
+            *o = if v > limit { f32::INFINITY } else { v };
+        }
+        if !responses.is_empty() {
+            for (x, value) in out.iter_mut().enumerate().filter(|(_, v)| v.is_finite()) {
+                let letter = cfa.letter(x, y);
+                if let Some(response) = responses.iter().find(|r| r.channel == letter) {
+                    *value = response.linear_dn(f64::from(*value)) as f32;
+                }
+            }
+        }
+    });
+    Exposure {
+        id: exposure.id.clone(),
+        signal: Plane { width, height: exposure.signal.height, data },
+        ..*exposure
+    }
+}
+
+fn check_sizes(exposures: &[Exposure]) -> Result<()> {
+    let size = |e: &Exposure| (e.signal.width, e.signal.height);
+    let first = size(&exposures[0]);
+    if let Some(other) = exposures.iter().find(|e| size(e) != first) {
+        return Err(Error::input(format!(
+            "capture {:?} is {:?} pixels, {:?} is {first:?}",
+            other.id,
+            size(other),
+            exposures[0].id
+        ))
+        .help("all exposures of a view have one size"));
+    }
+    Ok(())
+}
+
+/// Moves exposures by whole cells of the pattern onto the middle one; refuses other shifts.
+fn align_all(exposures: &mut [Exposure], cfa: &Cfa, least_dn: f32) -> Result<Vec<[isize; 2]>> {
+    let cell = cfa.width.max(cfa.height);
+    let middle = exposures.len() / 2;
+    let mut shifts = vec![[0isize; 2]; exposures.len()];
+    // Neighbours share most of their range, so shifts are chained outwards from the middle.
+    let outwards = (0..middle).rev().map(|i| (i, i + 1));
+    let pairs: Vec<(usize, usize)> =
+        outwards.chain((middle + 1..exposures.len()).map(|i| (i, i - 1))).collect();
+    for (index, next) in pairs {
+        let rate = |e: &Exposure, i: usize| {
+            let signal = e.signal.data[i];
+            let usable = signal.is_finite() && signal > least_dn;
+            if usable { signal / e.seconds as f32 } else { f32::NAN }
+        };
+        let size = (exposures[index].signal.width, exposures[index].signal.height);
+        let found = align::shift(
+            size,
+            [&|i| rate(&exposures[next], i), &|i| rate(&exposures[index], i)],
+            cell,
+        );
+        let Some(found) = found else { continue };
+        let cells = found.map(|d| (d / cell as f64).round() as isize);
+        let rest = [0, 1].map(|i| found[i] - (cells[i] * cell as isize) as f64);
+        // A quarter of a pixel is what noise and the parabola leave on a static view.
+        if rest.iter().any(|r| r.abs() > 0.25 * cell as f64) {
+            return Err(Error::input(format!(
+                "capture {:?} is shifted by {:.1}, {:.1} pixels against {:?}",
+                exposures[index].id, found[0], found[1], exposures[next].id
+            ))
+            .help(format!(
+                "only shifts of whole {cell}-pixel cells of the pattern can be corrected; use a tripod, \
+                 or leave the capture out"
+            )));
+        }
+        let by = cells.map(|c| c * cell as isize);
+        if by != [0, 0] {
+            let signal = &exposures[index].signal;
+            let clamp = |i: usize, d: isize, n: usize| {
+                i.saturating_add_signed(d).min(n - 1 - (n - 1 - i) % cell)
+            };
+            let (width, height) = (signal.width, signal.height);
+            let moved = Plane::from_fn(width, height, |x, y| {
+                signal.at(clamp(x, by[0], width), clamp(y, by[1], height))
+            });
+            exposures[index].signal = moved;
+            shifts[index] = by;
+        }
+    }
+    Ok(shifts)
+}
+
+/// The exposure that a moving thing is taken from: the longest with less than 1 % saturated, else the
+/// shortest.
+fn reference(exposures: &[Exposure]) -> usize {
+    let saturated = |e: &Exposure| e.signal.data.iter().filter(|v| v.is_infinite()).count();
+    exposures.iter().rposition(|e| saturated(e) * 100 < e.signal.data.len()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Normal deviates from a counter (sum of 12 hashed uniforms).
+    fn normal(key: u64) -> f64 {
+        let uniform = |i: u64| {
+            let mut z = (key * 12 + i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..12).map(uniform).sum::<f64>() - 6.0
+    }
+
+    const FULL: f64 = 4095.0;
+    const NOISE: Noise = Noise { gain_dn: 0.4, read_dn2: 4.0 };
+
+    /// A view of `light` DN/s by a 12-bit camera; `view` says where a pixel looks in exposure j.
+    fn series(
+        times: &[f64],
+        light: impl Fn(usize, usize) -> f64,
+        view: impl Fn(usize, usize, usize) -> (usize, usize),
+    ) -> Series {
+        let exposures = times.iter().enumerate().map(|(j, &seconds)| {
+            let signal = Plane::from_fn(120, 96, |x, y| {
+                let (u, v) = view(j, x, y);
+                let mean = light(u, v) * seconds;
+                let deviation = (NOISE.read_dn2 + NOISE.gain_dn * mean).sqrt();
+                let noise = normal(((j * 1000 + y) * 1000 + x) as u64);
+                (mean + deviation * noise).round().min(FULL) as f32
+            });
+            Exposure { id: format!("e{j}"), seconds, frames: 1, signal }
+        });
+        Series { name: "test".into(), exposures: exposures.collect() }
+    }
+
+    /// Radiance over 100 dB in 40 x 24 patches.
+    fn patches(x: usize, y: usize) -> f64 {
+        let patch = (x / 10 + 12 * (y / 8)) as f64 / 143.0;
+        20.0 * 1e5f64.powf(patch) * (1.0 + 0.2 * ((x * 7 + y * 3) % 5) as f64)
+    }
+
+    const TIMES: [f64; 7] = [0.001, 0.004, 0.015, 0.06, 0.25, 1.0, 4.0];
+
+    #[test]
+    fn radiance_is_recovered_over_100_db() {
+        let series = series(&TIMES, patches, |_, x, y| (x, y));
+        let mono = Cfa::parse("mono").unwrap();
+        let merged = merge(&series, &mono, FULL, &[]).unwrap();
+        assert!(merged.dynamic_range_db > 100.0, "{}", merged.dynamic_range_db);
+        assert!((merged.noise.gain_dn / NOISE.gain_dn - 1.0).abs() < 0.15, "{:?}", merged.noise);
+        assert!(merged.shifts.iter().all(|s| *s == [0, 0]), "{:?}", merged.shifts);
+        let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
+        assert!(flagged == 0, "{flagged} flagged");
+        // Patch by patch: mean ratio within 2 %, and the spread is what sigma says.
+        let mut pull = 0.0;
+        for row in 0..12 {
+            for column in 0..12 {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for y in row * 8..row * 8 + 8 {
+                    for x in column * 10..column * 10 + 10 {
+                        let ratio = f64::from(merged.radiance.at(x, y)) / patches(x, y);
+                        sum += ratio;
+                        count += 1.0;
+                        let sigma = f64::from(merged.sigma.at(x, y)) / patches(x, y);
+                        pull += ((ratio - 1.0) / sigma).powi(2);
+                    }
+                }
+                let mean = sum / count;
+                assert!((mean - 1.0).abs() < 0.02, "patch {row} {column}: {mean}");
+            }
+        }
+        let pull = (pull / (120.0 * 96.0)).sqrt();
+        assert!((0.8..1.2).contains(&pull), "{pull}");
+    }
+
+    #[test]
+    fn shifts_of_cells_are_corrected_and_others_refused() {
+        let bayer = Cfa::parse("RGGB").unwrap();
+        // A texture that does not repeat within reach.
+        let light = |x: usize, y: usize| {
+            let (x, y) = (x as f64, y as f64);
+            let waves = (0.31 * x + 0.05 * y).sin()
+                + (0.27 * y - 0.08 * x).sin()
+                + (0.11 * x + 0.13 * y).cos()
+                + (0.004 * x * y).sin();
+            400.0 * (2.0 + 0.3 * waves)
+        };
+        let times = [0.1, 0.4, 1.6];
+        let shifted = |dx: usize| {
+            series(
+                &times,
+                light,
+                move |j, x, y| if j == 2 { (x + 20 + dx, y + 20) } else { (x + 20, y + 20) },
+            )
+        };
+        let merged = merge(&shifted(4), &bayer, FULL, &[]).unwrap();
+        assert_eq!(merged.shifts, [[0, 0], [0, 0], [-4, 0]]);
+        let message = merge(&shifted(3), &bayer, FULL, &[]).err().unwrap().to_string();
+        assert!(message.contains("\"e2\"") && message.contains("-3"), "{message}");
+    }
+
+    /// A black that is 2 DN off and a shutter that is 8 % off in one exposure are no movement.
+    #[test]
+    fn what_departs_as_a_whole_has_not_moved() {
+        let mono = Cfa::parse("mono").unwrap();
+        let mut series = series(&TIMES, patches, |_, x, y| (x, y));
+        for v in &mut series.exposures[3].signal.data {
+            *v = (*v * 1.08 + 2.0).min(FULL as f32);
+        }
+        let merged = merge(&series, &mono, FULL, &[]).unwrap();
+        let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
+        assert!(flagged == 0, "{flagged} flagged");
+        series.exposures[3].seconds *= 2.0;
+        let message = merge(&series, &mono, FULL, &[]).err().unwrap().to_string();
+        assert!(message.contains("times the light"), "{message}");
+    }
+
+    #[test]
+    fn what_moves_is_taken_from_one_exposure() {
+        let mono = Cfa::parse("mono").unwrap();
+        let light = |x: usize, y: usize| {
+            if (40..60).contains(&x) && (40..60).contains(&y) { 900.0 } else { 200.0 }
+        };
+        // The bright square is elsewhere in the last exposure; the rest stands still.
+        let series = series(&[0.25, 1.0, 4.0], light, |j, x, y| {
+            let there = (70..90).contains(&x) && (40..60).contains(&y);
+            match j {
+                2 if there => (x - 30, y),
+                2 if (40..60).contains(&x) && (40..60).contains(&y) => (0, 0),
+                _ => (x, y),
+            }
+        });
+        let merged = merge(&series, &mono, FULL, &[]).unwrap();
+        for (x, y, expected, flag) in [
+            (50, 50, 900.0, Flag::Moved),
+            (80, 50, 900.0, Flag::Moved),
+            (20, 20, 200.0, Flag::Merged),
+        ] {
+            assert_eq!(merged.flags.at(x, y), flag as u8, "{x}, {y}");
+            // At (80, 50) the reference exposure, the longest, sees the square.
+            let got = merged.radiance.at(x, y);
+            let single = flag == Flag::Moved && x == 50;
+            let expected = if single { 200.0 } else { expected };
+            assert!((got / expected - 1.0).abs() < 0.1, "{x}, {y}: {got}");
+        }
+    }
+}
