@@ -209,7 +209,8 @@ fn scene_key(shot: &Shot) -> (String, Option<Light>) {
 
 fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
     let name = shot.scene.as_ref().map_or("", |s| s.scene.as_str());
-    let scene = scene::open(name)?;
+    let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
+    let scene = scene::open_filling(name, aspect)?;
     let bands = scene.bands();
     let (white, about) = match scene.quantity() {
         Quantity::Reflectance => {

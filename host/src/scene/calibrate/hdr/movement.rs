@@ -125,8 +125,10 @@ fn check_times(exposures: &[Exposure], departures: &[Vec<Departure>], limit: f32
     let bright = |d: &&Departure| d.brightest_dn > BRIGHT * f64::from(limit);
     for (exposure, departures) in exposures.iter().zip(departures) {
         for d in departures.iter().filter(bright) {
+            // Both the line through everything and the brightest pixels themselves: either may be what moved.
             let factor = d.seen(d.brightest_dn) / d.brightest_dn;
-            if (factor - 1.0).abs() > CONTRADICTION {
+            let least = (factor - 1.0).abs().min((d.at_brightest - 1.0).abs());
+            if least > CONTRADICTION {
                 return Err(Error::input(format!(
                     "capture {:?} has {factor:.2} times the light that its exposure time of {} s and the \
                      other captures say",
@@ -147,8 +149,9 @@ fn check_times(exposures: &[Exposure], departures: &[Vec<Departure>], limit: f32
 struct Departure {
     offset_dn: f64,
     slope: f64,
-    /// The largest s it was found from.
+    /// The mean s of the brightest eighth of the pixels, and how much is seen there, relative to it.
     brightest_dn: f64,
+    at_brightest: f64,
 }
 
 impl Departure {
@@ -208,7 +211,14 @@ impl Departure {
             slope = (n * xy - x * y) / spread;
             offset = (y - slope * x) / n;
         }
-        let brightest_dn = points.last().map_or(0.0, |p| p.0);
-        Self { offset_dn: offset, slope: 1.0 + slope, brightest_dn }
+        let top = &points[points.len() - points.len().div_ceil(8)..];
+        let sum = top.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
+        let brightest_dn = sum.0 / top.len().max(1) as f64;
+        Self {
+            offset_dn: offset,
+            slope: 1.0 + slope,
+            brightest_dn,
+            at_brightest: 1.0 + sum.1 / sum.0.max(f64::MIN_POSITIVE),
+        }
     }
 }
