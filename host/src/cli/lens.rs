@@ -2,12 +2,13 @@
 
 use super::arguments;
 use crate::formats::output::OutputDir;
-use crate::optics::Characterisation;
 use crate::optics::lens::characterise::{self, FieldPoint, Plan, PsfMethod};
+use crate::optics::lens::heights::Density;
 use crate::optics::lens::prescription::{Medium, Object};
 use crate::optics::lens::{
     Catalogue, Conditions, Glass, Prescription, System, import, read_prescription,
 };
+use crate::optics::{Characterisation, Options};
 use crate::report::lens as report;
 use crate::{Error, Result};
 use serde_json::{Value, json};
@@ -49,7 +50,7 @@ struct TraceArgs {
     /// Write a characterisation into this directory
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Image heights of the characterisation
+    /// Image heights of the characterisation, before more are added between
     #[arg(long, default_value_t = 21, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=512))]
     heights: u16,
     /// Largest field of the characterisation, degrees; the file's own unless given
@@ -64,6 +65,13 @@ struct TraceArgs {
     /// How PSFs are made
     #[arg(long, value_enum, default_value_t)]
     psf: PsfMethod,
+    /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no more than this
+    /// part of their light
+    #[arg(long, default_value_t = Options::default().misplaced_light, value_name = "PART", value_parser = arguments::positive)]
+    psf_tolerance: f64,
+    /// Side of the pixels for which that is asked, µm
+    #[arg(long, default_value_t = 1.4, value_name = "UM", value_parser = arguments::positive)]
+    pixel: f64,
     /// Replace an existing characterisation
     #[arg(long)]
     force: bool,
@@ -260,13 +268,14 @@ fn plot(args: &PlotArgs) -> Result<()> {
         drawings = report::spots(&system, &fields, &wavelengths_nm).map_err(place)?;
         let plan = Plan {
             heights: 11,
+            density: None,
             max_field_deg,
             wavelengths_nm,
             psf_size: 128,
             psf_spacing_um: None,
             method: PsfMethod::Auto,
         };
-        characterise::characterise(&system, &plan, &|| ()).map_err(place)?
+        characterise::characterise(&system, &plan, &|_, _| ()).map_err(place)?
     };
     let of_lens = report::drawings(&lens);
     drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
@@ -301,6 +310,7 @@ fn write_characterisation(
     let max_field_deg = max_field(system, args.max_field)?;
     let plan = Plan {
         heights: usize::from(args.heights),
+        density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
         max_field_deg,
         wavelengths_nm: wavelengths
             .unwrap_or_else(|| (0..=30).map(|i| 400.0 + 10.0 * f64::from(i)).collect()),
@@ -308,21 +318,43 @@ fn write_characterisation(
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
     };
-    let bar = arguments::progress("tracing", (plan.heights * plan.wavelengths_nm.len()) as u64);
-    let mut lens = characterise::characterise(system, &plan, &|| bar.inc(1))?;
+    let bar = arguments::progress("tracing", 0);
+    let mut lens = characterise::characterise(system, &plan, &|done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    })?;
     bar.finish_and_clear();
     let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     lens.source = format!("{file}, {}", lens.source);
     lens.write(dir, args.force)?;
     eprintln!("wrote {}: {}", dir.display(), summary(&lens));
+    match lens.psf.between {
+        Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
+            "warning: PSFs change so fast over the field that even 16 times the heights misplace {:.2} % of the \
+             light in the mean, more than the {:.2} % of --psf-tolerance; start with more --heights",
+            100.0 * between.misplaced_mean,
+            100.0 * args.psf_tolerance
+        ),
+        _ => {}
+    }
     Ok(())
 }
 
 /// A characterisation in one line.
 fn summary(lens: &Characterisation) -> String {
     let least = lens.psf.captured.iter().flatten().copied().fold(1.0, f64::min);
+    let between = match lens.psf.between {
+        Some(b) => format!(
+            ", blending between heights misplaces {:.2} % of it (mean; {:.2} % at worst) on pixels of {} µm",
+            100.0 * b.misplaced_mean,
+            100.0 * b.misplaced_largest,
+            b.pixel_um
+        ),
+        None => String::new(),
+    };
     format!(
-        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of the light or more",
+        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of the light or \
+         more{between}",
         lens.heights_mm.len(),
         lens.heights_mm.last().copied().unwrap_or(0.0),
         lens.wavelengths_nm.len(),
@@ -473,6 +505,7 @@ fn info_of_directory(args: &InfoArgs) -> Result<()> {
             "psf_size": lens.psf.size,
             "psf_spacing_um": lens.psf.spacing_um,
             "psf_captured": lens.psf.captured,
+            "psf_between": lens.psf.between,
         });
         println!("{object}");
     } else {

@@ -41,4 +41,6 @@ pub use characterisation::{Characterisation, PsfGrid};
 pub use departures::{Departed, Departures, Distortion};
 pub use diffraction::{Diffraction, Illumination};
 pub use effects::OpticalEffect;
-pub use engine::{Blur, Border, Lens, NodeReport, Options, Report, SensorGrid, irradiance};
+pub use engine::{
+    Blur, Border, Lens, Misplaced, NodeReport, Options, Report, SensorGrid, irradiance,
+};

@@ -1,7 +1,5 @@
 //! From point-spread functions to kernels on the cell grid.
 
-use super::sampling::Layout;
-use super::varying::Kernels;
 use std::f64::consts::TAU;
 
 /// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief ray at
@@ -105,15 +103,20 @@ impl PsfField {
 
     /// The kernel for light whose chief ray lands at (x, y) mm from the optical axis, x right and y
     /// down. Sums to 1.
+    pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
+        let height = x_mm.hypot(y_mm);
+        // On the axis "radial" is down, as in the tables.
+        let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
+        self.projected(&self.at(height), radial, grid)
+    }
+
+    /// The kernel of a PSF whose rows rise along the unit vector `(rx, ry)`.
     ///
     /// Every PSF sample counts as a square of its spacing, kept parallel to the grid (a square's second
     /// moments do not depend on its rotation), and is integrated exactly over the pixel's square.
-    pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
-        let height = x_mm.hypot(y_mm);
-        // Unit vectors along the radius and across it; on the axis "radial" is down, as in the tables.
-        let (rx, ry) = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
+    pub fn projected(&self, psf: &[f32], (rx, ry): (f64, f64), grid: &KernelGrid) -> Vec<f32> {
+        // The unit vector across.
         let (tx, ty) = (ry, -rx);
-        let psf = self.at(height);
         let (centre, n) = ((self.size / 2) as f64, grid.size);
         let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * 1e-8;
         let mut sums = vec![0.0f64; n * n];
@@ -175,99 +178,6 @@ fn sharpen(values: &[f64], n: usize) -> Vec<f64> {
     };
     let rows: Vec<f64> = (0..n * n).map(|k| taps(&|x| values[k / n * n + x], k % n)).collect();
     (0..n * n).map(|k| taps(&|y| rows[y * n + k % n], k / n)).collect()
-}
-
-/// Half the sum of absolute differences: the fraction of the light that one kernel puts elsewhere than
-/// the other.
-pub fn misplaced(a: &[f32], b: &[f32]) -> f64 {
-    0.5 * a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>()
-}
-
-/// Where cells of the padded grid lie from the optical axis.
-pub struct Place<'a> {
-    /// Padded grids.
-    pub layout: &'a Layout,
-    /// Pixel pitch, mm.
-    pub pitch_mm: f64,
-    /// The optical axis from the sensor's centre, mm.
-    pub axis_mm: (f64, f64),
-}
-
-impl Place<'_> {
-    /// (x, y) mm from the optical axis of a point in cells from the padded grid's corner.
-    pub fn from_axis(&self, (x, y): (f64, f64)) -> (f64, f64) {
-        let cell = self.pitch_mm / self.layout.oversample as f64;
-        let along = |cells: f64, edge: usize, pixels: usize, axis: f64| {
-            cells * cell - (edge as f64 + pixels as f64 / 2.0) * self.pitch_mm - axis
-        };
-        (
-            along(x, self.layout.left(), self.layout.width, self.axis_mm.0),
-            along(y, self.layout.top(), self.layout.height, self.axis_mm.1),
-        )
-    }
-
-    /// Mean and largest [`misplaced`] light at the centres of tiles of `tile` cells, where blending the
-    /// corners' kernels is worst, over a sample of the field.
-    pub fn grid_error(&self, field: &PsfField, grid: &KernelGrid, tile: usize) -> (f64, f64) {
-        use rayon::prelude::*;
-        const SAMPLES: usize = 6;
-        let t = tile as f64;
-        let spread = |i: usize, cells: usize| {
-            // Tile centres over half of the frame: lenses are symmetric, sensors centred or nearly.
-            let tiles = (cells as f64 / t).ceil().max(1.0);
-            ((tiles * i as f64 / (2 * SAMPLES) as f64).floor() + 0.5) * t
-        };
-        let errors: Vec<f64> = (0..SAMPLES * SAMPLES)
-            .into_par_iter()
-            .map(|k| {
-                let x = spread(k % SAMPLES, self.layout.cells_across());
-                let y = spread(k / SAMPLES, self.layout.cells_down());
-                let kernel = |dx: f64, dy: f64| {
-                    let (x, y) = self.from_axis((x + dx * t, y + dy * t));
-                    field.kernel(x, y, grid)
-                };
-                let corners =
-                    [kernel(-0.5, -0.5), kernel(0.5, -0.5), kernel(-0.5, 0.5), kernel(0.5, 0.5)];
-                let blend: Vec<f32> = (0..grid.size * grid.size)
-                    .map(|k| corners.iter().map(|c| c[k]).sum::<f32>() * 0.25)
-                    .collect();
-                misplaced(&blend, &kernel(0.0, 0.0))
-            })
-            .collect();
-        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        (mean, errors.iter().fold(0.0, |m, &e| m.max(e)))
-    }
-
-    /// The largest distance of nodes, in pixels, at which the mean [`Place::grid_error`] keeps
-    /// `tolerance`; at least 16 pixels.
-    pub fn node_distance(&self, field: &PsfField, grid: &KernelGrid, tolerance: f64) -> usize {
-        let s = self.layout.oversample;
-        [512, 362, 256, 181, 128, 90, 64, 45, 32, 23]
-            .into_iter()
-            .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
-            .find(|&pixels| self.grid_error(field, grid, pixels * s).0 <= tolerance)
-            .unwrap_or(16)
-    }
-
-    /// Kernels at every node of a tiling.
-    pub fn kernels(
-        &self,
-        field: &PsfField,
-        grid: &KernelGrid,
-        tiling: &super::varying::Tiling,
-    ) -> Kernels {
-        use rayon::prelude::*;
-        let across = tiling.across() + 1;
-        let nodes = across * (tiling.down() + 1);
-        let data: Vec<Vec<f32>> = (0..nodes)
-            .into_par_iter()
-            .map(|k| {
-                let (x, y) = self.from_axis(tiling.node(k % across, k / across));
-                field.kernel(x, y, grid)
-            })
-            .collect();
-        Kernels { size: grid.size, data: data.concat() }
-    }
 }
 
 #[cfg(test)]

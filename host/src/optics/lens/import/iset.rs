@@ -255,6 +255,7 @@ fn psf_grid(
         spacing_um,
         data,
         captured: captured.iter().any(|v| *v < 1.0).then_some(captured),
+        between: None,
     })
 }
 

@@ -287,7 +287,7 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
         }
     }
     let captured = captured.iter().any(|v| *v < 1.0).then_some(captured);
-    Ok(PsfGrid { heights_mm, wavelengths_nm, size, spacing_um, data, captured })
+    Ok(PsfGrid { heights_mm, wavelengths_nm, size, spacing_um, data, captured, between: None })
 }
 
 /// A PSF file: NPY by its extension, text otherwise.
