@@ -54,9 +54,9 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
-    /// Part of the light that interpolating PSFs over the field may misplace, in the mean
-    #[arg(long, value_name = "PART", value_parser = positive, default_value_t = Options::default().misplaced_light)]
-    pub psf_tolerance: f64,
+    /// Part of the light that interpolating PSFs over the field may misplace, in the mean (0.01 unless given)
+    #[arg(long, value_name = "PART", value_parser = positive)]
+    pub psf_tolerance: Option<f64>,
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
     pub set: Vec<(String, toml::Value)>,
@@ -100,7 +100,7 @@ impl ViewArgs {
             level,
             options: Options {
                 oversample: self.oversample,
-                misplaced_light: self.psf_tolerance,
+                misplaced_light: self.psf_tolerance.unwrap_or(Options::default().misplaced_light),
                 ..Options::default()
             },
             cache,

@@ -104,7 +104,9 @@ fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
         .iter()
         .map(|&nm| {
             let train = system.at(nm)?;
-            let axis_sr = Beam::aim(&train, 0.0)?.outline(AZIMUTHS)?.projected_solid_angle();
+            let axis = Beam::aim(&train, 0.0)?;
+            axis.check_rim()?;
+            let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
             Ok(AxisTrain { train, axis_sr })
         })
         .collect()
