@@ -237,3 +237,75 @@ impl Place<'_> {
         Kernels { size: grid.size, data: data.concat() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gaussian spots that grow with height, sampled every µm.
+    fn spot(height_mm: f64) -> Vec<f32> {
+        let (radial, across) = (3.0 + 4.0 * height_mm * height_mm, 3.0 + height_mm);
+        let value = |k: usize| {
+            let (y, x) = ((k / 64) as f64 - 32.0, (k % 64) as f64 - 32.0);
+            (-0.5 * ((y / radial).powi(2) + (x / across).powi(2))).exp()
+        };
+        let sum: f64 = (0..64 * 64).map(value).sum();
+        (0..64 * 64).map(|k| (value(k) / sum) as f32).collect()
+    }
+
+    fn field(heights: usize) -> PsfField {
+        let step = 1.0 / (heights - 1) as f64;
+        let heights_mm: Vec<f64> = (0..heights).map(|i| i as f64 * step).collect();
+        let psfs = heights_mm.iter().map(|&h| spot(h)).collect();
+        PsfField { heights_mm, size: 64, spacing_um: 1.0, psfs }
+    }
+
+    #[test]
+    fn the_estimate_between_heights_is_the_error_there() {
+        let grid = KernelGrid::new(1, 2.0, 2.0, 40.0);
+        for heights in [6, 9, 17] {
+            let field = field(heights);
+            let between: Vec<(f64, f64)> = field
+                .heights_mm
+                .windows(2)
+                .map(|w| {
+                    let middle = 0.5 * (w[0] + w[1]);
+                    let exact = field.projected(&spot(middle), (0.0, 1.0), &grid);
+                    let blend = field.kernel(0.0, middle, &grid);
+                    (misplaced(&exact, &blend), w[1] * w[1] - w[0] * w[0])
+                })
+                .collect();
+            let exact = Misplaced::of(&between);
+            let found = field.height_error(&grid, 1.0).unwrap();
+            println!("{heights} heights: {found:?}, in truth {exact:?}");
+            // Extrapolated by the order seen, of a spot whose change is not the same everywhere.
+            assert!((0.6..1.7).contains(&(found.mean / exact.mean)), "{found:?} {exact:?}");
+            assert!((0.5..2.0).contains(&(found.largest / exact.largest)), "{found:?} {exact:?}");
+        }
+        assert_eq!(field(4).height_error(&grid, 1.0), None);
+        let one =
+            PsfField { heights_mm: vec![0.0], size: 64, spacing_um: 1.0, psfs: vec![spot(0.0)] };
+        assert_eq!(one.height_error(&grid, 1.0), Some(Misplaced::default()));
+    }
+
+    #[test]
+    fn a_tolerance_that_is_not_kept_is_told() {
+        let kept = Misplaced { mean: 0.004, largest: 0.02 };
+        let worse = Misplaced { mean: 0.03, largest: 0.2 };
+        let report = |nodes, heights| NodeReport {
+            grid: (3, 3),
+            tile: 8,
+            kernel: 9,
+            tolerance: 0.01,
+            nodes,
+            heights,
+        };
+        assert_eq!(report(kept, Some(kept)).warning(), None);
+        assert!(report(worse, Some(kept)).warning().unwrap().contains("nodes every 8 cells"));
+        assert!(report(kept, Some(worse)).warning().unwrap().contains("more heights"));
+        assert!(report(kept, None).warning().unwrap().contains("not known"));
+        let mut joined = report(kept, Some(worse));
+        joined.join(report(worse, None));
+        assert_eq!((joined.nodes, joined.heights), (worse, Some(worse)));
+    }
+}
