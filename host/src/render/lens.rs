@@ -128,7 +128,7 @@ mod tests {
         let lens = lens(camera, &Bands::VISIBLE, &Options::default()).unwrap();
         let mtf = match lens.blur(550.0) {
             Blur::Otf { otf, .. } => otf(100.0),
-            Blur::Field { psfs, .. } => psfs.axial_mtf(100.0),
+            Blur::Field { psfs, .. } => psfs.axial_mtf()(100.0),
         };
         (lens.steradians(550.0), mtf)
     }
@@ -163,7 +163,7 @@ mod tests {
             let waves = f64::from(defocus_um).abs() / (8.0 * 16.0 * 0.55);
             for per_mm in [30.0, 60.0, 120.0] {
                 let theory = hopkins_otf(per_mm / cutoff_per_mm, waves).abs();
-                let found = psfs.axial_mtf(per_mm);
+                let found = psfs.axial_mtf()(per_mm);
                 // The window of 128 samples cuts the PSF's wings, some per cent of its light.
                 assert!((found - theory).abs() < 0.03, "{defocus_um} {per_mm}: {found} {theory}");
             }

@@ -235,7 +235,7 @@ impl Band<'_> {
         state: &mut FieldState,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
-        let s = self.oversample(cutoff_per_mm, &|f| psfs.axial_mtf(f), report)?;
+        let s = self.oversample(cutoff_per_mm, &psfs.axial_mtf(), report)?;
         let tile_pixels = match state.tile_pixels {
             Some(pixels) => pixels,
             None => *state.tile_pixels.insert(self.node_distance()?),
@@ -282,7 +282,7 @@ impl Band<'_> {
         for band in self.probes() {
             let probe = Band { band, nm: self.scene.scene.bands().nm(band), ..*self };
             if let Blur::Field { psfs, cutoff_per_mm } = self.lens.blur(probe.nm) {
-                let mtf = |f: f64| psfs.axial_mtf(f);
+                let mtf = psfs.axial_mtf();
                 let s = probe.oversample(cutoff_per_mm, &mtf, &mut Report::default())?;
                 let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, self.grid, s);
                 let tolerance = self.options.misplaced_light;

@@ -64,7 +64,10 @@ impl NodeReport {
 
     /// What a user should know: a tolerance that was not kept, or cannot be checked.
     pub fn warning(&self) -> Option<String> {
-        let percent = |v: f64| format!("{:.2} %", 100.0 * v);
+        let percent = |v: f64| match v < 1e-4 {
+            true => format!("{:.1e} %", 100.0 * v),
+            false => format!("{:.2} %", 100.0 * v),
+        };
         let limit = percent(self.tolerance);
         if self.nodes.mean > self.tolerance {
             return Some(format!(

@@ -76,18 +76,28 @@ impl PsfField {
         (largest.max().unwrap_or(0) as f64 + 0.5) * self.spacing_um
     }
 
-    /// The larger of the radial and tangential MTF on the axis at a frequency in cycles/mm.
-    pub fn axial_mtf(&self, per_mm: f64) -> f64 {
-        let step = TAU * per_mm * self.spacing_um * 1e-3;
-        let mut parts = [0.0f64; 4];
+    /// The larger of the radial and tangential MTF on the axis, over frequency in cycles/mm.
+    pub fn axial_mtf(&self) -> impl Fn(f64) -> f64 + use<> {
+        // Line-spread functions: sums along and across.
+        let mut lines = [vec![0.0f64; self.size], vec![0.0f64; self.size]];
         for (k, &v) in self.psfs[0].iter().enumerate() {
-            let (i, j) = (k / self.size, k % self.size);
-            let ((si, ci), (sj, cj)) = ((step * i as f64).sin_cos(), (step * j as f64).sin_cos());
-            for (part, value) in parts.iter_mut().zip([ci, si, cj, sj]) {
-                *part += f64::from(v) * value;
-            }
+            lines[0][k / self.size] += f64::from(v);
+            lines[1][k % self.size] += f64::from(v);
         }
-        parts[0].hypot(parts[1]).max(parts[2].hypot(parts[3]))
+        let spacing_mm = self.spacing_um * 1e-3;
+        move |per_mm| {
+            let step = TAU * per_mm * spacing_mm;
+            let modulus = |line: &Vec<f64>| {
+                let (mut re, mut im) = (0.0, 0.0);
+                for (i, v) in line.iter().enumerate() {
+                    let (s, c) = (step * i as f64).sin_cos();
+                    re += v * c;
+                    im += v * s;
+                }
+                f64::hypot(re, im)
+            };
+            modulus(&lines[0]).max(modulus(&lines[1]))
+        }
     }
 
     /// The PSF at a real image height: linear between tabulated heights, the last one beyond.
