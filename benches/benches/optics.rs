@@ -181,7 +181,7 @@ fn collapsed(side: usize) {
     const COMPONENTS: usize = 6;
     let source = image(side);
     let tiling = Tiling::new(1, (side, side), 31, 15, 192);
-    let mixture = |k: usize, b: usize| (b as f32 / 30.0 * 3.14 * k as f32).cos() / (1.0 + k as f32);
+    let mixture = |k: usize, b: usize| (0.1 * (b * k) as f32).cos() / (1.0 + k as f32);
     let by_band: Vec<Kernels> = (0..BANDS).map(|b| kernels(&tiling, b)).collect();
     let collapse = |channel: usize, k: usize| {
         let parts: Vec<(f32, &Kernels)> =

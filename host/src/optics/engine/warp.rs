@@ -94,6 +94,7 @@ fn line(plane: &Plane<f32>, (x, y): (f64, f64), (dx, dy): (f64, f64), values: &m
 
 /// Catmull-Rom's cubic between the middle two of four taps at `t` in 0..1; 0 for any other `t`.
 #[inline(always)]
+#[expect(clippy::manual_range_contains, reason = "no branch between the comparisons: lanes")]
 fn interpolated([a, b, c, d]: [f32; 4], t: f32) -> f32 {
     let before = ((-0.5 * t + 1.0) * t - 0.5) * t;
     let here = (1.5 * t - 2.5) * t * t + 1.0;
