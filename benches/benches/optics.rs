@@ -1,29 +1,114 @@
-//! The optics stage: field-varying blur of workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels)
-//! and the diffraction-limited engine, as times and as ratios within one run.
+//! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the field), its
+//! scaling, the whole way from scene to irradiance, and the characterisation of a phone lens.
 //!
-//! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
-//! sixteenth of the area.
+//! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one sixteenth of the
+//! area. Every figure has the processor time of all threads beside it: on a busy machine that is the one to look
+//! at. `benches/peers/optics` runs other programs on the same data within one run.
 
-use camrig::optics::engine::varying::{Blurrer, Kernels, Tiling};
-use camrig::optics::{Diffraction, Illumination, Options, SensorGrid, irradiance};
+use camrig::optics::engine::RadialCurve;
+use camrig::optics::engine::varying::{Blurrer, Kernels, Rows, Tiling};
+use camrig::optics::lens::characterise::{Plan, PsfMethod, characterise};
+use camrig::optics::lens::{Catalogue, Conditions, System, toml};
+use camrig::optics::{
+    Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
+    Options, PsfGrid, SensorGrid, irradiance,
+};
 use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use camrig::{Plane, Result};
+use rayon::prelude::*;
 use std::hint::black_box;
 use std::time::Instant;
+
+/// Bands of W.
+const BANDS: usize = 31;
+
+fn main() {
+    let filter = std::env::args().skip(1).find(|a| !a.starts_with("--")).unwrap_or_default();
+    let wanted = |name: &str| name.contains(&filter);
+    let side = if std::env::var_os("CAMRIG_BENCH_SMALL").is_some() { 1024 } else { 4096 };
+    if let Some(folder) = std::env::var_os("CAMRIG_BENCH_DUMP") {
+        return dump(folder.as_ref()).expect("the folder can be written");
+    }
+    println!("{} threads", rayon::current_num_threads());
+    if wanted("exact") {
+        exact(side);
+    }
+    if wanted("collapsed") {
+        collapsed(side);
+    }
+    if wanted("scaling") {
+        scaling(side);
+    }
+    if wanted("stages") {
+        stages(side);
+    }
+    if wanted("diffraction") {
+        diffraction(side);
+    }
+    if wanted("characterise") {
+        characterisation();
+    }
+}
+
+/// Wall and processor time of a run, seconds.
+#[derive(Clone, Copy)]
+struct Time {
+    wall: f64,
+    processor: f64,
+}
+
+impl std::fmt::Display for Time {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.2} s wall, {:.2} s processor", self.wall, self.processor)
+    }
+}
+
+fn time(run: impl FnOnce()) -> Time {
+    let (start, before) = (Instant::now(), processor_seconds());
+    run();
+    Time { wall: start.elapsed().as_secs_f64(), processor: processor_seconds() - before }
+}
+
+/// The least of several runs.
+fn least(times: usize, mut run: impl FnMut()) -> Time {
+    let all: Vec<Time> = (0..times).map(|_| time(&mut run)).collect();
+    let of = |pick: fn(&Time) -> f64| all.iter().map(pick).fold(f64::MAX, f64::min);
+    Time { wall: of(|t| t.wall), processor: of(|t| t.processor) }
+}
+
+/// User and system time of this process, seconds, in steps of 10 ms; NaN where there is no `/proc`.
+fn processor_seconds() -> f64 {
+    let ticks = || -> Option<f64> {
+        let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+        // Fields 14 and 15; the name, field 2, ends with the last parenthesis.
+        let mut fields = text.rsplit(") ").next()?.split(' ').skip(11);
+        Some(fields.next()?.parse::<f64>().ok()? + fields.next()?.parse::<f64>().ok()?)
+    };
+    ticks().map_or(f64::NAN, |t| t / 100.0)
+}
+
+/// Most memory this process has held, MiB; NaN where there is no `/proc`.
+fn peak_mib() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
+}
 
 /// Gaussian kernels that grow and stretch along the radius towards the corners.
 fn kernels(tiling: &Tiling, wavelength: usize) -> Kernels {
     let size = tiling.kernel;
     let half = (size / 2) as f64;
     let (w, h) = (tiling.width as f64, tiling.height as f64);
-    let mut data = Vec::new();
-    for j in 0..=tiling.down() {
-        for i in 0..=tiling.across() {
-            let (x, y) = tiling.node(i, j);
+    let across = tiling.across() + 1;
+    let data: Vec<Vec<f32>> = (0..across * (tiling.down() + 1))
+        .into_par_iter()
+        .map(|node| {
+            let (x, y) = tiling.node(node % across, node / across);
             let (x, y) = (2.0 * x / w - 1.0, 2.0 * y / h - 1.0);
             let r = x.hypot(y);
             let (sin, cos) = y.atan2(x).sin_cos();
-            let (radial, across) = (1.0 + 2.5 * r * r + wavelength as f64 * 0.02, 0.9 + 0.7 * r);
+            let radial = 1.0 + 2.5 * r * r + wavelength as f64 * 0.02;
+            let across = 0.9 + 0.7 * r;
             let values: Vec<f64> = (0..size * size)
                 .map(|k| {
                     let (dy, dx) = ((k / size) as f64 - half, (k % size) as f64 - half);
@@ -32,10 +117,10 @@ fn kernels(tiling: &Tiling, wavelength: usize) -> Kernels {
                 })
                 .collect();
             let sum: f64 = values.iter().sum();
-            data.extend(values.iter().map(|v| (v / sum) as f32));
-        }
-    }
-    Kernels { size, data }
+            values.iter().map(|v| (v / sum) as f32).collect()
+        })
+        .collect();
+    Kernels { size, data: data.concat() }
 }
 
 fn image(side: usize) -> Plane<f32> {
@@ -49,12 +134,135 @@ fn image(side: usize) -> Plane<f32> {
     })
 }
 
+fn rows_of(source: &Plane<f32>, first: usize, count: usize) -> Plane<f32> {
+    let w = source.width;
+    Plane { width: w, height: count, data: source.data[first * w..(first + count) * w].to_vec() }
+}
+
+/// Response of a channel in a band: three bells.
+fn response(channel: usize, band: usize) -> f32 {
+    let x = (band as f32 - [22.0, 14.0, 6.0][channel]) / 5.0;
+    (-x * x).exp()
+}
+
+/// W: every band through its own kernels, and into three channels.
+fn exact(side: usize) {
+    let source = image(side);
+    let tiling = Tiling::new(1, (side, side), 31, 15, 341);
+    let mut blurrer = Blurrer::new(&tiling);
+    let by_band: Vec<Kernels> = (0..BANDS).map(|b| kernels(&tiling, b)).collect();
+    let mut channels = vec![Plane::filled(side, side, 0.0f32); 3];
+    let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
+    let spent = time(|| {
+        for (band, kernels) in by_band.iter().enumerate() {
+            let plane = blurrer.blur(&rows, kernels, (0, 0), (side, side)).unwrap();
+            for (channel, sum) in channels.iter_mut().enumerate() {
+                let q = response(channel, band);
+                sum.data
+                    .par_chunks_mut(1 << 16)
+                    .zip(plane.data.par_chunks(1 << 16))
+                    .for_each(|(s, v)| s.iter_mut().zip(v).for_each(|(s, v)| *s += q * v));
+            }
+        }
+    });
+    black_box(channels);
+    println!(
+        "exact: {side} x {side} x {BANDS} bands to 3 channels, 31 x 31 kernels at {} x {} nodes: {spent}, \
+         {:.0} Mcell/s, peak memory {:.0} MiB",
+        tiling.across() + 1,
+        tiling.down() + 1,
+        (side * side * BANDS) as f64 / spent.wall * 1e-6,
+        peak_mib()
+    );
+}
+
+/// W for a scene of six spectral components.
+fn collapsed(side: usize) {
+    const COMPONENTS: usize = 6;
+    let source = image(side);
+    let tiling = Tiling::new(1, (side, side), 31, 15, 192);
+    let mixture = |k: usize, b: usize| (0.1 * (b * k) as f32).cos() / (1.0 + k as f32);
+    let by_band: Vec<Kernels> = (0..BANDS).map(|b| kernels(&tiling, b)).collect();
+    let collapse = |channel: usize, k: usize| {
+        let parts: Vec<(f32, &Kernels)> =
+            (0..BANDS).map(|b| (response(channel, b) * mixture(k, b), &by_band[b])).collect();
+        Kernels::combined(&parts)
+    };
+    let mut all: Vec<Kernels> = Vec::new();
+    let preparing = time(|| {
+        all = (0..3 * COMPONENTS)
+            .into_par_iter()
+            .map(|i| collapse(i / COMPONENTS, i % COMPONENTS))
+            .collect();
+    });
+    let all: Vec<&Kernels> = all.iter().collect();
+    let all: Vec<&[&Kernels]> = all.chunks(COMPONENTS).collect();
+    // Components are the image from other rows on: a scene is rendered strip by strip.
+    let rows: Vec<_> = (0..COMPONENTS)
+        .map(|k| {
+            let source = &source;
+            move |first: usize, count: usize| {
+                let first = (first + 29 * k).min(source.height - count);
+                Ok(rows_of(source, first, count))
+            }
+        })
+        .collect();
+    let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
+    let mut blurrer = Blurrer::new(&tiling);
+    let spent = time(|| {
+        black_box(blurrer.mix(&rows, &all, (0, 0), (side, side)).unwrap());
+    });
+    println!(
+        "collapsed: {COMPONENTS} components to 3 channels, 31 x 31 kernels at {} x {} nodes: {spent} (kernels {preparing}), \
+         peak memory {:.0} MiB",
+        tiling.across() + 1,
+        tiling.down() + 1,
+        peak_mib()
+    );
+}
+
+/// One band of other sizes, kernels and tiles.
+fn scaling(side: usize) {
+    let mut rates = Vec::new();
+    for (side, size, largest) in [
+        (side / 4, 31, 341),
+        (side / 2, 31, 341),
+        (side, 31, 341),
+        (side, 31, 256),
+        (side, 31, 128),
+        (side, 81, 341),
+    ] {
+        let source = image(side);
+        let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
+        let tiling = Tiling::new(1, (side, side), size, size / 2, largest);
+        let kernels = kernels(&tiling, 0);
+        let mut blurrer = Blurrer::new(&tiling);
+        let spent = least(3, || {
+            black_box(blurrer.blur(&rows, &kernels, (0, 0), (side, side)).unwrap());
+        });
+        let rate = (side * side) as f64 / spent.processor * 1e-6;
+        rates.push(rate);
+        println!(
+            "scaling: {side} x {side}, {size} x {size} kernels, tiles of {}: {spent}, {rate:.0} Mcell per processor second",
+            tiling.tile
+        );
+    }
+    println!(
+        "scaling: a cell at 1/16 and 1/4 of the area costs {:.2} and {:.2} of one at full area; 81 x 81 costs {:.2} of 31 x 31",
+        rates[2] / rates[0],
+        rates[2] / rates[1],
+        rates[2] / rates[5]
+    );
+}
+
 /// A checkerboard that costs next to nothing to render: the engine's own time is what is measured.
-struct Checks;
+struct Checks {
+    bands: usize,
+}
 
 impl Scene for Checks {
     fn bands(&self) -> Bands {
-        Bands::VISIBLE
+        Bands { count: self.bands, ..Bands::VISIBLE }
     }
     fn quantity(&self) -> Quantity {
         Quantity::Radiance
@@ -73,7 +281,120 @@ impl Scene for Checks {
     }
 }
 
-fn diffraction(small: bool) {
+/// A made-up lens whose kernels have 31 cells on pixels of 1.4 µm, without distortion.
+fn lens(side: usize) -> Characterisation {
+    const SIZE: usize = 65;
+    let top = 0.8 * side as f64 * 1.4e-3;
+    let heights_mm: Vec<f64> = (0..21).map(|i| top * f64::from(i) / 20.0).collect();
+    let data = heights_mm.iter().flat_map(|&h| {
+        let (radial, across) = (3.0 + 2.0 * (h / top).powi(2), 2.5 + 0.5 * h / top);
+        (0..SIZE * SIZE).map(move |k| {
+            let (y, x) = ((k / SIZE) as f64 - 32.0, (k % SIZE) as f64 - 32.0);
+            (-0.5 * ((y / radial).powi(2) + (x / across).powi(2))).exp() as f32 + 1e-6
+        })
+    });
+    let mut psf = PsfGrid {
+        heights_mm: heights_mm.clone(),
+        wavelengths_nm: vec![550.0],
+        size: SIZE,
+        spacing_um: 0.55,
+        data: data.collect(),
+        captured: None,
+        between: None,
+    };
+    psf.normalise().expect("PSFs have light");
+    Characterisation {
+        name: "bench".into(),
+        source: "made up".into(),
+        efl_mm: 4.0,
+        f_number: 2.0,
+        magnification: 0.0,
+        pupil_magnification: 1.0,
+        stop_radius_mm: None,
+        transmittance: Spectrum::constant(0.9),
+        wavelengths_nm: vec![550.0],
+        real_height_mm: heights_mm.clone(),
+        relative_illumination: heights_mm
+            .iter()
+            .map(|h| 1.0 / (1.0 + h * h / 16.0).powi(2))
+            .collect(),
+        chief_ray_angle_deg: None,
+        heights_mm,
+        psf,
+    }
+}
+
+fn render(lens: &dyn Lens, grid: &SensorGrid, bands: usize, options: &Options) -> Time {
+    let scene = Checks { bands };
+    let scene = LitScene { scene: &scene, white: vec![1.0; bands] };
+    let mut report = None;
+    let spent = time(|| {
+        let sink = |_: usize, plane: Plane<f32>| {
+            black_box(plane);
+            Ok(())
+        };
+        report = Some(irradiance(&scene, lens, grid, options, |_, _| {}, sink));
+    });
+    report.expect("it ran").expect("the scene renders");
+    spent
+}
+
+/// The same lens without its mapping.
+struct Unmapped(Characterisation);
+
+impl Lens for Unmapped {
+    fn steradians(&self, nm: f64) -> f64 {
+        self.0.steradians(nm)
+    }
+    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>> {
+        Lens::illumination(&self.0, nm)
+    }
+    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        None
+    }
+    fn blur(&self, nm: f64) -> Blur<'_> {
+        self.0.blur(nm)
+    }
+}
+
+/// From scene to irradiance: what the stages add, and that bands cost alike.
+fn stages(side: usize) {
+    let grid = SensorGrid { width: side, height: side, pitch_um: 1.4, fill_factor: 0.9 };
+    let options = Options { oversample: Some(1), ..Options::default() };
+    let plain = Unmapped(lens(side));
+    let distorting = |lateral: f64| Departed {
+        lens: Box::new(lens(side)),
+        departures: Departures {
+            distortion: Distortion {
+                k1: -0.08,
+                unit_mm: grid.corner_mm(),
+                ..Distortion::default()
+            },
+            lateral_colour: Spectrum::constant(lateral),
+            ..Departures::default()
+        },
+    };
+    let (bands, few) = (8, 2);
+    let base = render(&plain, &grid, bands, &options);
+    let warped = render(&distorting(1.001), &grid, bands, &options);
+    println!("stages: scene, blur, illumination, {bands} bands: {base}");
+    println!("stages: with distortion and lateral colour: {warped}");
+    println!(
+        "stages: the warp adds {:.2} of the rest (processor time)",
+        (warped.processor - base.processor) / base.processor
+    );
+    let less = render(&distorting(1.001), &grid, few, &options);
+    println!(
+        "stages: {few} bands {less}: a band of {bands} costs {:.2} of one of {few}",
+        warped.processor / less.processor * few as f64 / bands as f64
+    );
+    println!(
+        "stages: all {BANDS} bands would be {:.1} s of processor time",
+        warped.processor * BANDS as f64 / bands as f64
+    );
+}
+
+fn diffraction(side: usize) {
     let lens = Diffraction {
         f_number: 2.8,
         focal_length_mm: 3.6,
@@ -82,104 +403,57 @@ fn diffraction(small: bool) {
         illumination: Illumination::Cos4,
         defocus_um: 0.0,
     };
-    let (width, height) = if small { (512, 384) } else { (2048, 1536) };
+    let (width, height) = (side / 2, side * 3 / 8);
     let grid = SensorGrid { width, height, pitch_um: 2.2, fill_factor: 0.8 };
-    let scene = LitScene { scene: &Checks, white: vec![1.0; 31] };
-    let start = Instant::now();
-    let report = irradiance(
-        &scene,
-        &lens,
-        &grid,
-        &Options::default(),
-        |_, _| {},
-        |_, plane| {
-            black_box(plane);
-            Ok(())
-        },
-    );
-    println!(
-        "diffraction {width}x{height} x 31 bands: {:.2} s, {report:?}",
-        start.elapsed().as_secs_f64()
-    );
+    let spent = render(&lens, &grid, BANDS, &Options::default());
+    println!("diffraction: {width} x {height} x {BANDS} bands: {spent}");
 }
 
-/// Inputs, answer and time of one 1024 x 1024 band for `benches/peers/optics_scipy.py`.
+/// 21 fields x 31 wavelengths of a phone lens, PSFs of 128 x 128.
+fn characterisation() {
+    let text = include_str!("../../host/lenses/phone-80deg.toml");
+    let prescription = toml::read(text, &Catalogue::default()).expect("a lens of the repository");
+    let system = System::new(prescription, Conditions::default()).expect("it images");
+    let fields = system.fields_deg().expect("it has fields");
+    let plan = Plan {
+        heights: 21,
+        density: None,
+        max_field_deg: fields.into_iter().fold(0.0, f64::max),
+        wavelengths_nm: (0..BANDS).map(|i| 400.0 + 10.0 * i as f64).collect(),
+        psf_size: 128,
+        psf_spacing_um: None,
+        method: PsfMethod::Auto,
+    };
+    let spent = least(2, || {
+        black_box(characterise(&system, &plan, &|_, _| ()).expect("it is traced"));
+    });
+    println!("characterise: 21 fields x {BANDS} wavelengths, 128 x 128: {spent}");
+}
+
+/// Inputs, answer and time of one 1024 x 1024 band for `benches/peers/optics_peers.py`.
 fn dump(folder: &std::path::Path) -> std::io::Result<()> {
     let side = 1024;
     let tiling = Tiling::new(1, (side, side), 31, 15, 256);
     let (source, kernels) = (image(side), kernels(&tiling, 0));
     let mut blurrer = Blurrer::new(&tiling);
     let mut answer = Plane::filled(0, 0, 0.0);
-    let seconds = minimum(5, || {
-        answer = blurrer
-            .blur(
-                &|first, count| Ok(rows_of(&source, first, count)),
-                &kernels,
-                (0, 0),
-                (side, side),
-            )
-            .unwrap();
-    });
+    let mut blur = || {
+        let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
+        answer = blurrer.blur(&rows, &kernels, (0, 0), (side, side)).unwrap();
+    };
+    // Processor time comes in steps of 10 ms.
+    const RUNS: usize = 40;
+    let processor = time(|| (0..RUNS).for_each(|_| blur())).processor / RUNS as f64;
+    let wall = least(RUNS, blur).wall;
     std::fs::create_dir_all(folder)?;
     let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     std::fs::write(folder.join("image.f32"), bytes(&source.data))?;
     std::fs::write(folder.join("kernels.f32"), bytes(&kernels.data))?;
     std::fs::write(folder.join("ours.f32"), bytes(&answer.data))?;
     let job = format!(
-        "{{\"side\": {side}, \"tile\": {}, \"kernel\": 31, \"before\": 15, \"seconds\": {seconds}}}",
+        "{{\"side\": {side}, \"tile\": {}, \"kernel\": 31, \"before\": 15, \"seconds\": {wall}, \
+         \"processor\": {processor}}}",
         tiling.tile
     );
     std::fs::write(folder.join("job.json"), job)
-}
-
-fn rows_of(source: &Plane<f32>, first: usize, count: usize) -> Plane<f32> {
-    let w = source.width;
-    Plane { width: w, height: count, data: source.data[first * w..(first + count) * w].to_vec() }
-}
-
-fn minimum(times: usize, mut run: impl FnMut()) -> f64 {
-    (0..times)
-        .map(|_| {
-            let start = Instant::now();
-            run();
-            start.elapsed().as_secs_f64()
-        })
-        .fold(f64::MAX, f64::min)
-}
-
-fn main() {
-    let small = std::env::var_os("CAMRIG_BENCH_SMALL").is_some();
-    let filter = std::env::args().skip(1).find(|a| !a.starts_with("--")).unwrap_or_default();
-    if "diffraction".contains(&filter) {
-        diffraction(small);
-    }
-    let side = if small { 1024 } else { 4096 };
-    let source = image(side);
-    let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
-    if let Some(folder) = std::env::var_os("CAMRIG_BENCH_DUMP") {
-        dump(folder.as_ref()).expect("the folder can be written");
-    }
-    for size in [31, 81] {
-        for largest in [341, 256, 128] {
-            let name = format!("blur {size}x{size} tiles up to {largest}");
-            if !name.contains(&filter) {
-                continue;
-            }
-            let tiling = Tiling::new(1, (side, side), size, size / 2, largest);
-            let kernels = kernels(&tiling, 0);
-            let mut blurrer = Blurrer::new(&tiling);
-            let seconds = minimum(3, || {
-                black_box(blurrer.blur(&rows, &kernels, (0, 0), (side, side)).unwrap());
-            });
-            let cells = (side * side) as f64;
-            println!(
-                "{name}: tile {}, {} x {} nodes, {seconds:.3} s a band, {:.0} Mcell/s, 31 bands {:.2} s",
-                tiling.tile,
-                tiling.across() + 1,
-                tiling.down() + 1,
-                cells / seconds * 1e-6,
-                31.0 * seconds * (4096.0 * 4096.0) / cells,
-            );
-        }
-    }
 }

@@ -114,6 +114,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         lux: args.lux,
         luminance: None,
         oversample: None,
+        psf_tolerance: None,
         set: args.set.clone(),
         motion: None,
         rolling: 0.0,

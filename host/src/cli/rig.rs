@@ -318,6 +318,7 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             lux: args.lux,
             luminance: None,
             oversample: None,
+            psf_tolerance: None,
             set: Vec::new(),
             motion: None,
             rolling: 0.0,

@@ -3,7 +3,7 @@
 use super::arguments::{self, FrameArgs, positive};
 use crate::Result;
 use crate::camera::{Camera, changes};
-use crate::optics::{Options, content};
+use crate::optics::{Misplaced, NodeReport, Options, content};
 use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, View};
 use crate::report::simulation;
 use crate::rig::{FrameRequest, Rig};
@@ -54,6 +54,9 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
+    /// Part of the light that interpolating PSFs over the field may misplace, in the mean (0.01 unless given)
+    #[arg(long, value_name = "PART", value_parser = positive)]
+    pub psf_tolerance: Option<f64>,
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
     pub set: Vec<(String, toml::Value)>,
@@ -95,7 +98,11 @@ impl ViewArgs {
             scene: self.scene.clone(),
             illuminant: self.illuminant.clone(),
             level,
-            options: Options { oversample: self.oversample, ..Options::default() },
+            options: Options {
+                oversample: self.oversample,
+                misplaced_light: self.psf_tolerance.unwrap_or(Options::default().misplaced_light),
+                ..Options::default()
+            },
             cache,
             motion,
         }
@@ -112,6 +119,9 @@ impl ViewArgs {
         })?;
         bar.finish_and_clear();
         view.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
+            eprintln!("warning: {warning}");
+        }
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
@@ -138,6 +148,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ("cells per pixel and direction", optics.oversample.iter().max().unwrap_or(&1).to_string()),
         ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
     ];
+    made_of.extend(optics.nodes.iter().flat_map(psf_rows));
     made_of.extend(light_of(&cube.header));
     let settings = args.frames.settings(&camera, 0);
     let written = sink.finish(|frames| {
@@ -151,11 +162,36 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
             "step_error": optics.step_error,
+            "psf": optics.nodes,
             "cached": cached,
         },
     });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)
+}
+
+/// How PSFs were interpolated, for a page.
+fn psf_rows(nodes: &NodeReport) -> [(&'static str, String); 2] {
+    let percent = |m: &Misplaced| {
+        format!(
+            "misplaces {:.2} % of the light (mean; {:.2} % at worst)",
+            100.0 * m.mean,
+            100.0 * m.largest
+        )
+    };
+    [
+        (
+            "PSFs between nodes",
+            format!("{} x {} nodes: {}", nodes.grid.0, nodes.grid.1, percent(&nodes.nodes)),
+        ),
+        (
+            "PSFs between heights of the lens data",
+            nodes
+                .heights
+                .as_ref()
+                .map_or("not known".into(), |m| format!("{}, estimated", percent(m))),
+        ),
+    ]
 }
 
 /// The light that irradiance was made with, for a page.

@@ -18,6 +18,8 @@
 //! | illumination | applied once, at the pixel centre, relative to the axis; includes cos⁴; radiance is *resampled*, so no Jacobian | `uniform_scenes_come_out_as_equation_7_says`, `no_light_is_lost_or_made_between_nodes` |
 //! | index of tables | paraxial height in files; the engine goes from real to paraxial height by the inverse distortion | `distortion_is_inverted_...` |
 //! | scatter | the PSF belongs to the source's place, so energy is conserved where PSFs vary | `equals_the_defining_sum`, `no_light_is_lost_...` |
+//! | PSFs between nodes | bilinear; node distance by a tolerance, the error reached is measured and reported | `the_engine_agrees_through_a_varying_field_with_the_same_nodes_everywhere`, `what_interpolation_between_nodes_costs_...` |
+//! | PSFs between heights | linear; a traced lens gets heights by a tolerance, the error of given data is estimated from them | `heights_are_added_only_where_psfs_change_...`, `the_estimate_between_heights_is_the_error_there` |
 //! | sampling | scene cells are area averages, PSF samples and the pixel's square are integrated; the cell average is divided out, so the aperture acts once | `the_two_ways_to_blur_agree` |
 //! | eq. 7 | tan-defined N, πL·T/(1 + 4(N(1+|m|/P))²), P the pupil magnification (1 unless known) | `irradiance_agrees_with_another_program` |
 //! | borders | by default the scene goes on beyond the frame; black, edge and mirror on request | `the_engine_agrees_through_an_otf_with_every_departure_and_border` |
@@ -41,4 +43,6 @@ pub use characterisation::{Characterisation, PsfGrid};
 pub use departures::{Departed, Departures, Distortion};
 pub use diffraction::{Diffraction, Illumination};
 pub use effects::OpticalEffect;
-pub use engine::{Blur, Border, Lens, NodeReport, Options, Report, SensorGrid, irradiance};
+pub use engine::{
+    Blur, Border, Lens, Misplaced, NodeReport, Options, Report, SensorGrid, irradiance,
+};

@@ -45,7 +45,7 @@ pub fn irradiance(
     }
     let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
     let bands = scene.scene.bands();
-    let (grid, lens) = (sensor_grid(camera), lens(camera, &bands)?);
+    let (grid, lens) = (sensor_grid(camera), lens(camera, &bands, options)?);
     let header = CubeHeader {
         width: grid.width,
         height: grid.height,

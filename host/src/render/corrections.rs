@@ -5,6 +5,7 @@ use super::{CubeHeader, Exposure, IrradianceCube, lens};
 use crate::Result;
 use crate::camera::Camera;
 use crate::formats::opcodes::{Opcode, bad_pixels, gain_maps};
+use crate::optics::Options;
 use crate::scene::Bands;
 use sensor_core::config::FrameSettings;
 use sensor_core::effects::Effect;
@@ -34,7 +35,8 @@ pub fn corrections(camera: &Camera, settings: &FrameSettings) -> Result<Correcti
 /// Gains that undo the lens's relative illumination; none where it has none.
 fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
     let sensor = &camera.sensor;
-    let lens = lens(camera, &Bands { start_nm: SHADING_NM, step_nm: 10.0, count: 1 })?;
+    let band = Bands { start_nm: SHADING_NM, step_nm: 10.0, count: 1 };
+    let lens = lens(camera, &band, &Options::default())?;
     let Some(illumination) = lens.illumination(SHADING_NM) else { return Ok(Vec::new()) };
     let size = [sensor.width as usize, sensor.height as usize];
     let [width_mm, height_mm] = size.map(|n| n as f64 * sensor.pitch_um * 1e-3);
@@ -116,7 +118,7 @@ mod tests {
         let camera = camera();
         let maps = corrections(&camera, &camera.settings(0, 0.01, None)).unwrap().list2;
         assert_eq!(maps.len(), 4);
-        let lens = lens(&camera, &Bands::VISIBLE).unwrap();
+        let lens = lens(&camera, &Bands::VISIBLE, &Options::default()).unwrap();
         let illumination = lens.illumination(SHADING_NM).unwrap();
         let pitch_mm = sensor_grid(&camera).pitch_um * 1e-3;
         let Opcode::GainMap(map) = &maps[3] else { panic!("{maps:?}") };

@@ -4,9 +4,10 @@ use crate::camera::{Camera, LensKind, RelativeIllumination};
 use crate::optics::effects::Optics;
 use crate::optics::interpolate::MonotoneCubic;
 use crate::optics::lens::characterise::{self, Plan, PsfMethod};
+use crate::optics::lens::heights::Density;
 use crate::optics::lens::{Catalogue, Conditions, System, read_prescription};
 use crate::optics::{Characterisation, Departed, Departures, Diffraction, Illumination};
-use crate::optics::{Lens, SensorGrid};
+use crate::optics::{Lens, Options, SensorGrid};
 use crate::scene::Bands;
 use crate::{Error, Result};
 use std::path::Path;
@@ -22,14 +23,14 @@ pub fn sensor_grid(camera: &Camera) -> SensorGrid {
     }
 }
 
-/// The lens with the optical effects of the camera file; `bands` are the wavelengths at which a prescription
-/// is traced.
+/// The lens with the optical effects of the camera file. A prescription is traced at the wavelengths of `bands`, at as
+/// many heights as [`Options::misplaced_light`] asks.
 ///
 /// # Errors
 /// Lens data that cannot be read or traced; a defocus of a lens whose wavefront is not known.
-pub fn lens(camera: &Camera, bands: &Bands) -> Result<Box<dyn Lens>> {
+pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn Lens>> {
     let optics = Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
-    let lens = described(camera, bands, optics.defocus_um)?;
+    let lens = described(camera, bands, options, optics.defocus_um)?;
     Ok(match optics.departures == Departures::default() {
         true => lens,
         false => Box::new(Departed { lens, departures: optics.departures }),
@@ -37,7 +38,12 @@ pub fn lens(camera: &Camera, bands: &Bands) -> Result<Box<dyn Lens>> {
 }
 
 /// The lens as `[lens]` describes it, with the sensor `defocus_um` further away.
-fn described(camera: &Camera, bands: &Bands, defocus_um: f64) -> Result<Box<dyn Lens>> {
+fn described(
+    camera: &Camera,
+    bands: &Bands,
+    options: &Options,
+    defocus_um: f64,
+) -> Result<Box<dyn Lens>> {
     let transmittance = camera.lens.transmittance.clone();
     match &camera.lens.kind {
         LensKind::DiffractionLimited {
@@ -75,7 +81,7 @@ fn described(camera: &Camera, bands: &Bands, defocus_um: f64) -> Result<Box<dyn 
             Ok(Box::new(lens))
         }
         LensKind::Prescription(path) => {
-            let mut lens = characterise(camera, path, bands, defocus_um)?;
+            let mut lens = characterise(camera, path, bands, options, defocus_um)?;
             lens.transmittance = lens.transmittance.times(&transmittance)?;
             Ok(Box::new(lens))
         }
@@ -87,9 +93,10 @@ fn characterise(
     camera: &Camera,
     path: &Path,
     bands: &Bands,
+    options: &Options,
     defocus_um: f64,
 ) -> Result<Characterisation> {
-    /// Image heights from the axis to the corner.
+    /// Image heights from the axis to the corner, before more are added.
     const HEIGHTS: usize = 21;
     const PSF_SIZE: usize = 128;
     let prescription = read_prescription(path, &Catalogue::default())?;
@@ -97,13 +104,17 @@ fn characterise(
     let system = System::new(prescription, conditions).map_err(|e| e.at(path.display()))?;
     let plan = Plan {
         heights: HEIGHTS,
+        density: Some(Density {
+            tolerance: options.misplaced_light,
+            pixel_um: camera.sensor.pitch_um,
+        }),
         max_field_deg: system.field_of_paraxial_height(sensor_grid(camera).corner_mm()).abs(),
         wavelengths_nm: bands.centres().collect(),
         psf_size: PSF_SIZE,
         psf_spacing_um: None,
         method: PsfMethod::Auto,
     };
-    characterise::characterise(&system, &plan, &|| ()).map_err(|e| e.at(path.display()))
+    characterise::characterise(&system, &plan, &|_, _| ()).map_err(|e| e.at(path.display()))
 }
 
 #[cfg(test)]
@@ -114,10 +125,10 @@ mod tests {
     use std::path::PathBuf;
 
     fn steradians_and_mtf(camera: &Camera) -> (f64, f64) {
-        let lens = lens(camera, &Bands::VISIBLE).unwrap();
+        let lens = lens(camera, &Bands::VISIBLE, &Options::default()).unwrap();
         let mtf = match lens.blur(550.0) {
             Blur::Otf { otf, .. } => otf(100.0),
-            Blur::Field { psfs, .. } => psfs.axial_mtf(100.0),
+            Blur::Field { psfs, .. } => psfs.axial_mtf()(100.0),
         };
         (lens.steradians(550.0), mtf)
     }
@@ -133,7 +144,7 @@ mod tests {
         assert!((less / light - 0.5).abs() < 1e-12 && lower < 0.9 * mtf, "{lower} of {mtf}");
 
         camera.lens.kind = LensKind::Characterised(PathBuf::from("not-read"));
-        let error = lens(&camera, &Bands::VISIBLE).err().unwrap().to_string();
+        let error = lens(&camera, &Bands::VISIBLE, &Options::default()).err().unwrap().to_string();
         assert!(error.contains("no wavefront"), "{error}");
 
         // A plane and a hyperboloid of eccentricity n: perfect on the axis, so Hopkins holds.
@@ -145,14 +156,14 @@ mod tests {
         let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
         for defocus_um in [0.0, 40.0, -80.0] {
             camera.optical_effects = vec![effect("defocus", &[defocus_um])];
-            let lens = lens(&camera, &bands).unwrap();
+            let lens = lens(&camera, &bands, &Options::default()).unwrap();
             let Blur::Field { psfs, cutoff_per_mm } = lens.blur(550.0) else {
                 panic!("a traced lens has PSFs")
             };
             let waves = f64::from(defocus_um).abs() / (8.0 * 16.0 * 0.55);
             for per_mm in [30.0, 60.0, 120.0] {
                 let theory = hopkins_otf(per_mm / cutoff_per_mm, waves).abs();
-                let found = psfs.axial_mtf(per_mm);
+                let found = psfs.axial_mtf()(per_mm);
                 // The window of 128 samples cuts the PSF's wings, some per cent of its light.
                 assert!((found - theory).abs() < 0.03, "{defocus_um} {per_mm}: {found} {theory}");
             }

@@ -56,7 +56,7 @@ pub fn irradiance(
         illuminant: about.illuminant,
         made_of: about.made_of,
     })?;
-    let lens = lens(camera, &bands)?;
+    let lens = lens(camera, &bands, options)?;
     let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {
         writer.push(&plane)
     })?;

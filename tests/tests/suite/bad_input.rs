@@ -4,7 +4,7 @@ use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;
 
 /// Runs a command that must refuse, and checks what it says.
-fn refuses(dir: &Path, arguments: &str, says: &[&str]) {
+pub fn refuses(dir: &Path, arguments: &str, says: &[&str]) {
     let output = camrig(dir, arguments);
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "camrig {arguments}\n{told}");

@@ -9,6 +9,7 @@ mod diagnosis;
 mod full_disk;
 mod guide;
 mod interfaces;
+mod lens;
 mod measuring;
 mod photon_transfer;
 mod radiometry;

@@ -22,6 +22,7 @@ mod disk;
 use super::engine::psf::PsfField;
 use super::engine::{Blur, Lens, RadialCurve};
 use super::interpolate::MonotoneCubic;
+use super::lens::heights::Between;
 use crate::scene::Spectrum;
 use crate::{Error, Result};
 
@@ -73,6 +74,8 @@ pub struct PsfGrid {
     pub data: Vec<f32>,
     /// Fraction of the PSF's energy inside its window, `[height][wavelength]`; `None` where unknown.
     pub captured: Option<Vec<f64>>,
+    /// How wrong PSFs between the heights are, where that was measured.
+    pub between: Option<Between>,
 }
 
 impl PsfGrid {
@@ -357,6 +360,7 @@ pub(crate) mod tests {
             spacing_um,
             data,
             captured: None,
+            between: None,
         };
         psf.normalise().unwrap();
         Characterisation {

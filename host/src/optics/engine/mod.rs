@@ -14,12 +14,15 @@ pub mod sampling;
 
 mod field;
 mod fourier;
+pub mod nodes;
 pub mod psf;
 pub(super) mod source;
 pub mod varying;
+mod warp;
 
 use crate::scene::LitScene;
 use crate::{Error, Plane, Result};
+pub use nodes::{Misplaced, NodeReport};
 use serde::{Deserialize, Serialize};
 pub use source::Border;
 
@@ -116,20 +119,9 @@ pub struct Report {
     pub margin_pixels: usize,
     /// Bound on the error at a sharp step relative to the step, largest over the bands.
     pub step_error: f64,
-    /// Where the blur varies over the field: how its grid of PSF nodes came out.
+    /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are the worst of the
+    /// first, middle and last band.
     pub nodes: Option<NodeReport>,
-}
-
-/// The grid of nodes between which PSFs are interpolated.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct NodeReport {
-    /// Nodes across and down.
-    pub grid: (usize, usize),
-    /// Light that interpolation puts elsewhere than the PSF itself would, as a fraction: mean and
-    /// largest over the tile centres of a sample of the field, where it is worst.
-    pub misplaced: (f64, f64),
-    /// Side of the kernels, in cells.
-    pub kernel: usize,
 }
 
 /// Renders every band of `scene` through `lens` onto `grid`.
@@ -177,6 +169,7 @@ pub fn irradiance(
 }
 
 /// One band on its way through the lens.
+#[derive(Clone, Copy)]
 struct Band<'a> {
     scene: &'a LitScene<'a>,
     band: usize,
@@ -242,33 +235,29 @@ impl Band<'_> {
         state: &mut FieldState,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
-        let s = self.oversample(cutoff_per_mm, &|f| psfs.axial_mtf(f), report)?;
-        let pitch_um = self.grid.pitch_um;
-        let radius_um = psfs.radius_um(psf::TAIL);
-        let kernel_grid = psf::KernelGrid::new(s, pitch_um, self.grid.aperture_um(), radius_um);
-        let margin_um = (kernel_grid.before + s) as f64 * kernel_grid.cell_um;
-        let layout = sampling::Layout::new(self.grid, s, margin_um);
-        let source = self.source(&layout, report);
-        let place =
-            psf::Place { layout: &layout, pitch_mm: pitch_um * 1e-3, axis_mm: self.lens.axis_mm() };
-        let tile = *state.tile_pixels.get_or_insert_with(|| {
-            place.node_distance(psfs, &kernel_grid, self.options.misplaced_light)
-        });
+        let s = self.oversample(cutoff_per_mm, &psfs.axial_mtf(), report)?;
+        let tile_pixels = match state.tile_pixels {
+            Some(pixels) => pixels,
+            None => *state.tile_pixels.insert(self.node_distance()?),
+        };
+        let FieldGrids { layout, kernel } = &FieldGrids::new(psfs, self.grid, s);
+        let source = self.source(layout, report);
+        let place = self.place(layout);
         let tiling = varying::Tiling::new(
             s,
             (layout.cells_across(), layout.cells_down()),
-            kernel_grid.size,
-            kernel_grid.before,
-            tile * s,
+            kernel.size,
+            kernel.before,
+            tile_pixels * s,
         );
-        if report.nodes.is_none() {
-            report.nodes = Some(NodeReport {
-                grid: (tiling.across() + 1, tiling.down() + 1),
-                misplaced: place.grid_error(psfs, &kernel_grid, tiling.tile),
-                kernel: kernel_grid.size,
-            });
+        if self.probes().contains(&self.band) {
+            let found = place.report(psfs, kernel, &tiling, self.options.misplaced_light);
+            match &mut report.nodes {
+                None => report.nodes = Some(found),
+                Some(nodes) => nodes.join(found),
+            }
         }
-        let kernels = place.kernels(psfs, &kernel_grid, &tiling);
+        let kernels = place.kernels(psfs, kernel, &tiling);
         if state.blurrer.as_ref().is_none_or(|b| *b.tiling() != tiling) {
             state.blurrer = None;
         }
@@ -280,12 +269,56 @@ impl Band<'_> {
             (layout.width, layout.height),
         )
     }
+
+    /// The bands that stand for all where PSFs are looked at.
+    fn probes(&self) -> [usize; 3] {
+        let last = self.scene.scene.bands().count - 1;
+        [0, last / 2, last]
+    }
+
+    /// The distance of nodes, in pixels, that keeps the tolerance in every probe.
+    fn node_distance(&self) -> Result<usize> {
+        let mut least = usize::MAX;
+        for band in self.probes() {
+            let probe = Band { band, nm: self.scene.scene.bands().nm(band), ..*self };
+            if let Blur::Field { psfs, cutoff_per_mm } = self.lens.blur(probe.nm) {
+                let mtf = psfs.axial_mtf();
+                let s = probe.oversample(cutoff_per_mm, &mtf, &mut Report::default())?;
+                let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, self.grid, s);
+                let tolerance = self.options.misplaced_light;
+                least = least.min(probe.place(&layout).node_distance(&psfs, &kernel, tolerance));
+            }
+        }
+        Ok(least)
+    }
+
+    fn place<'b>(&self, layout: &'b sampling::Layout) -> nodes::Place<'b> {
+        nodes::Place { layout, pitch_mm: self.grid.pitch_um * 1e-3, axis_mm: self.lens.axis_mm() }
+    }
+}
+
+/// The grids of a band whose blur varies.
+pub(super) struct FieldGrids {
+    /// The padded frame.
+    pub layout: sampling::Layout,
+    /// The kernels.
+    pub kernel: psf::KernelGrid,
+}
+
+impl FieldGrids {
+    /// Kernels that hold the PSFs, and a margin that holds the kernels.
+    pub fn new(psfs: &psf::PsfField, grid: &SensorGrid, s: usize) -> Self {
+        let radius_um = psfs.radius_um(psf::TAIL);
+        let kernel = psf::KernelGrid::new(s, grid.pitch_um, grid.aperture_um(), radius_um);
+        let margin_um = (kernel.before + s) as f64 * kernel.cell_um;
+        Self { layout: sampling::Layout::new(grid, s, margin_um), kernel }
+    }
 }
 
 /// What field-varying blur keeps from band to band.
 #[derive(Default)]
 struct FieldState {
-    /// Distance of nodes, chosen on the first band.
+    /// Distance of nodes.
     tile_pixels: Option<usize>,
     /// Plans and buffers, as long as the tiling stays the same.
     blurrer: Option<varying::Blurrer>,

@@ -1,7 +1,5 @@
 //! From point-spread functions to kernels on the cell grid.
 
-use super::sampling::Layout;
-use super::varying::Kernels;
 use std::f64::consts::TAU;
 
 /// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief ray at
@@ -78,18 +76,28 @@ impl PsfField {
         (largest.max().unwrap_or(0) as f64 + 0.5) * self.spacing_um
     }
 
-    /// The larger of the radial and tangential MTF on the axis at a frequency in cycles/mm.
-    pub fn axial_mtf(&self, per_mm: f64) -> f64 {
-        let step = TAU * per_mm * self.spacing_um * 1e-3;
-        let mut parts = [0.0f64; 4];
+    /// The larger of the radial and tangential MTF on the axis, over frequency in cycles/mm.
+    pub fn axial_mtf(&self) -> impl Fn(f64) -> f64 + use<> {
+        // Line-spread functions: sums along and across.
+        let mut lines = [vec![0.0f64; self.size], vec![0.0f64; self.size]];
         for (k, &v) in self.psfs[0].iter().enumerate() {
-            let (i, j) = (k / self.size, k % self.size);
-            let ((si, ci), (sj, cj)) = ((step * i as f64).sin_cos(), (step * j as f64).sin_cos());
-            for (part, value) in parts.iter_mut().zip([ci, si, cj, sj]) {
-                *part += f64::from(v) * value;
-            }
+            lines[0][k / self.size] += f64::from(v);
+            lines[1][k % self.size] += f64::from(v);
         }
-        parts[0].hypot(parts[1]).max(parts[2].hypot(parts[3]))
+        let spacing_mm = self.spacing_um * 1e-3;
+        move |per_mm| {
+            let step = TAU * per_mm * spacing_mm;
+            let modulus = |line: &Vec<f64>| {
+                let (mut re, mut im) = (0.0, 0.0);
+                for (i, v) in line.iter().enumerate() {
+                    let (s, c) = (step * i as f64).sin_cos();
+                    re += v * c;
+                    im += v * s;
+                }
+                f64::hypot(re, im)
+            };
+            modulus(&lines[0]).max(modulus(&lines[1]))
+        }
     }
 
     /// The PSF at a real image height: linear between tabulated heights, the last one beyond.
@@ -105,39 +113,89 @@ impl PsfField {
 
     /// The kernel for light whose chief ray lands at (x, y) mm from the optical axis, x right and y
     /// down. Sums to 1.
+    pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
+        let height = x_mm.hypot(y_mm);
+        // On the axis "radial" is down, as in the tables.
+        let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
+        self.projected(&self.at(height), radial, grid)
+    }
+
+    /// The kernel of a PSF whose rows rise along the unit vector `radial`.
     ///
     /// Every PSF sample counts as a square of its spacing, kept parallel to the grid (a square's second
     /// moments do not depend on its rotation), and is integrated exactly over the pixel's square.
-    pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
-        let height = x_mm.hypot(y_mm);
-        // Unit vectors along the radius and across it; on the axis "radial" is down, as in the tables.
-        let (rx, ry) = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
-        let (tx, ty) = (ry, -rx);
-        let psf = self.at(height);
-        let (centre, n) = ((self.size / 2) as f64, grid.size);
-        let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * 1e-8;
-        let mut sums = vec![0.0f64; n * n];
-        let mut across = vec![0.0f64; n];
-        for (k, &value) in psf.iter().enumerate() {
-            if value <= negligible {
-                continue;
-            }
-            let i = ((k / self.size) as f64 - centre) * self.spacing_um;
-            let j = ((k % self.size) as f64 - centre) * self.spacing_um;
-            let columns = grid.overlaps(i * rx + j * tx, self.spacing_um);
-            let rows = grid.overlaps(i * ry + j * ty, self.spacing_um);
-            for (w, place) in across.iter_mut().zip(columns.clone()) {
-                *w = f64::from(value) * grid.overlap(place, i * rx + j * tx, self.spacing_um);
-            }
-            for row in rows {
-                let wy = grid.overlap(row, i * ry + j * ty, self.spacing_um);
-                let target = &mut sums[row * n + columns.start..row * n + columns.end];
-                target.iter_mut().zip(&across).for_each(|(s, w)| *s += wy * w);
-            }
-        }
+    pub fn projected(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f32> {
+        let n = grid.size;
+        let sums = self.integrated(psf, radial, grid);
         let sharp = sharpen(&sums, n);
         let total: f64 = sharp.iter().sum();
         sharp.iter().map(|v| (v / total) as f32).collect()
+    }
+
+    /// The light of every PSF sample in the pixel squares of all kernel indices.
+    fn integrated(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f64> {
+        // Along one axis a sample reaches so many squares; a loop of known length is twice as fast.
+        match grid.reached(self.spacing_um) {
+            2 => self.integrated_over(2, psf, radial, grid),
+            3 => self.integrated_over(3, psf, radial, grid),
+            4 => self.integrated_over(4, psf, radial, grid),
+            5 => self.integrated_over(5, psf, radial, grid),
+            more => self.integrated_over(more, psf, radial, grid),
+        }
+    }
+
+    #[inline(always)]
+    fn integrated_over(
+        &self,
+        reached: usize,
+        psf: &[f32],
+        (rx, ry): (f64, f64),
+        grid: &KernelGrid,
+    ) -> Vec<f64> {
+        // The unit vector across.
+        let (tx, ty) = (ry, -rx);
+        let (centre, side, n) = ((self.size / 2) as f64, self.spacing_um, grid.size);
+        let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * 1e-8;
+        // Two squares overlap along an axis by the sum of their halves less their distance, at most by the smaller.
+        let (reach, most) = (0.5 * (side + grid.aperture_um), side.min(grid.aperture_um) / side);
+        let share = |index: f64, place: f64| {
+            let distance = (grid.offset_um(0) + index * grid.cell_um - place).abs();
+            ((reach - distance) / side).clamp(0.0, most)
+        };
+        let first = |place: f64| ((place - reach - grid.offset_um(0)) / grid.cell_um).ceil();
+        // A rim takes what falls outside.
+        let wide = n + 2 * reached;
+        let mut sums = vec![0.0f64; wide * wide];
+        let (mut across, mut down) = (vec![0.0f64; reached], vec![0.0f64; reached]);
+        let inside = -(reached as f64)..=n as f64;
+        for (i, row) in psf.chunks_exact(self.size).enumerate() {
+            let along = (i as f64 - centre) * side;
+            for (j, &value) in row.iter().enumerate() {
+                if value <= negligible {
+                    continue;
+                }
+                let beside = (j as f64 - centre) * side;
+                let (x, y) = (along * rx + beside * tx, along * ry + beside * ty);
+                let (left, top) = (first(x), first(y));
+                if !inside.contains(&left) || !inside.contains(&top) {
+                    continue;
+                }
+                for k in 0..reached {
+                    across[k] = f64::from(value) * share(left + k as f64, x);
+                    down[k] = share(top + k as f64, y);
+                }
+                let corner = (top as isize + reached as isize) as usize * wide
+                    + (left as isize + reached as isize) as usize;
+                for k in 0..reached {
+                    let target = &mut sums[corner + k * wide..][..reached];
+                    for l in 0..reached {
+                        target[l] += down[k] * across[l];
+                    }
+                }
+            }
+        }
+        let rows = sums.chunks_exact(wide).skip(reached).take(n);
+        rows.flat_map(|row| &row[reached..reached + n]).copied().collect()
     }
 }
 
@@ -147,21 +205,9 @@ impl KernelGrid {
         (index as f64 - self.before as f64 + (self.oversample as f64 - 1.0) / 2.0) * self.cell_um
     }
 
-    /// Kernel indices whose pixel squares touch a PSF sample of side `side` at `place`, both µm.
-    fn overlaps(&self, place: f64, side: f64) -> std::ops::Range<usize> {
-        let reach = 0.5 * (side + self.aperture_um);
-        let index = |x: f64| (x - self.offset_um(0)) / self.cell_um;
-        let first = index(place - reach).ceil().max(0.0) as usize;
-        let end = (index(place + reach).floor() + 1.0).max(0.0) as usize;
-        first.min(self.size)..end.min(self.size).max(first.min(self.size))
-    }
-
-    /// Fraction of the PSF sample that falls into the pixel square of a kernel index, along one axis.
-    fn overlap(&self, index: usize, place: f64, side: f64) -> f64 {
-        let centre = self.offset_um(index);
-        let (half, a) = (0.5 * side, 0.5 * self.aperture_um);
-        let length = (place + half).min(centre + a) - (place - half).max(centre - a);
-        length.max(0.0) / side
+    /// Most kernel indices, along one axis, whose pixel squares touch a PSF sample of side `side_um`.
+    fn reached(&self, side_um: f64) -> usize {
+        ((side_um + self.aperture_um) / self.cell_um).floor() as usize + 1
     }
 }
 
@@ -175,99 +221,6 @@ fn sharpen(values: &[f64], n: usize) -> Vec<f64> {
     };
     let rows: Vec<f64> = (0..n * n).map(|k| taps(&|x| values[k / n * n + x], k % n)).collect();
     (0..n * n).map(|k| taps(&|y| rows[y * n + k % n], k / n)).collect()
-}
-
-/// Half the sum of absolute differences: the fraction of the light that one kernel puts elsewhere than
-/// the other.
-pub fn misplaced(a: &[f32], b: &[f32]) -> f64 {
-    0.5 * a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>()
-}
-
-/// Where cells of the padded grid lie from the optical axis.
-pub struct Place<'a> {
-    /// Padded grids.
-    pub layout: &'a Layout,
-    /// Pixel pitch, mm.
-    pub pitch_mm: f64,
-    /// The optical axis from the sensor's centre, mm.
-    pub axis_mm: (f64, f64),
-}
-
-impl Place<'_> {
-    /// (x, y) mm from the optical axis of a point in cells from the padded grid's corner.
-    pub fn from_axis(&self, (x, y): (f64, f64)) -> (f64, f64) {
-        let cell = self.pitch_mm / self.layout.oversample as f64;
-        let along = |cells: f64, edge: usize, pixels: usize, axis: f64| {
-            cells * cell - (edge as f64 + pixels as f64 / 2.0) * self.pitch_mm - axis
-        };
-        (
-            along(x, self.layout.left(), self.layout.width, self.axis_mm.0),
-            along(y, self.layout.top(), self.layout.height, self.axis_mm.1),
-        )
-    }
-
-    /// Mean and largest [`misplaced`] light at the centres of tiles of `tile` cells, where blending the
-    /// corners' kernels is worst, over a sample of the field.
-    pub fn grid_error(&self, field: &PsfField, grid: &KernelGrid, tile: usize) -> (f64, f64) {
-        use rayon::prelude::*;
-        const SAMPLES: usize = 6;
-        let t = tile as f64;
-        let spread = |i: usize, cells: usize| {
-            // Tile centres over half of the frame: lenses are symmetric, sensors centred or nearly.
-            let tiles = (cells as f64 / t).ceil().max(1.0);
-            ((tiles * i as f64 / (2 * SAMPLES) as f64).floor() + 0.5) * t
-        };
-        let errors: Vec<f64> = (0..SAMPLES * SAMPLES)
-            .into_par_iter()
-            .map(|k| {
-                let x = spread(k % SAMPLES, self.layout.cells_across());
-                let y = spread(k / SAMPLES, self.layout.cells_down());
-                let kernel = |dx: f64, dy: f64| {
-                    let (x, y) = self.from_axis((x + dx * t, y + dy * t));
-                    field.kernel(x, y, grid)
-                };
-                let corners =
-                    [kernel(-0.5, -0.5), kernel(0.5, -0.5), kernel(-0.5, 0.5), kernel(0.5, 0.5)];
-                let blend: Vec<f32> = (0..grid.size * grid.size)
-                    .map(|k| corners.iter().map(|c| c[k]).sum::<f32>() * 0.25)
-                    .collect();
-                misplaced(&blend, &kernel(0.0, 0.0))
-            })
-            .collect();
-        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        (mean, errors.iter().fold(0.0, |m, &e| m.max(e)))
-    }
-
-    /// The largest distance of nodes, in pixels, at which the mean [`Place::grid_error`] keeps
-    /// `tolerance`; at least 16 pixels.
-    pub fn node_distance(&self, field: &PsfField, grid: &KernelGrid, tolerance: f64) -> usize {
-        let s = self.layout.oversample;
-        [512, 362, 256, 181, 128, 90, 64, 45, 32, 23]
-            .into_iter()
-            .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
-            .find(|&pixels| self.grid_error(field, grid, pixels * s).0 <= tolerance)
-            .unwrap_or(16)
-    }
-
-    /// Kernels at every node of a tiling.
-    pub fn kernels(
-        &self,
-        field: &PsfField,
-        grid: &KernelGrid,
-        tiling: &super::varying::Tiling,
-    ) -> Kernels {
-        use rayon::prelude::*;
-        let across = tiling.across() + 1;
-        let nodes = across * (tiling.down() + 1);
-        let data: Vec<Vec<f32>> = (0..nodes)
-            .into_par_iter()
-            .map(|k| {
-                let (x, y) = self.from_axis(tiling.node(k % across, k / across));
-                field.kernel(x, y, grid)
-            })
-            .collect();
-        Kernels { size: grid.size, data: data.concat() }
-    }
 }
 
 #[cfg(test)]

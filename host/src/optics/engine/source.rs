@@ -2,6 +2,7 @@
 
 use super::field::{RadialTable, largest_height_mm};
 use super::sampling::Layout;
+use super::warp::{APRON, BLOCK, RIGHT, resample};
 use super::{Lens, SensorGrid};
 use crate::scene::{Grid, LitScene};
 use crate::{Plane, Result};
@@ -30,7 +31,6 @@ pub struct Source<'a> {
     /// Top left corner of the padded grid, sensor widths from the image centre.
     corner: (f64, f64),
     warp: Option<Warp>,
-    cubic: Cubic,
 }
 
 struct Warp {
@@ -89,7 +89,6 @@ impl<'a> Source<'a> {
                 -0.5 * grid.height as f64 / w - layout.top() as f64 / w,
             ),
             warp,
-            cubic: Cubic::new(),
         }
     }
 
@@ -158,13 +157,13 @@ impl<'a> Source<'a> {
             reach(place(0, j));
             reach(place(width - 1, j));
         }
-        // Two cells for the cubic, one of reserve, one for what the mesh leaves out.
-        let apron = 4.0 * self.cell;
-        let cells = |from: f64, to: f64| ((to - from) / self.cell).ceil() as usize + 10;
+        // One cell more for what the outline's sampling leaves out.
+        let apron = (APRON + 1) as f64 * self.cell;
+        let cells = |from: f64, to: f64| ((to - from) / self.cell).ceil() as usize + 2 * APRON + 4;
         // On one lattice of cells whatever the rectangle, so that neighbouring strips see one scene.
         let lattice = |edge: f64| ((edge - apron) / self.cell).floor() * self.cell;
         let grid = Grid {
-            width: cells(low.0, high.0),
+            width: cells(low.0, high.0) + RIGHT,
             height: cells(low.1, high.1),
             left: lattice(low.0),
             top: lattice(low.1),
@@ -175,68 +174,12 @@ impl<'a> Source<'a> {
             let (u, v) = place(i, j);
             ((u - grid.left) / self.cell - 0.5, (v - grid.top) / self.cell - 0.5)
         };
+        let mut mesh = vec![(0.0, 0.0); width.div_ceil(BLOCK) + 1];
         let mut out = Plane::filled(width, height, 0.0);
         for j in 0..height {
-            for (block, values) in out.row_mut(j).chunks_mut(MESH).enumerate() {
-                let (from, to) = (sample(block * MESH, j), sample(block * MESH + MESH, j));
-                self.cubic.line(&ideal, from, to, values);
-            }
+            mesh.iter_mut().enumerate().for_each(|(i, place)| *place = sample(i * BLOCK, j));
+            resample(&ideal, &mesh, out.row_mut(j));
         }
         Ok(out)
-    }
-}
-
-/// Cells between exact evaluations of the mapping, linear between. A distortion of 10 % at the end of
-/// 1000 cells bends by some 1e-4 cells per cell², which leaves (16/2)²/2 of that: 0.003 cells.
-const MESH: usize = 16;
-
-/// Catmull-Rom interpolation with weights tabulated every 1/1024 of a cell.
-struct Cubic {
-    weights: Vec<[f32; 4]>,
-}
-
-impl Cubic {
-    const PHASES: usize = 1024;
-
-    fn new() -> Self {
-        let weights = |i: usize| {
-            let t = i as f64 / Self::PHASES as f64;
-            [
-                ((-0.5 * t + 1.0) * t - 0.5) * t,
-                (1.5 * t - 2.5) * t * t + 1.0,
-                ((-1.5 * t + 2.0) * t + 0.5) * t,
-                (0.5 * t - 0.5) * t * t,
-            ]
-            .map(|w| w as f32)
-        };
-        Self { weights: (0..=Self::PHASES).map(weights).collect() }
-    }
-
-    /// Values at even steps on the way from `from` towards `to`, which lies [`MESH`] steps on; places in
-    /// samples, at least 1 and at most size − 3.
-    fn line(&self, plane: &Plane<f32>, from: (f64, f64), to: (f64, f64), values: &mut [f32]) {
-        let step = |a: f64, b: f64| ((b - a) / MESH as f64) as f32;
-        let (dx, dy) = (step(from.0, to.0), step(from.1, to.1));
-        // Whole samples apart from what changes, so that f32 holds the rest to 1e-6. One sample of
-        // reserve keeps it positive where the mapping runs backwards.
-        let (left, top) = (from.0.floor() - 1.0, from.1.floor() - 1.0);
-        let (x0, y0) = ((from.0 - left) as f32, (from.1 - top) as f32);
-        let width = plane.width;
-        let corner = (top as usize - 1) * width + left as usize - 1;
-        for (i, value) in values.iter_mut().enumerate() {
-            let (x, y) = (x0 + dx * i as f32, y0 + dy * i as f32);
-            let (column, row) = (x as usize, y as usize);
-            let phase = |x: f32, i: usize| ((x - i as f32) * Self::PHASES as f32 + 0.5) as usize;
-            let (wx, wy) = (self.weights[phase(x, column)], self.weights[phase(y, row)]);
-            let at = corner + row * width + column;
-            let window = &plane.data[at..at + 3 * width + 4];
-            let mut sums = [0.0f32; 4];
-            for (r, wy) in wy.into_iter().enumerate() {
-                for (sum, v) in sums.iter_mut().zip(&window[r * width..r * width + 4]) {
-                    *sum += wy * v;
-                }
-            }
-            *value = (sums[0] * wx[0] + sums[1] * wx[1]) + (sums[2] * wx[2] + sums[3] * wx[3]);
-        }
     }
 }

@@ -1,5 +1,6 @@
 //! From a traced lens to figures at field points, and to a whole [`Characterisation`].
 
+use super::heights::{self, Density, Probe, Station};
 use super::prescription::Object;
 use super::psf::{self, Psf, Window};
 use super::pupil::{Beam, Outline};
@@ -9,6 +10,7 @@ use crate::optics::{Characterisation, PsfGrid};
 use crate::scene::Spectrum;
 use crate::{Error, Result};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Azimuths of a half pupil's outline: the polygon's area errs by (π/255)²/6 = 2.5e-5 of itself, the ratio to
 /// that on the axis by the difference of two such errors.
@@ -53,8 +55,10 @@ pub enum PsfMethod {
 /// What a characterisation is to hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Image heights, evenly spaced from the axis to the largest field.
+    /// Image heights, evenly spaced from the axis to the largest field, before more are added between.
     pub heights: usize,
+    /// Where more are added; `None` takes them as they are and does not look between.
+    pub density: Option<Density>,
     /// Largest field, degrees.
     pub max_field_deg: f64,
     /// Wavelengths, nm, strictly rising.
@@ -100,7 +104,9 @@ fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
         .iter()
         .map(|&nm| {
             let train = system.at(nm)?;
-            let axis_sr = Beam::aim(&train, 0.0)?.outline(AZIMUTHS)?.projected_solid_angle();
+            let axis = Beam::aim(&train, 0.0)?;
+            axis.check_rim()?;
+            let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
             Ok(AxisTrain { train, axis_sr })
         })
         .collect()
@@ -171,14 +177,31 @@ impl<'a> Aimed<'a> {
     }
 }
 
-/// Characterises a lens. `step` is called once per point-spread function, from any thread.
+/// A PSF of a characterisation.
+struct Traced {
+    point: FieldPoint,
+    samples: Vec<f32>,
+    captured: f64,
+}
+
+impl Probe for Traced {
+    fn real_height_mm(&self) -> f64 {
+        self.point.chief_ray_height_mm
+    }
+    fn samples(&self) -> &[f32] {
+        &self.samples
+    }
+}
+
+/// Characterises a lens. Heights are chosen at the first, middle and last wavelength; then `progress` hears of PSFs
+/// done and PSFs in all, from any thread.
 ///
 /// # Errors
 /// As [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
 pub fn characterise(
     system: &System,
     plan: &Plan,
-    step: &(dyn Fn() + Sync),
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Characterisation> {
     if plan.heights < 2 || !(plan.max_field_deg > 0.0 && plan.max_field_deg < 90.0) {
         return Err(Error::input(format!(
@@ -190,35 +213,75 @@ pub fn characterise(
         ));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);
-    let heights: Vec<f64> =
+    let even: Vec<f64> =
         (0..plan.heights).map(|i| top * i as f64 / (plan.heights - 1) as f64).collect();
-    let fields: Vec<f64> = heights.iter().map(|&h| system.field_of_paraxial_height(h)).collect();
     let trains = trains(system, &plan.wavelengths_nm)?;
+    if trains.is_empty() {
+        return Err(Error::input("no wavelength").help("give at least one, in nm"));
+    }
     let spacing_um = match plan.psf_spacing_um {
         Some(spacing) => spacing,
-        None => spacing_for(system, &trains, &fields, plan.psf_size)?,
+        None => {
+            let fields: Vec<f64> =
+                even.iter().map(|&h| system.field_of_paraxial_height(h)).collect();
+            spacing_for(system, &trains, &fields, plan.psf_size)?
+        }
     };
     let window = Window { size: plan.psf_size, spacing_mm: spacing_um * 1e-3 };
-    let pairs: Vec<(f64, &AxisTrain)> =
-        fields.iter().flat_map(|&deg| trains.iter().map(move |t| (deg, t))).collect();
-    let results: Result<Vec<(FieldPoint, Psf)>> = pairs
-        .par_iter()
-        .map(|(deg, train)| {
-            let aimed = Aimed::new(system, train, *deg)?;
-            let psf = aimed.psf(&window, plan.method)?;
-            step();
-            Ok((aimed.point(false), psf))
+    let flip = side(system) < 0.0;
+    let trace = |height: f64, wavelength: usize| -> Result<Traced> {
+        let field_deg = system.field_of_paraxial_height(height);
+        let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
+        let psf = aimed.psf(&window, plan.method)?;
+        let samples = samples_outwards(&psf, window.size, flip);
+        Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
+    };
+    let last = trains.len() - 1;
+    // The wavelengths that stand for all, as in the engine.
+    let mut probes = vec![0, last / 2, last];
+    probes.dedup();
+    let (stations, between) = match &plan.density {
+        Some(density) => {
+            let trace = |height| probes.par_iter().map(|&w| trace(height, w)).collect();
+            let window = (window.size, spacing_um);
+            let (stations, between) = heights::choose(&even, density, window, trace)?;
+            (stations, Some(between))
+        }
+        None => {
+            probes.clear();
+            let bare = |height_mm| Station { height_mm, traced: Vec::new() };
+            (even.into_iter().map(bare).collect(), None)
+        }
+    };
+    let heights: Vec<f64> = stations.iter().map(|s| s.height_mm).collect();
+    let all = heights.len() * trains.len();
+    let done = AtomicUsize::new(heights.len() * probes.len());
+    let rest: Result<Vec<Vec<Traced>>> = stations
+        .into_par_iter()
+        .map(|station| {
+            let mut probed = station.traced.into_iter();
+            (0..trains.len())
+                .map(|w| match probes.contains(&w).then(|| probed.next()).flatten() {
+                    Some(traced) => Ok(traced),
+                    None => {
+                        let traced = trace(station.height_mm, w)?;
+                        progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);
+                        Ok(traced)
+                    }
+                })
+                .collect()
         })
         .collect();
-    let (points, psfs): (Vec<FieldPoint>, Vec<Psf>) = results?.into_iter().unzip();
-    let flip = side(system) < 0.0;
+    let (points, blocks): (Vec<FieldPoint>, Vec<(Vec<f32>, f64)>) =
+        rest?.into_iter().flatten().map(|t| (t.point, (t.samples, t.captured))).unzip();
     let mut grid = PsfGrid {
         heights_mm: heights.clone(),
         wavelengths_nm: plan.wavelengths_nm.clone(),
         size: window.size,
         spacing_um,
-        data: psfs.iter().flat_map(|p| samples_outwards(p, window.size, flip)).collect(),
-        captured: Some(psfs.iter().map(|p| p.captured).collect()),
+        data: blocks.iter().flat_map(|(samples, _)| samples).copied().collect(),
+        captured: Some(blocks.iter().map(|(_, captured)| *captured).collect()),
+        between,
     };
     grid.normalise()?;
     let lens = Characterisation {
@@ -255,9 +318,7 @@ fn samples_outwards(psf: &Psf, size: usize, flip: bool) -> Vec<f32> {
 /// A sample distance (µm) between λN/4 and λN/2 of the shortest wavelength (the latter is Nyquist's for an
 /// aberration-free image), in that range such that the largest spot fits into the window.
 fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usize) -> Result<f64> {
-    let (Some(first), Some(last)) = (trains.first(), trains.last()) else {
-        return Err(Error::input("no wavelength").help("give at least one, in nm"));
-    };
+    let (first, last) = (&trains[0], &trains[trains.len() - 1]);
     let mut reach = 0.0_f64;
     for deg in fields.iter().step_by((fields.len() / 5).max(1)) {
         for train in [first, last] {

@@ -25,6 +25,7 @@
 
 pub mod characterise;
 pub mod glass;
+pub mod heights;
 pub mod import;
 pub mod paraxial;
 pub mod prescription;

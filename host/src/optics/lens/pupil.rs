@@ -164,6 +164,31 @@ impl<'a> Beam<'a> {
         }
     }
 
+    /// Whether the ray to the rim of the pupil arrives or is stopped by an aperture.
+    ///
+    /// # Errors
+    /// It is lost at a surface: the lens cannot have the aperture it is said to have.
+    pub(super) fn check_rim(&self) -> Result<()> {
+        let radius = 0.5 * self.train.entrance_pupil_mm;
+        let (position, direction) = self.launcher.ray(0.0, radius * self.launcher.cosine);
+        let mut ray = Rays::<1>::nowhere();
+        ray.set(0, position, direction);
+        let start = ray.clone();
+        for surface in &self.train.surfaces {
+            surface.meet(&mut ray);
+            surface.bend(&mut ray);
+        }
+        match lost_at(&self.train.surfaces, &start) {
+            Some((surface, how)) if ray.excess[0] <= 0.0 => {
+                Err(lost(self.field_deg, self.train.nm, surface, how).help(
+                    "the aperture is larger than this surface takes: give a smaller one, or check radius, \
+                     conic and polynomial of the surface",
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Traces rays at launch places relative to the chief ray; [`LANES`] at a time.
     #[inline]
     pub(super) fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {

@@ -315,6 +315,11 @@ impl File {
             Some(d) if d.abs() >= 1e10 => Object::Infinity,
             Some(d) => Object::Distance(d * scale),
         };
+        if let Some(thickness) = drafts[image].thickness.filter(|d| *d != 0.0) {
+            return Err(Error::input(format!("the last surface is followed by {thickness}"))
+                .at(format!("surface {image} (line {})", drafts[image].line))
+                .help("the last surface is the image, with DISZ 0: is the file cut short?"));
+        }
         if drafts[image].curvature != 0.0 {
             return Err(Error::input("the image surface is curved")
                 .at(format!("line {}", drafts[image].line))

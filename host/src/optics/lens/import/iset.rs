@@ -244,7 +244,8 @@ fn psf_grid(
             }
             size = n;
             captured.push(kept);
-            let sum: f64 = samples.iter().sum();
+            // A PSF without light stays one, and is refused with its place.
+            let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
             data.extend(samples.iter().map(|v| (v / sum) as f32));
         }
     }
@@ -255,6 +256,7 @@ fn psf_grid(
         spacing_um,
         data,
         captured: captured.iter().any(|v| *v < 1.0).then_some(captured),
+        between: None,
     })
 }
 

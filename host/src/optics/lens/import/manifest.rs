@@ -281,13 +281,14 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
                 ))
                 .help("export all PSFs on the same grid"));
             }
-            let sum: f64 = samples.iter().sum();
+            // A PSF without light stays one, and is refused with its place.
+            let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
             data.extend(samples.iter().map(|v| (v / sum) as f32));
             captured.push(*kept);
         }
     }
     let captured = captured.iter().any(|v| *v < 1.0).then_some(captured);
-    Ok(PsfGrid { heights_mm, wavelengths_nm, size, spacing_um, data, captured })
+    Ok(PsfGrid { heights_mm, wavelengths_nm, size, spacing_um, data, captured, between: None })
 }
 
 /// A PSF file: NPY by its extension, text otherwise.

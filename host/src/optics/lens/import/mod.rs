@@ -31,8 +31,7 @@ pub fn import(source: &Path) -> Result<Characterisation> {
     } else {
         iset::read(&iset::parameter_file(source)?)?
     };
-    lens.psf.normalise()?;
-    lens.validate()?;
+    lens.psf.normalise().and_then(|()| lens.validate()).map_err(|e| e.at(source.display()))?;
     Ok(lens)
 }
 

@@ -1,16 +1,18 @@
 //! `camrig lens`: characterise lenses from prescriptions or exported files, look at them.
 
+mod show;
+
 use super::arguments;
 use crate::formats::output::OutputDir;
-use crate::optics::Characterisation;
-use crate::optics::lens::characterise::{self, FieldPoint, Plan, PsfMethod};
-use crate::optics::lens::prescription::{Medium, Object};
+use crate::optics::lens::characterise::{self, Plan, PsfMethod};
+use crate::optics::lens::heights::Density;
 use crate::optics::lens::{
     Catalogue, Conditions, Glass, Prescription, System, import, read_prescription,
 };
+use crate::optics::{Characterisation, Options};
 use crate::report::lens as report;
 use crate::{Error, Result};
-use serde_json::{Value, json};
+use show::{figures, info, info_of_directory, point_json, print_points, summary};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -49,7 +51,7 @@ struct TraceArgs {
     /// Write a characterisation into this directory
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Image heights of the characterisation
+    /// Image heights of the characterisation, before more are added between
     #[arg(long, default_value_t = 21, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=512))]
     heights: u16,
     /// Largest field of the characterisation, degrees; the file's own unless given
@@ -64,6 +66,13 @@ struct TraceArgs {
     /// How PSFs are made
     #[arg(long, value_enum, default_value_t)]
     psf: PsfMethod,
+    /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no more than this
+    /// part of their light
+    #[arg(long, default_value_t = Options::default().misplaced_light, value_name = "PART", value_parser = arguments::positive)]
+    psf_tolerance: f64,
+    /// Side of the pixels for which that is asked, µm
+    #[arg(long, default_value_t = 1.4, value_name = "UM", value_parser = arguments::positive)]
+    pixel: f64,
     /// Replace an existing characterisation
     #[arg(long)]
     force: bool,
@@ -260,13 +269,14 @@ fn plot(args: &PlotArgs) -> Result<()> {
         drawings = report::spots(&system, &fields, &wavelengths_nm).map_err(place)?;
         let plan = Plan {
             heights: 11,
+            density: None,
             max_field_deg,
             wavelengths_nm,
             psf_size: 128,
             psf_spacing_um: None,
             method: PsfMethod::Auto,
         };
-        characterise::characterise(&system, &plan, &|| ()).map_err(place)?
+        characterise::characterise(&system, &plan, &|_, _| ()).map_err(place)?
     };
     let of_lens = report::drawings(&lens);
     drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
@@ -301,6 +311,7 @@ fn write_characterisation(
     let max_field_deg = max_field(system, args.max_field)?;
     let plan = Plan {
         heights: usize::from(args.heights),
+        density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
         max_field_deg,
         wavelengths_nm: wavelengths
             .unwrap_or_else(|| (0..=30).map(|i| 400.0 + 10.0 * f64::from(i)).collect()),
@@ -308,177 +319,24 @@ fn write_characterisation(
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
     };
-    let bar = arguments::progress("tracing", (plan.heights * plan.wavelengths_nm.len()) as u64);
-    let mut lens = characterise::characterise(system, &plan, &|| bar.inc(1))?;
+    let bar = arguments::progress("tracing", 0);
+    let mut lens = characterise::characterise(system, &plan, &|done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    })?;
     bar.finish_and_clear();
     let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     lens.source = format!("{file}, {}", lens.source);
     lens.write(dir, args.force)?;
     eprintln!("wrote {}: {}", dir.display(), summary(&lens));
-    Ok(())
-}
-
-/// A characterisation in one line.
-fn summary(lens: &Characterisation) -> String {
-    let least = lens.psf.captured.iter().flatten().copied().fold(1.0, f64::min);
-    format!(
-        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of the light or more",
-        lens.heights_mm.len(),
-        lens.heights_mm.last().copied().unwrap_or(0.0),
-        lens.wavelengths_nm.len(),
-        lens.psf.heights_mm.len() * lens.psf.wavelengths_nm.len(),
-        lens.psf.size,
-        lens.psf.size,
-        lens.psf.spacing_um,
-        100.0 * least
-    )
-}
-
-fn point_json(p: &FieldPoint) -> Value {
-    json!({
-        "field_deg": p.field_deg,
-        "wavelength_nm": p.wavelength_nm,
-        "chief_ray_height_mm": p.chief_ray_height_mm,
-        "cra_deg": p.cra_deg,
-        "relative_illumination": p.relative_illumination,
-        "distortion_percent": p.distortion_percent,
-        "projected_solid_angle_sr": p.projected_solid_angle_sr,
-        "opd_rms_waves": p.opd_rms_waves,
-        "spot_rms_mm": p.spot_rms_mm,
-    })
-}
-
-fn figures(system: &System) -> Value {
-    let (p, lens) = (&system.paraxial, &system.prescription);
-    json!({
-        "name": lens.name,
-        "efl_mm": p.efl_mm,
-        "f_number": system.f_number(),
-        "reference_nm": lens.reference_nm,
-        "bfl_mm": p.bfl_mm,
-        "image_distance_mm": p.image_distance_mm,
-        "magnification": p.magnification,
-        "object_distance_mm": match lens.object {
-            Object::Infinity => Value::Null,
-            Object::Distance(d) => d.into(),
-        },
-        "entrance_pupil_mm": system.entrance_pupil_mm,
-        "entrance_pupil_z_mm": p.entrance_z_mm,
-        "exit_pupil_z_mm": p.exit_z_mm,
-        "pupil_magnification": (p.exit_magnification / p.entrance_magnification).abs(),
-        "stop_radius_mm": system.stop_radius_mm,
-        "stop_surface": lens.stop + 1,
-        "notes": lens.notes,
-    })
-}
-
-fn print_points(system: &System, points: &[FieldPoint]) {
-    println!(
-        "EFL {:.6} mm, f/{:.4}, stop radius {:.6} mm (at {} nm)",
-        system.paraxial.efl_mm,
-        system.f_number(),
-        system.stop_radius_mm,
-        system.prescription.reference_nm
-    );
-    println!(
-        "{:>9} {:>8} {:>12} {:>10} {:>9} {:>11} {:>10} {:>11}",
-        "field deg",
-        "nm",
-        "height mm",
-        "CRA deg",
-        "rel. ill.",
-        "distortion",
-        "OPD waves",
-        "spot mm rms"
-    );
-    for p in points {
-        println!(
-            "{:>9.3} {:>8.1} {:>12.6} {:>10.5} {:>9.6} {:>9.4} % {:>10.4} {:>11.6}",
-            p.field_deg,
-            p.wavelength_nm,
-            p.chief_ray_height_mm,
-            p.cra_deg,
-            p.relative_illumination,
-            p.distortion_percent,
-            p.opd_rms_waves,
-            p.spot_rms_mm
-        );
-    }
-}
-
-fn info(args: &InfoArgs) -> Result<()> {
-    let system = args.lens.system()?;
-    let lens = &system.prescription;
-    let fields = system.fields_deg().map_err(|e| e.at(args.lens.file.display()))?;
-    if args.json {
-        let mut object = figures(&system);
-        object["fields_deg"] = fields.into();
-        object["wavelengths_nm"] = lens.wavelengths_nm.clone().into();
-        object["surfaces"] = lens.surfaces.len().into();
-        println!("{object}");
-        return Ok(());
-    }
-    let p = &system.paraxial;
-    println!("{}", lens.name);
-    println!("EFL {:.6} mm, f/{:.4}, at {} nm", p.efl_mm, system.f_number(), lens.reference_nm);
-    println!("back focus {:.6} mm, paraxial image at {:.6} mm", p.bfl_mm, p.image_distance_mm);
-    println!(
-        "entrance pupil {:.6} mm at z {:.6} mm, stop (surface {}) radius {:.6} mm",
-        system.entrance_pupil_mm,
-        p.entrance_z_mm,
-        lens.stop + 1,
-        system.stop_radius_mm
-    );
-    println!("fields {fields:?}°, wavelengths {:?} nm", lens.wavelengths_nm);
-    println!(
-        "{:>3} {:>14} {:>12} {:>12} {:>16} {:>10}",
-        "", "radius mm", "thickness", "aperture", "behind", "conic"
-    );
-    for (i, s) in lens.surfaces.iter().enumerate() {
-        let radius =
-            if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
-        let opening = s.clips.iter().map(|c| c.outer).fold(f64::INFINITY, f64::min);
-        let opening = if opening.is_finite() { format!("{opening:.5}") } else { String::new() };
-        let behind = match &s.medium {
-            Medium::Air => String::new(),
-            Medium::Mirror => "mirror".into(),
-            Medium::Glass(glass) => glass.name.clone(),
-        };
-        let mark = if i == lens.stop { " stop" } else { "" };
-        let sag = if s.even.is_empty() && s.odd.is_empty() { "" } else { " + polynomial" };
-        println!(
-            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{mark}",
-            i + 1,
-            s.thickness,
-            s.conic
-        );
-    }
-    Ok(())
-}
-
-fn info_of_directory(args: &InfoArgs) -> Result<()> {
-    let lens = Characterisation::read(&args.lens.file)?;
-    if args.json {
-        let object = json!({
-            "name": lens.name,
-            "source": lens.source,
-            "efl_mm": lens.efl_mm,
-            "f_number": lens.f_number,
-            "magnification": lens.magnification,
-            "stop_radius_mm": lens.stop_radius_mm,
-            "heights_mm": lens.heights_mm,
-            "wavelengths_nm": lens.wavelengths_nm,
-            "psf_heights_mm": lens.psf.heights_mm,
-            "psf_wavelengths_nm": lens.psf.wavelengths_nm,
-            "psf_size": lens.psf.size,
-            "psf_spacing_um": lens.psf.spacing_um,
-            "psf_captured": lens.psf.captured,
-        });
-        println!("{object}");
-    } else {
-        println!("{} ({})", lens.name, lens.source);
-        println!("EFL {:.6} mm, f/{:.4}", lens.efl_mm, lens.f_number);
-        println!("{}", summary(&lens));
+    match lens.psf.between {
+        Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
+            "warning: PSFs change so fast over the field that even 16 times the heights misplace {:.2} % of the \
+             light in the mean, more than the {:.2} % of --psf-tolerance; start with more --heights",
+            100.0 * between.misplaced_mean,
+            100.0 * args.psf_tolerance
+        ),
+        _ => {}
     }
     Ok(())
 }

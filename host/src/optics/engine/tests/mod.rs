@@ -4,6 +4,8 @@ use crate::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
+mod placement;
+
 /// A scene given by its exact cell averages in one or more bands.
 struct Exact<F> {
     bands: Bands,
@@ -274,65 +276,6 @@ fn the_two_ways_to_blur_agree() {
             }
         }
     }
-}
-
-#[test]
-fn points_land_where_distortion_and_lateral_colour_say() {
-    // The example lens: 2 % lateral colour and barrel distortion over a 0.9 mm wide sensor. Points of
-    // half a pixel at ideal places; their centroids against the distortion table, per wavelength.
-    let lens = crate::optics::characterisation::tests::example(33, 0.25);
-    let grid = SensorGrid { width: 400, height: 300, pitch_um: 2.2, fill_factor: 1.0 };
-    let half = 0.25 / 400.0;
-    let places: Vec<(f64, f64)> = (0..5)
-        .flat_map(|j| {
-            (0..6).map(move |i| (-0.42 + 0.164 * f64::from(i), -0.3 + 0.148 * f64::from(j)))
-        })
-        .collect();
-    let inside = places.clone();
-    let scene = Exact {
-        bands: Bands { start_nm: 400.0, step_nm: 150.0, count: 3 },
-        average: move |g: &Grid, x, y| {
-            let (u, v) = (g.left + x as f64 * g.cell, g.top + y as f64 * g.cell);
-            let overlap = |a: f64, p: f64| ((a + g.cell).min(p + half) - a.max(p - half)).max(0.0);
-            inside.iter().map(|p| overlap(u, p.0) * overlap(v, p.1)).sum::<f64>()
-                / (g.cell * g.cell)
-        },
-    };
-    let planes = render(&scene, &lens, &grid, &Options::default());
-    for (plane, nm) in planes.iter().zip([400.0, 550.0, 700.0]) {
-        let distortion = lens.distortion(nm);
-        for &(u, v) in &places {
-            let (x, y) = (u * grid.width_mm(), v * grid.width_mm());
-            let scale = distortion.at(x.hypot(y)) / x.hypot(y);
-            let (px, py) = (x * scale / 2.2e-3 + 200.0, y * scale / 2.2e-3 + 150.0);
-            let (mut sum, mut cx, mut cy) = (0.0, 0.0, 0.0);
-            for j in (py as usize).saturating_sub(9)..(py as usize + 10).min(300) {
-                for i in (px as usize).saturating_sub(9)..(px as usize + 10).min(400) {
-                    let e = f64::from(plane.at(i, j));
-                    sum += e;
-                    cx += e * (i as f64 + 0.5);
-                    cy += e * (j as f64 + 0.5);
-                }
-            }
-            // The example's PSFs lean outwards beyond the axis: their own centroid is part of them.
-            let lean = lean_pixels(&lens, nm, x.hypot(y));
-            let (ex, ey) = (px + lean * x / x.hypot(y), py + lean * y / x.hypot(y));
-            let miss = (cx / sum - ex).hypot(cy / sum - ey);
-            assert!(miss < 0.05, "{nm} nm ({u:.2}, {v:.2}): {miss:.3} pixels off");
-        }
-    }
-}
-
-/// Centroid of the PSF along the radius at a paraxial height, in pixels of 2.2 µm.
-fn lean_pixels(lens: &crate::optics::Characterisation, nm: f64, height: f64) -> f64 {
-    let psfs = lens.psf.at_wavelength(nm);
-    let n = lens.psf.size;
-    let lean = |psf: &[f32]| -> f64 {
-        psf.iter().enumerate().map(|(k, &v)| f64::from(v) * ((k / n) as f64 - (n / 2) as f64)).sum()
-    };
-    let t = (height / 0.1).min(4.999);
-    let (i, t) = (t as usize, t.fract());
-    (lean(&psfs[i]) * (1.0 - t) + lean(&psfs[i + 1]) * t) * lens.psf.spacing_um / 2.2
 }
 
 #[test]

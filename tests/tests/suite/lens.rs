@@ -1,0 +1,300 @@
+//! `camrig lens` and lenses in cameras, as their users meet them.
+
+use super::bad_input::refuses;
+use super::{camrig, camrig_ok, shared, small_camera};
+use serde_json::Value;
+use std::path::Path;
+
+const SINGLET: &str = r#"format = "camrig-prescription/1"
+wavelengths_nm = [486.1, 587.6, 656.3]
+fields_deg = [0.0, 10.0]
+[aperture]
+f_number = 5.0
+[[surface]]
+radius_mm = 10.0
+thickness_mm = 2.0
+glass = "N-BK7"
+stop = true
+[[surface]]
+radius_mm = -30.0
+thickness_mm = 14.0
+"#;
+
+const ZMX: &str = "VERS 140124\nMODE SEQ\nUNIT MM\nENPD 2.0\nFTYP 0\nXFLN 0 0\nYFLN 0 10\nWAVM 1 0.5876 1\nPWAV 1\n\
+    SURF 0\n  TYPE STANDARD\n  CURV 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  TYPE STANDARD\n  CURV 0.1\n  DISZ 2\n\
+    \x20 GLAS N-BK7 0 0\nSURF 2\n  TYPE STANDARD\n  CURV -0.03\n  DISZ 14\nSURF 3\n  TYPE STANDARD\n  CURV 0\n  DISZ 0\n";
+
+const SEQ: &str = "RDM\nLEN\nEPD 2.0\nWL 587.6\nREF 1\nYAN 0 10\nSO 0 1e13\nS 10 2 NBK7_SCHOTT\nSTO\nS -30 14\nSI 0 0\nGO\n";
+
+/// A Huygens listing of a round spot, `change`d row by row.
+fn listing(change: impl Fn(usize, &mut Vec<f64>)) -> String {
+    let mut text = String::from(
+        "Listing of Huygens PSF Data\n\nFile : a.zmx\nTitle: one\n\n0.5500 um at 0.00 deg.\n\
+         Data spacing is 0.500 um.\nData area is 8.000 by 8.000 um.\nStrehl ratio: 0.9\n\
+         Pupil grid size: 32 by 32\nImage grid size: 16 by 16\nCenter point is: 9, 9\n\
+         Values are relative intensity.\n\n",
+    );
+    for i in 0..16 {
+        let distance = |j: usize| (i as f64 - 8.0).powi(2) + (j as f64 - 8.0).powi(2);
+        let mut row = (0..16).map(|j| (-distance(j) / 8.0).exp()).collect();
+        change(i, &mut row);
+        let row: Vec<String> = row.iter().map(|v| format!("{v:E}")).collect();
+        text += &(row.join("\t") + "\n");
+    }
+    text
+}
+
+/// A folder with prescriptions, PSF listings and the tables of a manifest.
+fn folder() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("good.toml", SINGLET);
+    write("good.zmx", ZMX);
+    write("good.seq", SEQ);
+    write("psf.txt", &listing(|_, _| ()));
+    write("height.csv", "height_mm,550\n0,0\n1,0.99\n");
+    write("light.csv", "height_mm,550\n0,1\n1,0.9\n");
+    write("manifest.toml", &manifest(&[(0.0, 550.0, "psf.txt"), (1.0, 550.0, "psf.txt")]));
+    dir
+}
+
+fn manifest(psfs: &[(f64, f64, &str)]) -> String {
+    let head = "format = \"camrig-lens-import/1\"\nname = \"m\"\nefl_mm = 4.0\nf_number = 2.0\n\
+        distortion = [\"height.csv\"]\nrelative_illumination = [\"light.csv\"]\n";
+    let block = |(height, nm, file): &(f64, f64, &str)| {
+        format!("[[psf]]\nheight_mm = {height:?}\nwavelength_nm = {nm:?}\nfile = \"{file}\"\n")
+    };
+    head.to_owned() + &psfs.iter().map(block).collect::<String>()
+}
+
+fn json(dir: &Path, arguments: &str) -> Value {
+    serde_json::from_slice(&camrig_ok(dir, arguments).stdout).expect("one JSON object")
+}
+
+#[test]
+fn the_same_lens_in_every_format_and_an_imported_one() {
+    let dir = folder();
+    let dir = dir.path();
+    // The lens maker's equation for a thick lens, n of N-BK7 at 587.6 nm.
+    let (n, r1, r2, d) = (1.5168_f64, 10.0, -30.0, 2.0);
+    let power = (n - 1.0) * (1.0 / r1 - 1.0 / r2 + (n - 1.0) * d / (n * r1 * r2));
+    let info = json(dir, "lens info good.toml --json");
+    assert!((info["efl_mm"].as_f64().unwrap() * power - 1.0).abs() < 1e-5, "{info}");
+    let other = |file: &str| json(dir, &format!("lens info {file} --json"))["efl_mm"].as_f64();
+    // CURV −0.03 of the Zemax file is another radius.
+    assert!(other("good.seq").is_some() && other("good.zmx").unwrap() < 17.0);
+    camrig_ok(dir, "lens import manifest.toml -o imported");
+    let imported = json(dir, "lens info imported --json");
+    assert_eq!(imported["psf_heights_mm"], serde_json::json!([0.0, 1.0]));
+}
+
+#[test]
+fn drawings() {
+    let dir = folder();
+    let dir = dir.path();
+    camrig_ok(dir, "lens import manifest.toml -o imported");
+    let of_rays =
+        ["distortion", "illumination", "chief-ray-angle", "mtf", "psf", "spot-1", "spot-3"];
+    let of_tables = ["distortion", "illumination", "mtf", "psf"];
+    for (what, out, expected) in [
+        ("good.toml", "a", &of_rays[..]),
+        ("good.zmx", "b", &of_rays),
+        ("imported", "c", &of_tables),
+    ] {
+        camrig_ok(dir, &format!("lens plot {what} -o {out}"));
+        for name in expected {
+            let text = std::fs::read_to_string(dir.join(out).join(format!("{name}.svg"))).unwrap();
+            assert!(
+                text.starts_with("<svg") && text.trim_end().ends_with("</svg>"),
+                "{what} {name}"
+            );
+            // Pictures are in letters and digits of their own.
+            let words = !text.contains("NaN") && !text.contains("inf");
+            assert!(words || *name == "psf", "{what} {name}");
+        }
+    }
+    refuses(dir, "lens plot good.toml -o a", &["exists", "--force"]);
+    camrig_ok(dir, "lens plot good.toml -o a --force");
+    refuses(dir, "lens plot good.toml -o d --max-field 89.99", &["field"]);
+    refuses(dir, "lens plot nothing -o d", &["nothing", ".zmx"]);
+}
+
+#[test]
+fn prescriptions_that_cannot_be() {
+    let dir = folder();
+    let dir = dir.path();
+    let broken = |name: &str, text: String, says: &[&str]| {
+        std::fs::write(dir.join(name), text).unwrap();
+        let says: Vec<&str> = says.iter().copied().chain([name]).collect();
+        refuses(dir, &format!("lens trace {name}"), &says);
+    };
+    broken(
+        "a.toml",
+        SINGLET.replace("N-BK7", "N-BK77"),
+        &["N-BK77", "line 6", "N-BK7,", "--glass"],
+    );
+    broken("a.zmx", ZMX.replace("N-BK7", "N-BK77"), &["N-BK77", "line 19", "--glass"]);
+    broken("a.seq", SEQ.replace("NBK7_SCHOTT", "NBK77_SCHOTT"), &["NBK77", "line 8", "--glass"]);
+    // A stop of 1.5 mm before a ball of 0.5 mm.
+    let ball = SINGLET
+        .replace("= 10.0\nthick", "= 0.5\nthick")
+        .replace("f_number = 5.0", "stop_radius_mm = 1.5");
+    broken("ball.toml", ball, &["surface 1", "misses it", "aperture is larger"]);
+    // Total reflection at the back surface.
+    let steep = SINGLET.replace("-30.0", "-1.2").replace("f_number = 5.0", "stop_radius_mm = 1.1");
+    broken("steep.toml", steep, &["surface 2", "totally reflected"]);
+    broken("wide.toml", SINGLET.replace("10.0]", "89.0]"), &["field 88", "surface"]);
+    // Files that end too early.
+    broken(
+        "b.zmx",
+        ZMX.split("SURF 3").next().unwrap().into(),
+        &["surface 2", "line 20", "cut short"],
+    );
+    broken("b.seq", SEQ.split("SI ").next().unwrap().into(), &["SI", "ends before"]);
+    broken("b.toml", SINGLET[..SINGLET.len() - 30].into(), &["line"]);
+}
+
+#[test]
+fn exports_that_cannot_be() {
+    let dir = folder();
+    let dir = dir.path();
+    let write = |name: &str, text: &str| std::fs::write(dir.join(name), text).unwrap();
+    let good = listing(|_, _| ());
+    write("cut.txt", &good[..good.len() * 2 / 3]);
+    write(
+        "negative.txt",
+        &listing(|i, row| {
+            if i == 3 {
+                row[4] = -0.1
+            }
+        }),
+    );
+    write("dark.txt", &listing(|_, row| row.fill(0.0)));
+    let refused = |psfs: &[(f64, f64, &str)], says: &[&str]| {
+        write("m.toml", &manifest(psfs));
+        refuses(dir, "lens import m.toml -o out", says);
+        assert!(!dir.join("out").exists());
+    };
+    let axis = (0.0, 550.0, "psf.txt");
+    refused(&[axis, (1.0, 550.0, "cut.txt")], &["cut.txt", "cut short"]);
+    refused(
+        &[axis, (1.0, 550.0, "negative.txt")],
+        &["negative PSF value", "negative.txt", "line 18"],
+    );
+    refused(&[axis, (1.0, 550.0, "dark.txt")], &["m.toml", "1 mm", "550 nm", "every sample is 0"]);
+    refused(&[axis, (1.0, 600.0, "psf.txt")], &["600 nm", "every height"]);
+    refused(&[axis, (1.0, 550.0, "absent.txt")], &["absent.txt"]);
+    write("light.csv", "height_mm,550\n0,1\n1,-0.9\n");
+    refused(&[axis, (1.0, 550.0, "psf.txt")], &["m.toml", "relative illumination -0.9"]);
+}
+
+#[test]
+fn heights_are_added_for_a_tolerance_and_the_error_is_told() {
+    let dir = folder();
+    let dir = dir.path();
+    let trace = "lens trace good.toml --wavelengths 550 --psf-size 64 --heights 5 -o";
+    let told = |output: std::process::Output| String::from_utf8(output.stderr).unwrap();
+    let coarse = told(camrig_ok(dir, &format!("{trace} coarse --psf-tolerance 0.9")));
+    assert!(coarse.contains("5 heights") && coarse.contains("misplaces"), "{coarse}");
+    camrig_ok(dir, &format!("{trace} fine --psf-tolerance 0.02"));
+    let info = |what: &str| json(dir, &format!("lens info {what} --json"));
+    let (coarse, fine) = (info("coarse"), info("fine"));
+    let mean = |info: &Value| info["psf_between"]["misplaced_mean"].as_f64().unwrap();
+    assert!(mean(&coarse) > 0.02 && mean(&fine) <= 0.02, "{coarse} {fine}");
+    assert!(fine["heights_mm"].as_array().unwrap().len() > 5);
+    let never = told(camrig_ok(dir, &format!("{trace} never --psf-tolerance 1e-9")));
+    assert!(never.contains("warning") && never.contains("--psf-tolerance"), "{never}");
+    for bad in ["0", "-1", "x", "nan"] {
+        refuses(
+            dir,
+            &format!("{trace} bad --psf-tolerance={bad}"),
+            &["--psf-tolerance", "above zero"],
+        );
+    }
+}
+
+#[test]
+fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
+    let dir = folder();
+    let dir = dir.path();
+    camrig_ok(
+        dir,
+        "lens trace good.toml --wavelengths 550 --psf-size 64 --heights 5 --psf-tolerance 0.9 -o lens",
+    );
+    let camera = |kind: &str, data: &str| {
+        let text = small_camera(40, 30, &[("pitch_um", "40.0")]);
+        let from = text.find("[lens]").expect("a lens");
+        let to = from + 1 + text[from + 1..].find("\n[").expect("another table");
+        let lens = format!("[lens]\nkind = \"{kind}\"\n{data}\n");
+        std::fs::write(dir.join("c.toml"), text[..from].to_owned() + &lens + &text[to..]).unwrap();
+    };
+    let simulate = "simulate --camera ./c.toml --scene uniform:0.5 --exposure 5us --no-cache --json --force \
+        -o out.npy --report page.html";
+    let optics = |arguments: &str| {
+        let output = camrig_ok(dir, arguments);
+        let object: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (object["optics"]["psf"].clone(), String::from_utf8(output.stderr).unwrap())
+    };
+    camera("characterised", "data = \"lens\"");
+    let (psf, told) = optics(&format!("{simulate} --psf-tolerance 0.5"));
+    assert!(
+        psf["nodes"]["mean"].as_f64().is_some() && psf["heights"]["largest"].as_f64().is_some(),
+        "{psf}"
+    );
+    assert!(!told.contains("misplace"), "{told}");
+    let page = std::fs::read_to_string(dir.join("page.html")).unwrap();
+    assert!(page.contains("PSFs between heights of the lens data"), "the page tells it too");
+    let (_, told) = optics(&format!("{simulate} --psf-tolerance 1e-7"));
+    assert!(told.contains("warning") && told.contains("misplace"), "{told}");
+    // Stopped down: a PSF near the limit of diffraction is quickly traced.
+    std::fs::write(dir.join("slow.toml"), SINGLET.replace("= 5.0", "= 16.0")).unwrap();
+    camera("prescription", "file = \"slow.toml\"");
+    let (psf, told) = optics(&format!("{simulate} --psf-tolerance 0.05"));
+    assert!(psf["heights"]["mean"].as_f64().unwrap() <= 0.05, "{psf}");
+    assert!(!told.contains("misplace"), "{told}");
+}
+
+/// Figures of the golden lenses as the program prints them, within what other programs' figures allow.
+#[test]
+fn printed_figures_are_those_of_the_oracles() {
+    for (lens, name) in [("double-gauss", "double_gauss"), ("phone-80deg", "phone80")] {
+        let Some(oracle) = shared(&format!("golden/lenses/oracle_{name}.json")) else { return };
+        let text = std::fs::read_to_string(oracle).unwrap().replace("NaN", "null");
+        let oracle: Value = serde_json::from_str(&text).unwrap();
+        let list = |key: &str| -> Vec<f64> {
+            oracle[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+        };
+        let comma =
+            |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        let (fields, waves) = (list("theta_deg"), list("wvl_nm"));
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../host/lenses/{lens}.toml"));
+        let stop = oracle["settings"]["stop_radius_mm"].as_f64().unwrap();
+        let arguments = format!(
+            "lens trace {} --fields {} --wavelengths {} --stop-radius {stop} --json",
+            file.display(),
+            comma(&fields),
+            comma(&waves)
+        );
+        let traced = json(Path::new("."), &arguments);
+        assert!((traced["stop_radius_mm"].as_f64().unwrap() - stop).abs() < 1e-9);
+        for (k, point) in traced["points"].as_array().unwrap().iter().enumerate() {
+            let (f, w) = (k / waves.len(), k % waves.len());
+            for (ours, theirs, tolerance) in [
+                ("chief_ray_height_mm", "chief_y_mm", 1e-6),
+                ("cra_deg", "cra_deg", 1e-4),
+                ("relative_illumination", "rel_illum", 1e-4),
+            ] {
+                let (a, b) =
+                    (point[ours].as_f64().unwrap(), oracle[theirs][f][w].as_f64().unwrap());
+                assert!(
+                    (a - b).abs() < tolerance,
+                    "{lens} {} {}: {ours} {a} {b}",
+                    fields[f],
+                    waves[w]
+                );
+            }
+        }
+    }
+    assert!(!camrig(Path::new("."), "lens trace").status.success());
+}
