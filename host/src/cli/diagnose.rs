@@ -60,7 +60,11 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
 }
 
 fn frames(halves: &Halves) -> usize {
-    let of = |d: &design::Design| d.conditions.iter().map(|c| c.frames).sum::<usize>();
+    // The stacks of a set are read once for each half.
+    let of = |d: &design::Design| {
+        let stacks = d.conditions.iter().map(|c| c.frames);
+        stacks.chain(d.looks.iter().map(|l| l.frames)).sum::<usize>()
+    };
     of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
 }
 
@@ -97,7 +101,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         args.output.display()
     );
     if !outcome.twins.is_empty() || !session.unexplained(&outcome.after).is_empty() {
-        output.write("next-captures.toml", plan::text("diagnosis").as_bytes())?;
+        output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
     }
     output.write(
         "report.html",

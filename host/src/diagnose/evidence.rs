@@ -6,6 +6,7 @@ use super::model::dn_per_e;
 use super::prediction::{Key, Prediction, Values};
 use super::statistics::{Place, What};
 use super::temporal::Temporal;
+use crate::Result;
 use crate::camera::Camera;
 use crate::captures::Role;
 use std::collections::BTreeMap;
@@ -26,6 +27,10 @@ pub struct Evidence<'a> {
     pub maps: &'a [Map],
     /// Scatter that comes from the set-up.
     pub allowance: &'a BTreeMap<Key, f64>,
+    /// What a replicate of a camera would show of edges, dots and charts, always with the same random numbers.
+    pub imagine: &'a dyn Fn(&Camera) -> Result<Values>,
+    /// Kinds named already that edges, dots and charts show.
+    pub named: Vec<&'static str>,
 }
 
 /// A value with its standard error.
