@@ -4,14 +4,14 @@
 //! frames to fit are most likely, if the held-out frames agree; repeats until none earns its place; then drops
 //! what is not missed.
 
-use super::candidates::{self, Proposal};
+use super::candidates::{self, Proposal, Slopes};
 use super::design::{Design, Halves};
 use super::evidence::Evidence;
 use super::looks::light::{self, Electrons, Lights};
 use super::looks::{self, Look, Picture};
 use super::maps::{self, Map};
 use super::prediction::{Key, Prediction, Values, bounded, by_key, mean_square};
-use super::statistics::{Place, battery};
+use super::statistics::{Place, What, battery};
 use super::temporal::{Temporal, mean};
 use super::{allowance, model, plausible, replicate};
 use crate::camera::Camera;
@@ -28,6 +28,8 @@ const TRIAL_RUNS: u64 = 4;
 const SEED: u64 = 0x5eed;
 /// Most candidates simulated in a round.
 const TRIALS: usize = 10;
+/// Most of them that edges, dots and charts gave.
+const LOOK_TRIALS: usize = 4;
 /// Most effects named.
 const MOST: usize = 10;
 /// Significance (standard errors) from which a candidate is tried.
@@ -156,6 +158,8 @@ pub struct Session {
     pub notes: Vec<String>,
     /// Light of edges, dots and charts through the lenses tried.
     lights: Lights,
+    /// What parameters do to edges, dots and charts.
+    slopes: Slopes,
 }
 
 impl Session {
@@ -197,7 +201,8 @@ impl Session {
         };
         plausible::check(camera, &fit.design, &fit.stacks)?;
         let maps = maps::maps(camera, &fit.design, &fit.stacks);
-        Ok(Self { fit, holdout, can_confirm, maps, notes, lights })
+        let slopes = Slopes::default();
+        Ok(Self { fit, holdout, can_confirm, maps, notes, lights, slopes })
     }
 
     /// The model with what it predicts.
@@ -304,6 +309,7 @@ impl Session {
             maps: &self.maps,
             allowance: &self.fit.allowance,
             imagine: &imagine,
+            slopes: &self.slopes,
             named: named.iter().map(|p| p.kind).filter(|k| candidates::shown_by_looks(k)).collect(),
         };
         candidates::propose(&evidence, wanted, least)
@@ -388,6 +394,7 @@ impl Session {
             let wanted = |kind: &str| !without.iter().any(|w| w == kind);
             let mut proposals =
                 self.propose(&state.camera, &state.fit, &state.named, &wanted, LEAST);
+            thin(&mut proposals);
             proposals.truncate(TRIALS);
             if proposals.is_empty() {
                 break;
@@ -437,6 +444,11 @@ impl Session {
         }
         if steps.len() > 1 {
             state = self.drop_idle(camera, state, &mut steps)?;
+        }
+        if state.named.iter().any(|p| p.of_looks) {
+            // Derivatives where the search has come to.
+            self.slopes.forget();
+            state = self.refit(state)?;
         }
         for step in &mut steps {
             let kind = step.trial.proposal.kind;
@@ -658,6 +670,16 @@ impl State {
     pub fn limit(&self) -> f64 {
         GAP_LIMIT.max(1.0 + 3.5 * self.norm.1 / self.norm.0)
     }
+}
+
+/// Leaves of the proposals that pictures gave the strongest: their strengths are those of likelihoods already, and
+/// each takes the optics stage to try.
+fn thin(proposals: &mut Vec<Proposal>) {
+    let mut kept = 0;
+    proposals.retain(|p| {
+        kept += usize::from(p.of_looks);
+        !p.of_looks || kept <= LOOK_TRIALS
+    });
 }
 
 fn earns(t: &Trial) -> bool {

@@ -4,8 +4,9 @@ use super::page::Page;
 use super::plot::{Mark, Plot};
 use crate::Plane;
 use crate::formats::{DngInfo, png, preview};
+use crate::measure::patches::DARK;
 use crate::validate::paper::{
-    DARK_PATCHES, Differences, Figures, Level, PatchNoise, REPORTED, Taken,
+    Differences, Figures, Level, PatchNoise, REPORTED, Taken,
 };
 use crate::{RawFrame, Result};
 
@@ -44,7 +45,7 @@ pub fn page(
     page.heading("The four differences");
     page.table(&headings(sides), &difference_rows(sides, levels));
     page.paragraph(&format!(
-        "Table I in the paper: {} % on average, {} % without the dark patches {DARK_PATCHES:?}.",
+        "Table I in the paper: {} % on average, {} % without the dark patches {DARK:?}.",
         REPORTED.all_percent, REPORTED.without_dark_percent
     ));
     let [bright, dim] = levels.map(|l| format!("{} lx", l.lux));

@@ -14,7 +14,7 @@ use super::evidence::{Estimated, Evidence};
 use super::model;
 use crate::camera::Camera;
 use crate::optics::OpticalEffect;
-pub use optics::shown_by_looks;
+pub use optics::{Slopes, shown_by_looks};
 use sensor_core::effects::Effect;
 
 /// A change of the model that would explain something.

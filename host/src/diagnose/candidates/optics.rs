@@ -6,17 +6,19 @@
 //!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
 //!
 //! over the parameters of a kind and of the kinds of optics that are named already, so that these give way where they
-//! had to stand for it. A step of Gauss and Newton; the search repeats it.
+//! had to stand for it. The search repeats it with the same slopes (the chord method), and at its end with new ones.
 
 use super::Proposal;
 use crate::camera::{Camera, LensKind};
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::model;
-use crate::diagnose::prediction::{Key, Values};
-use crate::diagnose::statistics::Place;
+use crate::diagnose::prediction::Key;
+use crate::diagnose::statistics::{Place, Statistic};
 use crate::optics::OpticalEffect;
 use nalgebra::{DMatrix, DVector};
 use sensor_core::effects::{Effect, Parameter};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
 
 /// A parameter that is looked for: key, value without the effect, step for the derivative.
 type Free = (&'static str, f64, f64);
@@ -50,6 +52,40 @@ struct Column {
     change: DVector<f64>,
 }
 
+/// Change of every figure on its scale for a unit of a parameter (of defocus: of its square).
+type Slope = BTreeMap<Key, f64>;
+
+/// Slopes that were asked for. They change little while other parameters do, and each takes the optics stage.
+#[derive(Default)]
+pub struct Slopes {
+    /// By kind, key, and whether the parameter is away from 0.
+    known: Mutex<BTreeMap<(&'static str, &'static str, bool), Option<Slope>>>,
+}
+
+impl Slopes {
+    fn of(
+        &self,
+        name: (&'static str, &'static str, bool),
+        ask: impl FnOnce() -> Option<Slope>,
+    ) -> Option<Slope> {
+        let known = self.known.lock().ok().and_then(|k| k.get(&name).cloned());
+        known.unwrap_or_else(|| {
+            let slope = ask();
+            if let Ok(mut known) = self.known.lock() {
+                known.insert(name, slope.clone());
+            }
+            slope
+        })
+    }
+
+    /// Forgets all, to be asked again where the model is now.
+    pub fn forget(&self) {
+        if let Ok(mut known) = self.known.lock() {
+            known.clear();
+        }
+    }
+}
+
 /// Measured less predicted, in standard deviations.
 struct Residual {
     keys: Vec<Key>,
@@ -77,11 +113,10 @@ pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
 }
 
 fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<Proposal> {
-    let base = (e.imagine)(e.camera).ok()?;
-    let mut columns = columns(e, kind, residual, &base);
+    let mut columns = columns(e, kind, residual);
     let own = columns.len();
     for other in e.named.iter().filter(|k| **k != kind) {
-        columns.extend(self::columns(e, other, residual, &base));
+        columns.extend(self::columns(e, other, residual));
     }
     let mut free: Vec<usize> = (0..columns.len()).collect();
     loop {
@@ -159,55 +194,65 @@ impl Residual {
         out
     }
 
-    /// Difference of two sets of values over a step, in standard deviations.
-    fn slope(&self, from: &Values, to: &Values, step: f64) -> DVector<f64> {
-        let change = |(key, sd): (&Key, &f64)| match (from.get(key), to.get(key)) {
-            (Some(a), Some(b)) => (b.scale.of(b.value) - a.scale.of(a.value)) / (step * sd),
-            _ => 0.0,
-        };
-        DVector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(change))
+    /// Slopes in standard deviations.
+    fn scaled(&self, slope: &Slope) -> DVector<f64> {
+        let at = |(key, sd): (&Key, &f64)| slope.get(key).copied().unwrap_or(0.0) / sd;
+        DVector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(at))
     }
 }
 
 /// What the parameters of a kind do; those that do nothing, or cannot be moved in this camera, are left out.
-fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual, base: &Values) -> Vec<Column> {
+fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
     let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
-    let all = free.iter().filter_map(|(key, _, step)| {
-        let change = match kind {
-            "defocus" => blur(e, residual, base)?,
-            _ => {
-                let present = value(e.camera, kind, key);
-                // Away from the end of the range.
-                let to = with(e.camera, kind, key, present + step)
-                    .or_else(|| with(e.camera, kind, key, present - step))?;
-                let step = value(&to, kind, key) - present;
-                residual.slope(base, &(e.imagine)(&to).ok()?, step)
-            }
-        };
+    let all = free.iter().filter_map(|&(key, _, step)| {
+        let slope = e.slopes.of((kind, key, value(e.camera, kind, key) != 0.0), || match kind {
+            "defocus" => blur(e, residual),
+            _ => derivative(e, kind, key, step),
+        })?;
+        let change = residual.scaled(&slope);
         (change.norm() > 1e-9).then_some(Column { kind, key, change })
     });
     all.collect()
 }
 
+/// Change of every figure on its scale for a unit of a parameter.
+fn derivative(e: &Evidence<'_>, kind: &str, key: &str, step: f64) -> Option<Slope> {
+    let present = value(e.camera, kind, key);
+    // Away from the end of the range.
+    let to = with(e.camera, kind, key, present + step)
+        .or_else(|| with(e.camera, kind, key, present - step))?;
+    let step = value(&to, kind, key) - present;
+    slope(e, &to, step)
+}
+
+fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
+    let from = (e.imagine)(e.camera).ok()?;
+    let to = (e.imagine)(to).ok()?;
+    let change = |(key, b): (&Key, &Statistic)| {
+        let a = from.get(key)?;
+        Some((*key, (b.scale.of(b.value) - a.scale.of(a.value)) / step))
+    };
+    Some(to.iter().filter_map(change).collect())
+}
+
 /// What defocus does, per µm² of its square: a lens in focus does not change with the first power.
 ///
 /// The slope is that of the secant to where the residual alone would have the shift, since blur saturates.
-fn blur(e: &Evidence<'_>, residual: &Residual, base: &Values) -> Option<DVector<f64>> {
+fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
     let present = value(e.camera, "defocus", "shift_um");
     let mut shift = if present == 0.0 { quarter_wave_um(e.camera) } else { 1.1 * present };
     let mut best = None;
     for _ in 0..SECANTS {
         let to = with(e.camera, "defocus", "shift_um", shift)?;
-        let square = shift * shift - present * present;
-        let slope = residual.slope(base, &(e.imagine)(&to).ok()?, square);
-        let length = slope.norm_squared();
-        let wanted = present * present + slope.dot(&residual.z) / length;
+        let slope = slope(e, &to, shift * shift - present * present)?;
+        let change = residual.scaled(&slope);
+        let wanted = present * present + change.dot(&residual.z) / change.norm_squared();
         best = Some(slope);
         if present != 0.0 || wanted <= 0.0 {
             break;
         }
         let next = wanted.sqrt().min(3.0 * shift);
-        if (next / shift - 1.0).abs() < 0.05 {
+        if (next / shift - 1.0).abs() < 0.1 {
             break;
         }
         shift = next;
@@ -246,7 +291,6 @@ impl Solution {
             return None;
         }
         let x = &inverse * (a.transpose() * &residual.z);
-        // What the model cannot explain makes the estimate as uncertain as it makes the fit bad.
         let estimates = free.iter().enumerate().map(|(k, &i)| {
             let se = inverse[(k, k)].sqrt() / norms[k];
             (i, Estimated { value: x[k] / norms[k], se })

@@ -244,3 +244,60 @@ fn apart(
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Soft discs on a pitch of 12 pixels, moved outwards by `k1` of the height at the corner, and by 0.3 pixels right.
+    fn grid_of_discs(k1: f64) -> Plane<f32> {
+        let (w, h) = (240usize, 180usize);
+        let (cx, cy) = (0.5 * (w as f64 - 1.0), 0.5 * (h as f64 - 1.0));
+        let corner = (cx + 0.5).hypot(cy + 0.5);
+        let mut frame = Plane { width: w, height: h, data: vec![800.0; w * h] };
+        for row in -8i32..=8 {
+            for column in -11i32..=11 {
+                let (x, y) = (12.0 * f64::from(column), 12.0 * f64::from(row));
+                let grown = 1.0 + k1 * (x.hypot(y) / corner).powi(2);
+                let (x, y) = (cx + x * grown + 0.3, cy + y * grown);
+                for py in (y - 7.0).max(0.0) as usize..((y + 8.0) as usize).min(h) {
+                    for px in (x - 7.0).max(0.0) as usize..((x + 8.0) as usize).min(w) {
+                        let r = (px as f64 - x).hypot(py as f64 - y);
+                        // A radius of 3 with a soft rim of about a pixel.
+                        frame.data[py * w + px] -= 700.0 / (1.0 + (4.0 * (r - 3.0)).exp()) as f32;
+                    }
+                }
+            }
+        }
+        frame
+    }
+
+    #[test]
+    fn distorted_dots_are_followed_and_measured() {
+        // 8 % at the corner: the outer dots are nearly a pitch from where an ideal grid has them.
+        for k1 in [0.0, -0.03, 0.08] {
+            let frame = grid_of_discs(k1);
+            let grid = Grid::new(&frame, 12.0);
+            let found = grid.track(&frame, &Cfa::parse("mono").unwrap(), 'M');
+            assert!(found.len() as f64 > 0.8 * grid.indices.len() as f64, "{k1}: {}", found.len());
+            for (figure, value, ..) in rings(&grid, &found, 0.0, 0) {
+                match figure {
+                    Figure::Outwards(r) => {
+                        let inside = found.keys().filter(|i| **i != (0, 0) && grid.ring(**i) == usize::from(r));
+                        let (mut expected, mut n) = (0.0, 0.0);
+                        for &i in inside {
+                            let height = f64::from(i.0 * i.0 + i.1 * i.1).sqrt() * 12.0;
+                            expected += height * k1 * grid.field(i).powi(2);
+                            n += 1.0;
+                        }
+                        // A hundredth of a pixel: what sampling leaves of a soft disc's centroid.
+                        assert!((value - expected / n).abs() < 0.02, "{k1} ring {r}: {value} {}", expected / n);
+                    }
+                    Figure::Rightwards(_) => assert!((value - 0.3).abs() < 0.05, "{k1}: {value}"),
+                    Figure::Ground(..) => assert!((value - 800.0).abs() < 8.0, "{value}"),
+                    _ => {}
+                }
+            }
+        }
+    }
+}
