@@ -158,7 +158,9 @@ impl SceneSeen {
     /// The scene as on the command line, turned as `angle_deg` says where its name does not.
     pub fn spec(&self) -> String {
         match self.angle_deg {
-            Some(angle) if self.scene.starts_with("slanted-edge") && !self.scene.contains("angle=") => {
+            Some(angle)
+                if self.scene.starts_with("slanted-edge") && !self.scene.contains("angle=") =>
+            {
                 let joint = if self.scene.contains(':') { ',' } else { ':' };
                 format!("{}{joint}angle={angle}", self.scene)
             }

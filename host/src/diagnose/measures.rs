@@ -41,6 +41,8 @@ pub struct Response {
     pub before: f64,
     /// Of the improved model.
     pub after: f64,
+    /// Standard deviation of a measurement.
+    pub std_dev: f64,
 }
 
 /// Mean absolute difference of the luminance's standard deviation from the model's over the patches, per cent.
@@ -52,6 +54,8 @@ pub struct Scatter {
     pub before: [f64; 2],
     /// Of the improved model.
     pub after: [f64; 2],
+    /// What another sensor that the improved model is right for would give.
+    pub expected: [f64; 2],
 }
 
 /// Root mean square difference of a row from the model's, DN.
@@ -74,34 +78,49 @@ pub fn measures(session: &Session, outcome: &Outcome) -> Measures {
         let seen = |figure: Figure| {
             let key = (Place::Look(i), What::Of(figure));
             let model = |s: &State| s.holdout.of.get(&key).map(|p| p.value);
-            Some((half.values.get(&key)?.value, [model(states[0])?, model(states[1])?]))
+            let sd = states[1].holdout.of.get(&key)?.sd;
+            Some((half.values.get(&key)?.value, [model(states[0])?, model(states[1])?], sd))
         };
         let capture = look.id.clone();
         for (c, channel) in outcome.before.camera.sensor.channel_names.iter().enumerate() {
             let figure = Figure::Response(NYQUIST.0, c as u8, NYQUIST.1);
-            if let Some((measured, [before, after])) = seen(figure) {
+            if let Some((measured, [before, after], std_dev)) = seen(figure) {
                 let (capture, channel) = (capture.clone(), channel.clone());
-                out.mtf_at_nyquist.push(Response { capture, channel, measured, before, after });
+                out.mtf_at_nyquist.push(Response {
+                    capture,
+                    channel,
+                    measured,
+                    before,
+                    after,
+                    std_dev,
+                });
             }
         }
         if look.role != Role::Chart {
             continue;
         }
-        let patches: Vec<(usize, f64, [f64; 2])> = (1..=crate::measure::patches::COUNT)
-            .filter_map(|n| seen(Figure::PatchScatter(n as u8)).map(|(m, p)| (n, m, p)))
+        let patches: Vec<(usize, [f64; 3])> = (1..=crate::measure::patches::COUNT)
+            .filter_map(|n| {
+                let (measured, model, sd) = seen(Figure::PatchScatter(n as u8))?;
+                let off = |k: usize| 100.0 * (measured / model[k] - 1.0).abs();
+                // Mean of |z| of a normal deviate.
+                let luck = 100.0 * sd * (2.0 / std::f64::consts::PI).sqrt();
+                Some((n, [off(0), off(1), luck]))
+            })
             .collect();
-        let off = |k: usize, keep: &dyn Fn(usize) -> bool| {
-            let kept: Vec<f64> = patches
-                .iter()
-                .filter(|p| keep(p.0))
-                .map(|(_, measured, model)| 100.0 * (measured / model[k] - 1.0).abs())
-                .collect();
+        let mean = |k: usize, keep: &dyn Fn(usize) -> bool| {
+            let kept: Vec<f64> = patches.iter().filter(|p| keep(p.0)).map(|p| p.1[k]).collect();
             kept.iter().sum::<f64>() / kept.len() as f64
         };
         if !patches.is_empty() {
-            let [before, after] =
-                [0, 1].map(|k| [off(k, &|_| true), off(k, &|n| !DARK.contains(&n))]);
-            out.luminance_scatter.push(Scatter { capture: capture.clone(), before, after });
+            let [before, after, expected] =
+                [0, 1, 2].map(|k| [mean(k, &|_| true), mean(k, &|n| !DARK.contains(&n))]);
+            out.luminance_scatter.push(Scatter {
+                capture: capture.clone(),
+                before,
+                after,
+                expected,
+            });
         }
         let rows = states.map(|s| {
             let model = session.picture(&s.camera, look).ok()?;
@@ -116,11 +135,7 @@ pub fn measures(session: &Session, outcome: &Outcome) -> Measures {
 
 /// Root mean square difference of the row in two pictures: two lines around it, so that every filter pattern has the
 /// channel.
-fn row_difference(
-    camera: &Camera,
-    seen: &Plane<f32>,
-    model: &Plane<f32>,
-) -> Option<f64> {
+fn row_difference(camera: &Camera, seen: &Plane<f32>, model: &Plane<f32>) -> Option<f64> {
     let cfa = &camera.sensor.cfa;
     let letter = *cfa.channels().get(super::looks::densest(camera))?;
     let first = ROW.0 * seen.height / ROW.1 / cfa.height * cfa.height;

@@ -531,7 +531,8 @@ impl Session {
             for p in &mut named {
                 let next = all.iter().find(|a| a.kind == p.kind && !a.beside && same_shape(a, p));
                 if let Some(next) = next {
-                    *p = merged(p, next.clone());
+                    // Each gets its own new values; what gave way for it is among the named.
+                    *p = Proposal { along: Default::default(), ..merged(p, next.clone()) };
                     moved = true;
                 }
             }
@@ -655,7 +656,8 @@ impl Session {
                 let b = holdout.get(k).copied().unwrap_or(*a);
                 let same_side = a.signum() == b.signum() && b.abs() > 2.0;
                 // Two halves of a look share the sensor's pattern and say hardly more than one.
-                let halves = if matches!(k.0, Place::Look(_)) { 2.0 } else { std::f64::consts::SQRT_2 };
+                let halves =
+                    if matches!(k.0, Place::Look(_)) { 2.0 } else { std::f64::consts::SQRT_2 };
                 let both = (a + b) / halves;
                 (same_side && both.abs() > limit).then_some((*k, both))
             })
@@ -716,7 +718,8 @@ fn set_unknown_light(
 ) -> Result<()> {
     for (look, picture) in looks.iter_mut().zip(pictures).filter(|(l, _)| l.lux.is_none()) {
         let electrons = &lights.of(camera, std::slice::from_ref(look))?[0].data;
-        let predicted = mean(electrons) * light::share(look) * model::dn_per_e(camera, look.analog_gain);
+        let predicted =
+            mean(electrons) * light::share(look) * model::dn_per_e(camera, look.analog_gain);
         let measured = mean(&picture.mean.data) - camera.sensor.black_level_dn;
         look.light = (measured / predicted.max(1e-12)).max(0.0);
     }

@@ -115,7 +115,10 @@ fn of_look(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
             let parts = ["first", "middle", "last"];
             let part = parts.get(usize::from(part)).copied().unwrap_or("");
             let f = f64::from(tenths) / 10.0;
-            format!("MTF of channel {} at {f} cycles per pixel, {part} third of the edge", channel(c))
+            format!(
+                "MTF of channel {} at {f} cycles per pixel, {part} third of the edge",
+                channel(c)
+            )
         }
         Figure::EdgeLevel(side, c) => {
             let side = if side == 0 { "dark" } else { "bright" };
@@ -125,7 +128,11 @@ fn of_look(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
         Figure::Rightwards(r) => format!("displacement of dots to the right {}", ring(r)),
         Figure::Downwards(r) => format!("displacement of dots downwards {}", ring(r)),
         Figure::Apart(c, r) => {
-            format!("displacement outwards of channel {} against the others {}", channel(c), ring(r))
+            format!(
+                "displacement outwards of channel {} against the others {}",
+                channel(c),
+                ring(r)
+            )
         }
         Figure::DotRadius(r) => format!("radius of dots {}", ring(r)),
         Figure::Ground(c, r) => format!("level between dots {}, channel {}", ring(r), channel(c)),
@@ -140,7 +147,9 @@ pub fn place(design: &Design, key: Key) -> String {
         Place::Stack(i) => {
             design.conditions.get(i).map_or(String::new(), |c| format!("capture {}", c.id))
         }
-        Place::Look(i) => design.looks.get(i).map_or(String::new(), |l| format!("capture {}", l.id)),
+        Place::Look(i) => {
+            design.looks.get(i).map_or(String::new(), |l| format!("capture {}", l.id))
+        }
         Place::Map(kind) => map(kind).into(),
         Place::Set => "all captures".into(),
     }

@@ -217,14 +217,20 @@ fn paper_measures(page: &mut Page, session: &Session, outcome: &Outcome) {
     for r in &m.mtf_at_nyquist {
         rows.push(vec![
             r.capture.clone(),
-            format!("MTF at Nyquist, channel {} (measured {:.3})", r.channel, r.measured),
+            format!(
+                "MTF at Nyquist, channel {} (measured {:.3} ± {:.3})",
+                r.channel, r.measured, r.std_dev
+            ),
             format!("{:.3}", r.before),
             format!("{:.3}", r.after),
         ]);
     }
     for s in &m.luminance_scatter {
         let percent = |[all, bright]: [f64; 2]| format!("{all:.1} %, {bright:.1} %");
-        let what = "scatter of the luminance, all patches and without the dark ones".to_string();
+        let what = format!(
+            "scatter of the luminance, all patches and without the dark ones (two sensors of one kind: {})",
+            percent(s.expected)
+        );
         rows.push(vec![s.capture.clone(), what, percent(s.before), percent(s.after)]);
     }
     for r in &m.row_profile {

@@ -5,9 +5,7 @@ use super::plot::{Mark, Plot};
 use crate::Plane;
 use crate::formats::{DngInfo, png, preview};
 use crate::measure::patches::DARK;
-use crate::validate::paper::{
-    Differences, Figures, Level, PatchNoise, REPORTED, Taken,
-};
+use crate::validate::paper::{Differences, Figures, Level, PatchNoise, REPORTED, Taken};
 use crate::{RawFrame, Result};
 
 /// One side of the comparison.

@@ -32,7 +32,10 @@ const KINDS: [(&str, &[Free]); 9] = [
     ("lens-transmittance", &[("factor", 1.0, -0.02), ("slope", 0.0, 0.01)]),
     ("veiling-glare", &[("fraction", 0.0, 0.01)]),
     ("relative-illumination", &[("corner", 0.0, 0.02)]),
-    ("colour-shading", &[("channel_0", 0.0, 0.02), ("channel_1", 0.0, 0.02), ("channel_2", 0.0, 0.02)]),
+    (
+        "colour-shading",
+        &[("channel_0", 0.0, 0.02), ("channel_1", 0.0, 0.02), ("channel_2", 0.0, 0.02)],
+    ),
     ("optical-crosstalk", &[("side", 0.0, 0.01)]),
 ];
 
@@ -121,7 +124,8 @@ fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<
     let mut free: Vec<usize> = (0..columns.len()).collect();
     loop {
         let solution = Solution::of(&columns, &free, residual)?;
-        let z = |i: usize| solution.estimates.iter().find(|(c, _)| *c == i).map(|(_, e)| e.z().abs());
+        let z =
+            |i: usize| solution.estimates.iter().find(|(c, _)| *c == i).map(|(_, e)| e.z().abs());
         // The weakest of the own parameters goes first, the last one stays.
         let mine: Vec<(usize, f64)> =
             free.iter().filter(|i| **i < own).filter_map(|&i| Some((i, z(i)?))).collect();

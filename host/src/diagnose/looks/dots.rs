@@ -13,6 +13,8 @@ pub const RINGS: usize = 5;
 const BORDER: f64 = 0.06;
 /// Radius within which a dot's light is summed, and beyond which there is ground, in pitches.
 const REACH: f64 = 0.42;
+/// See [`mean`].
+const OUTLIER: f64 = 5.0;
 /// Radius of the smallest dots that are measured, periods of the colour filter pattern.
 const LEAST_RADIUS: f64 = 0.75;
 
@@ -172,23 +174,29 @@ impl Grid {
     }
 }
 
-/// Mean and standard deviation of the mean of values with their variances.
+/// Mean and standard deviation of the mean of values with their variances. Values more than [`OUTLIER`] robust
+/// standard deviations from the median are left out: a defective pixel lies in their window.
 fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
-    let n = values.len() as f64;
     if values.len() < 3 {
         return None;
     }
-    let sum = values.iter().map(|v| v.0).sum::<f64>();
-    Some((sum / n, values.iter().map(|v| v.1).sum::<f64>().sqrt() / n))
+    let median = |mut v: Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        v[v.len() / 2]
+    };
+    let middle = median(values.iter().map(|v| v.0).collect());
+    let off = median(values.iter().map(|v| (v.0 - middle).abs()).collect());
+    let noise = median(values.iter().map(|v| v.1).collect()).sqrt();
+    let limit = OUTLIER * (1.4826 * off).max(noise);
+    let kept: Vec<(f64, f64)> =
+        values.iter().copied().filter(|v| (v.0 - middle).abs() <= limit).collect();
+    let n = kept.len() as f64;
+    let sum = kept.iter().map(|v| v.0).sum::<f64>();
+    Some((sum / n, kept.iter().map(|v| v.1).sum::<f64>().sqrt() / n))
 }
 
 /// What each ring shows of the reference channel.
-fn rings(
-    grid: &Grid,
-    found: &BTreeMap<(i32, i32), Dot>,
-    black: f64,
-    channel: usize,
-) -> Vec<Found> {
+fn rings(grid: &Grid, found: &BTreeMap<(i32, i32), Dot>, black: f64, channel: usize) -> Vec<Found> {
     let mut out = Vec::new();
     for ring in 0..RINGS {
         let of = |value: &dyn Fn((i32, i32), &Dot) -> (f64, f64)| -> Option<(f64, f64)> {
@@ -283,7 +291,9 @@ mod tests {
             for (figure, value, ..) in rings(&grid, &found, 0.0, 0) {
                 match figure {
                     Figure::Outwards(r) => {
-                        let inside = found.keys().filter(|i| **i != (0, 0) && grid.ring(**i) == usize::from(r));
+                        let inside = found
+                            .keys()
+                            .filter(|i| **i != (0, 0) && grid.ring(**i) == usize::from(r));
                         let (mut expected, mut n) = (0.0, 0.0);
                         for &i in inside {
                             let height = f64::from(i.0 * i.0 + i.1 * i.1).sqrt() * 12.0;
@@ -291,7 +301,11 @@ mod tests {
                             n += 1.0;
                         }
                         // A hundredth of a pixel: what sampling leaves of a soft disc's centroid.
-                        assert!((value - expected / n).abs() < 0.02, "{k1} ring {r}: {value} {}", expected / n);
+                        assert!(
+                            (value - expected / n).abs() < 0.02,
+                            "{k1} ring {r}: {value} {}",
+                            expected / n
+                        );
                     }
                     Figure::Rightwards(_) => assert!((value - 0.3).abs() < 0.05, "{k1}: {value}"),
                     Figure::Ground(..) => assert!((value - 800.0).abs() < 8.0, "{value}"),

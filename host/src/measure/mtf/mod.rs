@@ -35,6 +35,12 @@ const OVERSAMPLING: f64 = 4.0;
 /// Fraction of the window that is tapered, half on each side.
 const TUKEY_ALPHA: f64 = 1.0;
 
+/// Robust standard deviations beyond which a sample is that of a defective pixel.
+const DEFECT: f64 = 4.0;
+
+/// Samples next to each other across the edge whose median is compared with.
+const NEIGHBOURS: usize = 11;
+
 /// Blocks of rows for the jackknife.
 const BLOCKS: usize = 10;
 
@@ -131,6 +137,7 @@ pub struct Response {
 ///
 /// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over ±h, gives the
 /// transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) = σ²/2ρ·(π²/4h + 3π²f²h).
+/// Samples of defective pixels are left out.
 ///
 /// # Errors
 /// Those of [`measure`].
@@ -142,7 +149,9 @@ pub fn response<T: Copy + Into<f64>>(
     white_level_dn: Option<u16>,
     frequencies: &[f64],
 ) -> Result<Response> {
-    let (rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    let (mut rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    leave_out_defects(&mut rows, &line);
+    let line = EdgeLine::find(&rows, step)?;
     let sfr = Sfr::of(&rows, &line, step, None)?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
     let difference = bright.0 - dark.0;
@@ -159,6 +168,39 @@ pub fn response<T: Copy + Into<f64>>(
         // The far halves of the sides are half of the samples.
         levels: [dark, bright].map(|(mean, variance)| (mean, (4.0 * variance / samples).sqrt())),
     })
+}
+
+/// Leaves out samples that stand out from those as far from the edge as they are, by more than [`DEFECT`] robust standard
+/// deviations of such differences.
+fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
+    let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
+    let mut sorted: Vec<(f64, f64)> =
+        rows.iter().flatten().map(|s| (distance(s), s.value)).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let median = |v: &mut [f64]| {
+        let middle = v.len() / 2;
+        *v.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let around = |i: usize| {
+        let first = i.saturating_sub(NEIGHBOURS / 2).min(sorted.len() - NEIGHBOURS);
+        let mut values: Vec<f64> = sorted[first..first + NEIGHBOURS].iter().map(|s| s.1).collect();
+        median(&mut values)
+    };
+    if sorted.len() < NEIGHBOURS {
+        return;
+    }
+    let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
+    let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
+    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than twice.
+    let limit = 2.0 * DEFECT * 1.4826 * median(&mut off).max(1e-9);
+    let expected = |d: f64| {
+        let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
+        local[i].1
+    };
+    for row in rows.iter_mut() {
+        row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
+    }
+    rows.retain(|r| r.len() >= 8);
 }
 
 /// Mean and variance of the samples in the outer half of each side, dark side first.
@@ -230,21 +272,12 @@ struct Sample {
 
 type Rows = Vec<Vec<Sample>>;
 
-fn collect<T: Copy + Into<f64>>(
-    frame: &Plane<T>,
-    cfa: &Cfa,
-    channel: char,
-    roi: Roi,
-) -> Rows {
+fn collect<T: Copy + Into<f64>>(frame: &Plane<T>, cfa: &Cfa, channel: char, roi: Roi) -> Rows {
     (roi.y..roi.y + roi.height)
         .map(|y| {
             (roi.x..roi.x + roi.width)
                 .filter(|&x| cfa.letter(x, y) == channel)
-                .map(|x| Sample {
-                    across: x as f64,
-                    along: y as f64,
-                    value: frame.at(x, y).into(),
-                })
+                .map(|x| Sample { across: x as f64, along: y as f64, value: frame.at(x, y).into() })
                 .collect()
         })
         .collect()
