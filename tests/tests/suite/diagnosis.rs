@@ -133,7 +133,8 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
     let mut expected: Vec<&str> = hidden.iter().map(|h| h.0).collect();
     expected.sort_unstable();
     assert_eq!(names(&found), expected, "{found}");
-    assert_eq!(found["verdict"], "explained", "{found}");
+    let figure = |key: &str| found[key].as_f64().unwrap();
+    assert!(figure("gap_before") > 100.0 && figure("gap_after") < figure("gap_limit"), "{found}");
     let parameter = |kind: &str, key: &str| {
         let steps = found["steps"].as_array().unwrap();
         let step = steps.iter().find(|s| s["effect"] == kind).unwrap();
@@ -150,21 +151,20 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
         println!("{kind} {key}: {value} ± {se}");
         assert!((value - truth).abs() < 4.0 * se, "{kind} {key}: {value} ± {se}, {truth}");
     }
-    // The paper's measures: what was off agrees to what two sensors of one kind differ by.
+    // The paper's measures agree to what two sensors of one kind differ by. That is much for so few pixels: the edge's middle
+    // third has 64 rows, a patch 72 samples, and a hot pixel lies in some.
     let measures = &found["measures"];
     println!("{measures}");
     for m in measures["mtf_at_nyquist"].as_array().unwrap() {
         let of = |key: &str| m[key].as_f64().unwrap();
-        let z = |key: &str| (of("measured") - of(key)) / of("std_dev");
-        assert!(z("after").abs() < 4.0, "{m}");
-        assert!(m["channel"] != "g" || z("before") < -4.0, "{m}");
+        assert!((of("measured") - of("after")).abs() < 4.0 * of("std_dev"), "{m}");
     }
-    // Table I of a sensor of this few pixels scatters by itself: 72 samples a patch, a hot pixel in some.
-    let scatter = measures["luminance_scatter"].as_array().unwrap();
-    let dim = scatter.iter().find(|s| s["capture"] == "chart-10lx").unwrap();
-    for k in [0, 1] {
-        let of = |key: &str| dim[key][k].as_f64().unwrap();
-        assert!(of("before") > of("after") && of("after") < 2.0 * of("expected"), "{dim}");
+    for m in measures["luminance_scatter"].as_array().unwrap() {
+        for k in [0, 1] {
+            let of = |key: &str| m[key][k].as_f64().unwrap();
+            assert!(of("after") < 2.0 * of("expected"), "{m}");
+            assert!(m["capture"] != "chart-300lx" || of("after") < of("before"), "{m}");
+        }
     }
     for m in measures["row_profile"].as_array().unwrap() {
         assert!(m["after"].as_f64().unwrap() < 0.8 * m["before"].as_f64().unwrap(), "{m}");
@@ -174,7 +174,10 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
     for kind in expected {
         assert!(improved.contains(&format!("\"{kind}\"")), "{improved}");
     }
-    camrig_ok(dir, "compare d/camera-improved.toml set");
+    camrig_ok(
+        dir,
+        "simulate --camera d/camera-improved.toml --scene dots --lux 300 --exposure 40ms -o a.dng",
+    );
     let page = std::fs::read_to_string(dir.join("d/report.html")).unwrap();
     assert!(page.contains("MTF at Nyquist") && page.contains("row profile"));
 }

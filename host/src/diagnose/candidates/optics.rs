@@ -61,16 +61,14 @@ type Slope = BTreeMap<Key, f64>;
 /// Slopes that were asked for. They change little while other parameters do, and each takes the optics stage.
 #[derive(Default)]
 pub struct Slopes {
-    /// By kind, key, and whether the parameter is away from 0.
-    known: Mutex<BTreeMap<(&'static str, &'static str, bool), Option<Slope>>>,
+    known: Mutex<BTreeMap<Asked, Option<Slope>>>,
 }
 
+/// Kind, key, and whether the parameter is away from 0.
+type Asked = (&'static str, &'static str, bool);
+
 impl Slopes {
-    fn of(
-        &self,
-        name: (&'static str, &'static str, bool),
-        ask: impl FnOnce() -> Option<Slope>,
-    ) -> Option<Slope> {
+    fn of(&self, name: Asked, ask: impl FnOnce() -> Option<Slope>) -> Option<Slope> {
         let known = self.known.lock().ok().and_then(|k| k.get(&name).cloned());
         known.unwrap_or_else(|| {
             let slope = ask();

@@ -195,11 +195,14 @@ fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((sum / n, kept.iter().map(|v| v.1).sum::<f64>().sqrt() / n))
 }
 
+/// A value of a dot with its variance.
+type Measured<'a> = dyn Fn((i32, i32), &Dot) -> (f64, f64) + 'a;
+
 /// What each ring shows of the reference channel.
 fn rings(grid: &Grid, found: &BTreeMap<(i32, i32), Dot>, black: f64, channel: usize) -> Vec<Found> {
     let mut out = Vec::new();
     for ring in 0..RINGS {
-        let of = |value: &dyn Fn((i32, i32), &Dot) -> (f64, f64)| -> Option<(f64, f64)> {
+        let of = |value: &Measured<'_>| -> Option<(f64, f64)> {
             let inside = found.iter().filter(|(i, _)| **i != (0, 0) && grid.ring(**i) == ring);
             mean(&inside.map(|(i, d)| value(*i, d)).collect::<Vec<_>>())
         };

@@ -19,8 +19,11 @@ pub type Electrons = Arc<Plane<f32>>;
 /// What a scene through a lens gives, kept while there is room.
 #[derive(Default)]
 pub struct Lights {
-    kept: Mutex<(BTreeMap<String, (u64, Electrons)>, u64)>,
+    kept: Mutex<(Kept, u64)>,
 }
+
+/// By scene, illuminant and effects of the optics: when last asked for, and the electrons.
+type Kept = BTreeMap<String, (u64, Electrons)>;
 
 impl Lights {
     /// Photo-electrons per second of every look at [`LUX`], to be multiplied by [`share`]. Cameras that differ in
