@@ -154,6 +154,21 @@ pub struct SceneSeen {
     pub angle_deg: Option<f64>,
 }
 
+impl SceneSeen {
+    /// The scene as on the command line, turned as `angle_deg` says where its name does not.
+    pub fn spec(&self) -> String {
+        match self.angle_deg {
+            Some(angle)
+                if self.scene.starts_with("slanted-edge") && !self.scene.contains("angle=") =>
+            {
+                let joint = if self.scene.contains(':') { ',' } else { ':' };
+                format!("{}{joint}angle={angle}", self.scene)
+            }
+            _ => self.scene.clone(),
+        }
+    }
+}
+
 /// How the sensor was turned in the crosstalk experiment, and which point of it is read.
 ///
 /// `x` and `y` are -1..1 over the sensor's half width and half height; the light comes from the

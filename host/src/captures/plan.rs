@@ -13,10 +13,11 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Built-in plans: name and text.
-pub const BUILT_IN: [(&str, &str); 4] = [
+pub const BUILT_IN: [(&str, &str); 5] = [
     ("diagnosis", include_str!("../../plans/diagnosis.toml")),
     ("emva", include_str!("../../plans/emva.toml")),
     ("ptc", include_str!("../../plans/ptc.toml")),
+    ("optics", include_str!("../../plans/optics.toml")),
     ("paper", include_str!("../../plans/paper.toml")),
 ];
 

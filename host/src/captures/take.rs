@@ -2,7 +2,7 @@
 
 use super::manifest::ManifestWriter;
 use super::plan::Shot;
-use super::{Capture, Light, Role, SensorFacts, Uniformity};
+use super::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use crate::camera::Camera;
 use crate::formats::output::OutputDir;
 use crate::formats::{Format, Frames};
@@ -202,21 +202,30 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
 
 /// What tells two looks apart: scene and light.
 fn scene_key(shot: &Shot) -> (String, Option<Light>) {
-    let name = shot.scene.as_ref().map_or("", |s| s.scene.as_str());
+    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
     let key = format!("{name} {:?} {:?}", shot.light.illuminant, shot.light.lux);
     (key, Some(shot.light.clone()))
 }
 
 fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
-    let name = shot.scene.as_ref().map_or("", |s| s.scene.as_str());
+    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+    look(camera, &name, shot.light.illuminant.as_deref(), shot.light.lux)
+}
+
+/// What falls on the sensor when the camera looks at a scene; reflectances under D65 at 300 lx unless given.
+pub(crate) fn look(
+    camera: &Camera,
+    name: &str,
+    illuminant: Option<&str>,
+    lux: Option<f64>,
+) -> Result<IrradianceCube> {
     let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
     let scene = scene::open_filling(name, aspect)?;
     let bands = scene.bands();
     let (white, about) = match scene.quantity() {
         Quantity::Reflectance => {
-            let illuminant = shot.light.illuminant.as_deref().unwrap_or("D65");
-            let light = Illuminant::parse(illuminant)?;
-            let lux = shot.light.lux.unwrap_or(300.0);
+            let light = Illuminant::parse(illuminant.unwrap_or("D65"))?;
+            let lux = lux.unwrap_or(300.0);
             let white = photometry::white_radiance(&light, LightLevel::Lux(lux), &bands)?;
             (
                 white,

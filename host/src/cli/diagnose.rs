@@ -60,7 +60,11 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
 }
 
 fn frames(halves: &Halves) -> usize {
-    let of = |d: &design::Design| d.conditions.iter().map(|c| c.frames).sum::<usize>();
+    // The stacks of a set are read once for each half.
+    let of = |d: &design::Design| {
+        let stacks = d.conditions.iter().map(|c| c.frames);
+        stacks.chain(d.looks.iter().map(|l| l.frames)).sum::<usize>()
+    };
     of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
 }
 
@@ -97,7 +101,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         args.output.display()
     );
     if !outcome.twins.is_empty() || !session.unexplained(&outcome.after).is_empty() {
-        output.write("next-captures.toml", plan::text("diagnosis").as_bytes())?;
+        output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
     }
     output.write(
         "report.html",
@@ -136,8 +140,34 @@ fn say(found: &serde_json::Value) {
             step["where"].as_str().unwrap_or(""),
         );
         for (key, p) in step["parameters"].as_object().into_iter().flatten() {
-            println!("    {key} = {:.5} ± {:.2}", number(&p["value"]), number(&p["std_error"]));
+            match p["std_error"].as_f64() {
+                Some(se) => println!("    {key} = {:.5} ± {se:.1e}", number(&p["value"])),
+                // A shape that was chosen, not fitted.
+                None => println!("    {key} = {:.5}", number(&p["value"])),
+            }
         }
+    }
+    let measures = &found["measures"];
+    for m in measures["mtf_at_nyquist"].as_array().into_iter().flatten() {
+        println!(
+            "  {}: MTF at Nyquist, channel {}: measured {:.3}, model {:.3} → {:.3}",
+            m["capture"].as_str().unwrap_or(""),
+            m["channel"].as_str().unwrap_or(""),
+            number(&m["measured"]),
+            number(&m["before"]),
+            number(&m["after"]),
+        );
+    }
+    for m in measures["luminance_scatter"].as_array().into_iter().flatten() {
+        println!(
+            "  {}: scatter of the luminance off by {:.1} % → {:.1} %, without dark patches {:.1} % → {:.1} % (two sensors of one kind: {:.1} %)",
+            m["capture"].as_str().unwrap_or(""),
+            number(&m["before"][0]),
+            number(&m["after"][0]),
+            number(&m["before"][1]),
+            number(&m["after"][1]),
+            number(&m["expected"][1]),
+        );
     }
     for left in found["unexplained"].as_array().into_iter().flatten() {
         println!("  unexplained: {}", left["description"].as_str().unwrap_or(""));

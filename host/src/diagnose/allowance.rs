@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// photodiode.
 const ASSUMED: f64 = 1e-3;
 
-/// Standard deviation (DN) of each flat's mean that comes from the light.
+/// Standard deviation (DN) that comes from the light: of each flat's mean, and of the levels in pictures of things.
 pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap<Key, f64> {
     let channels = camera.sensor.channel_names.len() as u8;
     let mut out = BTreeMap::new();
@@ -30,6 +30,13 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
             if let Some(s) = values.get(&key) {
                 out.insert(key, relative * s.value.abs());
             }
+        }
+    }
+    for (key, s) in values {
+        if let (Place::Look(_), What::Of(figure)) = key
+            && figure.is_level()
+        {
+            out.insert(*key, ASSUMED * s.value.abs());
         }
     }
     out

@@ -1,8 +1,9 @@
 //! Which frames of a set are looked at, and under which conditions they were taken.
 
+use super::looks::Look;
 use crate::camera::Camera;
-use crate::captures::{Capture, CaptureSet, Role, Split, Uniformity};
-use crate::scene::Bands;
+use crate::captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity};
+use crate::scene::{Bands, chart};
 use crate::{Error, Result};
 
 /// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
@@ -51,8 +52,10 @@ impl Condition {
 /// The stacks of one half of a set.
 #[derive(Clone, Debug)]
 pub struct Design {
-    /// In the order of the manifest.
+    /// Dark and flat stacks in the order of the manifest.
     pub conditions: Vec<Condition>,
+    /// Edges, dots and charts, the same way.
+    pub looks: Vec<Look>,
 }
 
 /// A set divided in frames to fit and frames to judge.
@@ -96,47 +99,93 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
         .help("give the camera file of the sensor that took the captures"));
     }
     let mut notes = Vec::new();
-    let (mut fit, mut holdout) = (Vec::new(), Vec::new());
+    let mut fit = Design { conditions: Vec::new(), looks: Vec::new() };
+    let mut holdout = fit.clone();
     let by_manifest = set.captures.iter().any(|c| c.split.is_some());
     for (index, capture) in set.captures.iter().enumerate() {
-        if !matches!(capture.role, Role::Dark | Role::Flat) {
-            continue;
-        }
         let n = counts[index];
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
-        let mut condition = condition(camera, set, index).map_err(place)?;
-        if by_manifest {
-            if n < 2 {
-                notes.push(format!("{}: one frame shows no noise; left out", capture.id));
-                continue;
+        let of_light = matches!(capture.role, Role::Dark | Role::Flat);
+        // A single frame shows a thing; noise takes two.
+        let least = if of_light { 2 } else { 1 };
+        let too_few = if by_manifest { n < least } else { n < 2 * least };
+        if too_few {
+            notes.push(match by_manifest {
+                true => format!("{}: one frame shows no noise; left out", capture.id),
+                false => format!(
+                    "{}: {n} frames are too few to fit some and judge with others ({} and more); left out",
+                    capture.id,
+                    2 * least
+                ),
+            });
+            continue;
+        }
+        // Frames for each half: (skip, frames).
+        let [first, second] = match (by_manifest, capture.split) {
+            (true, Some(Split::Holdout)) => [None, Some((0, n))],
+            (true, _) => [Some((0, n)), None],
+            (false, _) => [Some((0, n / 2)), Some((n / 2, n / 2))],
+        };
+        let halves = [(&mut fit, first), (&mut holdout, second)];
+        if of_light {
+            let condition = condition(camera, set, index).map_err(place)?;
+            for (design, (skip, frames)) in halves.into_iter().filter_map(|(d, f)| Some((d, f?))) {
+                design.conditions.push(Condition { skip, frames, ..condition.clone() });
             }
-            condition.frames = n;
-            let side = if capture.split == Some(Split::Holdout) { &mut holdout } else { &mut fit };
-            side.push(condition);
-        } else if n < 4 {
-            notes.push(format!(
-                "{}: {n} frames are too few to fit some and judge with others (4 and more); left out",
-                capture.id
-            ));
         } else {
-            let half = n / 2;
-            condition.frames = half;
-            fit.push(condition.clone());
-            condition.skip = half;
-            holdout.push(condition);
+            match look(camera, set, index).map_err(place)? {
+                Some(look) => {
+                    for (design, (skip, frames)) in
+                        halves.into_iter().filter_map(|(d, f)| Some((d, f?)))
+                    {
+                        design.looks.push(Look { skip, frames, ..look.clone() });
+                    }
+                }
+                None => notes.push(format!(
+                    "{}: the diagnosis looks at slanted-edge, dots and colorchecker; left out",
+                    capture.id
+                )),
+            }
         }
     }
     if fit.is_empty() {
         return Err(Error::input("no stack to look at")
             .help("dark and flat stacks of four and more frames each are needed; two frames per stack leave nothing to judge with"));
     }
-    let same = |a: &Condition, b: &Condition| a.capture == b.capture;
     if by_manifest && holdout.is_empty() {
         notes.push("no capture has split = \"holdout\": nothing can be confirmed".into());
     }
-    debug_assert!(by_manifest || fit.iter().zip(&holdout).all(|(a, b)| same(a, b)));
-    let holdout = (!holdout.is_empty()).then_some(Design { conditions: holdout });
-    Ok(Halves { fit: Design { conditions: fit }, holdout, notes })
+    let holdout = (!holdout.is_empty()).then_some(holdout);
+    Ok(Halves { fit, holdout, notes })
+}
+
+impl Design {
+    fn is_empty(&self) -> bool {
+        self.conditions.is_empty() && self.looks.is_empty()
+    }
+}
+
+/// A stack of a thing that can be measured.
+fn look(camera: &Camera, set: &CaptureSet, index: usize) -> Result<Option<Look>> {
+    let capture = &set.captures[index];
+    let Some(scene) = capture.scene.as_ref().map(SceneSeen::spec) else { return Ok(None) };
+    let geometry = chart::geometry(&scene).map_err(|e| e.at("[capture.scene]"))?;
+    let light = capture.light.as_ref();
+    Ok(geometry.map(|geometry| Look {
+        capture: index,
+        id: capture.id.clone(),
+        role: capture.role,
+        skip: 0,
+        frames: 0,
+        exposure_s: capture.exposure_s,
+        analog_gain: capture.analog_gain,
+        temperature_c: capture.temperature_c.unwrap_or(camera.sensor.temperature_c),
+        scene,
+        geometry,
+        illuminant: light.and_then(|l| l.illuminant.clone()),
+        lux: light.and_then(|l| l.lux),
+        light: 1.0,
+    }))
 }
 
 fn condition(camera: &Camera, set: &CaptureSet, index: usize) -> Result<Condition> {

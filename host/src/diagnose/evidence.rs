@@ -1,11 +1,13 @@
 //! What an estimator sees: the measured statistics, what the present model predicts for them, and the stacks.
 
+use super::candidates::Slopes;
 use super::design::{Condition, Design};
 use super::maps::Map;
 use super::model::dn_per_e;
 use super::prediction::{Key, Prediction, Values};
 use super::statistics::{Place, What};
 use super::temporal::Temporal;
+use crate::Result;
 use crate::camera::Camera;
 use crate::captures::Role;
 use std::collections::BTreeMap;
@@ -26,6 +28,12 @@ pub struct Evidence<'a> {
     pub maps: &'a [Map],
     /// Scatter that comes from the set-up.
     pub allowance: &'a BTreeMap<Key, f64>,
+    /// What a replicate of a camera would show of edges, dots and charts, always with the same random numbers.
+    pub imagine: &'a dyn Fn(&Camera) -> Result<Values>,
+    /// What parameters do to them, as far as it was asked.
+    pub slopes: &'a Slopes,
+    /// Kinds named already that edges, dots and charts show.
+    pub named: Vec<&'static str>,
 }
 
 /// A value with its standard error.

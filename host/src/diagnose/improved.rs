@@ -3,7 +3,7 @@
 use super::candidates::Proposal;
 use crate::camera::presets;
 use crate::{Error, Result};
-use sensor_core::effects::Effect;
+use sensor_core::effects::{Effect, Parameter};
 use std::path::Path;
 
 /// The text of a camera file with the effects of `named` put in, in the order in which they were found.
@@ -47,27 +47,25 @@ pub fn camera_file(
             }
         }
     }
-    // Effects of the optics stay as they are.
-    let of_sensor = |e: &toml::Value| {
-        let kind = e.get("kind").and_then(toml::Value::as_str);
-        Effect::CATALOGUE.iter().any(|c| Some(c.kind) == kind)
-    };
-    let kept = file.get("effect").and_then(toml::Value::as_array).cloned().unwrap_or_default();
-    let effects: Vec<toml::Value> = kept
-        .into_iter()
-        .filter(|e| !of_sensor(e))
-        .chain(camera.effects.iter().map(|e| {
-            let entry = e.entry();
-            let mut table = toml::Table::new();
-            table.insert("kind".into(), entry.kind.into());
-            for (parameter, value) in entry.parameters.iter().zip(e.values()) {
-                if parameter.default != Some(value) {
-                    table.insert(parameter.key.into(), round(f64::from(value)).into());
-                }
+    let table = |kind: &str, parameters: &[Parameter], values: &[f32]| -> toml::Value {
+        let mut table = toml::Table::new();
+        table.insert("kind".into(), kind.into());
+        for (parameter, value) in parameters.iter().zip(values) {
+            if parameter.default != Some(*value) {
+                table.insert(parameter.key.into(), round(f64::from(*value)).into());
             }
-            table.into()
-        }))
-        .collect();
+        }
+        table.into()
+    };
+    let optical = camera.optical_effects.iter().map(|e| {
+        let entry = e.entry();
+        table(entry.kind, entry.parameters, e.values())
+    });
+    let sensor = camera.effects.iter().map(|e| {
+        let entry = e.entry();
+        table(entry.kind, entry.parameters, &e.values())
+    });
+    let effects: Vec<toml::Value> = optical.chain(sensor).collect();
     if effects.is_empty() {
         file.remove("effect");
     } else {

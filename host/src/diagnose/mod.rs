@@ -1,7 +1,8 @@
 //! Diagnosis: where do a model and captures disagree, which effect is missing, and is the model better with it?
 //!
 //! 1. [`design`]: which frames are fitted, which only judge.
-//! 2. [`temporal`], [`spatial`], [`maps`]: moments of the stacks; [`statistics`]: the battery made of them.
+//! 2. [`temporal`], [`spatial`], [`maps`]: moments of dark and flat stacks; [`looks`]: pictures of edges, dots and charts;
+//!    [`statistics`]: the battery made of them.
 //! 3. [`replicate`]: the same stacks of the model, by `sensor-core` itself; [`prediction`]: mean and scatter of
 //!    every statistic, deviations, deviance, gap.
 //! 4. [`candidates`]: what each effect of the catalogue would have to be; [`search`]: which earn their place.
@@ -15,7 +16,9 @@ pub mod candidates;
 pub mod design;
 pub mod evidence;
 pub mod improved;
+pub mod looks;
 pub mod maps;
+pub mod measures;
 pub mod model;
 pub mod plausible;
 pub mod prediction;

@@ -1,6 +1,7 @@
 //! A model under diagnosis: a camera, and how an effect is put into it.
 
 use crate::camera::Camera;
+use crate::optics::OpticalEffect;
 use sensor_core::effects::Effect;
 
 /// The effect of this kind in a camera's chain; of several the first.
@@ -32,6 +33,15 @@ pub fn put(camera: &mut Camera, effect: Effect) {
                 None => add(camera, effect),
             }
         }
+    }
+}
+
+/// Puts an effect of the optics in a camera, in place of one of its kind.
+pub fn put_optical(camera: &mut Camera, effect: OpticalEffect) {
+    let kind = effect.entry().kind;
+    match camera.optical_effects.iter_mut().find(|e| e.entry().kind == kind) {
+        Some(e) => *e = effect,
+        None => camera.optical_effects.push(effect),
     }
 }
 

@@ -4,17 +4,19 @@
 //! frames to fit are most likely, if the held-out frames agree; repeats until none earns its place; then drops
 //! what is not missed.
 
-use super::candidates::{self, Proposal};
+use super::candidates::{self, Proposal, Slopes};
 use super::design::{Design, Halves};
 use super::evidence::Evidence;
+use super::looks::light::{self, Electrons, Lights};
+use super::looks::{self, Look, Picture};
 use super::maps::{self, Map};
 use super::prediction::{Key, Prediction, Values, bounded, by_key, mean_square};
-use super::statistics::{Place, battery};
-use super::temporal::Temporal;
-use super::{allowance, plausible, replicate};
-use crate::Result;
+use super::statistics::{Place, What, battery};
+use super::temporal::{Temporal, mean};
+use super::{allowance, model, plausible, replicate};
 use crate::camera::Camera;
 use crate::captures::{CaptureSet, Role};
+use crate::{Plane, Result};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -22,8 +24,12 @@ use std::collections::BTreeMap;
 const RUNS: u64 = 16;
 /// Replicates of a candidate, with the random numbers of the model's first ones.
 const TRIAL_RUNS: u64 = 4;
+/// Seed of the first replicate.
+const SEED: u64 = 0x5eed;
 /// Most candidates simulated in a round.
 const TRIALS: usize = 10;
+/// Most of them that edges, dots and charts gave.
+const LOOK_TRIALS: usize = 4;
 /// Most effects named.
 const MOST: usize = 10;
 /// Significance (standard errors) from which a candidate is tried.
@@ -48,8 +54,10 @@ const GAP_LIMIT: f64 = 1.27;
 pub struct Half {
     /// How it was taken.
     pub design: Design,
-    /// Its stacks.
+    /// Its dark and flat stacks.
     pub stacks: Vec<Temporal>,
+    /// Its edges, dots and charts.
+    pub pictures: Vec<Picture>,
     /// Its statistics.
     pub values: Values,
     /// Scatter that comes from the set-up.
@@ -148,6 +156,10 @@ pub struct Session {
     pub maps: Vec<Map>,
     /// Words for people.
     pub notes: Vec<String>,
+    /// Light of edges, dots and charts through the lenses tried.
+    lights: Lights,
+    /// What parameters do to edges, dots and charts.
+    slopes: Slopes,
 }
 
 impl Session {
@@ -158,18 +170,27 @@ impl Session {
         halves: Halves,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Self> {
+        let lights = Lights::default();
         let half = |mut design: Design| -> Result<Half> {
             let stacks = replicate::measure(set, &design, true, progress)?;
             set_unknown_levels(camera, &mut design, &stacks);
-            let values = by_key(battery(camera, &design, &stacks));
+            let pictures = replicate::seen(camera, set, &design.looks, progress)?;
+            set_unknown_light(camera, &mut design.looks, &pictures, &lights)?;
+            let mut values = by_key(battery(camera, &design, &stacks));
+            values.extend(by_key(looks::battery(camera, &design, &pictures)));
             let allowance = allowance::allowances(camera, &design, &values);
-            Ok(Half { design, stacks, values, allowance })
+            Ok(Half { design, stacks, pictures, values, allowance })
         };
         let mut notes = halves.notes;
         if halves.fit.conditions.iter().any(|c| c.role == Role::Flat && !c.even) {
             notes.push("the light of flats may be uneven (uniformity = \"unknown\"): smooth shading is not judged".into());
         }
         let fit = half(halves.fit)?;
+        for (look, picture) in fit.design.looks.iter().zip(&fit.pictures) {
+            if let Err(e) = looks::figures(camera, look, picture) {
+                notes.push(format!("{}: {e}; left out", look.id));
+            }
+        }
         let can_confirm = halves.holdout.is_some();
         let holdout = match halves.holdout {
             Some(design) => half(design)?,
@@ -180,12 +201,13 @@ impl Session {
         };
         plausible::check(camera, &fit.design, &fit.stacks)?;
         let maps = maps::maps(camera, &fit.design, &fit.stacks);
-        Ok(Self { fit, holdout, can_confirm, maps, notes })
+        let slopes = Slopes::default();
+        Ok(Self { fit, holdout, can_confirm, maps, notes, lights, slopes })
     }
 
     /// The model with what it predicts.
     fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
-        let replicates = self.replicates(&camera, &self.fit.design, RUNS)?;
+        let replicates = self.replicates(&camera, &self.fit.design, RUNS, None)?;
         let fit = Prediction::new(&replicates);
         let same = self.fit.design.conditions.len() == self.holdout.design.conditions.len()
             && self
@@ -194,9 +216,19 @@ impl Session {
                 .conditions
                 .iter()
                 .zip(&self.holdout.design.conditions)
+                .all(|(a, b)| a.capture == b.capture && a.frames == b.frames)
+            && self.fit.design.looks.len() == self.holdout.design.looks.len()
+            && self
+                .fit
+                .design
+                .looks
+                .iter()
+                .zip(&self.holdout.design.looks)
                 .all(|(a, b)| a.capture == b.capture && a.frames == b.frames);
-        let judged =
-            if same { None } else { Some(self.replicates(&camera, &self.holdout.design, RUNS)?) };
+        let judged = match same {
+            true => None,
+            false => Some(self.replicates(&camera, &self.holdout.design, RUNS, None)?),
+        };
         let own = judged.as_ref().unwrap_or(&replicates);
         let holdout = judged.as_ref().map_or_else(|| fit.clone(), |r| Prediction::new(r));
         // Each replicate against the others, as if it were measured.
@@ -218,16 +250,32 @@ impl Session {
         Ok(State { camera, named, replicates, fit, holdout, norm: (mean, sd) })
     }
 
-    fn replicates(&self, camera: &Camera, design: &Design, runs: u64) -> Result<Vec<Values>> {
+    /// Replicates of a camera under a design; of its dark and flat stacks those `known`, where it has the same.
+    fn replicates(
+        &self,
+        camera: &Camera,
+        design: &Design,
+        runs: u64,
+        known: Option<&[Values]>,
+    ) -> Result<Vec<Values>> {
         let planes = camera.effects.iter().any(|e| e.entry().kind == "periodic-pattern-noise");
+        let lights = self.lights.of(camera, &design.looks)?;
         (0..runs)
             .into_par_iter()
             .map(|run| {
-                let stacks = replicate::simulate(camera, design, 0x5eed + run, planes)?;
-                let mut values = by_key(battery(camera, design, &stacks));
-                if !planes {
-                    super::add_flat_planes(&mut values, design);
-                }
+                let seed = SEED + run;
+                let mut values = match known.and_then(|k| k.get(run as usize)) {
+                    Some(values) => values.clone(),
+                    None => {
+                        let stacks = replicate::simulate(camera, design, seed, planes)?;
+                        let mut values = by_key(battery(camera, design, &stacks));
+                        if !planes {
+                            super::add_flat_planes(&mut values, design);
+                        }
+                        values
+                    }
+                };
+                values.extend(imagined(camera, design, &lights, seed)?);
                 Ok(values)
             })
             .collect()
@@ -239,8 +287,20 @@ impl Session {
         mean_square(&z) / norm.max(1e-9)
     }
 
-    fn evidence<'a>(&'a self, camera: &'a Camera, model: &'a Prediction) -> Evidence<'a> {
-        Evidence {
+    /// Proposals of the kinds `wanted` against a model.
+    fn propose(
+        &self,
+        camera: &Camera,
+        model: &Prediction,
+        named: &[Proposal],
+        wanted: &dyn Fn(&str) -> bool,
+        least: f64,
+    ) -> Vec<Proposal> {
+        let imagine = |camera: &Camera| {
+            let design = &self.fit.design;
+            imagined(camera, design, &self.lights.of(camera, &design.looks)?, SEED)
+        };
+        let evidence = Evidence {
             camera,
             design: &self.fit.design,
             data: &self.fit.values,
@@ -248,14 +308,19 @@ impl Session {
             stacks: &self.fit.stacks,
             maps: &self.maps,
             allowance: &self.fit.allowance,
-        }
+            imagine: &imagine,
+            slopes: &self.slopes,
+            named: named.iter().map(|p| p.kind).filter(|k| candidates::shown_by_looks(k)).collect(),
+        };
+        candidates::propose(&evidence, wanted, least)
     }
 
     /// Simulates a proposal on top of a model and scores it.
     fn try_out(&self, state: &State, proposal: &Proposal) -> Result<(Trial, Prediction, Camera)> {
         let camera = proposal.applied(&state.camera);
-        let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS)?;
         let before = &state.replicates[..TRIAL_RUNS as usize];
+        let known = proposal.is_of_optics().then_some(before);
+        let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
         let fit = state.fit.moved(before, &after);
         let holdout = state.holdout.moved(before, &after);
         let fall = |half: &Half, old: &Prediction, new: &Prediction| {
@@ -290,10 +355,11 @@ impl Session {
     fn settle(&self, state: &State, proposal: &Proposal) -> Result<Trial> {
         let (mut best, mut prediction, mut camera) = self.try_out(state, proposal)?;
         for _ in 0..3 {
-            let evidence = self.evidence(&camera, &prediction);
-            let again = candidates::propose(&evidence, &[], 1.0)
+            let own = |kind: &str| kind == proposal.kind;
+            let again = self
+                .propose(&camera, &prediction, &state.named, &own, 1.0)
                 .into_iter()
-                .find(|p| p.kind == proposal.kind && !p.beside && same_shape(p, &best.proposal));
+                .find(|p| !p.beside && same_shape(p, &best.proposal));
             let Some(next) = again.filter(|p| p.strength > 1.0) else { break };
             let (trial, p, c) = self.try_out(state, &merged(&best.proposal, next))?;
             (prediction, camera) = (p, c);
@@ -325,8 +391,10 @@ impl Session {
         let mut steps: Vec<Step> = Vec::new();
         let mut twins = Vec::new();
         while steps.len() < MOST {
-            let evidence = self.evidence(&state.camera, &state.fit);
-            let mut proposals = candidates::propose(&evidence, without, LEAST);
+            let wanted = |kind: &str| !without.iter().any(|w| w == kind);
+            let mut proposals =
+                self.propose(&state.camera, &state.fit, &state.named, &wanted, LEAST);
+            thin(&mut proposals);
             proposals.truncate(TRIALS);
             if proposals.is_empty() {
                 break;
@@ -358,7 +426,7 @@ impl Session {
                 twins.push((best.proposal.kind.to_string(), second.proposal.kind.to_string()));
             }
             let mut named = state.named.clone();
-            named.push(best.proposal.clone());
+            best.proposal.clone().join(&mut named);
             let next = self.state(best.proposal.applied(&state.camera), named)?;
             let next = self.refit(next)?;
             let gaps = [&state, &next].map(|s| self.gap(&s.holdout, s.norm.0));
@@ -376,6 +444,11 @@ impl Session {
         }
         if steps.len() > 1 {
             state = self.drop_idle(camera, state, &mut steps)?;
+        }
+        if state.named.iter().any(|p| p.of_looks) {
+            // Derivatives where the search has come to.
+            self.slopes.forget();
+            state = self.refit(state)?;
         }
         for step in &mut steps {
             let kind = step.trial.proposal.kind;
@@ -451,14 +524,15 @@ impl Session {
     fn refit(&self, mut state: State) -> Result<State> {
         // A single name was settled when it was tried.
         for _ in 0..if state.named.len() > 1 { 2 } else { 1 } {
-            let evidence = self.evidence(&state.camera, &state.fit);
-            let all = candidates::propose(&evidence, &[], 1.0);
+            let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
+            let all = self.propose(&state.camera, &state.fit, &state.named, &is_named, 1.0);
             let mut named = state.named.clone();
             let mut moved = false;
             for p in &mut named {
                 let next = all.iter().find(|a| a.kind == p.kind && !a.beside && same_shape(a, p));
                 if let Some(next) = next {
-                    *p = merged(p, next.clone());
+                    // Each gets its own new values; what gave way for it is among the named.
+                    *p = Proposal { along: Default::default(), ..merged(p, next.clone()) };
                     moved = true;
                 }
             }
@@ -497,8 +571,9 @@ impl Session {
             let mut named = state.named.clone();
             let left_out = named.remove(i);
             let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
-            let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS)?;
             let before = &state.replicates[..TRIAL_RUNS as usize];
+            let known = left_out.is_of_optics().then_some(before);
+            let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
             let rise = |half: &Half, with: &Prediction| {
                 with.moved(before, &after).deviance(&half.values, &half.allowance)
                     - with.deviance(&half.values, &half.allowance)
@@ -517,6 +592,17 @@ impl Session {
         Ok(state)
     }
 
+    /// The mean frame of a look as a camera would take it.
+    ///
+    /// # Errors
+    /// Those of rendering.
+    pub fn picture(&self, camera: &Camera, look: &Look) -> Result<Plane<f32>> {
+        let looks = std::slice::from_ref(look);
+        let lights = self.lights.of(camera, looks)?;
+        let mut pictures = replicate::pictures(camera, looks, &lights, SEED)?;
+        Ok(pictures.swap_remove(0).mean)
+    }
+
     /// The held-out statistics whose deviation fell most.
     fn moved(&self, before: &State, after: &State) -> Vec<(Key, f64, f64)> {
         let z = |s: &State| s.holdout.deviations(&self.holdout.values, &self.holdout.allowance);
@@ -532,14 +618,18 @@ impl Session {
     /// The statistic of `key` in all places like its own, before and after.
     fn seen(&self, key: Option<Key>, before: &State, after: &State) -> Vec<Seen> {
         let Some((place, what)) = key else { return Vec::new() };
-        let alike = |p: &Place| match place {
-            Place::Stack(_) => matches!(p, Place::Stack(_)),
-            other => *p == other,
+        let alike = |p: &Place, w: &What| match (place, what, w) {
+            // Figures of one sort of the same picture.
+            (Place::Look(_), What::Of(a), What::Of(b)) => {
+                *p == place && std::mem::discriminant(&a) == std::mem::discriminant(b)
+            }
+            (Place::Stack(_), ..) => *w == what && matches!(p, Place::Stack(_)),
+            _ => *w == what && *p == place,
         };
         self.holdout
             .values
             .iter()
-            .filter(|((p, w), _)| *w == what && alike(p))
+            .filter(|((p, w), _)| alike(p, w))
             .filter_map(|(key, s)| {
                 let (a, b) = (before.holdout.of.get(key)?, after.holdout.of.get(key)?);
                 let measured = b.scale.of(s.value);
@@ -565,7 +655,10 @@ impl Session {
             .filter_map(|(k, a)| {
                 let b = holdout.get(k).copied().unwrap_or(*a);
                 let same_side = a.signum() == b.signum() && b.abs() > 2.0;
-                let both = (a + b) / std::f64::consts::SQRT_2;
+                // Two halves of a look share the sensor's pattern and say hardly more than one.
+                let halves =
+                    if matches!(k.0, Place::Look(_)) { 2.0 } else { std::f64::consts::SQRT_2 };
+                let both = (a + b) / halves;
                 (same_side && both.abs() > limit).then_some((*k, both))
             })
             .collect();
@@ -581,8 +674,19 @@ impl State {
     }
 }
 
+/// Leaves of the proposals that pictures gave the strongest: their strengths are those of likelihoods already, and
+/// each takes the optics stage to try.
+fn thin(proposals: &mut Vec<Proposal>) {
+    let mut kept = 0;
+    proposals.retain(|p| {
+        kept += usize::from(p.of_looks);
+        !p.of_looks || kept <= LOOK_TRIALS
+    });
+}
+
 fn earns(t: &Trial) -> bool {
-    t.evidence > EARNS[0]
+    // The two halves of a look share the sensor's pattern: each must say what elsewhere both say together.
+    t.evidence > EARNS[if t.proposal.of_looks { 2 } else { 0 }]
         && t.confirmed > EARNS[1]
         && t.evidence + t.confirmed > EARNS[2]
         && t.explains > 0.3
@@ -597,6 +701,29 @@ fn same_shape(a: &Proposal, b: &Proposal) -> bool {
 /// The second proposal in the place of the first.
 fn merged(first: &Proposal, second: Proposal) -> Proposal {
     Proposal { strength: first.strength, beside: first.beside, ..second }
+}
+
+/// What a replicate shows of edges, dots and charts.
+fn imagined(camera: &Camera, design: &Design, lights: &[Electrons], seed: u64) -> Result<Values> {
+    let pictures = replicate::pictures(camera, &design.looks, lights, seed)?;
+    Ok(by_key(looks::battery(camera, design, &pictures)))
+}
+
+/// Where the manifest does not tell the illuminance of a scene, the measured mean does.
+fn set_unknown_light(
+    camera: &Camera,
+    looks: &mut [Look],
+    pictures: &[Picture],
+    lights: &Lights,
+) -> Result<()> {
+    for (look, picture) in looks.iter_mut().zip(pictures).filter(|(l, _)| l.lux.is_none()) {
+        let electrons = &lights.of(camera, std::slice::from_ref(look))?[0].data;
+        let predicted =
+            mean(electrons) * light::share(look) * model::dn_per_e(camera, look.analog_gain);
+        let measured = mean(&picture.mean.data) - camera.sensor.black_level_dn;
+        look.light = (measured / predicted.max(1e-12)).max(0.0);
+    }
+    Ok(())
 }
 
 /// Where the manifest does not tell the light, the measured mean does.

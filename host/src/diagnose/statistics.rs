@@ -5,6 +5,7 @@
 //! laws (χ² for variances, binomial for counts), not of replicates, so they hold for a single set.
 
 use super::design::{Condition, Design};
+use super::looks::Figure;
 use super::maps::{self, MapKind};
 use super::spatial::{PERIODS, Spatial, basis};
 use super::tails;
@@ -17,6 +18,8 @@ use crate::captures::Role;
 pub enum Place {
     /// A stack: its position in the design.
     Stack(usize),
+    /// A stack of an edge, dots or a chart: its position among them.
+    Look(usize),
     /// A map made of several stacks.
     Map(MapKind),
     /// All stacks together.
@@ -74,6 +77,7 @@ pub enum What {
     Phase(u8),
     Lattice,
     AfterImage,
+    Of(Figure),
 }
 
 /// The scale on which a statistic's scatter is normal.

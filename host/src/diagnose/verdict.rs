@@ -1,10 +1,10 @@
 //! What is said of a search: `diagnosis.json`.
 
-use super::candidates::Proposal;
+use super::candidates::{self, Proposal};
 use super::prediction::Key;
 use super::search::{Outcome, Session, State};
 use super::statistics::{Place, Scale, What};
-use super::{model, words};
+use super::{measures, model, words};
 use serde_json::{Value, json};
 
 /// The verdict in one word.
@@ -115,6 +115,15 @@ fn describe(
             let exposure = condition(i).map_or(0.0, |c| c.exposure_s);
             format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
         }
+        (Place::Look(i), What::Of(figure)) if figure.is_level() => {
+            let gain = session.fit.design.looks.get(i).map_or(1.0, |l| l.analog_gain);
+            let k = model::dn_per_e(&state.camera, gain);
+            format!(
+                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
+                (m - p).abs(),
+                (m - p).abs() / k
+            )
+        }
         _ => match state.fit.of.get(&key).map(|x| x.scale) {
             Some(Scale::Log) => format!(
                 "{m:.4e}, {:.1} % {more} than the model's {p:.4e}",
@@ -179,6 +188,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
         })).collect::<Vec<_>>(),
         "unexplained": unexplained,
         "nearest": outcome.nearest,
+        "measures": measures::measures(session, outcome),
         "notes": session.notes,
     })
 }
@@ -189,6 +199,17 @@ fn tie_breaker(a: &str, b: &str) -> &'static str {
     let any = |x: &str| a == x || b == x;
     if is("system-gain", "quantum-efficiency") || is("system-gain", "lens-transmittance") {
         "flats over the whole range: variance over mean gives the gain by itself"
+    } else if any("optical-crosstalk") && any("defocus") {
+        "narrow-band flats under a colour filter array, where crosstalk mixes the channels and defocus does not; \
+         or the edge through focus, which moves the blur of defocus alone"
+    } else if any("defocus") {
+        "edges lying and standing, in the middle and in the corners, at two f-numbers"
+    } else if any("decentre-tilt") || any("distortion") || any("lateral-colour") {
+        "a grid of dots that fills the frame: radial displacement is the same all around the axis"
+    } else if any("veiling-glare") || any("lens-transmittance") {
+        "charts with black patches in a bright surround at two illuminances, and flats without the lens"
+    } else if any("relative-illumination") || any("colour-shading") {
+        "flats with and without the lens"
     } else if any("charge-coupling") || any("brighter-fatter") {
         "flats at five and more levels up to full well: the neighbours' correlation is constant or grows with the level"
     } else if any("read-noise-spread")
@@ -208,6 +229,15 @@ fn tie_breaker(a: &str, b: &str) -> &'static str {
         "flats at ten levels by light at one exposure, and at ten exposures in one light"
     } else {
         "twice as many frames of the captures at hand"
+    }
+}
+
+/// The built-in plan that holds the captures which would tell more.
+pub fn next_plan(outcome: &Outcome) -> &'static str {
+    let of_looks = |kind: &String| candidates::shown_by_looks(kind);
+    match outcome.twins.iter().any(|(a, b)| of_looks(a) || of_looks(b)) {
+        true => "optics",
+        false => "diagnosis",
     }
 }
 

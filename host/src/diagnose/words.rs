@@ -1,6 +1,7 @@
 //! Statistics in words.
 
 use super::design::Design;
+use super::looks::{Figure, RINGS};
 use super::maps::MapKind;
 use super::prediction::Key;
 use super::statistics::{CODE_PERIODS, Place, What};
@@ -103,6 +104,40 @@ pub fn name(camera: &Camera, key: Key) -> String {
         }
         What::Lattice => "16x16 lattice".into(),
         What::AfterImage => "mean after light".into(),
+        What::Of(figure) => of_look(figure, &channel),
+    }
+}
+
+fn of_look(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
+    let ring = |r: u8| format!("at {:.1} of the field", (f64::from(r) + 0.5) / RINGS as f64);
+    match figure {
+        Figure::Response(part, c, tenths) => {
+            let parts = ["first", "middle", "last"];
+            let part = parts.get(usize::from(part)).copied().unwrap_or("");
+            let f = f64::from(tenths) / 10.0;
+            format!(
+                "MTF of channel {} at {f} cycles per pixel, {part} third of the edge",
+                channel(c)
+            )
+        }
+        Figure::EdgeLevel(side, c) => {
+            let side = if side == 0 { "dark" } else { "bright" };
+            format!("level of the {side} side of the edge, channel {}", channel(c))
+        }
+        Figure::Outwards(r) => format!("displacement of dots outwards {}", ring(r)),
+        Figure::Rightwards(r) => format!("displacement of dots to the right {}", ring(r)),
+        Figure::Downwards(r) => format!("displacement of dots downwards {}", ring(r)),
+        Figure::Apart(c, r) => {
+            format!(
+                "displacement outwards of channel {} against the others {}",
+                channel(c),
+                ring(r)
+            )
+        }
+        Figure::DotRadius(r) => format!("radius of dots {}", ring(r)),
+        Figure::Ground(c, r) => format!("level between dots {}, channel {}", ring(r), channel(c)),
+        Figure::PatchMean(n, c) => format!("mean of patch {n}, channel {}", channel(c)),
+        Figure::PatchScatter(n) => format!("scatter of the luminance in patch {n}"),
     }
 }
 
@@ -111,6 +146,9 @@ pub fn place(design: &Design, key: Key) -> String {
     match key.0 {
         Place::Stack(i) => {
             design.conditions.get(i).map_or(String::new(), |c| format!("capture {}", c.id))
+        }
+        Place::Look(i) => {
+            design.looks.get(i).map_or(String::new(), |l| format!("capture {}", l.id))
         }
         Place::Map(kind) => map(kind).into(),
         Place::Set => "all captures".into(),

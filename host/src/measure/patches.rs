@@ -14,6 +14,9 @@ use serde::Serialize;
 /// Patches of the chart.
 pub const COUNT: usize = COLUMNS * ROWS;
 
+/// The patches that Chen et al. 2009 count as dark.
+pub const DARK: [usize; 4] = [10, 13, 15, 24];
+
 /// Share of a patch's pitch that is sampled, each way: clear of the patch's edges.
 const SAMPLED: f64 = 0.5;
 
@@ -60,8 +63,8 @@ pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners
 /// # Errors
 /// Corners whose patches leave the frame or hold fewer than four samples, patches that are
 /// saturated, a white patch without signal.
-pub fn measure(
-    frame: &Plane<u16>,
+pub fn measure<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
     cfa: &Cfa,
     black: f64,
     white: u16,
@@ -173,7 +176,7 @@ fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
     ([at(0), at(1)], 0.5 * SAMPLED * pitch)
 }
 
-fn check_inside(frame: &Plane<u16>, centre: [f64; 2], half: f64) -> Result<()> {
+fn check_inside<T>(frame: &Plane<T>, centre: [f64; 2], half: f64) -> Result<()> {
     let inside = centre[0] - half >= 0.0
         && centre[1] - half >= 0.0
         && centre[0] + half <= frame.width as f64
@@ -186,8 +189,8 @@ fn check_inside(frame: &Plane<u16>, centre: [f64; 2], half: f64) -> Result<()> {
 }
 
 /// Channel means of every pattern period inside a square.
-fn sample(
-    frame: &Plane<u16>,
+fn sample<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
     cfa: &Cfa,
     black: f64,
     white: u16,
@@ -209,10 +212,10 @@ fn sample(
                 if px >= frame.width || py >= frame.height {
                     continue;
                 }
-                let value = frame.at(px, py);
-                saturated += usize::from(value >= white);
+                let value: f64 = frame.at(px, py).into();
+                saturated += usize::from(value >= f64::from(white));
                 let (sum, n) = &mut sums[cfa.channel(px, py)];
-                *sum += f64::from(value) - black;
+                *sum += value - black;
                 *n += 1;
             }
             if sums.iter().all(|s| s.1 > 0) {

@@ -25,8 +25,8 @@ pub struct Profile {
 ///
 /// # Errors
 /// Lines outside the frame, or without a sample of the channel.
-pub fn along(
-    frame: &Plane<u16>,
+pub fn along<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
     cfa: &Cfa,
     channel: char,
     black: f64,
@@ -51,7 +51,7 @@ pub fn along(
         for line in first..first + count {
             let (x, y) = if direction == Along::Row { (p, line) } else { (line, p) };
             if cfa.letter(x, y) == channel {
-                sum += f64::from(frame.at(x, y)) - black;
+                sum += frame.at(x, y).into() - black;
                 n += 1;
             }
         }

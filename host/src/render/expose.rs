@@ -2,7 +2,7 @@
 
 use super::irradiance::{Chunk, IrradianceCube};
 use crate::camera::{Camera, CrosstalkTable};
-use crate::{Error, RawFrame, Result};
+use crate::{Error, Plane, RawFrame, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
@@ -84,6 +84,20 @@ impl Exposure {
         Ok(self.raw_frame(data, settings.analog_gain))
     }
 
+    /// Mean photo-electrons of every pixel, before any effect.
+    ///
+    /// # Errors
+    /// Irradiance that cannot be read.
+    pub fn electrons(&self, cube: &IrradianceCube, settings: &FrameSettings) -> Result<Plane<f32>> {
+        let (width, height) = (self.config.width as usize, self.config.height as usize);
+        let mut data = vec![0.0; width * height];
+        let inputs = Inputs { exposure: self, cube, before: None, settings };
+        data.par_chunks_mut(width * ROWS_PER_TASK)
+            .enumerate()
+            .try_for_each(|(i, out)| electrons(&inputs, i * ROWS_PER_TASK, out))?;
+        Ok(Plane { width, height, data })
+    }
+
     /// A frame of this sensor from its DN, however they were computed.
     pub fn raw_frame(&self, data: Vec<u16>, analog_gain: f32) -> RawFrame {
         RawFrame {
@@ -156,6 +170,24 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
     let mut pipeline = Pipeline::<A>::new(config, inputs.settings, &mut memory).map_err(refused)?;
     for (y, out) in (first..).zip(out.chunks_mut(width)) {
         pipeline.row(y as u32, &mut source, out);
+    }
+    Ok(())
+}
+
+/// Mean photo-electrons of the rows from `first` on.
+fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
+    let config = &inputs.exposure.config;
+    let width = config.width as usize;
+    let rows = out.len() / width;
+    let crosstalk = inputs.exposure.crosstalk();
+    let mut collector =
+        Collector::<Float>::new(config, inputs.settings, crosstalk).map_err(refused)?;
+    let bands = load(inputs.cube, first, first + rows)?;
+    let mut sums = vec![[0.0; GROUP]; groups(width)];
+    let mut row = vec![[0.0; BLOCK]; blocks(width)];
+    for (y, out) in (first..).zip(out.chunks_mut(width)) {
+        CubeRows::<Float>::collect(&mut collector, &bands, &mut sums, width, y as u32, &mut row);
+        out.copy_from_slice(&row.as_flattened()[..width]);
     }
     Ok(())
 }

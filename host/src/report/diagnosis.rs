@@ -5,7 +5,8 @@ use super::plot::{Mark, Plot, heat_map};
 use crate::Plane;
 use crate::diagnose::maps::Map;
 use crate::diagnose::search::{Outcome, Session, Step};
-use crate::diagnose::{prediction, verdict, words};
+use crate::diagnose::statistics::Place;
+use crate::diagnose::{measures, prediction, verdict, words};
 use serde_json::Value;
 
 /// Colours of measured, model before, model after.
@@ -41,6 +42,7 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
     for (i, step) in outcome.steps.iter().enumerate() {
         step_section(&mut page, session, outcome, step, i + 1);
     }
+    paper_measures(&mut page, session, outcome);
     page.heading("All statistics").drawing(
         &deviations(session, outcome),
         "Deviations of the held-out frames in standard deviations, in the order of the first model's: before and after",
@@ -149,7 +151,7 @@ fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &St
                 let figure = |v: f64| format!("{v:.5}");
                 vec![
                     (i + 1).to_string(),
-                    words::place(design, s.key),
+                    of_look(session, outcome, s.key),
                     figure(s.measured),
                     figure(s.model[0]),
                     figure(s.model[1]),
@@ -188,6 +190,54 @@ fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &St
         .collect();
     page.paragraph("Candidates: twice the gain in log-likelihood of the frames to fit and of the held-out ones, and the gap that would be left.");
     page.table(&["candidate", "evidence", "held out", "gap"], &candidates);
+}
+
+/// Place of a statistic, with its name where one picture gives many.
+fn of_look(session: &Session, outcome: &Outcome, key: prediction::Key) -> String {
+    let place = words::place(&session.holdout.design, key);
+    match key.0 {
+        Place::Look(_) => format!("{place}: {}", words::name(&outcome.after.camera, key)),
+        _ => place,
+    }
+}
+
+/// The paper's measures, where the set shows them.
+fn paper_measures(page: &mut Page, session: &Session, outcome: &Outcome) {
+    let m = measures::measures(session, outcome);
+    if m.mtf_at_nyquist.is_empty() && m.luminance_scatter.is_empty() {
+        return;
+    }
+    page.heading("MTF, patches and rows");
+    page.paragraph(
+        "The measures of Chen et al. 2009, section VI, on held-out frames: response of the edge at half a cycle per pixel; mean \
+         absolute difference of the luminance's standard deviation from the model's, all patches and without the dark \
+         ones; root mean square difference of a row.",
+    );
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    for r in &m.mtf_at_nyquist {
+        rows.push(vec![
+            r.capture.clone(),
+            format!(
+                "MTF at Nyquist, channel {} (measured {:.3} ± {:.3})",
+                r.channel, r.measured, r.std_dev
+            ),
+            format!("{:.3}", r.before),
+            format!("{:.3}", r.after),
+        ]);
+    }
+    for s in &m.luminance_scatter {
+        let percent = |[all, bright]: [f64; 2]| format!("{all:.1} %, {bright:.1} %");
+        let what = format!(
+            "scatter of the luminance, all patches and without the dark ones (two sensors of one kind: {})",
+            percent(s.expected)
+        );
+        rows.push(vec![s.capture.clone(), what, percent(s.before), percent(s.after)]);
+    }
+    for r in &m.row_profile {
+        let dn = |v: f64| format!("{v:.2} DN");
+        rows.push(vec![r.capture.clone(), "row profile".into(), dn(r.before), dn(r.after)]);
+    }
+    page.table(&["capture", "measure", "model before", "after"], &rows);
 }
 
 /// Deviations before and after, in the order of those before.

@@ -4,9 +4,8 @@ use super::page::Page;
 use super::plot::{Mark, Plot};
 use crate::Plane;
 use crate::formats::{DngInfo, png, preview};
-use crate::validate::paper::{
-    DARK_PATCHES, Differences, Figures, Level, PatchNoise, REPORTED, Taken,
-};
+use crate::measure::patches::DARK;
+use crate::validate::paper::{Differences, Figures, Level, PatchNoise, REPORTED, Taken};
 use crate::{RawFrame, Result};
 
 /// One side of the comparison.
@@ -44,7 +43,7 @@ pub fn page(
     page.heading("The four differences");
     page.table(&headings(sides), &difference_rows(sides, levels));
     page.paragraph(&format!(
-        "Table I in the paper: {} % on average, {} % without the dark patches {DARK_PATCHES:?}.",
+        "Table I in the paper: {} % on average, {} % without the dark patches {DARK:?}.",
         REPORTED.all_percent, REPORTED.without_dark_percent
     ));
     let [bright, dim] = levels.map(|l| format!("{} lx", l.lux));

@@ -41,9 +41,6 @@ pub const FRAMES: u32 = 4;
 /// Number of the frame that takes the edge: behind those of the chart.
 const EDGE_FRAME: u32 = 100;
 
-/// The patches that the paper counts as dark.
-pub const DARK_PATCHES: [usize; 4] = [10, 13, 15, 24];
-
 /// The paper's row, of 1536.
 const ROW: (usize, usize) = (510, 1536);
 
@@ -375,7 +372,7 @@ impl Scatter {
         };
         Self {
             all_percent: mean(&|_| true),
-            without_dark_percent: mean(&|n| !DARK_PATCHES.contains(&n)),
+            without_dark_percent: mean(&|n| !patches::DARK.contains(&n)),
         }
     }
 }

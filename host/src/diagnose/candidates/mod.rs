@@ -7,11 +7,14 @@
 
 mod fixed;
 mod noise;
+mod optics;
 mod response;
 
 use super::evidence::{Estimated, Evidence};
 use super::model;
 use crate::camera::Camera;
+use crate::optics::OpticalEffect;
+pub use optics::{Slopes, shown_by_looks};
 use sensor_core::effects::Effect;
 
 /// A change of the model that would explain something.
@@ -19,8 +22,14 @@ use sensor_core::effects::Effect;
 pub struct Proposal {
     /// Name in the catalogue.
     pub kind: &'static str,
-    /// What is put in the model.
+    /// What is put in the model: effects of the sensor.
     pub effects: Vec<Effect>,
+    /// Effects of the optics.
+    pub optical: Vec<OpticalEffect>,
+    /// New values of effects that are named already, which had stood for this one.
+    pub along: (Vec<Effect>, Vec<OpticalEffect>),
+    /// Whether edges, dots and charts gave it.
+    pub of_looks: bool,
     /// Whether the effects stand beside others of their kind.
     pub beside: bool,
     /// Parameters with standard errors.
@@ -31,7 +40,20 @@ pub struct Proposal {
 
 impl Proposal {
     fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
-        Self { kind, effects: vec![effect], beside: false, parameters: Vec::new(), strength }
+        Self { effects: vec![effect], of_looks: false, ..Self::of_looks(kind, strength) }
+    }
+
+    fn of_looks(kind: &'static str, strength: f64) -> Self {
+        Self {
+            kind,
+            effects: Vec::new(),
+            optical: Vec::new(),
+            along: (Vec::new(), Vec::new()),
+            of_looks: true,
+            beside: false,
+            parameters: Vec::new(),
+            strength,
+        }
     }
 
     fn with(mut self, key: &'static str, value: f64, se: f64) -> Self {
@@ -47,6 +69,12 @@ impl Proposal {
     /// The camera with this change.
     pub fn applied(&self, camera: &Camera) -> Camera {
         let mut camera = camera.clone();
+        for effect in &self.along.0 {
+            model::put(&mut camera, *effect);
+        }
+        for effect in self.along.1.iter().chain(&self.optical) {
+            model::put_optical(&mut camera, effect.clone());
+        }
         for effect in &self.effects {
             if self.beside {
                 model::add(&mut camera, *effect);
@@ -55,6 +83,31 @@ impl Proposal {
             }
         }
         camera
+    }
+
+    /// Adds this to what is named; those that gave way for it get their new values.
+    pub fn join(mut self, named: &mut Vec<Proposal>) {
+        for p in named.iter_mut() {
+            for new in self.along.0.drain(..).collect::<Vec<_>>() {
+                match new.entry().kind == p.kind {
+                    true => p.effects = vec![new],
+                    false => self.along.0.push(new),
+                }
+            }
+            for new in self.along.1.drain(..).collect::<Vec<_>>() {
+                match new.entry().kind == p.kind {
+                    true => p.optical = vec![new],
+                    false => self.along.1.push(new),
+                }
+            }
+        }
+        self.along = (Vec::new(), Vec::new());
+        named.push(self);
+    }
+
+    /// Whether what dark and flat frames show stays the same.
+    pub fn is_of_optics(&self) -> bool {
+        self.effects.is_empty() && self.along.0.is_empty()
     }
 
     /// Whether every parameter is within the catalogue's range.
@@ -68,7 +121,7 @@ impl Proposal {
 type Estimator = fn(&Evidence<'_>) -> Vec<Proposal>;
 
 /// Every kind that is looked for.
-pub const CATALOGUE: [(&str, Estimator); 37] = [
+pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("row-temporal-noise", noise::row_temporal),
     ("column-temporal-noise", noise::column_temporal),
     ("row-correlated-noise", noise::row_correlated),
@@ -94,7 +147,10 @@ pub const CATALOGUE: [(&str, Estimator); 37] = [
     ("prnu", fixed::prnu),
     ("column-gain-fpn", fixed::column_gain),
     ("prnu-low-frequency", fixed::smooth_gain),
-    ("relative-illumination", fixed::relative_illumination),
+    ("relative-illumination", |e| {
+        join(fixed::relative_illumination(e), optics::estimate(e, "relative-illumination"))
+    }),
+    ("colour-shading", |e| optics::estimate(e, "colour-shading")),
     ("green-imbalance", fixed::green_imbalance),
     ("defective-pixels", fixed::defects),
     ("black-level-offset", response::black_level),
@@ -102,22 +158,41 @@ pub const CATALOGUE: [(&str, Estimator); 37] = [
     ("quantum-efficiency", response::quantum_efficiency),
     ("nonlinearity", response::nonlinearity),
     ("full-well", response::full_well),
-    ("optical-crosstalk", response::optical_crosstalk),
+    ("optical-crosstalk", |e| {
+        join(response::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
+    }),
     ("adc-nonlinearity", response::adc_steps),
     ("image-lag", response::image_lag),
     ("exposure-offset", response::exposure_offset),
+    ("defocus", |e| optics::estimate(e, "defocus")),
+    ("distortion", |e| optics::estimate(e, "distortion")),
+    ("lateral-colour", |e| optics::estimate(e, "lateral-colour")),
+    ("decentre-tilt", |e| optics::estimate(e, "decentre-tilt")),
+    ("lens-transmittance", |e| optics::estimate(e, "lens-transmittance")),
+    ("veiling-glare", |e| optics::estimate(e, "veiling-glare")),
 ];
 
-/// Every proposal that the evidence gives, strongest first, weaker than `least` standard errors left out.
-pub fn propose(evidence: &Evidence<'_>, without: &[String], least: f64) -> Vec<Proposal> {
+/// Every proposal of the kinds `wanted` that the evidence gives, strongest first, weaker than `least` standard
+/// errors left out.
+pub fn propose(
+    evidence: &Evidence<'_>,
+    wanted: &dyn Fn(&str) -> bool,
+    least: f64,
+) -> Vec<Proposal> {
     let mut out: Vec<Proposal> = CATALOGUE
         .iter()
-        .filter(|(kind, _)| !without.iter().any(|w| w == kind))
+        .filter(|(kind, _)| wanted(kind))
         .flat_map(|(_, estimate)| estimate(evidence))
         .filter(|p| p.is_possible() && p.strength >= least)
         .collect();
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     out
+}
+
+/// Proposals of one kind from two sides.
+fn join(mut a: Vec<Proposal>, b: Vec<Proposal>) -> Vec<Proposal> {
+    a.extend(b);
+    a
 }
 
 /// One proposal, or none.

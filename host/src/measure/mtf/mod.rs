@@ -35,6 +35,12 @@ const OVERSAMPLING: f64 = 4.0;
 /// Fraction of the window that is tapered, half on each side.
 const TUKEY_ALPHA: f64 = 1.0;
 
+/// Robust standard deviations beyond which a sample is that of a defective pixel.
+const DEFECT: f64 = 4.0;
+
+/// Samples next to each other across the edge whose median is compared with.
+const NEIGHBOURS: usize = 11;
+
 /// Blocks of rows for the jackknife.
 const BLOCKS: usize = 10;
 
@@ -85,32 +91,7 @@ pub fn measure(
     white_level_dn: Option<u16>,
     pitch_um: Option<f64>,
 ) -> Result<Edge> {
-    if roi.x + roi.width > frame.width || roi.y + roi.height > frame.height {
-        return Err(Error::input(format!(
-            "region {},{},{},{} is not inside the frame of {} x {}",
-            roi.x, roi.y, roi.width, roi.height, frame.width, frame.height
-        ))
-        .help("--roi is X,Y,WIDTH,HEIGHT in pixels"));
-    }
-    if roi.width.min(roi.height) < 20 {
-        return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))
-            .help("an edge needs 20 pixels or more each way; 60 x 100 is good"));
-    }
-    let mut rows = collect(frame, cfa, channel, roi);
-    if rows.iter().all(Vec::is_empty) {
-        return Err(Error::input(format!("no channel {channel:?} in pattern {cfa}"))
-            .help("use one of the pattern's letters"));
-    }
-    check_clipping(&rows, white_level_dn)?;
-    if lies_down(&rows) {
-        rows = transpose(&rows, roi);
-    }
-    rows.retain(|r| r.len() >= 8);
-    if rows.len() < 10 {
-        return Err(Error::input("fewer than 10 rows of samples across the edge"));
-    }
-    let step = rows[0][1].across - rows[0][0].across;
-    let line = EdgeLine::find(&rows, step)?;
+    let (rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
     let sfr = Sfr::of(&rows, &line, step, None)?;
     let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
         Error::input("the response does not fall to one half below 1 cycle per pixel")
@@ -141,6 +122,146 @@ pub fn measure(
     })
 }
 
+/// The response of one channel at some frequencies, with its scatter by theory.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// (response, standard deviation) at each frequency asked for.
+    pub at: Vec<(f64, f64)>,
+    /// Mean of the two sides, dark first, and their standard errors.
+    pub levels: [(f64, f64); 2],
+}
+
+/// The response of one channel (by letter, upper case) of a frame, or of a mean of frames, at `frequencies`
+/// (cycles per pixel), relative to the difference of the two sides' means: less noise than [`measure`] has from
+/// the step's ends, and the same for edges that share lens and light.
+///
+/// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over ±h, gives the
+/// transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) = σ²/2ρ·(π²/4h + 3π²f²h).
+/// Samples of defective pixels are left out.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn response<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+    frequencies: &[f64],
+) -> Result<Response> {
+    let (mut rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    leave_out_defects(&mut rows, &line);
+    let line = EdgeLine::find(&rows, step)?;
+    let sfr = Sfr::of(&rows, &line, step, None)?;
+    let [dark, bright] = far_sides(&rows, &line, sfr.half);
+    let difference = bright.0 - dark.0;
+    let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
+    let density = rows.len() as f64 * line.slope_at_middle().hypot(1.0) / step;
+    let noise = 0.5 * (dark.1 + bright.1) / (2.0 * density);
+    let pi2 = std::f64::consts::PI.powi(2);
+    let at = |&f: &f64| {
+        let variance = noise * pi2 * (0.25 / sfr.half + 3.0 * f * f * sfr.half);
+        (sfr.at(f) * sfr.height.abs() / difference, variance.sqrt() / difference)
+    };
+    Ok(Response {
+        at: frequencies.iter().map(at).collect(),
+        // The far halves of the sides are half of the samples.
+        levels: [dark, bright].map(|(mean, variance)| (mean, (4.0 * variance / samples).sqrt())),
+    })
+}
+
+/// Leaves out samples that stand out from those as far from the edge as they are, by more than [`DEFECT`] robust standard
+/// deviations of such differences.
+fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
+    let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
+    let mut sorted: Vec<(f64, f64)> =
+        rows.iter().flatten().map(|s| (distance(s), s.value)).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let median = |v: &mut [f64]| {
+        let middle = v.len() / 2;
+        *v.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let around = |i: usize| {
+        let first = i.saturating_sub(NEIGHBOURS / 2).min(sorted.len() - NEIGHBOURS);
+        let mut values: Vec<f64> = sorted[first..first + NEIGHBOURS].iter().map(|s| s.1).collect();
+        median(&mut values)
+    };
+    if sorted.len() < NEIGHBOURS {
+        return;
+    }
+    let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
+    let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
+    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than twice.
+    let limit = 2.0 * DEFECT * 1.4826 * median(&mut off).max(1e-9);
+    let expected = |d: f64| {
+        let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
+        local[i].1
+    };
+    for row in rows.iter_mut() {
+        row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
+    }
+    rows.retain(|r| r.len() >= 8);
+}
+
+/// Mean and variance of the samples in the outer half of each side, dark side first.
+fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
+    let mut sides = [(0.0, 0.0, 0.0); 2];
+    for row in rows {
+        let place = line.at(row[0].along);
+        let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+        for s in row {
+            let distance = (s.across - place) * cos;
+            if distance.abs() > 0.5 * half {
+                let side = &mut sides[usize::from(distance > 0.0)];
+                *side = (side.0 + 1.0, side.1 + s.value, side.2 + s.value * s.value);
+            }
+        }
+    }
+    let mut out = sides.map(|(n, sum, square)| {
+        let mean: f64 = sum / n;
+        (mean, (square / n - mean * mean).max(0.0))
+    });
+    out.sort_by(|a, b| a.0.total_cmp(&b.0));
+    out
+}
+
+/// The samples of a region across its edge, their distance, and the edge.
+fn find<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+) -> Result<(Rows, f64, EdgeLine)> {
+    if roi.x + roi.width > frame.width || roi.y + roi.height > frame.height {
+        return Err(Error::input(format!(
+            "region {},{},{},{} is not inside the frame of {} x {}",
+            roi.x, roi.y, roi.width, roi.height, frame.width, frame.height
+        ))
+        .help("--roi is X,Y,WIDTH,HEIGHT in pixels"));
+    }
+    if roi.width.min(roi.height) < 20 {
+        return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))
+            .help("an edge needs 20 pixels or more each way; 60 x 100 is good"));
+    }
+    let mut rows = collect(frame, cfa, channel, roi);
+    if rows.iter().all(Vec::is_empty) {
+        return Err(Error::input(format!("no channel {channel:?} in pattern {cfa}"))
+            .help("use one of the pattern's letters"));
+    }
+    check_clipping(&rows, white_level_dn)?;
+    if lies_down(&rows) {
+        rows = transpose(&rows, roi);
+    }
+    rows.retain(|r| r.len() >= 8);
+    if rows.len() < 10 {
+        return Err(Error::input("fewer than 10 rows of samples across the edge"));
+    }
+    let step = rows[0][1].across - rows[0][0].across;
+    let line = EdgeLine::find(&rows, step)?;
+    Ok((rows, step, line))
+}
+
 /// A sample: position across and along the edge, pixels, and value, DN.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
@@ -151,16 +272,12 @@ struct Sample {
 
 type Rows = Vec<Vec<Sample>>;
 
-fn collect(frame: &Plane<u16>, cfa: &Cfa, channel: char, roi: Roi) -> Rows {
+fn collect<T: Copy + Into<f64>>(frame: &Plane<T>, cfa: &Cfa, channel: char, roi: Roi) -> Rows {
     (roi.y..roi.y + roi.height)
         .map(|y| {
             (roi.x..roi.x + roi.width)
                 .filter(|&x| cfa.letter(x, y) == channel)
-                .map(|x| Sample {
-                    across: x as f64,
-                    along: y as f64,
-                    value: f64::from(frame.at(x, y)),
-                })
+                .map(|x| Sample { across: x as f64, along: y as f64, value: frame.at(x, y).into() })
                 .collect()
         })
         .collect()

@@ -9,6 +9,10 @@ use realfft::RealFftPlanner;
 pub struct Sfr {
     /// (cycles per pixel, response).
     pub curve: Vec<[f64; 2]>,
+    /// The step's height including its tails, DN; signed.
+    pub height: f64,
+    /// Half width of the window, pixels.
+    pub half: f64,
 }
 
 impl Sfr {
@@ -71,7 +75,7 @@ impl Sfr {
             // The window takes from the tails at f = 0 only; there the response is 1 by definition.
             curve.push([f, if k == 0 { 1.0 } else { value.norm() / correction }]);
         }
-        Ok(Self { curve })
+        Ok(Self { curve, height, half: side as f64 * bin })
     }
 
     /// Where it first falls to a level, cycles per pixel.

@@ -128,6 +128,40 @@ fn error_covers_the_noise() {
     assert!(inside >= 34, "{inside} of {runs}");
 }
 
+/// Response and levels are those of theory, and scatter as they say: of 60 draws the sample's standard deviation itself
+/// scatters by 9 %, four of these are allowed.
+#[test]
+fn response_scatters_as_it_says() {
+    let clean = edge(100, 120, 4.0, 2.2, 4.0);
+    let frequencies = [0.1, 0.25, 0.5];
+    let cos = 4f64.to_radians().cos();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(11);
+    let runs = 60.0;
+    let (mut found, mut said) = (vec![[0.0; 2]; 3], [0.0; 3]);
+    for _ in 0..runs as u32 {
+        let noise = Normal::new(0.0, 40.0).unwrap();
+        let data = clean.iter().map(|v| (v + noise.sample(&mut rng)) as f32).collect();
+        let image = Plane::<f32> { width: 100, height: 120, data };
+        let roi = Roi { x: 0, y: 0, width: 100, height: 120 };
+        let r = response(&image, &mono(), 'M', roi, None, &frequencies).unwrap();
+        for ((f, s), (value, sd)) in found.iter_mut().zip(&mut said).zip(r.at) {
+            *f = [f[0] + value, f[1] + value * value];
+            *s += sd;
+        }
+        assert!((r.levels[0].0 - 400.0).abs() < 20.0 && (r.levels[1].0 - 3600.0).abs() < 20.0);
+    }
+    for ((f, [sum, square]), sd) in frequencies.iter().zip(found).zip(said) {
+        let mean = sum / runs;
+        let scatter = ((square / runs - mean * mean) * runs / (runs - 1.0)).sqrt();
+        let ratio = scatter / (sd / runs);
+        let expected = diffraction(f / 2.2e-3, 4.0) * sinc(f * cos);
+        println!("{f}: {mean:.4} theory {expected:.4}, scatter {scatter:.5}, {ratio:.2} of said");
+        assert!((0.64..1.36).contains(&ratio), "{f}: {ratio}");
+        // The far sides hold the tails that diffraction spreads: 1 % of the step at f/4.
+        assert!((mean / expected - 1.0).abs() < 0.02, "{f}: {mean} {expected}");
+    }
+}
+
 #[test]
 fn real_edge_of_device_a() {
     let Some(shared) = crate::measure::synthetic::shared() else { return };

@@ -54,7 +54,12 @@ pub fn chart(bands: Bands, width: f64) -> Result<Painting> {
 }
 
 pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
-    chart(BANDS, options.number("width", WIDTH, 0.01..=10.0)?)
+    chart(BANDS, width(options)?)
+}
+
+/// Width of the card, sensor widths.
+pub(super) fn width(options: &mut Options) -> Result<f64> {
+    options.number("width", WIDTH, 0.01..=10.0)
 }
 
 #[cfg(test)]

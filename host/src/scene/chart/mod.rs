@@ -51,6 +51,40 @@ pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
     }))
 }
 
+/// Where things lie in a chart that measurements know.
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// An edge through the centre, degrees from the vertical (from the horizontal where it lies down).
+    Edge {
+        /// Turn, clockwise.
+        angle_deg: f64,
+        /// Whether it lies down.
+        horizontal: bool,
+    },
+    /// A ColorChecker.
+    Patches {
+        /// Width of the card, sensor widths.
+        card_width: f64,
+    },
+    /// A grid of dots.
+    Dots(dots::Dots),
+}
+
+/// The geometry of a chart by its scene's name with options, `None` for others.
+///
+/// # Errors
+/// Options that the chart does not have.
+pub fn geometry(spec: &str) -> Result<Option<Geometry>> {
+    let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
+    let mut options = Options::parse(options)?;
+    Ok(Some(match name {
+        "slanted-edge" => slanted_edge::geometry(&mut options)?,
+        "colorchecker" => Geometry::Patches { card_width: colorchecker::width(&mut options)? },
+        "dots" => Geometry::Dots(dots::from_options(&mut options)?),
+        _ => return Ok(None),
+    }))
+}
+
 /// `uniform:0.18` or `uniform:reflectance=0.18`: one reflectance everywhere (default 0.18).
 fn uniform(options: &mut Options) -> Result<Painting> {
     let reflectance = options.first_or_number("reflectance", 0.18, 0.0..=1.0)?;

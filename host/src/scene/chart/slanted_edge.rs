@@ -1,6 +1,6 @@
 //! A slanted edge through the centre of the frame, as ISO 12233 measures it.
 
-use super::{BANDS, Options};
+use super::{BANDS, Geometry, Options};
 use crate::Result;
 use crate::scene::Spectrum;
 use crate::scene::painting::Painting;
@@ -10,17 +10,27 @@ use crate::scene::shape::Shape;
 /// (or below). `angle` is in degrees from the vertical (or horizontal), positive turns the edge
 /// clockwise; `contrast` is bright over dark (ISO 12233:2017 asks for 4).
 pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
-    let angle = options.number("angle", 5.0, -45.0..=45.0)?;
+    let (angle, horizontal) = turn(options)?;
     let contrast = options.number("contrast", 4.0, 1.0..=1e6)?;
     let bright = options.number("bright", 0.8, 0.0..=1.0)?;
-    let turn =
-        if options.word("edge", &["vertical", "horizontal"])? == "vertical" { 0.0 } else { 90.0 };
-    let radians = (angle + turn).to_radians();
+    let radians = (angle + if horizontal { 90.0 } else { 0.0 }).to_radians();
     let mut painting = Painting::new(BANDS, &Spectrum::constant(bright / contrast));
     let material = painting.material(&Spectrum::constant(bright));
     let normal = [libm::cos(radians), libm::sin(radians)];
     painting.lay(Shape::HalfPlane { origin: [0.0; 2], normal }, material, Painting::GROUND);
     Ok(painting)
+}
+
+/// Angle in degrees, and whether the edge lies down.
+fn turn(options: &mut Options) -> Result<(f64, bool)> {
+    let angle = options.number("angle", 5.0, -45.0..=45.0)?;
+    Ok((angle, options.word("edge", &["vertical", "horizontal"])? == "horizontal"))
+}
+
+/// Where the edge lies.
+pub(super) fn geometry(options: &mut Options) -> Result<Geometry> {
+    let (angle_deg, horizontal) = turn(options)?;
+    Ok(Geometry::Edge { angle_deg, horizontal })
 }
 
 #[cfg(test)]

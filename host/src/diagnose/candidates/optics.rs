@@ -1,0 +1,378 @@
+//! Effects of the optics, and those of the sensor that edges, dots and charts show: found together by least squares.
+//!
+//! Every figure of the looks depends a little on every parameter. How much is asked of the model itself: the optics
+//! stage and one replicate with the parameter moved a step, with the same random numbers. Then
+//!
+//!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
+//!
+//! over the parameters of a kind and of the kinds of optics that are named already, so that these give way where they
+//! had to stand for it. The search repeats it with the same slopes (the chord method), and at its end with new ones.
+
+use super::Proposal;
+use crate::camera::{Camera, LensKind};
+use crate::diagnose::evidence::{Estimated, Evidence};
+use crate::diagnose::model;
+use crate::diagnose::prediction::Key;
+use crate::diagnose::statistics::{Place, Statistic};
+use crate::optics::OpticalEffect;
+use nalgebra::{DMatrix, DVector};
+use sensor_core::effects::{Effect, Parameter};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+/// A parameter that is looked for: key, value without the effect, step for the derivative.
+type Free = (&'static str, f64, f64);
+
+/// Kinds with their parameters.
+const KINDS: [(&str, &[Free]); 9] = [
+    ("defocus", &[("shift_um", 0.0, 0.0)]),
+    ("distortion", &[("size", 1.0, 0.002), ("k1", 0.0, 0.004), ("k2", 0.0, 0.004)]),
+    ("lateral-colour", &[("blue_px", 0.0, 0.3), ("red_px", 0.0, 0.3)]),
+    ("decentre-tilt", &[("x_px", 0.0, 4.0), ("y_px", 0.0, 4.0)]),
+    ("lens-transmittance", &[("factor", 1.0, -0.02), ("slope", 0.0, 0.01)]),
+    ("veiling-glare", &[("fraction", 0.0, 0.01)]),
+    ("relative-illumination", &[("corner", 0.0, 0.02)]),
+    (
+        "colour-shading",
+        &[("channel_0", 0.0, 0.02), ("channel_1", 0.0, 0.02), ("channel_2", 0.0, 0.02)],
+    ),
+    ("optical-crosstalk", &[("side", 0.0, 0.01)]),
+];
+
+/// Parameters beyond the first of a kind stay only from this many standard errors on.
+const KEEP: f64 = 4.0;
+/// Looks that agree within this are not asked.
+const AGREES: f64 = 4.0;
+/// Secant steps for the parameter that acts by its square.
+const SECANTS: usize = 4;
+/// Part of a parameter that the others must leave it, else it cannot be told from them.
+const APART: f64 = 1e-4;
+
+/// A parameter of a kind, and what a unit of it does to every figure, in standard deviations.
+struct Column {
+    kind: &'static str,
+    key: &'static str,
+    change: DVector<f64>,
+}
+
+/// Change of every figure on its scale for a unit of a parameter (of defocus: of its square).
+type Slope = BTreeMap<Key, f64>;
+
+/// Slopes that were asked for. They change little while other parameters do, and each takes the optics stage.
+#[derive(Default)]
+pub struct Slopes {
+    known: Mutex<BTreeMap<Asked, Option<Slope>>>,
+}
+
+/// Kind, key, and whether the parameter is away from 0.
+type Asked = (&'static str, &'static str, bool);
+
+impl Slopes {
+    fn of(&self, name: Asked, ask: impl FnOnce() -> Option<Slope>) -> Option<Slope> {
+        let known = self.known.lock().ok().and_then(|k| k.get(&name).cloned());
+        known.unwrap_or_else(|| {
+            let slope = ask();
+            if let Ok(mut known) = self.known.lock() {
+                known.insert(name, slope.clone());
+            }
+            slope
+        })
+    }
+
+    /// Forgets all, to be asked again where the model is now.
+    pub fn forget(&self) {
+        if let Ok(mut known) = self.known.lock() {
+            known.clear();
+        }
+    }
+}
+
+/// Measured less predicted, in standard deviations.
+struct Residual {
+    keys: Vec<Key>,
+    /// Standard deviation of each figure on its scale.
+    sd: Vec<f64>,
+    z: DVector<f64>,
+}
+
+/// Whether a kind is estimated from edges, dots and charts.
+pub fn shown_by_looks(kind: &str) -> bool {
+    KINDS.iter().any(|k| k.0 == kind)
+}
+
+/// Proposals of one kind.
+pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
+    let residual = Residual::of(e);
+    if residual.z.iter().all(|z| z.abs() < AGREES) {
+        return Vec::new();
+    }
+    let colours = e.camera.sensor.channel_names.len();
+    if matches!(kind, "lateral-colour" | "colour-shading") && colours < 2 {
+        return Vec::new();
+    }
+    super::list(propose(e, kind, &residual))
+}
+
+fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<Proposal> {
+    let mut columns = columns(e, kind, residual);
+    let own = columns.len();
+    for other in e.named.iter().filter(|k| **k != kind) {
+        columns.extend(self::columns(e, other, residual));
+    }
+    let mut free: Vec<usize> = (0..columns.len()).collect();
+    loop {
+        let solution = Solution::of(&columns, &free, residual)?;
+        let z =
+            |i: usize| solution.estimates.iter().find(|(c, _)| *c == i).map(|(_, e)| e.z().abs());
+        // The weakest of the own parameters goes first, the last one stays.
+        let mine: Vec<(usize, f64)> =
+            free.iter().filter(|i| **i < own).filter_map(|&i| Some((i, z(i)?))).collect();
+        let weakest = mine.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        if mine.len() > 1 && weakest.1 < KEEP {
+            free.retain(|i| *i != weakest.0);
+            continue;
+        }
+        return proposal(e, kind, &columns, own, &solution);
+    }
+}
+
+/// The proposal of a solution: the kind's own new values, and those of the others that gave way.
+fn proposal(
+    e: &Evidence<'_>,
+    kind: &'static str,
+    columns: &[Column],
+    own: usize,
+    solution: &Solution,
+) -> Option<Proposal> {
+    let mut camera = e.camera.clone();
+    let mut parameters = Vec::new();
+    for (i, change) in &solution.estimates {
+        let column = &columns[*i];
+        let value = moved(e.camera, column.kind, column.key, *change)?;
+        camera = with(&camera, column.kind, column.key, value.value)?;
+        if *i < own {
+            parameters.push((column.key, value));
+        }
+    }
+    let mut p = Proposal::of_looks(kind, solution.strength(own)?);
+    p.parameters = parameters;
+    for k in std::iter::once(kind).chain(e.named.iter().copied().filter(|k| *k != kind)) {
+        let (sensor, optical) = (&mut p.effects, &mut p.optical);
+        match in_camera(&camera, k)? {
+            InCamera::Sensor(effect) if k == kind => sensor.push(effect),
+            InCamera::Optical(effect) if k == kind => optical.push(effect),
+            InCamera::Sensor(effect) => p.along.0.push(effect),
+            InCamera::Optical(effect) => p.along.1.push(effect),
+        }
+    }
+    Some(p)
+}
+
+/// What lies in a camera under a kind's name.
+enum InCamera {
+    Sensor(Effect),
+    Optical(OpticalEffect),
+}
+
+fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
+    let optical = camera.optical_effects.iter().find(|o| o.entry().kind == kind);
+    optical
+        .map(|o| InCamera::Optical(o.clone()))
+        .or_else(|| model::current(camera, kind).map(InCamera::Sensor))
+}
+
+impl Residual {
+    fn of(e: &Evidence<'_>) -> Self {
+        let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: DVector::zeros(0) };
+        let mut z = Vec::new();
+        for (key, s) in e.data.iter().filter(|(k, _)| matches!(k.0, Place::Look(_))) {
+            let Some(p) = e.model.of.get(key) else { continue };
+            let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(1e-12);
+            out.keys.push(*key);
+            out.sd.push(sd);
+            z.push((p.scale.of(s.value) - p.scaled) / sd);
+        }
+        out.z = DVector::from_vec(z);
+        out
+    }
+
+    /// Slopes in standard deviations.
+    fn scaled(&self, slope: &Slope) -> DVector<f64> {
+        let at = |(key, sd): (&Key, &f64)| slope.get(key).copied().unwrap_or(0.0) / sd;
+        DVector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(at))
+    }
+}
+
+/// What the parameters of a kind do; those that do nothing, or cannot be moved in this camera, are left out.
+fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
+    let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
+    let all = free.iter().filter_map(|&(key, _, step)| {
+        let slope = e.slopes.of((kind, key, value(e.camera, kind, key) != 0.0), || match kind {
+            "defocus" => blur(e, residual),
+            _ => derivative(e, kind, key, step),
+        })?;
+        let change = residual.scaled(&slope);
+        (change.norm() > 1e-9).then_some(Column { kind, key, change })
+    });
+    all.collect()
+}
+
+/// Change of every figure on its scale for a unit of a parameter.
+fn derivative(e: &Evidence<'_>, kind: &str, key: &str, step: f64) -> Option<Slope> {
+    let present = value(e.camera, kind, key);
+    // Away from the end of the range.
+    let to = with(e.camera, kind, key, present + step)
+        .or_else(|| with(e.camera, kind, key, present - step))?;
+    let step = value(&to, kind, key) - present;
+    slope(e, &to, step)
+}
+
+fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
+    let from = (e.imagine)(e.camera).ok()?;
+    let to = (e.imagine)(to).ok()?;
+    let change = |(key, b): (&Key, &Statistic)| {
+        let a = from.get(key)?;
+        Some((*key, (b.scale.of(b.value) - a.scale.of(a.value)) / step))
+    };
+    Some(to.iter().filter_map(change).collect())
+}
+
+/// What defocus does, per µm² of its square: a lens in focus does not change with the first power.
+///
+/// The slope is that of the secant to where the residual alone would have the shift, since blur saturates.
+fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
+    let present = value(e.camera, "defocus", "shift_um");
+    let mut shift = if present == 0.0 { quarter_wave_um(e.camera) } else { 1.1 * present };
+    let mut best = None;
+    for _ in 0..SECANTS {
+        let to = with(e.camera, "defocus", "shift_um", shift)?;
+        let slope = slope(e, &to, shift * shift - present * present)?;
+        let change = residual.scaled(&slope);
+        let wanted = present * present + change.dot(&residual.z) / change.norm_squared();
+        best = Some(slope);
+        if present != 0.0 || wanted <= 0.0 {
+            break;
+        }
+        let next = wanted.sqrt().min(3.0 * shift);
+        if (next / shift - 1.0).abs() < 0.1 {
+            break;
+        }
+        shift = next;
+    }
+    best
+}
+
+/// Shift for a quarter of a wave at the pupil's edge, µm: δ = 8 N² λ/4 at 550 nm.
+fn quarter_wave_um(camera: &Camera) -> f64 {
+    match camera.lens.kind {
+        LensKind::DiffractionLimited { f_number, .. } => 1.1 * f_number * f_number,
+        _ => 10.0,
+    }
+}
+
+/// Least squares over some columns.
+struct Solution {
+    /// Column and change of its parameter.
+    estimates: Vec<(usize, Estimated)>,
+    covariance: DMatrix<f64>,
+}
+
+impl Solution {
+    fn of(columns: &[Column], free: &[usize], residual: &Residual) -> Option<Self> {
+        if free.is_empty() {
+            return None;
+        }
+        let norms: Vec<f64> = free.iter().map(|&i| columns[i].change.norm()).collect();
+        let scaled: Vec<DVector<f64>> =
+            free.iter().zip(&norms).map(|(&i, n)| &columns[i].change / *n).collect();
+        let a = DMatrix::from_columns(&scaled);
+        let normal = a.transpose() * &a;
+        let inverse = normal.try_inverse()?;
+        // Diagonal of the inverse: one over the part of each column that the others leave.
+        if inverse.diagonal().iter().any(|d| !(*d > 0.0 && *d < 1.0 / APART)) {
+            return None;
+        }
+        let x = &inverse * (a.transpose() * &residual.z);
+        let estimates = free.iter().enumerate().map(|(k, &i)| {
+            let se = inverse[(k, k)].sqrt() / norms[k];
+            (i, Estimated { value: x[k] / norms[k], se })
+        });
+        let estimates = estimates.collect();
+        let scale = DMatrix::from_diagonal(&DVector::from_vec(norms)).try_inverse()?;
+        Some(Self { estimates, covariance: &scale * inverse * &scale })
+    }
+
+    /// How far the kind's own parameters are from what the model has, in standard errors.
+    fn strength(&self, own: usize) -> Option<f64> {
+        let mine: Vec<usize> =
+            (0..self.estimates.len()).filter(|&k| self.estimates[k].0 < own).collect();
+        let n = mine.len();
+        let block = DMatrix::from_fn(n, n, |r, c| self.covariance[(mine[r], mine[c])]);
+        let x = DVector::from_fn(n, |r, _| self.estimates[mine[r]].1.value);
+        Some((x.transpose() * block.try_inverse()? * x)[(0, 0)].max(0.0).sqrt())
+    }
+}
+
+/// New value of a parameter after a change, with its standard error.
+fn moved(camera: &Camera, kind: &str, key: &str, change: Estimated) -> Option<Estimated> {
+    let present = value(camera, kind, key);
+    if kind == "defocus" {
+        let square = present * present + change.value;
+        if square <= 0.0 {
+            return None;
+        }
+        let shift = square.sqrt() * if present < 0.0 { -1.0 } else { 1.0 };
+        return Some(Estimated { value: shift, se: change.se / (2.0 * shift.abs()) });
+    }
+    let range = declared(kind).iter().find(|p| p.key == key)?;
+    let value = (present + change.value).clamp(f64::from(range.min), f64::from(range.max));
+    Some(Estimated { value, se: change.se })
+}
+
+/// The declared parameters of a kind.
+fn declared(kind: &str) -> &'static [Parameter] {
+    let optical = OpticalEffect::CATALOGUE.iter().find(|c| c.kind == kind);
+    let sensor = Effect::CATALOGUE.iter().find(|c| c.kind == kind);
+    optical.map(|c| c.parameters).or(sensor.map(|c| c.parameters)).unwrap_or_default()
+}
+
+/// Values of a kind in a camera, in the order of its declaration.
+fn values(camera: &Camera, kind: &str) -> Vec<f32> {
+    if let Some(effect) = camera.optical_effects.iter().find(|o| o.entry().kind == kind) {
+        return effect.values().to_vec();
+    }
+    if let Some(effect) = model::current(camera, kind) {
+        return effect.values().to_vec();
+    }
+    let neutral = |key: &str| {
+        let free = KINDS.iter().find(|k| k.0 == kind).map_or(&[][..], |k| k.1);
+        free.iter().find(|f| f.0 == key).map(|f| f.1 as f32)
+    };
+    let of = |p: &Parameter| neutral(p.key).or(p.default).unwrap_or(0.0);
+    declared(kind).iter().map(of).collect()
+}
+
+fn value(camera: &Camera, kind: &str, key: &str) -> f64 {
+    let index = declared(kind).iter().position(|p| p.key == key);
+    index.and_then(|i| values(camera, kind).get(i).copied()).map_or(0.0, f64::from)
+}
+
+/// The camera with a parameter changed; `None` out of its range.
+fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
+    let mut values = values(camera, kind);
+    for (v, p) in values.iter_mut().zip(declared(kind)) {
+        // Neighbours above and below get what those beside get.
+        if p.key == key || (kind == "optical-crosstalk" && p.key == "vertical") {
+            *v = value as f32;
+        }
+    }
+    let mut out = camera.clone();
+    match OpticalEffect::new(kind, &values) {
+        Some(effect) => model::put_optical(&mut out, effect),
+        None => {
+            let id = Effect::CATALOGUE.iter().find(|c| c.kind == kind)?.id;
+            model::put(&mut out, Effect::new(id, &values)?);
+        }
+    }
+    Some(out)
+}
