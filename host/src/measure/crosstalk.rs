@@ -215,7 +215,7 @@ fn scan_name(scan: Scan) -> &'static str {
 fn black_levels(set: &CaptureSet) -> Result<Vec<Value>> {
     let count = set.cfa().channels().len();
     if let Some(dark) = set.with_role(Role::Dark).next() {
-        let stack = Stack::read(set, dark)?;
+        let stack = Stack::read_moments(set, dark)?;
         return Ok((0..count)
             .map(|c| {
                 let m = stack.channel_moments(c);

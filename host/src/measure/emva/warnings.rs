@@ -5,6 +5,7 @@ use crate::Result;
 use crate::captures::{Capture, CaptureSet};
 use crate::measure::correlation::NoiseCorrelation;
 use crate::measure::ladder::{Level, Selection};
+use crate::measure::stack::Stack;
 use crate::measure::transfer::Transfer;
 
 /// Of the set as a whole.
@@ -64,18 +65,21 @@ pub(super) fn set_warnings(
     out
 }
 
-/// Of neighbours' noise that is not independent.
+/// A correlation below this biases K (by four times the coefficient) by less than 1 %.
+const CORRELATED: f64 = 0.002;
+
+/// Of neighbours' noise that is not independent, in a capture whose moments are `stack`.
 pub(super) fn correlation_warning(
     set: &CaptureSet,
     flat: &Capture,
+    stack: &Stack,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    let correlation = NoiseCorrelation::of(set, flat)?;
-    for ((dx, dy), rho) in &correlation.lags[..2] {
-        // Below 0.2 % the bias of K (four times the coefficient) is below 1 %.
-        if rho.value.abs() > 0.002 && rho.value.abs() > 4.0 * rho.std_error {
+    let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
+    for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
+        if rho.value.abs() > CORRELATED && rho.value.abs() > 4.0 * rho.std_error {
             warnings.push(format!(
-                "the temporal noise of neighbours at ({dx}, {dy}) is correlated ({:+.2} % ± \
+                "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % ± \
                  {:.2} %): pixels are not independent as the standard assumes (neighbour coupling \
                  or filtering), and K is biased by several times that",
                 100.0 * rho.value,
