@@ -52,8 +52,10 @@ impl StoredFrame {
             out.iter_mut().zip(bytes).for_each(|(dn, b)| *dn = b.into());
         } else {
             read_at(file, cast_slice_mut(out), offset).map_err(failed)?;
-            let native = if sample == Sample::U16 { u16::from_le } else { u16::from_be };
-            out.iter_mut().for_each(|dn| *dn = native(*dn));
+            let foreign = (sample == Sample::U16Big) == cfg!(target_endian = "little");
+            if foreign {
+                out.iter_mut().for_each(|dn| *dn = dn.swap_bytes());
+            }
         }
         Ok(())
     }

@@ -3,10 +3,9 @@
 use crate::camera::Camera;
 use crate::captures::{Capture, CaptureSet, Role, Split, Uniformity};
 use crate::scene::Bands;
+use crate::scene::photometry::HC;
 use crate::{Error, Result};
 
-/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
-const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 /// Frames that are held in memory at once.
 pub const BATCH: usize = 32;
 

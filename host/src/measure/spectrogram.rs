@@ -161,17 +161,24 @@ impl Histogram {
             let counts = Vec::new();
             return Self { start: 0.0, step: 0.0, counts, core_sigma: 0.0, outliers: 0, values: 0 };
         }
-        let low = values.par_iter().copied().reduce(|| f64::INFINITY, f64::min);
-        let high = values.par_iter().copied().reduce(|| f64::NEG_INFINITY, f64::max);
+        // Whole pieces, so that the loops vectorise.
+        let pieces = || values.par_chunks(1 << 14);
+        let (low, high) = pieces()
+            .map(|piece| {
+                let both = |(l, h): (f64, f64), &v: &f64| (l.min(v), h.max(v));
+                piece.iter().fold((f64::INFINITY, f64::NEG_INFINITY), both)
+            })
+            .reduce(|| (f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let (step, bins) = if high > low { ((high - low) / 255.0, 256) } else { (1.0, 1) };
         let place = |v: f64| ((v - low) / step * FINE as f64) as usize;
-        let fine = values
-            .par_chunks(1 << 16)
-            .map(|values| {
-                let mut counts = vec![0u64; bins * FINE];
-                values.iter().for_each(|&v| counts[place(v)] += 1);
-                counts
-            })
+        let fine = pieces()
+            .fold(
+                || vec![0u64; bins * FINE],
+                |mut counts, piece| {
+                    piece.iter().for_each(|&v| counts[place(v)] += 1);
+                    counts
+                },
+            )
             .reduce(
                 || vec![0; bins * FINE],
                 |mut a, b| {
@@ -179,28 +186,36 @@ impl Histogram {
                     a
                 },
             );
-        let at = |q: f64| {
+        // Where the quartiles lie: part, and rank within it.
+        let ranks = [0.25, 0.5, 0.75].map(|q| {
             let mut rank = ((values.len() - 1) as f64 * q) as u64;
-            let holds = |&count: &u64| {
-                let here = rank < count;
-                if !here {
-                    rank -= count;
-                }
-                here
-            };
-            let bin = fine.iter().position(holds).unwrap_or(0);
-            let mut near: Vec<f64> =
-                values.par_iter().copied().filter(|&v| place(v) == bin).collect();
-            *near.select_nth_unstable_by(rank as usize, f64::total_cmp).1
-        };
-        let (lower, median, upper) = (at(0.25), at(0.5), at(0.75));
+            let mut part = 0;
+            while rank >= fine[part] {
+                rank -= fine[part];
+                part += 1;
+            }
+            (part, rank as usize)
+        });
+        let near: Vec<f64> = pieces()
+            .flat_map_iter(|piece| {
+                let wanted = |v: &f64| {
+                    let part = place(*v);
+                    ranks.iter().any(|r| r.0 == part)
+                };
+                piece.iter().copied().filter(wanted)
+            })
+            .collect();
+        let [lower, median, upper] = ranks.map(|(part, rank)| {
+            let mut here: Vec<f64> = near.iter().copied().filter(|&v| place(v) == part).collect();
+            *here.select_nth_unstable_by(rank, f64::total_cmp).1
+        });
         // A Gaussian's quartiles lie 0.6745 standard deviations from its median.
         let core_sigma = (upper - lower) / (2.0 * 0.674_489_75);
-        let far = |v: &&f64| (**v - median).abs() > 5.0 * core_sigma && core_sigma > 0.0;
+        let far = |v: &f64| u64::from((v - median).abs() > 5.0 * core_sigma && core_sigma > 0.0);
         Self {
             start: low,
             step,
-            outliers: values.par_iter().filter(far).count() as u64,
+            outliers: pieces().map(|piece| piece.iter().map(far).sum::<u64>()).sum(),
             core_sigma,
             values: values.len() as u64,
             counts: fine.chunks(FINE).map(|parts| parts.iter().sum()).collect(),

@@ -2,7 +2,7 @@
 
 use super::SpatialPair;
 use crate::Result;
-use crate::captures::{Capture, CaptureSet};
+use crate::captures::{Capture, CaptureSet, Role};
 use crate::measure::correlation::NoiseCorrelation;
 use crate::measure::ladder::{Level, Selection};
 use crate::measure::stack::Stack;
@@ -19,6 +19,16 @@ pub(super) fn set_warnings(
     let mut out = Vec::new();
     if set.sensor.cfa.is_none() {
         out.push("the set names no colour filter pattern: taken as one channel".into());
+    }
+    let elsewhere = set.with_role(Role::Flat).count() - selection.flats.len();
+    if elsewhere > 0 {
+        let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
+        out.push(format!(
+            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat captures of other gains or \
+             lights are left out (the standard measures one operating point; keep the captures of one in the set to \
+             measure another)",
+            selection.analog_gain
+        ));
     }
     if levels.len() < 50 {
         out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
