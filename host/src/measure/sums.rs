@@ -181,9 +181,11 @@ impl Sums {
             .step_by(s.step_y);
         let row_sums: Vec<f64> = row_sums.copied().collect();
         let mean = row_sums.iter().sum::<f64>() / n;
-        let column_sums = (s.x0..self.width)
-            .step_by(step_x)
-            .map(|x| sum(&|m: &StripMoments| m.columns[s.y0 * self.width + x]));
+        let mut column_sums = vec![0.0; columns];
+        for strip in strips {
+            let of_site = strip.columns[s.y0 * self.width + s.x0..].iter().step_by(step_x);
+            column_sums.iter_mut().zip(of_site).for_each(|(sum, v)| *sum += v);
+        }
         // Squares about the strips' own means, and the strips' means about the whole's (Chan, Golub and LeVeque 1983).
         let strip_rows = strips::rows(self.width, s.step_y);
         let between = strips.iter().enumerate().map(|(i, m)| {
@@ -191,16 +193,17 @@ impl Sums {
             (s.rows(height) * columns) as f64 * (m.means[site] - mean).powi(2)
         });
         let squares = sum(&|m: &StripMoments| m.squares[site]) + between.sum::<f64>();
-        let of_lines = |sums: &mut dyn Iterator<Item = f64>, length: usize, count: usize| {
-            sums.map(|s| (s / length as f64 - mean).powi(2)).sum::<f64>() / (count as f64 * l * l)
+        let of_lines = |sums: &[f64], length: usize| {
+            let squares = sums.iter().map(|s| (s / length as f64 - mean).powi(2)).sum::<f64>();
+            squares / (sums.len() as f64 * l * l)
         };
         let plane = PlaneMoments {
             rows,
             columns,
             mean: mean / l,
             measured: squares / (l * l * (n - 1.0).max(1.0)),
-            of_rows: of_lines(&mut row_sums.iter().copied(), columns, rows),
-            of_columns: of_lines(&mut column_sums.into_iter(), rows, columns),
+            of_rows: of_lines(&row_sums, columns),
+            of_columns: of_lines(&column_sums, rows),
         };
         // Unbiased variance of a pixel: the pseudo-variance over L (L - 1).
         let scale = if self.frames < 2 { 0.0 } else { 1.0 / (l * (l - 1.0)) };
