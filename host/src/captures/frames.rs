@@ -151,7 +151,7 @@ impl<'a> Batches<'a> {
     ///
     /// # Errors
     /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.
-    pub fn next(&mut self) -> Result<Vec<StoredFrame>> {
+    pub fn next_batch(&mut self) -> Result<Vec<StoredFrame>> {
         let few = 2 * rayon::current_num_threads();
         let in_memory = |f: &StoredFrame| matches!(f.samples, Samples::Memory(_));
         while self.waiting.len() < OPEN_FILES
@@ -194,7 +194,7 @@ pub fn for_each_batch(
     let mut batches = Batches::new(sensor, capture);
     let mut count = 0;
     while !batches.is_empty() {
-        for frames in batches.next()?.chunks(few) {
+        for frames in batches.next_batch()?.chunks(few) {
             let planes = frames.par_iter().map(|frame| {
                 let plane = frame.plane()?;
                 frame.check_largest(sensor, plane.data.iter().copied().max().unwrap_or(0))?;

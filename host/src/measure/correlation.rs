@@ -36,7 +36,7 @@ impl NoiseCorrelation {
         let mut batches = Batches::new(&set.sensor, capture);
         let mut waiting: Option<StoredFrame> = None;
         'frames: while !batches.is_empty() {
-            for frame in batches.next()? {
+            for frame in batches.next_batch()? {
                 let Some(before) = waiting.take() else {
                     waiting = Some(frame);
                     continue;

@@ -96,7 +96,7 @@ impl Stack {
         let mut batches = Batches::new(&set.sensor, capture);
         let mut sums = Sums::new(width, height, Site::all(&cfa), set.sensor.white_level_dn);
         while !batches.is_empty() {
-            let frames = batches.next().map_err(place)?;
+            let frames = batches.next_batch().map_err(place)?;
             let whole = batches.is_empty() && sums.frames == 0;
             sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
