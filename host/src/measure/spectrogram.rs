@@ -110,19 +110,19 @@ fn mean_power(
     fill: impl Fn(usize, &mut [f64]) + Sync,
 ) -> Result<Vec<f64>> {
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(length);
+    let worker = || (vec![0.0; BLOCK * length], plan.make_output_vec(), plan.make_scratch_vec());
     let blocks: Vec<Vec<f64>> = (0..lines.div_ceil(BLOCK))
         .into_par_iter()
-        .map(|block| {
+        .map_init(worker, |(values, out, scratch), block| {
             let first = block * BLOCK;
-            let mut values = vec![0.0; BLOCK.min(lines - first) * length];
-            fill(first, &mut values);
-            let (mut out, mut scratch) = (plan.make_output_vec(), plan.make_scratch_vec());
+            let values = &mut values[..BLOCK.min(lines - first) * length];
+            fill(first, values);
             let mut power = vec![0.0; length / 2 + 1];
             for line in values.chunks_exact_mut(length) {
                 line.iter_mut().for_each(|v| *v -= mean);
-                plan.process_with_scratch(line, &mut out, &mut scratch)
+                plan.process_with_scratch(line, out, scratch)
                     .map_err(|e| Error::input(format!("Fourier transform: {e}")))?;
-                power.iter_mut().zip(&out).for_each(|(p, v)| *p += v.norm_sqr());
+                power.iter_mut().zip(&*out).for_each(|(p, v)| *p += v.norm_sqr());
             }
             Ok(power)
         })

@@ -128,40 +128,50 @@ pub struct StripMoments {
 }
 
 impl StripMoments {
-    /// Of sums over `frames` frames of rows `width` wide.
+    /// Of sums over `frames` frames of rows `width` wide. `work` is room that is used again.
     pub fn of(
         frames: usize,
         (width, step_x, step_y): (usize, usize, usize),
         sum: &[u32],
         sum_sq: &[u64],
+        work: &mut Vec<f64>,
     ) -> Self {
-        let period = |y: usize| y % step_y * width;
+        let period = step_y * width;
+        let mut of_columns = vec![0.0; period];
+        work.clear();
+        work.resize(4 * period, 0.0);
+        let (reference, work) = work.split_at_mut(period);
+        let (squares, work) = work.split_at_mut(period);
+        let (variances, variances_sq) = work.split_at_mut(period);
         // Deviations from the strip's first period keep their squares small.
-        let reference: Vec<f64> = (0..step_y * width)
-            .map(|i| f64::from(sum[(i / width * width + i % width % step_x) % sum.len()]))
-            .collect();
-        let mut columns: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; step_y * width]);
+        for (i, r) in reference.iter_mut().enumerate() {
+            *r = f64::from(sum[(i / width * width + i % width % step_x) % sum.len()]);
+        }
         for start in (0..width).step_by(TILE) {
             let length = TILE.min(width - start);
             for (y, at) in (start..sum.len()).step_by(width).enumerate() {
-                let tile = period(y) + start..period(y) + start + length;
-                let into = columns.each_mut().map(|c| &mut c[tile.clone()]);
+                let from = y % step_y * width + start;
+                let tile = from..from + length;
                 let pixels = at..at + length;
                 add_moments(
                     frames as f64,
                     (&sum[pixels.clone()], &sum_sq[pixels], &reference[tile.clone()]),
-                    into,
+                    [
+                        &mut of_columns[tile.clone()],
+                        &mut squares[tile.clone()],
+                        &mut variances[tile.clone()],
+                        &mut variances_sq[tile],
+                    ],
                 );
             }
         }
-        let [of_columns, squares, variances, variances_sq] = columns;
         let height = sum.len() / width;
         let count = |site: usize| {
             let (x0, y0) = (site % step_x, site / step_x);
             ((width - x0).div_ceil(step_x) * height.saturating_sub(y0).div_ceil(step_y)) as f64
         };
         let totals = to_sites(&of_columns, width, step_x);
-        let mut squares = to_sites(&squares, width, step_x);
+        let mut squares = to_sites(squares, width, step_x);
         let mut means = Vec::with_capacity(totals.len());
         for (site, square) in squares.iter_mut().enumerate() {
             let first = reference[site / step_x * width + site % step_x];
@@ -175,8 +185,8 @@ impl StripMoments {
             columns: of_columns,
             means,
             squares,
-            variances: to_sites(&variances, width, step_x),
-            variances_sq: to_sites(&variances_sq, width, step_x),
+            variances: to_sites(variances, width, step_x),
+            variances_sq: to_sites(variances_sq, width, step_x),
         }
     }
 }
@@ -225,7 +235,7 @@ mod tests {
         let (mut sum, mut sum_sq) = (vec![0; width * height], vec![0; width * height]);
         add(&[&frames[0], &frames[1]], &mut sum, &mut sum_sq);
         add(&[&frames[2]], &mut sum, &mut sum_sq);
-        let m = StripMoments::of(3, (width, step_x, step_y), &sum, &sum_sq);
+        let m = StripMoments::of(3, (width, step_x, step_y), &sum, &sum_sq, &mut Vec::new());
         let mut columns = vec![0; step_y * width];
         let range = sum_columns(&frames[1], width, step_y, &mut columns);
         let mut some = vec![0; step_y * width];

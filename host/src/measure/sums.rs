@@ -36,6 +36,7 @@ struct Scratch {
     sum: Vec<u32>,
     sum_sq: Vec<u64>,
     columns: Vec<u32>,
+    moments: Vec<f64>,
 }
 
 /// One frame's share of a strip, per site.
@@ -103,7 +104,8 @@ impl Sums {
             .map_init(Scratch::default, |scratch, (strip, (sum, sum_sq))| {
                 let first = strip * rows;
                 let pixels = rows.min(self.height - first) * width;
-                let Scratch { samples, sum: own_sum, sum_sq: own_sum_sq, columns } = scratch;
+                let Scratch { samples, sum: own_sum, sum_sq: own_sum_sq, columns, moments: work } =
+                    scratch;
                 let sum = own_unless_kept(sum, own_sum, pixels);
                 let sum_sq = own_unless_kept(sum_sq, own_sum_sq, pixels);
                 samples.resize(4 * rows * width, 0);
@@ -121,7 +123,8 @@ impl Sums {
                     read.chunks(together).for_each(|frames| strips::add(frames, sum, sum_sq));
                 }
                 let shape = (width, step_x, step_y);
-                let moments = whole.then(|| StripMoments::of(batch.len(), shape, sum, sum_sq));
+                let moments =
+                    whole.then(|| StripMoments::of(batch.len(), shape, sum, sum_sq, work));
                 Ok((tallies, moments))
             })
             .collect::<Result<_>>()?;
@@ -147,7 +150,9 @@ impl Sums {
         if self.strips.is_empty() {
             let chunk = strips::rows(width, step_y) * width;
             self.strips = (self.sum.par_chunks(chunk).zip(self.sum_sq.par_chunks(chunk)))
-                .map(|(s, q)| StripMoments::of(frames, (width, step_x, step_y), s, q))
+                .map_init(Vec::new, |work, (s, q)| {
+                    StripMoments::of(frames, (width, step_x, step_y), s, q, work)
+                })
                 .collect();
         }
         let moments = (0..self.sites.len()).map(|site| self.moments(site)).collect();
