@@ -1,6 +1,7 @@
 //! The sensor of a camera as checked values, and as `sensor-core` takes it.
 
 use super::{Camera, Cfa, CrosstalkTable};
+use crate::scene::photometry::HC;
 use crate::scene::{Bands, Spectrum};
 use crate::{Error, Result};
 use sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
@@ -9,11 +10,6 @@ use sensor_core::effects::{
     dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
-
-/// Planck's constant, J s (SI, exact).
-const PLANCK: f64 = 6.626_070_15e-34;
-/// Speed of light, m/s (SI, exact).
-const LIGHT_SPEED: f64 = 299_792_458.0;
 
 /// `[sensor]` of a camera file, checked.
 #[derive(Clone, Debug)]
@@ -87,7 +83,7 @@ impl SensorModel {
                     .centres()
                     .map(|nm| {
                         let filter = self.ir_cut.as_ref().map_or(1.0, |f| f.at(nm));
-                        let photons_per_joule = nm * 1e-9 / (PLANCK * LIGHT_SPEED);
+                        let photons_per_joule = nm * 1e-9 / HC;
                         area_m2 * qe.at(nm) * filter * photons_per_joule * bands.step_nm
                     })
                     .collect()

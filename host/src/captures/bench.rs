@@ -103,11 +103,12 @@ pub fn bench(
         let facts = Facts { bits: Some(u32::from(camera.sensor.bits)), ..Facts::default() };
         output.write(format!("{id}.npy"), &Format::Npy.encode(&Frames { planes, facts })?)
     };
-    // The grid's middle point.
-    let dark_point = &points[GRID.0 * GRID.1 / 2];
-    let dark = shoot(&filtered(camera, 550.0, 0.0)?, &[dark_point])?;
-    save("dark", dark.concat())?;
-    manifest.push(&capture("dark", Role::Dark, None, None));
+    let all: Vec<&Point> = points.iter().collect();
+    for (p, stack) in points.iter().zip(shoot(&filtered(camera, 550.0, 0.0)?, &all)?) {
+        let id = format!("dark-{}", p.id);
+        save(&id, stack)?;
+        manifest.push(&capture(&id, Role::Dark, None, Some(p.rotation)));
+    }
     for nm in FILTERS_NM {
         let per_s = electrons_per_second(camera, nm, FILTER_WIDTH_NM);
         if per_s <= 0.0 {

@@ -1,55 +1,187 @@
 //! Frames of a capture, streamed.
 
 use super::{Capture, SensorFacts};
-use crate::{Error, Plane, Result, formats};
+use crate::formats::npy::{Layout, Sample};
+use crate::formats::{Format, read, read_at};
+use crate::{Error, Plane, Result};
+use pulp::bytemuck::cast_slice_mut;
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::fs::File;
-use std::io::BufReader;
-use std::path::Path;
+use std::io::{BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-/// The frames of one file. Stacks (`N x H x W` NPY) are read lazily, one frame at a time.
-pub struct FrameReader(Kind);
+/// Frames of one batch whose samples still lie in their files: what may be open at a time.
+const OPEN_FILES: usize = 128;
 
-enum Kind {
-    Read(std::vec::IntoIter<Plane<u16>>),
-    Npy(NpyStack),
+/// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read when asked for.
+pub struct StoredFrame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    path: Arc<Path>,
+    samples: Samples,
 }
 
-impl FrameReader {
-    /// Frames that are still to come.
-    pub fn frames_left(&self) -> usize {
-        match &self.0 {
-            Kind::Read(frames) => frames.len(),
-            Kind::Npy(stack) => stack.left as usize,
+enum Samples {
+    Memory(Vec<u16>),
+    File { file: Arc<File>, offset: u64, sample: Sample },
+}
+
+impl StoredFrame {
+    /// Fills `out`, a whole number of rows, from row `first` on.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn read_rows(&self, first: usize, out: &mut [u16]) -> Result<()> {
+        let start = first * self.width;
+        let (file, offset, sample) = match &self.samples {
+            Samples::Memory(data) => {
+                out.copy_from_slice(&data[start..start + out.len()]);
+                return Ok(());
+            }
+            Samples::File { file, offset, sample } => (file, *offset, *sample),
+        };
+        let offset = offset + (start * sample.size()) as u64;
+        let failed = |e| Error::io("read", &self.path, e);
+        if sample == Sample::U8 {
+            let mut bytes = vec![0; out.len()];
+            read_at(file, &mut bytes, offset).map_err(failed)?;
+            out.iter_mut().zip(bytes).for_each(|(dn, b)| *dn = b.into());
+        } else {
+            read_at(file, cast_slice_mut(out), offset).map_err(failed)?;
+            let foreign = (sample == Sample::U16Big) == cfg!(target_endian = "little");
+            if foreign {
+                out.iter_mut().for_each(|dn| *dn = dn.swap_bytes());
+            }
         }
+        Ok(())
+    }
+
+    /// The whole frame.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn plane(&self) -> Result<Plane<u16>> {
+        let mut data = vec![0; self.width * self.height];
+        self.read_rows(0, &mut data)?;
+        Ok(Plane { width: self.width, height: self.height, data })
+    }
+
+    /// Refuses a frame whose largest sample, `largest`, is not one of the sensor's.
+    ///
+    /// # Errors
+    /// More bits than `[sensor]` says.
+    pub fn check_largest(&self, sensor: &SensorFacts, largest: u16) -> Result<()> {
+        if u32::from(largest) >> sensor.bits == 0 {
+            return Ok(());
+        }
+        Err(Error::input(format!("a sample of {largest} DN in {} bits", sensor.bits))
+            .at(self.path.display())
+            .help("set bits in [sensor] to the samples' true range"))
     }
 }
 
-impl Iterator for FrameReader {
-    type Item = Result<Plane<u16>>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        match &mut self.0 {
-            Kind::Read(frames) => frames.next().map(Ok),
-            Kind::Npy(stack) => stack.next(),
-        }
-    }
-}
-
-/// Opens a file of one or more frames: NPY stacks lazily, every other format of
-/// [`formats`](crate::formats) whole.
+/// Opens a file of one or more frames. Samples of NPY files stay where they are until they are asked for; every other
+/// format of [`formats`](crate::formats) is decoded whole.
 ///
 /// # Errors
-/// Files that cannot be read, formats that are not known, and samples that are not 8 or 16 bit
-/// unsigned.
-pub fn open(path: &Path) -> Result<FrameReader> {
-    let npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
-    let stack = if npy { NpyStack::open(path).map_err(|e| e.at(path.display()))? } else { None };
-    let kind = match stack {
-        Some(stack) => Ok(Kind::Npy(stack)),
-        None => formats::read(path).map(|f| Kind::Read(f.planes.into_iter())),
+/// Files that cannot be read, formats that are not known, and samples that are not raw DN.
+pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
+    let shared: Arc<Path> = path.into();
+    if let Some(frames) = stored(path, &shared).map_err(|e| e.at(path.display()))? {
+        return Ok(frames);
+    }
+    let frame = |plane: Plane<u16>| StoredFrame {
+        width: plane.width,
+        height: plane.height,
+        path: shared.clone(),
+        samples: Samples::Memory(plane.data),
     };
-    kind.map(FrameReader).map_err(|e| e.at(path.display()))
+    Ok(read(path)?.planes.into_iter().map(frame).collect())
+}
+
+/// The frames of a file whose samples can be read where they lie.
+fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
+    let failed = |e| Error::io("read", path, e);
+    let mut file = File::open(path).map_err(failed)?;
+    let mut magic = [0; 8];
+    if file.read_exact(&mut magic).is_err() || Format::sniff(&magic) != Some(Format::Npy) {
+        return Ok(None);
+    }
+    file.rewind().map_err(failed)?;
+    let length = file.metadata().map_err(failed)?.len();
+    let layout = Layout::read(&mut BufReader::new(&file), length)?;
+    let Layout { count, height, width, sample, .. } = layout;
+    if layout.fortran || matches!(sample, Sample::Wide(..)) {
+        return Ok(None);
+    }
+    let file = Arc::new(file);
+    let bytes = (width * height * sample.size()) as u64;
+    let frame = |n| StoredFrame {
+        width,
+        height,
+        path: shared.clone(),
+        samples: Samples::File { file: file.clone(), offset: layout.offset + n * bytes, sample },
+    };
+    Ok(Some((0..count as u64).map(frame).collect()))
+}
+
+/// The frames of a capture in order of time, a few at a time.
+pub struct Batches<'a> {
+    sensor: &'a SensorFacts,
+    files: &'a [PathBuf],
+    waiting: VecDeque<StoredFrame>,
+}
+
+impl<'a> Batches<'a> {
+    /// Of a capture of this sensor.
+    pub fn new(sensor: &'a SensorFacts, capture: &'a Capture) -> Self {
+        Self { sensor, files: &capture.files, waiting: VecDeque::new() }
+    }
+
+    /// Whether all frames have been given.
+    pub fn is_empty(&self) -> bool {
+        self.waiting.is_empty() && self.files.is_empty()
+    }
+
+    /// The next frames, none at the end. Files are opened in parallel; those that must be decoded few at a time.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.
+    pub fn next_batch(&mut self) -> Result<Vec<StoredFrame>> {
+        let few = 2 * rayon::current_num_threads();
+        let in_memory = |f: &StoredFrame| matches!(f.samples, Samples::Memory(_));
+        while self.waiting.len() < OPEN_FILES
+            && self.waiting.iter().filter(|f| in_memory(f)).count() < few
+            && !self.files.is_empty()
+        {
+            let (now, later) = self.files.split_at(few.min(self.files.len()));
+            self.files = later;
+            let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
+            for frame in opened.into_iter().flatten() {
+                self.check_size(&frame)?;
+                self.waiting.push_back(frame);
+            }
+        }
+        let most = if self.waiting.iter().any(in_memory) { few } else { OPEN_FILES };
+        Ok(self.waiting.drain(..most.min(self.waiting.len())).collect())
+    }
+
+    fn check_size(&self, frame: &StoredFrame) -> Result<()> {
+        let sensor = self.sensor;
+        if (frame.width, frame.height) == (sensor.width, sensor.height) {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "a frame of {} x {} in a set of {} x {}",
+            frame.width, frame.height, sensor.width, sensor.height
+        ))
+        .at(frame.path.display())
+        .help("every frame has the width and height of [sensor]"))
+    }
 }
 
 /// Calls `each` with batches of frames; see [`super::CaptureSet::for_each_batch`].
@@ -58,102 +190,20 @@ pub fn for_each_batch(
     capture: &Capture,
     mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
 ) -> Result<usize> {
-    let size = 2 * rayon::current_num_threads();
-    let mut batch: Vec<Plane<u16>> = Vec::with_capacity(size);
+    let few = 2 * rayon::current_num_threads();
+    let mut batches = Batches::new(sensor, capture);
     let mut count = 0;
-    for files in capture.files.chunks(size) {
-        let readers: Vec<FrameReader> = files.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
-        for (file, reader) in files.iter().zip(readers) {
-            for frame in reader {
-                let frame = frame
-                    .and_then(|f| check(sensor, &f).map(|()| f))
-                    .map_err(|e| e.at(file.display()))?;
-                batch.push(frame);
-                if batch.len() == size {
-                    count += batch.len();
-                    each(&batch)?;
-                    batch.clear();
-                }
-            }
+    while !batches.is_empty() {
+        for frames in batches.next_batch()?.chunks(few) {
+            let planes = frames.par_iter().map(|frame| {
+                let plane = frame.plane()?;
+                frame.check_largest(sensor, plane.data.iter().copied().max().unwrap_or(0))?;
+                Ok(plane)
+            });
+            let planes: Vec<_> = planes.collect::<Result<_>>()?;
+            count += planes.len();
+            each(&planes)?;
         }
-    }
-    if !batch.is_empty() {
-        count += batch.len();
-        each(&batch)?;
     }
     Ok(count)
-}
-
-fn check(sensor: &SensorFacts, frame: &Plane<u16>) -> Result<()> {
-    if (frame.width, frame.height) != (sensor.width, sensor.height) {
-        return Err(Error::input(format!(
-            "a frame of {} x {} in a set of {} x {}",
-            frame.width, frame.height, sensor.width, sensor.height
-        ))
-        .help("every frame has the width and height of [sensor]"));
-    }
-    let largest = frame.data.iter().copied().max().unwrap_or(0);
-    if u32::from(largest) >> sensor.bits != 0 {
-        return Err(Error::input(format!("a sample of {largest} DN in {} bits", sensor.bits))
-            .help("set bits in [sensor] to the samples' true range"));
-    }
-    Ok(())
-}
-
-/// A NPY file of `N x H x W` samples, read frame by frame.
-struct NpyStack {
-    data: Box<dyn Iterator<Item = std::io::Result<u16>> + Send>,
-    width: usize,
-    height: usize,
-    left: u64,
-}
-
-impl NpyStack {
-    /// `None` for an array that is no stack.
-    fn open(path: &Path) -> Result<Option<Self>> {
-        let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
-        let length = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
-        let broken = |e: std::io::Error| Error::input(format!("not a readable NPY file: {e}"));
-        let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(broken)?;
-        let shape = npy.shape().to_vec();
-        let [frames, height, width] = shape[..] else { return Ok(None) };
-        if npy.order() != npyz::Order::C {
-            return Err(Error::input("a stack stored columns first (Fortran order)")
-                .help("save it with numpy.ascontiguousarray"));
-        }
-        // A header may claim any size; the file bounds it before anything is reserved.
-        let samples = frames.checked_mul(height).and_then(|n| n.checked_mul(width));
-        if samples.is_none_or(|n| n == 0 || n > length) {
-            return Err(Error::input(format!("shape {shape:?} in a file of {length} bytes")));
-        }
-        let data: Box<dyn Iterator<Item = std::io::Result<u16>> + Send> = match npy.dtype().descr()
-        {
-            d if d.contains("u1") => {
-                Box::new(npy.data::<u8>().map_err(wrong_type)?.map(|s| s.map(u16::from)))
-            }
-            _ => Box::new(npy.data::<u16>().map_err(wrong_type)?),
-        };
-        let (width, height) = (width as usize, height as usize);
-        Ok(Some(Self { data, width, height, left: frames }))
-    }
-
-    fn next(&mut self) -> Option<Result<Plane<u16>>> {
-        if self.left == 0 {
-            return None;
-        }
-        self.left -= 1;
-        let count = self.width * self.height;
-        let data: std::io::Result<Vec<u16>> = self.data.by_ref().take(count).collect();
-        Some(match data {
-            Ok(data) if data.len() == count => {
-                Ok(Plane { width: self.width, height: self.height, data })
-            }
-            Ok(_) => Err(Error::input("the file ends before its last frame")),
-            Err(e) => Err(Error::input(format!("cannot read samples: {e}"))),
-        })
-    }
-}
-
-fn wrong_type(e: impl std::fmt::Display) -> Error {
-    Error::input(format!("samples are not 8 or 16 bit unsigned: {e}")).help("save frames as uint16")
 }

@@ -11,7 +11,7 @@ mod manifest;
 pub mod plan;
 pub mod take;
 
-pub use frames::{FrameReader, open};
+pub use frames::{Batches, StoredFrame, open};
 
 use crate::camera::Cfa;
 use crate::{Error, Plane, Result};
@@ -240,7 +240,7 @@ impl CaptureSet {
     /// # Errors
     /// A file that cannot be read.
     pub fn count(&self, capture: &Capture) -> Result<usize> {
-        capture.files.iter().map(|f| Ok(open(f)?.frames_left())).sum()
+        capture.files.iter().map(|f| Ok(open(f)?.len())).sum()
     }
 
     /// Calls `each` with the capture's frames in order of time, a few at a time. Files of a batch

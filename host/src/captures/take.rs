@@ -8,13 +8,11 @@ use crate::formats::output::OutputDir;
 use crate::formats::{Format, Frames};
 use crate::optics::Options;
 use crate::render::{self, Arithmetic, CubeHeader, Exposure, IrradianceCube};
+use crate::scene::photometry::HC;
 use crate::scene::{self, Bands, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use crate::{Error, Result};
 use sensor_core::config::FrameSettings;
 use std::path::Path;
-
-/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
-const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 
 /// How a plan is taken.
 #[derive(Clone, Copy, Debug, Default)]

@@ -3,11 +3,10 @@
 use super::looks::Look;
 use crate::camera::Camera;
 use crate::captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity};
+use crate::scene::photometry::HC;
 use crate::scene::{Bands, chart};
 use crate::{Error, Result};
 
-/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
-const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 /// Frames that are held in memory at once.
 pub const BATCH: usize = 32;
 

@@ -5,6 +5,7 @@
 
 use super::{Facts, Frames, area, truncated};
 use crate::{Error, Plane, Result};
+use std::io::{Cursor, Read, Seek};
 
 /// Frames as `.npy` bytes; one frame is H x W, several are N x H x W.
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
@@ -33,59 +34,132 @@ fn header(descr: &str, shape: &str) -> Vec<u8> {
     bytes
 }
 
+/// What a header says, checked against the bytes that follow it.
+pub struct Layout {
+    /// Frames.
+    pub count: usize,
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// Whether the first index runs fastest.
+    pub fortran: bool,
+    /// What a sample is.
+    pub sample: Sample,
+    /// Where the samples begin.
+    pub offset: u64,
+}
+
+/// A type of samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sample {
+    /// Unsigned bytes.
+    U8,
+    /// 16-bit unsigned, little end first.
+    U16,
+    /// 16-bit unsigned, big end first.
+    U16Big,
+    /// Other integers, of so many bytes, little end first; signed or not.
+    Wide(usize, bool),
+}
+
+impl Sample {
+    /// Bytes.
+    pub fn size(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 | Self::U16Big => 2,
+            Self::Wide(size, _) => size,
+        }
+    }
+
+    /// DN of these bytes.
+    fn read(self, bytes: &[u8]) -> Result<Vec<u16>> {
+        Ok(match self {
+            Self::U8 => bytes.iter().map(|&b| b.into()).collect(),
+            Self::U16 => bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect(),
+            Self::U16Big => {
+                bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect()
+            }
+            Self::Wide(size, signed) => {
+                let value = |b: &[u8]| {
+                    let mut word = [if signed && b[size - 1] > 127 { 0xff } else { 0 }; 16];
+                    word[..size].copy_from_slice(b);
+                    i128::from_le_bytes(word)
+                };
+                let narrow = |value: i128| {
+                    u16::try_from(value).map_err(|_| {
+                        Error::input(format!("value {value}")).help("raw DN are 0 to 65535")
+                    })
+                };
+                bytes.chunks_exact(size).map(|b| narrow(value(b))).collect::<Result<_>>()?
+            }
+        })
+    }
+}
+
+impl Layout {
+    /// Reads a header; `length` is that of the whole file.
+    pub fn read(file: &mut (impl Read + Seek), length: u64) -> Result<Self> {
+        let broken = |e: std::io::Error| Error::input(format!("NPY header: {e}"));
+        // npyz allocates the length that versions 2 and 3 state before it reads.
+        let mut start = [0; 12];
+        file.read_exact(&mut start).map_err(broken)?;
+        if start[6] >= 2 {
+            let stated = u32::from_le_bytes([start[8], start[9], start[10], start[11]]);
+            let needed = u64::from(stated) + 12;
+            if needed > length {
+                return Err(truncated(needed as usize, length as usize));
+            }
+        }
+        file.rewind().map_err(broken)?;
+        let header = npyz::NpyHeader::from_reader(&mut *file).map_err(broken)?;
+        let (count, height, width) = match *header.shape() {
+            [height, width] => (1, height, width),
+            [count, height, width] => (count, height, width),
+            _ => {
+                return Err(Error::input(format!("an array of shape {:?}", header.shape()))
+                    .help("frames are H x W or N x H x W"));
+            }
+        };
+        let descr = header.dtype().descr();
+        let sample = match descr.trim_matches('\'') {
+            "|u1" => Sample::U8,
+            "<u2" => Sample::U16,
+            ">u2" => Sample::U16Big,
+            "<i2" => Sample::Wide(2, true),
+            "<u4" => Sample::Wide(4, false),
+            "<i4" => Sample::Wide(4, true),
+            "<u8" => Sample::Wide(8, false),
+            "<i8" => Sample::Wide(8, true),
+            other => {
+                return Err(Error::input(format!("an array of type {other}"))
+                    .help("raw DN are 16-bit unsigned: array.astype('<u2')"));
+            }
+        };
+        let (width, height, count) = (width as usize, height as usize, count as usize);
+        let offset = file.stream_position().map_err(broken)?;
+        let needed = area(width, height)?.saturating_mul(sample.size()).saturating_mul(count);
+        if count == 0 {
+            return Err(Error::input("an array of no frames"));
+        }
+        let there = length.saturating_sub(offset);
+        if needed as u64 > there {
+            return Err(truncated(needed, there as usize));
+        }
+        let fortran = header.order() == npyz::Order::Fortran;
+        Ok(Self { count, height, width, fortran, sample, offset })
+    }
+}
+
 /// Reads `.npy` bytes.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
-    // npyz allocates the length that versions 2 and 3 state before it reads.
-    if bytes.get(6).is_some_and(|&v| v >= 2) {
-        let stated = bytes.get(8..12).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
-        let needed = stated.map_or(12, |n| n as usize + 12);
-        if needed > bytes.len() {
-            return Err(truncated(needed, bytes.len()));
-        }
-    }
-    let mut rest = bytes;
-    let header = npyz::NpyHeader::from_reader(&mut rest)
-        .map_err(|e| Error::input(format!("NPY header: {e}")))?;
-    let (count, height, width) = match *header.shape() {
-        [height, width] => (1, height, width),
-        [count, height, width] => (count, height, width),
-        _ => {
-            return Err(Error::input(format!("an array of shape {:?}", header.shape()))
-                .help("frames are H x W or N x H x W"));
-        }
-    };
-    let descr = header.dtype().descr();
-    let descr = descr.trim_matches('\'');
-    let (sample_size, read): (usize, fn(&[u8]) -> i128) = match descr {
-        "|u1" => (1, |b| b[0].into()),
-        "<u2" => (2, |b| u16::from_le_bytes([b[0], b[1]]).into()),
-        ">u2" => (2, |b| u16::from_be_bytes([b[0], b[1]]).into()),
-        "<i2" => (2, |b| i16::from_le_bytes([b[0], b[1]]).into()),
-        "<u4" => (4, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]).into()),
-        "<i4" => (4, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]).into()),
-        "<u8" => (8, |b| b.try_into().map_or(-1, |b| u64::from_le_bytes(b).into())),
-        "<i8" => (8, |b| b.try_into().map_or(-1, |b| i64::from_le_bytes(b).into())),
-        other => {
-            return Err(Error::input(format!("an array of type {other}"))
-                .help("raw DN are 16-bit unsigned: array.astype('<u2')"));
-        }
-    };
-    let (width, height, count) = (width as usize, height as usize, count as usize);
-    let pixels = area(width, height)?;
-    let needed = pixels.saturating_mul(sample_size).saturating_mul(count);
-    if count == 0 {
-        return Err(Error::input("an array of no frames"));
-    }
-    if needed > rest.len() {
-        return Err(truncated(needed, rest.len()));
-    }
-    let samples = rest[..needed].chunks_exact(sample_size).map(|b| {
-        let value = read(b);
-        u16::try_from(value)
-            .map_err(|_| Error::input(format!("value {value}")).help("raw DN are 0 to 65535"))
-    });
-    let mut data = samples.collect::<Result<Vec<u16>>>()?;
-    if header.order() == npyz::Order::Fortran {
+    let layout = Layout::read(&mut Cursor::new(bytes), bytes.len() as u64)?;
+    let Layout { width, height, count, sample, .. } = layout;
+    let pixels = width * height;
+    let samples = &bytes[layout.offset as usize..][..pixels * count * sample.size()];
+    let mut data = sample.read(samples)?;
+    if layout.fortran {
         // The first index runs fastest: the sample at frame n, row y, column x stands at
         // n + count (y + height x).
         let at = |i: usize| i / pixels + count * (i % pixels / width + height * (i % width));
@@ -93,7 +167,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     }
     let planes = data.chunks_exact(pixels);
     let planes = planes.map(|data| Plane { width, height, data: data.to_vec() }).collect();
-    let bits = if sample_size == 1 { Some(8) } else { None };
+    let bits = (sample == Sample::U8).then_some(8);
     Ok(Frames { planes, facts: Facts { bits, ..Facts::default() } })
 }
 

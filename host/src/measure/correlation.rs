@@ -5,106 +5,142 @@
 //! 2α (first order) at lag 1, and lowers the variance, so that photon transfer finds K too small by
 //! about 8α (Moore et al., *Interpixel capacitance in nondestructive detectors*, 2004).
 
-use super::stack::Site;
+use super::stack::Stack;
+use super::strips;
 use super::value::Value;
-use crate::captures::{Capture, CaptureSet};
-use crate::{Error, Plane, Result};
+use crate::captures::{Batches, Capture, CaptureSet, StoredFrame};
+use crate::{Error, Result};
+use multiversion::multiversion;
 use rayon::prelude::*;
-use serde::Serialize;
 
-/// Neighbours looked at: columns right, rows down.
-pub const LAGS: [(usize, usize); 4] = [(1, 0), (0, 1), (1, 1), (2, 0)];
-
-/// Correlation of the temporal noise of pixels and their neighbours at each of [`LAGS`].
-#[derive(Clone, Debug, Serialize)]
+/// Correlation of the temporal noise of pixels and their neighbours.
+#[derive(Clone, Copy, Debug)]
 pub struct NoiseCorrelation {
-    /// (columns right, rows down) and the coefficient.
-    pub lags: Vec<((usize, usize), Value)>,
+    /// With the neighbour to the right.
+    pub right: Value,
+    /// With the neighbour below.
+    pub below: Value,
 }
 
 impl NoiseCorrelation {
-    /// From the differences of successive, disjoint pairs of frames, their means taken out per
-    /// site of the colour filter pattern.
+    /// From the differences of successive, disjoint pairs of frames of a capture whose moments are `stack`, each
+    /// frame's mean taken out per site of the colour filter pattern. As many pairs are taken as a standard error of
+    /// `enough` needs; 0 takes all.
     ///
     /// # Errors
     /// Fewer than two frames.
-    pub fn of(set: &CaptureSet, capture: &Capture) -> Result<Self> {
-        let sites = Site::all(&set.cfa());
-        let mut sums = vec![[0.0f64; 3]; LAGS.len()];
-        let mut earlier: Option<Plane<u16>> = None;
-        let mut pairs = 0usize;
-        set.for_each_batch(capture, |batch| {
-            for frame in batch {
-                match earlier.take() {
-                    None => earlier = Some(frame.clone()),
-                    Some(before) => {
-                        add_pair(&before, frame, &sites, &mut sums);
-                        pairs += 1;
-                    }
+    pub fn of(set: &CaptureSet, capture: &Capture, stack: &Stack, enough: f64) -> Result<Self> {
+        let samples = (stack.width * stack.height) as f64;
+        let mut sums = Sums::default();
+        let mut pairs = 0;
+        let mut batches = Batches::new(&set.sensor, capture);
+        let mut waiting: Option<StoredFrame> = None;
+        'frames: while !batches.is_empty() {
+            for frame in batches.next_batch()? {
+                let Some(before) = waiting.take() else {
+                    waiting = Some(frame);
+                    continue;
+                };
+                sums.add(&Sums::of_pair(stack, 2 * pairs, [&before, &frame])?);
+                pairs += 1;
+                if samples * pairs as f64 * enough * enough >= 1.0 {
+                    break 'frames;
                 }
             }
-            Ok(())
-        })?;
+        }
         if pairs == 0 {
             return Err(Error::input("one frame has no temporal noise to correlate")
                 .at(format!("capture {:?}", capture.id)));
         }
-        let (width, height) = (set.sensor.width, set.sensor.height);
-        let lags = LAGS.iter().zip(&sums).map(|(&(dx, dy), [ab, aa, bb])| {
-            let count = (pairs * (width - dx) * (height - dy)) as f64;
-            let scale = (aa * bb).sqrt();
-            let rho = if scale > 0.0 { ab / scale } else { 0.0 };
-            ((dx, dy), Value::new(rho, 1.0 / count.sqrt()))
-        });
-        Ok(Self { lags: lags.collect() })
-    }
-
-    /// The coefficient at a lag of [`LAGS`].
-    pub fn at(&self, lag: (usize, usize)) -> Option<Value> {
-        self.lags.iter().find(|l| l.0 == lag).map(|l| l.1)
+        let (width, height) = (stack.width as f64, stack.height as f64);
+        let variance = sums.square / (width * height);
+        let coefficient = |products: f64, count: f64| {
+            let rho = if variance > 0.0 { products / count / variance } else { 0.0 };
+            Value::new(rho, (count * pairs as f64).powf(-0.5))
+        };
+        Ok(Self {
+            right: coefficient(sums.right, (width - 1.0) * height),
+            below: coefficient(sums.below, width * (height - 1.0)),
+        })
     }
 }
 
-fn add_pair(a: &Plane<u16>, b: &Plane<u16>, sites: &[Site], sums: &mut [[f64; 3]]) {
-    let (width, height) = (a.width, a.height);
-    let (step_x, step_y) = (sites[0].step_x, sites[0].step_y);
-    let difference = |at: usize| f64::from(b.data[at]) - f64::from(a.data[at]);
-    let means: Vec<f64> = sites
-        .iter()
-        .map(|s| {
-            let rows = (s.y0..height).step_by(s.step_y);
-            let sum: f64 = rows
-                .flat_map(|y| (s.x0..width).step_by(s.step_x).map(move |x| y * width + x))
-                .map(difference)
-                .sum();
-            sum / (s.rows(height) * s.columns(width)) as f64
-        })
-        .collect();
-    let centred: Vec<f64> = (0..width * height)
-        .into_par_iter()
-        .map(|at| {
-            let (x, y) = (at % width, at / width);
-            difference(at) - means[(y % step_y) * step_x + x % step_x]
-        })
-        .collect();
-    for (sum, (dx, dy)) in sums.iter_mut().zip(LAGS) {
-        let rows: Vec<[f64; 3]> = (0..height - dy)
-            .into_par_iter()
-            .map(|y| {
-                let (p, q) = (&centred[y * width..], &centred[(y + dy) * width + dx..]);
-                let mut row = [0.0; 3];
-                for (p, q) in p.iter().zip(q).take(width - dx) {
-                    row[0] += p * q;
-                    row[1] += p * p;
-                    row[2] += q * q;
-                }
-                row
-            })
+/// Sums over the pixels of products of deviations.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    square: f64,
+    right: f64,
+    below: f64,
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self) {
+        self.square += other.square;
+        self.right += other.right;
+        self.below += other.below;
+    }
+
+    /// Of the difference of frames `first` and the next, strip by strip; a strip has the row below it too.
+    fn of_pair(stack: &Stack, first: usize, [a, b]: [&StoredFrame; 2]) -> Result<Self> {
+        let (width, height) = (stack.width, stack.height);
+        let (step_x, step_y) = (stack.sites[0].step_x, stack.sites[0].step_y);
+        let drift: Vec<f32> = (stack.frame_means.iter())
+            .map(|means| (means[first + 1] - means[first]) as f32)
             .collect();
-        for row in rows {
-            for (s, r) in sum.iter_mut().zip(row) {
-                *s += r;
-            }
+        // Per column, for each row of the pattern.
+        let drift: Vec<f32> =
+            (0..step_y * width).map(|i| drift[i / width * step_x + i % width % step_x]).collect();
+        let rows = strips::rows(width, step_y);
+        let strips: Vec<Self> = (0..height.div_ceil(rows))
+            .into_par_iter()
+            .map(|strip| {
+                let top = strip * rows;
+                let count = rows.min(height - top);
+                let with_next = (count + 1).min(height - top);
+                let mut samples = vec![0; 2 * with_next * width];
+                let (before, after) = samples.split_at_mut(with_next * width);
+                a.read_rows(top, before)?;
+                b.read_rows(top, after)?;
+                let mut deviations = vec![0.0; with_next * width];
+                for (y, out) in deviations.chunks_exact_mut(width).enumerate() {
+                    let row = y * width..(y + 1) * width;
+                    let drift = &drift[y % step_y * width..][..width];
+                    deviate(&before[row.clone()], &after[row], drift, out);
+                }
+                let mut sums = Self::default();
+                for y in 0..count {
+                    let row = &deviations[y * width..][..width];
+                    sums.square += dot(row, row);
+                    sums.right += dot(row, &row[1..]);
+                    sums.below += dot(row, &deviations[(y + 1) * width..]);
+                }
+                Ok(sums)
+            })
+            .collect::<Result<_>>()?;
+        let mut sums = Self::default();
+        strips.iter().for_each(|s| sums.add(s));
+        Ok(sums)
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn deviate(before: &[u16], after: &[u16], drift: &[f32], out: &mut [f32]) {
+    for (((d, &a), &b), &m) in out.iter_mut().zip(before).zip(after).zip(drift) {
+        *d = f32::from(b) - f32::from(a) - m;
+    }
+}
+
+/// Sum of the products of as many values as both have. Sixteen partial sums of a row lose less than 1e-5 to rounding.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let n = a.len().min(b.len());
+    let ((a, a_rest), (b, b_rest)) = (a[..n].as_chunks::<16>(), b[..n].as_chunks::<16>());
+    let mut lanes = [0.0f32; 16];
+    for (a, b) in a.iter().zip(b) {
+        for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += a * b;
         }
     }
+    let rest = a_rest.iter().zip(b_rest).map(|(a, b)| f64::from(a * b));
+    lanes.iter().map(|&l| f64::from(l)).sum::<f64>() + rest.sum::<f64>()
 }

@@ -31,21 +31,20 @@ pub struct Coupling {
 /// # Errors
 /// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot noise.
 pub fn fit(set: &CaptureSet) -> Result<Coupling> {
-    let variance = |c: &Capture| -> Result<(f64, f64)> {
-        let stack = Stack::read(set, c)?;
-        let channels = set.cfa().channels().len();
-        let moments: Vec<_> = (0..channels).map(|c| stack.channel_moments(c)).collect();
-        let whites = moments.iter().map(|m| m.whites).fold(0.0, f64::max);
-        Ok((moments.iter().map(|m| m.temporal).sum::<f64>() / channels as f64, whites))
+    let channels = set.cfa().channels().len();
+    let variance = |stack: &Stack| {
+        (0..channels).map(|c| stack.channel_moments(c).temporal).sum::<f64>() / channels as f64
     };
-    let mut flat: Option<(&Capture, f64)> = None;
-    for capture in set.with_role(Role::Flat).filter(|c| c.files.len() > 1 || is_stack(c)) {
-        let (total, whites) = variance(capture)?;
-        if whites < 1e-3 && flat.is_none_or(|f| total > f.1) {
-            flat = Some((capture, total));
+    let mut flat: Option<(&Capture, Stack, f64)> = None;
+    for capture in set.with_role(Role::Flat) {
+        let stack = Stack::read_moments(set, capture)?;
+        let whites = (0..channels).map(|c| stack.channel_moments(c).whites).fold(0.0, f64::max);
+        let total = variance(&stack);
+        if stack.frames > 1 && whites < 1e-3 && flat.as_ref().is_none_or(|f| total > f.2) {
+            flat = Some((capture, stack, total));
         }
     }
-    let (flat, total) = flat.ok_or_else(|| {
+    let (flat, flat_stack, total) = flat.ok_or_else(|| {
         Error::input("no unsaturated flat capture of several frames")
             .help("coupling shows in the noise of flats: add one at half saturation")
     })?;
@@ -58,19 +57,15 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
             Error::input(format!("no dark captures at analog gain {}", flat.analog_gain))
                 .help("the read noise must be known")
         })?;
-    let (read, _) = variance(dark)?;
-    let shot_share = 1.0 - read / total;
+    let shot_share = 1.0 - variance(&Stack::read_moments(set, dark)?) / total;
     if shot_share.is_nan() || shot_share < 0.1 {
         return Err(Error::input("the flat's noise is not shot noise")
             .at(format!("capture {:?}", flat.id))
             .help("use a flat at half saturation"));
     }
-    let correlation = NoiseCorrelation::of(set, flat)?;
-    let rho = |lag| {
-        let none = || Error::input("no correlation at that lag");
-        correlation.at(lag).ok_or_else(none).map(|r| r.scaled(1.0 / shot_share))
-    };
-    let (h, v) = (rho((1, 0))?, rho((0, 1))?);
+    let correlation = NoiseCorrelation::of(set, flat, &flat_stack, 0.0)?;
+    let (h, v) =
+        (correlation.right.scaled(1.0 / shot_share), correlation.below.scaled(1.0 / shot_share));
     let (mut a, mut b) = (0.5 * h.value, 0.5 * v.value);
     for _ in 0..50 {
         let c = 1.0 - 2.0 * a - 2.0 * b;
@@ -81,11 +76,6 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
         horizontal: Value::new(a, 0.5 * h.std_error),
         vertical: Value::new(b, 0.5 * v.std_error),
     })
-}
-
-/// Whether a capture of one file may hold several frames.
-fn is_stack(capture: &Capture) -> bool {
-    capture.files.iter().any(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")))
 }
 
 #[cfg(test)]

@@ -5,10 +5,8 @@ use super::stack::{Moments, Stack};
 use super::transfer::DarkLine;
 use super::value::Value;
 use crate::captures::{Capture, CaptureSet, Light, Role, Uniformity};
+use crate::scene::photometry::HC;
 use crate::{Error, Result};
-
-/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
-const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 
 /// Temperatures closer than this are one temperature, °C (sensors read theirs to about 1 °C).
 pub const SAME_TEMPERATURE_C: f64 = 3.0;

@@ -20,6 +20,8 @@ pub mod response;
 pub mod spatial;
 pub mod spectrogram;
 pub mod stack;
+mod strips;
+mod sums;
 pub mod transfer;
 pub mod value;
 

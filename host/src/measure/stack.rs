@@ -1,13 +1,14 @@
 //! Moments of a stack of frames: per pixel over time, and over the pixels of a channel.
 //!
-//! Frames are streamed once. What is kept per pixel are integer sums of the samples and of their
-//! squares, so the moments are exact and do not depend on batches or threads.
+//! Frames are streamed once, strip of rows by strip ([`super::strips`]). Per pixel, integer sums of the samples and of
+//! their squares are taken, so the moments do not depend on batches or threads. Frames whose samples lie in their files
+//! as they are need the memory of the strips being worked on, whatever the length of the stack.
 
 use super::spatial::{PlaneMoments, SpatialVariance};
+use super::sums::Sums;
 use crate::camera::Cfa;
-use crate::captures::{Capture, CaptureSet};
-use crate::{Error, Plane, Result};
-use rayon::prelude::*;
+use crate::captures::{Batches, Capture, CaptureSet};
+use crate::{Error, Result};
 
 /// One position of the colour filter pattern: the pixels at `(x0 + i step_x, y0 + j step_y)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +49,7 @@ impl Site {
     }
 }
 
-/// Sums over the frames of a stack.
+/// A stack of frames: its moments and, where asked for, its mean frame.
 #[derive(Clone, Debug)]
 pub struct Stack {
     /// Columns.
@@ -59,83 +60,47 @@ pub struct Stack {
     pub frames: usize,
     /// Positions of the colour filter pattern.
     pub sites: Vec<Site>,
-    /// Per pixel, sum of the samples.
+    /// Per pixel, sum of the samples; empty where only moments were asked for.
     pub sum: Vec<u32>,
-    sum_sq: Vec<u64>,
-    /// Per site, sum of the samples of each frame.
-    frame_sums: Vec<Vec<u64>>,
-    /// Per site, samples at 0 DN and at or above the white level.
-    zeros: Vec<u64>,
-    whites: Vec<u64>,
+    /// Per site, mean of each frame.
+    pub frame_means: Vec<Vec<f64>>,
+    /// Per site.
+    pub moments: Vec<Moments>,
 }
 
-/// Largest number of frames whose 16-bit samples fit a `u32` sum.
-const MOST_FRAMES: usize = u16::MAX as usize;
-
 impl Stack {
-    /// Streams all frames of `capture`.
+    /// Streams all frames of `capture`, and keeps the sum of its samples per pixel.
     ///
     /// # Errors
     /// What [`CaptureSet::for_each_batch`] refuses, and a frame smaller than the filter pattern.
     pub fn read(set: &CaptureSet, capture: &Capture) -> Result<Self> {
+        Self::stream(set, capture, true)
+    }
+
+    /// Streams all frames of `capture` for the moments alone.
+    ///
+    /// # Errors
+    /// Those of [`Stack::read`].
+    pub fn read_moments(set: &CaptureSet, capture: &Capture) -> Result<Self> {
+        Self::stream(set, capture, false)
+    }
+
+    fn stream(set: &CaptureSet, capture: &Capture, keep: bool) -> Result<Self> {
         let (width, height) = (set.sensor.width, set.sensor.height);
         let cfa = set.cfa();
         if width < 2 * cfa.width || height < 2 * cfa.height {
             return Err(Error::input(format!("frames of {width} x {height} are too small"))
                 .help("measuring needs at least two periods of the filter pattern each way"));
         }
-        let sites = Site::all(&cfa);
-        let mut stack = Self {
-            width,
-            height,
-            frames: 0,
-            sum: vec![0; width * height],
-            sum_sq: vec![0; width * height],
-            frame_sums: vec![Vec::new(); sites.len()],
-            zeros: vec![0; sites.len()],
-            whites: vec![0; sites.len()],
-            sites,
-        };
-        let white = set.sensor.white_level_dn;
-        set.for_each_batch(capture, |batch| stack.add(batch, white))?;
-        Ok(stack)
-    }
-
-    fn add(&mut self, batch: &[Plane<u16>], white: u16) -> Result<()> {
-        if self.frames + batch.len() > MOST_FRAMES {
-            return Err(Error::input(format!("more than {MOST_FRAMES} frames in one capture")));
+        let place = |e: Error| e.at(format!("capture {:?}", capture.id));
+        let mut batches = Batches::new(&set.sensor, capture);
+        let mut sums = Sums::new(width, height, Site::all(&cfa), set.sensor.white_level_dn);
+        while !batches.is_empty() {
+            let frames = batches.next_batch().map_err(place)?;
+            let whole = batches.is_empty() && sums.frames == 0;
+            sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
-        self.frames += batch.len();
-        let (step_x, step_y) = (self.sites[0].step_x, self.sites[0].step_y);
-        let width = self.width;
-        let tallies: Vec<Vec<Tally>> = self
-            .sum
-            .par_chunks_mut(width)
-            .zip(self.sum_sq.par_chunks_mut(width))
-            .enumerate()
-            .map(|(y, (sum, sum_sq))| {
-                let mut tallies = Vec::with_capacity(batch.len() * step_x);
-                for frame in batch {
-                    let row = frame.row(y);
-                    accumulate(row, sum, sum_sq);
-                    tallies.extend((0..step_x).map(|x0| Tally::of(row, x0, step_x, white)));
-                }
-                tallies
-            })
-            .collect();
-        for (index, sums) in self.frame_sums.iter_mut().enumerate() {
-            let (y0, x0) = (index / step_x, index % step_x);
-            for f in 0..batch.len() {
-                let mut total = Tally::default();
-                for row in tallies.iter().skip(y0).step_by(step_y) {
-                    total.add(row[f * step_x + x0]);
-                }
-                sums.push(total.sum);
-                self.zeros[index] += total.zeros;
-                self.whites[index] += total.whites;
-            }
-        }
-        Ok(())
+        Ok(sums.finish(keep))
     }
 
     /// Mean over the frames at a pixel, DN.
@@ -143,108 +108,14 @@ impl Stack {
         f64::from(self.sum[y * self.width + x]) / self.frames as f64
     }
 
-    /// Temporal variance at a pixel (unbiased), DN²; 0 for one frame.
-    pub fn variance_at(&self, x: usize, y: usize) -> f64 {
-        let i = y * self.width + x;
-        pixel_variance(self.frames, self.sum[i], self.sum_sq[i])
-    }
-
-    /// Moments of the pixels of one site.
-    pub fn moments(&self, site: usize) -> Moments {
-        let s = self.sites[site];
-        let l = self.frames as f64;
-        let plane = PlaneMoments::of(s, self.width, self.height, |at| f64::from(self.sum[at]) / l);
-        let rows: Vec<(f64, f64)> = (0..plane.rows)
-            .into_par_iter()
-            .map(|j| {
-                let start = (s.y0 + j * s.step_y) * self.width;
-                let mut sums = (0.0, 0.0);
-                for at in (start + s.x0..start + self.width).step_by(s.step_x) {
-                    let variance = pixel_variance(self.frames, self.sum[at], self.sum_sq[at]);
-                    sums.0 += variance;
-                    sums.1 += variance * variance;
-                }
-                sums
-            })
-            .collect();
-        let variance_sum: f64 = rows.iter().map(|r| r.0).sum();
-        let square_sum: f64 = rows.iter().map(|r| r.1).sum();
-        let n = plane.pixels();
-        let frame_means: Vec<f64> =
-            self.frame_sums[site].iter().map(|&sum| sum as f64 / n).collect();
-        let drift = variance(&frame_means);
-        Moments {
-            plane,
-            sites: 1,
-            frames: self.frames,
-            drift,
-            temporal: (variance_sum / n - drift).max(0.0),
-            // E[s⁴] = σ⁴ (L + 1)/(L - 1) for a Gaussian pixel, and var(s²) = 2 σ⁴/(L - 1).
-            temporal_error: (2.0 / (l + 1.0) * square_sum).sqrt() / n,
-            zeros: self.zeros[site] as f64 / (n * l),
-            whites: self.whites[site] as f64 / (n * l),
-        }
-    }
-
     /// Moments of every site of a channel, taken together (see [`Moments::pool`]).
     pub fn channel_moments(&self, channel: usize) -> Moments {
         let of: Vec<Moments> = (0..self.sites.len())
             .filter(|&i| self.sites[i].channel == channel)
-            .map(|i| self.moments(i))
+            .map(|i| self.moments[i])
             .collect();
         Moments::pool(&of)
     }
-}
-
-#[derive(Clone, Copy, Default)]
-struct Tally {
-    sum: u64,
-    zeros: u64,
-    whites: u64,
-}
-
-impl Tally {
-    fn of(row: &[u16], x0: usize, step: usize, white: u16) -> Self {
-        let mut out = Self::default();
-        for &v in row.iter().skip(x0).step_by(step) {
-            out.sum += u64::from(v);
-            out.zeros += u64::from(v == 0);
-            out.whites += u64::from(v >= white);
-        }
-        out
-    }
-
-    fn add(&mut self, other: Self) {
-        self.sum += other.sum;
-        self.zeros += other.zeros;
-        self.whites += other.whites;
-    }
-}
-
-fn accumulate(row: &[u16], sum: &mut [u32], sum_sq: &mut [u64]) {
-    for ((&v, s), q) in row.iter().zip(sum).zip(sum_sq) {
-        let v = u32::from(v);
-        *s += v;
-        *q += u64::from(v * v);
-    }
-}
-
-/// Unbiased variance of `frames` samples with these sums, exact until the last division.
-fn pixel_variance(frames: usize, sum: u32, sum_sq: u64) -> f64 {
-    if frames < 2 {
-        return 0.0;
-    }
-    let (l, sum) = (frames as u64, u64::from(sum));
-    // L Σy² ≥ (Σy)² always; both are below 2^64 for at most 65535 frames of 16 bits.
-    (l * sum_sq - sum * sum) as f64 / (l * (l - 1)) as f64
-}
-
-fn variance(values: &[f64]) -> f64 {
-    if values.len() < 2 {
-        return 0.0;
-    }
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64
 }
 
 /// Temporal and spatial moments of the pixels of a site or channel, in DN and DN².
@@ -308,53 +179,5 @@ impl Moments {
             zeros: mean_of(|m| m.zeros),
             whites: mean_of(|m| m.whites),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn stack(frames: &[[u16; 4]]) -> Stack {
-        let mut stack = Stack {
-            width: 2,
-            height: 2,
-            frames: 0,
-            sum: vec![0; 4],
-            sum_sq: vec![0; 4],
-            frame_sums: vec![Vec::new()],
-            zeros: vec![0],
-            whites: vec![0],
-            sites: vec![Site { x0: 0, y0: 0, step_x: 1, step_y: 1, channel: 0 }],
-        };
-        for f in frames {
-            let plane = Plane { width: 2, height: 2, data: f.to_vec() };
-            stack.add(&[plane], 4095).unwrap();
-        }
-        stack
-    }
-
-    #[test]
-    fn two_frames_give_the_standards_formula() {
-        // Differences 2, -4, 1, 3: half their mean square is 3.75; means differ by 0.5.
-        let m = stack(&[[10, 20, 30, 4095], [8, 24, 29, 4092]]).moments(0);
-        assert!((m.temporal - (3.75 - 0.125)).abs() < 1e-12, "{m:?}");
-        assert!((m.drift - 0.125).abs() < 1e-12);
-        assert!((m.mean() - (9.0 + 22.0 + 29.5 + 4093.5) / 4.0).abs() < 1e-12);
-        assert_eq!((m.zeros, m.whites), (0.0, 0.125));
-    }
-
-    #[test]
-    fn largest_samples_do_not_overflow() {
-        let m = stack(&[[65535; 4]; 9]).moments(0);
-        assert_eq!((m.mean(), m.temporal), (65535.0, 0.0));
-    }
-
-    #[test]
-    fn sites_cover_odd_frames() {
-        let sites = Site::all(&Cfa::parse("GRBG").unwrap());
-        let pixels: usize = sites.iter().map(|s| s.rows(5) * s.columns(7)).sum();
-        assert_eq!(pixels, 35);
-        assert_eq!(sites.iter().map(|s| s.channel).collect::<Vec<_>>(), [1, 0, 2, 1]);
     }
 }

@@ -17,6 +17,8 @@ pub struct Sensor {
     /// DN per electron.
     pub gain: f64,
     pub read_e: f64,
+    /// Part of the read noise that is added after the gain stage, e⁻ at unity gain.
+    pub read_post_e: f64,
     pub full_well_e: f64,
     pub black_dn: f64,
     pub prnu: f64,
@@ -38,6 +40,7 @@ impl Default for Sensor {
             cfa: "mono",
             gain: 0.4,
             read_e: 4.0,
+            read_post_e: 0.0,
             full_well_e: 9000.0,
             black_dn: 64.0,
             prnu: 0.01,
@@ -58,6 +61,7 @@ pub struct Shot {
     pub rate: f64,
     pub frames: usize,
     pub temperature_c: f64,
+    pub analog_gain: f64,
 }
 
 impl Sensor {
@@ -83,8 +87,8 @@ impl Sensor {
             writeln!(
                 toml,
                 "[[capture]]\nid = \"{role}-{k}\"\nrole = \"{role}\"\nfiles = \"{role}-{k}.npy\"\n\
-                 exposure_s = {:?}\ntemperature_c = {:?}\n{light}",
-                shot.exposure_s, shot.temperature_c
+                 exposure_s = {:?}\ntemperature_c = {:?}\nanalog_gain = {:?}\n{light}",
+                shot.exposure_s, shot.temperature_c, shot.analog_gain
             )
             .unwrap();
             let mut data = Vec::new();
@@ -118,7 +122,10 @@ impl Sensor {
         rng: &mut Xoshiro256PlusPlus,
     ) -> Vec<u16> {
         let cfa = crate::camera::Cfa::parse(self.cfa).unwrap();
-        let read = Normal::new(0.0, self.read_e).unwrap();
+        // At gain g the part after the stage counts 1/g of what it counts at unity gain.
+        let post = self.read_post_e.powi(2);
+        let read_e = (self.read_e.powi(2) - post + post / shot.analog_gain.powi(2)).sqrt();
+        let read = Normal::new(0.0, read_e).unwrap();
         let doubled = ((shot.temperature_c - 25.0) / 7.0).exp2();
         let white = f64::from((1u32 << self.bits) - 1);
         let mut out = Vec::with_capacity(self.width * self.height);
@@ -130,7 +137,8 @@ impl Sensor {
                 let shot_e = if mean > 0.0 { Poisson::new(mean).unwrap().sample(rng) } else { 0.0 };
                 let mut e = (shot_e * gain[at]).min(self.full_well_e);
                 e -= self.nonlinearity * e * e / self.full_well_e;
-                let dn = (e + read.sample(rng) + row[y]) * self.gain + self.black_dn;
+                let dn =
+                    (e + read.sample(rng) + row[y]) * self.gain * shot.analog_gain + self.black_dn;
                 out.push(dn.round().clamp(0.0, white) as u16);
             }
         }

@@ -9,6 +9,7 @@
 //! Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent. Nothing follows.
 
 use crate::formats::output::OutputFile;
+use crate::formats::read_at;
 use crate::scene::Bands;
 use crate::{Error, Plane, Result};
 use sensor_core::spectral::{BandRow, encode, groups};
@@ -324,22 +325,4 @@ impl IrradianceWriter {
         };
         Ok(IrradianceCube { header: self.header, store })
     }
-}
-
-#[cfg(unix)]
-fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> std::io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
-}
-
-#[cfg(windows)]
-fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io::Result<()> {
-    while !bytes.is_empty() {
-        let n = std::os::windows::fs::FileExt::seek_read(file, bytes, offset)?;
-        if n == 0 {
-            return Err(std::io::ErrorKind::UnexpectedEof.into());
-        }
-        bytes = &mut bytes[n..];
-        offset += n as u64;
-    }
-    Ok(())
 }

@@ -37,9 +37,12 @@ impl LightLevel {
     }
 }
 
-/// Energy of a photon, h c / λ, J (CODATA 2018, exact h and c).
+/// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
+pub const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
+
+/// Energy of a photon, h c / λ, J.
 pub fn photons_to_energy(nm: f64) -> f64 {
-    6.626_070_15e-34 * 299_792_458.0 / (nm * 1e-9)
+    HC / (nm * 1e-9)
 }
 
 /// CIE 1931 tristimulus values: Σ S(λ) x̄(λ) · 1 nm and so on, without a factor.
@@ -159,7 +162,7 @@ mod tests {
         }
         // Photons per joule at 1 nm: 1/(hc); irradiance factor, pixel area and time as in
         // a_sensor_means.json.
-        let photons = 1e-9 / (6.626_070_15e-34 * 299_792_458.0);
+        let photons = 1e-9 / HC;
         let factor = 0.048_015_433_515_941_4 * 2.2e-6 * 2.2e-6 * 0.8 * 0.01;
         let electrons = |qe: &dyn Fn(usize) -> f64| -> f64 {
             let sum: f64 = (0..31).map(|b| white[b] * bands.nm(b) * qe(b)).sum();

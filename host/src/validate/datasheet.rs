@@ -93,7 +93,7 @@ fn filters() -> String {
 
 /// Electrons per photon: signal above dark over K and photons; K is that of the small-signal photon transfer.
 fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Value>)>> {
-    let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read(set, c)?));
+    let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
     let none = || Error::input("no dark captures");
     let dark = level(set.with_role(Role::Dark).next().ok_or_else(none)?)?;
     let mut out = Vec::new();

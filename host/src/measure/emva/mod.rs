@@ -46,14 +46,12 @@ pub struct Checked {
 /// contradict.
 pub fn measure(set: &CaptureSet) -> Result<Checked> {
     let selection = Selection::of(set)?;
-    let read = |captures: &[&Capture]| -> Result<Vec<Level>> {
-        let levels = captures.iter().map(|c| Ok(Level::new(set, c, &Stack::read(set, c)?)));
-        levels.collect()
-    };
-    let darks = read(&selection.darks)?;
+    let (mut dark_stacks, mut flat_stacks) = (Longest::default(), Longest::default());
+    let darks = dark_stacks.read(set, &selection.darks)?;
     ladder::check_darks(set, &darks)?;
-    let other_darks = read(&selection.other_darks)?;
-    let mut flats: Vec<(usize, Level)> = read(&selection.flats)?.into_iter().enumerate().collect();
+    let other_darks = Longest::default().read(set, &selection.other_darks)?;
+    let flats = flat_stacks.read(set, &selection.flats)?;
+    let mut flats: Vec<(usize, Level)> = flats.into_iter().enumerate().collect();
     flats.sort_by(|a, b| {
         let light = |l: &Level| l.photons.unwrap_or(l.channels[0].mean());
         light(&a.1).total_cmp(&light(&b.1))
@@ -78,14 +76,14 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     }
     let stacks = match &pair {
         Some(p) => Some((
-            Stack::read(set, selection.darks[p.dark])?,
-            Stack::read(set, selection.flats[p.flat])?,
+            dark_stacks.take(set, selection.darks[p.dark])?,
+            flat_stacks.take(set, selection.flats[p.flat])?,
         )),
         None => None,
     };
     let mut warnings = set_warnings(set, &selection, &darks, &levels, pair.as_ref());
-    if let Some(p) = &pair {
-        correlation_warning(set, selection.flats[p.flat], &mut warnings)?;
+    if let (Some(p), Some((_, flat))) = (&pair, &stacks) {
+        correlation_warning(set, selection.flats[p.flat], flat, &mut warnings)?;
     }
     let mut channels = Vec::new();
     for (c, letter) in set.cfa().channels().iter().enumerate() {
@@ -100,6 +98,35 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         channels.push(channel);
     }
     Ok(Checked { channels, warnings })
+}
+
+/// Stacks on their way to levels, of which the longest is kept: most often it is the one for the spatial figures.
+#[derive(Default)]
+struct Longest(Option<(String, Stack)>);
+
+impl Longest {
+    fn read(&mut self, set: &CaptureSet, captures: &[&Capture]) -> Result<Vec<Level>> {
+        let level = |&capture: &&Capture| {
+            // Two frames are a level of the ladder; one file may hold many.
+            if capture.files.len() == 2 {
+                return Ok(Level::new(set, capture, &Stack::read_moments(set, capture)?));
+            }
+            let stack = Stack::read(set, capture)?;
+            let level = Level::new(set, capture, &stack);
+            if self.0.as_ref().is_none_or(|longest| longest.1.frames < stack.frames) {
+                self.0 = Some((capture.id.clone(), stack));
+            }
+            Ok(level)
+        };
+        captures.iter().map(level).collect()
+    }
+
+    fn take(self, set: &CaptureSet, capture: &Capture) -> Result<Stack> {
+        match self.0 {
+            Some((id, stack)) if id == capture.id => Ok(stack),
+            _ => Stack::read(set, capture),
+        }
+    }
 }
 
 /// The level with the largest temporal variance: saturation in the standard's sense.

@@ -83,15 +83,15 @@ pub(super) fn spatial_figures(
     });
     // Spectra and histograms of the channel's first site: sites of one channel are alike.
     let Some(&site) = flat.sites.iter().find(|s| s.channel == c) else { return Ok(()) };
-    let plane =
-        |value: &dyn Fn(usize, usize) -> f64| SitePlane::of(site, flat.width, flat.height, value);
-    let dark_plane = plane(&|x, y| dark.mean_at(x, y));
-    let flat_plane = plane(&|x, y| flat.mean_at(x, y) - dark.mean_at(x, y));
+    let (width, height) = (flat.width, flat.height);
+    let dark_plane = SitePlane::of(site, width, height, |x, y| dark.mean_at(x, y));
+    let flat_plane =
+        SitePlane::of(site, width, height, |x, y| flat.mean_at(x, y) - dark.mean_at(x, y));
     out.spectrogram_dark = Some(dark_plane.spectrogram()?);
     out.spectrogram_prnu = Some(flat_plane.spectrogram()?);
-    let mean = dark_plane.data.iter().sum::<f64>() / dark_plane.data.len() as f64;
-    let deviations: Vec<f64> = dark_plane.data.iter().map(|v| v - mean).collect();
-    out.histogram_dsnu = Some(Histogram::of(&deviations));
+    let mut dsnu = Histogram::of(&dark_plane.data);
+    dsnu.start -= dark_plane.mean();
+    out.histogram_dsnu = Some(dsnu);
     out.histogram_prnu = Some(Histogram::of(&flat_plane.high_pass()));
     Ok(())
 }

@@ -46,7 +46,13 @@ fn reference_set_and_the_emva1288_package() {
 }
 
 fn shots(sensor: &Sensor) -> Vec<Shot> {
-    let dark = |exposure_s, frames| Shot { exposure_s, rate: 0.0, frames, temperature_c: 25.0 };
+    let dark = |exposure_s, frames| Shot {
+        exposure_s,
+        rate: 0.0,
+        frames,
+        temperature_c: 25.0,
+        analog_gain: 1.0,
+    };
     let mut out = vec![dark(0.02, 2), dark(0.1, 2), dark(0.2, 2), dark(0.02, 16)];
     let rate = sensor.full_well_e / sensor.qe[0] / 0.02;
     let flat = |fill: f64, frames| Shot {
@@ -54,6 +60,7 @@ fn shots(sensor: &Sensor) -> Vec<Shot> {
         rate: fill * rate,
         frames,
         temperature_c: 25.0,
+        analog_gain: 1.0,
     };
     out.extend((1..=22).map(|k| flat(0.05 * f64::from(k), 2)));
     out.push(flat(0.501, 16));
@@ -97,8 +104,20 @@ fn what_cannot_be_measured_is_refused() {
         let set = CaptureSet::load(directory.path()).unwrap();
         measure(&set).unwrap_err().to_string()
     };
-    let dark = |frames| Shot { exposure_s: 0.02, rate: 0.0, frames, temperature_c: 25.0 };
-    let flat = |rate, frames| Shot { exposure_s: 0.02, rate, frames, temperature_c: 25.0 };
+    let dark = |frames| Shot {
+        exposure_s: 0.02,
+        rate: 0.0,
+        frames,
+        temperature_c: 25.0,
+        analog_gain: 1.0,
+    };
+    let flat = |rate, frames| Shot {
+        exposure_s: 0.02,
+        rate,
+        frames,
+        temperature_c: 25.0,
+        analog_gain: 1.0,
+    };
     assert!(said(&[dark(2)]).contains("no flat captures"));
     assert!(said(&[flat(1e4, 2)]).contains("no dark captures"));
     assert!(said(&[dark(1), flat(1e4, 2)]).contains("one frame"));

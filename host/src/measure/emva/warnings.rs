@@ -2,9 +2,10 @@
 
 use super::SpatialPair;
 use crate::Result;
-use crate::captures::{Capture, CaptureSet};
+use crate::captures::{Capture, CaptureSet, Role};
 use crate::measure::correlation::NoiseCorrelation;
 use crate::measure::ladder::{Level, Selection};
+use crate::measure::stack::Stack;
 use crate::measure::transfer::Transfer;
 
 /// Of the set as a whole.
@@ -18,6 +19,16 @@ pub(super) fn set_warnings(
     let mut out = Vec::new();
     if set.sensor.cfa.is_none() {
         out.push("the set names no colour filter pattern: taken as one channel".into());
+    }
+    let elsewhere = set.with_role(Role::Flat).count() - selection.flats.len();
+    if elsewhere > 0 {
+        let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
+        out.push(format!(
+            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat captures of other gains or \
+             lights are left out (the standard measures one operating point; keep the captures of one in the set to \
+             measure another)",
+            selection.analog_gain
+        ));
     }
     if levels.len() < 50 {
         out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
@@ -64,18 +75,21 @@ pub(super) fn set_warnings(
     out
 }
 
-/// Of neighbours' noise that is not independent.
+/// A correlation below this biases K (by four times the coefficient) by less than 1 %.
+const CORRELATED: f64 = 0.002;
+
+/// Of neighbours' noise that is not independent, in a capture whose moments are `stack`.
 pub(super) fn correlation_warning(
     set: &CaptureSet,
     flat: &Capture,
+    stack: &Stack,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    let correlation = NoiseCorrelation::of(set, flat)?;
-    for ((dx, dy), rho) in &correlation.lags[..2] {
-        // Below 0.2 % the bias of K (four times the coefficient) is below 1 %.
-        if rho.value.abs() > 0.002 && rho.value.abs() > 4.0 * rho.std_error {
+    let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
+    for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
+        if rho.value.abs() > CORRELATED && rho.value.abs() > 4.0 * rho.std_error {
             warnings.push(format!(
-                "the temporal noise of neighbours at ({dx}, {dy}) is correlated ({:+.2} % ± \
+                "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % ± \
                  {:.2} %): pixels are not independent as the standard assumes (neighbour coupling \
                  or filtering), and K is biased by several times that",
                 100.0 * rho.value,

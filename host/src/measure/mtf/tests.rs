@@ -166,7 +166,7 @@ fn response_scatters_as_it_says() {
 fn real_edge_of_device_a() {
     let Some(shared) = crate::measure::synthetic::shared() else { return };
     let path = shared.join("data/raw/deviceA_iso_slantedbar_gbrg_574x212.npy");
-    let image = crate::captures::open(&path).unwrap().next().unwrap().unwrap();
+    let image = crate::captures::open(&path).unwrap()[0].plane().unwrap();
     let cfa = Cfa::parse("GBRG").unwrap();
     // The left edge of the bar near its top; the lens is some per cent sharper further down
     // (an independent sfrmat-like script agrees with ours on either region to 3 %).

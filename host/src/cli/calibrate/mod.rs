@@ -1,0 +1,74 @@
+//! `camrig scene response`, `hdr`, `spectral`: scenes from a real camera.
+
+mod hdr;
+mod response;
+mod spectral;
+
+pub use hdr::{HdrArgs, hdr};
+pub use response::{ResponseArgs, response};
+pub use spectral::{SpectralArgs, spectral};
+
+use crate::camera::Cfa;
+use crate::captures::CaptureSet;
+use crate::formats::output::OutputDir;
+use crate::scene::calibrate::exposures::{self, Series};
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Which frames, and what is known of the sensor.
+#[derive(clap::Args, Debug)]
+struct Source {
+    /// Capture set: directory with captures.toml
+    captures: PathBuf,
+    /// Captures to use; all that show something unless given
+    #[arg(long, value_delimiter = ',', value_name = "ID,...")]
+    only: Vec<String>,
+    /// Colour filter pattern, where the capture set does not say it
+    #[arg(long, value_name = "PATTERN")]
+    cfa: Option<String>,
+}
+
+impl Source {
+    fn read(&self) -> Result<(Vec<Series>, Cfa, f64)> {
+        let set = CaptureSet::load(&self.captures)?;
+        let cfa = match &self.cfa {
+            Some(text) => Cfa::parse(text).map_err(|e| e.at("--cfa"))?,
+            None => set.cfa(),
+        };
+        let black = set.sensor.black_level_dn.unwrap_or(0.0);
+        let full_scale = f64::from(set.sensor.white_level_dn) - black;
+        let series =
+            exposures::read(&set, &self.only).map_err(|e| e.at(self.captures.display()))?;
+        Ok((series, cfa, full_scale))
+    }
+}
+
+/// Where to, and what to print.
+#[derive(clap::Args, Debug)]
+struct Output {
+    /// Output directory
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Output {
+    fn create(&self) -> Result<OutputDir> {
+        OutputDir::create(&self.output, self.force)
+    }
+
+    fn say_written(&self) {
+        eprintln!("wrote {}", self.output.display());
+    }
+}
+
+fn read_toml<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
+    toml::from_str(&text)
+        .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))
+}

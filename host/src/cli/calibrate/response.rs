@@ -1,0 +1,97 @@
+//! `camrig scene response`.
+
+use super::{Output, Source};
+use crate::report::plot::{Mark, Plot};
+use crate::scene::calibrate::response::{self, Response};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+/// Find the response curve of each channel from a view at several exposures (Debevec and Malik)
+///
+/// Writes response.toml for `scene hdr`, and response.svg.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  camrig scene response chart-at-seven-exposures -o response/")]
+pub struct ResponseArgs {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    to: Output,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ResponseFile {
+    format: String,
+    pub(super) response: Vec<Response>,
+}
+
+/// Runs `scene response`.
+pub fn response(args: &ResponseArgs) -> Result<()> {
+    let output = args.to.create()?;
+    let (series, cfa, full_scale) = args.source.read()?;
+    let responses = response::fit(&series, &cfa, full_scale)?;
+    let spread = response::spread(&responses);
+    let file = ResponseFile { format: "response/1".into(), response: responses.clone() };
+    let text = toml::to_string(&file).map_err(|e| Error::input(format!("response.toml: {e}")))?;
+    output.write("response.toml", text.as_bytes())?;
+    let mut plot =
+        Plot::new("Camera response", "log10 exposure (DN of a linear camera)", "DN above black");
+    for r in &responses {
+        let [first, last] = r.range_dn;
+        let points = (0..=200).map(|i| first * (last / first).powf(f64::from(i) / 200.0));
+        let points = points.map(|dn| [r.linear_dn(dn).log10(), dn]).collect();
+        plot.coloured(channel_name(r.channel), Mark::Line, points, channel_colour(r.channel));
+    }
+    let svg = plot.svg();
+    output.write("response.svg", svg.as_bytes())?;
+    output.finish()?;
+    if args.to.json {
+        let channels: serde_json::Map<String, serde_json::Value> = responses
+            .iter()
+            .map(|r| {
+                let figures = json!({
+                    "samples": r.samples,
+                    "range_dn": r.range_dn,
+                    "residual_percent": r.residual_percent,
+                    "departure_from_linear_percent": 100.0 * r.departure_from_linear(),
+                });
+                (r.channel.to_lowercase().to_string(), figures)
+            })
+            .collect();
+        println!("{}", json!({ "channels": channels, "curve_spread_percent": 100.0 * spread }));
+    } else {
+        for r in &responses {
+            println!(
+                "{}: {} samples from {:.1} to {:.1} DN, residual {:.2} %, departs from linear by {:.2} %",
+                channel_name(r.channel),
+                r.samples,
+                r.range_dn[0],
+                r.range_dn[1],
+                r.residual_percent,
+                100.0 * r.departure_from_linear()
+            );
+        }
+        println!("curves lie within {:.2} % of each other", 100.0 * spread);
+    }
+    args.to.say_written();
+    Ok(())
+}
+
+fn channel_name(letter: char) -> &'static str {
+    match letter {
+        'R' => "red",
+        'G' => "green",
+        'B' => "blue",
+        _ => "channel",
+    }
+}
+
+fn channel_colour(letter: char) -> &'static str {
+    match letter {
+        'R' => "#c22",
+        'G' => "#282",
+        'B' => "#22c",
+        _ => "#222",
+    }
+}
