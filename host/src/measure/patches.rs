@@ -42,6 +42,8 @@ pub struct Patch {
     pub luminance_std_dn: f64,
     /// Its standard error (of a Gaussian's standard deviation).
     pub luminance_std_error_dn: f64,
+    /// Excess kurtosis of the luminance: above 0 where single samples stand out.
+    pub luminance_excess_kurtosis: f64,
 }
 
 /// Centres of the four corner patches in pixels: dark skin (1), bluish green (6), black (24),
@@ -102,6 +104,7 @@ pub fn measure<T: Copy + Into<f64>>(
                 (mean, (square / (n - 1.0)).sqrt())
             };
             let (y, sd) = of(&luminance);
+            let fourth = luminance.iter().map(|v| ((v - y) / sd).powi(4)).sum::<f64>() / n;
             let per_channel: Vec<(f64, f64)> = (0..channels)
                 .map(|c| of(&cells.iter().map(|cell| cell[c]).collect::<Vec<_>>()))
                 .collect();
@@ -114,6 +117,7 @@ pub fn measure<T: Copy + Into<f64>>(
                 luminance_dn: y,
                 luminance_std_dn: sd,
                 luminance_std_error_dn: sd / (2.0 * (n - 1.0)).sqrt(),
+                luminance_excess_kurtosis: if sd > 0.0 { fourth - 3.0 } else { 0.0 },
             }
         })
         .collect())

@@ -106,7 +106,7 @@ fn radiance_of_our_own_camera_over_100_db() {
     bytes.extend(format!("{header:<117}\n").bytes());
     for _ in 0..rows {
         for step in 0..STEPS {
-            let radiance = 6.0 * 10f32.powf(-(step as f32) / 5.0);
+            let radiance = 4.0 * 10f32.powf(-(step as f32) / 5.0);
             (0..bands).for_each(|_| bytes.extend(radiance.to_le_bytes()));
         }
     }

@@ -128,7 +128,8 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
         .collect();
     let dir = colour_folder(&effects);
     let dir = dir.path();
-    camrig_ok(dir, "diagnose base.toml set -o d");
+    // Named in full or in part, that is status 0 or 1: a single hot pixel in a patch may stay.
+    assert!(matches!(camrig(dir, "diagnose base.toml set -o d").status.code(), Some(0 | 1)));
     let found = diagnosis(&dir.join("d"));
     let mut expected: Vec<&str> = hidden.iter().map(|h| h.0).collect();
     expected.sort_unstable();

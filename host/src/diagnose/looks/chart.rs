@@ -40,7 +40,12 @@ pub fn figures(
         }
         // Without a known level the scatter says nothing that can be compared.
         if level_known {
-            let sd = 1.0 / (2.0 * (n - 1.0) * picture.frames as f64).sqrt();
+            // A variance is uncertain by (2 + excess kurtosis)/n of its square: the noise of each frame by the 2, the part
+            // of it that is fixed (of the mean frame) also by pixels that stand out.
+            let fixed = patch.luminance_std_dn.powi(2) / variance.max(f64::MIN_POSITIVE);
+            let excess = patch.luminance_excess_kurtosis.max(0.0) * fixed * fixed;
+            let of_variance = 2.0 / ((n - 1.0) * picture.frames as f64) + excess / n;
+            let sd = 0.5 * of_variance.sqrt();
             out.push((Figure::PatchScatter(number), variance.sqrt(), sd, Scale::Log));
         }
     }

@@ -122,13 +122,11 @@ fn sum_around(padded: &[f32], out: &mut [f32]) {
 fn check_times(exposures: &[Exposure], departures: &[Vec<Departure>], limit: f32) -> Result<()> {
     const CONTRADICTION: f64 = 0.2;
     const BRIGHT: f64 = 0.1;
-    let bright = |d: &&Departure| d.brightest_dn > BRIGHT * f64::from(limit);
+    let bright = |d: &&Departure| d.bright_dn > BRIGHT * f64::from(limit);
     for (exposure, departures) in exposures.iter().zip(departures) {
         for d in departures.iter().filter(bright) {
-            // Both the line through everything and the brightest pixels themselves: either may be what moved.
-            let factor = d.seen(d.brightest_dn) / d.brightest_dn;
-            let least = (factor - 1.0).abs().min((d.at_brightest - 1.0).abs());
-            if least > CONTRADICTION {
+            let factor = d.seen(d.bright_dn) / d.bright_dn;
+            if (factor - 1.0).abs() > CONTRADICTION {
                 return Err(Error::input(format!(
                     "capture {:?} has {factor:.2} times the light that its exposure time of {} s and the \
                      other captures say",
@@ -149,9 +147,8 @@ fn check_times(exposures: &[Exposure], departures: &[Vec<Departure>], limit: f32
 struct Departure {
     offset_dn: f64,
     slope: f64,
-    /// The mean s of the brightest eighth of the pixels, and how much is seen there, relative to it.
-    brightest_dn: f64,
-    at_brightest: f64,
+    /// The median s of the brighter half of the pixels.
+    bright_dn: f64,
 }
 
 impl Departure {
@@ -159,10 +156,8 @@ impl Departure {
         self.offset_dn + self.slope * expected
     }
 
-    /// The line of each channel: least absolute deviations over the medians of 64 classes of equally many
-    /// pixels, which a minority that moved does not change.
+    /// The line of each channel.
     fn of(exposure: &Exposure, radiance: &Plane<f32>, cfa: &Cfa) -> Vec<Self> {
-        const CLASSES: usize = 64;
         const SAMPLES: usize = 1 << 16;
         let width = radiance.width;
         // An odd step visits every column and channel.
@@ -175,50 +170,26 @@ impl Departure {
                 pairs[cfa.channel(i % width, i / width)].push((expected, signal));
             }
         }
-        let line = |mut pairs: Vec<(f32, f32)>| {
-            pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-            let points: Vec<(f64, f64)> = pairs
-                .chunks((pairs.len() / CLASSES).max(1))
-                .map(|class| {
-                    let expected = f64::from(class[class.len() / 2].0);
-                    let mut rest: Vec<f32> = class.iter().map(|p| p.1 - p.0).collect();
-                    (expected, f64::from(median(&mut rest)))
-                })
-                .collect();
-            Self::least_absolute(&points)
-        };
-        pairs.into_iter().map(line).collect()
+        pairs.into_iter().map(Self::line).collect()
     }
 
-    /// The line of least absolute deviation through points (s, rest) in order of s, by reweighted least squares.
-    fn least_absolute(points: &[(f64, f64)]) -> Self {
-        let (mut offset, mut slope) = (0.0, 0.0);
-        for _ in 0..30 {
-            let (mut n, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
-            for &(s, rest) in points {
-                // A thousandth of a DN keeps a point on the line from having all the say.
-                let w = 1.0 / (rest - offset - slope * s).abs().max(1e-3);
-                n += w;
-                x += w * s;
-                y += w * rest;
-                xx += w * s * s;
-                xy += w * s * rest;
-            }
-            let spread = n * xx - x * x;
-            if n == 0.0 || spread <= 1e-9 * n * xx {
-                break; // one brightness: neither can be told
-            }
-            slope = (n * xy - x * y) / spread;
-            offset = (y - slope * x) / n;
+    /// Slope from the brighter half of the pairs (s, signal), offset from the darker, each as a median: what moved
+    /// is a minority in both, and has no leverage.
+    fn line(mut pairs: Vec<(f32, f32)>) -> Self {
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let (dark, bright) = pairs.split_at(pairs.len() / 2);
+        let mut line = Self { offset_dn: 0.0, slope: 1.0, bright_dn: 0.0 };
+        if dark.is_empty() || bright[0].0 <= 0.0 {
+            return line;
         }
-        let top = &points[points.len() - points.len().div_ceil(8)..];
-        let sum = top.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
-        let brightest_dn = sum.0 / top.len().max(1) as f64;
-        Self {
-            offset_dn: offset,
-            slope: 1.0 + slope,
-            brightest_dn,
-            at_brightest: 1.0 + sum.1 / sum.0.max(f64::MIN_POSITIVE),
+        line.bright_dn = f64::from(bright[bright.len() / 2].0);
+        let middle = |values: &mut Vec<f32>| f64::from(median(values));
+        for _ in 0..5 {
+            let offset = line.offset_dn as f32;
+            line.slope = middle(&mut bright.iter().map(|(s, x)| (x - offset) / s).collect());
+            let slope = line.slope as f32;
+            line.offset_dn = middle(&mut dark.iter().map(|(s, x)| x - slope * s).collect());
         }
+        line
     }
 }
