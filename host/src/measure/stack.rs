@@ -1,6 +1,6 @@
 //! Moments of a stack of frames: per pixel over time, and over the pixels of a channel.
 //!
-//! Frames are streamed once, strip of rows by strip ([`super::strips`]). Per pixel, integer sums of the samples and of
+//! Frames are streamed once, strip of rows by strip (`strips`). Per pixel, integer sums of the samples and of
 //! their squares are taken, so the moments do not depend on batches or threads. Frames whose samples lie in their files
 //! as they are need the memory of the strips being worked on, whatever the length of the stack.
 

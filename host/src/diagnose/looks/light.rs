@@ -13,7 +13,7 @@ const LUX: f64 = 300.0;
 /// Samples kept in all: 256 MiB.
 const MOST: usize = 64 << 20;
 
-/// Photo-electrons per second of a scene at [`LUX`].
+/// Photo-electrons per second of a scene at `LUX`.
 pub type Electrons = Arc<Plane<f32>>;
 
 /// What a scene through a lens gives, kept while there is room.
@@ -26,7 +26,7 @@ pub struct Lights {
 type Kept = BTreeMap<String, (u64, Electrons)>;
 
 impl Lights {
-    /// Photo-electrons per second of every look at [`LUX`], to be multiplied by [`share`]. Cameras that differ in
+    /// Photo-electrons per second of every look at `LUX`, to be multiplied by [`share`]. Cameras that differ in
     /// their sensor's effects alone share them.
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl Lights {
     }
 }
 
-/// Photo-electrons in a frame of a look per electron per second at [`LUX`].
+/// Photo-electrons in a frame of a look per electron per second at `LUX`.
 pub fn share(look: &Look) -> f64 {
     look.exposure_s * look.light * look.lux.unwrap_or(LUX) / LUX
 }

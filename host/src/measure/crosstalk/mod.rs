@@ -4,7 +4,7 @@
 //! IV-C), each pixel less its own dark, per unit of irradiance on the sensor: where the captures give no irradiance, a
 //! beam of constant strength is assumed and its projection cos θ divided out (a lens's own fall-off has that factor
 //! already). A region's signal has an error of temporal noise and of its pixels' pattern of gains, 0.2 to 0.4 % with the
-//! paper's averages of 100 frames; what neighbouring points have in common lowers it ([`surface`]). Factors are relative
+//! paper's averages of 100 frames; what neighbouring points have in common lowers it (`surface`). Factors are relative
 //! to the value at the sensor's centre.
 //!
 //! The experiment sees the low spatial frequencies only. Charge that couples into neighbours leaves

@@ -8,7 +8,7 @@
 //! measured on the exposures themselves ([`Noise::measure`]).
 //!
 //! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter that is
-//! not exact) is found first, see [`movement`]. A pixel whose neighbourhood (9 x 9) disagrees by more than
+//! not exact) is found first, see `movement`. A pixel whose neighbourhood (9 x 9) disagrees by more than
 //! that, its noise and 5 % shows something that moved: it is taken from one exposure instead, the
 //! reference, or the longest shorter one where that is saturated.
 
