@@ -230,12 +230,19 @@ fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
             // GStreamer 1.22 knows Bayer of 8 bits only.
             let gstreamer = words[0] == "gst-launch-1.0" && (bits == 8 || raw.cfa.is_mono());
             if let Some(gstreamer) = gstreamer.then(|| client("gst-launch-1.0")).flatten() {
-                let sink = if raw.cfa.is_mono() { "fakesink" } else { "bayer2rgb ! fakesink" };
-                let line = hint.replace("...", sink);
-                let words: Vec<&str> = line.split_whitespace().skip(1).collect();
-                let all: Vec<&dyn AsRef<std::ffi::OsStr>> =
-                    words.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>).collect();
-                run(&gstreamer, &all);
+                let copy = path.with_extension("copy");
+                let mut sinks = vec![format!("filesink location={}", copy.display())];
+                if !raw.cfa.is_mono() {
+                    sinks.push("bayer2rgb ! fakesink".into());
+                }
+                for sink in sinks {
+                    let line = hint.replace("...", &sink);
+                    let words: Vec<&str> = line.split_whitespace().skip(1).collect();
+                    let all: Vec<&dyn AsRef<std::ffi::OsStr>> =
+                        words.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>).collect();
+                    run(&gstreamer, &all);
+                }
+                assert!(std::fs::read(&copy).unwrap() == bytes, "{hint}");
             }
         }
     }

@@ -121,12 +121,14 @@ fn sum_around(padded: &[f32], out: &mut [f32]) {
 /// Refuses exposures whose light contradicts their time by more than shutters and lamps do.
 fn check_times(exposures: &[Exposure], departures: &[Vec<Departure>], limit: f32) -> Result<()> {
     const CONTRADICTION: f64 = 0.2;
-    const BRIGHT: f64 = 0.1;
-    let bright = |d: &&Departure| d.bright_dn > BRIGHT * f64::from(limit);
+    // A black that is off is no contradiction: of full scale.
+    const BLACK: f64 = 0.02;
     for (exposure, departures) in exposures.iter().zip(departures) {
-        for d in departures.iter().filter(bright) {
-            let factor = d.seen(d.bright_dn) / d.bright_dn;
-            if (factor - 1.0).abs() > CONTRADICTION {
+        for d in departures {
+            let (seen, expected) = (d.seen(d.bright_dn), d.bright_dn);
+            let difference = (seen - expected).abs();
+            if difference > CONTRADICTION * expected && difference > BLACK * f64::from(limit) {
+                let factor = seen / expected;
                 return Err(Error::input(format!(
                     "capture {:?} has {factor:.2} times the light that its exposure time of {} s and the \
                      other captures say",
