@@ -176,12 +176,13 @@ impl Departure {
     }
 
     /// Slope from the brighter half of the pairs (s, signal), offset from the darker, each as a median: what moved
-    /// is a minority in both, and has no leverage.
+    /// is a minority in both, and has no leverage. Fewer pairs than 200 tell nothing.
     fn line(mut pairs: Vec<(f32, f32)>) -> Self {
+        const LEAST: usize = 200;
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let (dark, bright) = pairs.split_at(pairs.len() / 2);
         let mut line = Self { offset_dn: 0.0, slope: 1.0, bright_dn: 0.0 };
-        if dark.is_empty() || bright[0].0 <= 0.0 {
+        if pairs.len() < LEAST || bright[0].0 <= 0.0 {
             return line;
         }
         line.bright_dn = f64::from(bright[bright.len() / 2].0);
