@@ -160,7 +160,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
 
     /// Computes one row of DN. `out` holds the sensor's width; rows beyond the sensor give nothing.
     #[inline(always)]
-    pub fn row(&mut self, row: u32, source: &mut impl MeanRows<A>, out: &mut [u16]) {
+    pub fn row(&mut self, row: u32, source: &mut (impl MeanRows<A> + ?Sized), out: &mut [u16]) {
         if row >= self.cx.height {
             return;
         }
@@ -197,7 +197,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
 
     /// Computes a row at a level: after the level's window, up to the next window (or the end).
     #[inline(always)]
-    fn step(&mut self, level: usize, row: u32, source: &mut impl MeanRows<A>) {
+    fn step(&mut self, level: usize, row: u32, source: &mut (impl MeanRows<A> + ?Sized)) {
         let mut cx = Context { row, ..self.cx };
         let at = level.min(self.windows.len());
         let (below, above) = self.windows.split_at_mut(at);

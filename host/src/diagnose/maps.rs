@@ -1,6 +1,7 @@
 //! Maps over pixels that several stacks make together: offset, dark current, gain, its change with the level,
 //! and what remains of the frame before.
 
+use super::channels::Channels;
 use super::design::{Condition, Design};
 use super::spatial::{Spatial, describe};
 use super::temporal::Temporal;
@@ -115,21 +116,11 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     }
     let flats: Vec<usize> =
         flats(design).into_iter().filter(|&i| saturated(&stacks[i]) < 1e-5).collect();
-    let pattern = camera.sensor.pattern();
-    let relative = |plane: Plane<f32>| -> Plane<f32> {
-        let (w, channels) = (plane.width, camera.sensor.channel_names.len());
-        let (mut sum, mut n) = (vec![0.0f64; channels], vec![0.0f64; channels]);
-        for (i, &v) in plane.data.iter().enumerate() {
-            let c = pattern.channel(i % w, i / w);
-            sum[c] += f64::from(v);
-            n[c] += 1.0;
-        }
-        let scale: Vec<f32> = sum.iter().zip(&n).map(|(s, n)| (n / s) as f32).collect();
-        let data = plane.data.iter().enumerate();
-        Plane {
-            data: data.map(|(i, v)| v * scale[pattern.channel(i % w, i / w)]).collect(),
-            ..plane
-        }
+    let channels = Channels::new(camera);
+    let relative = |mut plane: Plane<f32>| -> Plane<f32> {
+        let means = channels.means(&plane.data);
+        channels.change(&mut plane.data, &means, |v, mean| v / mean);
+        plane
     };
     let mean = |i: usize| {
         let d = &stacks[i].mean.data;

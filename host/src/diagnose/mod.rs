@@ -13,9 +13,11 @@
 
 pub mod allowance;
 pub mod candidates;
+mod channels;
 pub mod design;
 pub mod evidence;
 pub mod improved;
+mod lanes;
 pub mod looks;
 pub mod maps;
 pub mod measures;

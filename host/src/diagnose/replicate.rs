@@ -6,13 +6,13 @@ use super::looks::{Gatherer, Look, Picture};
 use super::temporal::{Collector, Temporal};
 use crate::camera::Camera;
 use crate::captures::CaptureSet;
+use crate::render::rows::rows;
 use crate::scene::Bands;
-use crate::{Error, Plane, Result};
-use multiversion::multiversion;
+use crate::{Plane, Result};
 use rayon::prelude::*;
-use sensor_core::arith::{Arith, BLOCK, Block, Float};
+use sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
 use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use sensor_core::pipeline::MeanRows;
 
 /// Moments of every stack of a design, simulated. `seed` names the sensor and its noise.
 pub fn simulate(
@@ -30,6 +30,7 @@ pub fn simulate(
 fn stack(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {
     let (w, h) = (config.width as usize, config.height as usize);
     let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
+    let mut light = EvenLight::new(config, condition);
     let first = first_frame(condition.capture);
     let mut batch: Vec<Plane<u16>> = Vec::new();
     for (i, size) in batches(condition.frames) {
@@ -42,8 +43,7 @@ fn stack(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<T
                 temperature_c: condition.temperature_c as f32,
             };
             let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
-            let light = EvenLight { config, now: &condition.photo_e, before: &condition.before_e };
-            rows(config, light, &settings, &mut plane.data)?;
+            rows::<Float>(config, &settings, &mut light, 0, &mut plane.data)?;
             batch.push(plane);
         }
         collector.add(&batch);
@@ -97,8 +97,8 @@ pub fn pictures(
                     analog_gain: look.analog_gain as f32,
                     temperature_c: look.temperature_c as f32,
                 };
-                let light = SceneLight { electrons, share: light::share(look) as f32 };
-                scene_rows(&config, light, &settings, &mut plane.data)?;
+                let mut light = SceneLight { electrons, share: light::share(look) as f32 };
+                rows::<Float>(&config, &settings, &mut light, 0, &mut plane.data)?;
                 gatherer.add(&plane);
             }
             Ok(gatherer.finish())
@@ -106,72 +106,35 @@ pub fn pictures(
         .collect()
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn scene_rows(
-    config: &SensorConfig,
-    light: SceneLight<'_>,
-    settings: &FrameSettings,
-    out: &mut [u16],
-) -> Result<()> {
-    expose(config, light, settings, out)
+/// The same mean photo-electrons for all pixels of a channel: one row for each of the pattern's.
+struct EvenLight {
+    now: Vec<Vec<Block<f32>>>,
+    before: Vec<Vec<Block<f32>>>,
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn rows(
-    config: &SensorConfig,
-    light: EvenLight<'_>,
-    settings: &FrameSettings,
-    out: &mut [u16],
-) -> Result<()> {
-    expose(config, light, settings, out)
-}
-
-#[inline(always)]
-fn expose(
-    config: &SensorConfig,
-    mut source: impl MeanRows<Float>,
-    settings: &FrameSettings,
-    out: &mut [u16],
-) -> Result<()> {
-    let refused = |e| Error::input(format!("the sensor model refuses this configuration: {e:?}"));
-    let mut memory = vec![[0.0f32; BLOCK]; memory_blocks(config)];
-    let mut pipeline = Pipeline::<Float>::new(config, settings, &mut memory).map_err(refused)?;
-    for (y, out) in out.chunks_mut(config.width as usize).enumerate() {
-        pipeline.row(y as u32, &mut source, out);
-    }
-    Ok(())
-}
-
-/// The same mean photo-electrons for all pixels of a channel.
-struct EvenLight<'a> {
-    config: &'a SensorConfig,
-    now: &'a [f64],
-    before: &'a [f64],
-}
-
-impl EvenLight<'_> {
-    #[inline(always)]
-    fn fill(&self, means: &[f64], row: u32, out: &mut [Block<f32>]) {
-        if let [mean] = means {
-            out.fill([Float::signal(*mean as f32); BLOCK]);
-            return;
-        }
-        for (x, v) in out.as_flattened_mut().iter_mut().enumerate() {
-            let channel = self.config.pattern.channel(x, row as usize);
-            *v = Float::signal(means.get(channel).copied().unwrap_or(0.0) as f32);
-        }
+impl EvenLight {
+    fn new(config: &SensorConfig, condition: &Condition) -> Self {
+        let pattern = &config.pattern;
+        let row = |means: &[f64], y: usize| {
+            let mut row = vec![[0.0; BLOCK]; blocks(config.width as usize)];
+            for (x, v) in row.as_flattened_mut().iter_mut().enumerate() {
+                let channel = if means.len() == 1 { 0 } else { pattern.channel(x, y) };
+                *v = Float::signal(means.get(channel).copied().unwrap_or(0.0) as f32);
+            }
+            row
+        };
+        let rows = |means| (0..pattern.height.max(1).into()).map(|y| row(means, y)).collect();
+        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e) }
     }
 }
 
-impl MeanRows<Float> for EvenLight<'_> {
-    #[inline(always)]
+impl MeanRows<Float> for EvenLight {
     fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
-        self.fill(self.now, row, out);
+        out.copy_from_slice(&self.now[row as usize % self.now.len()]);
     }
 
-    #[inline(always)]
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
-        self.fill(self.before, row, out);
+        out.copy_from_slice(&self.before[row as usize % self.before.len()]);
     }
 }
 
@@ -182,7 +145,6 @@ struct SceneLight<'a> {
 }
 
 impl MeanRows<Float> for SceneLight<'_> {
-    #[inline(always)]
     fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
         let width = self.electrons.width;
         let from = row as usize * width;
@@ -192,7 +154,6 @@ impl MeanRows<Float> for SceneLight<'_> {
         out[width..].fill(Float::signal(0.0));
     }
 
-    #[inline(always)]
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
         self.mean_row(row, out);
     }

@@ -5,6 +5,7 @@
 //! what is not missed.
 
 use super::candidates::{self, Proposal, Slopes};
+use super::channels::Channels;
 use super::design::{Design, Halves};
 use super::evidence::Evidence;
 use super::looks::light::{self, Electrons, Lights};
@@ -730,24 +731,13 @@ fn set_unknown_light(
 fn set_unknown_levels(camera: &Camera, design: &mut Design, stacks: &[Temporal]) {
     let black =
         maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level());
+    let channels = Channels::new(camera);
     for (c, t) in design.conditions.iter_mut().zip(stacks) {
         if c.role == Role::Flat && !c.level_known {
             let k = super::model::dn_per_e(camera, c.analog_gain);
-            let by_channel = channel_means(camera, t);
+            let by_channel = channels.means(&t.mean.data);
             c.photo_e = by_channel.iter().map(|m| ((m - black) / k).max(0.0)).collect();
             c.before_e.clone_from(&c.photo_e);
         }
     }
-}
-
-fn channel_means(camera: &Camera, t: &Temporal) -> Vec<f64> {
-    let pattern = camera.sensor.pattern();
-    let n = camera.sensor.channel_names.len();
-    let (mut sum, mut count) = (vec![0.0; n], vec![0.0; n]);
-    for (i, &v) in t.mean.data.iter().enumerate() {
-        let c = pattern.channel(i % t.width, i / t.width);
-        sum[c] += f64::from(v);
-        count[c] += 1.0;
-    }
-    sum.iter().zip(&count).map(|(s, n): (&f64, &f64)| s / n.max(1.0)).collect()
 }

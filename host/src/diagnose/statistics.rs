@@ -4,6 +4,7 @@
 //! made of them; [`Scale`] says on which scale its scatter is normal. Standard deviations are those of the sampling
 //! laws (χ² for variances, binomial for counts), not of replicates, so they hold for a single set.
 
+use super::channels::Channels;
 use super::design::{Condition, Design};
 use super::looks::Figure;
 use super::maps::{self, MapKind};
@@ -125,17 +126,17 @@ pub const CODE_PERIODS: [(f64, &str); 5] =
 
 /// The statistics of a set of stacks.
 pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Statistic> {
-    let classes = Classes::new(camera);
+    let channels = Channels::new(camera);
     let mut out = Vec::new();
     let reference = maps::reference_dark(design);
-    let summaries: Vec<_> = stacks.iter().map(|t| classes.summary(t)).collect();
+    let summaries: Vec<_> = stacks.iter().map(|t| Summary::new(t, &channels)).collect();
     for (i, (t, c)) in stacks.iter().zip(&design.conditions).enumerate() {
         let mut add = |what, value: f64, sd: f64, scale| {
             if value.is_finite() && sd.is_finite() {
                 out.push(Statistic { place: Place::Stack(i), what, value, sd, scale });
             }
         };
-        means(t, c, i, reference, stacks, &classes, &mut add);
+        means(t, c, i, reference, stacks, &channels, &mut add);
         temporal(t, c, &summaries[i], &mut add);
     }
     codes(stacks, &summaries, &mut out);
@@ -143,12 +144,6 @@ pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Sta
         spatial(&map, &mut out);
     }
     out
-}
-
-/// Channel of each pixel.
-struct Classes {
-    of: Vec<u8>,
-    count: usize,
 }
 
 /// Per channel: pixels, mean variance, mean third and fourth moments.
@@ -161,27 +156,11 @@ struct Summary {
     sample_sd: f64,
 }
 
-impl Classes {
-    fn new(camera: &Camera) -> Self {
-        let (w, h) = (camera.sensor.width as usize, camera.sensor.height as usize);
-        let pattern = camera.sensor.pattern();
-        let of = (0..w * h).map(|i| pattern.channel(i % w, i / w) as u8).collect();
-        Self { of, count: camera.sensor.channel_names.len() }
-    }
-
-    fn means(&self, values: &[f32]) -> Vec<f64> {
-        let (mut sum, mut n) = (vec![0.0; self.count], vec![0.0; self.count]);
-        for (&v, &c) in values.iter().zip(&self.of) {
-            sum[usize::from(c)] += f64::from(v);
-            n[usize::from(c)] += 1.0;
-        }
-        sum.iter().zip(&n).map(|(s, &n): (&f64, &f64)| s / n.max(1.0)).collect()
-    }
-
-    fn summary(&self, t: &Temporal) -> Summary {
-        let variance = self.means(&t.pixel_variance);
-        let (third, fourth) = (self.means(&t.pixel_third), self.means(&t.pixel_fourth));
-        let k = self.count as f64;
+impl Summary {
+    fn new(t: &Temporal, channels: &Channels) -> Self {
+        let variance = channels.means(&t.pixel_variance);
+        let (third, fourth) = (channels.means(&t.pixel_third), channels.means(&t.pixel_fourth));
+        let k = channels.count() as f64;
         // Moments over n residuals of their own mean are (n − 1)/n of what a free mean would give.
         let n = t.dof.max(1.0);
         let shrink = n / (n + 1.0);
@@ -193,7 +172,7 @@ impl Classes {
         let spatial = t.mean.data.iter().map(|&m| (f64::from(m) - mean).powi(2)).sum::<f64>()
             / t.mean.data.len() as f64;
         let mean_variance = variance.iter().sum::<f64>() / k;
-        Summary {
+        Self {
             skewness: over(&third, 1.5),
             kurtosis,
             sample_sd: (spatial + mean_variance).sqrt(),
@@ -222,7 +201,7 @@ fn means(
     i: usize,
     reference: Option<usize>,
     stacks: &[Temporal],
-    classes: &Classes,
+    channels: &Channels,
     add: &mut impl FnMut(What, f64, f64, Scale),
 ) {
     let against = reference.filter(|&r| r != i).map(|r| &stacks[r]);
@@ -233,12 +212,9 @@ fn means(
     let (w, h) = (t.width, t.height);
     let frames = |t: &Temporal| frame_variance(t) / t.frames as f64;
     let mut variance = frames(t) + against.map_or(0.0, frames);
-    let by_class = classes.means(&difference);
-    let left: Vec<f32> = difference
-        .iter()
-        .zip(&classes.of)
-        .map(|(&v, &k)| (f64::from(v) - by_class[usize::from(k)]) as f32)
-        .collect();
+    let by_channel = channels.means(&difference);
+    let mut left = difference;
+    channels.change(&mut left, &by_channel, |v, mean| v - mean);
     let rows = left.chunks(w).map(|r| mean(r).powi(2)).sum::<f64>();
     let mut columns = vec![0.0f64; w];
     for row in left.chunks(w) {
@@ -246,18 +222,13 @@ fn means(
     }
     variance += rows / (h * (h - 1)) as f64
         + columns.iter().map(|c| c * c).sum::<f64>() / (w * (w - 1)) as f64;
-    let share = classes.count as f64 / difference.len() as f64;
-    for (class, value) in by_class.iter().enumerate() {
-        let own = left
-            .iter()
-            .zip(&classes.of)
-            .filter(|(_, k)| usize::from(**k) == class)
-            .map(|(&v, _)| f64::from(v).powi(2))
-            .sum::<f64>()
-            * share;
-        let sd = (variance + own * share).sqrt();
+    let share = channels.count() as f64 / left.len() as f64;
+    left.iter_mut().for_each(|v| *v *= *v);
+    let squares = channels.means(&left);
+    for (channel, (value, square)) in by_channel.iter().zip(squares).enumerate() {
+        let sd = (variance + square * share).sqrt();
         if c.role == Role::Dark || c.level_known {
-            add(What::Mean(class as u8), *value, sd, Scale::Linear);
+            add(What::Mean(channel as u8), *value, sd, Scale::Linear);
         }
     }
 }

@@ -3,8 +3,10 @@
 //! Residuals are taken against the mean of their own batch, then split as frame + row + column + pixel. Sums
 //! are divided by the degrees of freedom that the batches' means leave.
 
+use super::lanes;
 use super::spectrum::Spectrum;
 use crate::Plane;
+use multiversion::multiversion;
 
 /// Side of the blocks whose means show large-scale noise, pixels.
 const BLOCK: usize = 8;
@@ -59,13 +61,15 @@ impl Temporal {
 
 /// Mean of values.
 pub fn mean(values: &[f32]) -> f64 {
-    values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64
+    values.chunks(1 << 12).map(lanes::sum).sum::<f64>() / values.len() as f64
 }
 
 /// Collects [`Temporal`].
 pub struct Collector {
     t: Temporal,
     sum: Vec<f64>,
+    /// Samples of each code, those of every fourth column together: the same code often comes many times in a row.
+    histogram: Vec<[u32; 4]>,
     rows: Spectrum,
     columns: Spectrum,
     plane: Option<super::spectrum::Spectrum2>,
@@ -92,12 +96,13 @@ impl Collector {
             row_power: vec![0.0; height / 2],
             column_power: vec![0.0; width / 2],
             row_lag: 0.0,
-            histogram: vec![0; 1 << bits],
+            histogram: Vec::new(),
             power: plane.then(|| vec![0.0; height * (width / 2 + 1)]),
         };
         Self {
             t,
             sum: vec![0.0; n],
+            histogram: vec![[0; 4]; 1 << bits],
             rows: Spectrum::new(height),
             columns: Spectrum::new(width),
             plane: plane.then(|| super::spectrum::Spectrum2::new(width, height)),
@@ -117,7 +122,7 @@ impl Collector {
         mean.iter_mut().for_each(|m| *m /= n as f32);
         let (mut here, mut before) = (vec![0.0f32; w * h], vec![0.0f32; w * h]);
         for (i, frame) in frames.iter().enumerate() {
-            self.frame(frame, &mean, &mut here);
+            add_frame(self, frame, &mean, &mut here);
             if i > 0 {
                 let lags = self.t.pixel_lag.iter_mut();
                 lags.zip(&here).zip(&before).for_each(|((l, a), b)| *l += a * b);
@@ -130,6 +135,7 @@ impl Collector {
     }
 
     /// One frame: its residuals go into `out`.
+    #[inline(always)]
     fn frame(&mut self, frame: &Plane<u16>, mean: &[f32], out: &mut [f32]) {
         let t = &mut self.t;
         let (w, h) = (t.width, t.height);
@@ -137,22 +143,19 @@ impl Collector {
         let mut column_sums = vec![0.0f32; w];
         let rows = frame.data.chunks(w).zip(mean.chunks(w)).zip(out.chunks_mut(w));
         for (((codes, mean), out), row_mean) in rows.zip(&mut row_means) {
-            for &c in codes {
-                if let Some(bin) = t.histogram.get_mut(usize::from(c)) {
-                    *bin += 1;
+            for (x, &c) in codes.iter().enumerate() {
+                if let Some(bins) = self.histogram.get_mut(usize::from(c)) {
+                    bins[x % 4] += 1;
                 }
             }
-            let mut sum = 0.0f32;
             for (((o, &c), &m), s) in out.iter_mut().zip(codes).zip(mean).zip(&mut column_sums) {
                 *o = f32::from(c) - m;
-                sum += *o;
                 *s += *o;
             }
-            *row_mean = f64::from(sum) / w as f64;
+            *row_mean = lanes::sum(out) / w as f64;
         }
         let offset = row_means.iter().sum::<f64>() / h as f64;
-        let batch_mean = mean.iter().map(|&m| f64::from(m)).sum::<f64>() / mean.len() as f64;
-        t.frame_means.push(batch_mean + offset);
+        t.frame_means.push(self::mean(mean) + offset);
         row_means.iter_mut().for_each(|r| *r -= offset);
         let column_means: Vec<f64> =
             column_sums.iter().map(|&s| f64::from(s) / h as f64 - offset).collect();
@@ -188,6 +191,7 @@ impl Collector {
         let mut t = self.t;
         let dof = t.dof.max(1.0);
         let frames = t.frames.max(1) as f64;
+        t.histogram = self.histogram.iter().map(|bins| bins.iter().sum()).collect();
         t.mean.data.iter_mut().zip(&self.sum).for_each(|(m, s)| *m = (s / frames) as f32);
         let by =
             |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
@@ -206,7 +210,14 @@ impl Collector {
     }
 }
 
+/// Vectorised where the processor can.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn add_frame(collector: &mut Collector, frame: &Plane<u16>, mean: &[f32], out: &mut [f32]) {
+    collector.frame(frame, mean, out);
+}
+
 /// Mean product of pixels (dx, dy) apart.
+#[inline(always)]
 pub fn covariance(v: &[f32], w: usize, h: usize, dx: isize, dy: usize) -> f64 {
     let reach = dx.unsigned_abs();
     if reach >= w || dy >= h {
@@ -218,22 +229,22 @@ pub fn covariance(v: &[f32], w: usize, h: usize, dx: isize, dy: usize) -> f64 {
     for y in 0..h - dy {
         let a = &v[y * w + from..][..len];
         let b = &v[(y + dy) * w + to..][..len];
-        sum += f64::from(a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>());
+        sum += lanes::dot(a, b);
     }
     sum / (len * (h - dy)) as f64
 }
 
+#[inline(always)]
 fn block_variance(v: &[f32], w: usize, h: usize) -> f64 {
     let (across, down) = (w / BLOCK, h / BLOCK);
     let mut sum = 0.0;
     for by in 0..down {
-        let mut blocks = vec![0.0f32; across];
+        let mut columns = vec![0.0f32; across * BLOCK];
         for row in v[by * BLOCK * w..].chunks(w).take(BLOCK) {
-            for (block, pixels) in blocks.iter_mut().zip(row.chunks_exact(BLOCK)) {
-                *block += pixels.iter().sum::<f32>();
-            }
+            columns.iter_mut().zip(row).for_each(|(c, v)| *c += v);
         }
-        sum += blocks.iter().map(|&b| f64::from(b * b)).sum::<f64>();
+        let blocks = columns.chunks_exact(BLOCK).map(|c| c.iter().sum::<f32>());
+        sum += blocks.map(|b| f64::from(b * b)).sum::<f64>();
     }
     sum / (across * down).max(1) as f64 / (BLOCK * BLOCK) as f64
 }

@@ -1,15 +1,15 @@
 //! The sensor stage on the workstation: frames from an irradiance cube, in parallel over rows.
 
 use super::irradiance::{Chunk, IrradianceCube};
+use super::rows::{Vector, refused, rows};
 use crate::camera::{Camera, CrosstalkTable};
 use crate::{Error, Plane, RawFrame, Result};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
 use sensor_core::collect::{Collector, Sums};
-use sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::effects::Needs;
-use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use sensor_core::pipeline::MeanRows;
 use sensor_core::spectral::{GROUP, groups};
 
 /// Arithmetic of the sensor stage.
@@ -77,8 +77,8 @@ impl Exposure {
         data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
             let first = i * ROWS_PER_TASK;
             match arithmetic {
-                Arithmetic::F32 => rows_float(&inputs, first, out),
-                Arithmetic::Fixed => rows_fixed(&inputs, first, out),
+                Arithmetic::F32 => cube_rows::<Float>(&inputs, first, out),
+                Arithmetic::Fixed => cube_rows::<Fixed>(&inputs, first, out),
             }
         })?;
         Ok(self.raw_frame(data, settings.analog_gain))
@@ -123,14 +123,6 @@ impl Exposure {
     }
 }
 
-fn refused(e: ConfigError) -> Error {
-    match e {
-        ConfigError::Settings => Error::input("exposure, gain or temperature is out of range")
-            .help("exposure and gain are positive numbers"),
-        e => Error::input(format!("the sensor model refuses this configuration: {e:?}")),
-    }
-}
-
 struct Inputs<'a> {
     exposure: &'a Exposure,
     cube: &'a IrradianceCube,
@@ -138,19 +130,8 @@ struct Inputs<'a> {
     settings: &'a FrameSettings,
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn rows_float(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
-    rows::<Float>(inputs, first, out)
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn rows_fixed(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
-    rows::<Fixed>(inputs, first, out)
-}
-
 /// Computes the rows from `first` on that fill `out`.
-#[inline(always)]
-fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
     let config = &inputs.exposure.config;
     let (width, height) = (config.width as usize, config.height as usize);
     let windows = config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
@@ -166,12 +147,7 @@ fn rows<A: Arith>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<
         before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
         sums: vec![[A::Sum::default(); GROUP]; groups(width)],
     };
-    let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
-    let mut pipeline = Pipeline::<A>::new(config, inputs.settings, &mut memory).map_err(refused)?;
-    for (y, out) in (first..).zip(out.chunks_mut(width)) {
-        pipeline.row(y as u32, &mut source, out);
-    }
-    Ok(())
+    rows::<A>(config, inputs.settings, &mut source, first, out)
 }
 
 /// Mean photo-electrons of the rows from `first` on.
@@ -186,7 +162,7 @@ fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
     let mut sums = vec![[0.0; GROUP]; groups(width)];
     let mut row = vec![[0.0; BLOCK]; blocks(width)];
     for (y, out) in (first..).zip(out.chunks_mut(width)) {
-        CubeRows::<Float>::collect(&mut collector, &bands, &mut sums, width, y as u32, &mut row);
+        Float::collect(&mut collector, &bands, &mut sums, width, y as u32, &mut row);
         out.copy_from_slice(&row.as_flattened()[..width]);
     }
     Ok(())
@@ -206,41 +182,15 @@ struct CubeRows<'a, A: Arith> {
     sums: Vec<Sums<A::Sum>>,
 }
 
-impl<A: Arith> CubeRows<'_, A> {
-    #[inline(always)]
-    fn collect(
-        collector: &mut Collector<'_, A>,
-        bands: &[Chunk<'_>],
-        sums: &mut [Sums<A::Sum>],
-        width: usize,
-        y: u32,
-        out: &mut [Block<A::Signal>],
-    ) {
-        sums.fill([A::Sum::default(); GROUP]);
-        for (band, rows) in bands.iter().enumerate() {
-            collector.add_band(y, band, rows.row(width, y as usize), sums);
-        }
-        let mut groups = sums.iter();
-        for block in out.iter_mut().take(blocks(width)) {
-            for half in block.chunks_mut(GROUP) {
-                let sums = groups.next().copied().unwrap_or([A::Sum::default(); GROUP]);
-                half.iter_mut().zip(sums).for_each(|(v, s)| *v = A::collected(s));
-            }
-        }
-    }
-}
-
-impl<A: Arith> MeanRows<A> for CubeRows<'_, A> {
-    #[inline(always)]
+impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
-        Self::collect(&mut self.collector, &self.now, &mut self.sums, self.width, row, out);
+        A::collect(&mut self.collector, &self.now, &mut self.sums, self.width, row, out);
     }
 
-    #[inline(always)]
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         match &self.before {
             Some(bands) => {
-                Self::collect(&mut self.collector, bands, &mut self.sums, self.width, row, out);
+                A::collect(&mut self.collector, bands, &mut self.sums, self.width, row, out);
             }
             None => out.fill([A::Signal::default(); BLOCK]),
         }

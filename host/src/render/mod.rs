@@ -10,6 +10,7 @@ pub mod hdr;
 mod irradiance;
 mod lens;
 mod metadata;
+pub(crate) mod rows;
 mod view;
 
 pub use corrections::{Corrections, corrections};

@@ -35,6 +35,7 @@ effect! {
 }
 
 impl Stage for AdcNonlinearity {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

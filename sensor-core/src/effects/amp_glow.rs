@@ -22,6 +22,7 @@ effect! {
 }
 
 impl Stage for AmpGlow {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -27,6 +27,7 @@ effect! {
 }
 
 impl Stage for BlackLevelOffset {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -15,6 +15,7 @@ effect! {
 }
 
 impl Stage for Blooming {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

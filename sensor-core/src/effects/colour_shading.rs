@@ -21,6 +21,7 @@ effect! {
 }
 
 impl Stage for ColourShading {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -21,6 +21,7 @@ effect! {
 }
 
 impl Stage for Companding {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

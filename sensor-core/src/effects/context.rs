@@ -74,14 +74,19 @@ impl Context<'_> {
     /// Temporal noise: values per pixel and frame.
     #[inline(always)]
     pub fn per_pixel_and_frame(&self, part: u32) -> Lanes {
-        self.stream(part, Over::PixelFrame).with(self.frame).with(self.row).lanes()
+        self.lanes(part, Over::PixelFrame)
+    }
+
+    /// Values per pixel of this row and frame.
+    #[inline(always)]
+    fn lanes(&self, part: u32, over: Over) -> Lanes {
+        self.stream(part, over).with(self.frame).with(self.row).lanes()
     }
 
     /// Poisson counts per pixel and frame; see [`Counts::new`].
     #[inline(always)]
     pub fn counts(&self, part: u32, low: bool, high: bool) -> Counts {
-        let stream = |over| self.stream(part, over).with(self.frame).with(self.row).lanes();
-        Counts::new(stream(Over::Count), stream(Over::CountNormal), low, high)
+        Counts::new(self.lanes(part, Over::Count), self.lanes(part, Over::CountNormal), low, high)
     }
 
     /// Values per column, the same in each row and frame.

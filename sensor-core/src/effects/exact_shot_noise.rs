@@ -18,6 +18,7 @@ effect! {
 }
 
 impl Stage for ExactShotNoise {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         _: &Context<'_>,

@@ -23,6 +23,7 @@ effect! {
 }
 
 impl Stage for Fringing {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -19,6 +19,7 @@ effect! {
 }
 
 impl Stage for GreenImbalance {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -34,6 +34,7 @@ impl HeavyTailedReadNoise {
 }
 
 impl Stage for HeavyTailedReadNoise {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -16,6 +16,7 @@ effect! {
 }
 
 impl Stage for ImageLag {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -17,6 +17,7 @@ effect! {
 }
 
 impl Stage for Nonlinearity {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

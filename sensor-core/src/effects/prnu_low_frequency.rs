@@ -20,9 +20,15 @@ effect! {
 
 const MAX_ORDER: usize = 4;
 
+/// cos(π(u+1)/2).
+#[inline(always)]
+fn first_cosine(u: f32) -> f32 {
+    math::sin_turns((u + 1.0) * 0.25 + 0.25)
+}
+
 /// cos(iπ(u+1)/2) for i up to `order`, 0 beyond.
 fn cosines(order: usize, u: f32) -> [f32; MAX_ORDER + 1] {
-    let first = math::sin_turns((u + 1.0) * 0.25 + 0.25);
+    let first = first_cosine(u);
     let (mut waves, mut before, mut wave) = ([0.0; MAX_ORDER + 1], first, 1.0);
     for out in waves.iter_mut().take(order + 1) {
         *out = wave;
@@ -32,6 +38,7 @@ fn cosines(order: usize, u: f32) -> [f32; MAX_ORDER + 1] {
 }
 
 impl Stage for PrnuLowFrequency {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,
@@ -54,8 +61,13 @@ impl Stage for PrnuLowFrequency {
         }
         let scale = self.sigma * math::rsqrt(power);
         super::scale_by_place::<A>(cx, row, |_, u| {
-            let waves = cosines(order, u);
-            1.0 + scale * waves.iter().zip(&by_column).fold(0.0, |sum, (w, c)| sum + w * c)
+            // Σ c_i cos(iθ) by Clenshaw's recurrence.
+            let cosine = first_cosine(u);
+            let (mut next, mut after) = (0.0, 0.0);
+            for c in by_column[1..].iter().rev() {
+                (next, after) = (c + 2.0 * cosine * next - after, next);
+            }
+            1.0 + scale * (by_column[0] + cosine * next - after)
         });
     }
 }

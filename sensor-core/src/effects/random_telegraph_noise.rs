@@ -46,6 +46,7 @@ impl RandomTelegraphNoise {
 }
 
 impl Stage for RandomTelegraphNoise {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

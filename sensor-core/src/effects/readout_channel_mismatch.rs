@@ -22,6 +22,7 @@ effect! {
 const MAX_READOUT_CHANNELS: usize = 16;
 
 impl Stage for ReadoutChannelMismatch {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -14,6 +14,7 @@ effect! {
 }
 
 impl Stage for RelativeIllumination {
+    #[inline(always)]
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,

@@ -1,0 +1,91 @@
+//! The channels of a colour filter array over frames.
+
+use crate::camera::Camera;
+
+/// Columns after which every pattern (1, 2, 3, 4, 6 or 8 wide) begins anew.
+const PERIOD: usize = 24;
+
+/// Which channel each pixel of a camera's frames has.
+pub struct Channels {
+    /// The channels of the first columns of each row of the pattern.
+    rows: Vec<[usize; PERIOD]>,
+    width: usize,
+    count: usize,
+}
+
+impl Channels {
+    /// Of a camera.
+    pub fn new(camera: &Camera) -> Self {
+        let pattern = camera.sensor.pattern();
+        let row = |y| std::array::from_fn(|x| pattern.channel(x, y));
+        Self {
+            rows: (0..pattern.height.max(1).into()).map(row).collect(),
+            width: camera.sensor.width as usize,
+            count: camera.sensor.channel_names.len(),
+        }
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    fn row(&self, y: usize) -> [usize; PERIOD] {
+        self.rows[y % self.rows.len()]
+    }
+
+    /// Mean of a frame's values in each channel, 0 where it has no pixel.
+    pub fn means(&self, values: &[f32]) -> Vec<f64> {
+        let (mut sums, mut counts) = (vec![0.0; self.count], vec![0usize; self.count]);
+        for (y, row) in values.chunks(self.width).enumerate() {
+            let mut by_column = [0.0f64; PERIOD];
+            let (whole, rest) = row.as_chunks::<PERIOD>();
+            for chunk in whole {
+                by_column.iter_mut().zip(chunk).for_each(|(s, &v)| *s += f64::from(v));
+            }
+            by_column.iter_mut().zip(rest).for_each(|(s, &v)| *s += f64::from(v));
+            for (x, (channel, sum)) in self.row(y).into_iter().zip(by_column).enumerate() {
+                sums[channel] += sum;
+                counts[channel] += whole.len() + usize::from(x < rest.len());
+            }
+        }
+        sums.iter().zip(counts).map(|(s, n): (&f64, _)| s / n.max(1) as f64).collect()
+    }
+
+    /// Replaces each value by `change(value, its channel's parameter)`.
+    pub fn change(&self, values: &mut [f32], by: &[f64], change: impl Fn(f32, f32) -> f32) {
+        for (y, row) in values.chunks_mut(self.width).enumerate() {
+            let by = self.row(y).map(|c| by[c] as f32);
+            for chunk in row.chunks_mut(PERIOD) {
+                chunk.iter_mut().zip(&by).for_each(|(v, &b)| *v = change(*v, b));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_and_changes_are_those_of_each_pixels_channel() {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (61, 7);
+        let channels = Channels::new(&camera);
+        let pattern = camera.sensor.pattern();
+        let of = |i: usize| pattern.channel(i % 61, i / 61);
+        // Whole numbers: sums are exact in any order.
+        let mut values: Vec<f32> = (0..61 * 7).map(|i| (i * i % 97) as f32).collect();
+        let mean = |c: usize| {
+            let own: Vec<f64> =
+                (0..values.len()).filter(|&i| of(i) == c).map(|i| f64::from(values[i])).collect();
+            own.iter().sum::<f64>() / own.len().max(1) as f64
+        };
+        let expected: Vec<f64> = (0..channels.count()).map(mean).collect();
+        assert_eq!(channels.means(&values), expected);
+        let by: Vec<f64> = (0..channels.count()).map(|c| c as f64).collect();
+        let before = values.clone();
+        channels.change(&mut values, &by, |v, b| v + b);
+        assert!((0..values.len()).all(|i| values[i] == before[i] + of(i) as f32));
+    }
+}
