@@ -297,29 +297,29 @@ impl Raw {
         Self::measure(pair(near), pair(far), 64 << 20)
     }
 
-    fn measure<S: Read + Write + Send>(near: (S, S), far: (S, S), bytes: usize) -> Self {
+    fn measure<S: Read + Write + Send>(mut near: (S, S), mut far: (S, S), bytes: usize) -> Self {
         // As in a collapsed frame of 12 bits: 33 bytes go there for 24 that come back.
         let back = bytes / 57 * 24;
         let there = bytes - back;
-        let write = |mut to: S, bytes: usize| {
+        let write = |to: &mut S, bytes: usize| {
             let chunk = vec![0x5a; 64 * 1024];
             for at in (0..bytes).step_by(chunk.len()) {
                 to.write_all(&chunk[..chunk.len().min(bytes - at)]).unwrap();
             }
         };
-        let read = |mut from: S, bytes: usize| {
+        let read = |from: &mut S, bytes: usize| {
             let (mut chunk, mut got) = (vec![0; 256 * 1024], 0);
             while got < bytes {
                 got += from.read(&mut chunk).unwrap();
             }
         };
-        let (write, read) = (&write, &read);
+        // The ends stay open until all is read: a terminal that is hung up drops what it holds.
         let seconds = seconds(|| {
             std::thread::scope(|scope| {
-                scope.spawn(move || write(near.0, there));
-                scope.spawn(move || read(near.1, back));
-                scope.spawn(move || read(far.0, there));
-                scope.spawn(move || write(far.1, back));
+                scope.spawn(|| write(&mut near.0, there));
+                scope.spawn(|| read(&mut near.1, back));
+                scope.spawn(|| read(&mut far.0, there));
+                scope.spawn(|| write(&mut far.1, back));
             });
         });
         Self { rate: bytes as f64 / seconds }

@@ -481,7 +481,7 @@ fn report(
         println!("{} frames in {seconds:.2} s: {fps:.2} frames/s", args.frames);
         println!("latency p50 {p50:.1} ms, p99 {p99:.1} ms");
         let rate = |bytes: u64| bytes as f64 / seconds / 1e6;
-        println!("sent {:.1} MB/s, received {:.1} MB/s", rate(sent), rate(received));
+        println!("sent {:.3} MB/s, received {:.3} MB/s", rate(sent), rate(received));
         if s.damaged + s.rewinds + s.timeouts > 0 {
             println!("repairs: {repairs}");
         }
