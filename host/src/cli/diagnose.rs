@@ -4,7 +4,7 @@ use super::arguments::progress;
 use crate::camera::Camera;
 use crate::captures::{CaptureSet, plan};
 use crate::diagnose::design::{self, Halves};
-use crate::diagnose::search::Session;
+use crate::diagnose::session::Session;
 use crate::diagnose::{improved, verdict};
 use crate::formats::output::OutputDir;
 use crate::{Error, Result, report};

@@ -3,7 +3,8 @@
 //! after.
 
 use super::looks::Figure;
-use super::search::{Outcome, Session, State};
+use super::search::Outcome;
+use super::session::{Session, State};
 use super::statistics::{Place, What};
 use crate::Plane;
 use crate::camera::Camera;

@@ -5,7 +5,7 @@
 //!    [`statistics`]: the battery made of them.
 //! 3. [`replicate`]: the same stacks of the model, by `sensor-core` itself; [`prediction`]: mean and scatter of
 //!    every statistic, deviations, deviance, gap.
-//! 4. [`candidates`]: what each effect of the catalogue would have to be; [`search`]: which earn their place.
+//! 4. [`candidates`]: what each effect of the catalogue would have to be; [`session`], [`search`]: which earn their place.
 //! 5. [`verdict`]: what is said of it; [`improved`]: the camera file with what was found.
 //!
 //! The **gap** is the mean over statistics of the squared deviation of the held-out frames from the model, in
@@ -25,7 +25,9 @@ pub mod model;
 pub mod plausible;
 pub mod prediction;
 pub mod replicate;
+mod revise;
 pub mod search;
+pub mod session;
 pub mod spatial;
 mod spectrum;
 pub mod statistics;

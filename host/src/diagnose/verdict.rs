@@ -2,7 +2,8 @@
 
 use super::candidates::{self, Proposal};
 use super::prediction::Key;
-use super::search::{Outcome, Session, State};
+use super::search::Outcome;
+use super::session::{Session, State};
 use super::statistics::{Place, Scale, What};
 use super::{measures, model, words};
 use serde_json::{Value, json};

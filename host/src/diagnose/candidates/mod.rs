@@ -5,6 +5,7 @@
 //! may be repeated until nothing moves. Whether the effect is the true one is not theirs to say: the search judges
 //! by all statistics.
 
+mod converter;
 mod fixed;
 mod noise;
 mod optics;
@@ -161,7 +162,7 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("optical-crosstalk", |e| {
         join(response::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
     }),
-    ("adc-nonlinearity", response::adc_steps),
+    ("adc-nonlinearity", converter::adc_steps),
     ("image-lag", response::image_lag),
     ("exposure-offset", response::exposure_offset),
     ("defocus", |e| optics::estimate(e, "defocus")),

@@ -6,19 +6,12 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark, saturated};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
-use crate::diagnose::temporal::Temporal;
 use sensor_core::effects::{
-    Effect, adc_nonlinearity::AdcNonlinearity, black_level_offset::BlackLevelOffset,
-    exposure_offset::ExposureOffset, full_well::FullWell, image_lag::ImageLag,
-    nonlinearity::Nonlinearity, optical_crosstalk::OpticalCrosstalk,
-    quantum_efficiency::QuantumEfficiency, system_gain::SystemGain,
+    Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
+    full_well::FullWell, image_lag::ImageLag, nonlinearity::Nonlinearity,
+    optical_crosstalk::OpticalCrosstalk, quantum_efficiency::QuantumEfficiency,
+    system_gain::SystemGain,
 };
-
-/// Bits whose errors a camera file can name, from the lowest.
-const KNOWN_BITS: usize = 7;
-/// Their keys.
-const BIT_KEYS: [&str; KNOWN_BITS] =
-    ["bit_0_lsb", "bit_1_lsb", "bit_2_lsb", "bit_3_lsb", "bit_4_lsb", "bit_5_lsb", "bit_6_lsb"];
 
 /// Measured over predicted signal of a channel of a flat, less 1.
 fn relative(e: &Evidence<'_>, stack: usize, class: u8) -> Option<Estimated> {
@@ -349,66 +342,6 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
                 .with("vertical", k, found.se),
         )
     })())
-}
-
-/// Codes of unequal width: a bit whose weight is ε too large makes the code before it is set ε wider, the last code with
-/// it set ε narrower.
-pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
-    let bins = e.stacks.first().map_or(0, |t| t.histogram.len());
-    if current(e.camera, "adc-nonlinearity").is_some() {
-        return Vec::new();
-    }
-    let mut errors = [0.0f32; KNOWN_BITS];
-    let mut parameters = Vec::new();
-    let mut strength = 0.0f64;
-    for (bit, (key, lsb)) in BIT_KEYS.iter().zip(&mut errors).enumerate() {
-        let half = 1usize << bit;
-        let (mut sum, mut count) = (0.0, 0.0);
-        let inside = |t: &&Temporal| {
-            let ends = f64::from(t.histogram[0]) + f64::from(t.histogram[bins - 1]);
-            ends <= 1e-4 * (t.mean.data.len() * t.frames) as f64
-        };
-        for t in e.stacks.iter().filter(inside) {
-            // Codes must be smooth over a period without the error.
-            let n = t.mean.data.len() as f64;
-            let mean = t.mean.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-            let fixed = t.mean.data.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / n;
-            let noise = t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-            if (fixed + noise).sqrt() < 1.5 * half as f64 {
-                continue;
-            }
-            for (c, &h) in t.histogram.iter().enumerate() {
-                if c % half == half - 1 {
-                    let h = f64::from(h);
-                    sum += if c & half == 0 { h } else { -h };
-                    count += h;
-                }
-            }
-        }
-        if count == 0.0 {
-            continue;
-        }
-        let error = Estimated { value: sum / count, se: count.sqrt().recip() };
-        if error.z().abs() > 4.0 {
-            strength = strength.max(error.z().abs());
-            *lsb = error.value as f32;
-            parameters.push((*key, error));
-        }
-    }
-    let [b0, b1, b2, b3, b4, b5, b6] = errors;
-    let effect = AdcNonlinearity {
-        sigma_lsb: 0.0,
-        bit_0_lsb: b0,
-        bit_1_lsb: b1,
-        bit_2_lsb: b2,
-        bit_3_lsb: b3,
-        bit_4_lsb: b4,
-        bit_5_lsb: b5,
-        bit_6_lsb: b6,
-    };
-    let mut proposal = Proposal::new("adc-nonlinearity", effect.into(), strength);
-    proposal.parameters = parameters;
-    vec![proposal]
 }
 
 /// Light of the frame before in a dark frame.

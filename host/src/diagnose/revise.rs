@@ -1,0 +1,135 @@
+//! Second thoughts of the search: estimates made anew together, names taken back.
+
+use super::candidates::Proposal;
+use super::prediction::{Key, Prediction, bounded};
+use super::search::{EARNS, Step, TRIAL_RUNS, merged, same_shape};
+use super::session::{Half, Session, State};
+use super::statistics::Place;
+use crate::Result;
+use crate::camera::Camera;
+
+/// Deviation (standard deviations, both halves) that is gross, and the share of a name's evidence that gross deviations in
+/// what it touches may have.
+const GROSS: f64 = 10.0;
+/// See [`GROSS`].
+const GROSS_SHARE: f64 = 0.1;
+
+impl Session {
+    /// Estimates every named effect again with all of them in the model.
+    pub(super) fn refit(&self, mut state: State) -> Result<State> {
+        // A single name was settled when it was tried.
+        for _ in 0..if state.named.len() > 1 { 2 } else { 1 } {
+            let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
+            let all = self.propose(&state.camera, &state.fit, &state.named, &is_named, 1.0);
+            let mut named = state.named.clone();
+            let mut moved = false;
+            for p in &mut named {
+                let next = all.iter().find(|a| a.kind == p.kind && !a.beside && same_shape(a, p));
+                if let Some(next) = next {
+                    // Each gets its own new values; what gave way for it is among the named.
+                    *p = Proposal { along: Default::default(), ..merged(p, next.clone()) };
+                    moved = true;
+                }
+            }
+            if !moved {
+                break;
+            }
+            let camera = named.iter().fold(self.base(&state), |c, p| p.applied(&c));
+            let next = self.state(camera, named)?;
+            let of = |s: &State| s.fit.deviance(&self.fit.values, &self.fit.allowance);
+            if of(&next) >= of(&state) {
+                break;
+            }
+            state = next;
+        }
+        Ok(state)
+    }
+
+    /// The camera that the named effects are put on: their parameters replace each other.
+    fn base(&self, state: &State) -> Camera {
+        let mut camera = state.camera.clone();
+        // Effects that stand beside others of their kind must not be put twice.
+        for p in state.named.iter().filter(|p| p.beside) {
+            for effect in &p.effects {
+                if let Some(at) = camera.effects.iter().position(|x| x == effect) {
+                    camera.effects.remove(at);
+                }
+            }
+        }
+        camera
+    }
+
+    /// Leaves out effects, the weakest first, whose absence nobody would notice.
+    pub(super) fn drop_idle(
+        &self,
+        base: &Camera,
+        mut state: State,
+        steps: &mut Vec<Step>,
+    ) -> Result<State> {
+        let mut i = 0;
+        while i < state.named.len() && state.named.len() > 1 {
+            let mut named = state.named.clone();
+            let left_out = named.remove(i);
+            let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
+            let before = &state.replicates[..TRIAL_RUNS as usize];
+            let known = left_out.is_of_optics().then_some(before);
+            let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
+            let rise = |half: &Half, with: &Prediction| {
+                with.moved(before, &after).deviance(&half.values, &half.allowance)
+                    - with.deviance(&half.values, &half.allowance)
+            };
+            let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
+            if missed < EARNS[2] / 2.0 {
+                if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
+                {
+                    steps.remove(at);
+                }
+                state = self.refit(self.state(camera, named)?)?;
+            } else {
+                i += 1;
+            }
+        }
+        Ok(state)
+    }
+
+    /// Takes back names that leave gross deviations in the very statistics, or the very map, that gave them away: another
+    /// thing is there, of which the name was the nearest in the catalogue.
+    pub(super) fn withdraw(
+        &self,
+        base: &Camera,
+        mut state: State,
+        steps: &mut Vec<Step>,
+        nearest: &mut Vec<String>,
+    ) -> Result<State> {
+        // A sensor with many effects leaves something of each; one or two names must fit.
+        if steps.len() > 2 {
+            return Ok(state);
+        }
+        let gross: Vec<(Key, f64)> =
+            self.unexplained(&state).into_iter().filter(|(_, z)| z.abs() > GROSS).collect();
+        let before = steps.len();
+        steps.retain(|step| {
+            let near = |key: &Key| {
+                let same_map = |k: &Key| k.0 == key.0 && matches!(k.0, Place::Map(_));
+                step.touches.iter().any(|k| k == key || same_map(k))
+            };
+            let left: f64 = gross.iter().filter(|(k, _)| near(k)).map(|(_, z)| bounded(*z)).sum();
+            let keep = left < GROSS_SHARE * step.trial.evidence;
+            if !keep {
+                nearest.push(step.trial.proposal.kind.to_string());
+            }
+            keep
+        });
+        if steps.len() < before {
+            let named: Vec<Proposal> = state
+                .named
+                .iter()
+                .filter(|p| steps.iter().any(|s| s.trial.proposal.kind == p.kind))
+                .cloned()
+                .collect();
+            let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
+            state = self.refit(self.state(camera, named)?)?;
+        }
+        Ok(state)
+    }
+}
