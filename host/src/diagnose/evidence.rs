@@ -135,6 +135,18 @@ impl Evidence<'_> {
         Some(Estimated { value, se: relative * (d * vd).max(m * vm) / across })
     }
 
+    /// Deviation of statistics from the model, each on the scale on which it is normal, together: Σ z/√n. Few degrees of
+    /// freedom make the standard error of an estimate as uncertain as the estimate; this is what chance gives.
+    pub fn stands_out(&self, keys: impl Iterator<Item = (Place, What)>) -> f64 {
+        let z = keys.filter_map(|key| {
+            let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);
+            let allowed = self.allowance.get(&key).copied().unwrap_or(0.0);
+            Some((p.scale.of(s.value) - p.scaled) / p.sd.hypot(allowed))
+        });
+        let (sum, n) = z.fold((0.0, 0.0), |(sum, n), z| (sum + z, n + 1.0));
+        sum / f64::max(n, 1.0).sqrt()
+    }
+
     /// Signal above dark, mean of the channels, DN; of dark stacks about 0.
     pub fn signal(&self, stack: usize) -> Option<f64> {
         let black = match super::maps::reference_dark(self.design) {

@@ -35,6 +35,13 @@ pub struct Predicted {
     runs: f64,
 }
 
+impl Predicted {
+    /// Whether a model predicts another value than `old`, or a much wider scatter (a pattern that is another on each sensor).
+    pub fn differs(&self, old: &Self) -> bool {
+        ((self.scaled - old.scaled) / old.sd).abs() > 3.0 || self.sd > 1.5 * old.sd
+    }
+}
+
 /// Prediction of every statistic.
 #[derive(Clone, Debug, Default)]
 pub struct Prediction {
@@ -74,15 +81,17 @@ impl Prediction {
         Self { of }
     }
 
-    /// This prediction moved by what a change of the model does to replicates with the same random numbers.
+    /// This prediction moved by what a change of the model does to replicates with the same random numbers. Effects that
+    /// draw others leave differences of chance, on which many statistics together would judge them: see [`share_that_is_real`].
     pub fn moved(&self, before: &[Values], after: &[Values]) -> Self {
         let changed = Self::new(after);
         let unchanged = Self::new(before);
         let mut of = self.of.clone();
         for (key, p) in &mut of {
             let (Some(a), Some(b)) = (changed.of.get(key), unchanged.of.get(key)) else { continue };
-            p.scaled += a.scaled - b.scaled;
-            p.value += a.value - b.value;
+            let share = share_that_is_real(key, p.scale, before, after);
+            p.scaled += share * (a.scaled - b.scaled);
+            p.value += share * (a.value - b.value);
             p.total = p.value.max(0.0) * p.runs;
             // The scatter of few replicates counts only where it is gross (the 99.9 % point of F for 3 degrees of freedom
             // is 5.4): a new random pattern, that is another on each sensor.
@@ -135,6 +144,20 @@ impl Prediction {
         }
         sum
     }
+}
+
+/// Of the mean difference δ of pairs of replicates, the share 1 − 2 s²/δ² (none below 0), s being its standard error: the
+/// positive-part estimate that shrinks what may be chance to nothing (James & Stein 1961; 2 for the few pairs).
+fn share_that_is_real(key: &Key, scale: Scale, before: &[Values], after: &[Values]) -> f64 {
+    let pairs = before.iter().zip(after);
+    let differences: Vec<f64> = pairs
+        .filter_map(|(b, a)| Some(scale.of(a.get(key)?.value) - scale.of(b.get(key)?.value)))
+        .collect();
+    let n = differences.len() as f64;
+    let mean = differences.iter().sum::<f64>() / n;
+    let squares = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>();
+    let variance = squares / (n * (n - 1.0)).max(1.0);
+    if mean == 0.0 { 0.0 } else { (1.0 - 2.0 * variance / (mean * mean)).max(0.0) }
 }
 
 /// z² up to 10, then 100 (1 + ln (z/10)²).

@@ -203,21 +203,21 @@ impl Session {
         Ok((Trial { proposal: proposal.clone(), evidence, confirmed, gap, explains }, fit, camera))
     }
 
-    /// Of the deviance of statistics that a change moves by three standard deviations or more, the share it removes.
+    /// Of the deviance of the statistics that a change moves, the share it removes; all, if it moves none by much.
     fn explained(&self, state: &State, new: &Prediction) -> f64 {
         let old = state.fit.deviations(&self.fit.values, &self.fit.allowance);
         let after = new.deviations(&self.fit.values, &self.fit.allowance);
         let (mut had, mut left) = (0.0, 0.0);
         for (key, z) in &old {
             let (Some(a), Some(b)) = (state.fit.of.get(key), new.of.get(key)) else { continue };
-            if ((b.scaled - a.scaled) / a.sd).abs() > 3.0
+            if b.differs(a)
                 && let Some(z_after) = after.get(key)
             {
                 had += bounded(*z);
                 left += bounded(*z_after);
             }
         }
-        if had > 0.0 { 1.0 - left / had } else { 0.0 }
+        if had > 0.0 { 1.0 - left / had } else { 1.0 }
     }
 
     /// Tries a proposal and moves its parameters until they stay.
@@ -241,10 +241,7 @@ impl Session {
 
     /// Statistics whose prediction differs by three standard deviations and more.
     fn touched(&self, before: &State, after: &State) -> Vec<Key> {
-        let moved = |k: &Key| {
-            let (a, b) = (before.fit.of.get(k)?, after.fit.of.get(k)?);
-            Some(((b.scaled - a.scaled) / a.sd).abs() > 3.0 || b.sd > 3.0 * a.sd)
-        };
+        let moved = |k: &Key| Some(after.fit.of.get(k)?.differs(before.fit.of.get(k)?));
         before.fit.of.keys().filter(|k| moved(k) == Some(true)).copied().collect()
     }
 

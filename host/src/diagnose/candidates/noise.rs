@@ -249,8 +249,11 @@ pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
             _ => held,
         };
         let effect = FrameOffsetNoise { sigma_e: s.value as f32, correlation: correlation as f32 };
+        let stacks = 0..e.stacks.len();
+        let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
+        let strength = e.stands_out(frames).abs().max(excess.z().abs());
         Some(
-            Proposal::new("frame-offset-noise", effect.into(), excess.z().abs())
+            Proposal::new("frame-offset-noise", effect.into(), strength)
                 .with("sigma_e", s.value, s.se)
                 .with("correlation", correlation, memory.map_or(f64::NAN, |m| m.se)),
         )
@@ -272,10 +275,9 @@ pub fn light_flicker(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let s = deviation(present, excess)?;
         let effect = LightFlicker { sigma: s.value as f32 };
-        Some(
-            Proposal::new("light-flicker", effect.into(), excess.z().abs())
-                .with("sigma", s.value, s.se),
-        )
+        let frames = e.flats().map(|(i, _)| (Place::Stack(i), What::FrameVariance));
+        let strength = e.stands_out(frames).abs().max(excess.z().abs());
+        Some(Proposal::new("light-flicker", effect.into(), strength).with("sigma", s.value, s.se))
     })())
 }
 
@@ -290,64 +292,85 @@ fn sinc(x: f64) -> f64 {
     if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
 }
 
-/// Variance of row means in proportion to the square of the signal, with its line.
+/// Bins to either side of a line that a wave between two bins leaks into.
+const LEAK: usize = 3;
+
+/// The line in the spectra of row means that grows with the signal: cycles per row, and for each flat its exposure and
+/// the mean square of the wave relative to the signal, over its scatter in that line alone.
+fn bands(e: &Evidence<'_>) -> Option<(f64, Vec<(f64, Estimated)>)> {
+    let (_, h) = size(e);
+    // Exposure, signal, degrees of freedom, spectrum.
+    let flats: Vec<(f64, f64, f64, &[f64])> = e
+        .flats()
+        .filter_map(|(i, c)| {
+            let t = &e.stacks[i];
+            Some((c.exposure_s, e.signal(i)?, t.dof, t.row_power.as_slice()))
+        })
+        .collect();
+    let mean = |power: &[f64]| power.iter().sum::<f64>() / power.len() as f64;
+    let mut pooled = vec![0.0; flats.first()?.3.len()];
+    for (_, signal, dof, power) in &flats {
+        let weight = dof * (signal / mean(power).max(1e-12)).powi(2);
+        pooled.iter_mut().zip(*power).for_each(|(sum, p)| *sum += weight * p);
+    }
+    let (rows, _) = line_peak(&pooled, h);
+    let at = ((rows * h).round() as usize).clamp(1, pooled.len()) - 1;
+    let (from, to) = (at.saturating_sub(LEAK), (at + LEAK + 1).min(pooled.len()));
+    let of_flat = |&(exposure, signal, dof, power): &(f64, f64, f64, &[f64])| {
+        // What is there without the wave, from the bins around.
+        let mut around: Vec<f64> = power[from.saturating_sub(12)..from].to_vec();
+        around.extend(&power[to..(to + 12).min(power.len())]);
+        around.sort_by(f64::total_cmp);
+        let white = around.get(around.len() / 2)? / (1.0 - 1.0 / (9.0 * dof)).powi(3);
+        let line = &power[from..to];
+        let excess = line.iter().sum::<f64>() - white * line.len() as f64;
+        // A wave and white noise: (2 s + white) white in each bin, over the frames.
+        let variance: f64 = line.iter().map(|p| (2.0 * p.max(white) - white) * white / dof).sum();
+        let scale = (h / 2.0) * signal * signal / 2.0;
+        let mean_square = Estimated { value: excess / scale, se: variance.sqrt() / scale };
+        (signal > 0.0 && white > 0.0).then_some((exposure, mean_square))
+    };
+    Some((rows, flats.iter().filter_map(of_flat).collect()))
+}
+
+/// The frequency of light whose bands exposures of different length average: least squares of A² sinc².
+fn light_frequency(bands: &[(f64, Estimated)]) -> Option<f64> {
+    let misfit = |f: f64| {
+        let a = slope(bands.iter().map(|(t, b)| (sinc(f * t).powi(2).max(1e-9), *b)))?;
+        let left =
+            bands.iter().map(|(t, b)| ((b.value - a.value * sinc(f * t).powi(2)) / b.se).powi(2));
+        Some(left.sum::<f64>())
+    };
+    let all: Vec<(f64, f64)> = frequencies().filter_map(|f| Some((f, misfit(f)?))).collect();
+    let best = all.iter().map(|x| x.1).fold(f64::MAX, f64::min);
+    // Of frequencies that serve as well (within two standard deviations) the one next to that of mains lamps.
+    let mains = |f: f64| (f / 100.0).ln().abs().min((f / 120.0).ln().abs());
+    let good = all.into_iter().filter(|x| x.1 < best + 4.0);
+    Some(good.min_by(|a, b| mains(a.0).total_cmp(&mains(b.0)))?.0)
+}
+
+/// A line of the row means in proportion to the signal.
 pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
-        let (w, h) = size(e);
-        // Mean square of each flat's bands beyond the model, relative to the signal.
-        let bands: Vec<(f64, Estimated)> = e
-            .flats()
-            .filter_map(|(i, c)| {
-                let square = e.signal(i)?.powi(2) / 2.0;
-                let x = e.component(i, What::RowVariance, w)?;
-                let x = Estimated { value: x.value / square, se: x.se / square };
-                Some((c.exposure_s, x))
-            })
-            .collect();
-        let strength = pooled(bands.iter().map(|b| b.1))?.z().abs();
+        let (rows, bands) = bands(e)?;
         let (present, rows, frequency) = match current(e.camera, "flicker-banding") {
             Some(Effect::FlickerBanding(x)) => {
                 let rows = f64::from(x.frequency_hz) * f64::from(x.row_time_us) * 1e-6;
                 (f64::from(x.depth), rows, f64::from(x.frequency_hz))
             }
-            _ => {
-                // Bands per row from the flat where they stand out most.
-                let stands_out = |i: usize| {
-                    e.difference(Place::Stack(i), What::RowVariance).map_or(0.0, |d| d.z())
-                };
-                let (clearest, _) =
-                    e.flats().max_by(|a, b| stands_out(a.0).total_cmp(&stands_out(b.0)))?;
-                let rows = line_peak(&e.stacks[clearest].row_power, h).0;
-                // The frequency itself from how exposures of different length average the wave: least squares of A² sinc².
-                let misfit = |f: f64| {
-                    let a = slope(bands.iter().map(|(t, b)| (sinc(f * t).powi(2).max(1e-9), *b)))?;
-                    let left = bands
-                        .iter()
-                        .map(|(t, b)| ((b.value - a.value * sinc(f * t).powi(2)) / b.se).powi(2));
-                    Some(left.sum::<f64>())
-                };
-                let all: Vec<(f64, f64)> =
-                    frequencies().filter_map(|f| Some((f, misfit(f)?))).collect();
-                let best = all.iter().map(|x| x.1).fold(f64::MAX, f64::min);
-                // Of frequencies that serve as well (within two standard deviations) the one next to that of mains lamps.
-                let mains = |f: f64| (f / 100.0).ln().abs().min((f / 120.0).ln().abs());
-                let (f, _) = all
-                    .into_iter()
-                    .filter(|x| x.1 < best + 4.0)
-                    .min_by(|a, b| mains(a.0).total_cmp(&mains(b.0)))?;
-                (0.0, rows, f)
-            }
+            _ => (0.0, rows, light_frequency(&bands)?),
         };
-        let excess = slope(bands.iter().map(|(t, b)| (sinc(frequency * t).powi(2).max(1e-9), *b)))?;
-        let s = deviation(present, excess)?;
+        let square = slope(bands.iter().map(|(t, b)| (sinc(frequency * t).powi(2).max(1e-9), *b)))?;
+        let depth = deviation(0.0, square)?;
         let effect = FlickerBanding {
-            depth: s.value as f32,
+            depth: depth.value as f32,
             frequency_hz: frequency as f32,
             row_time_us: (rows / frequency * 1e6) as f32,
         };
+        let strength = (square.value - present * present).abs() / square.se;
         Some(
             Proposal::new("flicker-banding", effect.into(), strength)
-                .with("depth", s.value, s.se)
+                .with("depth", depth.value, depth.se)
                 .with("frequency_hz", frequency, f64::NAN)
                 .with("row_time_us", rows / frequency * 1e6, f64::NAN),
         )
