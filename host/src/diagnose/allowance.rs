@@ -21,11 +21,8 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
     let flats: Vec<usize> =
         (0..design.conditions.len()).filter(|&i| design.conditions[i].is_known_flat()).collect();
     for &i in &flats {
-        let own = &design.conditions[i];
-        let series: Vec<usize> =
-            flats.iter().copied().filter(|&j| same_series(own, &design.conditions[j])).collect();
         for class in 0..channels {
-            let relative = scatter(design, values, &series, class).unwrap_or(ASSUMED);
+            let relative = scatter_at(design, values, &flats, i, class).unwrap_or(ASSUMED);
             let key = (Place::Stack(i), What::Mean(class));
             if let Some(s) = values.get(&key) {
                 out.insert(key, relative * s.value.abs());
@@ -42,12 +39,34 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
     out
 }
 
-/// Flats taken one after the other with one thing changed.
-fn same_series(a: &Condition, b: &Condition) -> bool {
+/// Scatter of the lamp of a flat, from the series of levels that it belongs to, or else from one at another exposure: the
+/// lamp does not know how long the sensor looks.
+fn scatter_at(
+    design: &Design,
+    values: &Values,
+    flats: &[usize],
+    flat: usize,
+    class: u8,
+) -> Option<f64> {
+    let own = &design.conditions[flat];
+    let of_exposure = |exposure_s: f64| {
+        let belongs = |j: &usize| {
+            let c = &design.conditions[*j];
+            same_lamp(own, c) && c.exposure_s == exposure_s
+        };
+        let series: Vec<usize> = flats.iter().copied().filter(belongs).collect();
+        scatter(design, values, &series, class)
+    };
+    let others = flats.iter().map(|&j| &design.conditions[j]).filter(|c| same_lamp(own, c));
+    of_exposure(own.exposure_s)
+        .or_else(|| others.filter_map(|c| of_exposure(c.exposure_s)).max_by(f64::total_cmp))
+}
+
+/// Flats by the same light on the same sensor.
+fn same_lamp(a: &Condition, b: &Condition) -> bool {
     a.wavelength_nm == b.wavelength_nm
         && a.analog_gain == b.analog_gain
         && (a.temperature_c - b.temperature_c).abs() < 0.5
-        && a.exposure_s == b.exposure_s
 }
 
 /// Relative scatter about a quadratic in the level; `None` for fewer than six flats.
