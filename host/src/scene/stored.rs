@@ -95,11 +95,12 @@ impl Description {
     }
 }
 
-/// Writes description and bands into a directory that is there.
+/// Writes description and bands into a directory that is there. `band` fills the plane that is given to it, which is one
+/// and the same for all bands.
 pub fn write(
     directory: &Path,
     description: &Description,
-    mut band: impl FnMut(usize) -> Result<Plane<f32>>,
+    mut band: impl FnMut(usize, &mut Plane<f32>) -> Result<()>,
 ) -> Result<()> {
     let path = directory.join(DATA);
     let file = File::create(&path).map_err(|e| Error::io("write", &path, e))?;
@@ -107,8 +108,9 @@ pub fn write(
     let mut encoder = TiffEncoder::new_big(BufWriter::new(file))
         .map_err(failed)?
         .with_compression(Compression::Deflate(DeflateLevel::Fast));
+    let mut plane = Plane::filled(description.width, description.height, 0.0);
     for index in 0..description.bands {
-        let mut plane = band(index)?;
+        band(index, &mut plane)?;
         plane.data.iter_mut().for_each(|v| *v = round(*v));
         let (width, height) = (plane.width as u32, plane.height as u32);
         let mut page =
