@@ -204,7 +204,11 @@ mod tests {
         let value = |x: usize, y: usize, b: usize| ((1 + x + 7 * y) * (b + 1)) as f32 * 1e-3;
         let size = (9, 150);
         let about = Description::new("test", Quantity::Radiance, size, &Bands::VISIBLE);
-        write(dir.path(), &about, |b| Ok(Plane::from_fn(9, 150, |x, y| value(x, y, b)))).unwrap();
+        let fill = |b: usize, plane: &mut Plane<f32>| {
+            *plane = Plane::from_fn(9, 150, |x, y| value(x, y, b));
+            Ok(())
+        };
+        write(dir.path(), &about, fill).unwrap();
         let scene = open_scene(dir.path().to_str().unwrap()).unwrap();
         assert_eq!((scene.bands(), scene.quantity()), (Bands::VISIBLE, Quantity::Radiance));
         let cell = 1.0 / 9.0;

@@ -1,8 +1,8 @@
 //! The shift between two exposures of the same view.
 //!
 //! Found on one phase of the colour filter pattern in the middle of the frame, by the least mean
-//! absolute difference of ln signal over whole cells, refined by a parabola. Only pixels that are
-//! usable in both exposures count, so different exposures compare.
+//! absolute difference of ln signal over whole cells, less what the exposures differ by as a whole, refined
+//! by a parabola. Only pixels that are usable in both exposures count, so different exposures compare.
 
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -31,7 +31,7 @@ pub fn shift(
     // Cells of the window and of what it may be shifted over.
     let (left, top) = ((width - w) / 2 - reach, (height - h) / 2 - reach);
     let stride = w + 2 * reach;
-    let [still, moved] = rates.map(|rate| {
+    let [still, mut moved] = rates.map(|rate| {
         let mut values = vec![0.0; stride * (h + 2 * reach)];
         values.par_chunks_mut(stride).enumerate().for_each(|(y, row)| {
             for (x, out) in row.iter_mut().enumerate() {
@@ -41,6 +41,14 @@ pub fn shift(
         });
         values
     });
+    // What the exposures differ by as a whole (a time that is not exact, a lamp) is no shift.
+    let both = still.iter().zip(&moved).map(|(a, b)| b - a);
+    let mut apart: Vec<f32> = both.filter(|d| !d.is_nan()).collect();
+    if !apart.is_empty() {
+        let middle = apart.len() / 2;
+        let apart = *apart.select_nth_unstable_by(middle, f32::total_cmp).1;
+        moved.iter_mut().for_each(|v| *v -= apart);
+    }
     let cost = |dx: isize, dy: isize| -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0.0);
         for y in reach..reach + h {

@@ -416,6 +416,44 @@ mod tests {
         assert!(flagged == 0, "{flagged} flagged");
     }
 
+    /// 8 bits without noise to hide their steps, and a black that lies a step below 0: a dark spot is 0 where the line
+    /// of the exposure says less, the same all over it.
+    #[test]
+    fn steps_of_dark_spots_have_not_moved() {
+        let mono = Cfa::parse("mono").unwrap();
+        // 48 spots from 0.2 to 9.6 DN/s on a brighter ground.
+        let light = |x: usize, y: usize| {
+            let spot = x / 15 + 8 * (y / 16) + 1;
+            let inside = (2..13).contains(&(x % 15)) && (2..14).contains(&(y % 16));
+            if inside { 0.2 * spot as f64 } else { 30.0 + 0.2 * x as f64 }
+        };
+        let exposures = [0.25, 0.5, 1.0, 2.0].iter().enumerate().map(|(j, &seconds)| {
+            let signal = Plane::from_fn(120, 96, |x, y| {
+                let mean = light(x, y) * seconds;
+                let noise =
+                    (0.01 + 0.02 * mean).sqrt() * normal(((j * 1000 + y) * 1000 + x) as u64);
+                (mean + noise - 1.0).round().clamp(0.0, 255.0) as f32
+            });
+            Exposure { id: format!("e{j}"), seconds, frames: 1, signal }
+        });
+        let series = Series { name: "test".into(), exposures: exposures.collect() };
+        let merged = merge(&series, &mono, 255.0, &[]).unwrap();
+        let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
+        assert!(flagged == 0, "{flagged} flagged");
+    }
+
+    /// Whichever exposure's time is said to be twice what it was, that one is named.
+    #[test]
+    fn a_wrong_exposure_time_is_named() {
+        let mono = Cfa::parse("mono").unwrap();
+        for wrong in 0..TIMES.len() {
+            let mut series = series(&TIMES, patches, |_, x, y| (x, y));
+            series.exposures[wrong].seconds *= 2.0;
+            let message = merge(&series, &mono, FULL, &[]).err().unwrap().to_string();
+            assert!(message.contains(&format!("\"e{wrong}\"")), "{wrong}: {message}");
+        }
+    }
+
     #[test]
     fn what_moves_is_taken_from_one_exposure() {
         let mono = Cfa::parse("mono").unwrap();

@@ -14,6 +14,8 @@ use std::ops::Range;
 /// A systematic difference between exposures that is no movement, relative: what differs over the field and
 /// over the curve is beyond a [`Departure`].
 const ALLOWANCE: f32 = 0.05;
+/// Codes are whole DN: half a DN of the exposure and half a DN of what it is compared with.
+const STEPS_DN: f32 = 1.0;
 /// Half of the neighbourhood's edge.
 pub(super) const AROUND: usize = 4;
 /// The neighbourhood's edge.
@@ -32,8 +34,9 @@ impl Still {
     /// # Errors
     /// An exposure whose light contradicts its time.
     pub(super) fn measure(shots: &Shots<'_>, cfa: &Cfa, noise: Noise, limit: f32) -> Result<Self> {
-        let departures = Departure::of(shots, noise, cfa);
-        check_times(&shots.exposures, &departures, limit)?;
+        let samples = Samples::of(shots, cfa);
+        samples.check_times(limit)?;
+        let departures = samples.departures(noise);
         let width = shots.size().0;
         let lines = (0..cfa.height).map(|y| {
             let column = |d: &[Departure], f: fn(&Departure) -> f64| {
@@ -142,7 +145,7 @@ fn disagreement(
             for i in 0..SIDE {
                 let expected = light[i] * seconds;
                 let rest = x[i] - (offset[i] + slope[i] * expected);
-                let allowed = ALLOWANCE * expected;
+                let allowed = ALLOWANCE * expected + STEPS_DN;
                 let variance = noise.variance(expected) * per_frame + allowed * allowed;
                 sum[i] += usable[i] * (rest * rest / variance);
                 count[i] += usable[i];
@@ -173,37 +176,107 @@ fn sum_columns(padded: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Refuses exposures whose light contradicts their time by more than shutters and lamps do.
-fn check_times(
-    exposures: &[Cow<'_, Exposure>],
-    departures: &[Vec<Departure>],
-    limit: f32,
-) -> Result<()> {
-    const CONTRADICTION: f64 = 0.2;
-    // A black that is off is no contradiction: of full scale.
-    const BLACK: f64 = 0.02;
-    for (exposure, departures) in exposures.iter().zip(departures) {
-        for d in departures {
-            let (seen, expected) = (d.seen(d.bright_dn), d.bright_dn);
-            let difference = (seen - expected).abs();
-            if difference > CONTRADICTION * expected && difference > BLACK * f64::from(limit) {
-                let factor = seen / expected;
-                return Err(Error::input(format!(
-                    "capture {:?} has {factor:.2} times the light that its exposure time of {} s and the \
-                     other captures say",
-                    exposure.id, exposure.seconds
-                ))
-                .help(
-                    "correct the exposure_s that is wrong, or leave that capture out (--only); a camera that \
-                     is not linear needs --response",
-                ));
-            }
-        }
-    }
-    Ok(())
+/// Some pixels of every exposure.
+struct Samples<'a> {
+    shots: &'a Shots<'a>,
+    cfa: &'a Cfa,
+    /// From one pixel to the next.
+    step: usize,
+    signals: Vec<Vec<f32>>,
 }
 
-/// What one exposure sees of a channel where the merged frame says s: offset + slope · s.
+impl<'a> Samples<'a> {
+    fn of(shots: &'a Shots<'a>, cfa: &'a Cfa) -> Self {
+        const SAMPLES: usize = 1 << 16;
+        let (width, height) = shots.size();
+        // An odd step visits every column and channel.
+        let step = (width * height / SAMPLES) | 1;
+        let sample = |e: &Cow<'_, Exposure>| -> Vec<f32> {
+            e.signal.data.iter().step_by(step).copied().collect()
+        };
+        Self { shots, cfa, step, signals: shots.exposures.par_iter().map(sample).collect() }
+    }
+
+    /// Refuses an exposure whose light contradicts its time, and so the exposures next to it, by more than shutters and
+    /// lamps do.
+    fn check_times(&self, limit: f32) -> Result<()> {
+        const CONTRADICTION: f64 = 1.2;
+        // A black that is off is no contradiction: of full scale.
+        const BLACK: f64 = 0.02;
+        let exposures = &self.shots.exposures;
+        let pairs = (1..exposures.len()).into_par_iter().map(|i| {
+            let ratio = exposures[i].seconds / exposures[i - 1].seconds;
+            let expected = |k: usize| (f64::from(self.signals[i - 1][k]) * ratio) as f32;
+            let usable = |k: usize| self.signals[i - 1][k] <= self.shots.top;
+            self.lines(i, |k| usable(k).then(|| expected(k)))
+        });
+        let pairs: Vec<Vec<Departure>> = pairs.collect();
+        for channel in 0..self.cfa.channels().len() {
+            let apart = |pair: &Vec<Departure>| {
+                let (expected, seen) = (pair[channel].bright_dn, pair[channel].seen());
+                let off = (seen - expected).abs() > BLACK * f64::from(limit);
+                let factor = if off { (seen / expected).max(1e-3) } else { 1.0 };
+                libm::log(factor)
+            };
+            // From each exposure to the next.
+            let apart: Vec<f64> = pairs.iter().map(apart).collect();
+            let (pair, most) = apart.iter().copied().enumerate().fold((0, 0.0), |most, pair| {
+                if pair.1.abs() > f64::abs(most.1) { pair } else { most }
+            });
+            let beyond = |d: f64| d.abs() > libm::log(CONTRADICTION);
+            if !beyond(most) {
+                continue;
+            }
+            // The one of the two that contradicts its other neighbour the other way; at the ends there is none.
+            let back = |other: Option<&f64>| other.is_some_and(|&d| beyond(d) && d * most < 0.0);
+            let first = pair == 0 && apart.len() > 1 && !back(apart.get(1));
+            let earlier = first || (pair > 0 && back(apart.get(pair - 1)));
+            let (wrong, factor) = if earlier { (pair, -most) } else { (pair + 1, most) };
+            let Exposure { id, seconds, .. } = &*exposures[wrong];
+            return Err(Error::input(format!(
+                "capture {id:?} has {:.2} times the light that its exposure time of {seconds} s and the \
+                 other captures say",
+                libm::exp(factor)
+            ))
+            .help(
+                "correct the exposure_s that is wrong, or leave that capture out (--only); a camera that \
+                 is not linear needs --response",
+            ));
+        }
+        Ok(())
+    }
+
+    /// What each exposure sees of the merged frame, per channel.
+    fn departures(&self, noise: Noise) -> Vec<Vec<Departure>> {
+        let both = self.shots.exposures.iter().zip(&self.signals);
+        let seen: Vec<Seen<'_>> = both.map(|(e, signals)| self.shots.pixels(e, signals)).collect();
+        let count = self.signals[0].len();
+        let mut radiance = vec![0.0; count];
+        noise.merge(&seen, &mut radiance, &mut vec![0.0; count]);
+        let of_exposure = |i: usize| {
+            let seconds = self.shots.exposures[i].seconds;
+            self.lines(i, |k| Some((f64::from(radiance[k]) * seconds) as f32))
+        };
+        (0..self.signals.len()).into_par_iter().map(of_exposure).collect()
+    }
+
+    /// The lines of the channels of exposure `i` over what is expected of its samples.
+    fn lines(&self, i: usize, expected: impl Fn(usize) -> Option<f32>) -> Vec<Departure> {
+        let width = self.shots.size().0;
+        let mut pairs: Vec<Vec<(f32, f32)>> = vec![Vec::new(); self.cfa.channels().len()];
+        for (k, &signal) in self.signals[i].iter().enumerate() {
+            if signal <= self.shots.top
+                && let Some(expected) = expected(k)
+            {
+                let at = k * self.step;
+                pairs[self.cfa.channel(at % width, at / width)].push((expected, signal));
+            }
+        }
+        pairs.into_iter().map(Departure::line).collect()
+    }
+}
+
+/// What one exposure sees of a channel where others say s: offset + slope · s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Departure {
     offset_dn: f64,
@@ -213,36 +286,9 @@ struct Departure {
 }
 
 impl Departure {
-    fn seen(self, expected: f64) -> f64 {
-        self.offset_dn + self.slope * expected
-    }
-
-    /// The line of each channel of each exposure.
-    fn of(shots: &Shots<'_>, noise: Noise, cfa: &Cfa) -> Vec<Vec<Self>> {
-        const SAMPLES: usize = 1 << 16;
-        let (width, height) = shots.size();
-        // An odd step visits every column and channel.
-        let step = (width * height / SAMPLES) | 1;
-        let sample = |e: &Cow<'_, Exposure>| -> Vec<f32> {
-            e.signal.data.iter().step_by(step).copied().collect()
-        };
-        let samples: Vec<Vec<f32>> = shots.exposures.par_iter().map(sample).collect();
-        let both = || shots.exposures.iter().zip(&samples);
-        let seen: Vec<Seen<'_>> = both().map(|(e, samples)| shots.pixels(e, samples)).collect();
-        let mut radiance = vec![0.0; samples[0].len()];
-        noise.merge(&seen, &mut radiance, &mut vec![0.0; samples[0].len()]);
-        let lines = shots.exposures.par_iter().zip(&samples).map(|(exposure, samples)| {
-            let mut pairs: Vec<Vec<(f32, f32)>> = vec![Vec::new(); cfa.channels().len()];
-            for (k, (&signal, &radiance)) in samples.iter().zip(&radiance).enumerate() {
-                if signal <= shots.top {
-                    let expected = (f64::from(radiance) * exposure.seconds) as f32;
-                    let i = k * step;
-                    pairs[cfa.channel(i % width, i / width)].push((expected, signal));
-                }
-            }
-            pairs.into_iter().map(Self::line).collect()
-        });
-        lines.collect()
+    /// At `bright_dn`.
+    fn seen(self) -> f64 {
+        self.offset_dn + self.slope * self.bright_dn
     }
 
     /// Slope from the brighter half of the pairs (s, signal), offset from the darker, each as a median: what moved
