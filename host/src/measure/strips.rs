@@ -1,40 +1,55 @@
 //! The loops over a stack's samples, made for vector units: frames into sums, sums into moments.
 //!
 //! A strip is a few rows of all the frames, small enough that its sums stay in a core's cache while the frames go by.
-//! Every loop runs along columns, so that one piece of code serves every colour filter pattern: what belongs to one
-//! site is picked from the columns' sums at the end. Samples are summed as integers, exactly.
+//! Every loop runs along a row in lanes, whose number is a multiple of every pattern's width: one piece of code serves
+//! every colour filter pattern, and what belongs to one site is picked from the lanes' sums at the end. Samples are
+//! summed as integers, exactly.
 
 use multiversion::multiversion;
 
-/// Pixels of a strip: with sums and four frames' samples, 320 KiB.
-const STRIP_PIXELS: usize = 16 * 1024;
+/// Pixels of a strip: with sums and four frames' samples, 640 KiB. The longer the pieces, the faster they are read.
+const STRIP_PIXELS: usize = 32 * 1024;
 
-/// Columns whose sums stay in the innermost cache.
-const TILE: usize = 512;
+/// Frames that are read and added together.
+pub const TOGETHER: usize = 4;
 
-/// Largest sample of which four squares fit 32 bits.
-pub const FOUR_SQUARES: u16 = 0x7fff;
+/// Largest sample of which [`TOGETHER`] squares fit 32 bits.
+pub const SMALL_SQUARES: u16 = 0x7fff;
+
+/// Pixels that loops take side by side: a multiple of every width that a filter pattern may have.
+const LANES: usize = 24;
+
+/// The same of samples, which are narrower.
+const SAMPLE_LANES: usize = 4 * LANES;
 
 /// Rows of a strip: whole periods of the filter pattern.
 pub fn rows(width: usize, step_y: usize) -> usize {
     (STRIP_PIXELS / width / step_y).max(1) * step_y
 }
 
-/// Adds one to four frames' samples to the sums and sums of squares per pixel. Samples above [`FOUR_SQUARES`] come one
-/// frame at a time.
+/// Adds up to [`TOGETHER`] frames' samples to the sums and sums of squares per pixel, or puts them there if they are the
+/// `first`. Samples above [`SMALL_SQUARES`] come one frame at a time.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-pub fn add(frames: &[&[u16]], sum: &mut [u32], sum_sq: &mut [u64]) {
-    match *frames {
-        [a] => add_frames([a], sum, sum_sq),
-        [a, b] => add_frames([a, b], sum, sum_sq),
-        [a, b, c] => add_frames([a, b, c], sum, sum_sq),
-        [a, b, c, d] => add_frames([a, b, c, d], sum, sum_sq),
+pub fn add(frames: &[&[u16]], first: bool, sum: &mut [u32], sum_sq: &mut [u64]) {
+    match (frames, first) {
+        (&[a], true) => add_frames::<1, true>([a], sum, sum_sq),
+        (&[a], false) => add_frames::<1, false>([a], sum, sum_sq),
+        (&[a, b], true) => add_frames::<2, true>([a, b], sum, sum_sq),
+        (&[a, b], false) => add_frames::<2, false>([a, b], sum, sum_sq),
+        (&[a, b, c], true) => add_frames::<3, true>([a, b, c], sum, sum_sq),
+        (&[a, b, c], false) => add_frames::<3, false>([a, b, c], sum, sum_sq),
+        (&[a, b, c, d], true) => add_frames::<4, true>([a, b, c, d], sum, sum_sq),
+        (&[a, b, c, d], false) => add_frames::<4, false>([a, b, c, d], sum, sum_sq),
         _ => unreachable!("one to four frames"),
     }
 }
 
 #[inline(always)]
-fn add_frames<const N: usize>(frames: [&[u16]; N], sum: &mut [u32], sum_sq: &mut [u64]) {
+fn add_frames<const N: usize, const FIRST: bool>(
+    frames: [&[u16]; N],
+    sum: &mut [u32],
+    sum_sq: &mut [u64],
+) {
     let n = sum.len();
     let (frames, sum_sq) = (frames.map(|f| &f[..n]), &mut sum_sq[..n]);
     for i in 0..n {
@@ -44,179 +59,194 @@ fn add_frames<const N: usize>(frames: [&[u16]; N], sum: &mut [u32], sum_sq: &mut
             s += v;
             q += v * v;
         }
-        sum[i] += s;
-        sum_sq[i] += u64::from(q);
+        sum[i] = if FIRST { s } else { sum[i] + s };
+        sum_sq[i] = if FIRST { u64::from(q) } else { sum_sq[i] + u64::from(q) };
     }
 }
 
-/// Adds the samples of rows to the sums of their columns, apart for each of the pattern's `step_y` rows. Returns the
-/// smallest and the largest sample.
+/// Sums of samples, or numbers of them, per site of the pattern, row by row of it.
+pub type PerSite = Vec<f64>;
+
+/// Sums the samples of rows. Also their smallest and largest.
+pub fn sums(
+    samples: &[u16],
+    (width, step_x, step_y): (usize, usize, usize),
+) -> (PerSite, u16, u16) {
+    let mut lanes = vec![[0; SAMPLE_LANES]; step_y];
+    let (low, high) = sum_lanes(samples, width, &mut lanes);
+    (lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect(), low, high)
+}
+
+/// Counts the samples of rows from `low` to `high`.
+pub fn counts(
+    samples: &[u16],
+    (width, step_x, step_y): (usize, usize, usize),
+    (low, high): (u16, u16),
+) -> PerSite {
+    let mut lanes = vec![[0; SAMPLE_LANES]; step_y];
+    count_lanes(samples, width, (low, high), &mut lanes);
+    lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect()
+}
+
+/// A row's lanes as its sites.
+fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<Item = f64> + '_ {
+    let of_site = move |x0| lanes.iter().skip(x0).step_by(step_x).map(|&v| v.into()).sum::<f64>();
+    (0..step_x).map(of_site)
+}
+
+/// Adds rows to the lanes of their row of the pattern. A strip's samples do not overflow a lane.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-pub fn sum_columns(samples: &[u16], width: usize, step_y: usize, sums: &mut [u32]) -> (u16, u16) {
-    let (mut low, mut high) = (u16::MAX, 0);
+fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16) {
+    let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
+    let step_y = sums.len();
     for (y, row) in samples.chunks_exact(width).enumerate() {
-        let sums = &mut sums[y % step_y * width..][..width];
-        for (s, &v) in sums.iter_mut().zip(row) {
-            *s += u32::from(v);
-            low = low.min(v);
-            high = high.max(v);
+        let sums = &mut sums[y % step_y];
+        let (whole, rest) = row.as_chunks::<SAMPLE_LANES>();
+        for chunk in whole {
+            for i in 0..SAMPLE_LANES {
+                sums[i] += u32::from(chunk[i]);
+                low[i] = low[i].min(chunk[i]);
+                high[i] = high[i].max(chunk[i]);
+            }
+        }
+        for (i, &v) in rest.iter().enumerate() {
+            sums[i] += u32::from(v);
+            low[i] = low[i].min(v);
+            high[i] = high[i].max(v);
         }
     }
-    (low, high)
+    let low = low.iter().fold(u16::MAX, |a, &b| a.min(b));
+    (low, high.iter().fold(0, |a, &b| a.max(b)))
 }
 
-/// Counts the samples from `low` to `high` per column, as [`sum_columns`] sums them.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-pub fn count_columns(
+fn count_lanes(
     samples: &[u16],
     width: usize,
-    step_y: usize,
     (low, high): (u16, u16),
-    counts: &mut [u32],
+    counts: &mut [[u32; SAMPLE_LANES]],
 ) {
+    let step_y = counts.len();
     for (y, row) in samples.chunks_exact(width).enumerate() {
-        let counts = &mut counts[y % step_y * width..][..width];
-        for (c, &v) in counts.iter_mut().zip(row) {
-            *c += u32::from((v >= low) & (v <= high));
+        let counts = &mut counts[y % step_y];
+        for chunk in row.chunks(SAMPLE_LANES) {
+            for (c, &v) in counts.iter_mut().zip(chunk) {
+                *c += u32::from((v >= low) & (v <= high));
+            }
         }
     }
 }
 
-/// A multiple of every width that a filter pattern may have.
-const LANES: usize = 24;
-
-/// Rows of columns' sums as sums of the pattern's sites, row by row.
-pub fn to_sites<T: Copy + Into<f64>>(columns: &[T], width: usize, step_x: usize) -> Vec<f64> {
-    let mut out = Vec::with_capacity(columns.len() / width * step_x);
-    for row in columns.chunks_exact(width) {
-        let lanes = sum_lanes(row);
-        out.extend((0..step_x).map(|x0| lanes.iter().skip(x0).step_by(step_x).sum::<f64>()));
-    }
-    out
-}
-
-/// Sums of every [`LANES`]th value. Integers to 2⁵³ add exactly.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn sum_lanes<T: Copy + Into<f64>>(row: &[T]) -> [f64; LANES] {
-    let mut lanes = [0.0; LANES];
-    let (whole, rest) = row.as_chunks::<LANES>();
-    for chunk in whole {
-        for (lane, &v) in lanes.iter_mut().zip(chunk) {
-            *lane += v.into();
-        }
-    }
-    for (lane, &v) in lanes.iter_mut().zip(rest) {
-        *lane += v.into();
-    }
-    lanes
-}
-
-/// What a strip's sums over frames tell of its pixels. Columns and sites as in [`to_sites`].
+/// What a strip's sums over frames tell of its pixels.
 pub struct StripMoments {
     /// Per row, per site of the row: sum of the sums.
     pub rows: Vec<f64>,
-    /// Per column: sum of the sums.
+    /// Per row of the pattern, per column: sum of the sums.
     pub columns: Vec<f64>,
     /// Per site, mean of the sums.
-    pub means: Vec<f64>,
+    pub means: PerSite,
     /// Per site, sum of the squared deviations from that mean.
-    pub squares: Vec<f64>,
+    pub squares: PerSite,
     /// Per site, sum of the pseudo-variances `L Σy² - (Σy)²`.
-    pub variances: Vec<f64>,
+    pub variances: PerSite,
     /// Per site, sum of their squares.
-    pub variances_sq: Vec<f64>,
+    pub variances_sq: PerSite,
+}
+
+/// Sums over pixels of a row of the pattern: of squared deviations, pseudo-variances and squares of these.
+#[derive(Clone, Copy)]
+struct Lanes {
+    /// What deviations are taken from: a pixel of the site, so that their squares stay small.
+    reference: [f64; LANES],
+    squares: [f64; LANES],
+    variances: [f64; LANES],
+    variances_sq: [f64; LANES],
 }
 
 impl StripMoments {
-    /// Of sums over `frames` frames of rows `width` wide. `work` is room that is used again.
+    /// Of sums over `frames` frames of rows `width` wide.
     pub fn of(
         frames: usize,
         (width, step_x, step_y): (usize, usize, usize),
         sum: &[u32],
         sum_sq: &[u64],
-        work: &mut Vec<f64>,
     ) -> Self {
-        let period = step_y * width;
-        let mut of_columns = vec![0.0; period];
-        work.clear();
-        work.resize(4 * period, 0.0);
-        let (reference, work) = work.split_at_mut(period);
-        let (squares, work) = work.split_at_mut(period);
-        let (variances, variances_sq) = work.split_at_mut(period);
-        // Deviations from the strip's first period keep their squares small.
-        for (i, r) in reference.iter_mut().enumerate() {
-            *r = f64::from(sum[(i / width * width + i % width % step_x) % sum.len()]);
-        }
-        for start in (0..width).step_by(TILE) {
-            let length = TILE.min(width - start);
-            for (y, at) in (start..sum.len()).step_by(width).enumerate() {
-                let from = y % step_y * width + start;
-                let tile = from..from + length;
-                let pixels = at..at + length;
-                add_moments(
-                    frames as f64,
-                    (&sum[pixels.clone()], &sum_sq[pixels], &reference[tile.clone()]),
-                    [
-                        &mut of_columns[tile.clone()],
-                        &mut squares[tile.clone()],
-                        &mut variances[tile.clone()],
-                        &mut variances_sq[tile],
-                    ],
-                );
-            }
-        }
         let height = sum.len() / width;
-        let count = |site: usize| {
-            let (x0, y0) = (site % step_x, site / step_x);
-            ((width - x0).div_ceil(step_x) * height.saturating_sub(y0).div_ceil(step_y)) as f64
-        };
-        let totals = to_sites(&of_columns, width, step_x);
-        let mut squares = to_sites(squares, width, step_x);
-        let mut means = Vec::with_capacity(totals.len());
-        for (site, square) in squares.iter_mut().enumerate() {
-            let first = reference[site / step_x * width + site % step_x];
-            let n = count(site).max(1.0);
-            let mean = totals[site] / n;
-            *square = (*square - n * (mean - first) * (mean - first)).max(0.0);
-            means.push(mean);
+        // A strip at the bottom may lack the pattern's last rows.
+        let first = |y: usize, i: usize| f64::from(sum[y.min(height - 1) * width + i % step_x]);
+        let mut lanes: Vec<Lanes> = (0..step_y)
+            .map(|y| Lanes {
+                reference: std::array::from_fn(|i| first(y, i)),
+                squares: [0.0; LANES],
+                variances: [0.0; LANES],
+                variances_sq: [0.0; LANES],
+            })
+            .collect();
+        let mut columns = vec![0.0; step_y * width];
+        let mut rows = Vec::with_capacity(height * step_x);
+        let lines = sum.chunks_exact(width).zip(sum_sq.chunks_exact(width));
+        for (y, (sum, sum_sq)) in lines.enumerate() {
+            let y = y % step_y;
+            let columns = &mut columns[y * width..][..width];
+            let totals = add_row(frames as f64, (sum, sum_sq), columns, &mut lanes[y]);
+            rows.extend(to_sites(&totals, step_x));
         }
+        let of_sites = |f: fn(&Lanes) -> &[f64; LANES]| -> PerSite {
+            lanes.iter().flat_map(|l| to_sites(f(l), step_x)).collect()
+        };
+        let mut squares = of_sites(|l| &l.squares);
+        let means = squares.iter_mut().enumerate().map(|(site, square)| {
+            let (x0, y0) = (site % step_x, site / step_x);
+            let of_site = rows.iter().skip(y0 * step_x + x0).step_by(step_x * step_y);
+            let count = (width - x0).div_ceil(step_x) * of_site.len();
+            let mean = of_site.sum::<f64>() / count.max(1) as f64;
+            let apart = mean - lanes[y0].reference[x0];
+            *square = (*square - count as f64 * apart * apart).max(0.0);
+            mean
+        });
         Self {
-            rows: sum.chunks_exact(width).flat_map(|row| to_sites(row, width, step_x)).collect(),
-            columns: of_columns,
-            means,
+            means: means.collect(),
             squares,
-            variances: to_sites(variances, width, step_x),
-            variances_sq: to_sites(variances_sq, width, step_x),
+            variances: of_sites(|l| &l.variances),
+            variances_sq: of_sites(|l| &l.variances_sq),
+            rows,
+            columns,
         }
     }
 }
 
-/// Adds pixels' sums, squared deviations from the reference, pseudo-variances and squares of these to their columns'.
+/// Adds a row of pixels to the lanes of its row of the pattern and to its columns; the sums of its lanes.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn add_moments(
+fn add_row(
     frames: f64,
-    (sum, sum_sq, reference): (&[u32], &[u64], &[f64]),
-    [totals, squares, variances, variances_sq]: [&mut [f64]; 4],
-) {
-    let n = sum.len();
-    let (sum_sq, reference, totals, squares, variances, variances_sq) = (
-        &sum_sq[..n],
-        &reference[..n],
-        &mut totals[..n],
-        &mut squares[..n],
-        &mut variances[..n],
-        &mut variances_sq[..n],
-    );
-    for i in 0..n {
-        let (s, q) = (f64::from(sum[i]), sum_sq[i] as f64);
-        let d = s - reference[i];
+    (sum, sum_sq): (&[u32], &[u64]),
+    columns: &mut [f64],
+    lanes: &mut Lanes,
+) -> [f64; LANES] {
+    let mut totals = [0.0; LANES];
+    let mut add = |i: usize, sum: u32, sum_sq: u64, column: &mut f64| {
+        let (s, q) = (f64::from(sum), sum_sq as f64);
+        let d = s - lanes.reference[i];
         // Exact below 2⁵³: the largest sample times the frames is below 9e7.
         let v = frames * q - s * s;
+        *column += s;
         totals[i] += s;
-        squares[i] += d * d;
-        variances[i] += v;
-        variances_sq[i] += v * v;
+        lanes.squares[i] += d * d;
+        lanes.variances[i] += v;
+        lanes.variances_sq[i] += v * v;
+    };
+    let (sum, sum_rest) = sum.as_chunks::<LANES>();
+    let (sum_sq, sum_sq_rest) = sum_sq.as_chunks::<LANES>();
+    let (columns, columns_rest) = columns.as_chunks_mut::<LANES>();
+    for ((sum, sum_sq), columns) in sum.iter().zip(sum_sq).zip(columns) {
+        for i in 0..LANES {
+            add(i, sum[i], sum_sq[i], &mut columns[i]);
+        }
     }
+    for (i, column) in columns_rest.iter_mut().enumerate() {
+        add(i, sum_rest[i], sum_sq_rest[i], column);
+    }
+    totals
 }
 
 #[cfg(test)]
@@ -232,15 +262,13 @@ mod tests {
             (0..(width * height) as u32).map(noise).collect()
         };
         let frames: Vec<Vec<u16>> = (0..3).map(frame).collect();
-        let (mut sum, mut sum_sq) = (vec![0; width * height], vec![0; width * height]);
-        add(&[&frames[0], &frames[1]], &mut sum, &mut sum_sq);
-        add(&[&frames[2]], &mut sum, &mut sum_sq);
-        let m = StripMoments::of(3, (width, step_x, step_y), &sum, &sum_sq, &mut Vec::new());
-        let mut columns = vec![0; step_y * width];
-        let range = sum_columns(&frames[1], width, step_y, &mut columns);
-        let mut some = vec![0; step_y * width];
-        count_columns(&frames[1], width, step_y, (100, 1000), &mut some);
-        let (totals, some) = (to_sites(&columns, width, step_x), to_sites(&some, width, step_x));
+        let (mut sum, mut sum_sq) = (vec![7; width * height], vec![7; width * height]);
+        add(&[&frames[0], &frames[1]], true, &mut sum, &mut sum_sq);
+        add(&[&frames[2]], false, &mut sum, &mut sum_sq);
+        let shape = (width, step_x, step_y);
+        let m = StripMoments::of(3, shape, &sum, &sum_sq);
+        let (totals, low, high) = sums(&frames[1], shape);
+        let some = counts(&frames[1], shape, (100, 1000));
         for site in 0..step_x * step_y {
             let (x0, y0) = (site % step_x, site / step_x);
             let at: Vec<usize> = (y0..height)
@@ -263,8 +291,8 @@ mod tests {
             let inside = all.iter().filter(|v| (100..=1000).contains(*v)).count();
             assert_eq!(some[site], inside as f64);
         }
-        let (low, high) = (frames[1].iter().min(), frames[1].iter().max());
-        assert_eq!((Some(&range.0), Some(&range.1)), (low, high));
+        let range = (frames[1].iter().min(), frames[1].iter().max());
+        assert_eq!((Some(&low), Some(&high)), range);
         let row: f64 = (0..width).step_by(2).map(|x| f64::from(sum[4 * width + x])).sum();
         assert_eq!(m.rows[4 * step_x], row);
     }

@@ -35,8 +35,6 @@ struct Scratch {
     samples: Vec<u16>,
     sum: Vec<u32>,
     sum_sq: Vec<u64>,
-    columns: Vec<u32>,
-    moments: Vec<f64>,
 }
 
 /// One frame's share of a strip, per site.
@@ -82,14 +80,16 @@ impl Sums {
         if self.frames + batch.len() > MOST_FRAMES {
             return Err(Error::input(format!("more than {MOST_FRAMES} frames in one capture")));
         }
+        let none_yet = self.frames == 0;
         self.frames += batch.len();
         let (step_x, step_y) = self.steps();
         let (width, white) = (self.width, self.white);
-        if keep {
-            self.sum.resize(width * self.height, 0);
+        // Zeros that were never written cost nothing.
+        if keep && none_yet {
+            self.sum = vec![0; width * self.height];
         }
-        if !whole {
-            self.sum_sq.resize(width * self.height, 0);
+        if !whole && none_yet {
+            self.sum_sq = vec![0; width * self.height];
         }
         let rows = strips::rows(width, step_y);
         let count = self.height.div_ceil(rows);
@@ -104,27 +104,28 @@ impl Sums {
             .map_init(Scratch::default, |scratch, (strip, (sum, sum_sq))| {
                 let first = strip * rows;
                 let pixels = rows.min(self.height - first) * width;
-                let Scratch { samples, sum: own_sum, sum_sq: own_sum_sq, columns, moments: work } =
-                    scratch;
+                let Scratch { samples, sum: own_sum, sum_sq: own_sum_sq } = scratch;
                 let sum = own_unless_kept(sum, own_sum, pixels);
                 let sum_sq = own_unless_kept(sum_sq, own_sum_sq, pixels);
-                samples.resize(4 * rows * width, 0);
+                samples.resize(strips::TOGETHER * rows * width, 0);
+                let shape = (width, step_x, step_y);
+                let mut first_frames = none_yet;
                 let mut tallies = Vec::with_capacity(batch.len());
-                for frames in batch.chunks(4) {
+                for frames in batch.chunks(strips::TOGETHER) {
                     let mut largest = 0;
                     for (frame, samples) in frames.iter().zip(samples.chunks_mut(pixels)) {
                         frame.read_rows(first, samples)?;
-                        let tally = Tally::of(samples, (width, step_x, step_y), white, columns);
+                        let tally = Tally::of(samples, shape, white);
                         largest = largest.max(tally.largest);
                         tallies.push(tally);
                     }
                     let read: Vec<&[u16]> = samples.chunks(pixels).take(frames.len()).collect();
-                    let together = if largest > strips::FOUR_SQUARES { 1 } else { 4 };
-                    read.chunks(together).for_each(|frames| strips::add(frames, sum, sum_sq));
+                    let together = if largest > strips::SMALL_SQUARES { 1 } else { read.len() };
+                    for frames in read.chunks(together) {
+                        strips::add(frames, std::mem::take(&mut first_frames), sum, sum_sq);
+                    }
                 }
-                let shape = (width, step_x, step_y);
-                let moments =
-                    whole.then(|| StripMoments::of(batch.len(), shape, sum, sum_sq, work));
+                let moments = whole.then(|| StripMoments::of(batch.len(), shape, sum, sum_sq));
                 Ok((tallies, moments))
             })
             .collect::<Result<_>>()?;
@@ -150,9 +151,7 @@ impl Sums {
         if self.strips.is_empty() {
             let chunk = strips::rows(width, step_y) * width;
             self.strips = (self.sum.par_chunks(chunk).zip(self.sum_sq.par_chunks(chunk)))
-                .map_init(Vec::new, |work, (s, q)| {
-                    StripMoments::of(frames, (width, step_x, step_y), s, q, work)
-                })
+                .map(|(s, q)| StripMoments::of(frames, (width, step_x, step_y), s, q))
                 .collect();
         }
         let moments = (0..self.sites.len()).map(|site| self.moments(site)).collect();
@@ -238,7 +237,7 @@ fn chunks<T>(plane: &mut [T], length: usize, count: usize) -> Vec<&mut [T]> {
     plane.chunks_mut(length).collect()
 }
 
-/// The strip's piece of a plane that is kept, else the worker's own, zeroed.
+/// The strip's piece of a plane that is kept, else the worker's own, with whatever was in it.
 fn own_unless_kept<'a, T: Copy + Default>(
     kept: &'a mut [T],
     own: &'a mut Vec<T>,
@@ -247,34 +246,19 @@ fn own_unless_kept<'a, T: Copy + Default>(
     if !kept.is_empty() {
         return kept;
     }
-    own.clear();
     own.resize(pixels, T::default());
     own
 }
 
 impl Tally {
-    fn of(
-        samples: &[u16],
-        (width, step_x, step_y): (usize, usize, usize),
-        white: u16,
-        columns: &mut Vec<u32>,
-    ) -> Self {
-        let mut by_site = |f: &mut dyn FnMut(&mut [u32])| {
-            columns.clear();
-            columns.resize(step_y * width, 0);
-            f(columns);
-            strips::to_sites(columns, width, step_x)
-        };
-        let mut range = (0, 0);
-        let sums = by_site(&mut |c| range = strips::sum_columns(samples, width, step_y, c));
-        let mut counted = |low, high| {
-            by_site(&mut |c| strips::count_columns(samples, width, step_y, (low, high), c))
-        };
+    fn of(samples: &[u16], shape: (usize, usize, usize), white: u16) -> Self {
+        let (sums, low, high) = strips::sums(samples, shape);
+        let counted = |low, high| strips::counts(samples, shape, (low, high));
         Self {
             sums,
-            zeros: (range.0 == 0).then(|| counted(0, 0)),
-            whites: (range.1 >= white).then(|| counted(white, u16::MAX)),
-            largest: range.1,
+            zeros: (low == 0).then(|| counted(0, 0)),
+            whites: (high >= white).then(|| counted(white, u16::MAX)),
+            largest: high,
         }
     }
 }

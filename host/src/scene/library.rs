@@ -83,9 +83,10 @@ impl Library {
             .map_err(|e| Error::io("create", &self.directory, e))?;
         let place = self.directory.join(name);
         let output = OutputDir::create(&place, force)?;
-        stored::write(output.path(), about, |band| {
+        stored::write(output.path(), about, |band, plane| {
             progress(band);
-            cube.band(band)
+            *plane = cube.band(band)?;
+            Ok(())
         })?;
         let picture = preview::render(cube, &Illuminant::parse("D65")?, PREVIEW)?;
         output.write("preview.png", &png::encode_rgb(&picture)?)?;

@@ -95,11 +95,12 @@ impl Description {
     }
 }
 
-/// Writes description and bands into a directory that is there.
+/// Writes description and bands into a directory that is there. `band` fills the plane that is given to it, which is one
+/// and the same for all bands.
 pub fn write(
     directory: &Path,
     description: &Description,
-    mut band: impl FnMut(usize) -> Result<Plane<f32>>,
+    mut band: impl FnMut(usize, &mut Plane<f32>) -> Result<()>,
 ) -> Result<()> {
     let path = directory.join(DATA);
     let file = File::create(&path).map_err(|e| Error::io("write", &path, e))?;
@@ -107,8 +108,9 @@ pub fn write(
     let mut encoder = TiffEncoder::new_big(BufWriter::new(file))
         .map_err(failed)?
         .with_compression(Compression::Deflate(DeflateLevel::Fast));
+    let mut plane = Plane::filled(description.width, description.height, 0.0);
     for index in 0..description.bands {
-        let mut plane = band(index)?;
+        band(index, &mut plane)?;
         plane.data.iter_mut().for_each(|v| *v = round(*v));
         let (width, height) = (plane.width as u32, plane.height as u32);
         let mut page =
@@ -202,7 +204,11 @@ mod tests {
         let value = |x: usize, y: usize, b: usize| ((1 + x + 7 * y) * (b + 1)) as f32 * 1e-3;
         let size = (9, 150);
         let about = Description::new("test", Quantity::Radiance, size, &Bands::VISIBLE);
-        write(dir.path(), &about, |b| Ok(Plane::from_fn(9, 150, |x, y| value(x, y, b)))).unwrap();
+        let fill = |b: usize, plane: &mut Plane<f32>| {
+            *plane = Plane::from_fn(9, 150, |x, y| value(x, y, b));
+            Ok(())
+        };
+        write(dir.path(), &about, fill).unwrap();
         let scene = open_scene(dir.path().to_str().unwrap()).unwrap();
         assert_eq!((scene.bands(), scene.quantity()), (Bands::VISIBLE, Quantity::Radiance));
         let cell = 1.0 / 9.0;

@@ -11,6 +11,7 @@ pub use spectral::{SpectralArgs, spectral};
 use crate::camera::Cfa;
 use crate::captures::CaptureSet;
 use crate::formats::output::OutputDir;
+use crate::scene::calibrate::ceiling;
 use crate::scene::calibrate::exposures::{self, Series};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -39,7 +40,15 @@ impl Source {
         let full_scale = f64::from(set.sensor.white_level_dn) - black;
         let series =
             exposures::read(&set, &self.only).map_err(|e| e.at(self.captures.display()))?;
-        Ok((series, cfa, full_scale))
+        let ends = series.iter().map(|s| ceiling::full_scale(s, &cfa, full_scale));
+        let ends = ends.fold(full_scale, f64::min);
+        if ends < full_scale {
+            eprintln!(
+                "note: signals end at {ends:.0} DN above black, below the white level ({full_scale:.0}): \
+                 saturation is taken from there"
+            );
+        }
+        Ok((series, cfa, ends))
     }
 }
 

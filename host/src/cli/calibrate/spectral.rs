@@ -130,8 +130,9 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
     let mut about = Description::new(name, Quantity::Reflectance, (width, height), &bands);
     about.source = format!("{} seen by {} under {}", args.frame.display(), camera.name, light.name);
     about.description = format!("reflectance estimated from {} channels", view.letters.len());
-    stored::write(output.path(), &about, |band| {
-        Ok(Plane { width, height, data: estimator.band(band, &planes) })
+    stored::write(output.path(), &about, |band, plane| {
+        estimator.band(band, &planes, &mut plane.data);
+        Ok(())
     })?;
     output.finish()?;
 

@@ -83,15 +83,15 @@ pub(super) fn spatial_figures(
     });
     // Spectra and histograms of the channel's first site: sites of one channel are alike.
     let Some(&site) = flat.sites.iter().find(|s| s.channel == c) else { return Ok(()) };
-    let (width, height) = (flat.width, flat.height);
-    let dark_plane = SitePlane::of(site, width, height, |x, y| dark.mean_at(x, y));
-    let flat_plane =
-        SitePlane::of(site, width, height, |x, y| flat.mean_at(x, y) - dark.mean_at(x, y));
-    out.spectrogram_dark = Some(dark_plane.spectrogram()?);
-    out.spectrogram_prnu = Some(flat_plane.spectrogram()?);
-    let mut dsnu = Histogram::of(&dark_plane.data);
-    dsnu.start -= dark_plane.mean();
-    out.histogram_dsnu = Some(dsnu);
-    out.histogram_prnu = Some(Histogram::of(&flat_plane.high_pass()));
+    let shape = (flat.width, flat.height);
+    let per_frame = |s: &Stack| 1.0 / s.frames as f64;
+    let dark_mean = (&dark.sum[..], per_frame(dark));
+    let plane = SitePlane::of(site, shape, &[dark_mean], Vec::new());
+    out.spectrogram_dark = Some(plane.spectrogram()?);
+    out.histogram_dsnu = Some(Histogram::of(&plane.data));
+    let terms = [(&flat.sum[..], per_frame(flat)), (dark_mean.0, -dark_mean.1)];
+    let plane = SitePlane::of(site, shape, &terms, plane.data);
+    out.spectrogram_prnu = Some(plane.spectrogram()?);
+    out.histogram_prnu = Some(Histogram::of(&plane.high_pass()));
     Ok(())
 }

@@ -1,9 +1,8 @@
 //! Photon transfer of sensors whose parameters are known.
 
 use super::*;
-use crate::measure::synthetic::{Sensor, Shot};
+use crate::measure::synthetic::{Hits, Sensor, Shot};
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
-use std::collections::BTreeMap;
 
 fn shots(sensor: &Sensor) -> Vec<Shot> {
     let mut shots = Vec::new();
@@ -43,31 +42,6 @@ fn measured(sensor: &Sensor) -> Ptc {
     let directory = tempfile::tempdir().unwrap();
     sensor.write(directory.path(), &shots(sensor));
     measure(&CaptureSet::load(directory.path()).unwrap()).unwrap()
-}
-
-/// How often a parameter came back within two standard errors, of how many.
-#[derive(Default, Debug)]
-struct Hits(BTreeMap<&'static str, (u32, u32)>);
-
-impl Hits {
-    fn add(&mut self, name: &'static str, found: Option<Value>, truth: f64) {
-        let found = found.unwrap_or_else(|| panic!("{name} not determined"));
-        let z = (found.value - truth) / found.std_error;
-        let entry = self.0.entry(name).or_default();
-        entry.1 += 1;
-        entry.0 += u32::from(z.abs() <= 2.0);
-        println!("{name}: {:.5} ± {:.5}, truth {truth:.5}, z {z:.2}", found.value, found.std_error);
-    }
-
-    /// 95.4 % is what two standard errors mean; a single parameter of twenty cameras comes to 15 or fewer once in
-    /// 900 times.
-    fn check(&self) {
-        let total: (u32, u32) = self.0.values().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        let share = f64::from(total.0) / f64::from(total.1);
-        println!("{:?} {share:.3}", self.0);
-        assert!((0.90..=0.98).contains(&share), "{share} {:?}", self.0);
-        assert!(self.0.values().all(|h| h.0 >= 16), "{:?}", self.0);
-    }
 }
 
 /// A random camera, the same for the same seed.

@@ -1,10 +1,11 @@
 //! The shift between two exposures of the same view.
 //!
 //! Found on one phase of the colour filter pattern in the middle of the frame, by the least mean
-//! absolute difference of ln signal over whole cells, refined by a parabola. Only pixels that are
-//! usable in both exposures count, so different exposures compare.
+//! absolute difference of ln signal over whole cells, less what the exposures differ by as a whole, refined
+//! by a parabola. Only pixels that are usable in both exposures count, so different exposures compare.
 
-use crate::Plane;
+use multiversion::multiversion;
+use rayon::prelude::*;
 
 /// Largest shift searched, cells in each direction.
 const REACH: isize = 8;
@@ -18,7 +19,7 @@ const WINDOW: usize = 384;
 /// `cell` is the edge of the colour filter pattern.
 pub fn shift(
     (frame_width, frame_height): (usize, usize),
-    rates: [&dyn Fn(usize) -> f32; 2],
+    rates: [&(dyn Fn(usize) -> f32 + Sync); 2],
     cell: usize,
 ) -> Option<[f64; 2]> {
     let (width, height) = (frame_width / cell, frame_height / cell);
@@ -29,35 +30,44 @@ pub fn shift(
     let (w, h) = ((width - 2 * reach).min(WINDOW), (height - 2 * reach).min(WINDOW));
     // Cells of the window and of what it may be shifted over.
     let (left, top) = ((width - w) / 2 - reach, (height - h) / 2 - reach);
-    let [still, moved] = rates.map(|rate| {
-        Plane::from_fn(w + 2 * reach, h + 2 * reach, |x, y| {
-            let value = rate((top + y) * cell * frame_width + (left + x) * cell);
-            if value > 0.0 { libm::logf(value) } else { f32::NAN }
-        })
-    });
-    let (left, top) = (reach, reach);
-    let cost = |dx: isize, dy: isize| -> Option<f64> {
-        let (mut sum, mut count) = (0.0f64, 0usize);
-        for y in top..top + h {
-            let from = left.checked_add_signed(dx)?;
-            let other = &moved.row(y.checked_add_signed(dy)?)[from..from + w];
-            for (a, b) in still.row(y)[left..left + w].iter().zip(other) {
-                let difference = (a - b).abs();
-                if !difference.is_nan() {
-                    sum += f64::from(difference);
-                    count += 1;
-                }
+    let stride = w + 2 * reach;
+    let [still, mut moved] = rates.map(|rate| {
+        let mut values = vec![0.0; stride * (h + 2 * reach)];
+        values.par_chunks_mut(stride).enumerate().for_each(|(y, row)| {
+            for (x, out) in row.iter_mut().enumerate() {
+                let value = rate((top + y) * cell * frame_width + (left + x) * cell);
+                *out = if value > 0.0 { libm::logf(value) } else { f32::NAN };
             }
+        });
+        values
+    });
+    // What the exposures differ by as a whole (a time that is not exact, a lamp) is no shift.
+    let both = still.iter().zip(&moved).map(|(a, b)| b - a);
+    let mut apart: Vec<f32> = both.filter(|d| !d.is_nan()).collect();
+    if !apart.is_empty() {
+        let middle = apart.len() / 2;
+        let apart = *apart.select_nth_unstable_by(middle, f32::total_cmp).1;
+        moved.iter_mut().for_each(|v| *v -= apart);
+    }
+    let cost = |dx: isize, dy: isize| -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in reach..reach + h {
+            let from = y.checked_add_signed(dy)? * stride + reach.checked_add_signed(dx)?;
+            let row = [&still[y * stride + reach..][..w], &moved[from..][..w]];
+            let (of_row, usable) = difference(row);
+            sum += of_row;
+            count += usable;
         }
-        (count * 10 > w * h).then(|| sum / count as f64)
+        (count * 10.0 > (w * h) as f64).then(|| sum / count)
     };
     let mut best = (f64::INFINITY, 0, 0);
-    for dy in -REACH..=REACH {
-        for dx in -REACH..=REACH {
-            let cost = cost(dx, dy)?;
-            if cost < best.0 {
-                best = (cost, dx, dy);
-            }
+    let side = 2 * REACH + 1;
+    let shifts = (0..side * side).into_par_iter().map(|i| (i % side - REACH, i / side - REACH));
+    let costs: Vec<_> =
+        shifts.map(|(dx, dy)| Some((cost(dx, dy)?, dx, dy))).collect::<Option<_>>()?;
+    for shift in costs {
+        if shift.0 < best.0 {
+            best = shift;
         }
     }
     let (least, dx, dy) = best;
@@ -73,4 +83,20 @@ pub fn shift(
     let x = if inside(dx) { refine(cost(dx - 1, dy), cost(dx + 1, dy)) } else { 0.0 };
     let y = if inside(dy) { refine(cost(dx, dy - 1), cost(dx, dy + 1)) } else { 0.0 };
     Some([(dx as f64 + x) * cell as f64, (dy as f64 + y) * cell as f64])
+}
+
+/// Sum of the absolute differences of a row's values that are usable in both, and how many these are.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+fn difference([a, b]: [&[f32]; 2]) -> (f64, f64) {
+    const LANES: usize = 32;
+    let (mut sum, mut count) = ([0.0f32; LANES], [0.0f32; LANES]);
+    for (a, b) in a.chunks(LANES).zip(b.chunks(LANES)) {
+        for (((a, b), sum), count) in a.iter().zip(b).zip(&mut sum).zip(&mut count) {
+            let difference = (a - b).abs();
+            let usable = difference == difference;
+            *sum += if usable { difference } else { 0.0 };
+            *count += if usable { 1.0 } else { 0.0 };
+        }
+    }
+    (sum.iter().map(|&v| f64::from(v)).sum(), count.iter().map(|&v| f64::from(v)).sum())
 }

@@ -2,6 +2,7 @@
 //! several exposures, those exposures merged to one radiance frame, and spectra from its channels.
 
 mod align;
+pub mod ceiling;
 pub mod delta_e;
 pub mod exposures;
 pub mod hdr;

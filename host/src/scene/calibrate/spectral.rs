@@ -15,6 +15,7 @@ use super::delta_e::{delta_e_2000, lab};
 use crate::scene::photometry::observer_in_bands;
 use crate::scene::{Bands, Illuminant};
 use crate::{Error, Result};
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -97,21 +98,40 @@ impl Estimator {
     }
 
     /// One band of a whole image from its channels' planes, relative to white.
-    pub fn band(&self, band: usize, channels: &[&[f32]]) -> Vec<f32> {
+    pub fn band(&self, band: usize, channels: &[&[f32]], out: &mut [f32]) {
         let offset = self.offset[band] as f32;
         let weights: Vec<f32> = self.matrix.row(band).iter().map(|&w| w as f32).collect();
-        let mut out = vec![0.0; channels[0].len()];
-        // Pieces that stay in the first cache from the first channel to the last.
-        const PIECE: usize = 4096;
+        const PIECE: usize = 1 << 16;
         out.par_chunks_mut(PIECE).enumerate().for_each(|(i, out)| {
-            out.fill(offset);
-            for (weight, channel) in weights.iter().zip(channels) {
-                let channel = &channel[i * PIECE..];
-                out.iter_mut().zip(channel).for_each(|(o, v)| *o += weight * v);
-            }
-            out.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+            let of_piece: Vec<(f32, &[f32])> = weights
+                .iter()
+                .zip(channels)
+                .map(|(&weight, channel)| (weight, &channel[i * PIECE..][..out.len()]))
+                .collect();
+            weigh(offset, &of_piece, out);
         });
-        out
+    }
+}
+
+/// The offset and the weighted channels, kept within 0..=1: every value is read once and written once.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+fn weigh(offset: f32, channels: &[(f32, &[f32])], out: &mut [f32]) {
+    const SIDE: usize = 64;
+    let (whole, rest) = out.as_chunks_mut::<SIDE>();
+    for (i, out) in whole.iter_mut().enumerate() {
+        let mut sum = [offset; SIDE];
+        for &(weight, channel) in channels {
+            let values = &channel[i * SIDE..][..SIDE];
+            for (sum, v) in sum.iter_mut().zip(values) {
+                *sum += weight * v;
+            }
+        }
+        *out = sum.map(|v| v.clamp(0.0, 1.0));
+    }
+    let first = whole.len() * SIDE;
+    for (i, out) in rest.iter_mut().enumerate() {
+        let sum = channels.iter().fold(offset, |sum, (weight, v)| sum + weight * v[first + i]);
+        *out = sum.clamp(0.0, 1.0);
     }
 }
 
@@ -314,12 +334,15 @@ mod tests {
         for signals in [[5.0, 0.0, 0.0], [-1.0, 0.2, 0.1], [1.0, 1.0, 1.0]] {
             assert!(estimator.estimate(&signals).iter().all(|v| (0.0..=1.0).contains(v)));
         }
-        let planes = [vec![0.3f32, 0.9], vec![0.2, 0.9], vec![0.1, 0.9]];
+        // More pixels than go side by side.
+        let plane = |first: f32| [vec![first], vec![0.9; 99]].concat();
+        let planes = [plane(0.3), plane(0.2), plane(0.1)];
         let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
         for band in [0, 30] {
-            let whole = estimator.band(band, &planes)[1];
+            let mut whole = [0.0; 100];
+            estimator.band(band, &planes, &mut whole);
             let alone = estimator.estimate(&[0.9; 3])[band];
-            assert!((f64::from(whole) - alone).abs() < 1e-6);
+            assert!(whole[1..].iter().all(|&v| (f64::from(v) - alone).abs() < 1e-6));
         }
     }
 }

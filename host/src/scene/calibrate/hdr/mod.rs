@@ -20,8 +20,10 @@ use super::exposures::{Exposure, Series};
 use super::response::{Response, SATURATION};
 use crate::camera::Cfa;
 use crate::{Error, Plane, Result};
+use movement::Still;
 use noise::Seen;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 pub use noise::Noise;
 
@@ -57,8 +59,13 @@ pub struct Merged {
 /// Least signal that is compared to find shifts, of full scale: above noise.
 const DETAIL: f32 = 0.02;
 
+/// Rows that one task merges, with [`movement::AROUND`] more on either side for what moved: enough that these are few.
+const STRIP_ROWS: usize = 64;
+
 /// Merges a series. `full_scale_dn` is the saturation level above black, `responses` the curves of the
 /// channels where the camera is not linear.
+///
+/// Every strip of rows is read once and written once: merged, searched for what moved, flagged.
 pub fn merge(
     series: &Series,
     cfa: &Cfa,
@@ -67,51 +74,141 @@ pub fn merge(
 ) -> Result<Merged> {
     let limit = (SATURATION * full_scale_dn) as f32;
     check_sizes(&series.exposures)?;
-    let mut exposures: Vec<Exposure> =
-        series.exposures.iter().map(|e| linear(e, limit, cfa, responses)).collect();
-    let shifts = align_all(&mut exposures, cfa, DETAIL * limit)?;
-    let noise = Noise::measure(&exposures, limit)?;
-    let (width, height) = (exposures[0].signal.width, exposures[0].signal.height);
+    let mut shots = Shots::linear(series, limit, cfa, responses);
+    let shifts = align_all(&mut shots, cfa, DETAIL * limit)?;
+    let noise = Noise::measure(&shots, limit)?;
+    let still = Still::measure(&shots, cfa, noise, limit)?;
 
+    let (width, height) = shots.size();
+    let brightest =
+        shots.exposures.iter().map(|e| f64::from(limit) / e.seconds).fold(0.0, f64::max);
     let mut radiance = Plane::filled(width, height, 0.0f32);
     let mut sigma = Plane::filled(width, height, 0.0f32);
-    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
-    lines.enumerate().for_each(|(y, (radiance, sigma))| {
-        let row: Vec<Seen<'_>> = exposures.iter().map(|e| Seen::row(e, y)).collect();
-        noise.merge(&row, radiance, sigma);
-    });
-    let moved = movement::find(&exposures, &radiance, cfa, noise, limit)?;
-
-    let reference = reference(&exposures);
     let mut flags = Plane::filled(width, height, Flag::Merged as u8);
-    let brightest = exposures.iter().map(|e| f64::from(limit) / e.seconds).fold(0.0, f64::max);
-    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
-    lines.zip(flags.data.par_chunks_mut(width)).zip(moved.par_chunks(width)).enumerate().for_each(
-        |(y, (((radiance, sigma), flags), moved))| {
-            for x in 0..width {
-                if sigma[x].is_infinite() {
-                    flags[x] = Flag::Saturated as u8;
-                    radiance[x] = brightest as f32;
-                } else if moved[x] {
-                    flags[x] = Flag::Moved as u8;
-                    let usable = |e: &&Exposure| e.signal.at(x, y).is_finite();
-                    if let Some(single) = exposures[..=reference].iter().rev().find(usable) {
-                        let alone = Seen::one(single, &single.signal.row(y)[x..=x]);
-                        noise.merge(&[alone], &mut radiance[x..=x], &mut sigma[x..=x]);
-                    }
+    let strip = STRIP_ROWS * width;
+    let strips = radiance.data.par_chunks_mut(strip).zip(sigma.data.par_chunks_mut(strip));
+    strips.zip(flags.data.par_chunks_mut(strip)).enumerate().for_each_init(
+        || still.around(width, height),
+        |around, (strip, ((radiance, sigma), flags))| {
+            let first = strip * STRIP_ROWS;
+            let count = flags.len() / width;
+            let (mut other_radiance, mut other_sigma) = (vec![0.0; width], vec![0.0; width]);
+            let mut next = first;
+            for y in around.rows(first, count) {
+                let seen = shots.row(y);
+                let (value, deviation) = if (first..first + count).contains(&y) {
+                    let row = (y - first) * width..(y - first + 1) * width;
+                    (&mut radiance[row.clone()], &mut sigma[row])
+                } else {
+                    (&mut other_radiance[..], &mut other_sigma[..])
+                };
+                noise.merge(&seen, value, deviation);
+                around.add(y, &seen, value);
+                while next < first + count && around.knows(next, y) {
+                    let row = (next - first) * width..(next - first + 1) * width;
+                    around.find_moved(next, &mut flags[row.clone()]);
+                    mark_saturated(
+                        &mut radiance[row.clone()],
+                        &sigma[row.clone()],
+                        &mut flags[row],
+                        brightest as f32,
+                    );
+                    next += 1;
                 }
             }
         },
     );
+    if flags.data.par_iter().any(|&f| f == Flag::Moved as u8) {
+        take_one(&shots, noise, &mut radiance, &mut sigma, &flags);
+    }
     let mut floor = [0.0];
-    let black: Vec<Seen<'_>> = exposures.iter().map(|e| Seen::one(e, &[0.0])).collect();
+    let black: Vec<Seen<'_>> = shots.exposures.iter().map(|e| shots.pixels(e, &[0.0])).collect();
     noise.merge(&black, &mut [0.0], &mut floor);
     let dynamic_range_db = 20.0 * libm::log10(brightest / f64::from(floor[0]));
     Ok(Merged { radiance, sigma, flags, noise, shifts, dynamic_range_db })
 }
 
-/// The exposure with saturated pixels infinite (a matter of DN, so before anything else) and the others on the
-/// scale of a linear camera.
+/// Pixels that no exposure tells of: at least as bright as `brightest`.
+fn mark_saturated(radiance: &mut [f32], sigma: &[f32], flags: &mut [u8], brightest: f32) {
+    for ((value, sigma), flag) in radiance.iter_mut().zip(sigma).zip(flags) {
+        if sigma.is_infinite() {
+            (*value, *flag) = (brightest, Flag::Saturated as u8);
+        }
+    }
+}
+
+/// Takes what moved from one exposure: the reference, or the longest shorter one where that is saturated.
+fn take_one(
+    shots: &Shots<'_>,
+    noise: Noise,
+    radiance: &mut Plane<f32>,
+    sigma: &mut Plane<f32>,
+    flags: &Plane<u8>,
+) {
+    let width = flags.width;
+    let exposures = &shots.exposures[..=shots.reference()];
+    let lines = radiance.data.par_chunks_mut(width).zip(sigma.data.par_chunks_mut(width));
+    lines.zip(flags.data.par_chunks(width)).enumerate().for_each(
+        |(y, ((radiance, sigma), flags))| {
+            for x in (0..width).filter(|&x| flags[x] == Flag::Moved as u8) {
+                let usable = |e: &&Cow<'_, Exposure>| e.signal.at(x, y) <= shots.top;
+                if let Some(single) = exposures.iter().rev().find(usable) {
+                    let alone = shots.pixels(single, &single.signal.row(y)[x..=x]);
+                    noise.merge(&[alone], &mut radiance[x..=x], &mut sigma[x..=x]);
+                }
+            }
+        },
+    );
+}
+
+/// The exposures of a series on the scale of a linear camera; those that are so already are not copied.
+struct Shots<'a> {
+    exposures: Vec<Cow<'a, Exposure>>,
+    /// Signals above are saturated.
+    top: f32,
+}
+
+impl<'a> Shots<'a> {
+    /// Saturation is a matter of DN, so before anything else: at `limit`.
+    fn linear(series: &'a Series, limit: f32, cfa: &Cfa, responses: &[Response]) -> Self {
+        if responses.is_empty() {
+            return Self {
+                exposures: series.exposures.iter().map(Cow::Borrowed).collect(),
+                top: limit,
+            };
+        }
+        let exposures = series.exposures.iter();
+        let exposures = exposures.map(|e| Cow::Owned(linear(e, limit, cfa, responses)));
+        Self { exposures: exposures.collect(), top: f32::MAX }
+    }
+
+    fn size(&self) -> (usize, usize) {
+        (self.exposures[0].signal.width, self.exposures[0].signal.height)
+    }
+
+    /// Pixels of an exposure.
+    fn pixels<'p>(&self, exposure: &Exposure, signals: &'p [f32]) -> Seen<'p> {
+        let (seconds, frames) = (exposure.seconds as f32, exposure.frames as f32);
+        Seen { seconds, frames, top: self.top, signals }
+    }
+
+    /// A row of each exposure.
+    fn row(&self, y: usize) -> Vec<Seen<'_>> {
+        self.exposures.iter().map(|e| self.pixels(e, e.signal.row(y))).collect()
+    }
+
+    /// The exposure that a moving thing is taken from: the longest with less than 1 % saturated, else the
+    /// shortest.
+    fn reference(&self) -> usize {
+        let few = |e: &Cow<'_, Exposure>| {
+            let saturated = e.signal.data.par_iter().filter(|v| **v > self.top).count();
+            saturated * 100 < e.signal.data.len()
+        };
+        self.exposures.iter().rposition(few).unwrap_or(0)
+    }
+}
+
+/// The exposure with saturated pixels infinite and the others on the scale of a linear camera.
 fn linear(exposure: &Exposure, limit: f32, cfa: &Cfa, responses: &[Response]) -> Exposure {
     let width = exposure.signal.width;
     let mut data = vec![0.0; exposure.signal.data.len()];
@@ -120,12 +217,10 @@ fn linear(exposure: &Exposure, limit: f32, cfa: &Cfa, responses: &[Response]) ->
         for (o, &v) in out.iter_mut().zip(row) {
             *o = if v > limit { f32::INFINITY } else { v };
         }
-        if !responses.is_empty() {
-            for (x, value) in out.iter_mut().enumerate().filter(|(_, v)| v.is_finite()) {
-                let letter = cfa.letter(x, y);
-                if let Some(response) = responses.iter().find(|r| r.channel == letter) {
-                    *value = response.linear_dn(f64::from(*value)) as f32;
-                }
+        for (x, value) in out.iter_mut().enumerate().filter(|(_, v)| v.is_finite()) {
+            let letter = cfa.letter(x, y);
+            if let Some(response) = responses.iter().find(|r| r.channel == letter) {
+                *value = response.linear_dn(f64::from(*value)) as f32;
             }
         }
     });
@@ -152,7 +247,9 @@ fn check_sizes(exposures: &[Exposure]) -> Result<()> {
 }
 
 /// Moves exposures by whole cells of the pattern onto the middle one; refuses other shifts.
-fn align_all(exposures: &mut [Exposure], cfa: &Cfa, least_dn: f32) -> Result<Vec<[isize; 2]>> {
+fn align_all(shots: &mut Shots<'_>, cfa: &Cfa, least_dn: f32) -> Result<Vec<[isize; 2]>> {
+    let top = shots.top;
+    let exposures = &mut shots.exposures;
     let cell = cfa.width.max(cfa.height);
     let middle = exposures.len() / 2;
     let mut shifts = vec![[0isize; 2]; exposures.len()];
@@ -163,7 +260,7 @@ fn align_all(exposures: &mut [Exposure], cfa: &Cfa, least_dn: f32) -> Result<Vec
     for (index, next) in pairs {
         let rate = |e: &Exposure, i: usize| {
             let signal = e.signal.data[i];
-            let usable = signal.is_finite() && signal > least_dn;
+            let usable = signal <= top && signal > least_dn;
             if usable { signal / e.seconds as f32 } else { f32::NAN }
         };
         let size = (exposures[index].signal.width, exposures[index].signal.height);
@@ -196,18 +293,11 @@ fn align_all(exposures: &mut [Exposure], cfa: &Cfa, least_dn: f32) -> Result<Vec
             let moved = Plane::from_fn(width, height, |x, y| {
                 signal.at(clamp(x, by[0], width), clamp(y, by[1], height))
             });
-            exposures[index].signal = moved;
+            exposures[index].to_mut().signal = moved;
             shifts[index] = by;
         }
     }
     Ok(shifts)
-}
-
-/// The exposure that a moving thing is taken from: the longest with less than 1 % saturated, else the
-/// shortest.
-fn reference(exposures: &[Exposure]) -> usize {
-    let saturated = |e: &Exposure| e.signal.data.iter().filter(|v| v.is_infinite()).count();
-    exposures.iter().rposition(|e| saturated(e) * 100 < e.signal.data.len()).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -324,6 +414,44 @@ mod tests {
         let merged = merge(&series, &mono, FULL, &[]).unwrap();
         let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
         assert!(flagged == 0, "{flagged} flagged");
+    }
+
+    /// 8 bits without noise to hide their steps, and a black that lies a step below 0: a dark spot is 0 where the line
+    /// of the exposure says less, the same all over it.
+    #[test]
+    fn steps_of_dark_spots_have_not_moved() {
+        let mono = Cfa::parse("mono").unwrap();
+        // 48 spots from 0.2 to 9.6 DN/s on a brighter ground.
+        let light = |x: usize, y: usize| {
+            let spot = x / 15 + 8 * (y / 16) + 1;
+            let inside = (2..13).contains(&(x % 15)) && (2..14).contains(&(y % 16));
+            if inside { 0.2 * spot as f64 } else { 30.0 + 0.2 * x as f64 }
+        };
+        let exposures = [0.25, 0.5, 1.0, 2.0].iter().enumerate().map(|(j, &seconds)| {
+            let signal = Plane::from_fn(120, 96, |x, y| {
+                let mean = light(x, y) * seconds;
+                let noise =
+                    (0.01 + 0.02 * mean).sqrt() * normal(((j * 1000 + y) * 1000 + x) as u64);
+                (mean + noise - 1.0).round().clamp(0.0, 255.0) as f32
+            });
+            Exposure { id: format!("e{j}"), seconds, frames: 1, signal }
+        });
+        let series = Series { name: "test".into(), exposures: exposures.collect() };
+        let merged = merge(&series, &mono, 255.0, &[]).unwrap();
+        let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
+        assert!(flagged == 0, "{flagged} flagged");
+    }
+
+    /// Whichever exposure's time is said to be twice what it was, that one is named.
+    #[test]
+    fn a_wrong_exposure_time_is_named() {
+        let mono = Cfa::parse("mono").unwrap();
+        for wrong in 0..TIMES.len() {
+            let mut series = series(&TIMES, patches, |_, x, y| (x, y));
+            series.exposures[wrong].seconds *= 2.0;
+            let message = merge(&series, &mono, FULL, &[]).err().unwrap().to_string();
+            assert!(message.contains(&format!("\"e{wrong}\"")), "{wrong}: {message}");
+        }
     }
 
     #[test]

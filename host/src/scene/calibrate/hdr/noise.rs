@@ -1,8 +1,9 @@
 //! Noise of the exposures, and the weighted mean that it asks for.
 
-use super::super::exposures::Exposure;
+use super::Shots;
 use crate::{Error, Result};
 use multiversion::multiversion;
+use rayon::prelude::*;
 
 /// Variance of a pixel of one frame: read² + K · signal, DN.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -13,24 +14,13 @@ pub struct Noise {
     pub read_dn2: f64,
 }
 
-/// Pixels of one exposure: signals in DN, infinite where saturated.
+/// Pixels of one exposure: signals in DN, saturated above `top`.
 #[derive(Clone, Copy)]
 pub(super) struct Seen<'a> {
     pub(super) seconds: f32,
     pub(super) frames: f32,
+    pub(super) top: f32,
     pub(super) signals: &'a [f32],
-}
-
-impl<'a> Seen<'a> {
-    /// Some pixels of an exposure.
-    pub(super) fn one(exposure: &Exposure, signals: &'a [f32]) -> Self {
-        Self { seconds: exposure.seconds as f32, frames: exposure.frames as f32, signals }
-    }
-
-    /// A row of an exposure.
-    pub(super) fn row(exposure: &'a Exposure, y: usize) -> Self {
-        Self::one(exposure, exposure.signal.row(y))
-    }
 }
 
 /// Pixels that are worked on side by side.
@@ -50,12 +40,27 @@ pub(super) fn load(values: &[f32], first: usize, fill: f32) -> [f32; SIDE] {
     }
 }
 
-impl Noise {
-    /// Variance of the mean of `frames` frames at a signal.
+impl Seen<'_> {
+    /// The next [`SIDE`] signals, 0 where saturated, and 1 where they are not: sums need no branches.
     #[inline(always)]
-    pub(super) fn variance(self, signal: f32, frames: f32) -> f32 {
+    pub(super) fn usable(&self, first: usize) -> ([f32; SIDE], [f32; SIDE]) {
+        let mut signals = load(self.signals, first, f32::INFINITY);
+        let mut usable = [0.0; SIDE];
+        let top = self.top;
+        for i in 0..SIDE {
+            usable[i] = if signals[i] <= top { 1.0 } else { 0.0 };
+            signals[i] = if signals[i] <= top { signals[i] } else { 0.0 };
+        }
+        (signals, usable)
+    }
+}
+
+impl Noise {
+    /// Variance of one frame at a signal.
+    #[inline(always)]
+    pub(super) fn variance(self, signal: f32) -> f32 {
         let light = if signal > 0.0 { signal } else { 0.0 };
-        (self.read_dn2 as f32 + self.gain_dn as f32 * light) / frames
+        self.read_dn2 as f32 + self.gain_dn as f32 * light
     }
 
     /// Merges pixels: value, DN/s, and standard deviation, infinite where no exposure can be used.
@@ -66,22 +71,21 @@ impl Noise {
     /// Measures the noise on neighbouring exposures: the shorter one's difference from what the
     /// longer one says, in 24 classes of signal, its variance from the median absolute difference
     /// (which what moved does not change), fitted by a line.
-    pub fn measure(exposures: &[Exposure], limit_dn: f32) -> Result<Self> {
+    pub(super) fn measure(shots: &Shots<'_>, limit_dn: f32) -> Result<Self> {
         const CLASSES: usize = 24;
-        // Per class: weight, signal and variance of one frame, summed over pairs.
-        let (mut a, mut b, mut c, mut d, mut e) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for pair in exposures.windows(2) {
+        // Of each pair and class: weight, and what the two unknowns and the variance are multiplied with.
+        let pairs = shots.exposures.par_windows(2).map(|pair| {
             let (short, long) = (&pair[0], &pair[1]);
             let ratio = short.seconds / long.seconds;
             let mut classes: Vec<Vec<f32>> = vec![Vec::new(); CLASSES];
             let mut signals = [0.0f64; CLASSES];
             let top = (f64::from(limit_dn) * ratio) as f32;
-            // An odd step visits every column and channel; a million differences are plenty.
-            let step = (short.signal.data.len() >> 20) | 1;
+            // An odd step visits every column and channel; 250 000 differences tell the variance to 1 % per class.
+            let step = (short.signal.data.len() >> 18) | 1;
             let both = short.signal.data.iter().zip(&long.signal.data).step_by(step);
             for (&x, &y) in both {
                 let expected = y * ratio as f32;
-                if x.is_finite() && y.is_finite() && expected < top {
+                if x <= shots.top && y <= shots.top && expected < top {
                     // Narrower classes in the dark, where most of a wide range lies.
                     let class = ((expected / top).max(0.0).sqrt() * CLASSES as f32) as usize;
                     let class = class.min(CLASSES - 1);
@@ -89,27 +93,33 @@ impl Noise {
                     signals[class] += f64::from(expected);
                 }
             }
-            for (index, mut differences) in classes.into_iter().enumerate() {
+            let of_class = |(mut differences, signal): (Vec<f32>, f64)| {
                 if differences.len() < 100 {
-                    continue;
+                    return None;
                 }
                 let count = differences.len() as f64;
                 let centre = median(&mut differences);
                 differences.iter_mut().for_each(|v| *v = (*v - centre).abs());
                 let deviation = 1.4826 * f64::from(median(&mut differences));
-                let signal = (signals[index] / count).max(0.0);
+                let signal = (signal / count).max(0.0);
                 // variance = read² (1/n + ratio²/m) + K signal (1/n + ratio/m)
                 let p = 1.0 / short.frames as f64 + ratio * ratio / long.frames as f64;
                 let q = signal * (1.0 / short.frames as f64 + ratio / long.frames as f64);
                 let variance = deviation * deviation;
                 // A variance from n values is uncertain by its own size.
                 let weight = count / (variance + p / 12.0).powi(2);
-                a += weight * p * p;
-                b += weight * p * q;
-                c += weight * q * q;
-                d += weight * p * variance;
-                e += weight * q * variance;
-            }
+                Some((weight, p, q, variance))
+            };
+            classes.into_iter().zip(signals).filter_map(of_class).collect::<Vec<_>>()
+        });
+        let classes: Vec<Vec<(f64, f64, f64, f64)>> = pairs.collect();
+        let (mut a, mut b, mut c, mut d, mut e) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (weight, p, q, variance) in classes.into_iter().flatten() {
+            a += weight * p * p;
+            b += weight * p * q;
+            c += weight * q * q;
+            d += weight * p * variance;
+            e += weight * q * variance;
         }
         let determinant = a * c - b * b;
         if a == 0.0 || determinant <= 1e-12 * a * c {
@@ -129,30 +139,36 @@ fn merge(noise: Noise, seen: &[Seen<'_>], value: &mut [f32], sigma: &mut [f32]) 
     for first in (0..value.len()).step_by(SIDE) {
         let (mut signal, mut time) = ([0.0f32; SIDE], [0.0f32; SIDE]);
         for e in seen {
-            let x = load(e.signals, first, f32::INFINITY);
+            let (x, usable) = e.usable(first);
+            let (frames, exposed) = (e.frames, e.seconds * e.frames);
             for i in 0..SIDE {
-                let usable = x[i] < f32::INFINITY;
-                signal[i] += if usable { x[i] * e.frames } else { 0.0 };
-                time[i] += if usable { e.seconds * e.frames } else { 0.0 };
+                signal[i] += x[i] * frames;
+                time[i] += usable[i] * exposed;
             }
+        }
+        let mut rate = [0.0f32; SIDE];
+        for i in 0..SIDE {
+            rate[i] = signal[i] / time[i];
         }
         let (mut weighted, mut weights) = ([0.0f32; SIDE], [0.0f32; SIDE]);
         for e in seen {
-            let x = load(e.signals, first, f32::INFINITY);
+            let (x, usable) = e.usable(first);
+            let (seconds, exposed) = (e.seconds, e.seconds * e.frames);
             for i in 0..SIDE {
-                let expected = signal[i] / time[i] * e.seconds;
-                let weight = e.seconds / noise.variance(expected, e.frames);
-                let usable = x[i] < f32::INFINITY;
-                weighted[i] += if usable { x[i] * weight } else { 0.0 };
-                weights[i] += if usable { e.seconds * weight } else { 0.0 };
+                let weight = exposed / noise.variance(rate[i] * seconds);
+                weighted[i] += x[i] * weight;
+                weights[i] += usable[i] * (seconds * weight);
             }
         }
-        let count = SIDE.min(value.len() - first);
-        for i in 0..count {
+        let (mut mean, mut deviation) = ([0.0f32; SIDE], [0.0f32; SIDE]);
+        for i in 0..SIDE {
             let seen = weights[i] > 0.0;
-            value[first + i] = if seen { weighted[i] / weights[i] } else { 0.0 };
-            sigma[first + i] = if seen { 1.0 / weights[i].sqrt() } else { f32::INFINITY };
+            mean[i] = if seen { weighted[i] / weights[i] } else { 0.0 };
+            deviation[i] = if seen { 1.0 / weights[i].sqrt() } else { f32::INFINITY };
         }
+        let count = SIDE.min(value.len() - first);
+        value[first..first + count].copy_from_slice(&mean[..count]);
+        sigma[first..first + count].copy_from_slice(&deviation[..count]);
     }
 }
 
