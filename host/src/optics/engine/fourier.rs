@@ -87,22 +87,29 @@ impl Axis {
         Self { cells, kept, phase: (0..kept).map(phase).collect() }
     }
 
-    /// What each of `terms` samples of a transfer function, 1/`support` apart, adds to its value at each kept
+    /// What each of `terms` samples of a transfer function, 1/`support` apart, adds to its value at every kept
     /// frequency, the sample at the negative frequency included.
     fn weights(&self, support: usize, terms: usize) -> Vec<Vec<f64>> {
-        let l = support as f64;
-        let dirichlet = |u: f64| match u.abs() < 1e-12 {
-            true => 1.0,
-            false => libm::sin(PI * l * u) / (l * libm::sin(PI * u)),
-        };
-        let weight = |k: usize, j: usize| {
-            let (f, sample) = (k as f64 / self.cells as f64, j as f64 / l);
+        let turn = |n: usize, of: usize| libm::sincos(PI * (n % (2 * of)) as f64 / of as f64);
+        let frequencies: Vec<(f64, f64)> = (0..self.kept).map(|k| turn(k, self.cells)).collect();
+        // sin(πLu)/L at u = f, and but for the sign at f ± j/L.
+        let wave = |k: usize| turn(k * support, self.cells).0 / support as f64;
+        let waves: Vec<f64> = (0..self.kept).map(wave).collect();
+        let weight = |k: usize, j: usize, (sin_j, cos_j): (f64, f64)| {
+            let (sin, cos) = frequencies[k];
+            let wave = if j % 2 == 0 { waves[k] } else { -waves[k] };
+            let dirichlet = |sine: f64| if sine.abs() < 1e-12 { 1.0 } else { wave / sine };
+            let mirrored = if j == 0 { 0.0 } else { dirichlet(sin * cos_j + cos * sin_j) };
             // The grid's Nyquist frequency is met twice, as positive and as negative one.
             let part = if 2 * k == self.cells { 0.5 } else { 1.0 };
-            let mirrored = if j == 0 { 0.0 } else { dirichlet(f + sample) };
-            part * (dirichlet(f - sample) + mirrored)
+            part * (dirichlet(sin * cos_j - cos * sin_j) + mirrored)
         };
-        (0..self.kept).map(|k| (0..terms).map(|j| weight(k, j)).collect()).collect()
+        (0..terms)
+            .map(|j| {
+                let sample = turn(j, support);
+                (0..self.kept).map(|k| weight(k, j, sample)).collect()
+            })
+            .collect()
     }
 }
 
@@ -135,12 +142,16 @@ impl Transfer {
             })
             .collect();
         let across = x.weights(support, terms);
-        let sample = |row: &[f64]| -> Vec<f32> {
-            let value = |w: &Vec<f64>| w.iter().zip(row).map(|(w, h)| w * h).sum::<f64>() as f32;
-            across.iter().map(value).collect()
-        };
-        let samples = table.par_chunks(terms).map(sample).collect();
-        let weights = y.weights(support, terms).into_iter().flatten().map(|w| w as f32).collect();
+        let samples = table.par_chunks(terms).map(|samples| {
+            let mut row = vec![0.0f64; x.kept];
+            for (sample, weights) in samples.iter().zip(&across) {
+                row.iter_mut().zip(weights).for_each(|(sum, w)| *sum += sample * w);
+            }
+            row.into_iter().map(|v| v as f32).collect()
+        });
+        let samples: Vec<Vec<f32>> = samples.collect();
+        let down = y.weights(support, terms);
+        let weights = (0..y.kept).flat_map(|k| down.iter().map(move |w| w[k] as f32)).collect();
         Self { terms, samples, weights }
     }
 }
