@@ -8,7 +8,7 @@ use crate::Plane;
 use pulp::{Simd, WithSimd};
 
 /// The spectrum of a kernel: per sixteen vertical frequencies, all horizontal ones.
-pub struct Spectrum(Split);
+pub struct Spectrum(Vec<Split>);
 
 /// Buffers of one worker.
 pub struct Scratch {
@@ -93,7 +93,7 @@ impl Plan {
 
     /// Room for the spectrum of a kernel.
     pub fn empty_spectrum(&self) -> Spectrum {
-        Spectrum(Split::zeros(self.batches * self.tiling.length))
+        Spectrum(vec![Split::zeros(self.tiling.length); self.batches])
     }
 
     /// Bytes of the spectrum of a kernel.
@@ -137,13 +137,11 @@ impl WithSimd for TransformKernel<'_> {
             }
         }
         let scales = vec![scale; size];
-        for b in 0..plan.batches {
+        for (b, spectrum) in spectrum.iter_mut().enumerate() {
             let part = b * plan.columns..b * plan.columns + size;
             let input =
                 Weighted::new((&upper.re[part.clone()], &scales), (&upper.im[part], &scales));
-            plan.cells.forward_from(simd, input, cells, cells_spare);
-            spectrum.re[b * n..(b + 1) * n].copy_from_slice(&cells.re);
-            spectrum.im[b * n..(b + 1) * n].copy_from_slice(&cells.im);
+            plan.cells.forward_from(simd, input, spectrum, cells_spare);
         }
     }
 }
@@ -167,7 +165,7 @@ impl WithSimd for BlurTile<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { plan, sources, first, corners, scratch, out, place } = self;
-        let (tile, n, reach) = (plan.tiling.tile, plan.tiling.length, plan.tiling.reach());
+        let (tile, reach) = (plan.tiling.tile, plan.tiling.reach());
         let Scratch { cells, cells_spare, pixels, pixels_spare, columns, halves, sums, results } =
             scratch;
         for (source, Halves { upper, lower }) in sources.iter().zip(&mut *halves) {
@@ -189,7 +187,7 @@ impl WithSimd for BlurTile<'_> {
             }
         }
         for b in 0..plan.batches {
-            let (at, part) = (b * plan.columns..b * plan.columns + tile, b * n..(b + 1) * n);
+            let at = b * plan.columns..b * plan.columns + tile;
             for (input, Halves { upper, lower }) in halves.iter().enumerate() {
                 for (corner, spectra) in corners.iter().enumerate() {
                     let half = if corner < 2 { upper } else { lower };
@@ -198,7 +196,7 @@ impl WithSimd for BlurTile<'_> {
                         .iter()
                         .skip(input)
                         .step_by(sources.len())
-                        .map(|Spectrum(k)| (&k.re[part.clone()], &k.im[part.clone()]))
+                        .map(|Spectrum(kernel)| (&*kernel[b].re, &*kernel[b].im))
                         .collect();
                     let output =
                         Products { kernels: &kernels, sums, first: input == 0 && corner == 0 };
