@@ -155,14 +155,9 @@ fn exact(side: usize) {
     let rows = |first: usize, count: usize| Ok(rows_of(&source, first, count));
     let spent = time(|| {
         for (band, kernels) in by_band.iter().enumerate() {
-            let plane = blurrer.blur(&rows, kernels, (0, 0), (side, side)).unwrap();
-            for (channel, sum) in channels.iter_mut().enumerate() {
-                let q = response(channel, band);
-                sum.data
-                    .par_chunks_mut(1 << 16)
-                    .zip(plane.data.par_chunks(1 << 16))
-                    .for_each(|(s, v)| s.iter_mut().zip(v).for_each(|(s, v)| *s += q * v));
-            }
+            let responses = [0, 1, 2].map(|channel| [response(channel, band)]);
+            let weights = responses.each_ref().map(|r| r.as_slice());
+            blurrer.add(&[&rows], &[&[kernels]], (0, 0), &weights, &mut channels).unwrap();
         }
     });
     black_box(channels);
@@ -180,7 +175,7 @@ fn exact(side: usize) {
 fn collapsed(side: usize) {
     const COMPONENTS: usize = 6;
     let source = image(side);
-    let tiling = Tiling::new(1, (side, side), 31, 15, 192);
+    let tiling = Tiling::new(1, (side, side), 31, 15, 341);
     let mixture = |k: usize, b: usize| (0.1 * (b * k) as f32).cos() / (1.0 + k as f32);
     let by_band: Vec<Kernels> = (0..BANDS).map(|b| kernels(&tiling, b)).collect();
     let collapse = |channel: usize, k: usize| {
@@ -209,9 +204,12 @@ fn collapsed(side: usize) {
         .collect();
     let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
     let mut blurrer = Blurrer::new(&tiling);
+    let weights: [&[f32]; 3] = [&[1.0, 0.0, 0.0], &[0.0, 1.0, 0.0], &[0.0, 0.0, 1.0]];
+    let mut channels = vec![Plane::filled(side, side, 0.0f32); 3];
     let spent = time(|| {
-        black_box(blurrer.mix(&rows, &all, (0, 0), (side, side)).unwrap());
+        blurrer.add(&rows, &all, (0, 0), &weights, &mut channels).unwrap();
     });
+    black_box(channels);
     println!(
         "collapsed: {COMPONENTS} components to 3 channels, 31 x 31 kernels at {} x {} nodes: {spent} (kernels {preparing}), \
          peak memory {:.0} MiB",

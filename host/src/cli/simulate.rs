@@ -132,7 +132,7 @@ impl ViewArgs {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let (camera, View { light, cube, optics, cached, .. }) = args.view.view()?;
+    let (camera, View { light, cube, optics, cached, lens_traced, .. }) = args.view.view()?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
@@ -164,6 +164,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "step_error": optics.step_error,
             "psf": optics.nodes,
             "cached": cached,
+            "lens_traced": lens_traced,
         },
     });
     arguments::report(&written, object, args.frames.json);

@@ -2,7 +2,8 @@
 //!
 //! The key covers everything the engine asks for — the scene's cell averages, each figure of the lens in
 //! every band, grid, options, version of this program — rather than names of files, so a file that was
-//! touched but not changed keeps its results and a changed one never returns old ones. Scenes are read
+//! touched but not changed keeps its results and a changed one never returns old ones. A lens that has to be traced
+//! first stands with what it is traced from instead ([`LensContent`]). Scenes are read
 //! on a grid of one cell per pixel over the frame and an eighth of its width around it: two scenes that
 //! differ only in detail below a pixel which leaves *every* pixel's average as it is share a key.
 //!
@@ -18,6 +19,24 @@ use std::path::PathBuf;
 /// Samples of a radial curve that stand for it.
 const CURVE_SAMPLES: usize = 1025;
 
+/// Raised whenever the same input gives other planes or another lens than before.
+const REVISION: u32 = 1;
+
+/// What stands for a lens in a key.
+pub enum LensContent<'a> {
+    /// Every figure that the engine would ask for.
+    Figures(&'a dyn Lens),
+    /// A description from which those follow.
+    Description(String),
+}
+
+/// The key of what follows from a description, 16 hexadecimal digits.
+pub fn key_of_description(description: &str) -> String {
+    let mut content = Content::new();
+    content.0.write(description.as_bytes());
+    content.key()
+}
+
 /// The key of the planes that `scene`, its `white` per band, lens, grid and options give, 16 hexadecimal
 /// digits.
 ///
@@ -26,19 +45,21 @@ const CURVE_SAMPLES: usize = 1025;
 pub fn key(
     scene: &dyn Scene,
     white: &[f64],
-    lens: &dyn Lens,
+    lens: &LensContent<'_>,
     grid: &SensorGrid,
     options: &Options,
 ) -> Result<String> {
-    let mut content = Content(DefaultHasher::new());
-    content.0.write(env!("CARGO_PKG_VERSION").as_bytes());
+    let mut content = Content::new();
     let bands = scene.bands();
     content.numbers([bands.start_nm, bands.step_nm, bands.count as f64]);
     content.numbers(white.iter().copied());
     content.grid(grid, options);
-    content.lens(lens, &bands, grid);
+    match lens {
+        LensContent::Figures(lens) => content.lens(*lens, &bands, grid),
+        LensContent::Description(text) => content.0.write(text.as_bytes()),
+    }
     content.scene(scene, &bands, grid)?;
-    Ok(format!("{:016x}", content.0.finish()))
+    Ok(content.key())
 }
 
 /// Where results are kept: `$XDG_CACHE_HOME/camrig/optics`, else `~/.cache/camrig/optics`; `None` where
@@ -53,6 +74,17 @@ pub fn directory() -> Option<PathBuf> {
 struct Content(DefaultHasher);
 
 impl Content {
+    fn new() -> Self {
+        let mut hasher = DefaultHasher::new();
+        hasher.write(env!("CARGO_PKG_VERSION").as_bytes());
+        hasher.write_u32(REVISION);
+        Self(hasher)
+    }
+
+    fn key(&self) -> String {
+        format!("{:016x}", self.0.finish())
+    }
+
     fn numbers(&mut self, values: impl IntoIterator<Item = f64>) {
         values.into_iter().for_each(|v| self.0.write_u64(v.to_bits()));
     }
@@ -153,6 +185,10 @@ mod tests {
         let grid = SensorGrid { width: 24, height: 16, pitch_um: 2.2, fill_factor: 0.6 };
         let white = [1.0; 3];
         let options = Options::default();
+        let key =
+            |scene: &Ramp, white: &[f64], lens: &dyn Lens, grid: &SensorGrid, options: &Options| {
+                super::key(scene, white, &LensContent::Figures(lens), grid, options)
+            };
         let base = key(&Ramp(1.0), &white, &lens, &grid, &options).unwrap();
         let threads = Options { threads: Some(3), ..options };
         assert_eq!(base, key(&Ramp(1.0), &white, &lens, &grid, &threads).unwrap());
@@ -176,6 +212,12 @@ mod tests {
             let lens = Departed { lens: Box::new(lens.clone()), departures };
             others.push(key(&Ramp(1.0), &white, &lens, &grid, &options));
         }
+        let described = |text| {
+            let lens = LensContent::Description(String::from(text));
+            super::key(&Ramp(1.0), &white, &lens, &grid, &options)
+        };
+        assert_ne!(described("a").unwrap(), described("b").unwrap());
+        others.push(described("a"));
         for (i, other) in others.into_iter().enumerate() {
             assert_ne!(base, other.unwrap(), "change {i}");
         }

@@ -23,6 +23,7 @@
 //! | sampling | scene cells are area averages, PSF samples and the pixel's square are integrated; the cell average is divided out, so the aperture acts once | `the_two_ways_to_blur_agree` |
 //! | eq. 7 | tan-defined N, πL·T/(1 + 4(N(1+|m|/P))²), P the pupil magnification (1 unless known) | `irradiance_agrees_with_another_program` |
 //! | borders | by default the scene goes on beyond the frame; black, edge and mirror on request | `the_engine_agrees_through_an_otf_with_every_departure_and_border` |
+//! | support | kernels are finite and the margin holds them whole: light beyond the frame's edge is lost, none wraps around | `nothing_wraps_around_to_the_opposite_border` |
 //!
 //! # Not modelled
 //! Diffraction by the pixels, polarisation, coherence, ghosts (veiling glare is a constant share),

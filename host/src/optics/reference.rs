@@ -6,6 +6,7 @@
 //! around it ([`Psfs`]). Cost grows with the square of the number of cells: keep images below some 64 x 64 pixels.
 
 use super::engine::FieldGrids;
+use super::engine::fourier;
 use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
 use super::engine::sampling::{Layout, sinc};
@@ -13,6 +14,7 @@ use super::engine::source::Source;
 use super::engine::{Blur, Lens, Options, SensorGrid};
 use crate::scene::LitScene;
 use crate::{Plane, Result};
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 /// Which PSF a cell of the scene has where PSFs vary over the field.
@@ -44,8 +46,9 @@ pub fn irradiance(
     };
     let mut plane = match lens.blur(nm) {
         Blur::Otf { spread_um, otf, .. } => {
-            let layout = Layout::new(grid, oversample, spread_um + 4.0 * grid.pitch_um);
-            through_otf(&cells_of(&layout)?, &layout, grid, &otf)
+            let layout = fourier::layout(grid, oversample, spread_um);
+            let (kernel, values) = otf_kernel(&layout, grid, &otf);
+            scatter(&cells_of(&layout)?, &layout, &kernel, &|_, _| Cow::Borrowed(&values))
         }
         Blur::Field { psfs, .. } => {
             let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, grid, oversample);
@@ -59,7 +62,7 @@ pub fn irradiance(
             };
             match choice {
                 Psfs::OwnPlace => scatter(&cells, &layout, &kernel, &|x, y| {
-                    kernel_at(x as f64 + 0.5, y as f64 + 0.5)
+                    Cow::Owned(kernel_at(x as f64 + 0.5, y as f64 + 0.5))
                 }),
                 Psfs::Nodes(tile) => {
                     let (across, down) = (cells.width / tile + 2, cells.height / tile + 2);
@@ -67,7 +70,9 @@ pub fn irradiance(
                     let nodes: Vec<Vec<f64>> = (0..across * down)
                         .map(|k| kernel_at(node(k), (k / across * tile) as f64))
                         .collect();
-                    scatter(&cells, &layout, &kernel, &|x, y| blend(&nodes, across, tile, x, y))
+                    scatter(&cells, &layout, &kernel, &|x, y| {
+                        Cow::Owned(blend(&nodes, across, tile, x, y))
+                    })
                 }
             }
         }
@@ -76,68 +81,53 @@ pub fn irradiance(
     Ok(plane)
 }
 
-/// Fourier series of the padded cells, multiplied by OTF, aperture and the inverse of the cells' own
-/// average, summed at the pixel centres.
-fn through_otf(
-    cells: &Plane<f32>,
+/// The kernel whose transform at the multiples of 1/(its side) is OTF times aperture over the cells' own average.
+fn otf_kernel(
     layout: &Layout,
     grid: &SensorGrid,
     otf: &dyn Fn(f64) -> f64,
-) -> Plane<f64> {
-    let (w, h) = (cells.width, cells.height);
-    let cell_mm = grid.pitch_um * 1e-3 / layout.oversample as f64;
-    let aperture_mm = grid.aperture_um() * 1e-3;
-    let range = |n: usize| -(((n - 1) / 2) as isize)..=((n - 1) / 2) as isize;
-    let frequency = |k: isize, n: usize| k as f64 / (n as f64 * cell_mm);
+) -> (KernelGrid, Vec<f64>) {
+    let (n, s) = (layout.support(), layout.oversample);
+    let kernel = KernelGrid {
+        size: n,
+        before: (n + s) / 2 - 1,
+        oversample: s,
+        cell_um: grid.pitch_um / s as f64,
+        aperture_um: grid.aperture_um(),
+    };
+    let (cell_mm, aperture_mm) = (kernel.cell_um * 1e-3, kernel.aperture_um * 1e-3);
+    let highest = (n - 1) / 2;
+    let frequency = |k: usize| k as f64 / (n as f64 * cell_mm);
     let gain = |f: f64| sinc(aperture_mm * f) / sinc(cell_mm * f);
-    // Rows first: half-transformed[kx][y].
-    let half: Vec<Vec<(f64, f64)>> = range(w)
-        .map(|kx| {
-            let row = |y: usize| {
-                cells.row(y).iter().enumerate().fold((0.0, 0.0), |(re, im), (x, &v)| {
-                    let (s, c) = (-TAU * kx as f64 * (x as f64 + 0.5) / w as f64).sin_cos();
-                    (re + f64::from(v) * c, im + f64::from(v) * s)
-                })
-            };
-            (0..h).map(row).collect()
-        })
-        .collect();
-    let s = layout.oversample as f64;
-    let centre = |p: usize, edge: usize| (p + edge) as f64 * s + s / 2.0;
-    let mut out = Plane::filled(layout.width, layout.height, 0.0);
-    for (kx, column) in range(w).zip(&half) {
-        let fx = frequency(kx, w);
-        for ky in range(h) {
-            let fy = frequency(ky, h);
-            let transfer = otf(fx.hypot(fy)) * gain(fx) * gain(fy) / (w * h) as f64;
-            if transfer == 0.0 {
-                continue;
-            }
-            let (mut re, mut im) = (0.0, 0.0);
-            for (y, (a, b)) in column.iter().enumerate() {
-                let (s, c) = (-TAU * ky as f64 * (y as f64 + 0.5) / h as f64).sin_cos();
-                re += a * c - b * s;
-                im += a * s + b * c;
-            }
-            for y in 0..layout.height {
-                let turn = TAU * ky as f64 * centre(y, layout.top()) / h as f64;
-                for x in 0..layout.width {
-                    let phase = turn + TAU * kx as f64 * centre(x, layout.left()) / w as f64;
-                    out.data[y * layout.width + x] +=
-                        transfer * (re * phase.cos() - im * phase.sin());
-                }
-            }
+    // Along one axis, wave k and its negative at a distance of i entries from the first.
+    let wave = |k: usize, i: usize| {
+        let distance = i as f64 - (n - 1) as f64 / 2.0;
+        let twice = if k == 0 { 1.0 } else { 2.0 };
+        twice / n as f64 * (TAU * (k as f64 * distance) / n as f64).cos()
+    };
+    let waves: Vec<Vec<f64>> =
+        (0..=highest).map(|k| (0..n).map(|i| wave(k, i)).collect()).collect();
+    let mut values = vec![0.0; n * n];
+    for (ky, down) in waves.iter().enumerate() {
+        let mut row = vec![0.0; n];
+        for (kx, across) in waves.iter().enumerate() {
+            let (fx, fy) = (frequency(kx), frequency(ky));
+            let transfer = otf(fx.hypot(fy)) * gain(fx) * gain(fy);
+            row.iter_mut().zip(across).for_each(|(sum, w)| *sum += transfer * w);
+        }
+        for (values, w) in values.chunks_exact_mut(n).zip(down) {
+            values.iter_mut().zip(&row).for_each(|(sum, r)| *sum += w * r);
         }
     }
-    out
+    (kernel, values)
 }
 
 /// Every cell's light through the kernel of its own place.
-fn scatter(
+fn scatter<'a>(
     cells: &Plane<f32>,
     layout: &Layout,
     grid: &KernelGrid,
-    kernel: &dyn Fn(usize, usize) -> Vec<f64>,
+    kernel: &dyn Fn(usize, usize) -> Cow<'a, [f64]>,
 ) -> Plane<f64> {
     let s = layout.oversample;
     let mut out = Plane::filled(layout.width, layout.height, 0.0);

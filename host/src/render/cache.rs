@@ -1,18 +1,21 @@
 //! Optics results kept on disk by content, so that the same scene through the same lens onto the same
 //! grid is rendered once.
 //!
-//! A result is a cube (`KEY.irr`) and what the engine reported (`KEY.json`) in one directory. Files appear
-//! whole; one that cannot be read counts as missing. The light level is not part of the key: cubes are
+//! A result is a cube (`KEY.irr`) and what the engine reported (`KEY.json`) in one directory; beside them lie the lenses
+//! that were traced (`KEY.lens`, see [`super::traced`]), so that another scene does not trace a lens again, and a cube
+//! that is there takes none. Files appear whole; one that cannot be read counts as missing. The light level is not part of the key: cubes are
 //! rendered for a white whose largest band is 1 and carry the level as a factor in their header, with or
 //! without a cache, hit or miss. So a change of lux runs no optics, and the bytes never depend on what
 //! happened to be cached.
 
-use super::{About, CubeHeader, IrradianceCube, IrradianceWriter, lens, sensor_grid};
+use super::lens::Described;
+use super::{About, CubeHeader, IrradianceCube, IrradianceWriter, sensor_grid};
 use crate::camera::Camera;
 use crate::optics::{self, Options, Report, content};
 use crate::scene::LitScene;
 use crate::{Error, Result};
-use std::path::Path;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
 
 /// A cube from the cache or freshly made.
 pub struct Rendered {
@@ -22,6 +25,8 @@ pub struct Rendered {
     pub report: Report,
     /// Whether the cube came from the cache; say so to the user.
     pub hit: bool,
+    /// Whether a lens was traced for it now.
+    pub traced: bool,
 }
 
 /// [`super::irradiance`] through the cache in `directory`; without one it always renders.
@@ -45,7 +50,7 @@ pub fn irradiance(
     }
     let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
     let bands = scene.scene.bands();
-    let (grid, lens) = (sensor_grid(camera), lens(camera, &bands, options)?);
+    let (grid, described) = (sensor_grid(camera), Described::new(camera, &bands, options)?);
     let header = CubeHeader {
         width: grid.width,
         height: grid.height,
@@ -59,15 +64,16 @@ pub fn irradiance(
     };
     let files = match directory {
         Some(directory) => {
-            let key = content::key(scene.scene, &white, &*lens, &grid, options)?;
+            let key = content::key(scene.scene, &white, &described.content(), &grid, options)?;
             Some((directory.join(format!("{key}.irr")), directory.join(format!("{key}.json"))))
         }
         None => None,
     };
     if let Some((mut cube, report)) = files.as_ref().and_then(|(cube, report)| load(cube, report)) {
         cube.header = header;
-        return Ok(Rendered { cube, report, hit: true });
+        return Ok(Rendered { cube, report, hit: true, traced: false });
     }
+    let (lens, traced) = described.lens(directory)?;
     let mut writer = IrradianceWriter::new(header)?;
     let lit = LitScene { scene: scene.scene, white };
     let report =
@@ -76,7 +82,7 @@ pub fn irradiance(
     if let Some((cube_path, report_path)) = &files {
         keep(&cube, cube_path, &report, report_path);
     }
-    Ok(Rendered { cube, report, hit: false })
+    Ok(Rendered { cube, report, hit: false, traced })
 }
 
 fn load(cube: &Path, report: &Path) -> Option<(IrradianceCube, Report)> {
@@ -99,26 +105,39 @@ fn keep(cube: &IrradianceCube, cube_path: &Path, report: &Report, report_path: &
 const LARGEST: u64 = 4 << 30;
 
 fn prune(directory: &Path) {
-    let Ok(entries) = std::fs::read_dir(directory) else { return };
-    let mut cubes: Vec<_> = entries
-        .filter_map(|entry| {
-            let (path, about) =
-                (entry.as_ref().ok()?.path(), entry.as_ref().ok()?.metadata().ok()?);
-            let cube = path.extension().is_some_and(|e| e == "irr");
-            cube.then_some((about.modified().ok()?, about.len(), path))
+    let mut all: Vec<_> = entries(directory)
+        .filter(|(path, _)| path.extension().is_some_and(|e| e == "irr" || e == "lens"))
+        .filter_map(|(path, about)| {
+            let size = match about.is_dir() {
+                true => entries(&path).map(|(_, file)| file.len()).sum(),
+                false => about.len(),
+            };
+            Some((about.modified().ok()?, size, path))
         })
         .collect();
-    cubes.sort();
-    let mut total: u64 = cubes.iter().map(|(_, size, _)| size).sum();
-    for (_, size, path) in cubes {
+    all.sort();
+    let mut total: u64 = all.iter().map(|(_, size, _)| size).sum();
+    for (_, size, path) in all {
         if total <= LARGEST {
             return;
         }
         total -= size;
-        // A file that stays is tried again next time.
-        let _ = std::fs::remove_file(path.with_extension("json"));
-        let _ = std::fs::remove_file(path);
+        // What stays is tried again next time.
+        let _ = match path.is_dir() {
+            true => std::fs::remove_dir_all(path),
+            false => std::fs::remove_file(path.with_extension("json"))
+                .and_then(|()| std::fs::remove_file(path)),
+        };
     }
+}
+
+/// What a directory holds, as far as it can be read.
+fn entries(directory: &Path) -> impl Iterator<Item = (PathBuf, Metadata)> + use<> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten();
+    entries.filter_map(|entry| {
+        let entry = entry.ok()?;
+        Some((entry.path(), entry.metadata().ok()?))
+    })
 }
 
 #[cfg(test)]

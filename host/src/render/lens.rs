@@ -1,14 +1,13 @@
 //! The lens of a camera file as the optics engine takes it.
 
+use super::traced::Tracing;
 use crate::camera::{Camera, LensKind, RelativeIllumination};
+use crate::optics::content::LensContent;
 use crate::optics::effects::Optics;
 use crate::optics::interpolate::MonotoneCubic;
-use crate::optics::lens::characterise::{self, Plan, PsfMethod};
-use crate::optics::lens::heights::Density;
-use crate::optics::lens::{Catalogue, Conditions, System, read_prescription};
 use crate::optics::{Characterisation, Departed, Departures, Diffraction, Illumination};
 use crate::optics::{Lens, Options, SensorGrid};
-use crate::scene::Bands;
+use crate::scene::{Bands, Spectrum};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -29,92 +28,118 @@ pub fn sensor_grid(camera: &Camera) -> SensorGrid {
 /// # Errors
 /// Lens data that cannot be read or traced; a defocus of a lens whose wavefront is not known.
 pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn Lens>> {
-    let optics = Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
-    let lens = described(camera, bands, options, optics.defocus_um)?;
-    Ok(match optics.departures == Departures::default() {
-        true => lens,
-        false => Box::new(Departed { lens, departures: optics.departures }),
-    })
+    Ok(Described::new(camera, bands, options)?.lens(None)?.0)
 }
 
-/// The lens as `[lens]` describes it, with the sensor `defocus_um` further away.
-fn described(
-    camera: &Camera,
-    bands: &Bands,
-    options: &Options,
-    defocus_um: f64,
-) -> Result<Box<dyn Lens>> {
-    let transmittance = camera.lens.transmittance.clone();
-    match &camera.lens.kind {
-        LensKind::DiffractionLimited {
-            f_number,
-            focal_length_mm,
-            magnification,
-            relative_illumination,
-        } => Ok(Box::new(Diffraction {
-            f_number: *f_number,
-            focal_length_mm: *focal_length_mm,
-            magnification: *magnification,
-            transmittance,
-            illumination: match relative_illumination {
-                RelativeIllumination::Cos4 => Illumination::Cos4,
-                RelativeIllumination::Flat => Illumination::Uniform,
-                RelativeIllumination::Table(table) => {
-                    let corner_mm = sensor_grid(camera).corner_mm();
-                    let (heights, ratios) = table.iter().map(|(h, r)| (h * corner_mm, *r)).unzip();
-                    Illumination::Table(MonotoneCubic::new(heights, ratios))
-                }
-            },
-            defocus_um,
-        })),
-        LensKind::Characterised(_) if defocus_um != 0.0 => {
-            Err(Error::input("defocus of a characterised lens: its tables hold no wavefront")
-                .at("[[effect]] kind = \"defocus\"")
-                .help(
-                    "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \
-                     characterisation made out of focus (camrig lens trace --sensor-shift)",
-                ))
+/// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
+pub enum Described {
+    /// A lens of given figures.
+    Given(Box<dyn Lens>),
+    /// One whose figures have to be traced, and what comes on top of them.
+    Traced {
+        /// What is to be traced.
+        tracing: Box<Tracing>,
+        /// Factor on its transmittance.
+        transmittance: Spectrum,
+        /// What else the lens has.
+        departures: Departures,
+    },
+}
+
+impl Described {
+    /// The lens as `camera` describes it; see [`lens`].
+    ///
+    /// # Errors
+    /// Lens data that cannot be read; a defocus of a lens whose wavefront is not known.
+    pub fn new(camera: &Camera, bands: &Bands, options: &Options) -> Result<Self> {
+        let Optics { defocus_um, departures } =
+            Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
+        let transmittance = camera.lens.transmittance.clone();
+        let lens: Box<dyn Lens> = match &camera.lens.kind {
+            LensKind::Prescription(path) => {
+                let tracing = Box::new(Tracing::new(camera, path, bands, options, defocus_um)?);
+                return Ok(Self::Traced { tracing, transmittance, departures });
+            }
+            LensKind::Characterised(path) => {
+                Box::new(characterised(path, &transmittance, defocus_um)?)
+            }
+            LensKind::DiffractionLimited {
+                f_number,
+                focal_length_mm,
+                magnification,
+                relative_illumination,
+            } => Box::new(Diffraction {
+                f_number: *f_number,
+                focal_length_mm: *focal_length_mm,
+                magnification: *magnification,
+                transmittance,
+                illumination: illumination(relative_illumination, sensor_grid(camera).corner_mm()),
+                defocus_um,
+            }),
+        };
+        Ok(Self::Given(departed(lens, departures)))
+    }
+
+    /// What the lens is, for a key.
+    pub fn content(&self) -> LensContent<'_> {
+        match self {
+            Self::Given(lens) => LensContent::Figures(&**lens),
+            Self::Traced { tracing, transmittance, departures } => LensContent::Description(
+                format!("{} {transmittance:?} {departures:?}", tracing.description()),
+            ),
         }
-        LensKind::Characterised(path) => {
-            let mut lens = Characterisation::read(path)?;
-            lens.transmittance = lens.transmittance.times(&transmittance)?;
-            Ok(Box::new(lens))
-        }
-        LensKind::Prescription(path) => {
-            let mut lens = characterise(camera, path, bands, options, defocus_um)?;
-            lens.transmittance = lens.transmittance.times(&transmittance)?;
-            Ok(Box::new(lens))
+    }
+
+    /// The lens, and whether it was traced now; one that `directory` holds is not traced again.
+    ///
+    /// # Errors
+    /// A prescription that cannot be traced.
+    pub fn lens(self, directory: Option<&Path>) -> Result<(Box<dyn Lens>, bool)> {
+        match self {
+            Self::Given(lens) => Ok((lens, false)),
+            Self::Traced { tracing, transmittance, departures } => {
+                let (mut lens, traced) = tracing.characterisation(directory)?;
+                lens.transmittance = lens.transmittance.times(&transmittance)?;
+                Ok((departed(Box::new(lens), departures), traced))
+            }
         }
     }
 }
 
-/// Traces the prescription out to the sensor's corner, in the scene's bands.
-fn characterise(
-    camera: &Camera,
+fn departed(lens: Box<dyn Lens>, departures: Departures) -> Box<dyn Lens> {
+    match departures == Departures::default() {
+        true => lens,
+        false => Box::new(Departed { lens, departures }),
+    }
+}
+
+fn illumination(given: &RelativeIllumination, corner_mm: f64) -> Illumination {
+    match given {
+        RelativeIllumination::Cos4 => Illumination::Cos4,
+        RelativeIllumination::Flat => Illumination::Uniform,
+        RelativeIllumination::Table(table) => {
+            let (heights, ratios) = table.iter().map(|(h, r)| (h * corner_mm, *r)).unzip();
+            Illumination::Table(MonotoneCubic::new(heights, ratios))
+        }
+    }
+}
+
+fn characterised(
     path: &Path,
-    bands: &Bands,
-    options: &Options,
+    transmittance: &Spectrum,
     defocus_um: f64,
 ) -> Result<Characterisation> {
-    /// Image heights from the axis to the corner, before more are added.
-    const HEIGHTS: usize = 21;
-    const PSF_SIZE: usize = 128;
-    let prescription = read_prescription(path, &Catalogue::default())?;
-    let conditions = Conditions { sensor_shift_mm: 1e-3 * defocus_um, ..Conditions::default() };
-    let system = System::new(prescription, conditions).map_err(|e| e.at(path.display()))?;
-    let plan = Plan {
-        heights: HEIGHTS,
-        density: Some(Density {
-            tolerance: options.misplaced_light,
-            pixel_um: camera.sensor.pitch_um,
-        }),
-        max_field_deg: system.field_of_paraxial_height(sensor_grid(camera).corner_mm()).abs(),
-        wavelengths_nm: bands.centres().collect(),
-        psf_size: PSF_SIZE,
-        psf_spacing_um: None,
-        method: PsfMethod::Auto,
-    };
-    characterise::characterise(&system, &plan, &|_, _| ()).map_err(|e| e.at(path.display()))
+    if defocus_um != 0.0 {
+        return Err(Error::input("defocus of a characterised lens: its tables hold no wavefront")
+            .at("[[effect]] kind = \"defocus\"")
+            .help(
+                "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \
+                 characterisation made out of focus (camrig lens trace --sensor-shift)",
+            ));
+    }
+    let mut lens = Characterisation::read(path)?;
+    lens.transmittance = lens.transmittance.times(transmittance)?;
+    Ok(lens)
 }
 
 #[cfg(test)]

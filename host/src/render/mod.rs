@@ -11,6 +11,7 @@ mod irradiance;
 mod lens;
 mod metadata;
 pub(crate) mod rows;
+mod traced;
 mod view;
 
 pub use corrections::{Corrections, corrections};

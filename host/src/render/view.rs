@@ -47,6 +47,8 @@ pub struct View {
     pub optics: Report,
     /// Whether they came from the cache.
     pub cached: bool,
+    /// Whether a lens was traced for them now.
+    pub lens_traced: bool,
     /// What a user should know about the scene.
     pub notes: Vec<String>,
 }
@@ -100,10 +102,11 @@ impl Sight {
         let lit = LitScene { scene: &*scene, white };
         // A moving scene is seen once in each place: nothing to keep.
         let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
-        let cache::Rendered { cube, report, hit } =
+        let cache::Rendered { cube, report, hit, traced } =
             cache::irradiance(camera, &lit, &self.options, about, directory, progress)
                 .map_err(|e| e.at(&self.scene))?;
-        Ok(View { light, cube, optics: report, cached: hit, notes: scene.notes() })
+        let notes = scene.notes();
+        Ok(View { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
     }
 }
 

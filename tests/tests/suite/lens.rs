@@ -4,6 +4,7 @@ use super::bad_input::refuses;
 use super::{camrig, camrig_ok, shared, small_camera};
 use serde_json::Value;
 use std::path::Path;
+use std::process::Command;
 
 const SINGLET: &str = r#"format = "camrig-prescription/1"
 wavelengths_nm = [486.1, 587.6, 656.3]
@@ -252,6 +253,63 @@ fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
     let (psf, told) = optics(&format!("{simulate} --psf-tolerance 0.05"));
     assert!(psf["heights"]["mean"].as_f64().unwrap() <= 0.05, "{psf}");
     assert!(!told.contains("misplace"), "{told}");
+}
+
+/// A prescription is traced once: not again for what is in the cache, nor for another scene; and the picture does not
+/// depend on where its lens came from.
+#[test]
+fn a_lens_is_traced_once() {
+    let dir = folder();
+    let dir = dir.path();
+    std::fs::write(dir.join("slow.toml"), SINGLET.replace("= 5.0", "= 16.0")).unwrap();
+    let text = small_camera(40, 30, &[("pitch_um", "40.0")]);
+    let from = text.find("[lens]").expect("a lens");
+    let to = from + 1 + text[from + 1..].find("\n[").expect("another table");
+    let lens = "[lens]\nkind = \"prescription\"\nfile = \"slow.toml\"\n";
+    std::fs::write(dir.join("c.toml"), text[..from].to_owned() + lens + &text[to..]).unwrap();
+    let run = |name: &str, arguments: &str| {
+        let command = format!(
+            "simulate --camera ./c.toml --exposure 5us --psf-tolerance 0.05 --json -o {name}.npy {arguments}"
+        );
+        let output = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+            .current_dir(dir)
+            .args(command.split_whitespace())
+            .env("XDG_CACHE_HOME", dir.join("cache"))
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let object: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let told = |key: &str| object["optics"][key].as_bool().unwrap();
+        (
+            told("cached"),
+            told("lens_traced"),
+            std::fs::read(dir.join(format!("{name}.npy"))).unwrap(),
+        )
+    };
+    let (checks, edge) = ("--scene checkerboard", "--scene slanted-edge");
+    let first = run("first", checks);
+    assert_eq!((first.0, first.1), (false, true));
+    // The cube is there: the lens is not even read.
+    let second = run("second", checks);
+    assert_eq!((second.0, second.1), (true, false));
+    assert_eq!(first.2, second.2);
+    let other = run("other", edge);
+    assert_eq!((other.0, other.1), (false, false));
+    let anew = run("anew", &format!("{edge} --no-cache"));
+    assert_eq!((anew.0, anew.1), (false, true));
+    assert_eq!(other.2, anew.2);
+    // Another sensor position is another lens; a damaged one is traced again.
+    let shifted = "[[effect]]\nkind = \"defocus\"\nshift_um = 5.0\n";
+    let camera = std::fs::read_to_string(dir.join("c.toml")).unwrap();
+    std::fs::write(dir.join("c.toml"), camera.clone() + shifted).unwrap();
+    assert!(run("shifted", edge).1);
+    std::fs::write(dir.join("c.toml"), camera).unwrap();
+    let kept = std::fs::read_dir(dir.join("cache/camrig/optics")).unwrap();
+    for path in kept.map(|entry| entry.unwrap().path()).filter(|p| p.is_dir()) {
+        std::fs::write(path.join("psf.npy"), b"?").unwrap();
+    }
+    assert!(run("mended", "--scene dots").1);
+    assert!(!run("kept", "--scene uniform:0.3").1);
 }
 
 /// Figures of the golden lenses as the program prints them, within what other programs' figures allow.

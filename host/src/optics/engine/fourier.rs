@@ -1,12 +1,19 @@
 //! Blur by one optical transfer function, pixel aperture and decimation, in the Fourier domain.
 //!
-//! The padded cell grid is transformed (rows, then columns up to the cut-off), multiplied by
-//! OTF(|f|)·sinc(a·fx)/sinc(h·fx)·sinc(a·fy)/sinc(h·fy) and by the phase that moves from cell centres
-//! to pixel centres, folded onto the pixel grid's frequencies (sampling at pixel centres *is* folding,
-//! so the real pixel's aliasing is kept) and transformed back at pixel size.
-//! The cells' own Nyquist bins are dropped: half a cell's shift has no meaning for them.
+//! The padded cell grid is transformed (rows, then columns), multiplied by a transfer function and by the phase that
+//! moves from cell centres to pixel centres, folded onto the pixel grid's frequencies (sampling at pixel centres *is*
+//! folding, so the real pixel's aliasing is kept) and transformed back at pixel size.
+//!
+//! The transfer function is that of a kernel of finite support, so that nothing wraps around: the margin holds the
+//! whole kernel, which makes the cyclic convolution a linear one. A band-limited PSF has no support of its own. What is
+//! used is H(f) = OTF(|f|)·sinc(a·fx)/sinc(h·fx)·sinc(a·fy)/sinc(h·fy) at the multiples of 1/(L·h), L the cells across the
+//! support: the transform of the one kernel of L x L cells that has exactly these values there. Its light is all of
+//! the light; what the PSF has beyond the support is folded back into it. Between the multiples it is
+//!
+//! T(f) = Σ_k H(k/(L·h))·D(h·f − k/L), D(u) = sin(πLu)/(L·sin(πu)), along x and along y.
 
 use super::super::fft::{Fft, LANES, Lanes, Split};
+use super::SensorGrid;
 use super::sampling::{Layout, sinc};
 use super::source::Source;
 use crate::{Error, Plane, Result};
@@ -31,6 +38,12 @@ pub struct Geometry<'a> {
     pub cutoff_per_mm: f64,
 }
 
+/// The padded frame for an OTF whose light falls within `spread_um`, but for little.
+pub fn layout(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Layout {
+    // Four more pixels hold the ringing that dividing by the cell's sinc up to the cell grid's Nyquist frequency causes.
+    Layout::new(grid, oversample, spread_um + 4.0 * grid.pitch_um)
+}
+
 /// Spectrum of the padded cell grid: `stride` horizontal frequencies for each row, then each column.
 struct Spectrum {
     stride: usize,
@@ -44,69 +57,102 @@ struct Spectrum {
 /// Those of the scene, and values that are not finite.
 pub fn blur(source: &Source, geometry: &Geometry, otf: &dyn Fn(f64) -> f64) -> Result<Plane<f32>> {
     let layout = geometry.layout;
-    let x = Axis::new(layout.cells_across(), layout.padded_width, geometry);
-    let y = Axis::new(layout.cells_down(), layout.padded_height, geometry);
+    let x = Axis::new(layout.cells_across(), geometry);
+    let y = Axis::new(layout.cells_down(), geometry);
+    let transfer = Transfer::new(otf, geometry, &x, &y);
     let spectrum = forward_rows(source, layout, x.kept)?;
-    let radial = RadialOtf::new(otf, geometry.cutoff_per_mm);
-    let batches = columns(&spectrum, layout, &x, &y, &radial);
+    let batches = columns(&spectrum, layout, &x, &y, &transfer);
     Ok(backward_rows(&batches, layout))
 }
 
-/// One direction of the cell grid: per kept frequency its value, gain and phase.
+/// One direction of the cell grid.
 struct Axis {
-    /// Frequencies kept, from 0.
+    /// Cells.
+    cells: usize,
+    /// Frequencies kept, from 0: all, but without the last of an even number of cells per pixel, whose pixel centres
+    /// it has its zeros on.
     kept: usize,
-    /// Cycles/mm.
-    frequency: Vec<f32>,
-    /// sinc(a·f)/sinc(h·f) times cos and sin of the phase towards the pixel centre.
-    gain: Vec<(f32, f32)>,
+    /// Per kept frequency cos and sin of the phase towards the pixel centre.
+    phase: Vec<(f32, f32)>,
 }
 
 impl Axis {
-    fn new(cells: usize, pixels: usize, geometry: &Geometry) -> Self {
-        let s = (cells / pixels) as f64;
-        let cell_mm = geometry.pitch_um * 1e-3 / s;
-        let step = 1.0 / (cells as f64 * cell_mm);
-        let kept =
-            ((cells - 1) / 2 + 1).min((geometry.cutoff_per_mm / step).ceil() as usize).max(1);
+    fn new(cells: usize, geometry: &Geometry) -> Self {
+        let s = geometry.layout.oversample;
+        let kept = cells / 2 + s % 2;
+        let phase = |k: usize| {
+            let (sin, cos) = libm::sincos(PI * (k * (s - 1)) as f64 / cells as f64);
+            (cos as f32, sin as f32)
+        };
+        Self { cells, kept, phase: (0..kept).map(phase).collect() }
+    }
+
+    /// What each of `terms` samples of a transfer function, 1/`support` apart, adds to its value at every kept
+    /// frequency, the sample at the negative frequency included.
+    fn weights(&self, support: usize, terms: usize) -> Vec<Vec<f64>> {
+        let turn = |n: usize, of: usize| libm::sincos(PI * (n % (2 * of)) as f64 / of as f64);
+        let frequencies: Vec<(f64, f64)> = (0..self.kept).map(|k| turn(k, self.cells)).collect();
+        // sin(πLu)/L at u = f, and but for the sign at f ± j/L.
+        let wave = |k: usize| turn(k * support, self.cells).0 / support as f64;
+        let waves: Vec<f64> = (0..self.kept).map(wave).collect();
+        let weight = |k: usize, j: usize, (sin_j, cos_j): (f64, f64)| {
+            let (sin, cos) = frequencies[k];
+            let wave = if j % 2 == 0 { waves[k] } else { -waves[k] };
+            let dirichlet = |sine: f64| if sine.abs() < 1e-12 { 1.0 } else { wave / sine };
+            let mirrored = if j == 0 { 0.0 } else { dirichlet(sin * cos_j + cos * sin_j) };
+            // The grid's Nyquist frequency is met twice, as positive and as negative one.
+            let part = if 2 * k == self.cells { 0.5 } else { 1.0 };
+            part * (dirichlet(sin * cos_j - cos * sin_j) + mirrored)
+        };
+        (0..terms)
+            .map(|j| {
+                let sample = turn(j, support);
+                (0..self.kept).map(|k| weight(k, j, sample)).collect()
+            })
+            .collect()
+    }
+}
+
+/// The transfer function T of the module's documentation.
+struct Transfer {
+    /// Samples along y.
+    terms: usize,
+    /// Per sample along y, its value at every kept frequency along x.
+    samples: Vec<Vec<f32>>,
+    /// Per kept frequency along y the weights of the samples.
+    weights: Vec<f32>,
+}
+
+impl Transfer {
+    fn new(otf: &dyn Fn(f64) -> f64, geometry: &Geometry, x: &Axis, y: &Axis) -> Self {
+        let layout = geometry.layout;
+        let support = layout.support();
+        let cell_mm = geometry.pitch_um * 1e-3 / layout.oversample as f64;
+        let step = 1.0 / (support as f64 * cell_mm);
+        let passed = (geometry.cutoff_per_mm / step).ceil() as usize;
+        let terms = ((support - 1) / 2 + 1).min(passed).max(1);
         let gain = |k: usize| {
             let f = k as f64 * step;
-            let ratio = sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f);
-            let (sin, cos) = libm::sincos(PI * k as f64 * (s - 1.0) / cells as f64);
-            ((ratio * cos) as f32, (ratio * sin) as f32)
+            sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f)
         };
-        Self {
-            kept,
-            frequency: (0..kept).map(|k| (k as f64 * step) as f32).collect(),
-            gain: (0..kept).map(gain).collect(),
-        }
-    }
-}
-
-/// The OTF over frequency, linear between 4096 samples up to the cut-off.
-struct RadialOtf {
-    per_frequency: f32,
-    values: Vec<f32>,
-}
-
-impl RadialOtf {
-    const STEPS: usize = 4096;
-
-    fn new(otf: &dyn Fn(f64) -> f64, cutoff: f64) -> Self {
-        let at = |i: usize| {
-            if i < Self::STEPS { otf(cutoff * i as f64 / Self::STEPS as f64) } else { 0.0 }
-        };
-        Self {
-            per_frequency: (Self::STEPS as f64 / cutoff) as f32,
-            values: (0..Self::STEPS + 2).map(|i| at(i) as f32).collect(),
-        }
-    }
-
-    #[inline(always)]
-    fn at(&self, frequency: f32) -> f32 {
-        let t = (frequency * self.per_frequency).min(Self::STEPS as f32);
-        let i = (t as usize).min(Self::STEPS);
-        self.values[i] + (t - i as f32) * (self.values[i + 1] - self.values[i])
+        let table: Vec<f64> = (0..terms * terms)
+            .map(|k| {
+                let (i, j) = (k / terms, k % terms);
+                gain(i) * gain(j) * otf(step * (i as f64).hypot(j as f64))
+            })
+            .collect();
+        let across = x.weights(support, terms);
+        let samples = table.par_chunks(terms).map(|samples| {
+            let mut row = vec![0.0f64; x.kept];
+            for (sample, weights) in samples.iter().zip(&across) {
+                row.iter_mut().zip(weights).for_each(|(sum, w)| *sum += sample * w);
+            }
+            row.into_iter().map(|v| v as f32).collect()
+        });
+        let samples: Vec<Vec<f32>> = samples.collect();
+        let down = y.weights(support, terms);
+        let weights = (0..y.kept).flat_map(|k| down.iter().map(move |w| w[k] as f32)).collect();
+        Self { terms, samples, weights }
     }
 }
 
@@ -180,7 +226,7 @@ fn columns(
     layout: &Layout,
     x: &Axis,
     y: &Axis,
-    otf: &RadialOtf,
+    transfer: &Transfer,
 ) -> Vec<Batch> {
     let (down, pixels) = (layout.cells_down(), layout.padded_height);
     let (forward, backward) = (Fft::new(down), Fft::new(pixels));
@@ -194,7 +240,7 @@ fn columns(
                 for alias in Alias::of_batch(batch * LANES, outputs, layout.padded_width, x.kept) {
                     load_columns(spectrum, &alias, data);
                     forward.forward(data, scratch);
-                    fold(data, &alias, x, y, otf, folded);
+                    fold(data, &alias, x, y, transfer, folded);
                 }
                 backward.backward(folded, spare);
                 let rows = layout.top()..layout.top() + layout.height;
@@ -255,37 +301,62 @@ fn load_columns(spectrum: &Spectrum, alias: &Alias, data: &mut Split) {
     }
 }
 
+/// Vertical frequencies whose transfer is computed together, to keep the processor's adders busy.
+const TOGETHER: usize = 4;
+
 /// Multiplies sixteen columns by the transfer function and adds them to the pixel grid's.
 #[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn fold(data: &Split, alias: &Alias, x: &Axis, y: &Axis, otf: &RadialOtf, folded: &mut Split) {
-    let (cells, pixels) = (data.re.len(), folded.re.len());
+fn fold(data: &Split, alias: &Alias, x: &Axis, y: &Axis, transfer: &Transfer, folded: &mut Split) {
     let at = |values: &dyn Fn(usize) -> f32| Lanes(alias.lanes.map(|k| k.map_or(0.0, values)));
-    let (fx, cx, sx) = (at(&|k| x.frequency[k]), at(&|k| x.gain[k].0), at(&|k| x.gain[k].1));
+    let (cx, sx) = (at(&|k| x.phase[k].0), at(&|k| x.phase[k].1));
+    let samples: Vec<Lanes> = transfer.samples.iter().map(|row| at(&|k| row[k])).collect();
     // The mirror image of X(kx, ky) is its conjugate at (−kx, −ky).
     let conjugate = if alias.mirrored { -1.0 } else { 1.0 };
-    for ky in 0..y.kept {
-        let (fy, (cy, sy)) = (y.frequency[ky], y.gain[ky]);
-        let mut gain = Lanes::ZERO;
-        for (g, fx) in gain.0.iter_mut().zip(fx.0) {
-            *g = otf.at((fx * fx + fy * fy).sqrt());
-        }
-        for negative in [false, true] {
-            if negative && ky == 0 {
-                continue;
+    let pixels = folded.re.len();
+    for (group, weights) in transfer.weights.chunks(TOGETHER * transfer.terms).enumerate() {
+        let mut gains = [Lanes::ZERO; TOGETHER];
+        match weights.len() == TOGETHER * transfer.terms {
+            true => gains = interpolated(weights, &samples),
+            false => {
+                for (gain, weights) in gains.iter_mut().zip(weights.chunks(transfer.terms)) {
+                    [*gain] = interpolated(weights, &samples);
+                }
             }
-            let (row, sy) = if negative { (cells - ky, -sy) } else { (ky, sy) };
-            let place = ky % pixels;
-            let target = if negative != alias.mirrored { (pixels - place) % pixels } else { place };
-            // Transfer = gain · (cx + i·sx) · (cy + i·sy).
-            let tr = gain.product(cx.times(cy).minus(sx.times(sy)));
-            let ti = gain.product(cx.times(sy).plus(sx.times(cy)));
-            let (zr, zi) = (data.re[row], data.im[row]);
-            let re = zr.product(tr).minus(zi.product(ti));
-            let im = zr.product(ti).plus(zi.product(tr)).times(conjugate);
-            folded.re[target] = folded.re[target].plus(re);
-            folded.im[target] = folded.im[target].plus(im);
+        }
+        for (i, gain) in gains[..weights.len() / transfer.terms].iter().enumerate() {
+            let ky = group * TOGETHER + i;
+            let (cy, sy) = y.phase[ky];
+            for negative in [false, true] {
+                if negative && ky == 0 {
+                    continue;
+                }
+                let (row, sy) = if negative { (y.cells - ky, -sy) } else { (ky, sy) };
+                let place = ky % pixels;
+                let flipped = negative != alias.mirrored;
+                let target = if flipped { (pixels - place) % pixels } else { place };
+                // Transfer = gain · (cx + i·sx) · (cy + i·sy).
+                let tr = gain.product(cx.times(cy).minus(sx.times(sy)));
+                let ti = gain.product(cx.times(sy).plus(sx.times(cy)));
+                let (zr, zi) = (data.re[row], data.im[row]);
+                let re = zr.product(tr).minus(zi.product(ti));
+                let im = zr.product(ti).plus(zi.product(tr)).times(conjugate);
+                folded.re[target] = folded.re[target].plus(re);
+                folded.im[target] = folded.im[target].plus(im);
+            }
         }
     }
+}
+
+/// Sums of samples by N rows of weights.
+#[inline(always)]
+fn interpolated<const N: usize>(weights: &[f32], samples: &[Lanes]) -> [Lanes; N] {
+    let mut sums = [Lanes::ZERO; N];
+    for (j, sample) in samples.iter().enumerate() {
+        for (n, sum) in sums.iter_mut().enumerate() {
+            *sum = sum.plus(sample.times(weights[n * samples.len() + j]));
+        }
+    }
+    sums
 }
 
 fn backward_rows(batches: &[Batch], layout: &Layout) -> Plane<f32> {

@@ -7,13 +7,14 @@
 //!    mapping; radiance is resampled, so no Jacobian);
 //! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier domain,
 //!    and the result is taken at the pixel centres. Aliasing of the real pixel grid stays; that of the
-//!    cell grid is bounded by the choice of s;
+//!    cell grid is bounded by the choice of s. Kernels are finite and the margin holds them whole, so convolution
+//!    is linear: nothing wraps around;
 //! 4. relative illumination at the pixel centre and eq. 7 are applied, once.
 
 pub mod sampling;
 
 mod field;
-mod fourier;
+pub(super) mod fourier;
 pub mod nodes;
 pub mod psf;
 pub(super) mod source;
@@ -49,7 +50,7 @@ pub enum Blur<'a> {
         /// Frequency beyond which nothing passes, cycles/mm.
         cutoff_per_mm: f64,
         /// Distance from the ideal place beyond which no more than 0.2 % of the light of a line
-        /// falls on either side, µm.
+        /// falls on either side, µm; that light is folded back into the distance.
         spread_um: f64,
         /// The OTF over frequency in cycles/mm; 1 at 0.
         otf: RadialCurve<'a>,
@@ -214,10 +215,7 @@ impl Band<'_> {
         report: &mut Report,
     ) -> Result<Plane<f32>> {
         let oversample = self.oversample(cutoff_per_mm, otf, report)?;
-        // Four more pixels let the ringing die down that dividing by the cell's sinc causes where the
-        // transform wraps around.
-        let margin_um = spread_um + 4.0 * self.grid.pitch_um;
-        let layout = sampling::Layout::new(self.grid, oversample, margin_um);
+        let layout = fourier::layout(self.grid, oversample, spread_um);
         let source = self.source(&layout, report);
         let geometry = fourier::Geometry {
             layout: &layout,

@@ -90,7 +90,8 @@ pub struct Layout {
 impl Layout {
     /// A margin of `spread_um` on each side, enlarged to lengths that transform fast.
     pub fn new(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Self {
-        // The transform wraps around; light that wraps comes from the other margin, never the frame.
+        // The transform wraps around. No kernel reaches further than the margin, so what wraps comes out of one
+        // margin into the other, never into the frame.
         let margin = (spread_um / grid.pitch_um).ceil() as usize;
         Self {
             oversample,
@@ -100,6 +101,12 @@ impl Layout {
             padded_width: good_length(grid.width + 2 * margin),
             padded_height: good_length(grid.height + 2 * margin),
         }
+    }
+
+    /// Cells across the largest kernel about a pixel's centre that the margin holds on each side.
+    pub fn support(&self) -> usize {
+        // The centre is a cell's where their number in a pixel is odd, else it lies between two.
+        2 * self.margin * self.oversample + self.oversample % 2
     }
 
     /// Pixels between the padded frame's left edge and the frame's.

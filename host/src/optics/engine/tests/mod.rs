@@ -367,3 +367,57 @@ fn slanted_edges_have_the_mtf50_of_theory() {
         }
     }
 }
+
+/// 1 on one side of the line u = `edge`, exact averages.
+fn half_plane(right_of: bool, edge: f64) -> impl Fn(&Grid, usize, usize) -> f64 + Send + Sync {
+    move |g, x, _| {
+        let u = g.left + x as f64 * g.cell;
+        let left = ((edge - u) / g.cell).clamp(0.0, 1.0);
+        if right_of { 1.0 - left } else { left }
+    }
+}
+
+#[test]
+fn nothing_wraps_around_to_the_opposite_border() {
+    // Everything left of a line bright, the line at the frame's left border and a little inside or outside of it; then
+    // everything right of one at the right border. What lies further from the line than the margin is wide, which is
+    // what the kernel reaches, stays black; before its kernel was finite, 7e-4 of the peak came round.
+    let (width, height) = (90, 21);
+    let grid = SensorGrid { width, height, pitch_um: 2.2, fill_factor: 0.7 };
+    let field = GaussianOtf { sigma_um: 1.4, table: true };
+    let lenses: [&dyn Lens; 2] = [&perfect(2.8), &field];
+    for lens in lenses {
+        for (oversample, offset) in [(1, 0.0), (2, 3.3), (3, -2.0), (2, -30.0)] {
+            for right_of in [false, true] {
+                let edge = if right_of { 0.5 - offset / 90.0 } else { offset / 90.0 - 0.5 };
+                let scene = Exact { bands: one_band(550.0), average: half_plane(right_of, edge) };
+                let options = Options { oversample: Some(oversample), ..Options::default() };
+                let lit = LitScene { scene: &scene, white: vec![1.0] };
+                let mut plane = Plane::filled(0, 0, 0.0);
+                let report = irradiance(
+                    &lit,
+                    lens,
+                    &grid,
+                    &options,
+                    |_, _| {},
+                    |_, p| {
+                        plane = p;
+                        Ok(())
+                    },
+                );
+                let peak = lens.steradians(550.0);
+                let margin = report.unwrap().margin_pixels;
+                let reach = offset.max(0.0).ceil() as usize + margin + 1;
+                assert!(reach < width, "the test must look at something: {reach}");
+                let far = if right_of { 0..width - reach } else { reach..width };
+                let rows = plane.data.chunks_exact(width);
+                let most =
+                    rows.flat_map(|row| &row[far.clone()]).fold(0.0f32, |m, v| m.max(v.abs()));
+                let most = f64::from(most) / peak;
+                println!("s {oversample}, line {offset} pixels inside: {most:.1e} beyond {reach}");
+                // f32 transforms: 2⁻²⁴ a few times.
+                assert!(most < 5e-7, "s {oversample}, line {offset}: {most}");
+            }
+        }
+    }
+}

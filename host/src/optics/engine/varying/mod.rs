@@ -13,16 +13,18 @@
 //! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does not
 //! depend on the number of threads.
 //!
-//! Several inputs may go into several outputs, each pair through kernels of its own ([`Blurrer::mix`]): the forward
+//! Several inputs may go into several outputs, each pair through kernels of its own ([`Blurrer::add`]): the forward
 //! transforms are shared by the outputs and the inverse one by the inputs. So a scene whose spectra are mixtures
 //! of a few components, E(λ) = Σ_k b_k(λ)·(c_k ⊗ psf(λ)), comes to channels of spectral response q without its bands:
 //! Σ_λ q(λ)·E(λ) = Σ_k c_k ⊗ [Σ_λ q(λ)·b_k(λ)·psf(λ)], exactly, with kernels as [`Kernels::combined`] makes them.
 
 mod tile;
 
-use super::super::fft::{LANES, good_length};
+use super::super::fft::{LANES, good_length, passes};
 use crate::{Plane, Result};
 use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::ops::Range;
 use tile::{BlurTile, Plan, Spectrum, TransformKernel};
 
 /// Kernels at the corners of square tiles.
@@ -69,10 +71,13 @@ impl Tiling {
         let most = largest_tile.max(s).min(width.max(height) + s);
         let candidate = |tile: usize| {
             let length = s * good_length((tile + kernel - 1).div_ceil(s));
-            // Transforms per tile, sixteen at once, times n·log n; see `Tile::run`.
-            let batches = tile.div_ceil(LANES) + 4 * (length / 2 + 1).div_ceil(LANES);
+            // Transforms per tile, sixteen at once, and of a kernel per tile, times passes over memory: one more than
+            // stages, and dearer (measured) the less the first-level cache holds of a transform.
+            let batches = (length / 2 + 1).div_ceil(LANES);
+            let transforms = 1.5 * tile as f64 / LANES as f64 + 6.0 * batches as f64;
+            let pass = (passes(length) + 1) as f64 * (1.0 + length as f64 / 400.0);
             let tiles = width.div_ceil(tile) * height.div_ceil(tile);
-            let cost = (tiles * batches * length) as f64 * (length as f64).log2();
+            let cost = (tiles * length) as f64 * transforms * pass;
             (cost, tile, length)
         };
         let (_, tile, length) = (1..=most / s)
@@ -131,6 +136,15 @@ impl Kernels {
 pub struct Blurrer {
     plan: Plan,
     spectra: Vec<Spectrum>,
+    /// Strips that are done with.
+    spare: Vec<Vec<Plane<f32>>>,
+}
+
+/// The light of a row of tiles in every output.
+struct Strip {
+    /// Its first row and the one after its last, in pixels of the padded grid, from `before / s` pixels above it on.
+    rows: Range<usize>,
+    light: Vec<Plane<f32>>,
 }
 
 /// Bytes that spectra of kernels may take before fewer rows of tiles are done at once.
@@ -139,7 +153,7 @@ const SPECTRA: usize = 256 << 20;
 impl Blurrer {
     /// Plans a tiling.
     pub fn new(tiling: &Tiling) -> Self {
-        Self { plan: Plan::new(tiling), spectra: Vec::new() }
+        Self { plan: Plan::new(tiling), spectra: Vec::new(), spare: Vec::new() }
     }
 
     /// The tiling it was planned for.
@@ -157,24 +171,28 @@ impl Blurrer {
         rows: &Rows<'_>,
         kernels: &Kernels,
         corner: (usize, usize),
-        size: (usize, usize),
+        (width, height): (usize, usize),
     ) -> Result<Plane<f32>> {
-        let planes = self.mix(&[rows], &[&[kernels]], corner, size)?;
-        Ok(planes.into_iter().next().unwrap_or_else(|| Plane::filled(0, 0, 0.0)))
+        let mut plane = Plane::filled(width, height, 0.0);
+        let planes = std::slice::from_mut(&mut plane);
+        self.add(&[rows], &[&[kernels]], corner, &[&[1.0]], planes)?;
+        Ok(plane)
     }
 
-    /// Blurs every input for every output and adds: output c gets input k through `kernels[c][k]`.
+    /// Blurs every input for every output and adds, output c getting input k through `kernels[c][k]`; then adds to
+    /// plane p every output c times `weights[p][c]`. The planes are as large as the frame.
     ///
     /// # Errors
     /// Those of the inputs.
-    pub fn mix(
+    pub fn add(
         &mut self,
         inputs: &[&Rows<'_>],
         kernels: &[&[&Kernels]],
         corner: (usize, usize),
-        (width, height): (usize, usize),
-    ) -> Result<Vec<Plane<f32>>> {
-        let Self { plan, spectra } = self;
+        weights: &[&[f32]],
+        planes: &mut [Plane<f32>],
+    ) -> Result<()> {
+        let Self { plan, spectra, spare } = self;
         let (tiling, pairs) = (plan.tiling, inputs.len() * kernels.len());
         let (across, per_row) = (tiling.across() + 1, (tiling.across() + 1) * pairs);
         // A few rows of tiles at a time bound the memory; they are added in order.
@@ -183,8 +201,11 @@ impl Blurrer {
         let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
         let rows_of_nodes = (group + 1).min(tiling.down() + 1);
         spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
-        let mut planes = vec![Plane::filled(width, height, 0.0); kernels.len()];
+        // The first row of row j of tiles, pixels.
+        let top = |j: usize| j * tiling.tile / tiling.oversample;
         let shift = tiling.before / tiling.oversample;
+        let place = Merge { corner: (corner.0 + shift, corner.1 + shift), weights };
+        let mut strips: VecDeque<Strip> = VecDeque::new();
         for start in (0..tiling.down()).step_by(group) {
             let end = tiling.down().min(start + group);
             // The last row of nodes of one group is the first of the next.
@@ -192,7 +213,7 @@ impl Blurrer {
             (0..known * per_row).for_each(|i| spectra.swap(i, group * per_row + i));
             let wanted = known * per_row..(end - start + 1) * per_row;
             spectra[wanted.clone()].par_iter_mut().zip(wanted).for_each_init(
-                || plan.scratch(1, 1),
+                || plan.scratch(1, 0),
                 |scratch, (spectrum, i)| {
                     let (node, pair) = (start * across + i / pairs, i % pairs);
                     let kernels = kernels[pair / inputs.len()][pair % inputs.len()];
@@ -201,53 +222,85 @@ impl Blurrer {
                     pulp::Arch::new().dispatch(TransformKernel { plan, kernel, scratch, spectrum });
                 },
             );
-            let strips: Vec<Result<Vec<Plane<f32>>>> = (start..end)
-                .into_par_iter()
-                .map_init(
-                    || plan.scratch(inputs.len(), kernels.len()),
-                    |scratch, j| {
-                        let nodes = &spectra[(j - start) * per_row..(j - start + 2) * per_row];
-                        strip(plan, j, inputs, nodes, scratch, kernels.len())
-                    },
-                )
-                .collect();
-            for (j, strips) in (start..end).zip(strips) {
-                for (plane, strip) in planes.iter_mut().zip(strips?) {
-                    for q in 0..strip.height {
-                        // Padded pixel row of strip row q, then the frame's.
-                        let row = j * tiling.tile / tiling.oversample + q;
-                        let Some(y) = row.checked_sub(shift + corner.1).filter(|&y| y < height)
-                        else {
-                            continue;
-                        };
-                        let source = &strip.row(q)[corner.0 + shift..];
-                        plane.row_mut(y).iter_mut().zip(source).for_each(|(o, v)| *o += v);
-                    }
-                }
+            strips.extend((start..end).map(|j| Strip {
+                rows: top(j)..top(j) + tiling.reach(),
+                light: spare.pop().unwrap_or_default(),
+            }));
+            let new = strips.len() - (end - start);
+            strips.make_contiguous()[new..].par_iter_mut().enumerate().try_for_each_init(
+                || plan.scratch(inputs.len(), kernels.len()),
+                |scratch, (i, strip)| {
+                    let nodes = &spectra[i * per_row..(i + 2) * per_row];
+                    strip.light.resize_with(kernels.len(), || plan.empty_strip());
+                    fill(plan, start + i, inputs, nodes, scratch, &mut strip.light)
+                },
+            )?;
+            // Rows that no later strip reaches.
+            let last = if end == tiling.down() { top(end) + tiling.reach() } else { top(end) };
+            place.rows(strips.make_contiguous(), top(start)..last, planes);
+            while strips.front().is_some_and(|strip| strip.rows.end <= last) {
+                spare.extend(strips.pop_front().map(|strip| strip.light));
             }
         }
-        Ok(planes)
+        Ok(())
+    }
+}
+
+/// How strips go into planes.
+struct Merge<'a> {
+    /// The frame's left and top edge, pixels of the strips.
+    corner: (usize, usize),
+    weights: &'a [&'a [f32]],
+}
+
+impl Merge<'_> {
+    /// Adds the strips, in their order, to the planes' rows that lie in `rows` of the padded grid.
+    fn rows(&self, strips: &[Strip], rows: Range<usize>, planes: &mut [Plane<f32>]) {
+        let Some(Plane { width, height, .. }) = planes.first() else { return };
+        let (width, (left, top)) = (*width, self.corner);
+        let frame = |row: usize| row.saturating_sub(top).min(*height);
+        let (first, last) = (frame(rows.start), frame(rows.end));
+        let mut by_row: Vec<Vec<&mut [f32]>> = (first..last).map(|_| Vec::new()).collect();
+        for plane in planes {
+            let rows = plane.data[first * width..last * width].chunks_exact_mut(width);
+            by_row.iter_mut().zip(rows).for_each(|(all, row)| all.push(row));
+        }
+        by_row.into_par_iter().enumerate().for_each_init(
+            || vec![0.0f32; width],
+            |sum, (i, mut targets)| {
+                let row = first + i + top;
+                for output in 0..self.weights[0].len() {
+                    sum.fill(0.0);
+                    for strip in strips.iter().filter(|strip| strip.rows.contains(&row)) {
+                        let light = strip.light[output].row(row - strip.rows.start);
+                        sum.iter_mut().zip(&light[left..]).for_each(|(s, v)| *s += v);
+                    }
+                    for (target, weights) in targets.iter_mut().zip(self.weights) {
+                        let weight = weights[output];
+                        target.iter_mut().zip(&*sum).for_each(|(t, v)| *t += weight * v);
+                    }
+                }
+            },
+        );
     }
 }
 
 /// The light of row j of tiles in every output, from `before / s` pixels left of and above its corner on; `nodes` are
 /// the spectra of its two rows of nodes.
-fn strip(
+fn fill(
     plan: &Plan,
     j: usize,
     inputs: &[&Rows<'_>],
     nodes: &[Spectrum],
     scratch: &mut tile::Scratch,
-    outputs: usize,
-) -> Result<Vec<Plane<f32>>> {
+    out: &mut [Plane<f32>],
+) -> Result<()> {
     let Tiling { tile, oversample, height, .. } = plan.tiling;
     let count = tile.min(height - j * tile);
     let sources: Result<Vec<Plane<f32>>> =
         inputs.iter().map(|rows| rows(j * tile, count)).collect();
-    let (sources, pairs) = (&sources?, inputs.len() * outputs);
-    let (across, reach) = (plan.tiling.across(), plan.tiling.reach());
-    let columns = (across - 1) * tile / oversample + reach;
-    let mut out = vec![Plane::filled(columns, reach, 0.0); outputs];
+    let (sources, pairs) = (&sources?, inputs.len() * out.len());
+    let across = plan.tiling.across();
     for i in 0..across {
         let corner = |di: usize, dj: usize| &nodes[(dj * (across + 1) + i + di) * pairs..][..pairs];
         pulp::Arch::new().dispatch(BlurTile {
@@ -256,11 +309,11 @@ fn strip(
             first: i * tile,
             corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
             scratch,
-            out: &mut out,
+            out: &mut *out,
             place: i * tile / oversample,
         });
     }
-    Ok(out)
+    Ok(())
 }
 
 #[cfg(test)]

@@ -59,6 +59,9 @@ fn equals_the_defining_sum() {
         (2, 8, 4, 14, (44, 30)),
         (3, 11, 3, 21, (60, 45)),
         (1, 35, 17, 40, (64, 70)),
+        // Transforms of one stage and of none.
+        (1, 1, 0, 2, (5, 4)),
+        (1, 1, 0, 1, (3, 2)),
     ] {
         let t = Tiling::new(s, (w, h), size, before, tile);
         let nodes = (t.across() + 1) * (t.down() + 1);
@@ -148,7 +151,13 @@ fn spectral_components_give_what_the_bands_give() {
     let collapsed: Vec<&[&Kernels]> = collapsed.iter().map(Vec::as_slice).collect();
     let rows: Vec<_> = components.iter().map(rows_of).collect();
     let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
-    let found = blurrer.mix(&rows, &collapsed, corner, frame).unwrap();
+    // Into three planes: each channel and their mean.
+    let weights: [&[f32]; 3] = [&[1.0, 0.0], &[0.0, 1.0], &[0.5, 0.5]];
+    let mut found = vec![Plane::filled(frame.0, frame.1, 0.0); 3];
+    blurrer.add(&rows, &collapsed, corner, &weights, &mut found).unwrap();
+    exact.push(Plane::from_fn(frame.0, frame.1, |x, y| {
+        0.5 * (exact[0].at(x, y) + exact[1].at(x, y))
+    }));
     for (found, exact) in found.iter().zip(&exact) {
         let peak = exact.data.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let errors = found.data.iter().zip(&exact.data).map(|(a, b)| (f64::from(*a) - b).abs());

@@ -1,25 +1,29 @@
 //! One tile and one kernel through their transforms, in vector registers.
 
-use super::super::super::fft::{Complex, Fft, LANES, Lanes, Split, registers};
+use super::super::super::fft::{
+    Fft, KernelPart, LANES, Lanes, Products, Split, Weighted, registers, vectors, vectors_mut,
+};
 use super::Tiling;
 use crate::Plane;
-use bytemuck::{cast_slice, cast_slice_mut};
-use pulp::{Simd, WithSimd, bytemuck};
+use pulp::{Simd, WithSimd};
 
 /// The spectrum of a kernel: per sixteen vertical frequencies, all horizontal ones.
-pub struct Spectrum(Split);
+pub struct Spectrum(Vec<Split>);
 
 /// Buffers of one worker.
 pub struct Scratch {
     cells: Split,
     cells_spare: Split,
-    pixels: Split,
+    /// Thirty-two columns of the result each.
+    pixels: Vec<Split>,
     pixels_spare: Split,
+    /// The tile, sixteen columns after another.
+    columns: Vec<Lanes>,
     halves: Vec<Halves>,
     /// Of every output, sixteen vertical frequencies at a time.
     sums: Vec<Split>,
     /// Of every output, per sixteen vertical frequencies, the pixel columns of the result.
-    results: Vec<Split>,
+    results: Vec<Vec<Split>>,
 }
 
 /// An input, half transformed: per sixteen vertical frequencies (the lanes), its columns.
@@ -71,17 +75,25 @@ impl Plan {
         Scratch {
             cells: zeros(self.cells.length()),
             cells_spare: zeros(self.cells.length()),
-            pixels: zeros(self.pixels.length()),
-            pixels_spare: zeros(self.pixels.length()),
+            pixels: vec![zeros(self.stride()); self.tiling.reach().div_ceil(2 * LANES)],
+            pixels_spare: zeros(self.stride()),
+            columns: vec![Lanes::ZERO; self.tiling.tile.div_ceil(LANES) * self.tiling.tile],
             halves: (0..inputs).map(|_| Halves { upper: half(), lower: half() }).collect(),
-            sums: vec![zeros(self.pixels.length()); outputs],
-            results: vec![zeros(self.batches * self.stride()); outputs],
+            sums: vec![zeros(self.cells.length().max(self.stride())); outputs],
+            results: vec![vec![zeros(self.stride()); self.batches]; outputs],
         }
+    }
+
+    /// Room for the light of a row of tiles.
+    pub fn empty_strip(&self) -> Plane<f32> {
+        let Tiling { tile, oversample, .. } = self.tiling;
+        let reach = self.tiling.reach();
+        Plane::filled((self.tiling.across() - 1) * tile / oversample + reach, reach, 0.0)
     }
 
     /// Room for the spectrum of a kernel.
     pub fn empty_spectrum(&self) -> Spectrum {
-        Spectrum(Split::zeros(self.batches * self.tiling.length))
+        Spectrum(vec![Split::zeros(self.tiling.length); self.batches])
     }
 
     /// Bytes of the spectrum of a kernel.
@@ -125,13 +137,11 @@ impl WithSimd for TransformKernel<'_> {
             }
         }
         let scales = vec![scale; size];
-        for b in 0..plan.batches {
+        for (b, spectrum) in spectrum.iter_mut().enumerate() {
             let part = b * plan.columns..b * plan.columns + size;
-            weigh(simd, &upper.re[part.clone()], &scales, &mut cells.re);
-            weigh(simd, &upper.im[part], &scales, &mut cells.im);
-            plan.cells.forward(cells, cells_spare);
-            spectrum.re[b * n..(b + 1) * n].copy_from_slice(&cells.re);
-            spectrum.im[b * n..(b + 1) * n].copy_from_slice(&cells.im);
+            let input =
+                Weighted::new((&upper.re[part.clone()], &scales), (&upper.im[part], &scales));
+            plan.cells.forward_from(simd, input, spectrum, cells_spare);
         }
     }
 }
@@ -155,56 +165,71 @@ impl WithSimd for BlurTile<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { plan, sources, first, corners, scratch, out, place } = self;
-        let (tile, n, reach) = (plan.tiling.tile, plan.tiling.length, plan.tiling.reach());
-        let Scratch { cells, cells_spare, pixels, pixels_spare, halves, sums, results } = scratch;
+        let (tile, reach) = (plan.tiling.tile, plan.tiling.reach());
+        let Scratch { cells, cells_spare, pixels, pixels_spare, columns, halves, sums, results } =
+            scratch;
         for (source, Halves { upper, lower }) in sources.iter().zip(&mut *halves) {
-            let wide = tile.min(source.width - first);
-            for x in (0..tile).step_by(LANES) {
-                for y in 0..source.height {
-                    cells.im[y] = lanes_of(&source.row(y)[first..first + wide], x);
+            // Rows are read as they lie in memory, and then taken sixteen columns at a time.
+            let (wide, height) = (tile.min(source.width - first), source.height);
+            for y in 0..height {
+                let row = &source.row(y)[first..first + wide];
+                for (x, column) in columns.chunks_exact_mut(tile).enumerate() {
+                    column[y] = lanes_of(row, x * LANES);
                 }
-                cells.im[source.height..].fill(Lanes::ZERO);
+            }
+            for (x, column) in columns.chunks_exact(tile).enumerate() {
                 // 1−v weighs the real parts, v the imaginary ones.
-                weigh(simd, &cells.im[..source.height], &plan.left, &mut cells.re);
-                weigh_in_place(simd, &mut cells.im[..source.height], &plan.right);
-                plan.cells.forward(cells, cells_spare);
-                split_columns(simd, cells, plan, x, upper, lower);
+                let (column, left, right) =
+                    (&column[..height], &plan.left[..height], &plan.right[..height]);
+                let input = Weighted::new((column, left), (column, right));
+                plan.cells.forward_from(simd, input, cells, cells_spare);
+                split_columns(simd, cells, plan, x * LANES, upper, lower);
             }
         }
         for b in 0..plan.batches {
-            sums.iter_mut().for_each(Split::clear);
-            let (at, part) = (b * plan.columns..b * plan.columns + tile, b * n..(b + 1) * n);
+            let at = b * plan.columns..b * plan.columns + tile;
             for (input, Halves { upper, lower }) in halves.iter().enumerate() {
                 for (corner, spectra) in corners.iter().enumerate() {
                     let half = if corner < 2 { upper } else { lower };
                     let weights = if corner % 2 == 0 { &plan.left } else { &plan.right };
-                    weigh(simd, &half.re[at.clone()], weights, &mut cells.re);
-                    weigh(simd, &half.im[at.clone()], weights, &mut cells.im);
-                    plan.cells.forward(cells, cells_spare);
-                    for (sum, spectra) in sums.iter_mut().zip(spectra.chunks_exact(sources.len())) {
-                        let Spectrum(kernel) = &spectra[input];
-                        let (re, im) = (&kernel.re[part.clone()], &kernel.im[part.clone()]);
-                        fold_product(simd, cells, re, im, sum);
-                    }
+                    let kernels: Vec<KernelPart<'_>> = spectra
+                        .iter()
+                        .skip(input)
+                        .step_by(sources.len())
+                        .map(|Spectrum(kernel)| (&*kernel[b].re, &*kernel[b].im))
+                        .collect();
+                    let output =
+                        Products { kernels: &kernels, sums, first: input == 0 && corner == 0 };
+                    let (re, im) = (&half.re[at.clone()], &half.im[at.clone()]);
+                    let input = Weighted::new((re, weights), (im, weights));
+                    plan.cells.forward_into(simd, input, cells, cells_spare, output);
                 }
             }
-            let target = b * plan.stride();
             for (sum, result) in sums.iter_mut().zip(&mut *results) {
-                plan.pixels.backward(sum, pixels_spare);
-                result.re[target..target + sum.re.len()].copy_from_slice(&sum.re);
-                result.im[target..target + sum.im.len()].copy_from_slice(&sum.im);
+                match plan.tiling.oversample {
+                    1 => std::mem::swap(sum, &mut result[b]),
+                    s => fold(simd, sum, s, plan.pixels.length(), &mut result[b]),
+                }
+                plan.pixels.backward(&mut result[b], pixels_spare);
             }
         }
         for (result, out) in results.iter().zip(out) {
-            for x in (0..reach).step_by(2 * LANES) {
+            for (pair, pixels) in pixels.iter_mut().enumerate() {
                 pixels.clear();
-                join_columns(simd, result, plan, x, pixels);
+                join_columns(simd, result, plan, pair * 2 * LANES, pixels);
                 plan.pixels.backward(pixels, pixels_spare);
-                for y in 0..out.height {
-                    let row = &mut out.row_mut(y)[place + x..place + reach];
-                    let (re, im) = row.split_at_mut(LANES.min(row.len()));
-                    re.iter_mut().zip(pixels.re[y].0).for_each(|(o, v)| *o += v);
-                    im.iter_mut().zip(pixels.im[y].0).for_each(|(o, v)| *o += v);
+            }
+            // What the tile before has written is added to, the rest is new.
+            let written = if first == 0 { 0 } else { reach - tile / plan.tiling.oversample };
+            for y in 0..out.height {
+                let row = &mut out.row_mut(y)[place..place + reach];
+                for (block, values) in row.chunks_mut(LANES).enumerate() {
+                    let Split { re, im } = &pixels[block / 2];
+                    let lanes = if block % 2 == 0 { re[y].0 } else { im[y].0 };
+                    let old = written.saturating_sub(block * LANES).min(values.len());
+                    let (added, new) = values.split_at_mut(old);
+                    added.iter_mut().zip(lanes).for_each(|(o, v)| *o += v);
+                    new.copy_from_slice(&lanes[old..old + new.len()]);
                 }
             }
         }
@@ -225,41 +250,29 @@ fn lanes_of(row: &[f32], x: usize) -> Lanes {
     lanes
 }
 
-#[inline(always)]
-fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {
-    S::as_simd_f32s(cast_slice(lanes)).0
-}
-
-#[inline(always)]
-fn vectors_mut<S: Simd>(lanes: &mut [Lanes]) -> &mut [S::f32s] {
-    S::as_mut_simd_f32s(cast_slice_mut(lanes)).0
-}
-
-/// Sixteen elements from place `at` on, rows and columns exchanged.
-#[inline(always)]
-fn block_at(values: &[Lanes], at: usize) -> [Lanes; LANES] {
-    let mut block = [Lanes::ZERO; LANES];
-    block.copy_from_slice(&values[at..at + LANES]);
-    transpose(block)
-}
-
 /// Exchanges rows and columns of sixteen by sixteen values, by four perfect shuffles.
 #[inline(always)]
-fn transpose(mut rows: [Lanes; LANES]) -> [Lanes; LANES] {
-    for _ in 0..4 {
-        let mut next = [Lanes::ZERO; LANES];
-        for r in 0..LANES / 2 {
-            let (a, b) = (rows[r].0, rows[r + LANES / 2].0);
-            for i in 0..LANES / 2 {
-                next[2 * r].0[2 * i] = a[i];
-                next[2 * r].0[2 * i + 1] = b[i];
-                next[2 * r + 1].0[2 * i] = a[i + LANES / 2];
-                next[2 * r + 1].0[2 * i + 1] = b[i + LANES / 2];
-            }
+fn transpose(from: &[Lanes], to: &mut [Lanes]) {
+    let (mut a, mut b) = ([Lanes::ZERO; LANES], [Lanes::ZERO; LANES]);
+    shuffle(from, &mut a);
+    shuffle(&a, &mut b);
+    shuffle(&b, &mut a);
+    shuffle(&a, to);
+}
+
+/// Row r of the first half and its counterpart in the second become, value by value in turn, rows 2r and 2r + 1.
+#[inline(always)]
+fn shuffle(from: &[Lanes], to: &mut [Lanes]) {
+    let (from, to) = (&from[..LANES], &mut to[..LANES]);
+    for r in 0..LANES / 2 {
+        let (a, b) = (from[r].0, from[r + LANES / 2].0);
+        for i in 0..LANES / 2 {
+            to[2 * r].0[2 * i] = a[i];
+            to[2 * r].0[2 * i + 1] = b[i];
+            to[2 * r + 1].0[2 * i] = a[i + LANES / 2];
+            to[2 * r + 1].0[2 * i + 1] = b[i + LANES / 2];
         }
-        rows = next;
     }
-    rows
 }
 
 /// Takes the transforms of two real inputs apart that shared one complex transform along y, and turns
@@ -276,44 +289,46 @@ fn split_columns<S: Simd>(
     let (n, w) = (both.re.len(), registers::<S>());
     let (re, im) = (vectors::<S>(&both.re), vectors::<S>(&both.im));
     let half = simd.splat_f32s(0.5);
+    // Beyond the last frequency lanes hold what nobody reads.
+    let mut parts = [[Lanes::ZERO; LANES]; 4];
     for b in 0..plan.batches {
-        let mut parts = [[Lanes::ZERO; LANES]; 4];
-        let [ar, ai, br, bi] = parts.each_mut().map(|p| vectors_mut::<S>(p));
+        let [ar, ai, br, bi] = &mut parts;
+        let (ar, ai) = (vectors_mut::<S>(ar), vectors_mut::<S>(ai));
+        let (br, bi) = (vectors_mut::<S>(br), vectors_mut::<S>(bi));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
             let k = b * LANES + i;
             let mirror = if k == 0 { 0 } else { n - k };
             for j in 0..w {
                 let (k, m, i) = (k * w + j, mirror * w + j, i * w + j);
-                let halved = |v| simd.mul_f32s(half, v);
-                ar[i] = halved(simd.add_f32s(re[k], re[m]));
-                ai[i] = halved(simd.sub_f32s(im[k], im[m]));
-                br[i] = halved(simd.add_f32s(im[k], im[m]));
-                bi[i] = halved(simd.sub_f32s(re[m], re[k]));
+                ar[i] = simd.mul_f32s(half, simd.add_f32s(re[k], re[m]));
+                ai[i] = simd.mul_f32s(half, simd.sub_f32s(im[k], im[m]));
+                br[i] = simd.mul_f32s(half, simd.add_f32s(im[k], im[m]));
+                bi[i] = simd.mul_f32s(half, simd.sub_f32s(re[m], re[k]));
             }
         }
         let at = b * plan.columns + x..b * plan.columns + x + LANES;
-        real.re[at.clone()].copy_from_slice(&transpose(parts[0]));
-        real.im[at.clone()].copy_from_slice(&transpose(parts[1]));
-        imaginary.re[at.clone()].copy_from_slice(&transpose(parts[2]));
-        imaginary.im[at].copy_from_slice(&transpose(parts[3]));
+        transpose(&parts[0], &mut real.re[at.clone()]);
+        transpose(&parts[1], &mut real.im[at.clone()]);
+        transpose(&parts[2], &mut imaginary.re[at.clone()]);
+        transpose(&parts[3], &mut imaginary.im[at]);
     }
 }
 
 /// The inverse of [`split_columns`] for pixel columns x to x + 15 (real part) and x + 16 to x + 31
 /// (imaginary part), folding the vertical frequencies onto the pixel grid's.
 #[inline(always)]
-fn join_columns<S: Simd>(simd: S, result: &Split, plan: &Plan, x: usize, pixels: &mut Split) {
-    let (n, count, w) = (plan.tiling.length, pixels.re.len(), registers::<S>());
+fn join_columns<S: Simd>(simd: S, result: &[Split], plan: &Plan, x: usize, pixels: &mut Split) {
+    let (n, count, w) = (plan.tiling.length, plan.pixels.length(), registers::<S>());
     let (re, im) = (vectors_mut::<S>(&mut pixels.re), vectors_mut::<S>(&mut pixels.im));
-    for b in 0..plan.batches {
-        let from = b * plan.stride() + x;
-        let blocks = [
-            block_at(&result.re, from),
-            block_at(&result.im, from),
-            block_at(&result.re, from + LANES),
-            block_at(&result.im, from + LANES),
-        ];
-        let [ar, ai, br, bi] = blocks.each_ref().map(|p| vectors::<S>(p));
+    let mut blocks = [[Lanes::ZERO; LANES]; 4];
+    for (b, part) in result.iter().enumerate() {
+        let [ar, ai, br, bi] = &mut blocks;
+        transpose(&part.re[x..], ar);
+        transpose(&part.im[x..], ai);
+        transpose(&part.re[x + LANES..], br);
+        transpose(&part.im[x + LANES..], bi);
+        let (ar, ai) = (vectors::<S>(ar), vectors::<S>(ai));
+        let (br, bi) = (vectors::<S>(br), vectors::<S>(bi));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
             let k = b * LANES + i;
             let place = k % count;
@@ -332,41 +347,15 @@ fn join_columns<S: Simd>(simd: S, result: &Split, plan: &Plan, x: usize, pixels:
     }
 }
 
-/// `target[i] = values[i] * weights[i]`, 0 beyond.
+/// Adds `parts` runs of `count` frequencies: those of the cell grid fall on those of the pixel grid.
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, values: &[Lanes], weights: &[f32], target: &mut [Lanes]) {
-    let w = registers::<S>();
-    let (head, tail) = target.split_at_mut(values.len());
-    let elements =
-        vectors_mut::<S>(head).chunks_exact_mut(w).zip(vectors::<S>(values).chunks_exact(w));
-    for ((t, v), &weight) in elements.zip(weights) {
-        let weight = simd.splat_f32s(weight);
-        t.iter_mut().zip(v).for_each(|(t, &v)| *t = simd.mul_f32s(v, weight));
-    }
-    tail.fill(Lanes::ZERO);
-}
-
-/// `values[i] *= weights[i]`.
-#[inline(always)]
-fn weigh_in_place<S: Simd>(simd: S, values: &mut [Lanes], weights: &[f32]) {
-    let w = registers::<S>();
-    for (v, &weight) in vectors_mut::<S>(values).chunks_exact_mut(w).zip(weights) {
-        let weight = simd.splat_f32s(weight);
-        v.iter_mut().for_each(|v| *v = simd.mul_f32s(*v, weight));
-    }
-}
-
-/// Adds the product of two spectra to `folded`, frequencies folded onto its length.
-#[inline(always)]
-fn fold_product<S: Simd>(simd: S, a: &Split, b_re: &[Lanes], b_im: &[Lanes], folded: &mut Split) {
-    let (re, im) = (vectors_mut::<S>(&mut folded.re), vectors_mut::<S>(&mut folded.im));
-    let n = re.len();
-    let parts = |lanes| vectors::<S>(lanes).chunks_exact(n);
-    for (((ar, ai), br), bi) in parts(&a.re).zip(parts(&a.im)).zip(parts(b_re)).zip(parts(b_im)) {
-        for i in 0..n {
-            let (a, b) = (Complex { re: ar[i], im: ai[i] }, Complex { re: br[i], im: bi[i] });
-            let sum = Complex { re: re[i], im: im[i] }.add(simd, a.mul(simd, b));
-            (re[i], im[i]) = (sum.re, sum.im);
+fn fold<S: Simd>(simd: S, spectrum: &Split, parts: usize, count: usize, folded: &mut Split) {
+    let run = count * registers::<S>();
+    for (from, to) in [(&spectrum.re, &mut folded.re), (&spectrum.im, &mut folded.im)] {
+        let (from, to) = (vectors::<S>(from), &mut vectors_mut::<S>(to)[..run]);
+        to.copy_from_slice(&from[..run]);
+        for part in from[run..parts * run].chunks_exact(run) {
+            to.iter_mut().zip(part).for_each(|(sum, &v)| *sum = simd.add_f32s(*sum, v));
         }
     }
 }
@@ -377,8 +366,10 @@ mod tests {
 
     #[test]
     fn transposing_exchanges_rows_and_columns() {
-        let rows = std::array::from_fn(|r| Lanes(std::array::from_fn(|c| (r * LANES + c) as f32)));
-        let turned = transpose(rows);
+        let row = |r: usize| Lanes(std::array::from_fn(|c| (r * LANES + c) as f32));
+        let rows: [Lanes; LANES] = std::array::from_fn(row);
+        let mut turned = [Lanes::ZERO; LANES];
+        transpose(&rows, &mut turned);
         for r in 0..LANES {
             for c in 0..LANES {
                 assert_eq!(turned[r].0[c], rows[c].0[r]);

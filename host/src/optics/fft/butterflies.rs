@@ -1,0 +1,137 @@
+//! Transforms of few neighbours, in registers.
+
+use super::lanes::Complex;
+use pulp::Simd;
+
+/// The transform of R neighbours.
+pub trait Butterfly<const R: usize> {
+    /// Of one sequence in every lane.
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; R]) -> [Complex<S>; R];
+}
+
+/// Two neighbours.
+pub struct Dft2;
+/// Three neighbours.
+pub struct Dft3;
+/// Four neighbours.
+pub struct Dft4;
+/// Five neighbours.
+pub struct Dft5;
+/// Six neighbours.
+pub struct Dft6;
+/// Eight neighbours.
+pub struct Dft8;
+/// Nine neighbours.
+pub struct Dft9;
+
+impl Butterfly<2> for Dft2 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, [a, b]: [Complex<S>; 2]) -> [Complex<S>; 2] {
+        [a.add(simd, b), a.sub(simd, b)]
+    }
+}
+
+impl Butterfly<3> for Dft3 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, [a, b, c]: [Complex<S>; 3]) -> [Complex<S>; 3] {
+        const HALF_SQRT3: f32 = 0.866_025_4;
+        let sum = b.add(simd, c);
+        let turned = b.sub(simd, c).minus_i_times(simd, HALF_SQRT3);
+        let middle = a.sub(simd, sum.scale(simd, 0.5));
+        [a.add(simd, sum), middle.add(simd, turned), middle.sub(simd, turned)]
+    }
+}
+
+impl Butterfly<4> for Dft4 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 4]) -> [Complex<S>; 4] {
+        let (a, b) = (x[0].add(simd, x[2]), x[0].sub(simd, x[2]));
+        let (c, d) = (x[1].add(simd, x[3]), x[1].sub(simd, x[3]));
+        // b ∓ i·d, written out: multiplying by ±i only exchanges parts.
+        let down = Complex { re: simd.add_f32s(b.re, d.im), im: simd.sub_f32s(b.im, d.re) };
+        let up = Complex { re: simd.sub_f32s(b.re, d.im), im: simd.add_f32s(b.im, d.re) };
+        [a.add(simd, c), down, a.sub(simd, c), up]
+    }
+}
+
+impl Butterfly<5> for Dft5 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 5]) -> [Complex<S>; 5] {
+        // cos and sin of 72 and 144 degrees.
+        const C1: f32 = 0.309_017;
+        const C2: f32 = -0.809_017;
+        const S1: f32 = 0.951_056_5;
+        const S2: f32 = 0.587_785_25;
+        let (a, b) = (x[1].add(simd, x[4]), x[1].sub(simd, x[4]));
+        let (c, d) = (x[2].add(simd, x[3]), x[2].sub(simd, x[3]));
+        let m1 = x[0].add(simd, a.scale(simd, C1)).add(simd, c.scale(simd, C2));
+        let m2 = x[0].add(simd, a.scale(simd, C2)).add(simd, c.scale(simd, C1));
+        let t1 = b.minus_i_times(simd, S1).add(simd, d.minus_i_times(simd, S2));
+        let t2 = b.minus_i_times(simd, S2).add(simd, d.minus_i_times(simd, -S1));
+        [
+            x[0].add(simd, a).add(simd, c),
+            m1.add(simd, t1),
+            m2.add(simd, t2),
+            m2.sub(simd, t2),
+            m1.sub(simd, t1),
+        ]
+    }
+}
+
+impl Butterfly<6> for Dft6 {
+    /// 2 x 3, coprime: no factors between (Good 1958).
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 6]) -> [Complex<S>; 6] {
+        let even = Dft3::apply(simd, [x[0], x[2], x[4]]);
+        let odd = Dft3::apply(simd, [x[3], x[5], x[1]]);
+        let a = Dft2::apply(simd, [even[0], odd[0]]);
+        let b = Dft2::apply(simd, [even[1], odd[1]]);
+        let c = Dft2::apply(simd, [even[2], odd[2]]);
+        [a[0], b[1], c[0], a[1], b[0], c[1]]
+    }
+}
+
+impl Butterfly<8> for Dft8 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 8]) -> [Complex<S>; 8] {
+        let even = Dft4::apply(simd, [x[0], x[2], x[4], x[6]]);
+        let odd = Dft4::apply(simd, [x[1], x[3], x[5], x[7]]);
+        // Turned by multiples of 45 degrees.
+        let Complex { re, im } = odd[1];
+        let first = Complex { re: simd.add_f32s(re, im), im: simd.sub_f32s(im, re) }
+            .scale(simd, std::f32::consts::FRAC_1_SQRT_2);
+        let Complex { re, im } = odd[3];
+        let third = Complex { re: simd.sub_f32s(im, re), im: simd.neg_f32s(simd.add_f32s(re, im)) }
+            .scale(simd, std::f32::consts::FRAC_1_SQRT_2);
+        let Complex { re, im } = odd[2];
+        let down = Complex { re: simd.add_f32s(even[2].re, im), im: simd.sub_f32s(even[2].im, re) };
+        let up = Complex { re: simd.sub_f32s(even[2].re, im), im: simd.add_f32s(even[2].im, re) };
+        [
+            even[0].add(simd, odd[0]),
+            even[1].add(simd, first),
+            down,
+            even[3].add(simd, third),
+            even[0].sub(simd, odd[0]),
+            even[1].sub(simd, first),
+            up,
+            even[3].sub(simd, third),
+        ]
+    }
+}
+
+impl Butterfly<9> for Dft9 {
+    #[inline(always)]
+    fn apply<S: Simd>(simd: S, x: [Complex<S>; 9]) -> [Complex<S>; 9] {
+        // e^(−2πi·k/9) for k = 1, 2, 4.
+        const ONE: (f32, f32) = (0.766_044_44, -0.642_787_6);
+        const TWO: (f32, f32) = (0.173_648_18, -0.984_807_7);
+        const FOUR: (f32, f32) = (-0.939_692_6, -0.342_020_14);
+        let a = Dft3::apply(simd, [x[0], x[3], x[6]]);
+        let b = Dft3::apply(simd, [x[1], x[4], x[7]]);
+        let c = Dft3::apply(simd, [x[2], x[5], x[8]]);
+        let u = Dft3::apply(simd, [a[0], b[0], c[0]]);
+        let v = Dft3::apply(simd, [a[1], b[1].turned(simd, ONE), c[1].turned(simd, TWO)]);
+        let w = Dft3::apply(simd, [a[2], b[2].turned(simd, TWO), c[2].turned(simd, FOUR)]);
+        [u[0], v[0], w[0], u[1], v[1], w[1], u[2], v[2], w[2]]
+    }
+}

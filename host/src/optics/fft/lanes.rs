@@ -1,0 +1,133 @@
+//! Sixteen values side by side, and as many of them at a time as a register holds.
+
+use bytemuck::{cast_slice, cast_slice_mut};
+use pulp::{Simd, bytemuck};
+
+/// Transforms done at once.
+pub const LANES: usize = 16;
+
+/// One element of sixteen sequences.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lanes(pub [f32; LANES]);
+
+// SAFETY: sixteen f32 without padding; any bits are values of it.
+unsafe impl bytemuck::Zeroable for Lanes {}
+// SAFETY: as above; `repr(C)`, `Copy`, no interior mutability, no references.
+unsafe impl bytemuck::Pod for Lanes {}
+
+impl Lanes {
+    /// Sixteen zeros.
+    pub const ZERO: Lanes = Lanes([0.0; LANES]);
+
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        let mut out = [0.0; LANES];
+        for (o, (a, b)) in out.iter_mut().zip(self.0.into_iter().zip(other.0)) {
+            *o = f(a, b);
+        }
+        Lanes(out)
+    }
+
+    /// Lane by lane sum.
+    #[inline(always)]
+    pub fn plus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+
+    /// Lane by lane difference.
+    #[inline(always)]
+    pub fn minus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+
+    /// Lane by lane product.
+    #[inline(always)]
+    pub fn product(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+
+    /// Every lane times one factor.
+    #[inline(always)]
+    pub fn times(self, factor: f32) -> Self {
+        Lanes(self.0.map(|a| a * factor))
+    }
+}
+
+/// Complex numbers in as many of the lanes as a register of the machine holds.
+#[derive(Clone, Copy)]
+pub struct Complex<S: Simd> {
+    /// Real parts.
+    pub re: S::f32s,
+    /// Imaginary parts.
+    pub im: S::f32s,
+}
+
+impl<S: Simd> Complex<S> {
+    /// 0.
+    #[inline(always)]
+    pub fn zero(simd: S) -> Self {
+        Self { re: simd.splat_f32s(0.0), im: simd.splat_f32s(0.0) }
+    }
+
+    /// a + b.
+    #[inline(always)]
+    pub fn add(self, simd: S, b: Self) -> Self {
+        Self { re: simd.add_f32s(self.re, b.re), im: simd.add_f32s(self.im, b.im) }
+    }
+
+    /// a − b.
+    #[inline(always)]
+    pub fn sub(self, simd: S, b: Self) -> Self {
+        Self { re: simd.sub_f32s(self.re, b.re), im: simd.sub_f32s(self.im, b.im) }
+    }
+
+    /// a·b, without fused operations.
+    #[inline(always)]
+    pub fn mul(self, simd: S, b: Self) -> Self {
+        Self {
+            re: simd.sub_f32s(simd.mul_f32s(self.re, b.re), simd.mul_f32s(self.im, b.im)),
+            im: simd.add_f32s(simd.mul_f32s(self.re, b.im), simd.mul_f32s(self.im, b.re)),
+        }
+    }
+
+    /// A real factor times the value.
+    #[inline(always)]
+    pub fn scale(self, simd: S, factor: f32) -> Self {
+        let f = simd.splat_f32s(factor);
+        Self { re: simd.mul_f32s(self.re, f), im: simd.mul_f32s(self.im, f) }
+    }
+
+    /// Times cos + i·sin of one angle.
+    #[inline(always)]
+    pub fn turned(self, simd: S, (cos, sin): (f32, f32)) -> Self {
+        self.mul(simd, Self { re: simd.splat_f32s(cos), im: simd.splat_f32s(sin) })
+    }
+
+    /// x·(s·−i).
+    #[inline(always)]
+    pub fn minus_i_times(self, simd: S, factor: f32) -> Self {
+        Self {
+            re: simd.mul_f32s(self.im, simd.splat_f32s(factor)),
+            im: simd.mul_f32s(self.re, simd.splat_f32s(-factor)),
+        }
+    }
+}
+
+/// The registers that sixteen lanes take.
+#[inline(always)]
+pub fn registers<S: Simd>() -> usize {
+    LANES / S::F32_LANES
+}
+
+/// Lanes as registers.
+#[inline(always)]
+pub fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {
+    S::as_simd_f32s(cast_slice(lanes)).0
+}
+
+/// Lanes as registers, to write.
+#[inline(always)]
+pub fn vectors_mut<S: Simd>(lanes: &mut [Lanes]) -> &mut [S::f32s] {
+    S::as_mut_simd_f32s(cast_slice_mut(lanes)).0
+}

@@ -1,0 +1,271 @@
+//! Fourier transforms, sixteen side by side.
+//!
+//! A [`Fft`] transforms sixteen sequences at once: element i of all sixteen sits in one [`Lanes`], so
+//! every butterfly is plain arithmetic on whole vector registers, of whichever width the machine has.
+//! The operations and their order are the same on
+//! every machine (no fused multiply-add, no library kernel chosen by processor), so the bits are too.
+//!
+//! Stockham autosort, decimation in frequency, mixed radix 2, 3, 4, 5, 6, 8, 9; lengths 2^a·3^b·5^c. A transform is bound
+//! by its passes over memory, so radices are large and few; the first pass may weigh what it reads ([`Input`]), the last
+//! multiply and add up what it would write ([`Output`]).
+//! Forward: X(k) = Σ x(i) e^(−2πi·ik/n); nothing is scaled in either direction.
+
+mod butterflies;
+mod lanes;
+mod pass;
+
+pub use lanes::{LANES, Lanes, registers, vectors, vectors_mut};
+use pass::{Input, Output, Reader, Writer, pass};
+pub use pass::{KernelPart, Products, Weighted};
+use pulp::{Arch, Simd, WithSimd};
+use std::f64::consts::TAU;
+
+struct Stage {
+    radix: usize,
+    /// Length of the remaining transforms after this stage.
+    rest: usize,
+    /// Transforms already interleaved.
+    stride: usize,
+    /// `rest * (radix - 1)` factors e^(−2πi·p·j/(radix·rest)), for p, then j = 1...
+    twiddles: Vec<(f32, f32)>,
+}
+
+/// A transform of one length; see the module documentation.
+pub struct Fft {
+    length: usize,
+    stages: Vec<Stage>,
+}
+
+/// Smallest length of at least `n` that [`Fft`] can transform.
+pub fn good_length(n: usize) -> usize {
+    let smooth = |m: &usize| {
+        let without = |m: usize, prime: usize| {
+            std::iter::successors(Some(m), |m| m.is_multiple_of(prime).then(|| m / prime)).last()
+        };
+        [2, 3, 5].into_iter().try_fold(*m, without) == Some(1)
+    };
+    (n.max(1)..).find(smooth).unwrap_or(n)
+}
+
+/// Lengths of the transforms that a stage makes at once.
+const RADICES: [usize; 7] = [9, 8, 6, 5, 4, 3, 2];
+
+/// The fewest radices whose product is `n`, large ones first.
+fn factors(n: usize) -> Option<Vec<usize>> {
+    if n == 1 {
+        return Some(Vec::new());
+    }
+    let fitting = RADICES.into_iter().filter(|&radix| n.is_multiple_of(radix));
+    let all = fitting.filter_map(|radix| {
+        let mut radices = factors(n / radix)?;
+        radices.push(radix);
+        Some(radices)
+    });
+    let mut fewest = all.min_by_key(Vec::len)?;
+    fewest.sort_unstable_by(|a, b| b.cmp(a));
+    Some(fewest)
+}
+
+/// Passes over memory that a transform of length `n`, which [`good_length`] gives, takes.
+pub fn passes(n: usize) -> usize {
+    factors(n).map_or(0, |radices| radices.len())
+}
+
+impl Fft {
+    /// Plans transforms of `length`, which [`good_length`] gives.
+    ///
+    /// # Panics
+    /// When the length has a prime factor above 5 or is 0.
+    pub fn new(length: usize) -> Self {
+        let radices = factors(length);
+        assert!(length > 0 && radices.is_some(), "no transform of length {length}");
+        let (mut rest, mut stride, mut stages) = (length, 1, Vec::new());
+        for radix in radices.unwrap_or_default() {
+            rest /= radix;
+            let n = (radix * rest) as f64;
+            let twiddles = (0..rest)
+                .flat_map(|p| (1..radix).map(move |j| (p * j) as f64))
+                .map(|turns| {
+                    let (s, c) = libm::sincos(-TAU * turns / n);
+                    (c as f32, s as f32)
+                })
+                .collect();
+            stages.push(Stage { radix, rest, stride, twiddles });
+            stride *= radix;
+        }
+        Self { length, stages }
+    }
+
+    /// Number of elements of each of the sixteen sequences.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// Forward transform of sixteen sequences in place.
+    pub fn forward(&self, data: &mut Split, scratch: &mut Split) {
+        Arch::new().dispatch(Transform { fft: self, data, scratch });
+    }
+
+    /// Backward transform (e^(+2πi...), unscaled) of sixteen sequences in place.
+    pub fn backward(&self, data: &mut Split, scratch: &mut Split) {
+        std::mem::swap(&mut data.re, &mut data.im);
+        self.forward(data, scratch);
+        std::mem::swap(&mut data.re, &mut data.im);
+    }
+
+    /// Forward transform of `input` into `data`.
+    #[inline(always)]
+    pub fn forward_from<S: Simd>(
+        &self,
+        simd: S,
+        input: Weighted<'_, S>,
+        data: &mut Split,
+        scratch: &mut Split,
+    ) {
+        match self.stages.split_first() {
+            Some((first, rest)) => {
+                pass(simd, first, input, data.writer());
+                middle(simd, rest, data, scratch);
+            }
+            // A transform of length 1.
+            None => (0..registers::<S>())
+                .for_each(|i| data.writer().write(simd, i, 0, [input.read(simd, i)])),
+        }
+    }
+
+    /// Forward transform of `input`, multiplied and added to what `output` says.
+    #[inline(always)]
+    pub fn forward_into<S: Simd>(
+        &self,
+        simd: S,
+        input: Weighted<'_, S>,
+        data: &mut Split,
+        scratch: &mut Split,
+        output: Products<'_>,
+    ) {
+        match self.stages.as_slice() {
+            [first, rest @ .., last] => {
+                pass(simd, first, input, data.writer());
+                middle(simd, rest, data, scratch);
+                pass(simd, last, data.reader(), output);
+            }
+            _ => {
+                self.forward_from(simd, input, data, scratch);
+                let mut output = output;
+                for i in 0..self.length * registers::<S>() {
+                    output.write(simd, i, 0, [data.reader().read(simd, i)]);
+                }
+            }
+        }
+    }
+}
+
+/// Sixteen complex sequences: real and imaginary parts apart.
+#[derive(Clone)]
+pub struct Split {
+    /// Real parts.
+    pub re: Vec<Lanes>,
+    /// Imaginary parts.
+    pub im: Vec<Lanes>,
+}
+
+impl Split {
+    /// Sequences of `length` zeros.
+    pub fn zeros(length: usize) -> Self {
+        Self { re: vec![Lanes::ZERO; length], im: vec![Lanes::ZERO; length] }
+    }
+
+    #[inline(always)]
+    fn reader<S: Simd>(&self) -> Reader<'_, S> {
+        Reader { re: vectors::<S>(&self.re), im: vectors::<S>(&self.im) }
+    }
+
+    #[inline(always)]
+    fn writer<S: Simd>(&mut self) -> Writer<'_, S> {
+        Writer { re: vectors_mut::<S>(&mut self.re), im: vectors_mut::<S>(&mut self.im) }
+    }
+
+    /// Sets everything to 0.
+    pub fn clear(&mut self) {
+        self.re.fill(Lanes::ZERO);
+        self.im.fill(Lanes::ZERO);
+    }
+}
+
+/// All stages of a transform; the bounds of [`Simd`] types carry the instruction set.
+struct Transform<'a> {
+    fft: &'a Fft,
+    data: &'a mut Split,
+    scratch: &'a mut Split,
+}
+
+impl WithSimd for Transform<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        middle(simd, &self.fft.stages, self.data, self.scratch);
+    }
+}
+
+/// Stages in memory.
+#[inline(always)]
+fn middle<S: Simd>(simd: S, stages: &[Stage], data: &mut Split, scratch: &mut Split) {
+    for stage in stages {
+        pass(simd, stage, data.reader(), scratch.writer());
+        std::mem::swap(data, scratch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(seed: usize) -> f32 {
+        ((seed.wrapping_mul(2_654_435_761) >> 7) % 1000) as f32 / 500.0 - 1.0
+    }
+
+    #[test]
+    fn equals_the_sum_that_defines_it() {
+        for n in [1, 2, 3, 4, 5, 6, 8, 9, 12, 16, 20, 45, 60, 96, 108, 144, 150] {
+            let fft = Fft::new(n);
+            let mut data = Split::zeros(n);
+            for i in 0..n {
+                for l in 0..LANES {
+                    data.re[i].0[l] = noise(i * 31 + l);
+                    data.im[i].0[l] = noise(i * 57 + l + 9);
+                }
+            }
+            let before = data.clone();
+            let mut scratch = Split::zeros(n);
+            fft.forward(&mut data, &mut scratch);
+            for l in [0, 7, 15] {
+                for k in 0..n {
+                    let (mut re, mut im) = (0.0, 0.0);
+                    for i in 0..n {
+                        let (s, c) = (-TAU * ((i * k) % n) as f64 / n as f64).sin_cos();
+                        let (a, b) = (f64::from(before.re[i].0[l]), f64::from(before.im[i].0[l]));
+                        re += a * c - b * s;
+                        im += a * s + b * c;
+                    }
+                    // f32 butterflies: a few 2⁻²⁴ of the norm √n per stage.
+                    let tolerance = 1e-6 * (n as f64).sqrt() + 1e-6;
+                    assert!((f64::from(data.re[k].0[l]) - re).abs() < tolerance, "n {n} k {k}");
+                    assert!((f64::from(data.im[k].0[l]) - im).abs() < tolerance, "n {n} k {k}");
+                }
+            }
+            fft.backward(&mut data, &mut scratch);
+            for i in 0..n {
+                for l in 0..LANES {
+                    let back = data.re[i].0[l] / n as f32;
+                    assert!((back - before.re[i].0[l]).abs() < 3e-6, "n {n}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn good_lengths_have_small_factors() {
+        assert_eq!([1, 7, 11, 13, 97, 127].map(good_length), [1, 8, 12, 15, 100, 128]);
+    }
+}
