@@ -97,7 +97,7 @@ impl Axis {
         let waves: Vec<f64> = (0..self.kept).map(wave).collect();
         let weight = |k: usize, j: usize, (sin_j, cos_j): (f64, f64)| {
             let (sin, cos) = frequencies[k];
-            let wave = if j % 2 == 0 { waves[k] } else { -waves[k] };
+            let wave = if j.is_multiple_of(2) { waves[k] } else { -waves[k] };
             let dirichlet = |sine: f64| if sine.abs() < 1e-12 { 1.0 } else { wave / sine };
             let mirrored = if j == 0 { 0.0 } else { dirichlet(sin * cos_j + cos * sin_j) };
             // The grid's Nyquist frequency is met twice, as positive and as negative one.
