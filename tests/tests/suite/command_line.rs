@@ -152,7 +152,8 @@ fn the_demo_makes_raws_pictures_and_a_page() {
     camrig_ok(dir.path(), "demo -o out");
     let page = std::fs::read_to_string(dir.path().join("out/report.html")).unwrap();
     assert_eq!(page.matches("data:image/png;base64,").count(), 2);
-    assert!(!page.contains("http"), "the page is self-contained");
+    // With the colon: base64 spells any four letters now and then.
+    assert!(!page.contains("http:") && !page.contains("https:"), "the page is self-contained");
     for name in ["colorchecker-300lx.dng", "colorchecker-10lx.png", "camera.toml"] {
         assert!(dir.path().join("out").join(name).exists(), "{name}");
     }
