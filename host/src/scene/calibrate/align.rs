@@ -93,7 +93,7 @@ fn difference([a, b]: [&[f32]; 2]) -> (f64, f64) {
     for (a, b) in a.chunks(LANES).zip(b.chunks(LANES)) {
         for (((a, b), sum), count) in a.iter().zip(b).zip(&mut sum).zip(&mut count) {
             let difference = (a - b).abs();
-            let usable = difference == difference;
+            let usable = !difference.is_nan();
             *sum += if usable { difference } else { 0.0 };
             *count += if usable { 1.0 } else { 0.0 };
         }

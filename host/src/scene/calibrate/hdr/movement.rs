@@ -201,8 +201,8 @@ impl<'a> Samples<'a> {
     /// lamps do.
     fn check_times(&self, limit: f32) -> Result<()> {
         const CONTRADICTION: f64 = 1.2;
-        // A black that is off is no contradiction: of full scale.
-        const BLACK: f64 = 0.02;
+        // A black that is off, of either exposure, is no contradiction: of full scale.
+        const BLACK: f64 = 0.01;
         let exposures = &self.shots.exposures;
         let pairs = (1..exposures.len()).into_par_iter().map(|i| {
             let ratio = exposures[i].seconds / exposures[i - 1].seconds;
@@ -212,23 +212,26 @@ impl<'a> Samples<'a> {
         });
         let pairs: Vec<Vec<Departure>> = pairs.collect();
         for channel in 0..self.cfa.channels().len() {
-            let apart = |pair: &Vec<Departure>| {
+            // From each exposure to the next: ln of the factor, and whether no black explains it.
+            let apart = |(i, pair): (usize, &Vec<Departure>)| {
                 let (expected, seen) = (pair[channel].bright_dn, pair[channel].seen());
-                let off = (seen - expected).abs() > BLACK * f64::from(limit);
-                let factor = if off { (seen / expected).max(1e-3) } else { 1.0 };
-                libm::log(factor)
+                let ratio = exposures[i + 1].seconds / exposures[i].seconds;
+                let black = BLACK * (1.0 + ratio) * f64::from(limit);
+                let factor = if expected > 0.0 { (seen / expected).max(1e-3) } else { 1.0 };
+                (libm::log(factor), (seen - expected).abs() > black)
             };
-            // From each exposure to the next.
-            let apart: Vec<f64> = pairs.iter().map(apart).collect();
-            let (pair, most) = apart.iter().copied().enumerate().fold((0, 0.0), |most, pair| {
-                if pair.1.abs() > f64::abs(most.1) { pair } else { most }
-            });
+            let apart: Vec<(f64, bool)> = pairs.iter().enumerate().map(apart).collect();
             let beyond = |d: f64| d.abs() > libm::log(CONTRADICTION);
-            if !beyond(most) {
+            let sure = apart.iter().enumerate().filter(|(_, (d, sure))| *sure && beyond(*d));
+            let Some((pair, &(most, _))) =
+                sure.max_by(|(_, a), (_, b)| a.0.abs().total_cmp(&b.0.abs()))
+            else {
                 continue;
-            }
+            };
             // The one of the two that contradicts its other neighbour the other way; at the ends there is none.
-            let back = |other: Option<&f64>| other.is_some_and(|&d| beyond(d) && d * most < 0.0);
+            let back = |other: Option<&(f64, bool)>| {
+                other.is_some_and(|&(d, _)| beyond(d) && d * most < 0.0)
+            };
             let first = pair == 0 && apart.len() > 1 && !back(apart.get(1));
             let earlier = first || (pair > 0 && back(apart.get(pair - 1)));
             let (wrong, factor) = if earlier { (pair, -most) } else { (pair + 1, most) };
