@@ -67,7 +67,7 @@ def share(right, of):
     z2, p = 1.96**2, right / of
     middle = (p + z2 / (2 * of)) / (1 + z2 / of)
     half = np.sqrt(z2 * (p * (1 - p) / of + z2 / (4 * of * of))) / (1 + z2 / of)
-    return f"{right}/{of} = {100 * p:.1f} % ({100 * (middle - half):.0f}-{100 * (middle + half):.0f})"
+    return f"{right}/{of} = {100 * p:.1f} % ({100 * max(middle - half, 0):.0f}-{100 * min(middle + half, 1):.0f})"
 
 
 def over(cases, test):
@@ -171,7 +171,7 @@ def report(lines, seed):
         shares = [np.mean([kind in c.confirmed for c in by_times[t]]) if by_times[t] else np.nan for t in amounts]
         classes = sum(c.in_class for at in by_times.values() for c in at)
         by_times = {t: v for t, v in by_times.items() if v}
-        curve.append([kind, *(f"{100 * s:.0f} %" for s in shares), own_limit(by_times)[0], classes or ""])
+        curve.append([kind, *("-" if np.isnan(s) else f"{100 * s:.0f} %" for s in shares), own_limit(by_times)[0], classes or ""])
     for c in single:
         for kind, key, value, error, true, sd in c.parameters():
             parameters[kind, key].append(((value - true) / error, (value - true) / sd if sd else np.nan, abs(value / true - 1)))
