@@ -82,7 +82,7 @@ impl Prediction {
     }
 
     /// This prediction moved by what a change of the model does to replicates with the same random numbers. Effects that
-    /// draw others leave differences of chance, on which many statistics together would judge them: see [`share_that_is_real`].
+    /// draw others leave differences of chance, on which many statistics together would judge them: see `share_that_is_real`.
     pub fn moved(&self, before: &[Values], after: &[Values]) -> Self {
         let changed = Self::new(after);
         let unchanged = Self::new(before);

@@ -6,8 +6,8 @@
 //! every machine (no fused multiply-add, no library kernel chosen by processor), so the bits are too.
 //!
 //! Stockham autosort, decimation in frequency, mixed radix 2, 3, 4, 5, 6, 8, 9; lengths 2^a·3^b·5^c. A transform is bound
-//! by its passes over memory, so radices are large and few; the first pass may weigh what it reads ([`Input`]), the last
-//! multiply and add up what it would write ([`Output`]).
+//! by its passes over memory, so radices are large and few; the first pass may weigh what it reads (`Input`), the last
+//! multiply and add up what it would write (`Output`).
 //! Forward: X(k) = Σ x(i) e^(−2πi·ik/n); nothing is scaled in either direction.
 
 mod butterflies;

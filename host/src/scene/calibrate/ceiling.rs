@@ -19,7 +19,7 @@ const PILE: f64 = 0.02;
 const LEAST: usize = 100;
 
 /// Full scale above black: `stated`, or the lowest level at which the signals of a channel end, where that is more than
-/// [`PILE`] below.
+/// `PILE` below.
 pub fn full_scale(series: &Series, cfa: &Cfa, stated: f64) -> f64 {
     (0..cfa.channels().len())
         .into_par_iter()

@@ -5,7 +5,7 @@
 //! E = Σ x_j t_j / v_j / Σ t_j² / v_j with standard deviation (Σ t_j² / v_j)^-½ over the exposures that
 //! are not saturated. The weights take E from a first pass with v ∝ t (the optimum of pure shot
 //! noise), not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are
-//! measured on the exposures themselves ([`Noise::measure`]).
+//! measured on the exposures themselves (`Noise::measure`).
 //!
 //! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter that is
 //! not exact) is found first, see `movement`. A pixel whose neighbourhood (9 x 9) disagrees by more than
