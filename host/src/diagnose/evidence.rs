@@ -76,6 +76,11 @@ pub fn slope(points: impl IntoIterator<Item = (f64, Estimated)>) -> Option<Estim
 }
 
 impl Evidence<'_> {
+    /// Columns and rows of a frame.
+    pub fn size(&self) -> (f64, f64) {
+        (f64::from(self.camera.sensor.width), f64::from(self.camera.sensor.height))
+    }
+
     /// Measured value.
     pub fn measured(&self, place: Place, what: What) -> Option<f64> {
         self.data.get(&(place, what)).map(|s| s.value)
@@ -90,11 +95,12 @@ impl Evidence<'_> {
     pub fn difference(&self, place: Place, what: What) -> Option<Estimated> {
         let key = (place, what);
         let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);
-        // From the statistic's scale to its own.
+        // From the statistic's scale to its own, where the prediction is: a scatter that followed the measured value would
+        // favour the small ones.
         let factor = match p.scale {
             super::statistics::Scale::Linear => 1.0,
-            super::statistics::Scale::Log => s.value.max(p.value),
-            super::statistics::Scale::CubeRoot => 3.0 * s.value.max(p.value).powf(2.0 / 3.0),
+            super::statistics::Scale::Log => p.value,
+            super::statistics::Scale::CubeRoot => 3.0 * p.value.max(0.0).powf(2.0 / 3.0),
             super::statistics::Scale::Count => s.value.max(p.value).max(1.0).sqrt() / p.sd,
         };
         let allowed = self.allowance.get(&key).copied().unwrap_or(0.0);
@@ -129,10 +135,10 @@ impl Evidence<'_> {
         let place = Place::Stack(stack);
         let (d, m) = (self.measured(place, what)?, self.predicted(place, what)?);
         let (vd, vm) = self.variance(stack)?;
-        let relative = self.difference(place, what)?.se / d.max(m);
+        let relative = self.difference(place, what)?.se / m;
         let value = (d * vd - m * vm) / across;
         // The ratio of white noise is 1: a smaller ratio in a replicate is its scatter.
-        Some(Estimated { value, se: relative * (d * vd).max(m * vm) / across })
+        Some(Estimated { value, se: relative * m * vm / across })
     }
 
     /// Deviation of statistics from the model, each on the scale on which it is normal, together: Σ z/√n. Few degrees of

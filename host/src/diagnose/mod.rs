@@ -15,6 +15,7 @@ pub mod allowance;
 pub mod candidates;
 mod channels;
 pub mod design;
+mod errors;
 pub mod evidence;
 pub mod improved;
 mod lanes;

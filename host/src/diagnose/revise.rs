@@ -2,7 +2,7 @@
 
 use super::candidates::Proposal;
 use super::prediction::{Key, Prediction, bounded};
-use super::search::{EARNS, Step, TRIAL_RUNS, merged, same_shape};
+use super::search::{EARNS, LEAST, Step, TRIAL_RUNS, merged, same_shape};
 use super::session::{Half, Session, State};
 use super::statistics::Place;
 use crate::Result;
@@ -20,7 +20,14 @@ impl Session {
         // A single name was settled when it was tried.
         for _ in 0..if state.named.len() > 1 { 2 } else { 1 } {
             let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
-            let all = self.propose(&state.camera, &state.fit, &state.named, &is_named, 1.0);
+            let all = self.propose(
+                self.frames(),
+                &state.camera,
+                &state.fit,
+                &state.named,
+                &is_named,
+                1.0,
+            );
             let mut named = state.named.clone();
             let mut moved = false;
             for p in &mut named {
@@ -79,7 +86,15 @@ impl Session {
                     - with.deviance(&half.values, &half.allowance)
             };
             let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
-            if missed < EARNS[2] / 2.0 {
+            let idle = missed < EARNS[2] / 2.0
+                || !left_out.of_looks
+                    && self.stands_out(
+                        &left_out,
+                        &camera,
+                        &state.fit.moved(before, &after),
+                        &named,
+                    )? < LEAST;
+            if idle {
                 if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
                 {
                     steps.remove(at);

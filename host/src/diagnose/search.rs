@@ -20,7 +20,7 @@ const LOOK_TRIALS: usize = 4;
 /// Most effects named.
 const MOST: usize = 10;
 /// Significance (standard errors) from which a candidate is tried.
-const LEAST: f64 = 4.0;
+pub(super) const LEAST: f64 = 4.0;
 /// Fall of the deviance that earns a place: on the frames to fit, on the held-out ones, and together (5.3 standard
 /// deviations of a single statistic).
 pub(super) const EARNS: [f64; 3] = [14.0, 3.0, 28.0];
@@ -106,8 +106,14 @@ impl Session {
         let mut twins = Vec::new();
         while steps.len() < MOST {
             let wanted = |kind: &str| !without.iter().any(|w| w == kind);
-            let mut proposals =
-                self.propose(&state.camera, &state.fit, &state.named, &wanted, LEAST);
+            let mut proposals = self.propose(
+                self.frames(),
+                &state.camera,
+                &state.fit,
+                &state.named,
+                &wanted,
+                LEAST,
+            );
             thin(&mut proposals);
             proposals.truncate(TRIALS);
             if proposals.is_empty() {
@@ -164,12 +170,6 @@ impl Session {
             self.slopes.forget();
             state = self.refit(state)?;
         }
-        for step in &mut steps {
-            let kind = step.trial.proposal.kind;
-            if let Some(p) = state.named.iter().find(|p| p.kind == kind) {
-                step.trial.proposal = p.clone();
-            }
-        }
         let mut nearest = Vec::new();
         state = self.withdraw(camera, state, &mut steps, &mut nearest)?;
         let mut gap_after = self.gap(&state.holdout, state.norm.0);
@@ -180,6 +180,14 @@ impl Session {
             twins.clear();
             state = before.clone();
             gap_after = gap_before;
+        }
+        say("standard errors");
+        self.simulate_errors(&mut state)?;
+        for step in &mut steps {
+            let kind = step.trial.proposal.kind;
+            if let Some(p) = state.named.iter().find(|p| p.kind == kind) {
+                step.trial.proposal = p.clone();
+            }
         }
         Ok(Outcome { nearest, before, after: state, steps, gaps: (gap_before, gap_after), twins })
     }
@@ -226,7 +234,7 @@ impl Session {
         for _ in 0..3 {
             let own = |kind: &str| kind == proposal.kind;
             let again = self
-                .propose(&camera, &prediction, &state.named, &own, 1.0)
+                .propose(self.frames(), &camera, &prediction, &state.named, &own, 1.0)
                 .into_iter()
                 .find(|p| !p.beside && same_shape(p, &best.proposal));
             let Some(next) = again.filter(|p| p.strength > 1.0) else { break };

@@ -18,9 +18,9 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Replicates of a model that is judged.
-const RUNS: u64 = 16;
+pub(super) const RUNS: u64 = 16;
 /// Seed of the first replicate.
-const SEED: u64 = 0x5eed;
+pub(super) const SEED: u64 = 0x5eed;
 /// Standard deviations, both halves together, from which a single statistic is unexplained: by the model as given, and by one
 /// with named effects, whose laws (of tails, of spectra) are never quite the sensor's.
 pub const UNEXPLAINED: [f64; 2] = [5.2, 6.0];
@@ -56,6 +56,14 @@ pub struct State {
     pub holdout: Prediction,
     /// Mean square deviation of a replicate, and its standard deviation over replicates.
     pub(super) norm: (f64, f64),
+}
+
+/// What estimators read: measured, or simulated as if it were.
+#[derive(Clone, Copy)]
+pub(super) struct Frames<'a> {
+    pub values: &'a Values,
+    pub stacks: &'a [Temporal],
+    pub maps: &'a [Map],
 }
 
 /// A set ready to be searched.
@@ -201,9 +209,15 @@ impl Session {
         mean_square(&z) / norm.max(1e-9)
     }
 
-    /// Proposals of the kinds `wanted` against a model.
+    /// The frames to fit.
+    pub(super) fn frames(&self) -> Frames<'_> {
+        Frames { values: &self.fit.values, stacks: &self.fit.stacks, maps: &self.maps }
+    }
+
+    /// Proposals of the kinds `wanted` that frames taken like those to fit give against a model.
     pub(super) fn propose(
         &self,
+        frames: Frames<'_>,
         camera: &Camera,
         model: &Prediction,
         named: &[Proposal],
@@ -217,10 +231,10 @@ impl Session {
         let evidence = Evidence {
             camera,
             design: &self.fit.design,
-            data: &self.fit.values,
+            data: frames.values,
             model,
-            stacks: &self.fit.stacks,
-            maps: &self.maps,
+            stacks: frames.stacks,
+            maps: frames.maps,
             allowance: &self.fit.allowance,
             imagine: &imagine,
             slopes: &self.slopes,

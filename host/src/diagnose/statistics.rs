@@ -168,14 +168,11 @@ impl Summary {
             m.iter().zip(&variance).map(|(m, v)| m / v.max(1e-9).powf(power)).sum::<f64>() / k
         };
         let kurtosis = over(&fourth, 2.0) - 3.0 * shrink;
-        let mean = t.level();
-        let spatial = t.mean.data.iter().map(|&m| (f64::from(m) - mean).powi(2)).sum::<f64>()
-            / t.mean.data.len() as f64;
         let mean_variance = variance.iter().sum::<f64>() / k;
         Self {
             skewness: over(&third, 1.5),
             kurtosis,
-            sample_sd: (spatial + mean_variance).sqrt(),
+            sample_sd: (t.fixed_variance() + mean_variance).sqrt(),
             mean_variance,
             variance,
         }

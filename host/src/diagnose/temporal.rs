@@ -28,6 +28,8 @@ pub struct Temporal {
     pub mean: Plane<f32>,
     /// Mean of each frame in order of time.
     pub frame_means: Vec<f64>,
+    /// Means of the rows of each frame, less its own mean.
+    pub row_means: Vec<f32>,
     /// Variance over time of each pixel, without frame, row and column parts.
     pub pixel_variance: Vec<f32>,
     /// Third and fourth moments over time and product with the frame before, of each pixel.
@@ -56,6 +58,13 @@ impl Temporal {
     /// Mean of all pixels and frames, DN.
     pub fn level(&self) -> f64 {
         mean(&self.mean.data)
+    }
+
+    /// Variance of the mean frame over its pixels, DN².
+    pub fn fixed_variance(&self) -> f64 {
+        let level = self.level();
+        let squares = self.mean.data.iter().map(|&m| (f64::from(m) - level).powi(2)).sum::<f64>();
+        squares / self.mean.data.len() as f64
     }
 }
 
@@ -87,6 +96,7 @@ impl Collector {
             dof: 0.0,
             mean: Plane { width, height, data: vec![0.0; n] },
             frame_means: Vec::new(),
+            row_means: Vec::new(),
             pixel_variance: vec![0.0; n],
             pixel_third: vec![0.0; n],
             pixel_fourth: vec![0.0; n],
@@ -155,8 +165,11 @@ impl Collector {
             *row_mean = lanes::sum(out) / w as f64;
         }
         let offset = row_means.iter().sum::<f64>() / h as f64;
-        t.frame_means.push(self::mean(mean) + offset);
+        let level = self::mean(mean);
+        t.frame_means.push(level + offset);
         row_means.iter_mut().for_each(|r| *r -= offset);
+        let batch = mean.chunks(w).map(|row| lanes::sum(row) / w as f64 - level);
+        t.row_means.extend(row_means.iter().zip(batch).map(|(r, b)| (r + b) as f32));
         let column_means: Vec<f64> =
             column_sums.iter().map(|&s| f64::from(s) / h as f64 - offset).collect();
         self.rows.add(&row_means, &mut t.row_power);

@@ -125,8 +125,10 @@ fn prune(directory: &Path) {
         // What stays is tried again next time.
         let _ = match path.is_dir() {
             true => std::fs::remove_dir_all(path),
-            false => std::fs::remove_file(path.with_extension("json"))
-                .and_then(|()| std::fs::remove_file(path)),
+            false => {
+                let _ = std::fs::remove_file(path.with_extension("json"));
+                std::fs::remove_file(path)
+            }
         };
     }
 }

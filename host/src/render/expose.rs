@@ -1,16 +1,14 @@
 //! The sensor stage on the workstation: frames from an irradiance cube, in parallel over rows.
 
 use super::irradiance::{Chunk, IrradianceCube};
-use super::rows::{Vector, refused, rows};
+use super::rows::{BandSums, Vector, refused, rows};
 use crate::camera::{Camera, CrosstalkTable};
 use crate::{Error, Plane, RawFrame, Result};
 use rayon::prelude::*;
 use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
-use sensor_core::collect::{Collector, Sums};
 use sensor_core::config::{FrameSettings, SensorConfig};
 use sensor_core::effects::Needs;
 use sensor_core::pipeline::MeanRows;
-use sensor_core::spectral::{GROUP, groups};
 
 /// Arithmetic of the sensor stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
@@ -139,13 +137,10 @@ fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> R
     let from = first.saturating_sub(windows);
     let to = (first + count + windows).min(height);
     let crosstalk = inputs.exposure.crosstalk();
-    let collector = Collector::new(config, inputs.settings, crosstalk).map_err(refused)?;
     let mut source = CubeRows::<A> {
-        collector,
-        width,
+        sums: BandSums::new(config, inputs.settings, crosstalk)?,
         now: load(inputs.cube, from, to)?,
         before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
-        sums: vec![[A::Sum::default(); GROUP]; groups(width)],
     };
     rows::<A>(config, inputs.settings, &mut source, first, out)
 }
@@ -156,13 +151,11 @@ fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
     let width = config.width as usize;
     let rows = out.len() / width;
     let crosstalk = inputs.exposure.crosstalk();
-    let mut collector =
-        Collector::<Float>::new(config, inputs.settings, crosstalk).map_err(refused)?;
+    let mut sums = BandSums::<Float>::new(config, inputs.settings, crosstalk)?;
     let bands = load(inputs.cube, first, first + rows)?;
-    let mut sums = vec![[0.0; GROUP]; groups(width)];
     let mut row = vec![[0.0; BLOCK]; blocks(width)];
     for (y, out) in (first..).zip(out.chunks_mut(width)) {
-        Float::collect(&mut collector, &bands, &mut sums, width, y as u32, &mut row);
+        Float::COLLECT(&mut sums, &bands, y as u32, &mut row);
         out.copy_from_slice(&row.as_flattened()[..width]);
     }
     Ok(())
@@ -175,23 +168,19 @@ fn load(cube: &IrradianceCube, from: usize, to: usize) -> Result<Vec<Chunk<'_>>>
 
 /// Mean photo-electrons from the rows of a cube.
 struct CubeRows<'a, A: Arith> {
-    collector: Collector<'a, A>,
-    width: usize,
+    sums: BandSums<'a, A>,
     now: Vec<Chunk<'a>>,
     before: Option<Vec<Chunk<'a>>>,
-    sums: Vec<Sums<A::Sum>>,
 }
 
 impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
-        A::collect(&mut self.collector, &self.now, &mut self.sums, self.width, row, out);
+        A::COLLECT(&mut self.sums, &self.now, row, out);
     }
 
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         match &self.before {
-            Some(bands) => {
-                A::collect(&mut self.collector, bands, &mut self.sums, self.width, row, out);
-            }
+            Some(bands) => A::COLLECT(&mut self.sums, bands, row, out),
             None => out.fill([A::Signal::default(); BLOCK]),
         }
     }

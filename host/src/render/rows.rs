@@ -9,28 +9,21 @@ use multiversion::multiversion;
 use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
 use sensor_core::collect::{Collector, Sums};
 use sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use sensor_core::crosstalk::Crosstalk;
 use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
-use sensor_core::spectral::GROUP;
+use sensor_core::spectral::{GROUP, groups};
 
-/// An arithmetic whose rows are compiled here.
+/// One row of a frame.
+type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);
+/// Mean photo-electrons of a row from its bands.
+type CollectFn<A> = fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
+
+/// An arithmetic whose row functions are compiled here.
 pub trait Vector: Arith {
-    /// One row of a frame.
-    fn row(
-        pipeline: &mut Pipeline<'_, Self>,
-        row: u32,
-        source: &mut dyn MeanRows<Self>,
-        out: &mut [u16],
-    );
-
-    /// Mean photo-electrons of row `y` from its bands.
-    fn collect(
-        collector: &mut Collector<'_, Self>,
-        bands: &[Chunk<'_>],
-        sums: &mut [Sums<Self::Sum>],
-        width: usize,
-        y: u32,
-        out: &mut [Block<Self::Signal>],
-    );
+    /// Of a pipeline.
+    const ROW: RowFn<Self>;
+    /// Of a cube.
+    const COLLECT: CollectFn<Self>;
 }
 
 macro_rules! vector {
@@ -53,36 +46,17 @@ macro_rules! vector {
             "x86_64+avx2"
         ))]
         fn $collect(
-            collector: &mut Collector<'_, $arith>,
+            sums: &mut BandSums<'_, $arith>,
             bands: &[Chunk<'_>],
-            sums: &mut [Sums<<$arith as Arith>::Sum>],
-            width: usize,
             y: u32,
             out: &mut [Block<<$arith as Arith>::Signal>],
         ) {
-            collect(collector, bands, sums, width, y, out);
+            sums.collect(bands, y, out);
         }
 
         impl Vector for $arith {
-            fn row(
-                pipeline: &mut Pipeline<'_, Self>,
-                row: u32,
-                source: &mut dyn MeanRows<Self>,
-                out: &mut [u16],
-            ) {
-                $row(pipeline, row, source, out);
-            }
-
-            fn collect(
-                collector: &mut Collector<'_, Self>,
-                bands: &[Chunk<'_>],
-                sums: &mut [Sums<Self::Sum>],
-                width: usize,
-                y: u32,
-                out: &mut [Block<Self::Signal>],
-            ) {
-                $collect(collector, bands, sums, width, y, out);
-            }
+            const ROW: RowFn<Self> = $row;
+            const COLLECT: CollectFn<Self> = $collect;
         }
     };
 }
@@ -90,24 +64,44 @@ macro_rules! vector {
 vector!(Float, row_float, collect_float);
 vector!(Fixed, row_fixed, collect_fixed);
 
-#[inline(always)]
-fn collect<A: Arith>(
-    collector: &mut Collector<'_, A>,
-    bands: &[Chunk<'_>],
-    sums: &mut [Sums<A::Sum>],
+/// Adds up the bands of rows.
+pub struct BandSums<'a, A: Arith> {
+    collector: Collector<'a, A>,
     width: usize,
-    y: u32,
-    out: &mut [Block<A::Signal>],
-) {
-    sums.fill([A::Sum::default(); GROUP]);
-    for (band, rows) in bands.iter().enumerate() {
-        collector.add_band(y, band, rows.row(width, y as usize), sums);
+    sums: Vec<Sums<A::Sum>>,
+}
+
+impl<'a, A: Vector> BandSums<'a, A> {
+    /// For one frame.
+    ///
+    /// # Errors
+    /// A configuration or settings that the sensor refuses.
+    pub fn new(
+        config: &'a SensorConfig,
+        settings: &FrameSettings,
+        crosstalk: Option<Crosstalk<'a>>,
+    ) -> Result<Self> {
+        let width = config.width as usize;
+        Ok(Self {
+            collector: Collector::new(config, settings, crosstalk).map_err(refused)?,
+            width,
+            sums: vec![[A::Sum::default(); GROUP]; groups(width)],
+        })
     }
-    let mut groups = sums.iter();
-    for block in out.iter_mut().take(blocks(width)) {
-        for half in block.chunks_mut(GROUP) {
-            let sums = groups.next().copied().unwrap_or([A::Sum::default(); GROUP]);
-            half.iter_mut().zip(sums).for_each(|(v, s)| *v = A::collected(s));
+
+    #[inline(always)]
+    fn collect(&mut self, bands: &[Chunk<'_>], y: u32, out: &mut [Block<A::Signal>]) {
+        self.sums.fill([A::Sum::default(); GROUP]);
+        for (band, rows) in bands.iter().enumerate() {
+            let row = rows.row(self.width, y as usize);
+            self.collector.add_band(y, band, row, &mut self.sums);
+        }
+        let mut groups = self.sums.iter();
+        for block in out.iter_mut().take(blocks(self.width)) {
+            for half in block.chunks_mut(GROUP) {
+                let sums = groups.next().copied().unwrap_or([A::Sum::default(); GROUP]);
+                half.iter_mut().zip(sums).for_each(|(v, s)| *v = A::collected(s));
+            }
         }
     }
 }
@@ -126,7 +120,7 @@ pub fn rows<A: Vector>(
     let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
     let mut pipeline = Pipeline::<A>::new(config, settings, &mut memory).map_err(refused)?;
     for (y, out) in (first..).zip(out.chunks_mut(config.width as usize)) {
-        A::row(&mut pipeline, y as u32, source, out);
+        A::ROW(&mut pipeline, y as u32, source, out);
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::Proposal;
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::model::current;
-use crate::diagnose::temporal::Temporal;
+use crate::diagnose::temporal::{Temporal, mean};
 use nalgebra::{DMatrix, DVector};
 use sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 
@@ -117,11 +117,8 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
 }
 
 fn codes(t: &Temporal) -> Codes<'_> {
-    let n = t.mean.data.len() as f64;
-    let mean = t.level();
-    let fixed = t.mean.data.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / n;
-    let noise = t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-    Codes { histogram: &t.histogram, sd: (fixed + noise).sqrt() }
+    let variance = t.fixed_variance() + mean(&t.pixel_variance);
+    Codes { histogram: &t.histogram, sd: variance.sqrt() }
 }
 
 #[cfg(test)]

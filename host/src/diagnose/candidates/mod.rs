@@ -7,9 +7,12 @@
 
 mod converter;
 mod fixed;
+mod frames;
 mod noise;
 mod optics;
 mod response;
+mod rows;
+mod waves;
 
 use super::evidence::{Estimated, Evidence};
 use super::model;
@@ -123,13 +126,13 @@ type Estimator = fn(&Evidence<'_>) -> Vec<Proposal>;
 
 /// Every kind that is looked for.
 pub const CATALOGUE: [(&str, Estimator); 44] = [
-    ("row-temporal-noise", noise::row_temporal),
-    ("column-temporal-noise", noise::column_temporal),
-    ("row-correlated-noise", noise::row_correlated),
-    ("periodic-pattern-noise", noise::periodic),
-    ("frame-offset-noise", noise::frame_offset),
-    ("light-flicker", noise::light_flicker),
-    ("flicker-banding", noise::flicker_banding),
+    ("row-temporal-noise", rows::row_temporal),
+    ("column-temporal-noise", rows::column_temporal),
+    ("row-correlated-noise", rows::row_correlated),
+    ("periodic-pattern-noise", waves::periodic),
+    ("frame-offset-noise", frames::frame_offset),
+    ("light-flicker", frames::light_flicker),
+    ("flicker-banding", waves::flicker_banding),
     ("read-noise", noise::read_noise),
     ("read-noise-spread", noise::read_noise_spread),
     ("random-telegraph-noise", noise::telegraph),
@@ -208,4 +211,28 @@ fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
         let value = variance.sqrt();
         Estimated { value, se: excess.se / (2.0 * value) }
     })
+}
+
+/// Where a function of two variables is least within ranges: nine by nine points, then as many around the least of
+/// them, closer together.
+fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> (f64, f64) {
+    let (mut x, mut y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
+    let (mut dx, mut dy) = ((x1 - x0) / 8.0, (y1 - y0) / 8.0);
+    for _ in 0..8 {
+        let around = |m: f64, d: f64, [from, to]: [f64; 2]| {
+            (-4..=4).map(move |i| (m + f64::from(i) * d).clamp(from, to))
+        };
+        let mut least = f64::INFINITY;
+        let (mx, my) = (x, y);
+        for i in around(mx, dx, [x0, x1]) {
+            for j in around(my, dy, [y0, y1]) {
+                let value = of(i, j);
+                if value < least {
+                    (least, x, y) = (value, i, j);
+                }
+            }
+        }
+        (dx, dy) = (dx * 0.4, dy * 0.4);
+    }
+    (x, y)
 }

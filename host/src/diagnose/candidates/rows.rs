@@ -1,0 +1,134 @@
+//! Noise of whole rows and columns.
+
+use super::{Proposal, deviation, list, lowest};
+use crate::captures::Role;
+use crate::diagnose::evidence::{Estimated, Evidence, pooled};
+use crate::diagnose::model::current;
+use crate::diagnose::statistics::What;
+use crate::diagnose::temporal::mean;
+use sensor_core::effects::{
+    Effect, column_temporal_noise::ColumnTemporalNoise, row_correlated_noise::RowCorrelatedNoise,
+    row_temporal_noise::RowTemporalNoise,
+};
+
+/// Excess of a component that is the same in every stack, e⁻².
+pub(super) fn common(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
+    pooled(e.design.conditions.iter().enumerate().filter_map(|(i, c)| {
+        let k = e.gain(c).powi(2);
+        let x = e.component(i, what, across)?;
+        Some(Estimated { value: x.value / k, se: x.se / k })
+    }))
+}
+
+/// Standard deviation of rows that differ from frame to frame, in the model, e⁻.
+pub(super) fn present_rows(e: &Evidence<'_>) -> f64 {
+    match current(e.camera, "row-temporal-noise") {
+        Some(Effect::RowTemporalNoise(x)) => f64::from(x.sigma_e),
+        _ => 0.0,
+    }
+}
+
+/// The same of columns.
+pub(super) fn present_columns(e: &Evidence<'_>) -> f64 {
+    match current(e.camera, "column-temporal-noise") {
+        Some(Effect::ColumnTemporalNoise(x)) => f64::from(x.sigma_e),
+        _ => 0.0,
+    }
+}
+
+/// Variance of row means beyond white noise / pixels.
+pub fn row_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let excess = common(e, What::RowVariance, e.size().0)?;
+        let s = deviation(present_rows(e), excess)?;
+        let effect = RowTemporalNoise { sigma_e: s.value as f32 };
+        Some(
+            Proposal::new("row-temporal-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", s.value, s.se),
+        )
+    })())
+}
+
+/// The same over columns.
+pub fn column_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let excess = common(e, What::ColumnVariance, e.size().1)?;
+        let s = deviation(present_columns(e), excess)?;
+        let effect = ColumnTemporalNoise { sigma_e: s.value as f32 };
+        Some(
+            Proposal::new("column-temporal-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", s.value, s.se),
+        )
+    })())
+}
+
+/// Row means whose power falls with frequency: likeliest variance and exponent.
+pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let excess = common(e, What::RowVariance, e.size().0)?;
+        let present = match current(e.camera, "row-correlated-noise") {
+            Some(Effect::RowCorrelatedNoise(x)) => f64::from(x.sigma_e),
+            _ => 0.0,
+        };
+        let s = deviation(present, excess)?;
+        let spectra = spectra(e);
+        let around = s.value.ln();
+        let (ln_sigma, exponent) = lowest(
+            |ln_sigma, a| unlikeliness(&spectra, (2.0 * ln_sigma).exp(), a),
+            [around - 1.5, around + 1.5],
+            [0.05, 2.0],
+        );
+        // Flatter than this it is white.
+        if present == 0.0 && exponent < 0.2 {
+            return None;
+        }
+        let sigma = ln_sigma.exp();
+        let effect = RowCorrelatedNoise { sigma_e: sigma as f32, exponent: exponent as f32 };
+        Some(
+            Proposal::new("row-correlated-noise", effect.into(), excess.z().abs())
+                .with("sigma_e", sigma, s.se)
+                .with("exponent", exponent, f64::NAN),
+        )
+    })())
+}
+
+/// Power of row means, e⁻²: degrees of freedom, the white part, and the bins.
+struct RowSpectrum {
+    dof: f64,
+    white: f64,
+    power: Vec<f64>,
+}
+
+/// Row spectra of the stacks; where the model has flicker, of the dark ones.
+fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
+    let flicker = current(e.camera, "flicker-banding").is_some();
+    let stacks = e.design.conditions.iter().zip(e.stacks);
+    stacks
+        .filter(|(c, _)| !flicker || c.role == Role::Dark)
+        .map(|(c, t)| {
+            let k2 = e.gain(c).powi(2);
+            RowSpectrum {
+                dof: t.dof,
+                white: mean(&t.pixel_variance) / e.size().0 / k2 + present_rows(e).powi(2),
+                power: t.row_power.iter().map(|p| p / k2).collect(),
+            }
+        })
+        .collect()
+}
+
+/// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of variance σ² whose power falls as f^−a beside white
+/// noise (Whittle 1953; P_k is the mean of n periodograms).
+fn unlikeliness(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
+    let Some(first) = spectra.first() else { return f64::INFINITY };
+    let bins = first.power.len();
+    let law: Vec<f64> = (1..=bins).map(|k| (k as f64).powf(-exponent)).collect();
+    let scale = variance * bins as f64 / law.iter().sum::<f64>();
+    let mut sum = 0.0;
+    for s in spectra {
+        for (p, l) in s.power.iter().zip(&law) {
+            let expected = s.white + scale * l;
+            sum += s.dof * (expected.ln() + p / expected);
+        }
+    }
+    sum
+}

@@ -1,0 +1,360 @@
+//! Waves: periodic patterns, and light that pulsates under a rolling shutter.
+
+use super::{Proposal, deviation, list};
+use crate::captures::Role;
+use crate::diagnose::evidence::{Estimated, Evidence, slope};
+use crate::diagnose::maps;
+use crate::diagnose::model::current;
+use crate::diagnose::statistics::{Place, What};
+use crate::diagnose::temporal::Temporal;
+use sensor_core::effects::{
+    Effect, flicker_banding::FlickerBanding, periodic_pattern_noise::PeriodicPatternNoise,
+};
+
+/// The strongest line of the dark frames' power.
+pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let (w, h) = e.size();
+        let (stack, c) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.frames)?;
+        let place = Place::Stack(stack);
+        let plane = e.difference(place, What::PlanePeak).map_or(0.0, |d| d.z());
+        let row = e.difference(place, What::RowPeak).map_or(0.0, |d| d.z());
+        let t = &e.stacks[stack];
+        let k = e.gain(c);
+        // A plane wave's power is A²wh/4, a wave along the column only shows as row means with A²h/4.
+        let (fx, fy, square, strength) = if plane >= row {
+            let (fx, fy, power) = plane_peak(t)?;
+            (fx, fy, 4.0 * power / (w * h), plane)
+        } else {
+            let (f, power) = line_peak(&t.row_power, h);
+            (0.0, f, 4.0 * power / h, row)
+        };
+        let amplitude = square.max(0.0).sqrt() / k;
+        // Relative error of an amplitude seen in `dof` frames against white noise.
+        let v = e.variance(stack)?.0 / (k * k);
+        let se = (2.0 * v / (w * h) / t.dof).sqrt();
+        let effect = PeriodicPatternNoise {
+            amplitude_e: amplitude as f32,
+            cycles_per_column: fx as f32,
+            cycles_per_row: fy as f32,
+        };
+        let mut p = Proposal::new("periodic-pattern-noise", effect.into(), strength)
+            .with("amplitude_e", amplitude, se)
+            .with("cycles_per_column", fx, f64::NAN)
+            .with("cycles_per_row", fy, f64::NAN);
+        p.beside = true;
+        Some(p)
+    })())
+}
+
+/// Frequencies and power above white of the strongest wave: a wave between two bins leaks, so the bins around count.
+fn plane_peak(t: &Temporal) -> Option<(f64, f64, f64)> {
+    let power = t.power.as_ref()?;
+    let (w, h) = (t.width, t.height);
+    let half = w / 2 + 1;
+    let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b]))?;
+    let (y, x) = (at / half, at % half);
+    let white = power.iter().map(|&p| f64::from(p)).sum::<f64>() / power.len() as f64;
+    let get = |dy: isize, dx: isize| -> f64 {
+        let yy = (y as isize + dy).rem_euclid(h as isize) as usize;
+        let xx = x as isize + dx;
+        if xx < 0 || xx >= half as isize {
+            0.0
+        } else {
+            f64::from(power[yy * half + xx as usize]) - white
+        }
+    };
+    let mut sum = 0.0;
+    for dy in -3..=3 {
+        for dx in -3..=3 {
+            sum += get(dy, dx).max(0.0);
+        }
+    }
+    let between = |low: f64, here: f64, high: f64| {
+        let root = |p: f64| p.max(0.0).sqrt();
+        let (l, m, r) = (root(low), root(here), root(high));
+        if r > l { r / (m + r) } else { -l / (m + l) }
+    };
+    let fx = (x as f64 + between(get(0, -1), get(0, 0), get(0, 1))) / w as f64;
+    let fy = (y as f64 + between(get(-1, 0), get(0, 0), get(1, 0))) / h as f64;
+    // On the edges of the half spectrum a wave is there once, elsewhere its mirror image is left out.
+    Some((fx.clamp(0.0, 0.5), if fy > 0.5 { fy - 1.0 } else { fy }, sum))
+}
+
+fn line_peak(power: &[f64], n: f64) -> (f64, f64) {
+    let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b])).unwrap_or(0);
+    let mut sorted = power.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let white = sorted[sorted.len() / 2];
+    let get = |i: isize| power.get(i.max(0) as usize).map_or(0.0, |p| (p - white).max(0.0));
+    let i = at as isize;
+    let (l, m, r) = (get(i - 1).sqrt(), get(i).sqrt(), get(i + 1).sqrt());
+    let shift = if r > l { r / (m + r) } else { -l / (m + l) };
+    let sum: f64 = (-3..=3).map(|d| get(i + d)).sum();
+    ((at as f64 + 1.0 + shift) / n, sum)
+}
+
+/// |sin(πx)/(πx)|: what is left of a wave of x periods in an exposure.
+fn sinc(x: f64) -> f64 {
+    let x = std::f64::consts::PI * x;
+    if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
+}
+
+/// Bins to either side of a line that a wave between two bins leaks into.
+const LEAK: usize = 3;
+/// Bins to either side of those from which the power without the wave is taken.
+const AROUND: usize = 12;
+
+/// A wave along the column of any phase, beside a constant.
+struct Wave {
+    sine: Vec<f64>,
+    cosine: Vec<f64>,
+    /// Their products: of sine and sine, cosine and cosine, sine and cosine.
+    products: [f64; 3],
+}
+
+impl Wave {
+    /// Of so many cycles per row.
+    fn new(cycles: f64, rows: usize) -> Self {
+        let of = |f: fn(f64) -> f64| {
+            let at = |y: usize| f(std::f64::consts::TAU * cycles * y as f64);
+            let mean = (0..rows).map(at).sum::<f64>() / rows as f64;
+            (0..rows).map(|y| at(y) - mean).collect::<Vec<f64>>()
+        };
+        let (sine, cosine) = (of(f64::sin), of(f64::cos));
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let products = [product(&sine, &sine), product(&cosine, &cosine), product(&sine, &cosine)];
+        Self { sine, cosine, products }
+    }
+
+    /// Amplitude of sine and cosine in the row means of each frame, by least squares.
+    fn in_frames(&self, t: &Temporal) -> Vec<[f64; 2]> {
+        let [ss, cc, sc] = self.products;
+        let determinant = ss * cc - sc * sc;
+        let of_frame = |rows: &[f32]| {
+            let (mut s, mut c) = (0.0, 0.0);
+            for ((x, sine), cosine) in rows.iter().zip(&self.sine).zip(&self.cosine) {
+                s += f64::from(*x) * sine;
+                c += f64::from(*x) * cosine;
+            }
+            [(cc * s - sc * c) / determinant, (ss * c - sc * s) / determinant]
+        };
+        t.row_means.chunks(t.height).map(of_frame).collect()
+    }
+
+    /// Power of what changes in it from frame to frame: 2 v (n − 1) of white row means of variance v.
+    fn changing(&self, t: &Temporal) -> f64 {
+        let amplitudes = self.in_frames(t);
+        let [x0, y0] = middle(&amplitudes);
+        let [ss, cc, sc] = self.products;
+        let of = |a: &[f64; 2]| {
+            let (x, y) = (a[0] - x0, a[1] - y0);
+            ss * x * x + cc * y * y + 2.0 * sc * x * y
+        };
+        amplitudes.iter().map(of).sum()
+    }
+
+    /// Mean square of an amplitude that white row means of variance 1 give.
+    fn noise(&self) -> f64 {
+        let [ss, cc, sc] = self.products;
+        (ss + cc) / (ss * cc - sc * sc)
+    }
+}
+
+/// A flat stack in which bands are looked for.
+struct Flat<'a> {
+    stack: &'a Temporal,
+    exposure_s: f64,
+    signal: f64,
+    /// Power of a bin without the wave.
+    white: f64,
+}
+
+/// The wave in a flat stack.
+struct Band {
+    exposure_s: f64,
+    /// Square of its amplitude relative to the signal.
+    square: f64,
+    /// Mean square of what noise adds to the amplitude.
+    noise: f64,
+    frames: f64,
+}
+
+impl Band {
+    /// Scatter of `square` where it is a²: of the mean of |a + ε|², ε of mean square s, (2 a² s + s²)/n.
+    fn variance(&self, square: f64) -> f64 {
+        (2.0 * square + self.noise) * self.noise / self.frames
+    }
+}
+
+/// The wave of the row means that grows with the signal: cycles per row, and what each flat shows of it.
+fn bands(e: &Evidence<'_>) -> Option<(f64, Vec<Band>)> {
+    let (_, h) = e.size();
+    let mut flats: Vec<Flat<'_>> = e
+        .flats()
+        .filter_map(|(i, c)| {
+            let stack = &e.stacks[i];
+            let white = stack.row_power.iter().sum::<f64>() / stack.row_power.len() as f64;
+            let signal = e.signal(i)?;
+            (signal > 0.0 && white > 0.0).then_some(Flat {
+                stack,
+                exposure_s: c.exposure_s,
+                signal,
+                white,
+            })
+        })
+        .collect();
+    let weight = |f: &Flat<'_>| f.stack.dof * (f.signal / f.white).powi(2);
+    let mut pooled = vec![0.0; flats.first()?.stack.row_power.len()];
+    for f in &flats {
+        pooled.iter_mut().zip(&f.stack.row_power).for_each(|(sum, p)| *sum += weight(f) * p);
+    }
+    let (rows, _) = line_peak(&pooled, h);
+    let at = ((rows * h).round() as usize).clamp(1, pooled.len()) - 1;
+    let (from, to) = (at.saturating_sub(LEAK), (at + LEAK + 1).min(pooled.len()));
+    for f in &mut flats {
+        let power = &f.stack.row_power;
+        let mut around: Vec<f64> = power[from.saturating_sub(AROUND)..from].to_vec();
+        around.extend(&power[to..(to + AROUND).min(power.len())]);
+        around.sort_by(f64::total_cmp);
+        // Median of χ² to its mean (Wilson & Hilferty 1931).
+        f.white = around.get(around.len() / 2)? / (1.0 - 1.0 / (9.0 * f.stack.dof)).powi(3);
+    }
+    flats.retain(|f| f.white > 0.0);
+    // The frequency between the bins, by what changes from frame to frame.
+    let (mut cycles, mut step) = (rows.max(0.5 / h), 0.1 / h);
+    for _ in 0..3 {
+        let near = (-15..=15).map(|i| cycles + f64::from(i) * step);
+        let power = |cycles: f64| {
+            let wave = Wave::new(cycles, h as usize);
+            let of = |f: &Flat<'_>| weight(f) * wave.changing(f.stack);
+            flats.iter().map(of).sum::<f64>()
+        };
+        let tried = near.filter(|f| *f > 0.45 / h && *f < 0.5).map(|f| (f, power(f)));
+        cycles = tried.max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+        step /= 10.0;
+    }
+    let wave = Wave::new(cycles, h as usize);
+    let dark = match maps::reference_dark(e.design) {
+        Some(i) => middle(&wave.in_frames(&e.stacks[i])),
+        None => [0.0; 2],
+    };
+    let seen: Vec<Vec<[f64; 2]>> = flats
+        .iter()
+        .map(|f| {
+            let of = |a: [f64; 2]| [(a[0] - dark[0]) / f.signal, (a[1] - dark[1]) / f.signal];
+            wave.in_frames(f.stack).into_iter().map(of).collect()
+        })
+        .collect();
+    let noise = |f: &Flat<'_>| f.white * wave.noise() / (f.signal * f.signal);
+    let weights = flats
+        .iter()
+        .zip(&seen)
+        .map(|(f, seen)| 1.0 / (noise(f) * (noise(f) + scatter(seen) / seen.len() as f64)));
+    let fixed = centre(seen.iter().zip(weights));
+    let of_flat = |(f, seen): (&Flat<'_>, &Vec<[f64; 2]>)| {
+        let n = seen.len() as f64;
+        let square = |a: &[f64; 2]| (a[0] - fixed[0]).powi(2) + (a[1] - fixed[1]).powi(2);
+        let value = seen.iter().map(square).sum::<f64>() / n - noise(f);
+        Band { exposure_s: f.exposure_s, square: value, noise: noise(f), frames: n }
+    };
+    Some((cycles, flats.iter().zip(&seen).map(of_flat).collect()))
+}
+
+/// Mean of amplitudes.
+fn middle(amplitudes: &[[f64; 2]]) -> [f64; 2] {
+    let n = amplitudes.len() as f64;
+    [0, 1].map(|i| amplitudes.iter().map(|a| a[i]).sum::<f64>() / n)
+}
+
+/// Sum of their squares about the mean.
+fn scatter(amplitudes: &[[f64; 2]]) -> f64 {
+    let m = middle(amplitudes);
+    amplitudes.iter().map(|a| (a[0] - m[0]).powi(2) + (a[1] - m[1]).powi(2)).sum()
+}
+
+/// What all frames have beside a wave of random phase: the centre of the circles, one for each stack, on which the
+/// amplitudes lie, |a|² = 2 a·z + const. by least squares (Kåsa 1976). Stacks have weights.
+fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2] {
+    let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (amplitudes, weight) in stacks {
+        let m = middle(amplitudes);
+        let square = |a: &[f64; 2]| a[0] * a[0] + a[1] * a[1];
+        let mean = amplitudes.iter().map(square).sum::<f64>() / amplitudes.len() as f64;
+        for a in amplitudes {
+            let (x, y, r) = (a[0] - m[0], a[1] - m[1], (square(a) - mean) / 2.0);
+            xx += weight * x * x;
+            xy += weight * x * y;
+            yy += weight * y * y;
+            xr += weight * x * r;
+            yr += weight * y * r;
+        }
+    }
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 0.0 {
+        return [0.0; 2];
+    }
+    [(yy * xr - xy * yr) / determinant, (xx * yr - xy * xr) / determinant]
+}
+
+/// The depth A² of light that pulsates with f, and χ² of what A² sinc² leaves: the scatter of squares is that of their
+/// fitted values, since that of the measured ones would favour the small.
+fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
+    let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(1e-9);
+    let mut found = Estimated { value: 0.0, se: f64::INFINITY };
+    for _ in 0..4 {
+        let fitted = found.value.max(0.0);
+        found = slope(bands.iter().map(|b| {
+            (seen(b), Estimated { value: b.square, se: b.variance(fitted * seen(b)).sqrt() })
+        }))?;
+    }
+    let left = bands.iter().map(|b| {
+        let fitted = found.value.max(0.0) * seen(b);
+        (b.square - fitted).powi(2) / b.variance(fitted)
+    });
+    Some((found, left.sum()))
+}
+
+/// The frequency of light whose bands exposures of different length average: that of a mains lamp, if it serves as well as
+/// the best (within two standard deviations).
+fn light_frequency(bands: &[Band]) -> Option<f64> {
+    let best = |tried: &mut dyn Iterator<Item = f64>| {
+        tried
+            .filter_map(|f| Some((f, depth_squared(bands, f)?.1)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let coarse = best(&mut (0..463).map(|i| 30.0 * 1.01f64.powi(i)))?.0;
+    let free = best(&mut (-20..=20).map(|i| coarse * (1.0 + 5e-4 * f64::from(i))))?;
+    let mains = best(&mut [100.0, 120.0].into_iter())?;
+    // Squares that scatter more than their noise are worth less.
+    let unit = (free.1 / (bands.len() as f64 - 2.0).max(1.0)).max(1.0);
+    Some(if mains.1 < free.1 + 4.0 * unit { mains.0 } else { free.0 })
+}
+
+/// A line of the row means in proportion to the signal.
+pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let (rows, bands) = bands(e)?;
+        let (present, rows, frequency) = match current(e.camera, "flicker-banding") {
+            Some(Effect::FlickerBanding(x)) => {
+                let rows = f64::from(x.frequency_hz) * f64::from(x.row_time_us) * 1e-6;
+                (f64::from(x.depth), rows, f64::from(x.frequency_hz))
+            }
+            _ => (0.0, rows, light_frequency(&bands)?),
+        };
+        let (square, _) = depth_squared(&bands, frequency)?;
+        let depth = deviation(0.0, square)?;
+        let effect = FlickerBanding {
+            depth: depth.value as f32,
+            frequency_hz: frequency as f32,
+            row_time_us: (rows / frequency * 1e6) as f32,
+        };
+        let strength = (square.value - present * present).abs() / square.se;
+        Some(
+            Proposal::new("flicker-banding", effect.into(), strength)
+                .with("depth", depth.value, depth.se)
+                .with("frequency_hz", frequency, f64::NAN)
+                .with("row_time_us", rows / frequency * 1e6, f64::NAN),
+        )
+    })())
+}
