@@ -8,7 +8,8 @@
 //! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier domain,
 //!    and the result is taken at the pixel centres. Aliasing of the real pixel grid stays; that of the
 //!    cell grid is bounded by the choice of s. Kernels are finite and the margin holds them whole, so convolution
-//!    is linear: nothing wraps around;
+//!    is linear: nothing wraps around. (On a graphics processor a blur that varies over the field is summed directly:
+//!    [`Device`]);
 //! 4. relative illumination at the pixel centre and eq. 7 are applied, once.
 
 pub mod sampling;

@@ -11,26 +11,28 @@ use wgpu::{BufferUsages, PollType};
 
 /// Pixels that one workgroup blurs together, as in the shader.
 const BLOCK: (usize, usize) = (64, 4);
-/// Multiplications to hand over at once, about: a quarter of a second where 3e10 are done in one, well below the seconds
-/// after which drivers stop a program, and enough to hide what handing over costs.
+/// Multiplications in the rows handed over at once, about. A dispatch has fewer: even where a device does but 1e10 a second,
+/// it ends well before the seconds after which drivers stop a program.
 const WORK: usize = 1 << 33;
 /// Turns of all loops of one invocation together. Mesa's processor in software (llvmpipe) leaves every loop, without a
 /// word, after 65535.
 const TURNS: usize = 60_000;
+/// Rows of cells made at once by one thread, whatever the number of threads.
+const STRIP: usize = 32;
 /// Bytes in one buffer; every device of WebGPU takes as much.
 const LARGEST: u64 = 128 << 20;
 
 /// Blurs bands of one tiling.
 ///
-/// Memory: on the device one buffer of light and one of kernels, of 128 MiB each at most, and as much again on the way
-/// there.
+/// Memory: two runs of rows are on the device or on the way, each with its light, kernels and pixels, of 128 MiB each at
+/// most; some tens of MiB for frames of 16 Mpixel and kernels of 31 x 31.
 pub struct Blurrer {
     gpu: &'static Gpu,
     tiling: Tiling,
     pipeline: wgpu::ComputePipeline,
     /// Kernel columns that a workgroup's fast memory serves at once.
     columns: usize,
-    /// Multiplications handed over at once.
+    /// Multiplications in the rows handed over at once.
     pub(super) work: usize,
 }
 
@@ -123,7 +125,7 @@ impl Blurrer {
         let mut pending: Option<Pending> = None;
         for first in (0..height).step_by(step) {
             let chunk = Chunk::new(tiling, first..height.min(first + step), corner.1);
-            light.advance(rows, tiling, &chunk.cells)?;
+            light.advance(rows, tiling.width, &chunk.cells)?;
             let row_of_nodes = (tiling.across() + 1) * per_node;
             let nodes = chunk.nodes.start * row_of_nodes..chunk.nodes.end * row_of_nodes;
             let sent = self.send(&chunk, &light.cells, &kernels.data[nodes], corner, width)?;
@@ -192,30 +194,12 @@ impl Blurrer {
         corner: (usize, usize),
         width: usize,
     ) -> Result<Pending> {
-        let device = &self.gpu.device;
+        let gpu = self.gpu;
         let bytes = (4 * width * chunk.pixels.len()) as u64;
-        let buffer = |size: u64, usage| {
-            let mapped_at_creation = false;
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: None,
-                size,
-                usage,
-                mapped_at_creation,
-            })
-        };
-        let filled = |data: &[u8], usage| {
-            let buffer = buffer(data.len() as u64, usage | BufferUsages::COPY_DST);
-            self.gpu.queue.write_buffer(&buffer, 0, data);
-            buffer
-        };
-        let light = filled(cast_slice(light), BufferUsages::STORAGE);
-        let kernels = filled(cast_slice(kernels), BufferUsages::STORAGE);
-        let out = buffer(bytes, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let back = buffer(bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.pipeline);
-        let layout = self.pipeline.get_bind_group_layout(0);
+        let light = gpu.filled(cast_slice(light), BufferUsages::STORAGE);
+        let kernels = gpu.filled(cast_slice(kernels), BufferUsages::STORAGE);
+        let out = gpu.buffer(bytes, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
+        let back = gpu.buffer(bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
         for [across, down, first_row, end_row] in self.parts() {
             let job = [
                 corner.0,
@@ -232,35 +216,39 @@ impl Blurrer {
                 0, // to a multiple of 16 bytes
             ]
             .map(|value| value as u32);
-            let job = filled(cast_slice(&job), BufferUsages::UNIFORM);
-            let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
-                .zip([&job, &light, &kernels, &out])
-                .map(|(binding, b)| wgpu::BindGroupEntry {
-                    binding,
-                    resource: b.as_entire_binding(),
-                })
-                .collect();
-            let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: None,
-                layout: &layout,
-                entries: &entries,
-            });
-            pass.set_bind_group(0, &group, &[]);
-            let blocks = |pixels: usize, side: usize| pixels.div_ceil(side) as u32;
-            pass.dispatch_workgroups(
-                blocks(width, BLOCK.0),
-                blocks(chunk.pixels.len(), BLOCK.1),
-                1,
-            );
+            let job = gpu.filled(cast_slice(&job), BufferUsages::UNIFORM);
+            let blocks = (width.div_ceil(BLOCK.0), chunk.pixels.len().div_ceil(BLOCK.1));
+            self.add([&job, &light, &kernels, &out], blocks);
         }
-        drop(pass);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(&out, 0, &back, 0, bytes);
-        let submission = self.gpu.queue.submit([encoder.finish()]);
-        self.gpu.check()?;
+        let submission = gpu.queue.submit([encoder.finish()]);
+        gpu.check()?;
         let (tell, mapped) = mpsc::channel();
         // Nobody listens any more only where an error ended the band.
         back.map_async(wgpu::MapMode::Read, .., move |result| drop(tell.send(result)));
         Ok(Pending { pixels: chunk.pixels.clone(), buffer: back, mapped, submission })
+    }
+
+    /// One dispatch, of its own for the driver's clock.
+    fn add(&self, buffers: [&wgpu::Buffer; 4], blocks: (usize, usize)) {
+        let Gpu { device, queue, .. } = self.gpu;
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
+            .zip(buffers)
+            .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
+            .collect();
+        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(blocks.0 as u32, blocks.1 as u32, 1);
+        drop(pass);
+        queue.submit([encoder.finish()]);
     }
 
     /// Waits for a chunk and puts it into its place.
@@ -286,16 +274,15 @@ struct Light {
 
 impl Light {
     /// Makes them rows `wanted`, which end no earlier than those before; what is there is kept.
-    fn advance(&mut self, rows: &Rows<'_>, tiling: &Tiling, wanted: &Range<usize>) -> Result<()> {
-        let width = tiling.width;
+    fn advance(&mut self, rows: &Rows<'_>, width: usize, wanted: &Range<usize>) -> Result<()> {
         let known = (self.first + self.cells.len() / width).max(wanted.start);
         let stale = (wanted.start - self.first) * width;
         self.cells.drain(..stale.min(self.cells.len()));
         self.first = wanted.start;
-        let starts: Vec<usize> = (known..wanted.end).step_by(tiling.tile).collect();
+        let starts: Vec<usize> = (known..wanted.end).step_by(STRIP).collect();
         let strips: Result<Vec<Plane<f32>>> = starts
             .into_par_iter()
-            .map(|first| rows(first, tiling.tile.min(wanted.end - first)))
+            .map(|first| rows(first, STRIP.min(wanted.end - first)))
             .collect();
         strips?.iter().for_each(|strip| self.cells.extend_from_slice(&strip.data));
         Ok(())

@@ -8,7 +8,7 @@ mod blur;
 use crate::{Error, Result};
 pub use blur::Blurrer;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use wgpu::{Adapter, Backends, DeviceType};
+use wgpu::{Adapter, Backends, Buffer, BufferDescriptor, BufferUsages, DeviceType};
 
 /// An opened graphics processor.
 #[derive(Debug)]
@@ -77,6 +77,17 @@ impl Gpu {
     /// Its name, and by what it is driven.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    fn buffer(&self, size: u64, usage: BufferUsages) -> Buffer {
+        let (label, mapped_at_creation) = (None, false);
+        self.device.create_buffer(&BufferDescriptor { label, size, usage, mapped_at_creation })
+    }
+
+    fn filled(&self, data: &[u8], usage: BufferUsages) -> Buffer {
+        let buffer = self.buffer(data.len() as u64, usage | BufferUsages::COPY_DST);
+        self.queue.write_buffer(&buffer, 0, data);
+        buffer
     }
 
     /// What went wrong since the last call, if anything did.

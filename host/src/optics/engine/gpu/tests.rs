@@ -40,7 +40,7 @@ fn the_bytes_depend_neither_on_the_run_nor_on_how_much_is_handed_over_at_once() 
     let mut blurrer = Blurrer::new(gpu, &example.tiling).unwrap();
     let whole = example.through(&blurrer).unwrap();
     assert_eq!(example.through(&blurrer).unwrap(), whole);
-    // A multiple of a block's four rows, half a dozen of rows that is none, and the least.
+    // In rows: whole blocks of four, a number that is no multiple of them, and fewer than a block.
     for rows in [12, 6, 1] {
         blurrer.work = rows * 4 * 21 * 21 * 60;
         assert_eq!(example.through(&blurrer).unwrap(), whole, "{rows} rows");
