@@ -9,9 +9,9 @@ use crate::{Plane, Result};
 pub enum DeviceChoice {
     /// The processor: the same bytes on any machine
     Cpu,
-    /// A graphics processor, or the driver's stand-in in software: the same within 32-bit rounding
+    /// A graphics processor of any kind, a stand-in in software too: the same within 32-bit rounding
     Gpu,
-    /// A graphics processor where there is one, else the processor
+    /// A dedicated graphics processor where there is one, else the processor
     #[default]
     Auto,
 }

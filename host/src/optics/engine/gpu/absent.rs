@@ -12,7 +12,7 @@ impl Gpu {
     ///
     /// # Errors
     /// Always.
-    pub fn open(_software: bool) -> Result<&'static Self> {
+    pub fn open(_any: bool) -> Result<&'static Self> {
         Err(Error::input("this camrig was built without graphics processors").help(
             "build it with them (cargo build --release --features gpu), or give --device cpu",
         ))

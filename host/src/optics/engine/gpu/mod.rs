@@ -25,12 +25,13 @@ pub struct Gpu {
 static OPENED: OnceLock<Gpu> = OnceLock::new();
 
 impl Gpu {
-    /// The best graphics processor of this machine, or with `software` also a program that stands in for one.
+    /// The best graphics processor of this machine: a dedicated one, or with `any` also one built into the processor or a
+    /// program that stands in for one.
     ///
     /// # Errors
     /// None there, or the driver does not open it.
-    pub fn open(software: bool) -> Result<&'static Self> {
-        let wanted = |kind: DeviceType| software || is_hardware(kind);
+    pub fn open(any: bool) -> Result<&'static Self> {
+        let wanted = |kind: DeviceType| any || is_dedicated(kind);
         if let Some(gpu) = OPENED.get().filter(|gpu| wanted(gpu.kind)) {
             return Ok(gpu);
         }
@@ -103,8 +104,10 @@ impl Gpu {
     }
 }
 
-fn is_hardware(kind: DeviceType) -> bool {
-    matches!(kind, DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu)
+/// Whether it is to be expected to sum faster than the processor transforms: by their multiplications per second, those
+/// built into processors are not.
+fn is_dedicated(kind: DeviceType) -> bool {
+    matches!(kind, DeviceType::DiscreteGpu | DeviceType::VirtualGpu)
 }
 
 /// The fastest first.

@@ -70,10 +70,10 @@ fn what_a_device_cannot_do_is_an_error_with_words() {
 }
 
 #[test]
-fn a_stand_in_in_software_is_taken_only_when_asked_for() {
+fn what_is_not_dedicated_is_taken_only_when_asked_for() {
     let Some(Device::Gpu(gpu)) = Device::every().get(1).copied() else { return };
-    let hardware = is_hardware(gpu.kind);
-    assert_eq!(DeviceChoice::Auto.open().unwrap().name().is_some(), hardware);
+    let dedicated = is_dedicated(gpu.kind);
+    assert_eq!(DeviceChoice::Auto.open().unwrap().name().is_some(), dedicated);
     assert_eq!(DeviceChoice::Gpu.open().unwrap().name(), Some(gpu.name()));
     assert_eq!(DeviceChoice::Cpu.open().unwrap().name(), None);
 }
