@@ -14,7 +14,7 @@ const BLOCK: (usize, usize) = (64, 4);
 /// Multiplications in the rows handed over at once, about. A dispatch has fewer: even where a device does but 1e10 a second,
 /// it ends well before the seconds after which drivers stop a program.
 const WORK: usize = 1 << 33;
-/// Turns of all loops of one invocation together. Mesa's processor in software (llvmpipe) leaves every loop, without a
+/// Turns of all loops of one invocation together. Mesa's stand-in in software (llvmpipe) leaves every loop, without a
 /// word, after 65535.
 const TURNS: usize = 60_000;
 /// Rows of cells made at once by one thread, whatever the number of threads.
