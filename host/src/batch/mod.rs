@@ -1,7 +1,7 @@
 //! Many pictures: a sweep file rendered to a data set with a manifest.
 //!
-//! A picture depends on the sweep file and its place in the grid alone: not on the shard it was made
-//! in, the threads, or what was there already. See [`sweep`] for the file and [`dataset`] for what is
+//! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on the shard it
+//! was made in, the threads, or what was there already. See [`sweep`] for the file and [`dataset`] for what is
 //! on disk.
 
 pub mod dataset;
@@ -12,7 +12,7 @@ pub use sweep::{Picture, Sweep};
 
 use crate::camera::Camera;
 use crate::formats::{Facts, Format, Frames};
-use crate::optics::Options;
+use crate::optics::{Device, Options};
 use crate::render::{self, Exposure, Sight, View};
 use crate::scene::LightLevel;
 use crate::{Error, RawFrame, Result};
@@ -58,8 +58,8 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Makes the pictures of a part that are not there yet. `cache` keeps results of the optics stage; `progress`
-/// hears of each picture of the part.
+/// Makes the pictures of a part that are not there yet, the optics on `device`. `cache` keeps results of the optics stage;
+/// `progress` hears of each picture of the part.
 ///
 /// # Errors
 /// What rendering or the disk refuses; pictures made so far stay.
@@ -67,6 +67,7 @@ pub fn run(
     sweep: &Sweep,
     dataset: &Dataset,
     shard: Shard,
+    device: Device,
     cache: Option<PathBuf>,
     progress: impl Fn() + Sync,
 ) -> Result<()> {
@@ -82,7 +83,7 @@ pub fn run(
             scene: first.scene.spec.clone(),
             illuminant: first.illuminant.spec.clone(),
             level: sweep.base_lux().map(LightLevel::Lux),
-            options: Options { oversample: sweep.oversample, ..Options::default() },
+            options: Options { oversample: sweep.oversample, device, ..Options::default() },
             cache: cache.clone(),
             motion: None,
         };

@@ -3,6 +3,7 @@
 use crate::camera::Camera;
 use crate::formats::output::{OutputDir, OutputFile, write_file};
 use crate::formats::{DngInfo, Facts, Format, Frames, png, preview};
+use crate::optics::DeviceChoice;
 use crate::render::Arithmetic;
 use crate::render::hdr::Hdr;
 use crate::report::page::Page;
@@ -43,6 +44,14 @@ pub fn progress(label: &'static str, total: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:>12} {wide_bar} {pos}/{len} {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(total).with_style(style).with_prefix(label)
+}
+
+/// What the optics run on.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct DeviceArgs {
+    /// What a lens's blur that varies over the field runs on
+    #[arg(long, value_enum, default_value_t, value_name = "D")]
+    pub device: DeviceChoice,
 }
 
 /// How frames are taken and where they go.

@@ -3,7 +3,7 @@
 use super::arguments::progress;
 use crate::Result;
 use crate::batch::{self, Dataset, Shard, Sweep};
-use crate::optics::content;
+use crate::optics::{DeviceChoice, content};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -42,6 +42,10 @@ pub struct Args {
     /// Say what would be made, and how much of it is there
     #[arg(long)]
     dry_run: bool,
+    /// What a lens's blur that varies over the field runs on. Not chosen by the machine: the shards of a data set may run
+    /// on different ones
+    #[arg(long, value_enum, default_value_t = DeviceChoice::Cpu, value_name = "D")]
+    device: DeviceChoice,
     /// Keep nothing of the optics stage (~/.cache/camrig/optics)
     #[arg(long)]
     no_cache: bool,
@@ -65,7 +69,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Some(dataset) if !args.dry_run => {
             let bar = progress("pictures", part.end - part.start);
             let cache = if args.no_cache { None } else { content::directory() };
-            batch::run(&sweep, dataset, args.shard, cache, || bar.inc(1))?;
+            let device = args.device.open()?;
+            batch::run(&sweep, dataset, args.shard, device, cache, || bar.inc(1))?;
             bar.finish_and_clear();
             dataset.complete()?
         }

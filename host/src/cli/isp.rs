@@ -1,6 +1,6 @@
 //! `camrig isp`: a chart through the camera and through real ISPs, judged against the truth.
 
-use super::arguments::{duration, positive};
+use super::arguments::{DeviceArgs, duration, positive};
 use super::simulate::ViewArgs;
 use crate::formats::{Facts, Format, Frames, output, preview};
 use crate::measure::picture::{Patch, colours, srgb_to_linear};
@@ -36,6 +36,8 @@ pub struct Args {
     /// Change a key of the camera file: sensor.width=640; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = crate::camera::changes::read)]
     set: Vec<(String, toml::Value)>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// A picture (sRGB PNG) of another ISP to judge as well
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
@@ -115,6 +117,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         luminance: None,
         oversample: None,
         psf_tolerance: None,
+        device: args.device,
         set: args.set.clone(),
         motion: None,
         rolling: 0.0,

@@ -1,6 +1,6 @@
 //! `camrig rig`: talk to rigs, or be one.
 
-use super::arguments::{self, duration, positive};
+use super::arguments::{self, DeviceArgs, duration, positive};
 use super::simulate::ViewArgs;
 use crate::camera::Camera;
 use crate::formats::{Frames, csi2, output};
@@ -93,6 +93,8 @@ struct StreamArgs {
     /// Scene illuminance, lx
     #[arg(long, value_parser = positive, value_name = "X")]
     lux: Option<f64>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for each frame,
     /// over and over
     #[arg(long, value_name = "FILE|DIR")]
@@ -319,6 +321,7 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             luminance: None,
             oversample: None,
             psf_tolerance: None,
+            device: args.device,
             set: Vec::new(),
             motion: None,
             rolling: 0.0,

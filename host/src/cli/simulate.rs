@@ -1,6 +1,6 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, FrameArgs, positive};
+use super::arguments::{self, DeviceArgs, FrameArgs, positive};
 use crate::Result;
 use crate::camera::{Camera, changes};
 use crate::optics::{Misplaced, NodeReport, Options, content};
@@ -66,6 +66,8 @@ pub struct ViewArgs {
     /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 0.0, requires = "motion")]
     pub rolling: f64,
+    #[command(flatten)]
+    pub device: DeviceArgs,
     /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
     #[arg(long)]
     pub no_cache: bool,
@@ -86,7 +88,7 @@ fn part(text: &str) -> Result<f64, String> {
 
 impl ViewArgs {
     /// What is looked at.
-    fn sight(&self) -> Sight {
+    fn sight(&self) -> Result<Sight> {
         let level = match (self.lux, self.luminance) {
             (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
             (lux, None) => lux.map(LightLevel::Lux),
@@ -94,24 +96,25 @@ impl ViewArgs {
         let cache = if self.no_cache { None } else { content::directory() };
         let motion =
             self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });
-        Sight {
+        Ok(Sight {
             scene: self.scene.clone(),
             illuminant: self.illuminant.clone(),
             level,
             options: Options {
                 oversample: self.oversample,
                 misplaced_light: self.psf_tolerance.unwrap_or(Options::default().misplaced_light),
+                device: self.device.device.open()?,
                 ..Options::default()
             },
             cache,
             motion,
-        }
+        })
     }
 
     /// Loads the camera and runs the optics stage.
     pub fn view(&self) -> Result<(Camera, View)> {
         let camera = Camera::load_with(&self.camera, &self.set)?;
-        let sight = self.sight();
+        let sight = self.sight()?;
         let bar = arguments::progress("optics", 0);
         let view = sight.view(&camera, |done, bands| {
             bar.set_length(bands as u64);
@@ -121,6 +124,9 @@ impl ViewArgs {
         view.notes.iter().for_each(|note| eprintln!("note: {note}"));
         if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
             eprintln!("warning: {warning}");
+        }
+        if let Some(device) = &view.optics.device {
+            eprintln!("note: optics on {device}");
         }
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
@@ -137,7 +143,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         cube.save(path, args.frames.force)?;
     }
     let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
-    let sight = args.view.sight();
+    let sight = args.view.sight()?;
     let mut moved = |frame: u32| Ok(sight.view_at(&camera, frame, |_, _| ())?.cube);
     let next: Option<&mut Cubes<'_>> = if sight.motion.is_some() { Some(&mut moved) } else { None };
     expose_frames(&args.frames, &camera, &exposure, (&cube, next), light.as_ref(), &mut sink)?;
@@ -149,6 +155,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
     ];
     made_of.extend(optics.nodes.iter().flat_map(psf_rows));
+    made_of.extend(optics.device.iter().map(|device| ("optics on", device.clone())));
     made_of.extend(light_of(&cube.header));
     let settings = args.frames.settings(&camera, 0);
     let written = sink.finish(|frames| {
@@ -163,6 +170,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "margin_pixels": optics.margin_pixels,
             "step_error": optics.step_error,
             "psf": optics.nodes,
+            "device": optics.device.as_deref().unwrap_or("cpu"),
             "cached": cached,
             "lens_traced": lens_traced,
         },
@@ -258,4 +266,56 @@ pub fn expose_frames(
     }
     bar.finish_and_clear();
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::npy;
+    use crate::optics::{Device, characterisation};
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
+        if Device::every().len() == 1 {
+            return;
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name).display().to_string();
+        characterisation::tests::example(17, 0.5).write(&dir.path().join("lens"), false).unwrap();
+        for (name, text) in [
+            ("mt9v024-qe.csv", include_str!("../../presets/mt9v024-qe.csv")),
+            ("ir-cut-690.csv", include_str!("../../presets/ir-cut-690.csv")),
+        ] {
+            std::fs::write(path(name), text).unwrap();
+        }
+        let preset = include_str!("../../presets/mt9v024.toml");
+        let (from, to) = (preset.find("[lens]").unwrap(), preset.find("[sensor]").unwrap());
+        let lens = "[lens]\nkind = \"characterised\"\ndata = \"lens\"\n";
+        std::fs::write(path("c.toml"), [&preset[..from], lens, &preset[to..]].concat()).unwrap();
+        let frame = |device: &str| {
+            let (camera, out) = (path("c.toml"), path(&format!("{device}.npy")));
+            let line = format!(
+                "simulate --camera {camera} --set sensor.width=96 --set sensor.height=64 --no-cache \
+                 --scene colorchecker --exposure 20ms --device {device} -o {out}"
+            );
+            run(&Line::try_parse_from(line.split_whitespace()).unwrap().args).unwrap();
+            npy::decode(&std::fs::read(out).unwrap()).unwrap().planes.remove(0).data
+        };
+        let (cpu, gpu) = (frame("cpu"), frame("gpu"));
+        let differences = || cpu.iter().zip(&gpu).map(|(a, b)| a.abs_diff(*b));
+        println!("{} of {} pixels differ", differences().filter(|&d| d > 0).count(), cpu.len());
+        // 4e-7 of the light less or more may make one electron or rounding of another, no more.
+        assert!(differences().all(|d| d <= 1), "{:?}", differences().max());
+        assert!(
+            cpu.iter().max() > cpu.iter().min().map(|m| m + 100).as_ref(),
+            "a picture of something"
+        );
+    }
 }

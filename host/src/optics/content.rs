@@ -92,9 +92,12 @@ impl Content {
     fn grid(&mut self, grid: &SensorGrid, options: &Options) {
         self.numbers([grid.width as f64, grid.height as f64, grid.pitch_um, grid.fill_factor]);
         // The number of threads is not part of it: the planes do not depend on it.
-        let Options { oversample, step_error, misplaced_light, border, threads: _ } = *options;
+        let Options { oversample, step_error, misplaced_light, border, threads: _, device } =
+            *options;
         self.numbers([oversample.unwrap_or(0) as f64, step_error, misplaced_light]);
         self.0.write_u8(border as u8);
+        // Graphics processors differ from the processor and from each other in the last bits.
+        device.name().into_iter().for_each(|name| self.0.write(name.as_bytes()));
     }
 
     fn lens(&mut self, lens: &dyn Lens, bands: &Bands, grid: &SensorGrid) {
@@ -152,7 +155,7 @@ impl Content {
 mod tests {
     use super::*;
     use crate::Plane;
-    use crate::optics::{Departed, Departures, Diffraction, Distortion, Illumination};
+    use crate::optics::{Departed, Departures, Device, Diffraction, Distortion, Illumination};
     use crate::scene::{Quantity, Spectrum};
 
     struct Ramp(f32);
@@ -210,6 +213,10 @@ mod tests {
             Departures { transmittance: Spectrum::constant(0.9), ..Departures::default() },
         ] {
             let lens = Departed { lens: Box::new(lens.clone()), departures };
+            others.push(key(&Ramp(1.0), &white, &lens, &grid, &options));
+        }
+        for device in Device::every().into_iter().skip(1) {
+            let options = Options { device, ..options };
             others.push(key(&Ramp(1.0), &white, &lens, &grid, &options));
         }
         let described = |text| {

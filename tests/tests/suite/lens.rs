@@ -255,6 +255,15 @@ fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
     assert!(!told.contains("misplace"), "{told}");
 }
 
+#[test]
+fn a_program_built_without_graphics_processors_says_so() {
+    let dir = folder();
+    let simulate = "simulate --camera mobile --scene uniform:0.5 --exposure 5ms -o a.npy --device";
+    let wanted = ["--device gpu", "--features gpu", "--device cpu"];
+    refuses(dir.path(), &format!("{simulate} gpu"), &wanted);
+    refuses(dir.path(), &format!("{simulate} tpu"), &["cpu", "gpu", "auto"]);
+}
+
 /// A prescription is traced once: not again for what is in the cache, nor for another scene; and the picture does not
 /// depend on where its lens came from.
 #[test]

@@ -8,13 +8,17 @@
 //! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier domain,
 //!    and the result is taken at the pixel centres. Aliasing of the real pixel grid stays; that of the
 //!    cell grid is bounded by the choice of s. Kernels are finite and the margin holds them whole, so convolution
-//!    is linear: nothing wraps around;
+//!    is linear: nothing wraps around. (On a graphics processor a blur that varies over the field is summed directly:
+//!    [`Device`]);
 //! 4. relative illumination at the pixel centre and eq. 7 are applied, once.
 
 pub mod sampling;
 
+mod device;
 mod field;
 pub(super) mod fourier;
+#[cfg_attr(not(feature = "gpu"), path = "gpu/absent.rs")]
+mod gpu;
 pub mod nodes;
 pub mod psf;
 pub(super) mod source;
@@ -23,6 +27,7 @@ mod warp;
 
 use crate::scene::LitScene;
 use crate::{Error, Plane, Result};
+pub use device::{Device, DeviceChoice};
 pub use nodes::{Misplaced, NodeReport};
 use serde::{Deserialize, Serialize};
 pub use source::Border;
@@ -97,6 +102,8 @@ pub struct Options {
     pub border: Border,
     /// Worker threads; `None` for one per processor. The result does not depend on it.
     pub threads: Option<usize>,
+    /// What a blur that varies over the field runs on. Graphics processors round otherwise, each kind in its own way.
+    pub device: Device,
 }
 
 impl Default for Options {
@@ -107,6 +114,7 @@ impl Default for Options {
             misplaced_light: 0.01,
             border: Border::Scene,
             threads: None,
+            device: Device::Cpu,
         }
     }
 }
@@ -123,6 +131,8 @@ pub struct Report {
     /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are the worst of the
     /// first, middle and last band.
     pub nodes: Option<NodeReport>,
+    /// The graphics processor that blurred, if one did.
+    pub device: Option<String>,
 }
 
 /// Renders every band of `scene` through `lens` onto `grid`.
@@ -259,7 +269,11 @@ impl Band<'_> {
         if state.blurrer.as_ref().is_none_or(|b| *b.tiling() != tiling) {
             state.blurrer = None;
         }
-        let blurrer = state.blurrer.get_or_insert_with(|| varying::Blurrer::new(&tiling));
+        let blurrer = match &mut state.blurrer {
+            Some(blurrer) => blurrer,
+            none => none.insert(device::Blurrer::new(self.options.device, &tiling)?),
+        };
+        report.device = self.options.device.name().map(String::from);
         blurrer.blur(
             &|first, count| source.rows(first, count),
             &kernels,
@@ -319,7 +333,7 @@ struct FieldState {
     /// Distance of nodes.
     tile_pixels: Option<usize>,
     /// Plans and buffers, as long as the tiling stays the same.
-    blurrer: Option<varying::Blurrer>,
+    blurrer: Option<device::Blurrer>,
 }
 
 impl SensorGrid {

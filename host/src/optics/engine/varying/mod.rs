@@ -317,4 +317,4 @@ fn fill(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
