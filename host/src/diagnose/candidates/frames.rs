@@ -116,3 +116,50 @@ pub fn light_flicker(e: &Evidence<'_>) -> Vec<Proposal> {
         Some(Proposal::new("light-flicker", effect.into(), strength).with("sigma", s.value, s.se))
     })())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    /// 40 stacks of 50 frames: of a drift of correlation r the variance of s² is 2 σ⁴ (1 + r²)/(1 − r²)/n, so that 2000
+    /// frames give σ to 2.5 % and r to √((1 − r²)/n) = 2 %. Four of these standard deviations are allowed.
+    #[test]
+    fn the_likeliest_drift_is_the_one_that_was_put_in() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let (sigma, r, white) = (0.3, 0.6, 0.01f64);
+        let series: Vec<Series> = (0..40)
+            .map(|i| {
+                let mut x = normal();
+                let mut frame = || {
+                    x = r * x + f64::sqrt(1.0 - r * r) * normal();
+                    f64::from(i) * 100.0 + sigma * x + white.sqrt() * normal()
+                };
+                Series { means: (0..50).map(|_| frame()).collect(), white }
+            })
+            .collect();
+        let (ln_sigma, found) = lowest(
+            |ln_sigma, r| series.iter().map(|s| s.unlikeliness((2.0 * ln_sigma).exp(), r)).sum(),
+            [-3.0, 1.0],
+            [0.0, 0.98],
+        );
+        assert!((ln_sigma.exp() / sigma - 1.0).abs() < 0.1, "{}", ln_sigma.exp());
+        assert!((found - r).abs() < 0.08, "{found}");
+    }
+
+    /// Of white drift the likelihood is that of independent normal values about an unknown mean.
+    #[test]
+    fn without_memory_the_likelihood_is_that_of_a_sample() {
+        let means = vec![3.0, 5.0, 4.5, 2.0, 7.5];
+        let mean = 4.4;
+        let variance = 1.7;
+        let squares: f64 = means.iter().map(|m: &f64| (m - mean).powi(2)).sum();
+        let expected = 4.0 * f64::ln(variance) + squares / variance + 5f64.ln();
+        let series = Series { means, white: 0.5 };
+        let found = series.unlikeliness(variance - 0.5, 0.0);
+        assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+    }
+}

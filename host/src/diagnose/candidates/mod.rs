@@ -236,3 +236,16 @@ fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) 
     }
     (x, y)
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_bent_valley_is_followed_to_its_lowest_place() {
+        let valley = |x: f64, y: f64| (x - 0.3).powi(2) + 10.0 * (y - x * x).powi(2);
+        let (x, y) = super::lowest(valley, [-1.0, 1.0], [-1.0, 1.0]);
+        // The last step is 0.25 · 0.4⁷.
+        assert!((x - 0.3).abs() < 1e-3 && (y - 0.09).abs() < 1e-3, "{x} {y}");
+        // On an edge too.
+        assert_eq!(super::lowest(|x, y| x - y, [0.0, 1.0], [2.0, 3.0]), (0.0, 3.0));
+    }
+}

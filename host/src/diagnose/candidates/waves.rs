@@ -358,3 +358,59 @@ pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
         )
     })())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wave_between_bins_has_its_amplitude_beside_any_constant() {
+        let (rows, cycles) = (200, 1.37 / 200.0);
+        let mut t = crate::diagnose::temporal::Collector::new(4, rows, 8, false).finish();
+        let phases = [0.2f64, 1.9, 4.4];
+        t.row_means = phases
+            .iter()
+            .flat_map(|phase| {
+                let at = move |y| std::f64::consts::TAU * cycles * f64::from(y) + phase;
+                (0..rows as i32).map(move |y| (7.0 + 0.25 * at(y).sin()) as f32)
+            })
+            .collect();
+        let wave = Wave::new(cycles, rows);
+        for (phase, [s, c]) in phases.iter().zip(wave.in_frames(&t)) {
+            // Rounding of 7.25 to 32 bits, 2.4e-7, over 200 rows.
+            assert!((s - 0.25 * phase.cos()).abs() < 1e-6 && (c - 0.25 * phase.sin()).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_centre_of_circles_is_found() {
+        let circle = |radius: f64, angles: [f64; 3]| {
+            angles.map(|a| [0.3 + radius * a.cos(), -0.1 + radius * a.sin()]).to_vec()
+        };
+        let circles = [circle(0.02, [0.1, 0.9, 3.0]), circle(0.5, [2.0, 2.2, 5.0])];
+        let [x, y] = centre(circles.iter().zip([1.0, 3.0]));
+        assert!((x - 0.3).abs() < 1e-12 && (y + 0.1).abs() < 1e-12, "{x} {y}");
+    }
+
+    #[test]
+    fn the_frequency_of_the_lamp_is_told_by_exposures() {
+        let bands = |f: f64| -> Vec<Band> {
+            [0.2e-3, 1e-3, 5e-3, 12e-3]
+                .iter()
+                .map(|&exposure_s| Band {
+                    exposure_s,
+                    square: 1e-4 * sinc(f * exposure_s).powi(2),
+                    noise: 1e-9,
+                    frames: 4.0,
+                })
+                .collect()
+        };
+        assert_eq!(light_frequency(&bands(100.0)), Some(100.0));
+        assert_eq!(light_frequency(&bands(120.0)), Some(120.0));
+        // No lamp of the mains: within the finer steps.
+        let found = light_frequency(&bands(250.0)).unwrap();
+        assert!((found / 250.0 - 1.0).abs() < 5e-4, "{found}");
+        let (depth, left) = depth_squared(&bands(100.0), 100.0).unwrap();
+        assert!((depth.value / 1e-4 - 1.0).abs() < 1e-9 && left < 1e-9);
+    }
+}
