@@ -7,7 +7,7 @@
 //! squares.
 
 use super::maps::maps;
-use super::prediction::{Prediction, by_key};
+use super::prediction::{Prediction, Values, by_key};
 use super::search::same_shape;
 use super::session::{Frames, RUNS, SEED, Session, State};
 use super::statistics::battery;
@@ -58,23 +58,25 @@ impl Session {
     }
 
     /// Significance of an effect that a model lacks, in units of what its estimator makes of replicates of that model: effects
-    /// that are another on each sensor move many statistics together, as if there were more.
+    /// that are another on each sensor move many statistics together, as if there were more. `replicates` are some of the model.
     pub(super) fn stands_out(
         &self,
         effect: &Proposal,
         camera: &Camera,
-        without: &Prediction,
+        replicates: &[Values],
         named: &[Proposal],
     ) -> Result<f64> {
+        let all = self.replicates(camera, &self.fit.design, CHANCES, Some(replicates))?;
+        let model = &Prediction::new(&all);
         let wanted = |kind: &str| kind == effect.kind;
         let strength = |proposals: Vec<Proposal>| {
             proposals.into_iter().find(|p| same_shape(p, effect)).map_or(0.0, |p| p.strength)
         };
-        let measured = strength(self.propose(self.frames(), camera, without, named, &wanted, 0.0));
+        let measured = strength(self.propose(self.frames(), camera, model, named, &wanted, 0.0));
         let squares: Vec<f64> = (FIRST..FIRST + CHANCES)
             .into_par_iter()
             .map(|seed| {
-                let anew = self.estimate_anew(camera, without, named, &wanted, seed)?;
+                let anew = self.estimate_anew(camera, model, named, &wanted, seed)?;
                 Ok(strength(anew).powi(2))
             })
             .collect::<Result<_>>()?;

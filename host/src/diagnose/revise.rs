@@ -88,12 +88,7 @@ impl Session {
             let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
             let idle = missed < EARNS[2] / 2.0
                 || !left_out.of_looks
-                    && self.stands_out(
-                        &left_out,
-                        &camera,
-                        &state.fit.moved(before, &after),
-                        &named,
-                    )? < LEAST;
+                    && self.stands_out(&left_out, &camera, &after, &named)? < LEAST;
             if idle {
                 if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
                 {
