@@ -233,6 +233,12 @@ pub fn characterise(
         let field_deg = system.field_of_paraxial_height(height);
         let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
         let psf = aimed.psf(&window, plan.method)?;
+        if !(psf.captured > 0.0) {
+            let side_um = window.size as f64 * spacing_um;
+            return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
+                .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
+                .help("the lens is out of focus there: give its wavelengths, or --psf-spacing, or --sensor-shift"));
+        }
         let samples = samples_outwards(&psf, window.size, flip);
         Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
     };

@@ -331,6 +331,28 @@ fn a_perfect_mirror_gives_the_airy_pattern() {
     }
 }
 
+/// Far out of focus the light of a mirror with a hole is a ring around an empty window.
+#[test]
+fn a_window_without_light_is_refused_in_words() {
+    let text = "format = \"camrig-prescription/1\"\nwavelengths_nm = [550.0]\nfields_deg = [0.0]\n\
+         [aperture]\nstop_radius_mm = 2.5\n[[surface]]\nradius_mm = -200.0\nconic = -1.0\n\
+         thickness_mm = -110.0\nglass = \"mirror\"\nstop = true\nobscuration_radius_mm = 1.0\n";
+    let lens = toml::read(text, &Catalogue::default()).unwrap();
+    let system = System::new(lens, Conditions::default()).unwrap();
+    let plan = characterise::Plan {
+        heights: 2,
+        density: None,
+        max_field_deg: 0.01,
+        wavelengths_nm: vec![550.0],
+        psf_size: 16,
+        psf_spacing_um: Some(0.5),
+        method: characterise::PsfMethod::Geometric,
+    };
+    let error = characterise::characterise(&system, &plan, &|_, _| ()).unwrap_err().to_string();
+    assert!(error.contains("no light falls on the PSF's 8 µm"), "{error}");
+    assert!(error.contains("550 nm"), "{error}");
+}
+
 /// Prescriptions and listings with bytes changed, dropped or doubled: an error or a lens, never a panic, and
 /// no lens that panics when traced.
 mod fuzz {
