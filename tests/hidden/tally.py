@@ -174,8 +174,9 @@ def report(lines, seed):
         curve.append([kind, *("-" if np.isnan(s) else f"{100 * s:.0f} %" for s in shares), own_limit(by_times)[0], classes or ""])
     for c in single:
         for kind, key, value, error, true, sd in c.parameters():
-            parameters[kind, key].append(((value - true) / error, (value - true) / sd if sd else np.nan, abs(value / true - 1)))
-    known = [[kind, key, len(p), f"{100 * np.median([r for _, _, r in p]):.1f} %",
+            relative = abs(value / true - 1) if true else np.nan
+            parameters[kind, key].append(((value - true) / error, (value - true) / sd if sd else np.nan, relative))
+    known = [[kind, key, len(p), "-" if np.isnan(r := np.median([r for _, _, r in p])) else f"{100 * r:.1f} %",
               f"{100 * np.mean([abs(z) <= 1.645 for z, _, _ in p]):.0f} %",
               "" if np.isnan(p[0][1]) else f"{1.4826 * np.median(np.abs([b for _, b, _ in p])):.2f}"]
              for (kind, key), p in sorted(parameters.items())]

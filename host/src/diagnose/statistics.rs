@@ -275,8 +275,10 @@ fn temporal(t: &Temporal, c: &Condition, s: &Summary, add: &mut impl FnMut(What,
         add,
         [What::ColumnVariance, What::ColumnSlow, What::ColumnPeak],
     );
+    // The products of pixels two apart, whose channels differ in variance, scatter by Σ v²/n, of others by less.
+    let unequal = (s.variance.iter().map(|v| v * v).sum::<f64>() / k).sqrt() / v;
     for (i, c) in t.covariance.iter().enumerate().take(LAGS.len()) {
-        add(What::Covariance(i as u8), c / v, 1.0 / (f * n).sqrt(), Scale::Linear);
+        add(What::Covariance(i as u8), c / v, unequal / (f * n).sqrt(), Scale::Linear);
     }
     add(What::BlockVariance, t.block_variance / v, (128.0 / (f * n)).sqrt(), Scale::Log);
     if let Some(power) = &t.power {

@@ -83,9 +83,18 @@ pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
             return None;
         }
         let sigma = ln_sigma.exp();
+        // Where the model has none, what the law makes likelier shows more than the variance, most of which is white.
+        let strength = match present {
+            0.0 => {
+                let gain = unlikeliness(&spectra, 0.0, exponent)
+                    - unlikeliness(&spectra, sigma * sigma, exponent);
+                (2.0 * gain.max(0.0)).sqrt().max(excess.z().abs())
+            }
+            _ => excess.z().abs(),
+        };
         let effect = RowCorrelatedNoise { sigma_e: sigma as f32, exponent: exponent as f32 };
         Some(
-            Proposal::new("row-correlated-noise", effect.into(), excess.z().abs())
+            Proposal::new("row-correlated-noise", effect.into(), strength)
                 .with("sigma_e", sigma, s.se)
                 .with("exponent", exponent, f64::NAN),
         )

@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""Diagnoses real sensors from base models that `camrig measure emva` gives: the table of docs/diagnosis.md.
+
+    real-sensors.py target/release/camrig OUT CAPTURES...
+
+OUT gets a camera file and a diagnosis for each capture set. Nothing is tuned: gain, read noise, PRNU and black level are
+those of the measurement, all else is left out.
+"""
+import json
+import pathlib
+import subprocess
+import sys
+
+CAMERA = """name = "{name}"
+
+[lens]
+kind = "diffraction-limited"
+f_number = 2.8
+focal_length_mm = 8.0
+
+[sensor]
+width = {width}
+height = {height}
+pitch_um = 5.0
+fill_factor = 1.0
+cfa = "mono"
+qe = "qe.csv"
+conversion_gain_uv_per_e = 50.0
+full_well_e = {full_well}
+bits = {bits}
+black_level_dn = {black}
+temperature_c = 25.0
+seed = 1
+
+[sensor.noise]
+read_e = {read}
+dark_current_e_per_s = 0.0
+dsnu_e_per_s = 0.0
+prnu = {prnu}
+row_fpn_e = 0.0
+"""
+
+
+def main(camrig, out, *sets):
+    run = lambda *words: subprocess.run([camrig, *words], capture_output=True, text=True)
+    for captures in map(pathlib.Path, sets):
+        told = run("measure", "emva", str(captures), "--json")
+        if told.returncode:
+            sys.exit(told.stderr)
+        m = json.loads(told.stdout)
+        sensor = {}  # the few keys wanted, whatever else the manifest has
+        for line in (captures / "captures.toml").read_text().splitlines():
+            key, _, value = line.partition(" = ")
+            sensor.setdefault(key, value)
+        bits = int(sensor["bits"])
+        folder = pathlib.Path(out) / captures.name
+        folder.mkdir(parents=True)
+        camera = folder / "camera.toml"
+        # DN per electron is full scale over full well.
+        camera.write_text(CAMERA.format(
+            name=captures.name, width=sensor["width"], height=sensor["height"], bits=bits,
+            full_well=(2**bits - 1) / m["overall_system_gain"], black=m["darks"][0]["mean_dn"],
+            read=m["temporal_dark_noise_e"], prnu=m["prnu_1288_percent"] / 100))
+        qe = m["quantum_efficiency"] or 0.5  # where light was not measured it takes no part
+        (folder / "qe.csv").write_text("wavelength_nm,qe\n" + "".join(f"{nm},{qe}\n" for nm in range(300, 1101, 20)))
+        told = run("diagnose", str(camera), str(captures), "-o", str(folder / "diagnosis"), "--json")
+        if told.returncode not in (0, 1):
+            sys.exit(told.stderr)
+        d = json.loads(told.stdout)
+        names = ", ".join(s["effect"] + ("" if s["status"] == "confirmed" else " (tentative)") for s in d["steps"])
+        print(f"| {captures.name} | {d['gap_before']:.0f} | {d['gap_after']:.1f} | {names} |", flush=True)
+        for left in d["unexplained"][:5]:
+            print("    left:", left["description"])
+
+
+main(*sys.argv[1:])
