@@ -1,6 +1,6 @@
 //! Noise of whole frames.
 
-use super::rows::{present_columns, present_rows};
+use super::rows::{common, present_columns, present_rows};
 use super::{Proposal, deviation, list, lowest};
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::model::current;
@@ -22,11 +22,7 @@ fn present_flicker(e: &Evidence<'_>) -> f64 {
 pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let (w, h) = e.size();
-        let excess = pooled(e.design.conditions.iter().enumerate().filter_map(|(i, c)| {
-            let k = e.gain(c).powi(2);
-            let x = e.component(i, What::FrameVariance, w * h)?;
-            Some(Estimated { value: x.value / k, se: x.se / k })
-        }))?;
+        let excess = common(e, What::FrameVariance, w * h)?;
         let present = match current(e.camera, "frame-offset-noise") {
             Some(Effect::FrameOffsetNoise(x)) => f64::from(x.sigma_e),
             _ => 0.0,
