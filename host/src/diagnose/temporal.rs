@@ -73,6 +73,15 @@ pub fn mean(values: &[f32]) -> f64 {
     values.chunks(1 << 12).map(lanes::sum).sum::<f64>() / values.len() as f64
 }
 
+/// What the frames of a batch are taken against.
+struct Batch {
+    mean: Vec<f32>,
+    /// Mean of all pixels.
+    level: f64,
+    /// Means of rows less `level`.
+    rows: Vec<f64>,
+}
+
 /// Collects [`Temporal`].
 pub struct Collector {
     t: Temporal,
@@ -130,9 +139,12 @@ impl Collector {
         }
         self.sum.iter_mut().zip(&mean).for_each(|(s, &m)| *s += f64::from(m));
         mean.iter_mut().for_each(|m| *m /= n as f32);
+        let level = self::mean(&mean);
+        let rows = mean.chunks(w).map(|row| lanes::sum(row) / w as f64 - level).collect();
+        let batch = Batch { mean, level, rows };
         let (mut here, mut before) = (vec![0.0f32; w * h], vec![0.0f32; w * h]);
         for (i, frame) in frames.iter().enumerate() {
-            add_frame(self, frame, &mean, &mut here);
+            add_frame(self, frame, &batch, &mut here);
             if i > 0 {
                 let lags = self.t.pixel_lag.iter_mut();
                 lags.zip(&here).zip(&before).for_each(|((l, a), b)| *l += a * b);
@@ -146,12 +158,12 @@ impl Collector {
 
     /// One frame: its residuals go into `out`.
     #[inline(always)]
-    fn frame(&mut self, frame: &Plane<u16>, mean: &[f32], out: &mut [f32]) {
+    fn frame(&mut self, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
         let t = &mut self.t;
         let (w, h) = (t.width, t.height);
         let mut row_means = vec![0.0f64; h];
         let mut column_sums = vec![0.0f32; w];
-        let rows = frame.data.chunks(w).zip(mean.chunks(w)).zip(out.chunks_mut(w));
+        let rows = frame.data.chunks(w).zip(batch.mean.chunks(w)).zip(out.chunks_mut(w));
         for (((codes, mean), out), row_mean) in rows.zip(&mut row_means) {
             for (x, &c) in codes.iter().enumerate() {
                 if let Some(bins) = self.histogram.get_mut(usize::from(c)) {
@@ -165,11 +177,9 @@ impl Collector {
             *row_mean = lanes::sum(out) / w as f64;
         }
         let offset = row_means.iter().sum::<f64>() / h as f64;
-        let level = self::mean(mean);
-        t.frame_means.push(level + offset);
+        t.frame_means.push(batch.level + offset);
         row_means.iter_mut().for_each(|r| *r -= offset);
-        let batch = mean.chunks(w).map(|row| lanes::sum(row) / w as f64 - level);
-        t.row_means.extend(row_means.iter().zip(batch).map(|(r, b)| (r + b) as f32));
+        t.row_means.extend(row_means.iter().zip(&batch.rows).map(|(r, b)| (r + b) as f32));
         let column_means: Vec<f64> =
             column_sums.iter().map(|&s| f64::from(s) / h as f64 - offset).collect();
         self.rows.add(&row_means, &mut t.row_power);
@@ -225,8 +235,8 @@ impl Collector {
 
 /// Vectorised where the processor can.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-fn add_frame(collector: &mut Collector, frame: &Plane<u16>, mean: &[f32], out: &mut [f32]) {
-    collector.frame(frame, mean, out);
+fn add_frame(collector: &mut Collector, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
+    collector.frame(frame, batch, out);
 }
 
 /// Mean product of pixels (dx, dy) apart.
