@@ -8,6 +8,7 @@ use crate::formats::output::OutputDir;
 use crate::formats::{Format, Frames};
 use crate::optics::Options;
 use crate::render::{self, Arithmetic, CubeHeader, Exposure, IrradianceCube};
+use crate::rig::SensorStage;
 use crate::scene::photometry::HC;
 use crate::scene::{self, Bands, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use crate::{Error, Result};
@@ -25,6 +26,8 @@ pub struct TakeOptions<'a> {
     pub first_frame: u32,
     /// Arithmetic of the sensor stage.
     pub arithmetic: Arithmetic,
+    /// Address of the rig that takes the frames; this process unless given.
+    pub rig: Option<&'a str>,
 }
 
 /// Takes every stack of a plan and writes a capture set. Frames are numbered through from
@@ -32,7 +35,7 @@ pub struct TakeOptions<'a> {
 /// frame done.
 ///
 /// # Errors
-/// A plan that saturates where it does not say so, and what rendering refuses.
+/// A plan that saturates where it does not say so, what rendering refuses, and a rig that does not answer.
 pub fn take(
     camera: &Camera,
     plan: &[Shot],
@@ -40,6 +43,7 @@ pub fn take(
     options: &TakeOptions<'_>,
     mut progress: impl FnMut(),
 ) -> Result<()> {
+    let mut sensor = SensorStage::open(options.rig, options.arithmetic)?;
     let output = OutputDir::create(directory, options.force)?;
     let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
     let mut frame_number = options.first_frame;
@@ -69,12 +73,13 @@ pub fn take(
             }
         };
         let exposure = Exposure::new(camera, &cube.header, 1.0)?;
+        sensor.set_camera(&exposure)?;
         let (mut saturated, mut samples) = (0u64, 0u64);
         for i in 0..shot.frames {
             let settings = settings(camera, shot, frame_number);
             frame_number = frame_number.wrapping_add(1);
             let before = (i > 0).then_some(cube);
-            let frame = exposure.frame(cube, before, &settings, options.arithmetic)?;
+            let frame = sensor.frame(&exposure, cube, before, &settings)?;
             let white = frame.white_level_dn;
             saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
             samples += frame.data.len() as u64;

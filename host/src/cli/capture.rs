@@ -12,7 +12,8 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Built-in plans: diagnosis, optics, emva, ptc, paper. Example:\n  \
     camrig capture --camera mt9v024 --plan ptc -o captures\n  \
-    camrig measure ptc captures")]
+    camrig measure ptc captures\n  \
+    camrig capture --camera mt9v024 --size 128,128 --plan ptc --rig emulator: -o from-rig")]
 pub struct Args {
     /// Camera file or preset
     #[arg(long, value_name = "C")]
@@ -35,6 +36,9 @@ pub struct Args {
     /// Arithmetic of the sensor stage
     #[arg(long, value_enum, default_value_t)]
     arith: Arithmetic,
+    /// Let a rig take the frames: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
+    #[arg(long, value_name = "URL")]
+    rig: Option<String>,
     /// Replace an existing set
     #[arg(long)]
     force: bool,
@@ -69,6 +73,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         force: args.force,
         first_frame: args.frame_seed,
         arithmetic: args.arith,
+        rig: args.rig.as_deref(),
     };
     take::take(&camera, &shots, &args.output, &options, || bar.inc(1))?;
     bar.finish_and_clear();

@@ -6,7 +6,7 @@ use crate::camera::{Camera, changes};
 use crate::optics::{Misplaced, NodeReport, Options, content};
 use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, View};
 use crate::report::simulation;
-use crate::rig::{FrameRequest, Rig};
+use crate::rig::SensorStage;
 use crate::scene::{Illuminant, LightLevel};
 use sensor_core::config::FrameSettings;
 use serde_json::json;
@@ -223,10 +223,8 @@ pub fn expose_frames(
     illuminant: Option<&Illuminant>,
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
-    let mut rig = args.rig.as_deref().map(Rig::open).transpose()?;
-    if let Some(rig) = &mut rig {
-        rig.set_camera(exposure)?;
-    }
+    let mut sensor = SensorStage::open(args.rig.as_deref(), args.arith)?;
+    sensor.set_camera(exposure)?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.
     let (mut moved, mut moved_before) = (None, None);
@@ -237,19 +235,7 @@ pub fn expose_frames(
         let cube = moved.as_ref().unwrap_or(first);
         let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
         let settings = args.settings(camera, i);
-        let mut take = |settings: &FrameSettings| match &mut rig {
-            None => exposure.frame(cube, before, settings, args.arith),
-            Some(rig) => {
-                let request = FrameRequest {
-                    settings: *settings,
-                    arithmetic: args.arith,
-                    collapse: false,
-                    lit_before: before.is_some() && next.is_none(),
-                    by_registers: false,
-                };
-                rig.frame(cube, exposure, &request)?.to_raw(exposure)
-            }
-        };
+        let mut take = |settings: &FrameSettings| sensor.frame(exposure, cube, before, settings);
         let frame = match args.hdr {
             None => take(&settings)?,
             Some(hdr) => {

@@ -80,6 +80,16 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
         assert_eq!(read("d1"), read("d2"), "{file}");
     }
 
+    // A rig takes the same captures, so that the diagnosis is the same.
+    let rig = "capture --camera true.toml --plan diagnosis --frame-seed 5 --rig emulator: -o rig";
+    camrig_ok(dir, rig);
+    for stack in ["dark-00", "flat-02"] {
+        let read = |set: &str| std::fs::read(dir.join(set).join(stack).join("0001.npy")).unwrap();
+        assert_eq!(read("rig"), read("captures"), "{stack}");
+    }
+    camrig_ok(dir, "diagnose base.toml rig -o d4");
+    assert_eq!(diagnosis(&dir.join("d4")), found, "from a rig as from files");
+
     // Without its own entry an effect is not pressed into another name.
     let left = camrig(dir, "diagnose base.toml captures -o d3 --without row-temporal-noise");
     assert_eq!(left.status.code(), Some(1));

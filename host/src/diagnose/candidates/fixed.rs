@@ -9,12 +9,11 @@ use crate::diagnose::model::current;
 use crate::diagnose::spatial::PERIODS;
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
-    Effect, amp_glow::AmpGlow, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
+    Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
     defective_pixels::DefectivePixels, green_imbalance::GreenImbalance, hot_pixels::HotPixels,
-    pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, prnu_low_frequency::PrnuLowFrequency,
-    readout_channel_mismatch::ReadoutChannelMismatch, relative_illumination::RelativeIllumination,
-    row_offset_fpn::RowOffsetFpn,
+    pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, readout_channel_mismatch::ReadoutChannelMismatch,
+    relative_illumination::RelativeIllumination, row_offset_fpn::RowOffsetFpn,
 };
 
 /// Excess of a variance in a map, in units of `unit`².
@@ -280,20 +279,20 @@ pub fn doubling(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
-/// Means over 16x16 pixels with outliers held, and where they are: (u, v, value).
-fn block_means(plane: &Plane<f32>, clip: f64) -> Vec<(f64, f64, f64)> {
+/// Means over 16x16 pixels, those further than `clip` from the block's median held, and where they are: (u, v, value).
+pub(super) fn block_means(plane: &Plane<f32>, clip: f64) -> Vec<(f64, f64, f64)> {
     let (w, h) = (plane.width, plane.height);
-    let mean = plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / plane.data.len() as f64;
-    let mut out = Vec::new();
+    let clip = clip as f32;
+    let (mut out, mut block) = (Vec::new(), Vec::with_capacity(256));
     for by in 0..h / 16 {
         for bx in 0..w / 16 {
-            let mut sum = 0.0;
+            block.clear();
             for row in plane.data.chunks(w).skip(by * 16).take(16) {
-                sum += row[bx * 16..bx * 16 + 16]
-                    .iter()
-                    .map(|&v| (f64::from(v) - mean).clamp(-clip, clip))
-                    .sum::<f64>();
+                block.extend_from_slice(&row[bx * 16..bx * 16 + 16]);
             }
+            let median = *block.select_nth_unstable_by(128, f32::total_cmp).1;
+            let sum: f64 =
+                block.iter().map(|&v| f64::from(v.clamp(median - clip, median + clip))).sum();
             let u = (bx as f64 * 16.0 + 8.0) / w as f64 * 2.0 - 1.0;
             let v = (by as f64 * 16.0 + 8.0) / h as f64 * 2.0 - 1.0;
             out.push((u, v, sum / 256.0));
@@ -303,7 +302,10 @@ fn block_means(plane: &Plane<f32>, clip: f64) -> Vec<(f64, f64, f64)> {
 }
 
 /// Least-squares amplitude of a template on block means, both without their means, and what it explains.
-fn amplitude(blocks: &[(f64, f64, f64)], template: impl Fn(f64, f64) -> f64) -> (f64, f64, f64) {
+pub(super) fn amplitude(
+    blocks: &[(f64, f64, f64)],
+    template: impl Fn(f64, f64) -> f64,
+) -> (f64, f64, f64) {
     let n = blocks.len() as f64;
     let t: Vec<f64> = blocks.iter().map(|b| template(b.0, b.1)).collect();
     let (mt, mb) = (t.iter().sum::<f64>() / n, blocks.iter().map(|b| b.2).sum::<f64>() / n);
@@ -313,47 +315,6 @@ fn amplitude(blocks: &[(f64, f64, f64)], template: impl Fn(f64, f64) -> f64) -> 
         tt += (t - mt).powi(2);
     }
     (tb / tt.max(1e-300), tt, tb * tb / tt.max(1e-300))
-}
-
-/// A glow at the edge of the dark-current map.
-pub fn amp_glow(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        if current(e.camera, "amp-glow").is_some() {
-            return None;
-        }
-        let map = e.map(MapKind::DarkCurrent)?;
-        let sd = map.spatial.pixel_variance.sqrt();
-        let blocks = block_means(&map.plane, 6.0 * sd.max(1e-12));
-        let aspect = map.plane.height as f64 / map.plane.width as f64;
-        let mut best: Option<(f64, f64, f64, f64, f64, f64)> = None;
-        for yi in -6i32..=6 {
-            for xi in -6i32..=6 {
-                let (x0, y0) = (f64::from(xi) * 0.2, f64::from(yi) * 0.2);
-                for width in [0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0] {
-                    let (a, tt, gain) = amplitude(&blocks, |u, v| {
-                        let (dx, dy) = (u - x0, (v - y0) * aspect);
-                        (-0.5 * (dx * dx + dy * dy) / (width * width)).exp()
-                    });
-                    if a > 0.0 && best.is_none_or(|b| gain > b.0) {
-                        best = Some((gain, a, tt, x0, y0, width));
-                    }
-                }
-            }
-        }
-        let (gain, a, tt, x, y, width) = best?;
-        let noise = map.spatial.pixel_variance / 256.0;
-        let effect =
-            AmpGlow { rate_e_per_s: a as f32, x: x as f32, y: y as f32, width: width as f32 };
-        // Place and width were searched for: their look-elsewhere takes about 3 standard errors.
-        let strength = ((gain / noise).sqrt() - 3.0).max(0.0);
-        Some(
-            Proposal::new("amp-glow", effect.into(), strength)
-                .with("rate_e_per_s", a, (noise / tt).sqrt())
-                .with("x", x, 0.1)
-                .with("y", y, 0.1)
-                .with("width", width, 0.25 * width),
-        )
-    })())
 }
 
 /// A slope in the dark-current map.
@@ -407,40 +368,6 @@ pub fn column_gain(e: &Evidence<'_>) -> Vec<Proposal> {
         _ => 0.0,
     };
     spread("column-gain-fpn", "sigma", present, x, |s| ColumnGainFpn { sigma: s }.into())
-}
-
-/// Smooth structure of the gain map.
-pub fn smooth_gain(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let map = e.map(MapKind::Gain).filter(|m| m.even)?;
-        let place = Place::Map(MapKind::Gain);
-        let s = &map.spatial;
-        // Root mean square of the five slopes and of the blocks they leave, noise taken off.
-        let slopes: f64 = s.slopes.iter().map(|k| k * k).sum();
-        let mut noise = 0.0;
-        for i in 0..5 {
-            noise += e.model.of.get(&(place, What::Slope(i)))?.sd.powi(2);
-        }
-        let blocks = (e.measured(place, What::MapBlocks)? * s.pixel_variance
-            - e.predicted(place, What::MapBlocks)? * e.predicted(place, What::PixelPattern)?)
-            / 256.0;
-        let present = match current(e.camera, "prnu-low-frequency") {
-            Some(Effect::PrnuLowFrequency(x)) => f64::from(x.sigma),
-            _ => 0.0,
-        };
-        let value =
-            (slopes - if present > 0.0 { 0.0 } else { noise } + blocks.max(0.0)).max(0.0).sqrt();
-        let strength = (slopes / noise * 5.0 - 5.0) / 10f64.sqrt();
-        // Structure finer than the slopes asks for more half waves.
-        let order = if blocks > 0.3 * slopes { 4.0 } else { 2.0 };
-        let effect = PrnuLowFrequency { sigma: value as f32, order };
-        let strength = strength.max(e.difference(place, What::MapBlocks)?.z());
-        Some(
-            Proposal::new("prnu-low-frequency", effect.into(), strength)
-                .with("sigma", value, value / 8f64.sqrt())
-                .with("order", f64::from(order), f64::NAN),
-        )
-    })())
 }
 
 /// Radial fall-off of the gain map.

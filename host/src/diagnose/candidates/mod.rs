@@ -8,11 +8,14 @@
 mod converter;
 mod fixed;
 mod frames;
+mod glow;
 mod noise;
 mod optics;
 mod response;
 mod rows;
+mod smooth;
 mod waves;
+mod well;
 
 use super::evidence::{Estimated, Evidence};
 use super::model;
@@ -146,11 +149,11 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("hot-pixels", fixed::hot_pixels),
     ("dark-current", fixed::dark_current),
     ("dark-current-temperature", fixed::doubling),
-    ("amp-glow", fixed::amp_glow),
+    ("amp-glow", glow::amp_glow),
     ("dark-current-gradient", fixed::gradient),
     ("prnu", fixed::prnu),
     ("column-gain-fpn", fixed::column_gain),
-    ("prnu-low-frequency", fixed::smooth_gain),
+    ("prnu-low-frequency", smooth::low_frequency),
     ("relative-illumination", |e| {
         join(fixed::relative_illumination(e), optics::estimate(e, "relative-illumination"))
     }),
@@ -161,7 +164,7 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("system-gain", response::system_gain),
     ("quantum-efficiency", response::quantum_efficiency),
     ("nonlinearity", response::nonlinearity),
-    ("full-well", response::full_well),
+    ("full-well", well::full_well),
     ("optical-crosstalk", |e| {
         join(response::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
     }),

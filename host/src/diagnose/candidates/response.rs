@@ -3,14 +3,13 @@
 use super::{Proposal, list};
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
-use crate::diagnose::maps::{MapKind, reference_dark, saturated};
+use crate::diagnose::maps::{MapKind, reference_dark};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
-    full_well::FullWell, image_lag::ImageLag, nonlinearity::Nonlinearity,
-    optical_crosstalk::OpticalCrosstalk, quantum_efficiency::QuantumEfficiency,
-    system_gain::SystemGain,
+    image_lag::ImageLag, nonlinearity::Nonlinearity, optical_crosstalk::OpticalCrosstalk,
+    quantum_efficiency::QuantumEfficiency, system_gain::SystemGain,
 };
 
 /// Measured over predicted signal of a channel of a flat, less 1.
@@ -221,82 +220,6 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     out.truncate(2);
     out
-}
-
-/// The brightest flats fall short of the line.
-pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
-    let top = e.of_role(Role::Flat).max_by(|a, b| {
-        let of = |c: &crate::diagnose::design::Condition| c.photo_e.iter().sum::<f64>();
-        of(a.1).total_cmp(&of(b.1))
-    });
-    let Some((i, c)) = top else { return Vec::new() };
-    let held = match current(e.camera, "full-well") {
-        Some(Effect::FullWell(x)) => Some((f64::from(x.full_well_e), f64::from(x.knee))),
-        _ => None,
-    };
-    let own = e.camera.effects.iter().any(|x| matches!(x, Effect::FullWell(_)));
-    let made = (|| {
-        let signal = e.signal(i)? / e.gain(c);
-        let short = e.difference(Place::Stack(i), What::Mean(0))?;
-        let change = short.value / e.gain(c);
-        if signal <= 0.0 || saturated(&e.stacks[i]) > 0.5 {
-            return None;
-        }
-        // Spread of the charge over pixels and time.
-        let prnu = e.camera.sensor.noise.prnu;
-        let knees: Vec<(f64, f64)> = match held.filter(|_| own) {
-            // The well moves by what is missing over the share of pixels that it stops; the knee stays.
-            Some((w, k)) => {
-                let spread = (signal + (prnu * signal).powi(2)).sqrt();
-                let stopped = 0.5
-                    * libm::erfc((w - signal - change.abs()) / spread / std::f64::consts::SQRT_2);
-                vec![(w + change / stopped.clamp(0.1, 1.0), k)]
-            }
-            None => {
-                let asked = signal - change;
-                let spread = (asked + (prnu * asked).powi(2)).sqrt();
-                [0.0, 0.02, 0.05, 0.1]
-                    .into_iter()
-                    .filter_map(|k: f64| solve_well(asked, -change, k, spread).map(|w| (w, k)))
-                    .collect()
-            }
-        };
-        Some((knees, short))
-    })();
-    let Some((wells, short)) = made else { return Vec::new() };
-    wells
-        .into_iter()
-        .map(|(w, k)| {
-            let effect = FullWell { full_well_e: w as f32, knee: k as f32 };
-            Proposal::new("full-well", effect.into(), short.z().abs())
-                .with("full_well_e", w, short.se / e.gain(c))
-                .with("knee", k, f64::NAN)
-        })
-        .collect()
-}
-
-/// The full well at which charge of mean `asked` and normal `spread` loses `missing` in the mean, with a knee of this width.
-fn solve_well(asked: f64, missing: f64, knee: f64, spread: f64) -> Option<f64> {
-    if missing <= 0.0 {
-        return None;
-    }
-    let lost = |w: f64| {
-        if knee == 0.0 {
-            // E[max(x − w, 0)] = s (φ(t) + t Φ(t)), t = (mean − w)/s.
-            let t = (asked - w) / spread;
-            let density = (-0.5 * t * t).exp() / std::f64::consts::TAU.sqrt();
-            return spread * (density + t * 0.5 * libm::erfc(-t / std::f64::consts::SQRT_2));
-        }
-        let width = knee * w;
-        let t = (asked - w) / width;
-        if t > 30.0 { asked - w } else { width * t.exp().ln_1p() }
-    };
-    let (mut low, mut high) = (0.3 * asked, 3.0 * asked);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if lost(middle) > missing { low = middle } else { high = middle }
-    }
-    Some(0.5 * (low + high))
 }
 
 /// Channels lean towards each other.

@@ -14,22 +14,24 @@ use sensor_core::effects::{
 /// The strongest line of the dark frames' power.
 pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
-        let (w, h) = e.size();
         let (stack, c) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.frames)?;
-        let place = Place::Stack(stack);
-        let plane = e.difference(place, What::PlanePeak).map_or(0.0, |d| d.z());
-        let row = e.difference(place, What::RowPeak).map_or(0.0, |d| d.z());
         let t = &e.stacks[stack];
-        let k = e.gain(c);
-        // A plane wave's power is A²wh/4, a wave along the column only shows as row means with A²h/4.
-        let (fx, fy, square, strength) = if plane >= row {
-            let (fx, fy, power) = plane_peak(t)?;
-            (fx, fy, 4.0 * power / (w * h), plane)
+        let z = |what| e.difference(Place::Stack(stack), what).map_or(0.0, |d| d.z());
+        let [plane, row, column] = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(z);
+        let power = Power::of(t)?;
+        let strength = plane.max(row).max(column);
+        let start = if plane == strength {
+            power.peak(|k, l| k > 0 && l > 0)?
+        } else if row == strength {
+            power.peak(|k, _| k == 0)?
         } else {
-            let (f, power) = line_peak(&t.row_power, h);
-            (0.0, f, 4.0 * power / h, row)
+            power.peak(|_, l| l == 0)?
         };
-        let amplitude = square.max(0.0).sqrt() / k;
+        let [fx, fy, line] = power.fit(start);
+        let k = e.gain(c);
+        // A wave's power in its bin is A²wh/4.
+        let (w, h) = e.size();
+        let amplitude = (4.0 * line / (w * h)).sqrt() / k;
         // Relative error of an amplitude seen in `dof` frames against white noise.
         let v = e.variance(stack)?.0 / (k * k);
         let se = (2.0 * v / (w * h) / t.dof).sqrt();
@@ -47,55 +49,142 @@ pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
-/// Frequencies and power above white of the strongest wave: a wave between two bins leaks, so the bins around count.
-fn plane_peak(t: &Temporal) -> Option<(f64, f64, f64)> {
-    let power = t.power.as_ref()?;
-    let (w, h) = (t.width, t.height);
-    let half = w / 2 + 1;
-    let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b]))?;
-    let (y, x) = (at / half, at % half);
-    let white = power.iter().map(|&p| f64::from(p)).sum::<f64>() / power.len() as f64;
-    let get = |dy: isize, dx: isize| -> f64 {
-        let yy = (y as isize + dy).rem_euclid(h as isize) as usize;
-        let xx = x as isize + dx;
-        if xx < 0 || xx >= half as isize {
-            0.0
-        } else {
-            f64::from(power[yy * half + xx as usize]) - white
-        }
-    };
-    let mut sum = 0.0;
-    for dy in -3..=3 {
-        for dx in -3..=3 {
-            sum += get(dy, dx).max(0.0);
-        }
-    }
-    let between = |low: f64, here: f64, high: f64| {
-        let root = |p: f64| p.max(0.0).sqrt();
-        let (l, m, r) = (root(low), root(here), root(high));
-        if r > l { r / (m + r) } else { -l / (m + l) }
-    };
-    let fx = (x as f64 + between(get(0, -1), get(0, 0), get(0, 1))) / w as f64;
-    let fy = (y as f64 + between(get(-1, 0), get(0, 0), get(1, 0))) / h as f64;
-    // On the edges of the half spectrum a wave is there once, elsewhere its mirror image is left out.
-    Some((fx.clamp(0.0, 0.5), if fy > 0.5 { fy - 1.0 } else { fy }, sum))
+/// Power of frames over two frequencies: of the residuals of pixels, and of the means of rows and columns that they lack.
+struct Power<'a> {
+    t: &'a Temporal,
+    plane: &'a [f32],
+    /// Power without waves: of pixels, of row means, of column means, as that of pixels.
+    white: [f64; 3],
 }
 
-fn line_peak(power: &[f64], n: f64) -> (f64, f64) {
+/// A bin: frequency along a row, 0 to half the columns, and along a column, wrapped.
+type Bin = (usize, usize);
+
+impl<'a> Power<'a> {
+    fn of(t: &'a Temporal) -> Option<Self> {
+        let plane = t.power.as_deref()?;
+        let middle = |power: &mut dyn Iterator<Item = f64>| {
+            let mut sorted: Vec<f64> = power.collect();
+            sorted.sort_by(f64::total_cmp);
+            // The median of χ² of 2 `dof` degrees of freedom over its mean (Wilson & Hilferty 1931).
+            sorted[sorted.len() / 2] / (1.0 - 1.0 / (9.0 * t.dof)).powi(3)
+        };
+        let white = [
+            middle(&mut plane.iter().map(|&p| f64::from(p))),
+            middle(&mut t.row_power.iter().map(|p| p * t.width as f64)),
+            middle(&mut t.column_power.iter().map(|p| p * t.height as f64)),
+        ];
+        Some(Self { t, plane, white })
+    }
+
+    /// Power of a bin, and that without waves.
+    fn at(&self, (k, l): Bin) -> (f64, f64) {
+        let (w, h) = (self.t.width, self.t.height);
+        // A mean's mirror image is in the list of means once.
+        let mirrored = l.min(h - l);
+        match (k, mirrored) {
+            (0, 0) => (self.white[0], self.white[0]),
+            (0, l) => (self.t.row_power[l - 1] * w as f64, self.white[1]),
+            (k, 0) => (self.t.column_power[k - 1] * h as f64, self.white[2]),
+            _ => (f64::from(self.plane[l * (w / 2 + 1) + k]), self.white[0]),
+        }
+    }
+
+    fn bins(&self) -> impl Iterator<Item = Bin> {
+        let (half, h) = (self.t.width / 2 + 1, self.t.height);
+        (0..h).flat_map(move |l| (0..half).map(move |k| (k, l)))
+    }
+
+    /// The bin of a kind that is highest above what it has without waves.
+    fn peak(&self, wanted: impl Fn(usize, usize) -> bool) -> Option<Bin> {
+        let over = |b: &Bin| {
+            let (power, white) = self.at(*b);
+            power / white
+        };
+        let wanted = self.bins().filter(|&(k, l)| wanted(k, l));
+        wanted.max_by(|a, b| over(a).total_cmp(&over(b)))
+    }
+
+    /// The bin of frequencies of any sign: that of a wave is that of its mirror image.
+    fn wrapped(&self, k: isize, l: isize) -> Bin {
+        let (w, h) = (self.t.width as isize, self.t.height as isize);
+        let k = k.rem_euclid(w);
+        let (k, l) = if k > w / 2 { (w - k, -l) } else { (k, l) };
+        (k as usize, l.rem_euclid(h) as usize)
+    }
+
+    /// Cycles per column and per row, and power of the wave near a bin, by Whittle's likelihood of the bins around: a wave
+    /// between bins leaks into them as (sin πd / πd)² of its distance along each axis.
+    fn fit(&self, (k0, l0): Bin) -> [f64; 3] {
+        let (w, h) = (self.t.width as f64, self.t.height as f64);
+        let leak = LEAK as isize;
+        let mut around = Vec::new();
+        for dl in -leak..=leak {
+            for dk in -leak..=leak {
+                let (power, white) = self.at(self.wrapped(k0 as isize + dk, l0 as isize + dl));
+                around.push((dk as f64, dl as f64, power, white));
+            }
+        }
+        // Twice the negative logarithm of the likelihood, per frame, of a line of this power at (dk, dl) bins from the peak.
+        let deviance = |dk: f64, dl: f64, line: f64| -> f64 {
+            let of = |(x, y, power, white): &(f64, f64, f64, f64)| {
+                let expected = white + line * (sinc(x - dk) * sinc(y - dl)).powi(2);
+                expected.ln() + power / expected
+            };
+            around.iter().map(of).sum()
+        };
+        let line_at = |dk: f64, dl: f64| -> f64 {
+            let (power, white) = self.at((k0, l0));
+            let top = (power - white).max(white);
+            let line = |x: f64| top * x.exp();
+            let best = minimum(-2.0, 4.0, 24, |x| deviance(dk, dl, line(x)));
+            line(best)
+        };
+        let (mut at, mut step) = ((0.0, 0.0), 0.25);
+        while step > 1e-3 {
+            let mut best = (f64::INFINITY, at);
+            for i in -2..=2 {
+                for j in -2..=2 {
+                    let (dk, dl) = (at.0 + step * f64::from(i), at.1 + step * f64::from(j));
+                    let d = deviance(dk, dl, line_at(dk, dl));
+                    if d < best.0 {
+                        best = (d, (dk, dl));
+                    }
+                }
+            }
+            (at, step) = (best.1, step * 0.5);
+        }
+        let (fx, fy) = ((k0 as f64 + at.0) / w, (l0 as f64 + at.1) / h);
+        let sign = if fx < 0.0 { -1.0 } else { 1.0 };
+        let within = |f: f64| (f - f.round()).clamp(-0.5, 0.5);
+        [within(sign * fx), within(sign * fy), line_at(at.0, at.1)]
+    }
+}
+
+/// Where a function with one minimum between `low` and `high` has it, by golden section.
+pub(super) fn minimum(mut low: f64, mut high: f64, turns: usize, f: impl Fn(f64) -> f64) -> f64 {
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..turns {
+        let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+        if f(a) < f(b) { high = b } else { low = a }
+    }
+    0.5 * (low + high)
+}
+
+/// Frequency of the highest bin of the power of lines of `n` samples, between bins by its neighbours.
+fn line_peak(power: &[f64], n: f64) -> f64 {
     let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b])).unwrap_or(0);
     let mut sorted = power.to_vec();
     sorted.sort_by(f64::total_cmp);
     let white = sorted[sorted.len() / 2];
-    let get = |i: isize| power.get(i.max(0) as usize).map_or(0.0, |p| (p - white).max(0.0));
-    let i = at as isize;
-    let (l, m, r) = (get(i - 1).sqrt(), get(i).sqrt(), get(i + 1).sqrt());
+    let get = |i: usize| power.get(i).map_or(0.0, |p| (p - white).max(0.0).sqrt());
+    let (l, m, r) = (get(at.max(1) - 1), get(at), get(at + 1));
     let shift = if r > l { r / (m + r) } else { -l / (m + l) };
-    let sum: f64 = (-3..=3).map(|d| get(i + d)).sum();
-    ((at as f64 + 1.0 + shift) / n, sum)
+    (at as f64 + 1.0 + shift) / n
 }
 
 /// |sin(πx)/(πx)|: what is left of a wave of x periods in an exposure.
-fn sinc(x: f64) -> f64 {
+pub(super) fn sinc(x: f64) -> f64 {
     let x = std::f64::consts::PI * x;
     if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
 }
@@ -209,7 +298,7 @@ fn bands(e: &Evidence<'_>) -> Option<(f64, Vec<Band>)> {
     for f in &flats {
         pooled.iter_mut().zip(&f.stack.row_power).for_each(|(sum, p)| *sum += weight(f) * p);
     }
-    let (rows, _) = line_peak(&pooled, h);
+    let rows = line_peak(&pooled, h);
     let at = ((rows * h).round() as usize).clamp(1, pooled.len()) - 1;
     let (from, to) = (at.saturating_sub(LEAK), (at + LEAK + 1).min(pooled.len()));
     for f in &mut flats {
