@@ -45,11 +45,12 @@ fn row_correlated_noise<A: Arith>() {
         let config = monochrome(4, 4096, &[effect.into()]);
         let frames: Vec<Vec<f64>> =
             (0..24).map(|f| row_means(&flat::<A>(&config, &at(f), 0.0), 4)).collect();
-        let weight = |k: i32| 2f64.powf(f64::from(k) * (exponent - 1.0));
-        let total: f64 = (0..13).map(weight).sum();
+        let share = |k: i32| if k == 1 { 1.0 - 0.4 * exponent } else { 1.0 };
+        let weight = |k: i32| share(k) * 2f64.powf(f64::from(k) * (exponent - 1.0));
+        let total: f64 = (1..13).map(weight).sum();
         // Of differences, as the mean of a frame is not known: 2 (R(0) - R(h)).
         for lag in [1usize, 8, 100, 1000] {
-            let fall: f64 = (0..13)
+            let fall: f64 = (1..13)
                 .map(|k| {
                     let h = lag as f64 / 2f64.powi(k);
                     let left = match h {

@@ -6,7 +6,7 @@
 //! 3. [`replicate`]: the same stacks of the model, by `sensor-core` itself; [`prediction`]: mean and scatter of
 //!    every statistic, deviations, deviance, gap.
 //! 4. [`candidates`]: what each effect of the catalogue would have to be; [`session`], [`search`]: which earn their place.
-//! 5. [`verdict`]: what is said of it; [`improved`]: the camera file with what was found.
+//! 5. [`verdict`]: what is said of it, and of what is left where it is; [`improved`]: the camera file with what was found.
 //!
 //! The **gap** is the mean over statistics of the squared deviation of the held-out frames from the model, in
 //! units of what a replicate of the model scores against other replicates: 1.0 is as good as the right model can be.
@@ -35,6 +35,7 @@ pub mod statistics;
 pub mod tails;
 pub mod temporal;
 pub mod verdict;
+mod whereabouts;
 pub mod words;
 
 use design::Design;

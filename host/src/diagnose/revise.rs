@@ -2,9 +2,9 @@
 
 use super::candidates::Proposal;
 use super::prediction::{Key, Prediction, bounded};
-use super::search::{EARNS, LEAST, Step, TRIAL_RUNS, merged, same_shape};
+use super::search::{EARNS, FEW, LEAST, Step, TRIAL_RUNS, merged, same_shape};
 use super::session::{Half, Session, State};
-use super::statistics::Place;
+use super::statistics::{Place, What};
 use crate::Result;
 use crate::camera::Camera;
 
@@ -111,12 +111,19 @@ impl Session {
         steps: &mut Vec<Step>,
         nearest: &mut Vec<String>,
     ) -> Result<State> {
-        // A sensor with many effects leaves something of each; one or two names must fit.
-        if steps.len() > 2 {
+        // One or two names must fit.
+        if steps.len() > FEW {
             return Ok(state);
         }
-        let gross: Vec<(Key, f64)> =
-            self.unexplained(&state).into_iter().filter(|(_, z)| z.abs() > GROSS).collect();
+        // What the law of a map's pixels is like beyond its width is said, but takes no name back.
+        let shape = |(place, what): &Key| {
+            matches!((place, what), (Place::Map(_), What::Skewness | What::Kurtosis))
+        };
+        let gross: Vec<(Key, f64)> = self
+            .unexplained(&state)
+            .into_iter()
+            .filter(|(key, z)| z.abs() > GROSS && !shape(key))
+            .collect();
         let before = steps.len();
         steps.retain(|step| {
             let near = |key: &Key| {

@@ -5,6 +5,7 @@ use super::prediction::Key;
 use super::search::Outcome;
 use super::session::{Session, State};
 use super::statistics::{Place, Scale, What};
+use super::whereabouts::whereabouts;
 use super::{measures, model, words};
 use serde_json::{Value, json};
 
@@ -133,7 +134,11 @@ fn describe(
             _ => format!("{m:.4}, the model {p:.4}"),
         },
     };
-    format!("{statistic} in {place}: {size} ({z:+.1} standard deviations)")
+    let mut sentence = format!("{statistic} in {place}: {size} ({z:+.1} standard deviations)");
+    if let Some(more) = whereabouts(session, key) {
+        sentence = format!("{sentence}; {more}");
+    }
+    sentence
 }
 
 /// `diagnosis.json`.

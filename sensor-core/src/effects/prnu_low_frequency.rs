@@ -14,11 +14,11 @@ effect! {
         /// Root mean square of m
         sigma: "1", 0.0..=0.14;
         /// Highest number of half waves over the array
-        order: "1", 1.0..=8.0, default 2.0;
+        order: "1", 1.0..=4.0, default 2.0;
     }
 }
 
-const MAX_ORDER: usize = 8;
+const MAX_ORDER: usize = 4;
 
 /// cos(π(u+1)/2).
 #[inline(always)]

@@ -11,9 +11,11 @@ effect! {
     /// frequency.
     ///
     /// v += Σ_j σ_j s_j(y) z_j(cell, frame): octaves j = 0.. of 2^j cells per frame, in each cell a pulse that is up in
-    /// one half and down in the other (s = ±1, Haar's wavelet), wrapped around the frame from a random row d_j on, and
-    /// one white octave; z standard normal. σ_j² in proportion to L^(a−1), L = H/2^j rows the length of a cell, together
-    /// σ²: power density falls as f^−a from 1/2 cycle per row to one per frame, and the mean of a frame stays.
+    /// one half and down in the other (s = ±1, Haar's wavelet), wrapped around the frame from a random row d_j on;
+    /// z standard normal. σ_j² in proportion to L^(a−1), L = H/2^j rows the length of a cell, 1 − 0.4 a times that for the
+    /// shortest (two rows, which has what shorter ones would add near 1/2 cycle per row), together σ²: power density falls
+    /// as f^−a from 1/2 cycle per row to one per frame (within 4 % rms over ln f up to a = 0.8, 7 % at 1, 16 % at 1.4;
+    /// steeper laws end in the f^−2 of steps), and the mean of a frame stays.
     /// Slower noise is [`frame_offset_noise`](super::frame_offset_noise)'s, or is clamped away. The autocovariance
     /// of an octave is σ_j² (1 − 3h/L) up to h = L/2, then σ_j² (h/L − 1), for h < L (of j = 0 it is that of a square wave). Any row can be had without the
     /// others. Frames are independent. Input-referred. After the octave sums of Voss (Gardner 1978) and the wavelet
@@ -27,7 +29,7 @@ effect! {
 }
 
 /// Most octaves of rows.
-const OCTAVES: u32 = 15;
+const OCTAVES: u32 = 14;
 
 impl Stage for RowCorrelatedNoise {
     #[inline(always)]
@@ -37,25 +39,23 @@ impl Stage for RowCorrelatedNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let (mut sum, mut total, mut variance) = (0.0, 0.0, 1.0);
+        let (mut sum, mut total) = (0.0, 0.0);
         let ratio = math::exp(core::f32::consts::LN_2 * (self.exponent - 1.0));
-        // 2^j cells of two rows and more; then the white octave, whose cells are rows.
+        // 2^j cells of two rows or a little more, then longer ones.
         let height = u64::from(cx.height.max(1));
-        let octaves = (31 - cx.height.max(2).leading_zeros()).min(OCTAVES - 1);
-        for k in 0..=octaves {
-            // k = 0 is white, k = 1 has cells of two rows or a little more.
+        let octaves = (31 - cx.height.max(2).leading_zeros()).min(OCTAVES);
+        let (mut variance, mut share) = (1.0, 1.0 - 0.4 * self.exponent);
+        for k in 1..=octaves {
             let j = octaves - k;
             let first = u64::from(cx.per_frame(k, cx.frame).next_u32()) % height;
             let at = (u64::from(cx.row) + first) % height;
             let halves = (at << j) * 2 / height;
-            let (cell, sign) = if k == 0 {
-                (cx.row, 1.0)
-            } else {
-                ((halves >> 1) as u32, if halves & 1 == 0 { 1.0 } else { -1.0 })
-            };
-            sum += math::sqrt(variance) * sign * normal(&mut cx.per_row_and_frame(k, cell));
-            total += variance;
+            let sign = if halves & 1 == 0 { 1.0 } else { -1.0 };
+            let z = normal(&mut cx.per_row_and_frame(k, (halves >> 1) as u32));
+            sum += math::sqrt(variance * share) * sign * z;
+            total += variance * share;
             variance *= ratio;
+            share = 1.0;
         }
         super::add_offset::<A>(row, self.sigma_e * sum * math::rsqrt(total));
     }

@@ -15,6 +15,9 @@ const KEYS: [&str; BITS] =
 /// Standard errors from which on a bit's error is believed.
 const BELIEVED: f64 = 4.0;
 
+/// Steps of Newton's method, which takes the errors of errors to the third power and smaller.
+const NEWTON: usize = 4;
+
 /// How often each code came, and the standard deviation of the samples, DN.
 struct Codes<'a> {
     histogram: &'a [u32],
@@ -43,31 +46,37 @@ fn widening(bit: usize, code: usize) -> f64 {
 /// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one bit widens
 /// are not balanced by those it narrows, and would pass for another's.
 ///
-/// Σ_c d_b(c) h(c) = Σ_b' ε_b' Σ_c d_b(c) d_b'(c) h(c) over the stacks that are smooth over bit b, with d =
-/// [`widening`]; the left sides scatter as Poisson counts do.
+/// Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0 over the stacks that are smooth over bit b, with d = [`widening`]: per
+/// width the codes are as many with the bit as without. By Newton's method; the sums scatter as Poisson counts do.
 fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     let n = bits.len();
-    let (mut sums, mut matrix) = (DVector::<f64>::zeros(n), DMatrix::<f64>::zeros(n, n));
-    let mut covariance = DMatrix::zeros(n, n);
-    for stack in stacks {
-        let smooth: Vec<bool> = bits.iter().map(|&b| stack.smooth_over(b)).collect();
-        for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
-            let count = f64::from(count);
-            let widened: Vec<f64> = bits.iter().map(|&b| widening(b, code)).collect();
-            for i in (0..n).filter(|&i| smooth[i]) {
-                sums[i] += widened[i] * count;
-                for j in 0..n {
-                    let product = widened[i] * widened[j] * count;
-                    matrix[(i, j)] += product;
-                    covariance[(i, j)] += if smooth[j] { product } else { 0.0 };
+    let mut errors = DVector::<f64>::zeros(n);
+    let mut scatter = DMatrix::zeros(n, n);
+    for _ in 0..NEWTON {
+        let (mut sums, mut matrix) = (DVector::<f64>::zeros(n), DMatrix::<f64>::zeros(n, n));
+        let mut covariance = DMatrix::zeros(n, n);
+        for stack in stacks {
+            let smooth: Vec<bool> = bits.iter().map(|&b| stack.smooth_over(b)).collect();
+            for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
+                let widened: Vec<f64> = bits.iter().map(|&b| widening(b, code)).collect();
+                let width = 1.0 + widened.iter().zip(&errors).map(|(d, e)| d * e).sum::<f64>();
+                // A code that is missing altogether says no more than a very narrow one.
+                let density = f64::from(count) / width.max(0.05);
+                for i in (0..n).filter(|&i| smooth[i]) {
+                    sums[i] += widened[i] * density;
+                    for j in 0..n {
+                        let product = widened[i] * widened[j] * density;
+                        matrix[(i, j)] += product;
+                        covariance[(i, j)] += if smooth[j] { product } else { 0.0 };
+                    }
                 }
             }
         }
+        let inverse = matrix.try_inverse()?;
+        errors += &inverse * sums;
+        scatter = &inverse * covariance * inverse.transpose();
     }
-    let inverse = matrix.try_inverse()?;
-    let errors = &inverse * sums;
-    let covariance = &inverse * covariance * inverse.transpose();
-    Some((0..n).map(|i| Estimated { value: errors[i], se: covariance[(i, i)].sqrt() }).collect())
+    Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
 }
 
 /// The bits whose errors are believed: the weakest is left out until all are.
@@ -134,7 +143,7 @@ mod tests {
     /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well: only bit 2 has one.
     #[test]
     fn a_wrong_bit_is_not_taken_for_another() {
-        for error in [0.04, -0.04] {
+        for error in [0.04, -0.04, 0.3, -0.3] {
             let begins = |c: usize| c as f64 - 0.5 + if c & 4 != 0 { error } else { 0.0 };
             let means_and_sds = [(19.0, 2.0), (43.0, 2.5), (130.0, 12.0)];
             let all = means_and_sds.map(|(mean, sd)| (histogram(mean, sd, begins), sd));
@@ -145,8 +154,7 @@ mod tests {
             let found = errors(&stacks);
             assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [2]);
             let (value, se) = (found[0].1.value, found[0].1.se);
-            // A code that is wider counts more by the first order in ε; the second is ε² of it.
-            assert!((value - error).abs() < se + error * error, "{value} ± {se}, {error}");
+            assert!((value - error).abs() < 2.0 * se, "{value} ± {se}, {error}");
         }
     }
 }

@@ -11,7 +11,7 @@ use sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Most half waves over the map that are looked for.
-const MOST: usize = 8;
+const MOST: usize = 4;
 
 /// What a map shows of a product of two cosines.
 struct Wave {

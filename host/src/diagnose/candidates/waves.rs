@@ -15,14 +15,16 @@ use sensor_core::effects::{
 pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let (stack, c) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.frames)?;
-        let t = &e.stacks[stack];
-        let z = |what| e.difference(Place::Stack(stack), what).map_or(0.0, |d| d.z());
-        let [plane, row, column] = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(z);
+        let (t, place) = (&e.stacks[stack], Place::Stack(stack));
+        let peaks = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(|w| (place, w));
+        let z = |(place, what)| e.difference(place, what).map_or(0.0, |d| d.z());
+        let strength = peaks.map(z).into_iter().fold(0.0, f64::max);
+        // Each says by itself how rare it is in white noise.
+        let [plane, row, column] = peaks.map(|(place, w)| e.measured(place, w).unwrap_or(0.0));
         let power = Power::of(t)?;
-        let strength = plane.max(row).max(column);
-        let start = if plane == strength {
+        let start = if plane >= row.max(column) {
             power.peak(|k, l| k > 0 && l > 0)?
-        } else if row == strength {
+        } else if row >= column {
             power.peak(|k, _| k == 0)?
         } else {
             power.peak(|_, l| l == 0)?
