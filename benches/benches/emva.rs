@@ -10,9 +10,10 @@
 use camrig::camera::Camera;
 use camrig::captures::{CaptureSet, plan, take};
 use camrig::measure::emva;
+use camrig_benches::cost::{Time, memory, peak_bytes};
+use camrig_benches::frames::read_all;
 use std::path::Path;
 use std::process::Command;
-use std::time::Instant;
 
 /// Ten light levels and a dark of two frames, and a spatial pair of 39: 100 frames of one exposure time.
 const PLAN: &str = r#"
@@ -108,59 +109,6 @@ fn main() {
     let _ = std::fs::remove_dir_all(&folder);
 }
 
-/// Seconds of the clock, and of the processor over all threads.
-#[derive(Clone, Copy)]
-struct Time {
-    wall: f64,
-    cpu: f64,
-}
-
-impl Time {
-    fn most() -> Self {
-        Self { wall: f64::MAX, cpu: f64::MAX }
-    }
-
-    fn of(work: impl FnOnce()) -> Self {
-        let (start, cpu) = (Instant::now(), processor_seconds());
-        work();
-        Self { wall: start.elapsed().as_secs_f64(), cpu: processor_seconds() - cpu }
-    }
-
-    fn best(self, other: Self) -> Self {
-        Self { wall: self.wall.min(other.wall), cpu: self.cpu.min(other.cpu) }
-    }
-}
-
-impl std::fmt::Display for Time {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:7.3} s, {:7.3} s", self.wall, self.cpu)
-    }
-}
-
-/// Of this process, user and system, where Linux tells it (in hundredths of a second); else not a number.
-fn processor_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the program's name, which may hold blanks: state, then fields 4 on; 14 and 15 are the times.
-    let ticks = stat.rsplit_once(')').map(|(_, rest)| {
-        rest.split_whitespace().skip(11).take(2).filter_map(|t| t.parse::<f64>().ok()).sum::<f64>()
-    });
-    ticks.map_or(f64::NAN, |t| t / 100.0)
-}
-
-/// Reads every frame's bytes, piece by piece into one buffer per thread.
-fn read_all(set: &Path) {
-    use rayon::prelude::*;
-    let set = CaptureSet::load(set).expect("the set loads");
-    let files: Vec<_> = set.captures.iter().flat_map(|c| &c.files).collect();
-    files.into_par_iter().for_each_init(
-        || vec![0; 1 << 15],
-        |buffer, file| {
-            let mut file = std::fs::File::open(file).expect("the frame is there");
-            while std::io::Read::read(&mut file, buffer).expect("the frame can be read") > 0 {}
-        },
-    );
-}
-
 fn frames(folder: &Path, set: &Path) {
     let camera = folder.join("camera.toml");
     std::fs::write(&camera, CAMERA).expect("write");
@@ -173,15 +121,4 @@ fn frames(folder: &Path, set: &Path) {
 fn number(text: &str, key: &str) -> Option<f64> {
     let line = text.lines().find(|l| l.trim_start().starts_with(&format!("\"{key}\"")))?;
     line.split_once(':')?.1.trim().trim_end_matches(',').parse().ok()
-}
-
-/// This process's largest resident memory, where Linux tells it.
-fn peak_bytes() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
-    line.split_whitespace().nth(1)?.parse::<f64>().ok().map(|kib| kib * 1024.0)
-}
-
-fn memory(bytes: Option<f64>) -> String {
-    bytes.map_or("?".into(), |b| format!("{:.0} MiB", b / f64::from(1 << 20)))
 }

@@ -1,3 +1,5 @@
 //! Helpers shared by the benches.
 
+pub mod cost;
+pub mod frames;
 pub mod sensor;

@@ -18,6 +18,9 @@ pub(super) const TRIAL_RUNS: u64 = 4;
 const TRIALS: usize = 10;
 /// Most of them that edges, dots and charts gave.
 const LOOK_TRIALS: usize = 4;
+/// Mean square deviation of a model's replicates from each other, in units of that of the model at the start, from which on
+/// it explains nothing.
+const WILD: f64 = 3.0;
 /// Most effects named.
 const MOST: usize = 10;
 /// Most names of which each is doubted where something is left: a sensor with many effects leaves something of each.
@@ -167,7 +170,19 @@ impl Session {
                 settled.push(self.settle(&state, &trial.proposal)?);
             }
             settled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-            let Some(best) = settled.first().filter(|t| earns(t)).cloned() else { break };
+            let mut taken = None;
+            for trial in settled.iter().filter(|t| earns(t)) {
+                let mut named = state.named.clone();
+                trial.proposal.clone().join(&mut named);
+                let next = self.state(trial.proposal.applied(&state.camera), named)?;
+                let next = self.refit(next)?;
+                // Replicates that are far from each other agree with anything.
+                if next.norm.0 < WILD * before.norm.0 {
+                    taken = Some((trial.clone(), next));
+                    break;
+                }
+            }
+            let Some((best, next)) = taken else { break };
             let mut others: Vec<Trial> = settled.drain(..).chain(trials).collect();
             let mut seen = vec![best.proposal.kind];
             others.retain(|t| {
@@ -181,10 +196,6 @@ impl Session {
             {
                 twins.push((best.proposal.kind.to_string(), second.proposal.kind.to_string()));
             }
-            let mut named = state.named.clone();
-            best.proposal.clone().join(&mut named);
-            let next = self.state(best.proposal.applied(&state.camera), named)?;
-            let next = self.refit(next)?;
             let gaps = [&state, &next].map(|s| self.gap(&s.holdout, s.norm.0));
             let gave_away = self.moved(&state, &next);
             steps.push(Step {

@@ -83,7 +83,7 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     // A rig takes the same captures, so that the diagnosis is the same.
     let rig = "capture --camera true.toml --plan diagnosis --frame-seed 5 --rig emulator: -o rig";
     camrig_ok(dir, rig);
-    for stack in ["dark-00", "flat-02"] {
+    for stack in ["dark-long", "flat-02"] {
         let read = |set: &str| std::fs::read(dir.join(set).join(stack).join("0001.npy")).unwrap();
         assert_eq!(read("rig"), read("captures"), "{stack}");
     }

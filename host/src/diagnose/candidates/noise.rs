@@ -232,11 +232,9 @@ fn tukey_lambda(kurtosis: f64) -> (f64, f64) {
     (lambda, (tukey_kurtosis(lambda - 0.005) - tukey_kurtosis(lambda + 0.005)) / 0.01)
 }
 
-/// Share of the read noise that is Tukey's where not all is, at most: the rest is normal. Student's t, whose fourth and sixth
-/// cumulants are 6/(ν−4) and 240/((ν−4)(ν−6)), is then met in both to some per cent.
-const SHARE: f64 = 0.6;
-/// The λ from which the share starts: clear of 0, about which the stage keeps to the logistic law, and of the rare giants
-/// of smaller λ.
+/// The λ of a part of the read noise in longer tails than all of it would have, the rest being normal: so the fourth and sixth
+/// cumulants of Student's t, 6/(ν−4) and 240/((ν−4)(ν−6)), are met to some per cent. Clear of 0, about which the stage keeps
+/// to the logistic law, and of the rare giants of smaller λ.
 const LONGER: f64 = 0.04;
 
 /// Kurtosis of the dark residuals: read noise that follows Tukey's law altogether, or in part and in longer tails.
@@ -265,9 +263,11 @@ pub fn heavy_tails(e: &Evidence<'_>) -> Vec<Proposal> {
         if target < 0.02 {
             return None;
         }
+        let part = (target / tukey_kurtosis(LONGER)).sqrt();
         let shares = match share {
             Some(share) => vec![share],
-            None => vec![1.0, (target / tukey_kurtosis(LONGER)).sqrt().min(SHARE)],
+            None if part < 1.0 => vec![1.0, part],
+            None => vec![1.0],
         };
         let propose = |share: f64| {
             let (lambda, fall) = tukey_lambda(target / (share * share));
