@@ -42,6 +42,9 @@ def jobs(a):
             chosen = [str(k) for k in rng.choice(singles, size, replace=False)] if len(singles) >= size else []
             if chosen:
                 yield f"{group}/{d}", chosen, np.exp(rng.uniform(np.log(3), np.log(30), size)).tolist()
+    for d in range(a.leave_out):
+        for kind in singles:
+            yield f"without/{kind}/{d}", [kind], [10.0]
     strange = [k for k in a.kinds or generate.OUTSIDE if k in generate.OUTSIDE]
     for d in range(a.outside):
         for kind in strange:
@@ -64,6 +67,8 @@ def judge(key, kinds, times, seed, a):
         out = f"{folder}/set"
         generate.write(out, world, sensor)
         command = [a.camrig, "diagnose", f"{out}/camera.toml", out, "-o", f"{folder}/result", "--json"]
+        if key.startswith("without"):
+            command += [word for k in kinds for name in tally.ALSO.get(k, {k}) for word in ("--without", name)]
         start = time.monotonic()
         try:
             run = subprocess.run(command, capture_output=True, text=True, timeout=a.timeout)
@@ -105,6 +110,7 @@ def arguments():
     p.add_argument("--pairs", type=int, default=60)
     p.add_argument("--triples", type=int, default=40)
     p.add_argument("--outside", type=int, default=10, help="draws of each effect outside the catalogue")
+    p.add_argument("--leave-out", type=int, default=3, help="draws of each effect at 10 limits, its own entry left out")
     p.add_argument("--design", choices=generate.SIZES, default="small")
     p.add_argument("--jobs", type=int, default=2)
     p.add_argument("--timeout", type=float, default=600, help="seconds per set")

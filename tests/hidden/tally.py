@@ -92,7 +92,7 @@ def figures(cases):
     null, single, outside = of("null"), of("single"), of("outside")
     catalogued = of("single", "pair", "triple")
     found = lambda c: c.hidden <= set(c.confirmed)
-    confirmed = [(n, c) for c in cases for n in c.confirmed]
+    confirmed = [(n, c) for c in cases if c.group != "without" for n in c.confirmed]
     rows = [("false alarms where nothing is hidden (not `agrees`)", over(null, lambda c: c.answer["verdict"] != "agrees"),
              "1 %"),
             ("confirmed names where nothing is hidden", over(null, lambda c: c.confirmed), "1 %")]
@@ -114,6 +114,7 @@ def figures(cases):
     rows.append(("outside: not called `agrees`", over(outside, lambda c: c.answer["verdict"] not in (None, "agrees")), "-"))
     rows.append(("outside: right property on top", over(outside, Case.described), "90 %"))
     rows.append(("outside: draws with wrong tentative names", over(outside, lambda c: c.tentative), "< 10 %"))
+    rows.append(("own entry left out: no confirmed name", over(of("without"), lambda c: c.answered and not c.confirmed), "-"))
     rows.append((f"held-out gap at most {PASSES} after repair", over(catalogued, lambda c: c.answer["gap_after"] <= PASSES),
                  "95 %"))
     known = [p for c in catalogued for p in c.parameters()]
@@ -156,7 +157,7 @@ def one_line(line):
         return f"{line['key']}: FAILED {line['failure'][:200]}"
     c = Case(line)
     names = [n + ("" if n in c.confirmed else "?") for n in c.names]
-    wrong = "" if c.group == "outside" or set(c.names) == c.hidden else "  <-"
+    wrong = "" if c.group in ("outside", "without") or set(c.names) == c.hidden else "  <-"
     return f"{line['key']}: {c.answer['verdict']}, gap {c.answer['gap_after']:.2f}, {' '.join(names) or '-'}{wrong}"
 
 
@@ -180,6 +181,13 @@ def report(lines, seed):
               f"{100 * np.mean([abs(z) <= 1.645 for z, _, _ in p]):.0f} %",
               "" if np.isnan(p[0][1]) else f"{1.4826 * np.median(np.abs([b for _, b, _ in p])):.2f}"]
              for (kind, key), p in sorted(parameters.items())]
+    relatives = collections.defaultdict(collections.Counter)
+    for c in cases:
+        if c.group == "without":
+            named = " + ".join(n + ("" if n in c.confirmed else " (tentative)") for n in c.names)
+            relatives[next(iter(c.hidden))][named or c.answer["verdict"]] += 1
+    relatives = [[kind, "; ".join(f"{named}: {n}" for named, n in said.most_common())]
+                 for kind, said in sorted(relatives.items())]
     confusion = collections.Counter()
     for c in cases:
         if c.group in ("single", "outside", "null"):
@@ -198,7 +206,9 @@ def report(lines, seed):
         table(["effect", *(f"{t:g} x" for t in amounts), "half named at", "in class"], curve),
         "### Parameters", table(["effect", "parameter", "draws", "median error", "in 90 % interval", "error / bound"], known),
         "### Wrong or missing names",
-        table(["hidden", "named", "status", "", "draws"], [[*k, n] for k, n in confusion.most_common()])]
+        table(["hidden", "named", "status", "", "draws"], [[*k, n] for k, n in confusion.most_common()]),
+        "### Own entry left out of the catalogue\n\nAt 10 x the limit: what is said of an effect that has no name.",
+        table(["hidden", "said"], relatives)]
     if failed:
         parts += ["### Runs without an answer", table(["set", "what happened"], [
             [line["key"], line["failure"].replace("\n", " ").replace("|", "/")[:200]] for line in failed])]

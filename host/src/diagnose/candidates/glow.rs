@@ -105,3 +105,28 @@ fn refined(
     let inside = a > 0.0 && x.abs() <= 2.0 && y.abs() <= 2.0 && (0.01..=10.0).contains(&width);
     inside.then(|| (at, [0, 1, 2, 3].map(|i| fit.std_error(i))))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_glow_is_fitted_from_the_nearest_of_the_grid() {
+        let (size, truth) = ((256.0, 192.0), [7.0, -0.93, 0.41, 0.27]);
+        let [a, place @ ..] = truth;
+        let shape = glow(place, size);
+        let blocks: Vec<(f64, f64, f64)> = (0..12 * 16)
+            .map(|i| ((i % 16) as f64, (i / 16) as f64))
+            .map(|(i, j)| ((2.0 * i + 1.0) / 16.0 - 1.0, (2.0 * j + 1.0) / 12.0 - 1.0))
+            .map(|(u, v)| (u, v, 0.3 + a * shape(u, v)))
+            .collect();
+        let (found, errors) = refined(&blocks, 0.01, [6.0, -1.0, 0.4, 0.3], size).unwrap();
+        for (f, t) in found.iter().zip(truth) {
+            // Slopes are differences over 2e-3, good to 1e-6 of it.
+            assert!((f - t).abs() < 1e-5, "{found:?}");
+        }
+        assert!(errors.iter().all(|e| *e > 0.0 && *e < 0.05), "{errors:?}");
+        // The mean over a block of a glow much wider than it is the glow.
+        assert!((glow([0.0, 0.0, 9.0], size)(0.0, 0.0) - 1.0).abs() < 1e-3);
+    }
+}

@@ -7,14 +7,15 @@
 
 mod converter;
 mod fixed;
+mod flicker;
 mod frames;
 mod glow;
 mod noise;
 mod optics;
+mod periodic;
 mod response;
 mod rows;
 mod smooth;
-mod waves;
 mod well;
 
 use super::evidence::{Estimated, Evidence};
@@ -132,10 +133,10 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("row-temporal-noise", rows::row_temporal),
     ("column-temporal-noise", rows::column_temporal),
     ("row-correlated-noise", rows::row_correlated),
-    ("periodic-pattern-noise", waves::periodic),
+    ("periodic-pattern-noise", periodic::periodic),
     ("frame-offset-noise", frames::frame_offset),
     ("light-flicker", frames::light_flicker),
-    ("flicker-banding", waves::flicker_banding),
+    ("flicker-banding", flicker::flicker_banding),
     ("read-noise", noise::read_noise),
     ("read-noise-spread", noise::read_noise_spread),
     ("random-telegraph-noise", noise::telegraph),
@@ -240,6 +241,16 @@ fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) 
     (x, y)
 }
 
+/// Where a function with one minimum between `low` and `high` has it, by golden section.
+fn minimum(mut low: f64, mut high: f64, turns: usize, f: impl Fn(f64) -> f64) -> f64 {
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..turns {
+        let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+        if f(a) < f(b) { high = b } else { low = a }
+    }
+    0.5 * (low + high)
+}
+
 #[cfg(test)]
 mod tests {
     #[test]
@@ -250,5 +261,7 @@ mod tests {
         assert!((x - 0.3).abs() < 1e-3 && (y - 0.09).abs() < 1e-3, "{x} {y}");
         // On an edge too.
         assert_eq!(super::lowest(|x, y| x - y, [0.0, 1.0], [2.0, 3.0]), (0.0, 3.0));
+        let root = super::minimum(0.0, 2.0, 60, |x| (x * x - 2.0).powi(2));
+        assert!((root - 2f64.sqrt()).abs() < 1e-6, "{root}");
     }
 }

@@ -1,8 +1,8 @@
 //! Smooth structure of the gain map.
 
 use super::fixed::block_means;
-use super::waves::{minimum, sinc};
-use super::{Proposal, list};
+use super::flicker::sinc;
+use super::{Proposal, list, minimum};
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
@@ -29,13 +29,7 @@ struct Wave {
 pub fn low_frequency(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let waves = waves(e)?;
-        let (order, sigma, left) = (1..=MOST)
-            .map(|order| {
-                let ln =
-                    minimum(1e-6f64.ln(), 0.14f64.ln(), 50, |x| deviance(&waves, order, x.exp()));
-                (order, ln.exp(), deviance(&waves, order, ln.exp()))
-            })
-            .min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let (order, sigma, left) = likeliest(&waves)?;
         let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
         let effect = PrnuLowFrequency { sigma: sigma as f32, order: order as f32 };
         // So many normal numbers tell their variance.
@@ -46,6 +40,17 @@ pub fn low_frequency(e: &Evidence<'_>) -> Vec<Proposal> {
                 .with("order", order as f64, f64::NAN),
         )
     })())
+}
+
+/// Half waves and root mean square of the likeliest law, and its deviance.
+fn likeliest(waves: &[Wave]) -> Option<(usize, f64, f64)> {
+    (1..=MOST)
+        .map(|order| {
+            let unlikely = |x: f64| deviance(waves, order, x.exp());
+            let ln = minimum(1e-6f64.ln(), 0.14f64.ln(), 50, unlikely);
+            (order, ln.exp(), unlikely(ln))
+        })
+        .min_by(|a, b| a.2.total_cmp(&b.2))
 }
 
 /// Twice the negative logarithm of the likelihood of all cosines if those up to `order` share the variance σ².
@@ -106,4 +111,34 @@ fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
         }
     }
     (!out.is_empty()).then_some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Amplitudes at their standard deviations exactly: the likeliest law is the one they follow.
+    #[test]
+    fn the_number_of_half_waves_and_the_size_are_those_put_in() {
+        let (sigma, noise) = (0.003, 1e-8);
+        for order in 1..=3 {
+            let mut waves: Vec<Wave> = (0..=MOST)
+                .flat_map(|j| (0..=MOST).map(move |i| (i, j)))
+                .filter(|o| o.0 + o.1 > 0)
+                .map(|order| Wave { order, amplitude: 0.0, noise, passed: 0.9 })
+                .collect();
+            let share = |o: (usize, usize)| if o.0 == 0 || o.1 == 0 { 0.5 } else { 0.25 };
+            let within = |o: (usize, usize)| o.0.max(o.1) <= order;
+            let power: f64 = waves.iter().map(|w| w.order).filter(|o| within(*o)).map(share).sum();
+            for w in &mut waves {
+                let signal =
+                    if within(w.order) { sigma * sigma * share(w.order) / power } else { 0.0 };
+                w.amplitude = (noise + 0.9 * signal).sqrt();
+            }
+            let (found, size, _) = likeliest(&waves).unwrap();
+            assert_eq!(found, order);
+            // Golden section of ln σ over 12, fifty times.
+            assert!((size / sigma - 1.0).abs() < 1e-6, "{size}");
+        }
+    }
 }

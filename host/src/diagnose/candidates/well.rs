@@ -1,7 +1,6 @@
 //! Full well: the brightest flats fall short of the line, and of its noise.
 
-use super::Proposal;
-use super::waves::minimum;
+use super::{Proposal, minimum};
 use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::maps::saturated;
