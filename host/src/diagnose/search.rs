@@ -94,6 +94,8 @@ pub struct Outcome {
     pub nearest: Vec<String>,
     /// Twins that the captures cannot tell apart: kinds.
     pub twins: Vec<(String, String)>,
+    /// The kind that was named at first and without which nothing is left.
+    pub doubted: Option<String>,
 }
 
 impl Session {
@@ -112,10 +114,10 @@ impl Session {
             let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
             let doubted: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
             for kind in doubted.into_iter().take(FEW) {
-                let without = [without, &[kind]].concat();
+                let without = [without, std::slice::from_ref(&kind)].concat();
                 let other = self.climb(camera, &before, &without, say)?;
                 if !other.steps.is_empty() && passes(self, &other.after, other.gaps.1) {
-                    found = other;
+                    found = Outcome { doubted: Some(kind), ..other };
                     break;
                 }
             }
@@ -229,7 +231,7 @@ impl Session {
             gap_after = gap_before;
         }
         let (before, gaps) = (before.clone(), (gap_before, gap_after));
-        Ok(Outcome { nearest, before, after: state, steps, gaps, twins })
+        Ok(Outcome { nearest, before, after: state, steps, gaps, twins, doubted: None })
     }
 
     /// Simulates a proposal on top of a model and scores it.

@@ -194,6 +194,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
         })).collect::<Vec<_>>(),
         "unexplained": unexplained,
         "nearest": outcome.nearest,
+        "doubted": outcome.doubted,
         "measures": measures::measures(session, outcome),
         "notes": session.notes,
     })

@@ -82,8 +82,8 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::RowPatternPeak => "line in the fixed pattern of rows".into(),
         What::ColumnPattern => "fixed pattern of columns".into(),
         What::ColumnPatternPeak => "line in the fixed pattern of columns".into(),
-        What::ColumnPeriod(i) => format!("fixed pattern of every {}th column", 2 << i),
-        What::RowPeriod(i) => format!("fixed pattern of every {}th row", 2 << i),
+        What::ColumnPeriod(i) => format!("fixed pattern of every {} column", nth(i)),
+        What::RowPeriod(i) => format!("fixed pattern of every {} row", nth(i)),
         What::PixelPattern => "fixed pattern of pixels".into(),
         What::Tails => "weight of outlying pixels".into(),
         What::High => "number of bright outliers".into(),
@@ -163,5 +163,13 @@ pub fn map(kind: MapKind) -> &'static str {
         MapKind::Gain => "gain map (flats)",
         MapKind::Curvature => "gain map, bright less medium flat",
         MapKind::AfterLight => "dark after light less dark",
+    }
+}
+
+/// The period of a pattern, 2 to the power of `i` + 1.
+fn nth(i: u8) -> String {
+    match i {
+        0 => "2nd".into(),
+        _ => format!("{}th", 2 << i),
     }
 }

@@ -40,6 +40,11 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
         );
         page.drawing(&gaps(outcome), "Gap on held-out frames, step by step");
     }
+    if let Some(doubted) = found["doubted"].as_str() {
+        page.paragraph(&format!(
+            "At first {doubted} was named, which left something; without it nothing is left."
+        ));
+    }
     for (i, step) in outcome.steps.iter().enumerate() {
         step_section(&mut page, session, outcome, step, i + 1);
     }
@@ -129,17 +134,19 @@ fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &St
         let series = |of: &dyn Fn(&crate::diagnose::search::Seen) -> f64| -> Vec<[f64; 2]> {
             step.seen.iter().enumerate().map(|(i, s)| [i as f64 + 1.0, of(s)]).collect()
         };
+        // Of a single place the model is a level.
+        let lines = |of: &dyn Fn(&crate::diagnose::search::Seen) -> f64| match series(of)[..] {
+            [[x, y]] => vec![[x - 0.5, y], [x + 0.5, y]],
+            _ => series(of),
+        };
         let mut plot = Plot::new(&name, "place (as in the table)", "value on its scale");
         plot.coloured("measured", Mark::Points, series(&|s| s.measured), COLOURS[0]);
-        plot.coloured("model before", Mark::Line, series(&|s| s.model[0]), COLOURS[1]);
-        plot.coloured("model after", Mark::Line, series(&|s| s.model[1]), COLOURS[2]);
-        plot.coloured(
-            "± 2 standard deviations",
-            Mark::Dashed,
-            series(&|s| s.model[1] + 2.0 * s.sd),
-            "#9ad0bd",
-        );
-        plot.coloured("", Mark::Dashed, series(&|s| s.model[1] - 2.0 * s.sd), "#9ad0bd");
+        plot.coloured("model before", Mark::Line, lines(&|s| s.model[0]), COLOURS[1]);
+        plot.coloured("model after", Mark::Line, lines(&|s| s.model[1]), COLOURS[2]);
+        for (name, side) in [("± 2 standard deviations", 2.0), ("", -2.0)] {
+            let band = lines(&|s| s.model[1] + side * s.sd);
+            plot.coloured(name, Mark::Dashed, band, "#9ad0bd");
+        }
         page.drawing(
             &plot.svg(),
             &format!("{name}: the statistic that gave it away, held-out frames"),
