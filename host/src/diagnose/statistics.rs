@@ -8,6 +8,7 @@ use super::channels::Channels;
 use super::design::{Condition, Design};
 use super::looks::Figure;
 use super::maps::{self, MapKind};
+use super::ratios;
 use super::spatial::{PERIODS, Spatial, basis};
 use super::tails;
 use super::temporal::{LAGS, Temporal, mean};
@@ -32,6 +33,7 @@ pub enum Place {
 #[allow(missing_docs)]
 pub enum What {
     Mean(u8),
+    Ratio(u8),
     Variance(u8),
     FrameVariance,
     FrameTrend,
@@ -139,6 +141,7 @@ pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Sta
         means(t, c, i, reference, stacks, &channels, &mut add);
         temporal(t, c, &summaries[i], &mut add);
     }
+    out.extend(ratios::ratios(design, stacks, reference, &channels));
     codes(stacks, &summaries, &mut out);
     for map in maps::maps(camera, design, stacks) {
         spatial(&map, &mut out);

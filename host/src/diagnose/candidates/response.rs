@@ -2,9 +2,11 @@
 
 use super::{Proposal, list};
 use crate::captures::Role;
+use crate::diagnose::design::Condition;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark};
 use crate::diagnose::model::current;
+use crate::diagnose::ratios::{reference_flat, strongest};
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
@@ -222,7 +224,8 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     out
 }
 
-/// Channels lean towards each other.
+/// Channels lean towards each other: in their means, and in their ratios, which neither the lamp nor the channels' own mean
+/// gains change.
 pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let n = classes(e);
@@ -236,7 +239,7 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
             _ => 0.0,
         };
         // What a pixel of a channel gets more from its four neighbours than it gives, in the mean.
-        let pull = |means: &[f64], class: usize| {
+        let pull = |means: &[f64], class: usize| -> f64 {
             let (mut sum, mut count) = (0.0, 0.0);
             for y in 0..ph {
                 for x in 0..pw {
@@ -250,13 +253,31 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
             }
             sum / f64::max(count, 1.0)
         };
-        let found = slope(e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
+        let means = e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
             let k = e.gain(c);
             (0..n).filter_map(move |class| {
                 let d = e.difference(Place::Stack(i), What::Mean(class))?;
                 Some((k * pull(&c.photo_e, usize::from(class)), d))
             })
-        }))?;
+        });
+        // How the ratio of ratios moves with the share; the own light of a channel may be nothing.
+        // Without a reference there are no ratios to ask it for.
+        let reference = e.design.conditions.get(reference_flat(e.design).unwrap_or(0))?;
+        let lean = |c: &Condition, class: usize| pull(&c.photo_e, class) / c.photo_e[class];
+        let ratios = e.flats().flat_map(|(i, c)| {
+            let g = strongest(c);
+            let strong = lean(c, g) - lean(reference, g);
+            let by =
+                move |own: usize| reference.photo_e[g] / (reference.photo_e[own] * c.photo_e[g]);
+            (0..n).filter_map(move |class| {
+                let (place, own) = (Place::Stack(i), usize::from(class));
+                let d = e.difference(place, What::Ratio(class))?;
+                let ratio = e.predicted(place, What::Ratio(class))?;
+                let gets = by(own) * pull(&c.photo_e, own);
+                Some((gets - ratio * (lean(reference, own) + strong), d))
+            })
+        });
+        let found = slope(means.chain(ratios))?;
         let k = (present + found.value).max(0.0);
         let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
         Some(
