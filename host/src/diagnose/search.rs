@@ -108,16 +108,19 @@ impl Session {
     ) -> Result<Outcome> {
         say("replicates of the model");
         let before = self.state(camera.clone(), Vec::new())?;
-        let mut found = self.climb(camera, &before, without, say)?;
-        // A random pattern may take at once what two others explain better together, and then some is left.
+        let known = |kind: &str| !without.iter().any(|w| w == kind);
+        let mut found = self.climb(camera, &before, &|kind, _| known(kind), say)?;
+        // One effect may take at once what two others explain better together, or what it explains only beside another: the
+        // search without it, and with it as a later name only.
         if found.steps.len() <= FEW && !passes(self, &found.after, found.gaps.1) {
             let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
             let doubted: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
-            for kind in doubted.into_iter().take(FEW) {
-                let without = [without, std::slice::from_ref(&kind)].concat();
-                let other = self.climb(camera, &before, &without, say)?;
+            let doubts = |kind: String| [(kind.clone(), usize::MAX), (kind, 1)];
+            for (doubted, from) in doubted.into_iter().take(FEW).flat_map(doubts) {
+                let wanted = |kind: &str, names| known(kind) && (kind != doubted || names >= from);
+                let other = self.climb(camera, &before, &wanted, say)?;
                 if !other.steps.is_empty() && passes(self, &other.after, other.gaps.1) {
-                    found = Outcome { doubted: Some(kind), ..other };
+                    found = Outcome { doubted: Some(doubted), ..other };
                     break;
                 }
             }
@@ -133,12 +136,13 @@ impl Session {
         Ok(found)
     }
 
-    /// Takes the best candidate after the other until none earns its place, then takes back what does not keep it.
+    /// Takes the best candidate after the other until none earns its place, then takes back what does not keep it. `wanted`
+    /// tells whether a kind may be taken beside so many names.
     fn climb(
         &self,
         camera: &Camera,
         before: &State,
-        without: &[String],
+        wanted: &dyn Fn(&str, usize) -> bool,
         say: &(dyn Fn(&str) + Sync),
     ) -> Result<Outcome> {
         let gap_before = self.gap(&before.holdout, before.norm.0);
@@ -146,7 +150,7 @@ impl Session {
         let mut steps: Vec<Step> = Vec::new();
         let mut twins = Vec::new();
         while steps.len() < MOST {
-            let wanted = |kind: &str| !without.iter().any(|w| w == kind);
+            let wanted = |kind: &str| wanted(kind, steps.len());
             let mut proposals = self.propose(
                 self.frames(),
                 &state.camera,
