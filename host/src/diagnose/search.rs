@@ -252,26 +252,10 @@ impl Session {
         };
         let evidence = fall(&self.fit, &state.fit, &fit);
         let confirmed = fall(&self.holdout, &state.holdout, &holdout);
-        let explains = self.explained(state, &fit);
+        let explains =
+            explained(&[(&self.fit, &state.fit, &fit), (&self.holdout, &state.holdout, &holdout)]);
         let gap = self.gap(&holdout, state.norm.0);
         Ok((Trial { proposal: proposal.clone(), evidence, confirmed, gap, explains }, fit, camera))
-    }
-
-    /// Of the deviance of the statistics that a change moves, the share it removes; all, if it moves none by much.
-    fn explained(&self, state: &State, new: &Prediction) -> f64 {
-        let old = state.fit.deviations(&self.fit.values, &self.fit.allowance);
-        let after = new.deviations(&self.fit.values, &self.fit.allowance);
-        let (mut had, mut left) = (0.0, 0.0);
-        for (key, z) in &old {
-            let (Some(a), Some(b)) = (state.fit.of.get(key), new.of.get(key)) else { continue };
-            if b.differs(a)
-                && let Some(z_after) = after.get(key)
-            {
-                had += bounded(*z);
-                left += bounded(*z_after);
-            }
-        }
-        if had > 0.0 { 1.0 - left / had } else { 1.0 }
     }
 
     /// Tries a proposal and moves its parameters until they stay.
@@ -333,6 +317,25 @@ impl Session {
             })
             .collect()
     }
+}
+
+/// Of the deviance of the statistics that a change moves, the share it removes; all, if it moves none by much. Halves with
+/// the prediction before and after.
+fn explained(halves: &[(&Half, &Prediction, &Prediction)]) -> f64 {
+    let (mut had, mut left) = (0.0, 0.0);
+    for (half, before, after) in halves {
+        let z_after = after.deviations(&half.values, &half.allowance);
+        for (key, z) in before.deviations(&half.values, &half.allowance) {
+            let (Some(a), Some(b)) = (before.of.get(&key), after.of.get(&key)) else { continue };
+            if b.differs(a)
+                && let Some(z_after) = z_after.get(&key)
+            {
+                had += bounded(z);
+                left += bounded(*z_after);
+            }
+        }
+    }
+    if had > 0.0 { 1.0 - left / had } else { 1.0 }
 }
 
 /// Leaves of the proposals that pictures gave the strongest: their strengths are those of likelihoods already, and
