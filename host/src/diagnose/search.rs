@@ -94,7 +94,7 @@ pub struct Outcome {
     pub nearest: Vec<String>,
     /// Twins that the captures cannot tell apart: kinds.
     pub twins: Vec<(String, String)>,
-    /// The kind that was named at first and without which nothing is left.
+    /// The kind that was named at first and left something; the search that begins without it leaves nothing.
     pub doubted: Option<String>,
 }
 

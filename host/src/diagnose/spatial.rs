@@ -194,14 +194,19 @@ pub fn aperiodic(lines: f64) -> f64 {
     lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
 }
 
+/// Mean of the lines of each phase of a period.
+pub fn phase_means(lines: &[f64], period: usize) -> Vec<f64> {
+    let of = |phase: usize| lines.iter().skip(phase).step_by(period);
+    (0..period).map(|phase| of(phase).sum::<f64>() / of(phase).count() as f64).collect()
+}
+
 /// Variance of lines about the means of the longest period, so that a period is no random pattern.
 fn aperiodic_variance(lines: &[f64]) -> f64 {
     let period = PERIODS[PERIODS.len() - 1].min(lines.len());
     let mut sum = 0.0;
-    for phase in 0..period {
-        let own: Vec<f64> = lines.iter().copied().skip(phase).step_by(period).collect();
-        let mean = own.iter().sum::<f64>() / own.len() as f64;
-        sum += own.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+    for (phase, mean) in phase_means(lines, period).into_iter().enumerate() {
+        let own = lines.iter().skip(phase).step_by(period);
+        sum += own.map(|v| (v - mean).powi(2)).sum::<f64>();
     }
     sum / (lines.len() - period).max(1) as f64
 }

@@ -6,7 +6,7 @@ use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
 use crate::diagnose::model::current;
-use crate::diagnose::spatial::PERIODS;
+use crate::diagnose::spatial::{PERIODS, phase_means};
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
     Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
@@ -78,8 +78,7 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
             let columns = &spatial.columns;
             let unit = if gain { 1.0 } else { e.reference_gain()? };
             let means = |n: usize| -> Vec<f64> {
-                let of = |p: usize| columns.iter().skip(p).step_by(n);
-                (0..n).map(|p| of(p).sum::<f64>() / of(p).count() as f64 / unit).collect()
+                phase_means(columns, n).into_iter().map(|m| m / unit).collect()
             };
             let scatter = |n: usize| {
                 spatial.column_variance / (unit * unit) * n as f64 / columns.len() as f64

@@ -145,8 +145,8 @@ impl<'a> Power<'a> {
         [within(sign * fx), within(sign * fy)]
     }
 
-    /// Square of the amplitude of a wave (0 to half a cycle per column) whose phase is another in each frame, DN². Of n frames the residuals lack
-    /// what the mean frame has: Σ |a|² = Σ |a − ā|² + n |ā|².
+    /// Square of the amplitude of a wave (0 to half a cycle per column) whose phase is another in each frame, DN². Of n
+    /// frames the residuals lack what the mean frame has: Σ |a|² = Σ |a − ā|² + n |ā|².
     fn square_amplitude(&self, [fx, fy]: [f64; 2]) -> f64 {
         let t = self.t;
         let (w, h, n) = (t.width as f64, t.height as f64, t.frames as f64);
