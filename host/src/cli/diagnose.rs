@@ -148,9 +148,7 @@ fn say(found: &serde_json::Value) {
         }
     }
     if let Some(doubted) = found["doubted"].as_str() {
-        println!(
-            "  {doubted} was named first and left something; a search that begins without it leaves nothing"
-        );
+        println!("  {doubted} was named at first and left something; without it nothing is left");
     }
     let measures = &found["measures"];
     for m in measures["mtf_at_nyquist"].as_array().into_iter().flatten() {

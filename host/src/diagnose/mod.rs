@@ -25,7 +25,6 @@ pub mod measures;
 pub mod model;
 pub mod plausible;
 pub mod prediction;
-mod ratios;
 pub mod replicate;
 mod revise;
 pub mod search;

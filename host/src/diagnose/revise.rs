@@ -11,8 +11,6 @@ use crate::camera::Camera;
 /// Deviation (standard deviations, both halves) that is gross, and the share of a name's evidence that gross deviations in
 /// what it touches may have.
 const GROSS: f64 = 10.0;
-/// Most names of which each is left out with the others estimated anew, which costs their replicates.
-const SOME: usize = 4;
 /// See [`GROSS`].
 const GROSS_SHARE: f64 = 0.1;
 
@@ -68,7 +66,7 @@ impl Session {
         camera
     }
 
-    /// Leaves out effects, the first named first, whose absence nobody would notice.
+    /// Leaves out effects, the weakest first, whose absence nobody would notice.
     pub(super) fn drop_idle(
         &self,
         base: &Camera,
@@ -91,30 +89,17 @@ impl Session {
             let idle = missed < EARNS[2] / 2.0
                 || !left_out.of_looks
                     && self.stands_out(&left_out, &camera, &after, &named)? < LEAST;
-            // What it seems to explain the others may explain, once they are estimated without it.
-            let without = match idle || state.named.len() <= SOME && !left_out.of_looks {
-                true => Some(self.refit(self.state(camera, named)?)?),
-                false => None,
-            };
-            let missed = |w: &State| self.deviance(w) - self.deviance(&state);
-            match without.filter(|w| idle || missed(w) < EARNS[2] / 2.0) {
-                Some(without) => {
-                    let own = |s: &Step| s.trial.proposal.kind == left_out.kind;
-                    if let Some(at) = steps.iter().position(own) {
-                        steps.remove(at);
-                    }
-                    state = without;
+            if idle {
+                if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
+                {
+                    steps.remove(at);
                 }
-                None => i += 1,
+                state = self.refit(self.state(camera, named)?)?;
+            } else {
+                i += 1;
             }
         }
         Ok(state)
-    }
-
-    /// Deviance of both halves.
-    fn deviance(&self, state: &State) -> f64 {
-        state.fit.deviance(&self.fit.values, &self.fit.allowance)
-            + state.holdout.deviance(&self.holdout.values, &self.holdout.allowance)
     }
 
     /// Takes back names that leave gross deviations in the very statistics, or the very map, that gave them away: another

@@ -42,7 +42,7 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
     }
     if let Some(doubted) = found["doubted"].as_str() {
         page.paragraph(&format!(
-            "{doubted} was named first and left something; a search that begins without it leaves nothing."
+            "At first {doubted} was named, which left something; without it nothing is left."
         ));
     }
     for (i, step) in outcome.steps.iter().enumerate() {
