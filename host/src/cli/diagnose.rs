@@ -148,7 +148,7 @@ fn say(found: &serde_json::Value) {
         }
     }
     if let Some(doubted) = found["doubted"].as_str() {
-        println!("  {doubted} was named at first and left something; without it nothing is left");
+        println!("  {doubted} was named first; a search that begins without it explains more");
     }
     let measures = &found["measures"];
     for m in measures["mtf_at_nyquist"].as_array().into_iter().flatten() {

@@ -25,6 +25,7 @@ pub mod measures;
 pub mod model;
 pub mod plausible;
 pub mod prediction;
+mod ratios;
 pub mod replicate;
 mod revise;
 pub mod search;

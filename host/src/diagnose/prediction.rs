@@ -94,13 +94,12 @@ impl Prediction {
             p.value += share * (a.value - b.value);
             p.total = p.value.max(0.0) * p.runs;
             // The scatter of few replicates counts only where it is gross (the 99.9 % point of F for 3 degrees of freedom
-            // is 5.4): a new random pattern, that is another on each sensor.
-            let gross =
-                a.scatter > 5.4 * a.theory * a.theory && b.scatter < 5.4 * b.theory * b.theory;
-            p.sd = if gross {
-                p.sd.max(a.scatter.sqrt())
-            } else {
-                p.sd * a.theory / b.theory.max(1e-30)
+            // is 5.4): a random pattern, that is another on each sensor, is new or gone.
+            let gross = |p: &Predicted| p.scatter > 5.4 * p.theory * p.theory;
+            p.sd = match (gross(b), gross(a)) {
+                (false, true) => p.sd.max(a.scatter.sqrt()),
+                (true, false) => a.theory,
+                _ => p.sd * a.theory / b.theory.max(1e-30),
             };
         }
         Self { of }

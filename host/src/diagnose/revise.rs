@@ -2,7 +2,7 @@
 
 use super::candidates::Proposal;
 use super::prediction::{Key, Prediction, bounded};
-use super::search::{EARNS, FEW, LEAST, Step, TRIAL_RUNS, merged, same_shape};
+use super::search::{EARNS, FEW, LEAST, Outcome, Step, TRIAL_RUNS, Trial, merged, same_shape};
 use super::session::{Half, Session, State};
 use super::statistics::{Place, What};
 use crate::Result;
@@ -11,8 +11,12 @@ use crate::camera::Camera;
 /// Deviation (standard deviations, both halves) that is gross, and the share of a name's evidence that gross deviations in
 /// what it touches may have.
 const GROSS: f64 = 10.0;
+/// Most names of which each is left out with the others estimated anew, which costs their replicates.
+const SOME: usize = 4;
 /// See [`GROSS`].
 const GROSS_SHARE: f64 = 0.1;
+/// Share of the winner's evidence from which a rival may win beside names that were not yet taken.
+const CLOSE: f64 = 0.5;
 
 impl Session {
     /// Estimates every named effect again with all of them in the model.
@@ -66,7 +70,7 @@ impl Session {
         camera
     }
 
-    /// Leaves out effects, the weakest first, whose absence nobody would notice.
+    /// Leaves out effects, the first named first, whose absence nobody would notice.
     pub(super) fn drop_idle(
         &self,
         base: &Camera,
@@ -89,17 +93,61 @@ impl Session {
             let idle = missed < EARNS[2] / 2.0
                 || !left_out.of_looks
                     && self.stands_out(&left_out, &camera, &after, &named)? < LEAST;
-            if idle {
-                if let Some(at) = steps.iter().position(|s| s.trial.proposal.kind == left_out.kind)
-                {
-                    steps.remove(at);
+            // What it seems to explain the others may explain, once they are estimated without it.
+            let without = match idle || state.named.len() <= SOME && !left_out.of_looks {
+                true => Some(self.refit(self.state(camera, named)?)?),
+                false => None,
+            };
+            let missed = |w: &State| self.deviance(w) - self.deviance(&state);
+            match without.filter(|w| idle || missed(w) < EARNS[2] / 2.0) {
+                Some(without) => {
+                    let own = |s: &Step| s.trial.proposal.kind == left_out.kind;
+                    if let Some(at) = steps.iter().position(own) {
+                        steps.remove(at);
+                    }
+                    state = without;
                 }
-                state = self.refit(self.state(camera, named)?)?;
-            } else {
-                i += 1;
+                None => i += 1,
             }
         }
         Ok(state)
+    }
+
+    /// A name, and how many were taken before it, in whose stead a close rival of its round explains more beside those taken
+    /// later.
+    pub(super) fn outdone(
+        &self,
+        base: &Camera,
+        found: &Outcome,
+    ) -> Result<Option<(String, usize)>> {
+        let steps = &found.steps;
+        if steps.len() > SOME {
+            return Ok(None);
+        }
+        // To the last name taken its rivals lost with all others in place.
+        for (at, step) in steps.iter().enumerate().take(steps.len().saturating_sub(1)) {
+            let own = step.trial.proposal.kind;
+            let close = |t: &&Trial| {
+                t.evidence > CLOSE * step.trial.evidence
+                    && !found.after.named.iter().any(|p| p.kind == t.proposal.kind)
+            };
+            let Some(rival) = step.others.iter().find(close) else { continue };
+            let mut named = found.after.named.clone();
+            named.retain(|p| p.kind != own);
+            rival.proposal.clone().join(&mut named);
+            let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
+            let other = self.refit(self.state(camera, named)?)?;
+            if self.deviance(&other) < self.deviance(&found.after) {
+                return Ok(Some((own.to_string(), at)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Deviance of both halves.
+    pub(super) fn deviance(&self, state: &State) -> f64 {
+        state.fit.deviance(&self.fit.values, &self.fit.allowance)
+            + state.holdout.deviance(&self.holdout.values, &self.holdout.allowance)
     }
 
     /// Takes back names that leave gross deviations in the very statistics, or the very map, that gave them away: another

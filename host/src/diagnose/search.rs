@@ -94,7 +94,7 @@ pub struct Outcome {
     pub nearest: Vec<String>,
     /// Twins that the captures cannot tell apart: kinds.
     pub twins: Vec<(String, String)>,
-    /// The kind that was named at first and without which nothing is left.
+    /// The kind that was named at first; the search that begins without it explains more.
     pub doubted: Option<String>,
 }
 
@@ -108,16 +108,27 @@ impl Session {
     ) -> Result<Outcome> {
         say("replicates of the model");
         let before = self.state(camera.clone(), Vec::new())?;
-        let mut found = self.climb(camera, &before, without, say)?;
-        // A random pattern may take at once what two others explain better together, and then some is left.
+        let known = |kind: &str| !without.iter().any(|w| w == kind);
+        let mut found = self.climb(camera, &before, &|kind, _| known(kind), say)?;
+        // A name taken early may have stood for two that are better together: the search with it as a later name only.
+        if let Some((hasty, at)) = self.outdone(camera, &found)? {
+            let wanted = |kind: &str, names| known(kind) && (kind != hasty || names > at);
+            let other = self.climb(camera, &before, &wanted, say)?;
+            if self.deviance(&other.after) < self.deviance(&found.after) {
+                found = Outcome { doubted: Some(hasty), ..other };
+            }
+        }
+        // One effect may take at once what two others explain better together, or what it explains only beside another: the
+        // search without it, and with it as a later name only.
         if found.steps.len() <= FEW && !passes(self, &found.after, found.gaps.1) {
             let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
             let doubted: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
-            for kind in doubted.into_iter().take(FEW) {
-                let without = [without, std::slice::from_ref(&kind)].concat();
-                let other = self.climb(camera, &before, &without, say)?;
+            let doubts = |kind: String| [(kind.clone(), usize::MAX), (kind, 1)];
+            for (doubted, from) in doubted.into_iter().take(FEW).flat_map(doubts) {
+                let wanted = |kind: &str, names| known(kind) && (kind != doubted || names >= from);
+                let other = self.climb(camera, &before, &wanted, say)?;
                 if !other.steps.is_empty() && passes(self, &other.after, other.gaps.1) {
-                    found = Outcome { doubted: Some(kind), ..other };
+                    found = Outcome { doubted: Some(doubted), ..other };
                     break;
                 }
             }
@@ -133,12 +144,13 @@ impl Session {
         Ok(found)
     }
 
-    /// Takes the best candidate after the other until none earns its place, then takes back what does not keep it.
+    /// Takes the best candidate after the other until none earns its place, then takes back what does not keep it. `wanted`
+    /// tells whether a kind may be taken beside so many names.
     fn climb(
         &self,
         camera: &Camera,
         before: &State,
-        without: &[String],
+        wanted: &dyn Fn(&str, usize) -> bool,
         say: &(dyn Fn(&str) + Sync),
     ) -> Result<Outcome> {
         let gap_before = self.gap(&before.holdout, before.norm.0);
@@ -146,7 +158,7 @@ impl Session {
         let mut steps: Vec<Step> = Vec::new();
         let mut twins = Vec::new();
         while steps.len() < MOST {
-            let wanted = |kind: &str| !without.iter().any(|w| w == kind);
+            let wanted = |kind: &str| wanted(kind, steps.len());
             let mut proposals = self.propose(
                 self.frames(),
                 &state.camera,
@@ -248,26 +260,10 @@ impl Session {
         };
         let evidence = fall(&self.fit, &state.fit, &fit);
         let confirmed = fall(&self.holdout, &state.holdout, &holdout);
-        let explains = self.explained(state, &fit);
+        let explains =
+            explained(&[(&self.fit, &state.fit, &fit), (&self.holdout, &state.holdout, &holdout)]);
         let gap = self.gap(&holdout, state.norm.0);
         Ok((Trial { proposal: proposal.clone(), evidence, confirmed, gap, explains }, fit, camera))
-    }
-
-    /// Of the deviance of the statistics that a change moves, the share it removes; all, if it moves none by much.
-    fn explained(&self, state: &State, new: &Prediction) -> f64 {
-        let old = state.fit.deviations(&self.fit.values, &self.fit.allowance);
-        let after = new.deviations(&self.fit.values, &self.fit.allowance);
-        let (mut had, mut left) = (0.0, 0.0);
-        for (key, z) in &old {
-            let (Some(a), Some(b)) = (state.fit.of.get(key), new.of.get(key)) else { continue };
-            if b.differs(a)
-                && let Some(z_after) = after.get(key)
-            {
-                had += bounded(*z);
-                left += bounded(*z_after);
-            }
-        }
-        if had > 0.0 { 1.0 - left / had } else { 1.0 }
     }
 
     /// Tries a proposal and moves its parameters until they stay.
@@ -329,6 +325,25 @@ impl Session {
             })
             .collect()
     }
+}
+
+/// Of the deviance of the statistics that a change moves, the share it removes; all, if it moves none by much. Halves with
+/// the prediction before and after.
+fn explained(halves: &[(&Half, &Prediction, &Prediction)]) -> f64 {
+    let (mut had, mut left) = (0.0, 0.0);
+    for (half, before, after) in halves {
+        let z_after = after.deviations(&half.values, &half.allowance);
+        for (key, z) in before.deviations(&half.values, &half.allowance) {
+            let (Some(a), Some(b)) = (before.of.get(&key), after.of.get(&key)) else { continue };
+            if b.differs(a)
+                && let Some(z_after) = z_after.get(&key)
+            {
+                had += bounded(z);
+                left += bounded(*z_after);
+            }
+        }
+    }
+    if had > 0.0 { 1.0 - left / had } else { 1.0 }
 }
 
 /// Leaves of the proposals that pictures gave the strongest: their strengths are those of likelihoods already, and

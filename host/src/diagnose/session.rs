@@ -6,7 +6,7 @@ use super::design::{Design, Halves};
 use super::evidence::Evidence;
 use super::looks::light::{self, Electrons, Lights};
 use super::looks::{self, Look, Picture};
-use super::maps::{self, Map};
+use super::maps::{self, Map, MapKind};
 use super::prediction::{Key, Prediction, Values, by_key, mean_square};
 use super::statistics::{Place, battery};
 use super::temporal::{Temporal, mean};
@@ -278,10 +278,8 @@ impl Session {
             .filter_map(|(k, a)| {
                 let b = holdout.get(k).copied().unwrap_or(*a);
                 let same_side = a.signum() == b.signum() && b.abs() > 2.0;
-                // Two halves of a look share the sensor's pattern and say hardly more than one.
-                let halves =
-                    if matches!(k.0, Place::Look(_)) { 2.0 } else { std::f64::consts::SQRT_2 };
-                let both = (a + b) / halves;
+                let both =
+                    (a + b) / if shares_pattern(k.0) { 2.0 } else { std::f64::consts::SQRT_2 };
                 (same_side && both.abs() > limit).then_some((*k, both))
             })
             .collect();
@@ -295,6 +293,12 @@ impl State {
     pub fn limit(&self) -> f64 {
         GAP_LIMIT.max(1.0 + 3.5 * self.norm.1 / self.norm.0)
     }
+}
+
+/// Whether both halves show the same pattern of the sensor there, and together say hardly more than one.
+fn shares_pattern(place: Place) -> bool {
+    use MapKind::{DarkCurrent, Gain, Offset};
+    matches!(place, Place::Look(_) | Place::Map(Offset | DarkCurrent | Gain))
 }
 
 /// What a replicate shows of edges, dots and charts.

@@ -24,9 +24,9 @@ pub struct Spatial {
     pub rows: Vec<f64>,
     /// Mean of each column, without slopes.
     pub columns: Vec<f64>,
-    /// Variance of row means.
+    /// Variance of row means beside what repeats after the longest of [`PERIODS`].
     pub row_variance: f64,
-    /// Variance of column means.
+    /// The same of column means.
     pub column_variance: f64,
     /// Variance of what rows and columns leave, outliers held at 4 standard deviations.
     pub pixel_variance: f64,
@@ -136,8 +136,8 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
         s.columns.iter_mut().zip(row).for_each(|(c, &x)| *c += held(x));
     }
     s.columns.iter_mut().for_each(|c| *c /= h as f64);
-    s.row_variance = variance(&s.rows);
-    s.column_variance = variance(&s.columns);
+    s.row_variance = aperiodic_variance(&s.rows);
+    s.column_variance = aperiodic_variance(&s.columns);
     s.row_periods = periods(&s.rows);
     s.column_periods = periods(&s.columns);
     s.row_peak = peak(&s.rows);
@@ -187,6 +187,28 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
     s.fine_blocks /= s.pixel_variance;
     lattice(&mut d, w, h, &mut s);
     s
+}
+
+/// Lines free to scatter when slopes and the means of the longest period are taken out, of so many.
+pub fn aperiodic(lines: f64) -> f64 {
+    lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
+}
+
+/// Mean of the lines of each phase of a period.
+pub fn phase_means(lines: &[f64], period: usize) -> Vec<f64> {
+    let of = |phase: usize| lines.iter().skip(phase).step_by(period);
+    (0..period).map(|phase| of(phase).sum::<f64>() / of(phase).count() as f64).collect()
+}
+
+/// Variance of lines about the means of the longest period, so that a period is no random pattern.
+fn aperiodic_variance(lines: &[f64]) -> f64 {
+    let period = PERIODS[PERIODS.len() - 1].min(lines.len());
+    let mut sum = 0.0;
+    for (phase, mean) in phase_means(lines, period).into_iter().enumerate() {
+        let own = lines.iter().skip(phase).step_by(period);
+        sum += own.map(|v| (v - mean).powi(2)).sum::<f64>();
+    }
+    sum / (lines.len() - period).max(1) as f64
 }
 
 /// Σ (mean of a phase)² x lines/(periods − 1), over the variance of lines: 1 where there is no period.

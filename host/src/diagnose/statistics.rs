@@ -8,7 +8,8 @@ use super::channels::Channels;
 use super::design::{Condition, Design};
 use super::looks::Figure;
 use super::maps::{self, MapKind};
-use super::spatial::{PERIODS, Spatial, basis};
+use super::ratios;
+use super::spatial::{PERIODS, Spatial, aperiodic, basis};
 use super::tails;
 use super::temporal::{LAGS, Temporal, mean};
 use crate::camera::Camera;
@@ -32,6 +33,7 @@ pub enum Place {
 #[allow(missing_docs)]
 pub enum What {
     Mean(u8),
+    Ratio(u8),
     Variance(u8),
     FrameVariance,
     FrameTrend,
@@ -139,6 +141,7 @@ pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Sta
         means(t, c, i, reference, stacks, &channels, &mut add);
         temporal(t, c, &summaries[i], &mut add);
     }
+    out.extend(ratios::ratios(design, stacks, reference, &channels));
     codes(stacks, &summaries, &mut out);
     for map in maps::maps(camera, design, stacks) {
         spatial(&map, &mut out);
@@ -190,6 +193,13 @@ fn spread_of_squares(value: f64, dof: f64) -> f64 {
     value.max(0.0).cbrt() * (2.0 / (9.0 * dof)).sqrt()
 }
 
+/// Variance of lines from the differences of those two apart, of the same filters, in which smooth structure counts little
+/// (von Neumann 1941).
+fn rough_variance(lines: &[f64]) -> f64 {
+    let squares = lines.windows(3).map(|w| (w[2] - w[0]).powi(2)).sum::<f64>();
+    squares / (2.0 * lines.len().saturating_sub(2).max(1) as f64)
+}
+
 /// Mean per channel: absolute for the reference dark stack, relative to it for all others, so that the mean of the
 /// offset pattern, which is another on each sensor, counts once.
 fn means(
@@ -212,13 +222,12 @@ fn means(
     let by_channel = channels.means(&difference);
     let mut left = difference;
     channels.change(&mut left, &by_channel, |v, mean| v - mean);
-    let rows = left.chunks(w).map(|r| mean(r).powi(2)).sum::<f64>();
+    let rows: Vec<f64> = left.chunks(w).map(mean).collect();
     let mut columns = vec![0.0f64; w];
     for row in left.chunks(w) {
         columns.iter_mut().zip(row).for_each(|(c, &v)| *c += f64::from(v) / h as f64);
     }
-    variance += rows / (h * (h - 1)) as f64
-        + columns.iter().map(|c| c * c).sum::<f64>() / (w * (w - 1)) as f64;
+    variance += rough_variance(&rows) / h as f64 + rough_variance(&columns) / w as f64;
     let share = channels.count() as f64 / left.len() as f64;
     left.iter_mut().for_each(|v| *v *= *v);
     let squares = channels.means(&left);
@@ -482,9 +491,9 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
             add(What::Corner(i as u8), *c, var.sqrt(), Scale::Linear);
         }
     }
-    let rows = spread_of_squares(s.row_variance, h - 3.0);
+    let rows = spread_of_squares(s.row_variance, aperiodic(h));
     add(What::RowPattern, s.row_variance, rows, Scale::CubeRoot);
-    let columns = spread_of_squares(s.column_variance, w - 3.0);
+    let columns = spread_of_squares(s.column_variance, aperiodic(w));
     add(What::ColumnPattern, s.column_variance, columns, Scale::CubeRoot);
     // A bin of a single line's power is exponential: P(> r) = e^−r.
     let line = |r: f64, bins: f64| tails::largest(tails::deviate(-r), bins as usize);

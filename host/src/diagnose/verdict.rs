@@ -105,6 +105,9 @@ fn describe(
                 (m - p).abs() / k
             )
         }
+        (Place::Stack(_), What::Ratio(_)) => {
+            format!("{m:.6}, {:.4} % {more} than the model's {p:.6}", 100.0 * (m / p - 1.0).abs())
+        }
         (Place::Stack(i), What::Variance(_)) => {
             let k = gain(i);
             let root = (m - p).abs().sqrt();

@@ -22,6 +22,9 @@ pub fn name(camera: &Camera, key: Key) -> String {
     let spatial = matches!(key.0, Place::Map(_));
     match key.1 {
         What::Mean(c) => of("mean", c),
+        What::Ratio(c) => {
+            format!("ratio of channel {} to the strongest, over that of another flat", channel(c))
+        }
         What::Variance(c) => of("variance over time", c),
         What::FrameVariance => "variance of frame means".into(),
         What::FrameTrend => "trend of frame means".into(),

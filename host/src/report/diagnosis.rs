@@ -42,7 +42,7 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
     }
     if let Some(doubted) = found["doubted"].as_str() {
         page.paragraph(&format!(
-            "At first {doubted} was named, which left something; without it nothing is left."
+            "{doubted} was named first; a search that begins without it explains more."
         ));
     }
     for (i, step) in outcome.steps.iter().enumerate() {

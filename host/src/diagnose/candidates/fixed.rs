@@ -6,7 +6,7 @@ use crate::captures::Role;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
 use crate::diagnose::model::current;
-use crate::diagnose::spatial::PERIODS;
+use crate::diagnose::spatial::{PERIODS, phase_means};
 use crate::diagnose::statistics::{Place, What};
 use sensor_core::effects::{
     Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
@@ -74,19 +74,29 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
                 let s = e.data.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
                 Some((p.scale.of(s.value) - p.scaled) / p.sd)
             };
-            // The shortest period that shows most of it: its multiples show it too, diluted.
-            let all: Vec<f64> = (0..PERIODS.len()).map(|i| z(i).unwrap_or(0.0)).collect();
-            let best = (0..PERIODS.len()).max_by(|&a, &b| all[a].total_cmp(&all[b]))?;
-            let n = PERIODS[best];
-            let columns = &e.map(map)?.spatial.columns;
+            let spatial = &e.map(map)?.spatial;
+            let columns = &spatial.columns;
             let unit = if gain { 1.0 } else { e.reference_gain()? };
-            let count = (columns.len() / n) as f64;
-            let means: Vec<f64> = (0..n)
-                .map(|p| columns.iter().skip(p).step_by(n).sum::<f64>() / count / unit)
-                .collect();
+            let means = |n: usize| -> Vec<f64> {
+                phase_means(columns, n).into_iter().map(|m| m / unit).collect()
+            };
+            let scatter = |n: usize| {
+                spatial.column_variance / (unit * unit) * n as f64 / columns.len() as f64
+            };
+            // The period that leaves least of the means of the longest, each mean paid for by ln N (Schwarz 1978).
+            let longest = PERIODS[PERIODS.len() - 1];
+            let all = means(longest);
+            let left = |n: usize| {
+                let own = means(n);
+                let squares = all.iter().enumerate().map(|(p, m)| (m - own[p % n]).powi(2));
+                squares.sum::<f64>() / scatter(longest) + (columns.len() as f64).ln() * n as f64
+            };
+            let best = (0..PERIODS.len())
+                .min_by(|&a, &b| left(PERIODS[a]).total_cmp(&left(PERIODS[b])))?;
+            let n = PERIODS[best];
+            let (means, within) = (means(n), scatter(n));
             let m = means.iter().sum::<f64>() / n as f64;
             let between = means.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n as f64 - 1.0);
-            let within = e.predicted(Place::Map(map), What::ColumnPattern)? / (unit * unit) / count;
             let sigma = (between - within).max(0.0).sqrt();
             let se = within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
             let (mut offset_e, mut relative) = match current(e.camera, "readout-channel-mismatch") {
@@ -104,7 +114,7 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
             };
             let effect = ReadoutChannelMismatch { channels: n as f32, offset_e, gain: relative };
             Some(
-                Proposal::new("readout-channel-mismatch", effect.into(), all[best])
+                Proposal::new("readout-channel-mismatch", effect.into(), z(best)?)
                     .with("channels", n as f64, f64::NAN)
                     .with(key, sigma, se),
             )

@@ -1,11 +1,15 @@
 //! Candidates that change the mean signal or how it is converted.
 
-use super::{Proposal, list};
+use super::{Proposal, list, minimum};
+use crate::camera::Camera;
 use crate::captures::Role;
+use crate::diagnose::design::Condition;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark};
 use crate::diagnose::model::current;
+use crate::diagnose::ratios::{reference_flat, strongest};
 use crate::diagnose::statistics::{Place, What};
+use nalgebra::{DMatrix, DVector};
 use sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
     image_lag::ImageLag, nonlinearity::Nonlinearity, optical_crosstalk::OpticalCrosstalk,
@@ -126,49 +130,104 @@ fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
     }))
 }
 
-/// Signal and noise alike larger than the model's.
-pub fn system_gain(e: &Evidence<'_>) -> Vec<Proposal> {
-    let present = match current(e.camera, "system-gain") {
-        Some(Effect::SystemGain(x)) => f64::from(x.ratio),
-        _ => 1.0,
+/// Ratios of system gain and quantum efficiency that a camera has.
+fn ratios_of(camera: &Camera) -> [Option<f64>; 2] {
+    let gain = match current(camera, "system-gain") {
+        Some(Effect::SystemGain(x)) => Some(f64::from(x.ratio)),
+        _ => None,
     };
-    // From the means, where the light is known, and from variance over mean.
-    [common_factor(e), transfer_factor(e)]
-        .into_iter()
-        .flatten()
-        .map(|f| {
-            let ratio = present * (1.0 + f.value);
-            Proposal::new("system-gain", SystemGain { ratio: ratio as f32 }.into(), f.z().abs())
-                .with("ratio", ratio, present * f.se)
-        })
-        .collect()
+    let efficiency = match current(camera, "quantum-efficiency") {
+        Some(Effect::QuantumEfficiency(x)) => Some(f64::from(x.ratio)),
+        _ => None,
+    };
+    [gain, efficiency]
 }
 
-/// Signal larger than the model's, at the same gain.
-pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
+/// Signal and noise alike larger than the model's: by means and by variance over mean; where the model has a quantum
+/// efficiency of its own, by the latter alone, and the efficiency keeps the means.
+pub fn system_gain(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
-        let f = common_factor(e)?;
-        let present = match current(e.camera, "quantum-efficiency") {
-            Some(Effect::QuantumEfficiency(x)) => f64::from(x.ratio),
-            _ => 1.0,
+        let [gain, efficiency] = ratios_of(e.camera);
+        let present = gain.unwrap_or(1.0);
+        let (mean, transfer) = (common_factor(e), transfer_factor(e));
+        let f = match efficiency {
+            Some(_) => transfer?,
+            None => pooled(mean.into_iter().chain(transfer))?,
         };
         let ratio = present * (1.0 + f.value);
-        let effect = QuantumEfficiency { ratio: ratio as f32 };
-        Some(Proposal::new("quantum-efficiency", effect.into(), f.z().abs()).with(
-            "ratio",
-            ratio,
-            present * f.se,
-        ))
+        let effect = SystemGain { ratio: ratio as f32 };
+        let mut p = Proposal::new("system-gain", effect.into(), f.z().abs());
+        if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
+            let ratio = efficiency * (1.0 + mean.value) / (1.0 + f.value);
+            p.along.0.push(QuantumEfficiency { ratio: ratio as f32 }.into());
+        }
+        Some(p.with("ratio", ratio, present * f.se))
     })())
 }
 
-/// Loss that grows with the level.
+/// Signal larger than the model's, at the same gain; where the model has a gain of its own, at the gain that variance over
+/// mean gives.
+pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let [gain, efficiency] = ratios_of(e.camera);
+        let present = efficiency.unwrap_or(1.0);
+        let mean = common_factor(e)?;
+        let (f, along) = match gain {
+            Some(gain) => {
+                let transfer = transfer_factor(e)?;
+                let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
+                let ratio = gain * (1.0 + transfer.value);
+                let se = mean.se.hypot(transfer.se);
+                (Estimated { value, se }, vec![SystemGain { ratio: ratio as f32 }.into()])
+            }
+            None => (mean, Vec::new()),
+        };
+        let ratio = present * (1.0 + f.value);
+        let effect = QuantumEfficiency { ratio: ratio as f32 };
+        let mut p = Proposal::new("quantum-efficiency", effect.into(), f.z().abs());
+        p.along.0 = along;
+        Some(p.with("ratio", ratio, present * f.se))
+    })())
+}
+
+/// Exponents of a loss that grows with the level.
+const EXPONENTS: [f64; 2] = [1.0, 4.0];
+
+/// Least squares of relative = c − a xⁿ − b l xⁿ ln x, the scale c free or none.
+struct Bend {
+    /// a and b.
+    values: [Estimated; 2],
+    /// χ² left.
+    left: f64,
+    /// Fall of χ² by a and b.
+    fell: f64,
+}
+
+fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend> {
+    let weighted = |f: &dyn Fn(f64) -> f64| {
+        DVector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
+    };
+    let y = DVector::from_iterator(points.len(), points.iter().map(|(_, r)| r.value / r.se));
+    let scale = weighted(&|_| f64::from(u8::from(free)));
+    let unbent = match scale.norm_squared() {
+        0.0 => y.clone(),
+        norm => &y - &scale * (scale.dot(&y) / norm),
+    };
+    let columns = [scale, weighted(&|x| -x.powf(n)), weighted(&|x| -l * x.powf(n) * x.ln())];
+    let a = DMatrix::from_columns(&columns);
+    let svd = a.clone().svd(true, true);
+    let least = 1e-9 * svd.singular_values.max();
+    let solved = svd.solve(&y, least).ok()?;
+    let inverse = svd.pseudo_inverse(least).ok()?;
+    let value = |i: usize| Estimated { value: solved[i], se: inverse.row(i).norm() };
+    let left = (&y - a * &solved).norm_squared();
+    let fell = (unbent.norm_squared() - left).max(0.0);
+    Some(Bend { values: [value(1), value(2)], left, fell })
+}
+
+/// Loss that grows with the level: what a xⁿ explains of the flats' means, x in full wells.
 pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     let full = e.camera.sensor.full_well_e;
-    let (present, held) = match current(e.camera, "nonlinearity") {
-        Some(Effect::Nonlinearity(x)) => (f64::from(x.loss), Some(f64::from(x.exponent))),
-        _ => (0.0, None),
-    };
     let points: Vec<(f64, Estimated)> = e
         .flats()
         .filter(|(_, c)| c.level_known)
@@ -178,51 +237,41 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
         })
         .filter(|(x, _)| *x > 0.0)
         .collect();
-    if points.len() < 3 {
+    if points.len() < 4 {
         return Vec::new();
     }
-    let exponents = match held {
-        Some(n) => vec![n],
-        None => vec![1.0, 1.5, 2.0, 3.0],
-    };
-    let mut out = Vec::new();
-    for n in exponents {
-        // relative = c − a xⁿ, least squares with both free; only a is used.
-        let (mut s0, mut s1, mut s2, mut y0, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (x, r) in &points {
-            let (w, b) = (1.0 / (r.se * r.se), -x.powf(n));
-            s0 += w;
-            s1 += w * b;
-            s2 += w * b * b;
-            y0 += w * r.value;
-            y1 += w * b * r.value;
-        }
-        let det = s0 * s2 - s1 * s1;
-        if det <= 0.0 {
-            continue;
-        }
-        for free in [true, false] {
-            let (a, se) = if free {
-                ((s0 * y1 - s1 * y0) / det, (s0 / det).sqrt())
-            } else {
-                (y1 / s2, s2.sqrt().recip())
-            };
-            let loss = present + a;
-            let effect = Nonlinearity { loss: loss as f32, exponent: n as f32 };
-            out.push(
-                Proposal::new("nonlinearity", effect.into(), (a / se).abs())
-                    .with("loss", loss, se)
-                    .with("exponent", n, f64::NAN),
-            );
-        }
-    }
-    // The exponent that leaves least; the strongest is that.
+    let made = [true, false].into_iter().filter_map(|free| {
+        let (loss, exponent, fit) = match current(e.camera, "nonlinearity") {
+            // In the model already: what is to be added to its loss and exponent.
+            Some(Effect::Nonlinearity(x)) => {
+                let (loss, n) = (f64::from(x.loss), f64::from(x.exponent));
+                let fit = bend(&points, free, n, loss)?;
+                (loss + fit.values[0].value, n + fit.values[1].value.clamp(-1.0, 1.0), fit)
+            }
+            _ => {
+                let left = |n| bend(&points, free, n, 0.0).map_or(f64::MAX, |f| f.left);
+                let n = minimum(EXPONENTS[0], EXPONENTS[1], 20, left);
+                let straight = bend(&points, free, n, 0.0)?;
+                let loss = straight.values[0].value;
+                let values = bend(&points, free, n, loss)?.values;
+                (loss, n, Bend { values, ..straight })
+            }
+        };
+        let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
+        let effect = Nonlinearity { loss: loss as f32, exponent: exponent as f32 };
+        Some(
+            Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
+                .with("loss", loss, fit.values[0].se)
+                .with("exponent", exponent, fit.values[1].se),
+        )
+    });
+    let mut out: Vec<Proposal> = made.collect();
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
-    out.truncate(2);
     out
 }
 
-/// Channels lean towards each other.
+/// Channels lean towards each other: in their means, and in their ratios, which neither the lamp nor the channels' own mean
+/// gains change.
 pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let n = classes(e);
@@ -236,7 +285,7 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
             _ => 0.0,
         };
         // What a pixel of a channel gets more from its four neighbours than it gives, in the mean.
-        let pull = |means: &[f64], class: usize| {
+        let pull = |means: &[f64], class: usize| -> f64 {
             let (mut sum, mut count) = (0.0, 0.0);
             for y in 0..ph {
                 for x in 0..pw {
@@ -250,13 +299,31 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
             }
             sum / f64::max(count, 1.0)
         };
-        let found = slope(e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
+        let means = e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
             let k = e.gain(c);
             (0..n).filter_map(move |class| {
                 let d = e.difference(Place::Stack(i), What::Mean(class))?;
                 Some((k * pull(&c.photo_e, usize::from(class)), d))
             })
-        }))?;
+        });
+        // How the ratio of ratios moves with the share; the own light of a channel may be nothing.
+        // Without a reference there are no ratios to ask it for.
+        let reference = e.design.conditions.get(reference_flat(e.design).unwrap_or(0))?;
+        let lean = |c: &Condition, class: usize| pull(&c.photo_e, class) / c.photo_e[class];
+        let ratios = e.flats().flat_map(|(i, c)| {
+            let g = strongest(c);
+            let strong = lean(c, g) - lean(reference, g);
+            let by =
+                move |own: usize| reference.photo_e[g] / (reference.photo_e[own] * c.photo_e[g]);
+            (0..n).filter_map(move |class| {
+                let (place, own) = (Place::Stack(i), usize::from(class));
+                let d = e.difference(place, What::Ratio(class))?;
+                let ratio = e.predicted(place, What::Ratio(class))?;
+                let gets = by(own) * pull(&c.photo_e, own);
+                Some((gets - ratio * (lean(reference, own) + strong), d))
+            })
+        });
+        let found = slope(means.chain(ratios))?;
         let k = (present + found.value).max(0.0);
         let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
         Some(
