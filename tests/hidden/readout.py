@@ -333,7 +333,8 @@ class AmpGlow(Effect):
         maps.glow = maps.glow + F(self.amount) * self.shape
 
     def details(self):
-        return {"x": self.x0, "y": self.y0, "width_pixels": self.width}
+        # In half widths and half heights from the middle, as others say it.
+        return {"x": 2 * self.x0 - 1, "y": 2 * self.y0 - 1, "width_pixels": self.width}
 
 
 class MeanShift(Effect):

@@ -34,14 +34,21 @@ class Case:
         if self.group == "single":
             self.times = float(rest.split("/")[1])
         steps = self.answer["steps"]
-        self.names = [self.own(s["effect"]) for s in steps]
-        self.confirmed = [self.own(s["effect"]) for s in steps if s["status"] == "confirmed"]
+        self.names = [n for s in steps for n in self.meant(s)]
+        self.confirmed = [n for s in steps if s["status"] == "confirmed" for n in self.meant(s)]
         self.tentative = [n for n in self.names if n not in self.confirmed]
         self.in_class = any(self.own(e) in self.hidden for c in self.answer["ambiguous"] for e in c)
 
     def own(self, name):
         """The hidden kind that `name` stands for, or the name."""
         return next((k for k in self.hidden if name in ALSO.get(k, ())), name)
+
+    def meant(self, step):
+        """The hidden kinds that a step stands for: where those are several, the ones whose parameter it gives."""
+        name = step["effect"]
+        meant = [e for e in self.effects if e["kind"] == name or name in ALSO.get(e["kind"], ())]
+        given = [e["kind"] for e in meant if e["parameter"] in step["parameters"]]
+        return (given if len(meant) > 1 else []) or [self.own(name)]
 
     def described(self):
         """Whether the first unexplained statistic mentions the hidden property."""
@@ -53,7 +60,7 @@ class Case:
         """(kind, key, value, standard error, truth, Cramer-Rao sd or None) of what was named rightly."""
         for e in self.effects:
             for step in self.answer["steps"]:
-                if self.own(step["effect"]) == e["kind"]:
+                if e["kind"] in self.meant(step):
                     for key, (value, error) in step["parameters"].items():
                         if key in e["parameters"] and error:
                             true = e["parameters"][key]

@@ -1,59 +1,83 @@
-//! Standard errors of parameters and what chance gives, by simulation.
+//! The last word on parameters, their standard errors and what chance gives, by simulation.
 //!
-//! The final model makes replicates of the frames to fit, and the estimators that gave the parameters are put to each
+//! The final model makes replicates of both halves, and the estimators that gave the parameters are put to each
 //! as if it had been measured: the scatter of what they give is their standard error (parametric bootstrap, Efron &
 //! Tibshirani 1993, chapter 6), whatever the effect does to the scatter of the statistics it is read from. Measurement
-//! and prediction scatter apart, hence √(1 + 1/replicates). Edges, dots and charts give errors of their own, by least
+//! and prediction scatter apart, hence √(1 + 1/replicates), for the mean of halves √(1 + 2/replicates). Edges, dots and charts give errors of their own, by least
 //! squares.
 
 use super::maps::maps;
 use super::prediction::{Prediction, Values, by_key};
 use super::search::same_shape;
-use super::session::{Frames, RUNS, SEED, Session, State};
+use super::session::{Frames, Half, RUNS, SEED, Session, State};
 use super::statistics::battery;
 use super::{candidates::Proposal, replicate};
 use crate::Result;
 use crate::camera::Camera;
 use rayon::prelude::*;
+use sensor_core::effects::Effect;
 
 /// First of the seeds: none that made the prediction.
 const FIRST: u64 = SEED + 1000;
 /// Estimates without which there is no standard error.
 const LEAST: usize = RUNS as usize / 2;
+/// Standard errors of the one half by which the halves' estimates may be apart: five of their difference.
+const MOST_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
+/// Relative difference of values that have no standard error, as frequencies, that are still the same.
+const ROUGHLY: f64 = 0.01;
 /// Replicates that show what chance gives.
 const CHANCES: u64 = 8;
 
 impl Session {
-    /// Gives the named effects of dark and flat frames the standard errors that simulation finds.
-    pub(super) fn simulate_errors(&self, state: &mut State) -> Result<()> {
+    /// The last word on the parameters that dark and flat frames show, with the standard errors that simulation finds. Where
+    /// the halves are alike it is the mean of what they give: judged were the parameters of the frames to fit alone.
+    pub(super) fn settle_parameters(&self, state: &mut State) -> Result<()> {
         if state.named.iter().all(|p| p.of_looks) {
             return Ok(());
         }
-        let State { camera, fit, named, .. } = &*state;
+        let State { camera, fit, holdout, named, .. } = &*state;
         let wanted = |kind: &str| named.iter().any(|p| p.kind == kind && !p.of_looks);
-        let estimates: Vec<Vec<Proposal>> = (FIRST..FIRST + RUNS)
+        let mut halves = vec![(&self.fit, fit)];
+        if self.can_confirm && self.halves_are_alike() {
+            halves.push((&self.holdout, holdout));
+        }
+        let judges = halves.get(1).map_or_else(Vec::new, |(half, model)| {
+            self.propose(half.frames(), camera, model, named, &wanted, f64::NEG_INFINITY)
+        });
+        // Of each replicate of the sensor, what each half gives.
+        let anew: Vec<Vec<Vec<Proposal>>> = (FIRST..FIRST + RUNS)
             .into_par_iter()
-            .map(|seed| self.estimate_anew(camera, fit, named, &wanted, seed))
+            .map(|seed| {
+                let of = |(half, model): &(&Half, &Prediction)| {
+                    self.estimate_anew(half, camera, model, named, &wanted, seed)
+                };
+                halves.iter().map(of).collect()
+            })
             .collect::<Result<_>>()?;
+        let kinds: Vec<&str> = named.iter().map(|p| p.kind).collect();
         for named in state.named.iter_mut().filter(|p| !p.of_looks) {
-            let found: Vec<&Proposal> = estimates
+            let alike = |p: &&Proposal| p.kind == named.kind && same_shape(p, named);
+            let first: Vec<Vec<f64>> =
+                anew.iter().filter_map(|h| h[0].iter().find(alike)).map(values).collect();
+            let both: Vec<Vec<f64>> = anew
                 .iter()
-                .filter_map(|all| all.iter().find(|p| p.kind == named.kind && same_shape(p, named)))
+                .filter_map(|h| Some((h[0].iter().find(alike)?, h.get(1)?.iter().find(alike)?)))
+                .map(|(a, b)| std::iter::zip(values(a), values(b)).map(|(a, b)| (a + b) / 2.0))
+                .map(Iterator::collect)
                 .collect();
-            if found.len() < LEAST {
-                continue;
-            }
-            for (i, (key, parameter)) in named.parameters.iter_mut().enumerate() {
-                let n = found.len() as f64;
-                let values = || found.iter().map(|p| p.parameters[i].1.value);
-                let mean = values().sum::<f64>() / n;
-                let variance = values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-                // What an estimator holds fast has no scatter, and of frequencies any alias may come back.
-                if variance > 0.0 && !key.starts_with("cycles_per_") {
-                    parameter.se = (variance * (1.0 + 1.0 / RUNS as f64)).sqrt();
-                }
+            let second = judges.iter().find(alike).cloned();
+            // The prediction, of RUNS replicates, scatters too; of halves that are alike it is the same.
+            set_errors(named, &first, 1.0 / RUNS as f64);
+            let alone = kinds.iter().filter(|k| **k == named.kind).count() == 1;
+            if let Some(mean) = second.filter(|_| alone).and_then(|s| mean_of_halves(named, &s))
+                && both.len() >= LEAST
+            {
+                *named = mean;
+                set_errors(named, &both, 2.0 / RUNS as f64);
             }
         }
+        let base = self.base(state);
+        state.camera = state.named.iter().fold(base, |c, p| p.applied(&c));
         Ok(())
     }
 
@@ -72,32 +96,81 @@ impl Session {
         let strength = |proposals: Vec<Proposal>| {
             proposals.into_iter().find(|p| same_shape(p, effect)).map_or(0.0, |p| p.strength)
         };
-        let measured = strength(self.propose(self.frames(), camera, model, named, &wanted, 0.0));
+        let measured = strength(self.propose(
+            self.fit.frames(),
+            camera,
+            model,
+            named,
+            &wanted,
+            f64::NEG_INFINITY,
+        ));
         let squares: Vec<f64> = (FIRST..FIRST + CHANCES)
             .into_par_iter()
             .map(|seed| {
-                let anew = self.estimate_anew(camera, model, named, &wanted, seed)?;
+                let anew = self.estimate_anew(&self.fit, camera, model, named, &wanted, seed)?;
                 Ok(strength(anew).powi(2))
             })
             .collect::<Result<_>>()?;
         Ok(measured / (squares.iter().sum::<f64>() / squares.len() as f64).sqrt().max(1.0))
     }
 
-    /// What estimators make of a replicate of a model.
+    /// What estimators make of a replicate of a model, taken as a half was.
     fn estimate_anew(
         &self,
+        half: &Half,
         camera: &Camera,
         model: &Prediction,
         named: &[Proposal],
         wanted: &(dyn Fn(&str) -> bool + Sync),
         seed: u64,
     ) -> Result<Vec<Proposal>> {
-        let design = &self.fit.design;
+        let design = &half.design;
         let waves = wanted("periodic-pattern-noise");
         let stacks = replicate::simulate(camera, design, seed, waves)?;
         let values = by_key(battery(camera, design, &stacks));
         let maps = maps(camera, design, &stacks);
-        let frames = Frames { values: &values, stacks: &stacks, maps: &maps };
-        Ok(self.propose(frames, camera, model, named, &wanted, 0.0))
+        let frames = Frames { values: &values, stacks: &stacks, maps: &maps, ..half.frames() };
+        Ok(self.propose(frames, camera, model, named, &wanted, f64::NEG_INFINITY))
     }
+}
+
+/// The values of a proposal's parameters.
+fn values(p: &Proposal) -> Vec<f64> {
+    p.parameters.iter().map(|p| p.1.value).collect()
+}
+
+/// Standard errors from the scatter of estimates, as much larger in variance as `more` says.
+fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
+    if estimates.len() < LEAST {
+        return;
+    }
+    let n = estimates.len() as f64;
+    for (i, (key, parameter)) in named.parameters.iter_mut().enumerate() {
+        let mean = estimates.iter().map(|e| e[i]).sum::<f64>() / n;
+        let variance = estimates.iter().map(|e| (e[i] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        // What an estimator holds fast has no scatter, and of frequencies any alias may come back.
+        if variance > 0.0 && !key.starts_with("cycles_per_") {
+            parameter.se = (variance * (1.0 + more)).sqrt();
+        }
+    }
+}
+
+/// The mean of two estimates of an effect, if they are two of the same: a frequency may be an alias, a direction another turn.
+fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
+    let agree = std::iter::zip(&a.parameters, &b.parameters).all(|((_, a), (_, b))| {
+        let known = if a.se.is_finite() { MOST_APART * a.se } else { ROUGHLY * a.value.abs() };
+        (a.value - b.value).abs() <= known
+    });
+    if !agree {
+        return None;
+    }
+    let mut mean = a.clone();
+    for (x, y) in mean.parameters.iter_mut().zip(&b.parameters) {
+        x.1.value = (x.1.value + y.1.value) / 2.0;
+    }
+    for (x, y) in mean.effects.iter_mut().zip(&b.effects) {
+        let of = std::iter::zip(x.values(), y.values()).map(|(x, y)| (x + y) / 2.0);
+        *x = Effect::new(x.entry().id, &of.collect::<Vec<_>>())?;
+    }
+    Some(mean)
 }

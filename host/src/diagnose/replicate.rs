@@ -31,7 +31,7 @@ fn stack(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<T
     let (w, h) = (config.width as usize, config.height as usize);
     let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
     let mut light = EvenLight::new(config, condition);
-    let first = first_frame(condition.capture);
+    let first = first_frame(condition.capture).wrapping_add(condition.skip as u32);
     let mut batch: Vec<Plane<u16>> = Vec::new();
     for (i, size) in batches(condition.frames) {
         batch.clear();
@@ -65,7 +65,7 @@ fn batches(frames: usize) -> Vec<(usize, usize)> {
         .collect()
 }
 
-/// Frames of different captures share no temporal noise; those of one follow each other.
+/// Frames of different captures, or of different halves of one, share no temporal noise; those of one follow each other.
 fn first_frame(capture: usize) -> u32 {
     10_000 * (capture as u32 + 1)
 }

@@ -15,6 +15,8 @@ const GROSS: f64 = 10.0;
 const SOME: usize = 4;
 /// See [`GROSS`].
 const GROSS_SHARE: f64 = 0.1;
+/// Standard errors by which a parameter must change to take over what a name explained.
+const MOVED: f64 = 2.0;
 /// Share of the winner's evidence from which a rival may win beside names that were not yet taken.
 const CLOSE: f64 = 0.5;
 
@@ -25,7 +27,7 @@ impl Session {
         for _ in 0..if state.named.len() > 1 { 2 } else { 1 } {
             let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
             let all = self.propose(
-                self.frames(),
+                self.fit.frames(),
                 &state.camera,
                 &state.fit,
                 &state.named,
@@ -57,7 +59,7 @@ impl Session {
     }
 
     /// The camera that the named effects are put on: their parameters replace each other.
-    fn base(&self, state: &State) -> Camera {
+    pub(super) fn base(&self, state: &State) -> Camera {
         let mut camera = state.camera.clone();
         // Effects that stand beside others of their kind must not be put twice.
         for p in state.named.iter().filter(|p| p.beside) {
@@ -85,16 +87,19 @@ impl Session {
             let before = &state.replicates[..TRIAL_RUNS as usize];
             let known = left_out.is_of_optics().then_some(before);
             let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
-            let rise = |half: &Half, with: &Prediction| {
-                with.moved(before, &after).deviance(&half.values, &half.allowance)
+            let without = state.fit.moved(before, &after);
+            let rise = |half: &Half, with: &Prediction, without: &Prediction| {
+                without.deviance(&half.values, &half.allowance)
                     - with.deviance(&half.values, &half.allowance)
             };
-            let missed = rise(&self.fit, &state.fit) + rise(&self.holdout, &state.holdout);
+            let missed = rise(&self.fit, &state.fit, &without)
+                + rise(&self.holdout, &state.holdout, &state.holdout.moved(before, &after));
             let idle = missed < EARNS[2] / 2.0
                 || !left_out.of_looks
                     && self.stands_out(&left_out, &camera, &after, &named)? < LEAST;
-            // What it seems to explain the others may explain, once they are estimated without it.
-            let without = match idle || state.named.len() <= SOME && !left_out.of_looks {
+            // What it seems to explain the others may explain, once they are estimated without it, if that moves them.
+            let some = state.named.len() <= SOME && !left_out.of_looks;
+            let without = match idle || some && self.would_move(&camera, &without, &named) {
                 true => Some(self.refit(self.state(camera, named)?)?),
                 false => None,
             };
@@ -111,6 +116,19 @@ impl Session {
             }
         }
         Ok(state)
+    }
+
+    /// Whether the frames to fit would give some of these names other parameters beside such a model.
+    fn would_move(&self, camera: &Camera, model: &Prediction, named: &[Proposal]) -> bool {
+        let wanted = |kind: &str| named.iter().any(|p| p.kind == kind);
+        let anew = self.propose(self.fit.frames(), camera, model, named, &wanted, 0.0);
+        named.iter().any(|p| {
+            let same = |a: &&Proposal| a.kind == p.kind && !a.beside && same_shape(a, p);
+            anew.iter().find(same).is_some_and(|a| {
+                std::iter::zip(&a.parameters, &p.parameters)
+                    .any(|((_, a), (_, p))| (a.value - p.value).abs() > MOVED * a.se)
+            })
+        })
     }
 
     /// A name, and how many were taken before it, in whose stead a close rival of its round explains more beside those taken

@@ -2,7 +2,8 @@
 //!
 //! Each round estimates every candidate, simulates the most significant ones and takes the one with which the
 //! frames to fit are most likely, if the held-out frames agree; repeats until none earns its place; then drops
-//! what is not missed. Where something is left, it looks again without one of the names.
+//! what is not missed. Where something is left, or a rival of an early name explains more beside the later ones, it looks
+//! again without that name.
 
 use super::candidates::Proposal;
 use super::prediction::{Key, Prediction, bounded};
@@ -84,7 +85,7 @@ pub struct Step {
 pub struct Outcome {
     /// The model at the start.
     pub before: State,
-    /// The model at the end.
+    /// The model at the end: what it predicts is of the parameters that the frames to fit gave; those named are of all.
     pub after: State,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
@@ -134,7 +135,7 @@ impl Session {
             }
         }
         say("standard errors");
-        self.simulate_errors(&mut found.after)?;
+        self.settle_parameters(&mut found.after)?;
         for step in &mut found.steps {
             let kind = step.trial.proposal.kind;
             if let Some(p) = found.after.named.iter().find(|p| p.kind == kind) {
@@ -160,7 +161,7 @@ impl Session {
         while steps.len() < MOST {
             let wanted = |kind: &str| wanted(kind, steps.len());
             let mut proposals = self.propose(
-                self.frames(),
+                self.fit.frames(),
                 &state.camera,
                 &state.fit,
                 &state.named,
@@ -272,7 +273,7 @@ impl Session {
         for _ in 0..3 {
             let own = |kind: &str| kind == proposal.kind;
             let again = self
-                .propose(self.frames(), &camera, &prediction, &state.named, &own, 1.0)
+                .propose(self.fit.frames(), &camera, &prediction, &state.named, &own, 1.0)
                 .into_iter()
                 .find(|p| !p.beside && same_shape(p, &best.proposal));
             let Some(next) = again.filter(|p| p.strength > 1.0) else { break };

@@ -39,6 +39,8 @@ pub struct Half {
     pub values: Values,
     /// Scatter that comes from the set-up.
     pub allowance: BTreeMap<Key, f64>,
+    /// Maps of its dark and flat stacks.
+    pub maps: Vec<Map>,
 }
 
 /// A model with what it predicts.
@@ -61,6 +63,8 @@ pub struct State {
 /// What estimators read: measured, or simulated as if it were.
 #[derive(Clone, Copy)]
 pub(super) struct Frames<'a> {
+    pub design: &'a Design,
+    pub allowance: &'a BTreeMap<Key, f64>,
     pub values: &'a Values,
     pub stacks: &'a [Temporal],
     pub maps: &'a [Map],
@@ -74,14 +78,25 @@ pub struct Session {
     pub holdout: Half,
     /// Whether there are held-out frames.
     pub can_confirm: bool,
-    /// Maps of the frames to fit.
-    pub maps: Vec<Map>,
     /// Words for people.
     pub notes: Vec<String>,
     /// Light of edges, dots and charts through the lenses tried.
     lights: Lights,
     /// What parameters do to edges, dots and charts.
     pub(super) slopes: Slopes,
+}
+
+impl Half {
+    /// As estimators read it.
+    pub(super) fn frames(&self) -> Frames<'_> {
+        Frames {
+            design: &self.design,
+            allowance: &self.allowance,
+            values: &self.values,
+            stacks: &self.stacks,
+            maps: &self.maps,
+        }
+    }
 }
 
 impl Session {
@@ -101,7 +116,8 @@ impl Session {
             let mut values = by_key(battery(camera, &design, &stacks));
             values.extend(by_key(looks::battery(camera, &design, &pictures)));
             let allowance = allowance::allowances(camera, &design, &values);
-            Ok(Half { design, stacks, pictures, values, allowance })
+            let maps = maps::maps(camera, &design, &stacks);
+            Ok(Half { design, stacks, pictures, values, allowance, maps })
         };
         let mut notes = halves.notes;
         if halves.fit.conditions.iter().any(|c| c.role == Role::Flat && !c.even) {
@@ -122,32 +138,14 @@ impl Session {
             }
         };
         plausible::check(camera, &fit.design, &fit.stacks)?;
-        let maps = maps::maps(camera, &fit.design, &fit.stacks);
-        let slopes = Slopes::default();
-        Ok(Self { fit, holdout, can_confirm, maps, notes, lights, slopes })
+        Ok(Self { fit, holdout, can_confirm, notes, lights, slopes: Slopes::default() })
     }
 
     /// The model with what it predicts.
     pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
         let replicates = self.replicates(&camera, &self.fit.design, RUNS, None)?;
         let fit = Prediction::new(&replicates);
-        let same = self.fit.design.conditions.len() == self.holdout.design.conditions.len()
-            && self
-                .fit
-                .design
-                .conditions
-                .iter()
-                .zip(&self.holdout.design.conditions)
-                .all(|(a, b)| a.capture == b.capture && a.frames == b.frames)
-            && self.fit.design.looks.len() == self.holdout.design.looks.len()
-            && self
-                .fit
-                .design
-                .looks
-                .iter()
-                .zip(&self.holdout.design.looks)
-                .all(|(a, b)| a.capture == b.capture && a.frames == b.frames);
-        let judged = match same {
+        let judged = match self.halves_are_alike() {
             true => None,
             false => Some(self.replicates(&camera, &self.holdout.design, RUNS, None)?),
         };
@@ -170,6 +168,15 @@ impl Session {
         let mean = squares.iter().sum::<f64>() / n;
         let sd = (squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
         Ok(State { camera, named, replicates, fit, holdout, norm: (mean, sd) })
+    }
+
+    /// Whether both halves are as many frames of the same captures.
+    pub(super) fn halves_are_alike(&self) -> bool {
+        let frames = |d: &Design| -> Vec<(usize, usize)> {
+            let looks = d.looks.iter().map(|l| (l.capture, l.frames));
+            d.conditions.iter().map(|c| (c.capture, c.frames)).chain(looks).collect()
+        };
+        frames(&self.fit.design) == frames(&self.holdout.design)
     }
 
     /// Replicates of a camera under a design; of its dark and flat stacks those `known`, where it has the same.
@@ -209,12 +216,7 @@ impl Session {
         mean_square(&z) / norm.max(1e-9)
     }
 
-    /// The frames to fit.
-    pub(super) fn frames(&self) -> Frames<'_> {
-        Frames { values: &self.fit.values, stacks: &self.fit.stacks, maps: &self.maps }
-    }
-
-    /// Proposals of the kinds `wanted` that frames taken like those to fit give against a model.
+    /// Proposals of the kinds `wanted` that frames give against a model.
     pub(super) fn propose(
         &self,
         frames: Frames<'_>,
@@ -225,17 +227,17 @@ impl Session {
         least: f64,
     ) -> Vec<Proposal> {
         let imagine = |camera: &Camera| {
-            let design = &self.fit.design;
+            let design = frames.design;
             imagined(camera, design, &self.lights.of(camera, &design.looks)?, SEED)
         };
         let evidence = Evidence {
             camera,
-            design: &self.fit.design,
+            design: frames.design,
             data: frames.values,
             model,
             stacks: frames.stacks,
             maps: frames.maps,
-            allowance: &self.fit.allowance,
+            allowance: frames.allowance,
             imagine: &imagine,
             slopes: &self.slopes,
             named: named.iter().map(|p| p.kind).filter(|k| candidates::shown_by_looks(k)).collect(),

@@ -155,8 +155,8 @@ struct Summary {
     mean_variance: f64,
     skewness: f64,
     kurtosis: f64,
-    /// Standard deviation of samples over pixels and time.
-    sample_sd: f64,
+    /// Half the width in codes of the middle 68 % of the samples, over pixels and time: what outliers do not widen.
+    width: f64,
 }
 
 impl Summary {
@@ -175,11 +175,28 @@ impl Summary {
         Self {
             skewness: over(&third, 1.5),
             kurtosis,
-            sample_sd: (t.fixed_variance() + mean_variance).sqrt(),
+            width: half_width(&t.histogram),
             mean_variance,
             variance,
         }
     }
+}
+
+/// Half of the distance between the quantiles of a histogram that are one standard deviation of a normal law from its mean.
+fn half_width(histogram: &[u32]) -> f64 {
+    let total: f64 = histogram.iter().map(|&n| f64::from(n)).sum();
+    let quantile = |share: f64| {
+        let mut left = share * total;
+        for (code, &n) in histogram.iter().enumerate() {
+            let n = f64::from(n);
+            if left <= n && n > 0.0 {
+                return code as f64 + left / n;
+            }
+            left -= n;
+        }
+        histogram.len() as f64
+    };
+    (quantile(0.841_344_746) - quantile(0.158_655_254)) / 2.0
 }
 
 /// Variance of the frames' means about their mean.
@@ -424,7 +441,7 @@ fn codes(stacks: &[Temporal], summaries: &[Summary], out: &mut Vec<Statistic>) {
             let ends = f64::from(t.histogram[0]) + f64::from(t.histogram[bins - 1]);
             let samples = (t.mean.data.len() * t.frames) as f64;
             // A normal law's own wave at this frequency: exp(−2π²σ²f²), to be below its scatter.
-            if s.sample_sd * frequency < 0.75 || ends > 1e-4 * samples {
+            if s.width * frequency < 0.75 || ends > 1e-4 * samples {
                 continue;
             }
             for (code, &count) in t.histogram.iter().enumerate().filter(|c| *c.1 > 0) {
@@ -442,7 +459,7 @@ fn codes(stacks: &[Temporal], summaries: &[Summary], out: &mut Vec<Statistic>) {
     }
     // Fourth differences, which a smooth density has none of, in their Poisson scatter.
     let mut pooled = vec![0.0f64; bins];
-    for (t, _) in stacks.iter().zip(summaries).filter(|(_, s)| s.sample_sd > 4.0) {
+    for (t, _) in stacks.iter().zip(summaries).filter(|(_, s)| s.width > 4.0) {
         pooled.iter_mut().zip(&t.histogram).for_each(|(p, &h)| *p += f64::from(h));
     }
     let (mut sum, mut count, mut missing) = (0.0, 0.0, 0.0);

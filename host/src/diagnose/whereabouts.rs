@@ -33,7 +33,7 @@ pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
             }
         }
         (Place::Map(kind), what) => {
-            let map = session.maps.iter().find(|m| m.kind == kind)?;
+            let map = session.fit.maps.iter().find(|m| m.kind == kind)?;
             let (w, h) = (map.plane.width, map.plane.height);
             match what {
                 What::RowPatternPeak => line(&Spectrum::of(&map.spatial.rows), h, "row"),

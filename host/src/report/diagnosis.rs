@@ -69,7 +69,7 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
         ));
     }
     page.heading("Maps of the captures");
-    for map in &session.maps {
+    for map in &session.fit.maps {
         page.drawing(&picture(map), words::map(map.kind));
     }
     page.heading("Improved camera file").verbatim(improved);
