@@ -125,8 +125,8 @@ impl Session {
         seed: u64,
     ) -> Result<Vec<Proposal>> {
         let design = &half.design;
-        let waves = wanted("periodic-pattern-noise");
-        let stacks = replicate::simulate(camera, design, seed, waves)?;
+        let planes = wanted("periodic-pattern-noise");
+        let stacks = replicate::simulate(camera, design, seed, planes)?;
         let values = by_key(battery(camera, design, &stacks));
         let maps = maps(camera, design, &stacks);
         let frames = Frames { values: &values, stacks: &stacks, maps: &maps, ..half.frames() };
@@ -173,4 +173,45 @@ fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
         *x = Effect::new(x.entry().id, &of.collect::<Vec<_>>())?;
     }
     Some(mean)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
+
+    fn wave(amplitude: f64, fx: f64) -> Proposal {
+        let effect = PeriodicPatternNoise {
+            amplitude_e: amplitude as f32,
+            cycles_per_column: fx as f32,
+            cycles_per_row: 0.0,
+        };
+        Proposal::new("periodic-pattern-noise", effect.into(), 10.0)
+            .with("amplitude_e", amplitude, 0.1)
+            .with("cycles_per_column", fx, f64::NAN)
+    }
+
+    #[test]
+    fn halves_that_say_the_same_are_averaged_and_others_are_not() {
+        let mean = mean_of_halves(&wave(1.0, 0.25), &wave(1.2, 0.2501)).unwrap();
+        assert!((mean.parameters[0].1.value - 1.1).abs() < 1e-12);
+        assert!((mean.effects[0].values()[0] - 1.1).abs() < 1e-6);
+        // Another wave, or one by far too strong to be the same.
+        assert!(mean_of_halves(&wave(1.0, 0.25), &wave(1.0, 0.45)).is_none());
+        assert!(mean_of_halves(&wave(1.0, 0.25), &wave(2.0, 0.25)).is_none());
+    }
+
+    #[test]
+    fn the_scatter_of_estimates_is_the_standard_error() {
+        let mut named = wave(1.0, 0.25);
+        let estimates: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i % 2) * 0.2, 0.3]).collect();
+        set_errors(&mut named, &estimates, 0.5);
+        // Variance 16/15 0.1², half more; a frequency keeps none.
+        let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt();
+        assert!((named.parameters[0].1.se - expected).abs() < 1e-12);
+        assert!(named.parameters[1].1.se.is_nan());
+        // Too few estimates say nothing.
+        set_errors(&mut named, &estimates[..LEAST - 1], 3.0);
+        assert!((named.parameters[0].1.se - expected).abs() < 1e-12);
+    }
 }

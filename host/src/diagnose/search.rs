@@ -33,6 +33,8 @@ pub(super) const LEAST: f64 = 4.0;
 pub(super) const EARNS: [f64; 3] = [14.0, 3.0, 28.0];
 /// Share of the held-out gap that named effects must close where something is left.
 const ENOUGH: f64 = 0.75;
+/// Held-out gap from which one or two names fit nothing: deviations of twice what chance gives.
+const UNFIT: f64 = 4.0;
 
 /// A candidate that was simulated.
 #[derive(Clone, Debug)]
@@ -236,7 +238,8 @@ impl Session {
         state = self.withdraw(camera, state, &mut steps, &mut nearest)?;
         let mut gap_after = self.gap(&state.holdout, state.norm.0);
         let share = (gap_before - gap_after) / (gap_before - 1.0).max(1e-9);
-        if !steps.is_empty() && !self.unexplained(&state).is_empty() && share < ENOUGH {
+        let unfit = share < ENOUGH || steps.len() <= FEW && gap_after > UNFIT;
+        if !steps.is_empty() && !self.unexplained(&state).is_empty() && unfit {
             // Names that leave that much are pressed on the data, not found in them.
             nearest.extend(steps.drain(..).map(|s| s.trial.proposal.kind.to_string()));
             twins.clear();

@@ -187,7 +187,7 @@ impl Session {
         runs: u64,
         known: Option<&[Values]>,
     ) -> Result<Vec<Values>> {
-        let planes = camera.effects.iter().any(|e| e.entry().kind == "periodic-pattern-noise");
+        let planes = makes_lines(camera);
         let lights = self.lights.of(camera, &design.looks)?;
         (0..runs)
             .into_par_iter()
@@ -295,6 +295,17 @@ impl State {
     pub fn limit(&self) -> f64 {
         GAP_LIMIT.max(1.0 + 3.5 * self.norm.1 / self.norm.0)
     }
+}
+
+/// Whether a model's frames have lines over both frequencies: waves, or light that is another in each frame and is seen by
+/// pixels of several colours.
+fn makes_lines(camera: &Camera) -> bool {
+    let colour = camera.sensor.channel_names.len() > 1;
+    camera.effects.iter().any(|e| match e.entry().kind {
+        "periodic-pattern-noise" => true,
+        "light-flicker" | "flicker-banding" => colour,
+        _ => false,
+    })
 }
 
 /// Whether both halves show the same pattern of the sensor there, and together say hardly more than one.

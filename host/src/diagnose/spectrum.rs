@@ -80,3 +80,93 @@ impl Spectrum2 {
         }
     }
 }
+
+/// What a power over two frequencies, laid out as [`Spectrum2`] has it, is without lines: the median of each bin's tile, or
+/// that of all bins if it is larger. A continuum is no line.
+pub struct Background {
+    /// Bins along a row.
+    width: usize,
+    height: usize,
+    /// Tiles along a row and along a column.
+    across: usize,
+    down: usize,
+    tiles: Vec<f32>,
+}
+
+impl Background {
+    /// Bins to a side of a tile: enough that a line and its leak are few of them.
+    const SIDE: usize = 8;
+
+    /// Of the power of frames of `columns` columns.
+    pub fn of(power: &[f32], columns: usize) -> Self {
+        let width = columns / 2 + 1;
+        let height = power.len() / width;
+        let (across, down) = ((width / Self::SIDE).max(1), (height / Self::SIDE).max(1));
+        let all = median(&mut power.to_vec());
+        let side = |i: usize, tiles: usize, n: usize| i * n / tiles..(i + 1) * n / tiles;
+        let mut bins = Vec::with_capacity(4 * Self::SIDE * Self::SIDE);
+        let tiles = (0..across * down).map(|i| {
+            bins.clear();
+            for row in side(i / across, down, height) {
+                bins.extend_from_slice(&power[row * width..][side(i % across, across, width)]);
+            }
+            median(&mut bins).max(all)
+        });
+        let tiles = tiles.collect();
+        Self { width, height, across, down, tiles }
+    }
+
+    /// At a bin.
+    pub fn at(&self, bin: usize) -> f32 {
+        // The tile whose bounds, rounded down, enclose a place.
+        let tile = |at: usize, tiles: usize, n: usize| ((at + 1) * tiles - 1) / n;
+        let (x, y) = (bin % self.width, bin / self.width);
+        self.tiles[tile(y, self.down, self.height) * self.across + tile(x, self.across, self.width)]
+    }
+
+    /// The bin of a power that is the highest above it, and how many times.
+    pub fn highest(&self, power: &[f32]) -> (usize, f32) {
+        let over = power.iter().enumerate().map(|(i, p)| (i, p / self.at(i)));
+        over.fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a })
+    }
+}
+
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_stands_on_a_continuum() {
+        let (columns, height) = (256, 192);
+        let width = columns / 2 + 1;
+        // A hill at low frequencies a hundred times the rest, and a line of a tenth of it elsewhere.
+        let mut power: Vec<f32> = (0..width * height)
+            .map(|i| {
+                let (k, l) = (i % width, i / width);
+                let l = l.min(height - l);
+                1.0 + 100.0 * (-((k * k + l * l) as f32) / 800.0).exp()
+            })
+            .collect();
+        let at = 100 * width + 90;
+        power[at] = 10.0;
+        let background = Background::of(&power, columns);
+        let (bin, times) = background.highest(&power);
+        assert_eq!(bin, at);
+        assert!((times - 10.0).abs() < 0.1, "{times}");
+        // Every bin is in the tile that it was counted in.
+        for i in (0..width).chain((0..height).map(|l| l * width + 128)) {
+            let (x, y) = (i % width, i / width);
+            let (tx, ty) = (16, 24);
+            let within = |at: usize, n: usize, tiles: usize| {
+                (0..tiles).find(|t| (t * n / tiles..(t + 1) * n / tiles).contains(&at)).unwrap()
+            };
+            let tile = within(y, height, ty) * tx + within(x, width, tx);
+            assert_eq!(background.at(i), background.tiles[tile], "{x} {y}");
+        }
+    }
+}

@@ -3,7 +3,7 @@
 use super::maps::MapKind;
 use super::prediction::Key;
 use super::session::Session;
-use super::spectrum::Spectrum;
+use super::spectrum::{Background, Spectrum};
 use super::statistics::{Place, What};
 
 /// Tiles along each side among which the one that stands out is named.
@@ -57,7 +57,7 @@ pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
 
 /// The highest bin of a power over two frequencies, laid out as [`super::spectrum::Spectrum2`] has it.
 fn plane(power: &[f32], w: usize, h: usize) -> Option<String> {
-    let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b]))?;
+    let (at, _) = Background::of(power, w).highest(power);
     let (l, k) = (at / (w / 2 + 1), at % (w / 2 + 1));
     let (fx, fy) = (k as f64 / w as f64, l as f64 / h as f64);
     let fy = if fy > 0.5 { fy - 1.0 } else { fy };

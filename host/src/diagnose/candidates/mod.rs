@@ -47,7 +47,7 @@ pub struct Proposal {
 }
 
 impl Proposal {
-    fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
+    pub(super) fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
         Self { effects: vec![effect], of_looks: false, ..Self::of_looks(kind, strength) }
     }
 
@@ -64,7 +64,7 @@ impl Proposal {
         }
     }
 
-    fn with(mut self, key: &'static str, value: f64, se: f64) -> Self {
+    pub(super) fn with(mut self, key: &'static str, value: f64, se: f64) -> Self {
         self.parameters.push((key, Estimated { value, se }));
         self
     }

@@ -320,15 +320,23 @@ fn shot_share(
     Some((e.signal(stack)? * e.gain(c) / v).clamp(0.0, 1.0))
 }
 
-/// Correlation of neighbours in flats in proportion to the signal.
+/// Correlation of neighbours in flats in proportion to the signal, and the variance that is lost to it where both agree.
 pub fn brighter_fatter(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
-        let found = slope(e.flats().flat_map(|(i, c)| {
-            let x = (|| Some(2.0 * shot_share(e, i, c)? * e.signal(i)? / e.gain(c)))();
+        let pushed = |i, c| Some(shot_share(e, i, c)? * e.signal(i)? / e.gain(c));
+        let gained = slope(e.flats().flat_map(|(i, c)| {
+            let x = pushed(i, c).map(|x| 2.0 * x);
             [0, 1].into_iter().filter_map(move |lag| {
                 Some((x?, e.difference(Place::Stack(i), What::Covariance(lag))?))
             })
         }))?;
+        // (1 − 4b)² + 4b² of the shot noise is left.
+        let lost = slope(e.flats().filter_map(|(i, c)| {
+            let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
+            Some((-8.0 * pushed(i, c)?, Estimated { value: excess.value / v, se: excess.se / v }))
+        }))?;
+        let apart = (gained.value - lost.value).abs() / gained.se.hypot(lost.se);
+        let found = if apart < 3.0 { pooled([gained, lost])? } else { gained };
         let present = match current(e.camera, "brighter-fatter") {
             Some(Effect::BrighterFatter(k)) => f64::from(k.coefficient),
             _ => 0.0,

@@ -4,6 +4,7 @@ use super::flicker::sinc;
 use super::{Proposal, list, lowest, minimum};
 use crate::captures::Role;
 use crate::diagnose::evidence::Evidence;
+use crate::diagnose::spectrum::Background;
 use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::temporal::Temporal;
 use sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
@@ -60,8 +61,15 @@ pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
 struct Power<'a> {
     t: &'a Temporal,
     plane: &'a [f32],
-    /// Power without waves: of pixels, of row means, of column means, as that of pixels.
-    white: [f64; 3],
+    /// Power of pixels without waves.
+    background: Background,
+    /// Power without waves of row means and of column means, as that of pixels.
+    lines: [f64; 2],
+}
+
+/// The mean of χ² of 2 `dof` degrees of freedom over its median (Wilson & Hilferty 1931).
+fn mean_over_median(t: &Temporal) -> f64 {
+    (1.0 - 1.0 / (9.0 * t.dof)).powi(-3)
 }
 
 /// A bin: frequency along a row, 0 to half the columns, and along a column, wrapped.
@@ -70,18 +78,13 @@ type Bin = (usize, usize);
 impl<'a> Power<'a> {
     fn of(t: &'a Temporal) -> Option<Self> {
         let plane = t.power.as_deref()?;
-        let middle = |power: &mut dyn Iterator<Item = f64>| {
-            let mut sorted: Vec<f64> = power.collect();
+        let middle = |power: &[f64], across: usize| {
+            let mut sorted = power.to_vec();
             sorted.sort_by(f64::total_cmp);
-            // The median of χ² of 2 `dof` degrees of freedom over its mean (Wilson & Hilferty 1931).
-            sorted[sorted.len() / 2] / (1.0 - 1.0 / (9.0 * t.dof)).powi(3)
+            sorted[sorted.len() / 2] * across as f64 * mean_over_median(t)
         };
-        let white = [
-            middle(&mut plane.iter().map(|&p| f64::from(p))),
-            middle(&mut t.row_power.iter().map(|p| p * t.width as f64)),
-            middle(&mut t.column_power.iter().map(|p| p * t.height as f64)),
-        ];
-        Some(Self { t, plane, white })
+        let lines = [middle(&t.row_power, t.width), middle(&t.column_power, t.height)];
+        Some(Self { t, plane, background: Background::of(plane, t.width), lines })
     }
 
     /// Power of a bin, and that without waves.
@@ -90,10 +93,14 @@ impl<'a> Power<'a> {
         // A mean's mirror image is in the list of means once.
         let mirrored = l.min(h - l);
         match (k, mirrored) {
-            (0, 0) => (self.white[0], self.white[0]),
-            (0, l) => (self.t.row_power[l - 1] * w as f64, self.white[1]),
-            (k, 0) => (self.t.column_power[k - 1] * h as f64, self.white[2]),
-            _ => (f64::from(self.plane[l * (w / 2 + 1) + k]), self.white[0]),
+            (0, l) if l > 0 => (self.t.row_power[l - 1] * w as f64, self.lines[0]),
+            (k, 0) if k > 0 => (self.t.column_power[k - 1] * h as f64, self.lines[1]),
+            _ => {
+                let bin = l * (w / 2 + 1) + k;
+                let white = f64::from(self.background.at(bin)) * mean_over_median(self.t);
+                // A frame's mean was taken out.
+                (if bin == 0 { white } else { f64::from(self.plane[bin]) }, white)
+            }
         }
     }
 
