@@ -15,6 +15,7 @@ pub mod error;
 pub mod formats;
 pub mod frame;
 pub mod measure;
+mod median;
 pub mod optics;
 pub mod plane;
 pub mod render;

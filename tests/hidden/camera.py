@@ -105,6 +105,9 @@ class Stack:
     wavelength_nm: int = 0
     preceded_by: str = ""
     electrons: tuple = (0.0,)
+    analog_gain: float = 1.0
+    scene: str = ""           # what was looked at, under `lux`
+    lux: float = 0.0
 
 
 LEVELS = (1.25, 5, 12.5, 25, 44, 62, 78, 91)  # percent of saturation
@@ -205,7 +208,7 @@ id = "{s.id}"
 role = "{s.role}"
 files = "{s.id}.npy"
 exposure_s = {s.exposure_s}
-analog_gain = 1.0
+analog_gain = {s.analog_gain}
 temperature_c = {s.temperature_c}
 """
         if s.preceded_by:
@@ -216,5 +219,14 @@ temperature_c = {s.temperature_c}
 irradiance_w_m2 = {s.irradiance!r}
 wavelength_nm = {float(s.wavelength_nm)}
 uniformity = "flat"
+"""
+        elif s.scene:
+            text += f"""
+[capture.light]
+illuminant = "lamp.csv"
+lux = {s.lux!r}
+
+[capture.scene]
+scene = "{s.scene}"
 """
     return text

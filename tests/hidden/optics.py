@@ -1,113 +1,174 @@
 #!/usr/bin/env python3
-"""Effects of the optics, hidden in a camera of camrig's own, looked for by `camrig diagnose`.
+"""Hides effects of the lens, or the four gaps of Chen et al. 2009 together, and looks whether `camrig diagnose` finds them.
 
-The generator beside this file knows no lens; here `camrig capture` takes the frames, of another physical sensor (its seed is
-drawn) behind a lens with one effect that the fitted camera file has not, or none, or the four gaps of Chen et al. 2009 with two
-effects of the sensor. What was hidden never reaches the fitted camera.
+The sensor and its frames are those of `generate.py`, images are those of `lens.py`: neither shares code with camrig. The
+set has an edge, a grid of dots, and a ColorChecker in good and in poor light beside the dark and flat stacks.
 
     tests/hidden/optics.py --camrig target/release/camrig --draws 3 --null 20
+    tests/hidden/optics.py --only SET --kinds defocus,veiling-glare     # the set alone; what is hidden in SET-truth.json
 """
 
 import argparse
 import json
-import random
-import re
+import pathlib
+import secrets
 import subprocess
 import tempfile
-from pathlib import Path
+from dataclasses import replace
+
+import numpy as np
+
+import generate
+from camera import Stack, design, digits, draw, stream
+from lens import CHARTS, Lens, exposure_for, image, lamp_csv
+from sensor import F, Effect, Sensor
 
 WIDTH, HEIGHT = 256, 192
-# Each kind with amounts as drawn: key and range; the sign is drawn where it may be either.
-ALONE = {
+
+
+class Shading(Effect):
+    """Light of each filter of the pattern falls off by 1 + k r^2, r = 1 in the corners."""
+
+    def __init__(self, world, by_filter):
+        self.w, self.by_filter = world, by_filter
+
+    def fixed(self, maps):
+        w, h = self.w.width, self.w.height
+        r2 = ((self.w.x + 0.5 - w / 2) ** 2 + (self.w.y + 0.5 - h / 2) ** 2) / (w * w + h * h) * 4
+        k = self.w.camera.spread([self.by_filter.get(f, 0.0) for f in self.w.camera.planes])
+        maps.light = maps.light * (1 + k * r2.astype(F))
+
+
+# Amounts are drawn evenly; channels are numbered in the order of the filter pattern GRBG.
+IN_LENS = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
     "lens-transmittance": {"factor": (0.8, 0.97)},
     "veiling-glare": {"fraction": (0.01, 0.05)},
     "lateral-colour": {"blue_px": (0.3, 1.0), "red_px": (-1.0, -0.3)},
+}
+SHADINGS = {
     "relative-illumination": {"corner": (-0.2, -0.05)},
     "colour-shading": {"channel_0": (-0.1, -0.03)},
 }
+ALONE = IN_LENS | SHADINGS
 PAPER = {
     "defocus": {"shift_um": (7, 9)},
     "lens-transmittance": {"factor": (0.8, 0.9)},
     "distortion": {"k1": (-0.02, -0.01), "size": (0.99, 0.996)},
-    "hot-pixels": {"fraction": (0.015, 0.025), "mean_e_per_s": (90, 120)},
+    "hot-pixels": {"fraction": (0.015, 0.025)},
     "row-temporal-noise": {"sigma_e": (1.0, 2.0)},
     "defective-pixels": {"fraction": (4e-4, 8e-4)},
 }
 
 
-class Bench:
-    def __init__(self, camrig, folder):
-        self.camrig, self.folder = camrig, Path(folder)
-        text = self.run("presets", "mt9t012").stdout
-        for name in re.findall(r'"([\w.-]+\.csv)"', text):
-            (self.folder / name).write_text(self.run("presets", name).stdout)
-        text = re.sub(r"(?m)^width = .*", f"width = {WIDTH}", text)
-        self.base = re.sub(r"(?m)^height = .*", f"height = {HEIGHT}", text)
-        (self.folder / "base.toml").write_text(self.base)
+def stacks(camera, plain):
+    """The small design's, and of scenes: a reflectance of 0.8 is at 60 % of saturation behind the plain lens at 300 lx,
+    and at 10 lx at 40 %."""
+    bright = {"exposure_s": exposure_for(camera, plain, 0.6 * camera.saturation_e, 0.8, 300.0)}
+    dim = {"exposure_s": digits(5 * bright["exposure_s"]), "analog_gain": 4.0}
 
-    def run(self, *words, may_disagree=False):
-        done = subprocess.run([self.camrig, *words], cwd=self.folder, capture_output=True, text=True)
-        if done.returncode not in ((0, 1) if may_disagree else (0,)):
-            raise SystemExit(f"camrig {' '.join(words)}: {done.stderr}")
-        return done
+    def look(id, role, frames=8, **more):
+        return Stack(id, role, frames, electrons=(0.0,) * len(camera.planes), **more)
 
-    def draw(self, kinds, rng):
-        """Captures of a sensor with these effects; what `camrig diagnose` says."""
-        seed = rng.randrange(2, 1 << 30)
-        text = re.sub(r"(?m)^seed = .*", f"seed = {seed}", self.base)
-        for kind, keys in kinds.items():
-            text += f'\n[[effect]]\nkind = "{kind}"\n'
-            text += "".join(f"{key} = {rng.uniform(*span):.6g}\n" for key, span in keys.items())
-        (self.folder / "hidden.toml").write_text(text)
-        frames = str(rng.randrange(1, 1 << 20))
-        self.run("capture", "--camera", "hidden.toml", "--plan", "optics", "--frame-seed", frames, "-o", "set", "--force")
-        (self.folder / "hidden.toml").unlink()
-        self.run("diagnose", "base.toml", "set", "-o", "found", "--force", may_disagree=True)
-        return json.loads((self.folder / "found/diagnosis.json").read_text())
+    return design(camera, "small") + [
+        look("dark-10lx", "dark", **dim),
+        look("edge", "edge", scene="slanted-edge", lux=300.0, **bright),
+        look("dots", "dots", scene="dots", lux=300.0, **bright),
+        look("chart-300lx", "chart", scene="colorchecker", lux=300.0, **bright),
+        look("chart-10lx", "chart", scene="colorchecker", lux=10.0, **dim)]
+
+
+def build(seed, kinds):
+    """World and sensor of a set with these kinds (each with the ranges of its amounts); what is hidden."""
+    camera = draw(stream(seed, "camera"), WIDTH, HEIGHT, "GRBG")
+    world = generate.World(camera, design(camera, "small"))
+    lens, effects, hidden = Lens(), [], {}
+    for kind, ranges in kinds.items():
+        rng = stream(seed, "optics", kind)
+        amounts = hidden[kind] = {key: float(f"{rng.uniform(*span):.5g}") for key, span in ranges.items()}
+        if kind in SHADINGS:
+            effects.append(Shading(world, dict.fromkeys("rgb", amounts.get("corner", 0.0))
+                                   | {"g": amounts.get("channel_0", amounts.get("corner", 0.0))}))
+        elif kind in IN_LENS:
+            lens = replace(lens, **{{"fraction": "glare"}.get(key, key): x for key, x in amounts.items()})
+        else:
+            effect = generate.KINDS[kind](world, rng)
+            (effect.amount,) = amounts.values()
+            effects.append(effect)
+    images = {scene: image(camera, lens, scene) for scene in CHARTS}
+    world.stacks = stacks(camera, Lens())
+    return world, Sensor(camera, effects, seed, images), hidden
+
+
+def write(out, world, sensor):
+    """The set: camera file, lamp, manifest, frames."""
+    generate.write(out, world, sensor)
+    (pathlib.Path(out) / "lamp.csv").write_text(lamp_csv())
+
+
+def diagnose(camrig, folder, seed, kinds):
+    """What `camrig diagnose` says of a set, and what was hidden in it."""
+    world, sensor, hidden = build(seed, kinds)
+    write(f"{folder}/set", world, sensor)
+    command = [camrig, "diagnose", f"{folder}/set/camera.toml", f"{folder}/set", "-o", f"{folder}/found"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"seed {seed}, {', '.join(kinds) or 'nothing'}: {done.stderr}")
+    return json.loads(pathlib.Path(f"{folder}/found/diagnosis.json").read_text()), hidden
+
+
+def row(name, answers):
+    """A row of the table from all draws of a case."""
+    exact = found = wrong = confirmed = near = known = 0
+    others = set()
+    for answer, hidden in answers:
+        steps = {s["effect"]: s["parameters"] for s in answer["steps"]}
+        exact += set(steps) == set(hidden)
+        found += len(set(steps) & set(hidden))
+        others |= set(steps) - set(hidden)
+        wrong += len(set(steps) - set(hidden))
+        confirmed += answer["verdict"] in ("explained", "agrees")
+        for kind, amounts in hidden.items():
+            for key, true in amounts.items():
+                p = steps.get(kind, {}).get(key)
+                if p and p["std_error"]:
+                    known += 1
+                    near += abs(abs(p["value"]) - abs(true)) <= 1.645 * p["std_error"]   # defocus has no sign
+    gaps = [np.median([a[key] for a, _ in answers]) for key in ("gap_before", "gap_after")]
+    total = sum(len(h) for _, h in answers)
+    return (f"| {name} | {len(answers)} | {exact} | {found} of {total} | {wrong} {' '.join(sorted(others))} "
+            f"| {gaps[0]:.2f} | {gaps[1]:.2f} | {confirmed} | {near} of {known} |")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--camrig", required=True)
-    parser.add_argument("--draws", type=int, default=3, help="of each effect alone")
-    parser.add_argument("--null", type=int, default=20, help="of nothing hidden")
-    parser.add_argument("--paper", type=int, default=1, help="of the paper's gaps together")
-    parser.add_argument("--seed", type=int, default=None)
-    arguments = parser.parse_args()
-    seed = arguments.seed if arguments.seed is not None else random.SystemRandom().randrange(1 << 30)
-    rng = random.Random(seed)
-    print(f"seed {seed}")
-    camrig = str(Path(arguments.camrig).resolve())
-    cases = [("nothing", {}, arguments.null)]
-    cases += [(kind, {kind: keys}, arguments.draws) for kind, keys in ALONE.items()]
-    cases += [("the paper's gaps", PAPER, arguments.paper)]
-    print("| hidden | draws | exact set named | named of it | wrong names | gap before | after | confirmed |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(camrig, folder)
-        for name, kinds, draws in cases:
-            exact = named = wrong = confirmed = 0
-            before, after, others = [], [], set()
-            for _ in range(draws):
-                found = bench.draw(kinds, rng)
-                names = {step["effect"] for step in found["steps"]}
-                exact += names == set(kinds)
-                named += len(names & set(kinds))
-                wrong += len(names - set(kinds))
-                others |= names - set(kinds)
-                confirmed += found["verdict"] in ("explained", "agrees")
-                before.append(found["gap_before"])
-                after.append(found["gap_after"])
-            if draws:
-                middle = [sorted(v)[len(v) // 2] for v in (before, after)]
-                total = draws * len(kinds)
-                print(
-                    f"| {name} | {draws} | {exact} | {named} of {total} | {wrong} {' '.join(sorted(others))} "
-                    f"| {middle[0]:.2f} | {middle[1]:.2f} | {confirmed} |",
-                    flush=True,
-                )
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--camrig", default="target/release/camrig")
+    p.add_argument("--draws", type=int, default=3, help="of each effect alone")
+    p.add_argument("--null", type=int, default=20, help="of nothing hidden")
+    p.add_argument("--paper", type=int, default=1, help="of the paper's gaps together")
+    p.add_argument("--seed", type=int, help="default: from the operating system")
+    p.add_argument("--only", help="write one set there, and what is hidden beside it")
+    p.add_argument("--kinds", default="", help="what the one set hides: kinds, or `paper`")
+    a = p.parse_args()
+    seed = secrets.randbits(30) if a.seed is None else a.seed
+    if a.only:
+        kinds = PAPER if a.kinds == "paper" else {k: ALONE[k] for k in a.kinds.split(",") if k}
+        world, sensor, hidden = build(seed, kinds)
+        write(a.only, world, sensor)
+        pathlib.Path(f"{a.only}-truth.json").write_text(json.dumps({"draw": seed, "effects": hidden}, indent=1) + "\n")
+        return
+    cases = [("nothing", {}, a.null), *((f"`{k}`", {k: v}, a.draws) for k, v in ALONE.items()),
+             ("the paper's gaps", PAPER, a.paper)]
+    print(f"seed {seed}\n\n| hidden | draws | exact set | named of it | wrong names | gap before | after | confirmed "
+          "| parameters within 90 % |\n|---|---|---|---|---|---|---|---|---|", flush=True)
+    for name, kinds, draws in cases:
+        answers = []
+        for i in range(draws):
+            with tempfile.TemporaryDirectory(prefix="camrig-optics-") as folder:
+                answers.append(diagnose(a.camrig, folder, int(stream(seed, name, i).integers(2**32)), kinds))
+        if answers:
+            print(row(name, answers), flush=True)
 
 
 if __name__ == "__main__":

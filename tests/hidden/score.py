@@ -138,7 +138,8 @@ def main():
             a.results.write_text(json.dumps({"base_seed": a.seed, "design": a.design}) + "\n")
         wanted = [j for j in jobs(a) if "answer" not in lines.get(j[0], {})]  # runs without an answer again
         stream(a.seed, "order").shuffle(wanted)  # so that a part of the run says something of all
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        for threads in ("OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):  # the jobs fill the cores
+            os.environ.setdefault(threads, "1")
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
         with concurrent.futures.ProcessPoolExecutor(a.jobs) as pool, a.results.open("a") as out:
             running = [pool.submit(judge, *job, a.seed, a) for job in wanted]

@@ -92,10 +92,11 @@ class Shot:
 
 
 class Sensor:
-    """The true sensor: camera, fixed patterns, hidden effects."""
+    """The true sensor: camera, fixed patterns, hidden effects. `images`: mean photo-electrons of scenes by their name,
+    per lux and second."""
 
-    def __init__(self, camera, effects, seed):
-        self.effects, self.seed = effects, seed
+    def __init__(self, camera, effects, seed, images=None):
+        self.effects, self.seed, self.images = effects, seed, images or {}
         for e in effects:
             camera = e.camera(camera)
         self.camera = camera
@@ -106,13 +107,15 @@ class Sensor:
     def collect(self, shot):
         """Charge of a frame before the effects that act on charge."""
         c, m, stack = self.camera, self.maps, shot.stack
-        rate = c.spread(stack.electrons) * m.light + np.zeros((c.height, c.width), F)
+        mean = self.images.get(stack.scene)
+        mean = c.spread(stack.electrons) if mean is None else mean * F(stack.lux * stack.exposure_s)
+        rate = mean * m.light + np.zeros((c.height, c.width), F)
         for e in self.effects:
             rate = e.light(rate, shot)
         warm = 2.0 ** ((stack.temperature_c - c.reference_c) / c.doubling_c)
         thermal = (m.dark * F(warm) + m.glow) * F(stack.exposure_s)
         q = shot.rng("dark").poisson(thermal).astype(F)
-        if stack.role == "flat":
+        if stack.role != "dark":
             q += shot.rng("photo").poisson(np.maximum(rate, 0)) * m.prnu
         return q
 
@@ -129,7 +132,7 @@ class Sensor:
         v = q + m.read * z + m.offset
         for e in self.effects:
             v = e.signal(v, shot)
-        y = F(c.gain) * v + F(c.black_dn)
+        y = F(c.gain * stack.analog_gain) * v + F(c.black_dn)
         code = np.floor(y + F(0.5))
         for e in self.effects:
             code = e.convert(y, code)

@@ -2,6 +2,7 @@
 
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use crate::camera::Cfa;
+use crate::scene::{self, Illuminant};
 use crate::{Error, Result, toml_text};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -97,8 +98,10 @@ impl ManifestWriter {
         Self { head, captures: Vec::new() }
     }
 
-    /// Adds a capture; its one file is taken as the pattern.
+    /// Adds a capture; its one file is taken as the pattern. Files of its scene and light are named from the root.
     pub(crate) fn push(&mut self, c: &Capture) {
+        let (mut light, mut seen) = (c.light.clone(), c.scene.clone());
+        name_files_from(&std::env::current_dir().unwrap_or_default(), &mut light, &mut seen);
         let written = WrittenCapture {
             id: &c.id,
             role: c.role,
@@ -106,8 +109,8 @@ impl ManifestWriter {
             exposure_s: c.exposure_s,
             analog_gain: c.analog_gain,
             temperature_c: c.temperature_c,
-            light: c.light.as_ref(),
-            scene: c.scene.as_ref(),
+            light: light.as_ref(),
+            scene: seen.as_ref(),
             rotation: c.rotation.as_ref(),
         };
         self.captures.extend(toml::Value::try_from(written));
@@ -117,6 +120,21 @@ impl ManifestWriter {
     pub(crate) fn text(mut self) -> Result<String> {
         self.head.insert("capture".into(), self.captures.into());
         toml::to_string(&self.head).map_err(|e| Error::input(format!("captures.toml: {e}")))
+    }
+}
+
+/// Makes relative names of files in a capture's light and scene paths from `folder`; what is built in keeps its name.
+fn name_files_from(folder: &Path, light: &mut Option<Light>, seen: &mut Option<SceneSeen>) {
+    let from = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    if let Some(illuminant) = light.as_mut().and_then(|l| l.illuminant.as_mut())
+        && Illuminant::is_file(illuminant)
+    {
+        *illuminant = from(illuminant);
+    }
+    if let Some(seen) = seen
+        && scene::is_file(&seen.scene)
+    {
+        seen.scene = from(&seen.scene);
     }
 }
 
@@ -203,7 +221,7 @@ fn check_sensor(s: Sensor) -> Result<SensorFacts> {
     })
 }
 
-fn check_entry(e: Entry, root: &Path) -> Result<Capture> {
+fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
     positive("exposure_s", e.exposure_s)?;
     positive("analog_gain", e.analog_gain)?;
     if let Some(t) = e.exposure_requested_s {
@@ -232,6 +250,7 @@ fn check_entry(e: Entry, root: &Path) -> Result<Capture> {
                 .help("x and y are -1..1 over the sensor, tilts below 80 degrees"));
         }
     }
+    name_files_from(root, &mut e.light, &mut e.scene);
     Ok(Capture {
         files: expand(root, &e.files)?,
         id: e.id,
@@ -317,6 +336,21 @@ mod tests {
         assert!(said.contains("\"whte_level_dn\""), "{said}");
         assert!(said.contains("line 6"), "{said}");
         assert!(said.contains("\"white_level_dn\"?"), "{said}");
+    }
+
+    #[test]
+    fn files_are_named_from_the_set_and_built_in_things_as_they_are() {
+        let named = |illuminant: &str, scene: &str| {
+            let mut light = Some(Light { illuminant: Some(illuminant.into()), ..Light::default() });
+            let mut seen = Some(SceneSeen { scene: scene.into(), angle_deg: None });
+            name_files_from(Path::new("set"), &mut light, &mut seen);
+            (light.and_then(|l| l.illuminant).unwrap(), seen.unwrap().scene)
+        };
+        for (illuminant, scene) in [("D65", "dots:pitch=0.05"), ("blackbody:3200", "uniform:0.18")] {
+            assert_eq!(named(illuminant, scene), (illuminant.into(), scene.into()));
+        }
+        assert_eq!(named("lamp.csv", "a/b.mat"), ("set/lamp.csv".into(), "set/a/b.mat".into()));
+        assert_eq!(named("/lamp.csv", "/b.mat").0, "/lamp.csv");
     }
 
     #[test]

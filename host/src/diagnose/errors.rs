@@ -3,8 +3,8 @@
 //! The final model makes replicates of both halves, and the estimators that gave the parameters are put to each
 //! as if it had been measured: the scatter of what they give is their standard error (parametric bootstrap, Efron &
 //! Tibshirani 1993, chapter 6), whatever the effect does to the scatter of the statistics it is read from. Measurement
-//! and prediction scatter apart, hence √(1 + 1/replicates), for the mean of halves √(1 + 2/replicates). Edges, dots and charts give errors of their own, by least
-//! squares.
+//! and prediction scatter apart, hence √(1 + 1/replicates), for the mean of halves √(1 + 2/replicates). Edges, dots and
+//! charts give errors of their own, by least squares.
 
 use super::maps::maps;
 use super::prediction::{Prediction, Values, by_key};

@@ -6,16 +6,11 @@ use super::model::dn_per_e;
 use super::temporal::{Temporal, mean};
 use crate::camera::Camera;
 use crate::captures::Role;
+use crate::median::median;
 use crate::{Error, Result};
 
 /// A stack's signal, or its noise for its signal, that is this much off the others' is no effect of a sensor.
 const GROSS: f64 = 1.5;
-
-fn median(values: &[f64]) -> f64 {
-    let mut v = values.to_vec();
-    v.sort_by(f64::total_cmp);
-    v.get(v.len() / 2).copied().unwrap_or(f64::NAN)
-}
 
 /// Checks that the stacks can be what the manifest says.
 ///
@@ -78,7 +73,7 @@ fn alone(ratios: &[(&Condition, f64)], say: impl Fn(&Condition, f64) -> Error) -
     if ratios.len() < 5 {
         return Ok(());
     }
-    let middle = median(&ratios.iter().map(|r| r.1).collect::<Vec<_>>());
+    let middle = median(&mut ratios.iter().map(|r| r.1).collect::<Vec<_>>(), f64::total_cmp);
     let off: Vec<&(&Condition, f64)> =
         ratios.iter().filter(|(_, r)| !(1.0 / GROSS..GROSS).contains(&(r / middle))).collect();
     let near = ratios.iter().filter(|(_, r)| (r / middle - 1.0).abs() < 0.1).count();
@@ -106,7 +101,8 @@ fn same_sensor(camera: &Camera, flats: &[(&Condition, &Temporal)], black: f64) -
     };
     let (x, y) = (fine(a), fine(b));
     let clip = |v: &[f64]| {
-        let limit = 6.0 * median(&v.iter().map(|v| v.abs()).collect::<Vec<_>>());
+        let limit =
+            6.0 * median(&mut v.iter().map(|v| v.abs()).collect::<Vec<_>>(), f64::total_cmp);
         v.iter().map(|v| v.clamp(-limit, limit)).collect::<Vec<f64>>()
     };
     let (x, y) = (clip(&x), clip(&y));

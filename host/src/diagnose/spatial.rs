@@ -3,6 +3,7 @@
 use super::spectrum::Spectrum;
 use super::temporal::covariance;
 use crate::Plane;
+use crate::median::median;
 
 /// Side of the blocks for large-scale structure.
 const BLOCK: usize = 16;
@@ -77,11 +78,9 @@ pub fn basis(u: f64, v: f64) -> [f64; 5] {
 /// Robust standard deviation.
 fn robust_sd(values: &[f32]) -> f64 {
     let mut v: Vec<f32> = values.to_vec();
-    let middle = v.len() / 2;
-    let median = *v.select_nth_unstable_by(middle, f32::total_cmp).1;
-    v.iter_mut().for_each(|x| *x = (*x - median).abs());
-    let mad = *v.select_nth_unstable_by(middle, f32::total_cmp).1;
-    f64::from(mad) * PER_MAD
+    let middle = median(&mut v, f32::total_cmp);
+    v.iter_mut().for_each(|x| *x = (*x - middle).abs());
+    f64::from(median(&mut v, f32::total_cmp)) * PER_MAD
 }
 
 fn variance(values: &[f64]) -> f64 {
@@ -233,11 +232,10 @@ fn periods(lines: &[f64]) -> [f64; 3] {
 
 /// Largest bin of the power over the mean of an exponential law with the power's median.
 fn peak(lines: &[f64]) -> f64 {
-    let power = Spectrum::of(lines);
-    let mut sorted = power.clone();
-    sorted.sort_by(f64::total_cmp);
-    let mean = sorted[sorted.len() / 2] / std::f64::consts::LN_2;
-    sorted.last().copied().unwrap_or(0.0) / mean.max(1e-300)
+    let mut power = Spectrum::of(lines);
+    let highest = power.iter().copied().fold(0.0, f64::max);
+    let mean = median(&mut power, f64::total_cmp) / std::f64::consts::LN_2;
+    highest / mean.max(1e-300)
 }
 
 /// Variance of block means x the pixels of a block: all of it, and what smooth cosines leave.

@@ -1,5 +1,6 @@
 //! Power spectra of lines and of frames.
 
+use crate::median::median;
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftPlanner};
@@ -102,7 +103,7 @@ impl Background {
         let width = columns / 2 + 1;
         let height = power.len() / width;
         let (across, down) = ((width / Self::SIDE).max(1), (height / Self::SIDE).max(1));
-        let all = median(&mut power.to_vec());
+        let all = median(&mut power.to_vec(), f32::total_cmp);
         let side = |i: usize, tiles: usize, n: usize| i * n / tiles..(i + 1) * n / tiles;
         let mut bins = Vec::with_capacity(4 * Self::SIDE * Self::SIDE);
         let tiles = (0..across * down).map(|i| {
@@ -110,7 +111,7 @@ impl Background {
             for row in side(i / across, down, height) {
                 bins.extend_from_slice(&power[row * width..][side(i % across, across, width)]);
             }
-            median(&mut bins).max(all)
+            median(&mut bins, f32::total_cmp).max(all)
         });
         let tiles = tiles.collect();
         Self { width, height, across, down, tiles }
@@ -129,11 +130,6 @@ impl Background {
         let over = power.iter().enumerate().map(|(i, p)| (i, p / self.at(i)));
         over.fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a })
     }
-}
-
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use super::tails;
 use super::temporal::{LAGS, Temporal, mean};
 use crate::camera::Camera;
 use crate::captures::Role;
+use crate::median::median;
 
 /// Where a statistic was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -310,8 +311,7 @@ fn temporal(t: &Temporal, c: &Condition, s: &Summary, add: &mut impl FnMut(What,
     add(What::BlockVariance, t.block_variance / v, (128.0 / (f * n)).sqrt(), Scale::Log);
     if let Some(power) = &t.power {
         let (_, over) = Background::of(power, t.width).highest(power);
-        // The median of χ² of 2f degrees of freedom over its mean (Wilson & Hilferty 1931).
-        let top = f64::from(over) * (1.0 - 2.0 / (9.0 * 2.0 * f)).powi(3);
+        let top = f64::from(over) * tails::median_of_squares(2.0 * f);
         let z = tails::largest(tails::chi_square(top, 2.0 * f), power.len());
         add(What::PlanePeak, z, 1.0, Scale::Linear);
     }
@@ -376,10 +376,9 @@ fn lines(
     let mut top = f64::MIN;
     for (i, &p) in power.iter().enumerate().skip(4) {
         let (from, to) = (i.saturating_sub(12).max(1), (i + 13).min(power.len()));
-        let mut around: Vec<f64> = power[from..to].to_vec();
-        around.sort_by(f64::total_cmp);
-        let median = around[around.len() / 2] / (1.0 - 1.0 / (9.0 * dof)).powi(3);
-        top = top.max(tails::chi_square(p / median.max(1e-12), 2.0 * dof));
+        let middle = median(&mut power[from..to].to_vec(), f64::total_cmp);
+        let white = middle / tails::median_of_squares(2.0 * dof);
+        top = top.max(tails::chi_square(p / white.max(1e-12), 2.0 * dof));
     }
     // The median of 25 bins scatters by a quarter of their spread.
     add(peak, tails::largest(top / 1.05, power.len()), 1.0, Scale::Linear);

@@ -35,6 +35,11 @@ pub fn chi_square(ratio: f64, dof: f64) -> f64 {
     (ratio.max(0.0).cbrt() - (1.0 - v)) / v.sqrt()
 }
 
+/// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson & Hilferty 1931).
+pub fn median_of_squares(dof: f64) -> f64 {
+    (1.0 - 2.0 / (9.0 * dof)).powi(3)
+}
+
 /// Normal deviate of the largest of `count` independent standard normal deviates.
 pub fn largest(z: f64, count: usize) -> f64 {
     let ln_expected = (count.max(1) as f64).ln() + ln_upper(z);
@@ -94,6 +99,17 @@ mod tests {
         assert!((ln_upper(5.0).exp() / 2.866_515_7e-7 - 1.0).abs() < 1e-6);
         for z in [-3.0, 0.0, 2.0, 9.99, 10.01, 50.0, 3000.0] {
             assert!((deviate(ln_upper(z)) - z).abs() < 1e-6 * (1.0 + z.abs()), "{z}");
+        }
+    }
+
+    #[test]
+    fn the_median_of_squares_is_that_of_chi_square() {
+        // Medians of χ² of 2, 10 and 100 degrees of freedom: 2 ln 2, 9.342, 99.334 (Abramowitz & Stegun, table 26.8).
+        for (dof, median, near) in
+            [(2.0, 2.0 * LN_2, 0.02), (10.0, 9.342, 1e-3), (100.0, 99.334, 2e-5)]
+        {
+            assert!((median_of_squares(dof) / (median / dof) - 1.0).abs() < near, "{dof}");
+            assert!(chi_square(median_of_squares(dof), dof).abs() < 1e-9);
         }
     }
 

@@ -5,6 +5,7 @@ use super::prediction::Key;
 use super::session::Session;
 use super::spectrum::{Background, Spectrum};
 use super::statistics::{Place, What};
+use crate::median::median;
 
 /// Tiles along each side among which the one that stands out is named.
 const TILES: usize = 8;
@@ -102,14 +103,12 @@ fn stands_out(values: &[f32], w: usize, h: usize) -> Option<Most> {
             if tile.is_empty() {
                 return None;
             }
-            let middle = tile.len() / 2;
-            let median = *tile.select_nth_unstable_by(middle, f32::total_cmp).1;
-            tiles.push((f64::from(median), side(i, w), side(j, h)));
+            let middle = median(&mut tile, f32::total_cmp);
+            tiles.push((f64::from(middle), side(i, w), side(j, h)));
         }
     }
     let mut medians: Vec<f64> = tiles.iter().map(|t| t.0).collect();
-    medians.sort_by(f64::total_cmp);
-    let middle = medians[medians.len() / 2];
+    let middle = median(&mut medians, f64::total_cmp);
     let off = |t: &f64| (t - middle).abs();
     let (tile, columns, rows) = tiles.into_iter().max_by(|a, b| off(&a.0).total_cmp(&off(&b.0)))?;
     Some(Most {

@@ -7,6 +7,7 @@
 //! camera. A mono frame's luminance is its signal.
 
 use crate::camera::Cfa;
+use crate::median::median;
 use crate::scene::chart::colorchecker::{COLUMNS, ROWS};
 use crate::{Error, Plane, Result};
 use serde::Serialize;
@@ -140,19 +141,15 @@ pub fn outliers(frame: &Plane<u16>, cfa: &Cfa, corners: &Corners, sigmas: f64) -
                 .filter(|&(x, y)| cfa.channel(x, y) == channel)
                 .map(|(x, y)| f64::from(frame.at(x, y)))
                 .collect();
-            let middle = median(&mut values);
+            let middle = median(&mut values, f64::total_cmp);
             let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
-            let limit = sigmas * (1.4826 * median(&mut off)).max(1.0 / 12f64.sqrt());
+            let limit =
+                sigmas * (1.4826 * median(&mut off, f64::total_cmp)).max(1.0 / 12f64.sqrt());
             found += off.iter().filter(|d| **d > limit).count();
             all += off.len();
         }
     }
     Ok(found as f64 / all.max(1) as f64)
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Weights per channel: BT.709 for red, green, blue; equal for other patterns.

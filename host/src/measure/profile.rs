@@ -1,6 +1,7 @@
 //! Profiles of a frame: along a row or column, against another frame, and over the radius.
 
 use crate::camera::Cfa;
+use crate::median::median;
 use crate::{Error, Plane, Result};
 use serde::Serialize;
 
@@ -148,9 +149,8 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
         |i: usize| -> f64 { (1..=3).map(|k| b[i + k][1] - b[i - k][1]).sum::<f64>().abs() / 3.0 };
     let range = WINDOW + FARTHEST..n - WINDOW - FARTHEST;
     let mut jumps: Vec<f64> = range.clone().map(jump).collect();
-    jumps.sort_by(f64::total_cmp);
     // Most of a profile has no edge, so the median jump is that of the noise.
-    let clear = 8.0 * jumps[jumps.len() / 2];
+    let clear = 8.0 * median(&mut jumps, f64::total_cmp);
     let is_edge = |&i: &usize| {
         let around = i.saturating_sub(WINDOW).max(3)..(i + WINDOW).min(n - 3);
         jump(i) > clear && around.into_iter().all(|k| k == i || jump(k) < jump(i))

@@ -5,6 +5,7 @@ use super::ladder::{Level, exposures};
 use super::response::Response;
 use super::stack::Moments;
 use super::value::Value;
+use crate::median::median;
 use crate::{Error, Result};
 
 /// Variance of rounding to whole DN, DN² (uniform over one DN).
@@ -107,10 +108,9 @@ pub struct Knee {
 impl Knee {
     /// Judges the next brighter level: mean signal and temporal variance above dark.
     pub fn passes(&mut self, m: &Moments, signal: f64, variance: f64) -> bool {
-        let mut sorted = self.ratios.clone();
-        sorted.sort_by(f64::total_cmp);
         let ratio = variance / signal;
-        let bent = sorted.len() >= 2 && ratio < 0.7 * sorted[sorted.len() / 2];
+        let bent = self.ratios.len() >= 2
+            && ratio < 0.7 * median(&mut self.ratios.clone(), f64::total_cmp);
         if self.plateau.is_some() || m.whites > 1e-3 || bent {
             self.plateau = Some(self.plateau.unwrap_or(0.0).max(m.mean()));
             return false;

@@ -56,6 +56,11 @@ impl Illuminant {
         Ok(Self { name: text.to_string(), power })
     }
 
+    /// Whether `text` is the name of a file.
+    pub fn is_file(text: &str) -> bool {
+        Path::new(text).extension().is_some() || text.contains(['/', '\\'])
+    }
+
     /// The names of the built-in tables and standard illuminants.
     pub fn names() -> Vec<String> {
         let mut names: Vec<String> =
@@ -143,7 +148,7 @@ fn lamp(name: &str) -> Result<Option<Spectrum>> {
 
 fn from_file(text: &str) -> Result<Spectrum> {
     let path = Path::new(text);
-    if path.extension().is_none() && !text.contains(['/', '\\']) {
+    if !Illuminant::is_file(text) {
         return Err(unknown(text));
     }
     let table = SpectralTable::read(path)?;

@@ -111,6 +111,12 @@ pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
     Ok(open_with_size(spec)?.0)
 }
 
+/// Whether a scene is one of a file or directory rather than a built-in chart.
+pub fn is_file(spec: &str) -> bool {
+    let (name, _) = spec.split_once(':').unwrap_or((spec, ""));
+    !chart::NAMES.contains(&name)
+}
+
 /// Opens a scene to be seen in a frame of that aspect (width over height): content with an aspect of
 /// its own fills the frame, see [`Grid::over_content`].
 pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {

@@ -8,6 +8,7 @@ use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
 use crate::diagnose::model::current;
 use crate::diagnose::spatial::{PERIODS, phase_means};
 use crate::diagnose::statistics::{Place, What};
+use crate::median::median;
 use sensor_core::effects::{
     Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
@@ -300,9 +301,9 @@ pub(super) fn block_means(plane: &Plane<f32>, clip: f64) -> Vec<(f64, f64, f64)>
             for row in plane.data.chunks(w).skip(by * 16).take(16) {
                 block.extend_from_slice(&row[bx * 16..bx * 16 + 16]);
             }
-            let median = *block.select_nth_unstable_by(128, f32::total_cmp).1;
+            let middle = median(&mut block, f32::total_cmp);
             let sum: f64 =
-                block.iter().map(|&v| f64::from(v.clamp(median - clip, median + clip))).sum();
+                block.iter().map(|&v| f64::from(v.clamp(middle - clip, middle + clip))).sum();
             let u = (bx as f64 * 16.0 + 8.0) / w as f64 * 2.0 - 1.0;
             let v = (by as f64 * 16.0 + 8.0) / h as f64 * 2.0 - 1.0;
             out.push((u, v, sum / 256.0));

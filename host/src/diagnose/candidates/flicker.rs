@@ -4,15 +4,15 @@ use super::{Proposal, deviation, list};
 use crate::diagnose::evidence::{Estimated, Evidence, slope};
 use crate::diagnose::maps;
 use crate::diagnose::model::current;
+use crate::diagnose::tails::median_of_squares;
 use crate::diagnose::temporal::Temporal;
+use crate::median::median;
 use sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
 
 /// Frequency of the highest bin of the power of lines of `n` samples, between bins by its neighbours.
 fn line_peak(power: &[f64], n: f64) -> f64 {
     let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b])).unwrap_or(0);
-    let mut sorted = power.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let white = sorted[sorted.len() / 2];
+    let white = median(&mut power.to_vec(), f64::total_cmp);
     let get = |i: usize| power.get(i).map_or(0.0, |p| (p - white).max(0.0).sqrt());
     let (l, m, r) = (get(at.max(1) - 1), get(at), get(at + 1));
     let shift = if r > l { r / (m + r) } else { -l / (m + l) };
@@ -141,9 +141,10 @@ fn bands(e: &Evidence<'_>) -> Option<(f64, Vec<Band>)> {
         let power = &f.stack.row_power;
         let mut around: Vec<f64> = power[from.saturating_sub(AROUND)..from].to_vec();
         around.extend(&power[to..(to + AROUND).min(power.len())]);
-        around.sort_by(f64::total_cmp);
-        // Median of χ² to its mean (Wilson & Hilferty 1931).
-        f.white = around.get(around.len() / 2)? / (1.0 - 1.0 / (9.0 * f.stack.dof)).powi(3);
+        if around.is_empty() {
+            return None;
+        }
+        f.white = median(&mut around, f64::total_cmp) / median_of_squares(2.0 * f.stack.dof);
     }
     flats.retain(|f| f.white > 0.0);
     // The frequency between the bins, by what changes from frame to frame.

@@ -6,6 +6,8 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
+use crate::diagnose::tails::median_of_squares;
+use crate::median::median;
 use sensor_core::effects::{
     Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
     heavy_tailed_read_noise::HeavyTailedReadNoise, random_telegraph_noise::RandomTelegraphNoise,
@@ -187,10 +189,8 @@ fn renewal(e: &Evidence<'_>, stack: usize, dof: f64) -> f64 {
 fn variance_excess(e: &Evidence<'_>, stack: usize) -> Option<(f64, f64)> {
     let t = &e.stacks[stack];
     let k2 = e.gain(&e.design.conditions[stack]).powi(2);
-    let mut sorted: Vec<f32> = t.pixel_variance.clone();
-    let middle = sorted.len() / 2;
-    let median = f64::from(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1);
-    let white = median / (1.0 - 2.0 / (9.0 * t.dof)).powi(3);
+    let middle = f64::from(median(&mut t.pixel_variance.clone(), f32::total_cmp));
+    let white = middle / median_of_squares(t.dof);
     let h = 2.0 / (9.0 * t.dof);
     let limit = white * (1.0 - h + 3.1 * h.sqrt()).powi(3);
     let (mut first, mut second) = (0.0, 0.0);

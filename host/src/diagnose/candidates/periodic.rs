@@ -6,7 +6,9 @@ use crate::captures::Role;
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::spectrum::Background;
 use crate::diagnose::statistics::{Place, What};
+use crate::diagnose::tails::median_of_squares;
 use crate::diagnose::temporal::Temporal;
+use crate::median::median;
 use sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
 /// Bins to either side of a line that a wave between two bins leaks into.
@@ -61,15 +63,12 @@ pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
 struct Power<'a> {
     t: &'a Temporal,
     plane: &'a [f32],
-    /// Power of pixels without waves.
+    /// Medians of the power of pixels without waves.
     background: Background,
+    /// The mean of a power without waves over its median.
+    to_mean: f64,
     /// Power without waves of row means and of column means, as that of pixels.
     lines: [f64; 2],
-}
-
-/// The mean of χ² of 2 `dof` degrees of freedom over its median (Wilson & Hilferty 1931).
-fn mean_over_median(t: &Temporal) -> f64 {
-    (1.0 - 1.0 / (9.0 * t.dof)).powi(-3)
 }
 
 /// A bin: frequency along a row, 0 to half the columns, and along a column, wrapped.
@@ -78,13 +77,12 @@ type Bin = (usize, usize);
 impl<'a> Power<'a> {
     fn of(t: &'a Temporal) -> Option<Self> {
         let plane = t.power.as_deref()?;
-        let middle = |power: &[f64], across: usize| {
-            let mut sorted = power.to_vec();
-            sorted.sort_by(f64::total_cmp);
-            sorted[sorted.len() / 2] * across as f64 * mean_over_median(t)
+        let to_mean = 1.0 / median_of_squares(2.0 * t.dof);
+        let white = |power: &[f64], across: usize| {
+            median(&mut power.to_vec(), f64::total_cmp) * across as f64 * to_mean
         };
-        let lines = [middle(&t.row_power, t.width), middle(&t.column_power, t.height)];
-        Some(Self { t, plane, background: Background::of(plane, t.width), lines })
+        let lines = [white(&t.row_power, t.width), white(&t.column_power, t.height)];
+        Some(Self { t, plane, background: Background::of(plane, t.width), to_mean, lines })
     }
 
     /// Power of a bin, and that without waves.
@@ -97,7 +95,7 @@ impl<'a> Power<'a> {
             (k, 0) if k > 0 => (self.t.column_power[k - 1] * h as f64, self.lines[1]),
             _ => {
                 let bin = l * (w / 2 + 1) + k;
-                let white = f64::from(self.background.at(bin)) * mean_over_median(self.t);
+                let white = f64::from(self.background.at(bin)) * self.to_mean;
                 // A frame's mean was taken out.
                 (if bin == 0 { white } else { f64::from(self.plane[bin]) }, white)
             }

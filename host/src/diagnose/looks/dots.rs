@@ -4,6 +4,7 @@ use super::{Figure, Found, Picture, densest};
 use crate::Plane;
 use crate::camera::{Camera, Cfa};
 use crate::diagnose::statistics::Scale;
+use crate::median::median;
 use crate::scene::chart::dots::Dots;
 use std::collections::BTreeMap;
 
@@ -180,13 +181,12 @@ fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     if values.len() < 3 {
         return None;
     }
-    let median = |mut v: Vec<f64>| {
-        v.sort_by(f64::total_cmp);
-        v[v.len() / 2]
+    let median = |of: &dyn Fn(&(f64, f64)) -> f64| {
+        median(&mut values.iter().map(of).collect::<Vec<_>>(), f64::total_cmp)
     };
-    let middle = median(values.iter().map(|v| v.0).collect());
-    let off = median(values.iter().map(|v| (v.0 - middle).abs()).collect());
-    let noise = median(values.iter().map(|v| v.1).collect()).sqrt();
+    let middle = median(&|v| v.0);
+    let off = median(&|v| (v.0 - middle).abs());
+    let noise = median(&|v| v.1).sqrt();
     let limit = OUTLIER * (1.4826 * off).max(noise);
     let kept: Vec<(f64, f64)> =
         values.iter().copied().filter(|v| (v.0 - middle).abs() <= limit).collect();

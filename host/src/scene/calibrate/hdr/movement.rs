@@ -2,9 +2,10 @@
 //! little off as a whole.
 
 use super::super::exposures::Exposure;
-use super::noise::{Noise, SIDE, Seen, load, median};
+use super::noise::{Noise, SIDE, Seen, load};
 use super::{Flag, Shots};
 use crate::camera::Cfa;
+use crate::median::median;
 use crate::{Error, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -311,7 +312,7 @@ impl Departure {
         }
         let half = bright.len() / 2;
         line.bright_dn = f64::from(bright.select_nth_unstable_by(half, order).1.0);
-        let middle = |values: &mut Vec<f32>| f64::from(median(values));
+        let middle = |values: &mut Vec<f32>| f64::from(median(values, f32::total_cmp));
         for _ in 0..5 {
             let offset = line.offset_dn as f32;
             line.slope = middle(&mut bright.iter().map(|(s, x)| (x - offset) / s).collect());

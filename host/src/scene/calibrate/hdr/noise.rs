@@ -1,6 +1,7 @@
 //! Noise of the exposures, and the weighted mean that it asks for.
 
 use super::Shots;
+use crate::median::median;
 use crate::{Error, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -98,9 +99,9 @@ impl Noise {
                     return None;
                 }
                 let count = differences.len() as f64;
-                let centre = median(&mut differences);
+                let centre = median(&mut differences, f32::total_cmp);
                 differences.iter_mut().for_each(|v| *v = (*v - centre).abs());
-                let deviation = 1.4826 * f64::from(median(&mut differences));
+                let deviation = 1.4826 * f64::from(median(&mut differences, f32::total_cmp));
                 let signal = (signal / count).max(0.0);
                 // variance = read² (1/n + ratio²/m) + K signal (1/n + ratio/m)
                 let p = 1.0 / short.frames as f64 + ratio * ratio / long.frames as f64;
@@ -170,10 +171,4 @@ fn merge(noise: Noise, seen: &[Seen<'_>], value: &mut [f32], sigma: &mut [f32]) 
         value[first..first + count].copy_from_slice(&mean[..count]);
         sigma[first..first + count].copy_from_slice(&deviation[..count]);
     }
-}
-
-/// The median; reorders.
-pub(super) fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
