@@ -39,7 +39,7 @@ class Shading(Effect):
         maps.light = maps.light * (1 + k * r2.astype(F))
 
 
-# Amounts are drawn evenly; channels are numbered in the order of the filter pattern GRBG.
+# Amounts are drawn evenly; channel 1 is green.
 IN_LENS = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
@@ -49,7 +49,7 @@ IN_LENS = {
 }
 SHADINGS = {
     "relative-illumination": {"corner": (-0.2, -0.05)},
-    "colour-shading": {"channel_0": (-0.1, -0.03)},
+    "colour-shading": {"channel_1": (-0.1, -0.03)},
 }
 ALONE = IN_LENS | SHADINGS
 PAPER = {
@@ -89,7 +89,7 @@ def build(seed, kinds):
         amounts = hidden[kind] = {key: float(f"{rng.uniform(*span):.5g}") for key, span in ranges.items()}
         if kind in SHADINGS:
             effects.append(Shading(world, dict.fromkeys("rgb", amounts.get("corner", 0.0))
-                                   | {"g": amounts.get("channel_0", amounts.get("corner", 0.0))}))
+                                   | {"g": amounts.get("channel_1", amounts.get("corner", 0.0))}))
         elif kind in IN_LENS:
             lens = replace(lens, **{{"fraction": "glare"}.get(key, key): x for key, x in amounts.items()})
         else:

@@ -346,7 +346,8 @@ mod tests {
             name_files_from(Path::new("set"), &mut light, &mut seen);
             (light.and_then(|l| l.illuminant).unwrap(), seen.unwrap().scene)
         };
-        for (illuminant, scene) in [("D65", "dots:pitch=0.05"), ("blackbody:3200", "uniform:0.18")] {
+        for (illuminant, scene) in [("D65", "dots:pitch=0.05"), ("blackbody:3200", "uniform:0.18")]
+        {
             assert_eq!(named(illuminant, scene), (illuminant.into(), scene.into()));
         }
         assert_eq!(named("lamp.csv", "a/b.mat"), ("set/lamp.csv".into(), "set/a/b.mat".into()));

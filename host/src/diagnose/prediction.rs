@@ -119,7 +119,9 @@ impl Prediction {
                 Scale::Count => tails::count(s.value, p.total, p.runs),
                 _ => {
                     let allowed = allowance.get(key).copied().unwrap_or(0.0);
-                    let variance = p.sd * p.sd * (1.0 + 1.0 / p.runs) + allowed * allowed;
+                    let own = if key.1.tells_its_scatter() { s.sd * s.sd } else { 0.0 };
+                    let variance =
+                        (p.sd * p.sd).max(own) * (1.0 + 1.0 / p.runs) + allowed * allowed;
                     (p.scale.of(s.value) - p.scaled) / variance.sqrt().max(1e-15)
                 }
             };
@@ -168,4 +170,28 @@ pub fn bounded(z: f64) -> f64 {
 /// Mean of squared deviations.
 pub fn mean_square(deviations: &BTreeMap<Key, f64>) -> f64 {
     deviations.values().map(|z| z * z).sum::<f64>() / deviations.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::looks::Figure;
+    use super::*;
+
+    #[test]
+    fn a_patch_in_which_one_pixel_stands_out_is_as_uncertain_as_it_says() {
+        let place = Place::Look(0);
+        let at = |what, value: f64, sd| Statistic { place, what, value, sd, scale: Scale::Log };
+        let z = |what, sd| {
+            let model = Prediction::new(&vec![by_key(vec![at(what, 1.0, 0.05)]); 16]);
+            let measured = by_key(vec![at(what, 0.5f64.exp(), sd)]);
+            model.deviations(&measured, &BTreeMap::new())[&(place, what)]
+        };
+        // 0.5 on the scale; sixteen replicates add a sixteenth of the variance.
+        let of = |sd: f64| 0.5 / sd / (17.0f64 / 16.0).sqrt();
+        let scatter = What::Of(Figure::PatchScatter(1));
+        assert!((z(scatter, 0.05) - of(0.05)).abs() < 1e-9);
+        assert!((z(scatter, 0.25) - of(0.25)).abs() < 1e-9);
+        // What a mean's own scatter is, the model knows.
+        assert!((z(What::Of(Figure::PatchMean(1, 0)), 0.25) - of(0.05)).abs() < 1e-9);
+    }
 }

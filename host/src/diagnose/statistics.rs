@@ -98,6 +98,14 @@ pub enum Scale {
     Count,
 }
 
+impl What {
+    /// Whether a measured value may be uncertain by more than the model's replicates are: where one pixel of a patch that
+    /// stands out is luck, which the kurtosis of the patch tells.
+    pub fn tells_its_scatter(self) -> bool {
+        matches!(self, Self::Of(Figure::PatchScatter(_)))
+    }
+}
+
 /// One statistic.
 #[derive(Clone, Copy, Debug)]
 pub struct Statistic {
