@@ -10,6 +10,7 @@ import numpy as np
 
 PLANCK, LIGHT_SPEED = 6.62607015e-34, 299792458.0
 BITS = 12
+F_NUMBER = 2.8
 WHITE = 2**BITS - 1
 WAVELENGTHS = np.arange(400, 701, 10)
 # Dye filters as Gaussians (centre and width, nm) over a silicon hump: shapes only need to be plausible.
@@ -151,7 +152,7 @@ name = "hidden"
 
 [lens]
 kind = "diffraction-limited"
-f_number = 2.8
+f_number = {F_NUMBER}
 focal_length_mm = 4.0
 transmittance = 1.0
 relative_illumination = "none"

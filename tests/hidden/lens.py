@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camera import LIGHT_SPEED, PLANCK, WAVELENGTHS, digits
+from camera import F_NUMBER, LIGHT_SPEED, PLANCK, WAVELENGTHS, digits
 
 TABLES = pathlib.Path(__file__).resolve().parents[2] / "host/src/scene/data"   # CIE 1931, ColorChecker: facts
 FINE, MARGIN = 5, 128
@@ -35,7 +35,7 @@ def table(name):
 @dataclass(frozen=True)
 class Lens:
     """A perfect lens and what it may have beside. Lengths: corner = half the sensor's diagonal."""
-    f_number: float = 2.8
+    f_number: float = F_NUMBER
     shift_um: float = 0.0     # sensor out of focus
     size: float = 1.0         # of the image
     k1: float = 0.0           # real height = h (size + k1 r^2), r = h / corner
@@ -140,9 +140,13 @@ def image(c, lens, scene):
         for reflectance, cover in CHARTS[scene](x[None, :] * own, y[:, None] * own, 1 / (c.width * FINE)):
             for f, picture in pictures.items():
                 picture += cover * (np.float32(np.sum((white[f] * reflectance)[group])) - picture)
+        transfers = dict.fromkeys(white, 0.0)
+        for b in group:
+            of_band = blur(WAVELENGTHS[b])
+            for f in white:
+                transfers[f] = transfers[f] + white[f][b] * of_band
         for f, picture in pictures.items():
-            weights = white[f][group]
-            transfer = sum(w * blur(WAVELENGTHS[b]) for w, b in zip(weights, group)) / max(np.sum(weights), 1e-300)
+            transfer = transfers[f] / max(np.sum(white[f][group]), 1e-300)
             spectra[f] = spectra[f] + np.fft.rfft2(picture) * transfer * square
 
     inside = slice(MARGIN * FINE + FINE // 2, -MARGIN * FINE, FINE)

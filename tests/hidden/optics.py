@@ -35,11 +35,11 @@ class Shading(Effect):
     def fixed(self, maps):
         w, h = self.w.width, self.w.height
         r2 = ((self.w.x + 0.5 - w / 2) ** 2 + (self.w.y + 0.5 - h / 2) ** 2) / (w * w + h * h) * 4
-        k = self.w.camera.spread([self.by_filter.get(f, 0.0) for f in self.w.camera.planes])
+        k = self.w.camera.spread([self.by_filter[f] for f in self.w.camera.planes])
         maps.light = maps.light * (1 + k * r2.astype(F))
 
 
-# Amounts are drawn evenly; channel 1 is green.
+# Amounts are drawn evenly; channels are red, green, blue.
 IN_LENS = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
@@ -88,8 +88,8 @@ def build(seed, kinds):
         rng = stream(seed, "optics", kind)
         amounts = hidden[kind] = {key: float(f"{rng.uniform(*span):.5g}") for key, span in ranges.items()}
         if kind in SHADINGS:
-            effects.append(Shading(world, dict.fromkeys("rgb", amounts.get("corner", 0.0))
-                                   | {"g": amounts.get("channel_1", amounts.get("corner", 0.0))}))
+            same = amounts.get("corner", 0.0)
+            effects.append(Shading(world, {f: amounts.get(f"channel_{i}", same) for i, f in enumerate("rgb")}))
         elif kind in IN_LENS:
             lens = replace(lens, **{{"fraction": "glare"}.get(key, key): x for key, x in amounts.items()})
         else:
