@@ -78,6 +78,11 @@ def pattern(f, map_and_variance):
     return np.mean(m * np.broadcast_to(f.effect.pattern, m.shape)) / np.sqrt(v / m.size)
 
 
+def fall_off(f):
+    pattern, (m, v) = f.effect.r2 - f.effect.r2.mean(), gain_map(f)
+    return -np.sum(m * pattern) / np.sqrt(v * np.sum(pattern**2))
+
+
 def read_noise(f):
     def statistic():
         for s, x, v, _ in each_stack(f):
@@ -120,7 +125,7 @@ STATISTICS = {
     "column-offset-fpn": lambda f: component(offset_map(f), 0), "pixel-offset-fpn": lambda f: component(offset_map(f)),
     "readout-channel-mismatch": lambda f: pattern(f, (gain_map if f.effect.parameter == "gain" else offset_map)(f)),
     "column-gain-fpn": lambda f: component(gain_map(f), 0), "prnu-low-frequency": lambda f: pattern(f, gain_map(f)),
-    "read-noise": read_noise, "system-gain": gain, "charge-coupling": coupling, "light-flicker": flicker,
+    "relative-illumination": fall_off, "read-noise": read_noise, "system-gain": gain, "charge-coupling": coupling, "light-flicker": flicker,
     "outside-spokes": lambda f: pattern(f, gain_map(f)), "outside-gain-rectangle": lambda f: pattern(f, gain_map(f)),
 }
 

@@ -277,6 +277,16 @@ def crosstalk(f):
     return red / green, true_red / true_green, red / green * np.hypot(sr, sg)
 
 
+def fall_off(f):
+    """k of the first plane that has one, by least squares of a (1 + k r^2)."""
+    p = int(np.flatnonzero(f.effect.of_plane)[0])
+    cut = np.s_[p // 2::2, p % 2::2] if f.w.info.planes > 1 else np.s_[:, :]
+    m = (f["flat-level-7"].mean(0) - f["dark-short"].mean(0))[cut]
+    t = f.effect.r2[cut]
+    b, a = np.polyfit(t.ravel(), m.ravel(), 1)
+    return b / a, f.a * f.effect.of_plane[p], (m - a - b * t).std() / a / np.sqrt(t.size * t.var())
+
+
 def greens(f):
     (a, sa), (b, sb) = plane_means(f, "flat-level-7", 0, 0), plane_means(f, "flat-level-7", 1, 1)
     g = f.effect.sign * f.a / 2
@@ -395,7 +405,7 @@ ESTIMATES = {
     "full-well": full_well, "brighter-fatter": lambda f: lag_covariance(f, lambda mu: 2 * f.a * mu**2 * (1 - 4 * f.a * mu)),
     "charge-coupling": lambda f: lag_covariance(f, lambda mu: 2 * f.a * (1 - 4 * f.a) * mu),
     "optical-crosstalk": crosstalk, "adc-nonlinearity": codes, "image-lag": lag, "exposure-offset": exposure,
-    "green-imbalance": greens, "flicker-banding": flicker, "light-flicker": frame_gain, "defective-pixels": dead,
+    "relative-illumination": fall_off, "colour-shading": fall_off, "green-imbalance": greens, "flicker-banding": flicker, "light-flicker": frame_gain, "defective-pixels": dead,
     "outside-diagonal-noise": diagonals, "outside-ring-noise": lambda f: placed_variance(f, f.effect.ring),
     "outside-column-squared-noise": lambda f: placed_variance(f, f.effect.ring**2), "outside-skewed-noise": skewness,
     "outside-block-noise": blocks, "outside-checker-drift": checker,

@@ -88,6 +88,55 @@ class PrnuLowFrequency(Effect):
         return {"shape": self.shape}
 
 
+class Shading(Effect):
+    """Light of each plane falls off by 1 + k r^2, r = 1 in the corners; the amount is the largest k.
+
+    In the map of gain of a plane, pixel variance g, over the A pixels of all planes: k^2 sum (r^2 - mean)^2 / g = 25.
+    """
+
+    def __init__(self, world, rng):
+        super().__init__(world, rng)
+        w, h = world.width, world.height
+        self.r2 = 4 * ((world.x + 0.5 - w / 2) ** 2 + (world.y + 0.5 - h / 2) ** 2) / (w * w + h * h)
+        self.of_plane = self.draw()
+
+    def draw(self):
+        """k of each plane for an amount of 1."""
+        raise NotImplementedError
+
+    def limit(self):
+        i = self.w.info
+        of_planes = np.square(self.of_plane) / i.gain_maps()[1]
+        return FIVE / np.sqrt(of_planes.mean() * i.pixels * self.r2.var())
+
+    def sd(self):
+        return self.limit() / FIVE
+
+    def fixed(self, maps):
+        maps.light = maps.light * (1 + F(self.amount) * self.w.camera.spread(self.of_plane) * self.r2.astype(F))
+
+    def details(self):
+        return {self.parameter: self.amount * max(self.of_plane, key=abs)}
+
+
+class RelativeIllumination(Shading):
+    """The lens: all planes alike."""
+    kind, parameter = "relative-illumination", "corner"
+
+    def draw(self):
+        return [-1.0 for _ in self.w.camera.planes]
+
+
+class ColourShading(Shading):
+    """Filters and microlenses: one of red, green, blue."""
+    kind, needs_cfa = "colour-shading", True
+
+    def draw(self):
+        colour, sign = int(self.rng.integers(3)), float(self.rng.choice([-1, 1]))
+        self.parameter = f"channel_{colour}"
+        return [sign if p == "rgb"[colour] else 0.0 for p in self.w.camera.planes]
+
+
 class LightShift(MeanShift):
     """Seen in the means of flats, whatever the scale of the light."""
 
@@ -368,6 +417,6 @@ class DefectivePixels(Effect):
         maps.light = maps.light * gain.reshape(self.w.height, self.w.width)
 
 
-EFFECTS = [SystemGain, Prnu, ColumnGain, PrnuLowFrequency, Nonlinearity, FullWell, BrighterFatter, ChargeCoupling,
+EFFECTS = [SystemGain, Prnu, ColumnGain, PrnuLowFrequency, RelativeIllumination, ColourShading, Nonlinearity, FullWell, BrighterFatter, ChargeCoupling,
            OpticalCrosstalk, ConverterBit, ImageLag, ExposureOffset, GreenImbalance, FlickerBanding, LightFlicker,
            DefectivePixels]

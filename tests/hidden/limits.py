@@ -65,10 +65,14 @@ class Information:
         slope = 1 / np.sum(w * (t - np.sum(w * t) / w.sum()) ** 2)
         return slope, slope + self.camera.dsnu_e_per_s**2
 
-    def gain_map(self):
-        """Pixel variance of the map of relative gain, without and with the sensor's own PRNU."""
+    def gain_maps(self):
+        """Pixel variances of each plane's map of relative gain, without and with the sensor's own PRNU."""
         shot = 1 / np.sum(self.n[:, None] * self.mu**2 / self.var, 0)
-        return shot.mean(), shot.mean() + self.camera.prnu**2
+        return shot, shot + self.camera.prnu**2
+
+    def gain_map(self):
+        """Their mean over the planes."""
+        return tuple(v.mean() for v in self.gain_maps())
 
     def covariance(self):
         """Of stack and plane means: temporal noise, and what the sensor's patterns average to: offsets of even and

@@ -21,25 +21,12 @@ import numpy as np
 import generate
 from camera import Stack, design, digits, draw, stream
 from lens import CHARTS, Lens, exposure_for, image, lamp_csv
-from sensor import F, Effect, Sensor
+from sensor import Sensor
 
 WIDTH, HEIGHT = 256, 192
 
 
-class Shading(Effect):
-    """Light of each filter of the pattern falls off by 1 + k r^2, r = 1 in the corners."""
-
-    def __init__(self, world, by_filter):
-        self.w, self.by_filter = world, by_filter
-
-    def fixed(self, maps):
-        w, h = self.w.width, self.w.height
-        r2 = ((self.w.x + 0.5 - w / 2) ** 2 + (self.w.y + 0.5 - h / 2) ** 2) / (w * w + h * h) * 4
-        k = self.w.camera.spread([self.by_filter[f] for f in self.w.camera.planes])
-        maps.light = maps.light * (1 + k * r2.astype(F))
-
-
-# Amounts are drawn evenly; channels are red, green, blue.
+# Amounts are drawn evenly.
 IN_LENS = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
@@ -47,11 +34,10 @@ IN_LENS = {
     "veiling-glare": {"fraction": (0.01, 0.05)},
     "lateral-colour": {"blue_px": (0.3, 1.0), "red_px": (-1.0, -0.3)},
 }
-SHADINGS = {
-    "relative-illumination": {"corner": (-0.2, -0.05)},
-    "colour-shading": {"channel_1": (-0.1, -0.03)},
+ALONE = IN_LENS | {
+    "relative-illumination": {"corner": (0.05, 0.2)},
+    "colour-shading": {"corner": (0.03, 0.1)},
 }
-ALONE = IN_LENS | SHADINGS
 PAPER = {
     "defocus": {"shift_um": (7, 9)},
     "lens-transmittance": {"factor": (0.8, 0.9)},
@@ -87,14 +73,12 @@ def build(seed, kinds):
     for kind, ranges in kinds.items():
         rng = stream(seed, "optics", kind)
         amounts = hidden[kind] = {key: float(f"{rng.uniform(*span):.5g}") for key, span in ranges.items()}
-        if kind in SHADINGS:
-            same = amounts.get("corner", 0.0)
-            effects.append(Shading(world, {f: amounts.get(f"channel_{i}", same) for i, f in enumerate("rgb")}))
-        elif kind in IN_LENS:
+        if kind in IN_LENS:
             lens = replace(lens, **{{"fraction": "glare"}.get(key, key): x for key, x in amounts.items()})
         else:
             effect = generate.KINDS[kind](world, rng)
             (effect.amount,) = amounts.values()
+            hidden[kind] = {effect.parameter: effect.amount} | effect.details()
             effects.append(effect)
     images = {scene: image(camera, lens, scene) for scene in CHARTS}
     world.stacks = stacks(camera, Lens())

@@ -30,6 +30,20 @@ impl Channels {
         self.count
     }
 
+    /// The share of all pixels that each has.
+    pub fn shares(&self) -> Vec<f64> {
+        let mut shares = vec![0.0; self.count];
+        let one = 1.0 / (self.rows.len() * PERIOD) as f64;
+        self.rows.iter().flatten().for_each(|&c| shares[c] += one);
+        shares
+    }
+
+    /// The one with most pixels, the first of several.
+    pub fn widest(&self) -> usize {
+        let shares = self.shares();
+        (0..self.count).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b])).unwrap_or(0)
+    }
+
     fn row(&self, y: usize) -> [usize; PERIOD] {
         self.rows[y % self.rows.len()]
     }
@@ -50,6 +64,16 @@ impl Channels {
             }
         }
         sums.iter().zip(counts).map(|(s, n): (&f64, _)| s / n.max(1) as f64).collect()
+    }
+
+    /// Calls `visit(value, its channel)` for each value of a frame.
+    pub fn visit(&self, values: &[f32], mut visit: impl FnMut(f32, usize)) {
+        for (y, row) in values.chunks(self.width).enumerate() {
+            let channels = self.row(y);
+            for chunk in row.chunks(PERIOD) {
+                chunk.iter().zip(channels).for_each(|(&v, c)| visit(v, c));
+            }
+        }
     }
 
     /// Replaces each value by `change(value, its channel's parameter)`.
@@ -83,6 +107,14 @@ mod tests {
         };
         let expected: Vec<f64> = (0..channels.count()).map(mean).collect();
         assert_eq!(channels.means(&values), expected);
+        let mut i = 0;
+        channels.visit(&values, |v, c| {
+            assert_eq!((v, c), (values[i], of(i)));
+            i += 1;
+        });
+        assert_eq!(i, values.len());
+        assert!((channels.shares().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!(channels.shares().iter().all(|&s| s <= channels.shares()[channels.widest()]));
         let by: Vec<f64> = (0..channels.count()).map(|c| c as f64).collect();
         let before = values.clone();
         channels.change(&mut values, &by, |v, b| v + b);

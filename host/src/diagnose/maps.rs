@@ -101,6 +101,14 @@ pub fn saturated(t: &Temporal) -> f64 {
 pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     let Some(reference) = reference_dark(design) else { return Vec::new() };
     let (c0, t0) = (&design.conditions[reference], &stacks[reference]);
+    let channels = Channels::new(camera);
+    let map = |kind, plane: Plane<f32>, even| Map {
+        kind,
+        spatial: describe(&plane, &channels),
+        even,
+        after_image: None,
+        plane,
+    };
     let mut out = vec![map(MapKind::Offset, t0.mean.clone(), true)];
     let difference = |t: &Temporal, scale: f32| Plane {
         width: t.width,
@@ -116,7 +124,6 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     }
     let flats: Vec<usize> =
         flats(design).into_iter().filter(|&i| saturated(&stacks[i]) < 1e-5).collect();
-    let channels = Channels::new(camera);
     let relative = |mut plane: Plane<f32>| -> Plane<f32> {
         let means = channels.means(&plane.data);
         channels.change(&mut plane.data, &means, |v, mean| v / mean);
@@ -168,8 +175,4 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
         out.push(m);
     }
     out
-}
-
-fn map(kind: MapKind, plane: Plane<f32>, even: bool) -> Map {
-    Map { kind, spatial: describe(&plane), even, after_image: None, plane }
 }

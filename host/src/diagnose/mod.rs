@@ -30,6 +30,7 @@ pub mod replicate;
 mod revise;
 pub mod search;
 pub mod session;
+pub mod shading;
 pub mod spatial;
 mod spectrum;
 pub mod statistics;

@@ -1,5 +1,6 @@
 //! What a map over pixels looks like: slopes, rows, columns, pixels, outliers, lattices.
 
+use super::channels::Channels;
 use super::spectrum::Spectrum;
 use super::temporal::covariance;
 use crate::Plane;
@@ -10,7 +11,7 @@ const BLOCK: usize = 16;
 /// Pixels further than this from the middle, in robust standard deviations, are outliers.
 const OUTLIER: f64 = 5.5;
 /// Values are held within this many robust standard deviations before they are summed.
-const CLIP: f64 = 4.0;
+pub const CLIP: f64 = 4.0;
 /// Robust standard deviation per median absolute deviation of a normal law.
 const PER_MAD: f64 = 1.482_602_218_505_602;
 /// Periods of columns and rows that are looked for.
@@ -47,7 +48,7 @@ pub struct Spatial {
     pub fine_blocks: f64,
     /// Means of the four corner regions (an eighth of each side): top left, top right, bottom left, bottom right.
     pub corners: [f64; 4],
-    /// Contrasts of the 2x2 phases: 00−11, 01−10, (00+11)−(01+10).
+    /// Contrasts of the 2x2 phases: even rows less odd, even columns less odd, one half of a checkerboard less the other.
     pub phases: [f64; 3],
     /// Correlation with the neighbour right, below, and diagonally below.
     pub correlation: [f64; 3],
@@ -76,11 +77,17 @@ pub fn basis(u: f64, v: f64) -> [f64; 5] {
 }
 
 /// Robust standard deviation.
-fn robust_sd(values: &[f32]) -> f64 {
-    let mut v: Vec<f32> = values.to_vec();
+fn robust_sd(mut v: Vec<f32>) -> f64 {
     let middle = median(&mut v, f32::total_cmp);
     v.iter_mut().for_each(|x| *x = (*x - middle).abs());
     f64::from(median(&mut v, f32::total_cmp)) * PER_MAD
+}
+
+/// Robust standard deviation of each channel's pixels.
+pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
+    let mut own = vec![Vec::new(); channels.count()];
+    channels.visit(d, |x, channel| own[channel].push(x));
+    own.into_iter().map(robust_sd).collect()
 }
 
 fn variance(values: &[f64]) -> f64 {
@@ -88,13 +95,13 @@ fn variance(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
 }
 
-/// Describes a map.
-pub fn describe(map: &Plane<f32>) -> Spatial {
+/// Describes a map of pixels in channels.
+pub fn describe(map: &Plane<f32>, channels: &Channels) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
     let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
     let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
-    let scale = robust_sd(&d).max(1e-12);
+    let scale = robust_sd(d.clone()).max(1e-12);
     let mut s = Spatial::default();
 
     // Slopes of the map with outliers held, then without slopes.
@@ -150,21 +157,23 @@ pub fn describe(map: &Plane<f32>) -> Spatial {
     (s.blocks, s.fine_blocks) = blocks(&d, w, h, limit);
 
     // Pixels.
-    let sd = robust_sd(&d).max(1e-12);
-    let edge = OUTLIER * sd;
-    for &x in &d {
+    let sd = robust_sd(d.clone()).max(1e-12);
+    // The gain map of a channel with less light has more noise.
+    let edges: Vec<f64> =
+        robust_sds(&d, channels).into_iter().map(|sd| OUTLIER * sd.max(1e-12)).collect();
+    channels.visit(&d, |x, channel| {
         let x = f64::from(x);
         s.whole_variance += x * x;
         s.cumulants[0] += x * x * x;
         s.cumulants[1] += x * x * x * x;
-        if x > edge {
+        if x > edges[channel] {
             s.high += 1.0;
             s.high_sum += x;
-        } else if x < -edge {
+        } else if x < -edges[channel] {
             s.low += 1.0;
             s.low_sum += x;
         }
-    }
+    });
     s.whole_variance /= n;
     s.cumulants = [s.cumulants[0] / n, s.cumulants[1] / n - 3.0 * s.whole_variance.powi(2)];
     let clip = (CLIP * sd) as f32;
@@ -291,7 +300,8 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
     left.max(0.0) / (n - (nx * ny) as f64).max(1.0)
 }
 
-/// Contrasts of the means of the 2x2 phases, outliers held: 00−11, 01−10, (00+11)−(01+10).
+/// Contrasts of the means of the 2x2 phases, outliers held: rows, columns, checkerboard. Orthogonal, so that chance in one
+/// is none in another.
 fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
     let mut mean = [0.0f64; 4];
     for (y, row) in d.chunks(w).enumerate().take(h / 2 * 2) {
@@ -303,7 +313,7 @@ fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
     }
     let count = (w / 2 * (h / 2)) as f64;
     let [a, b, c, e] = mean.map(|m| m / count);
-    [a - e, b - c, (a + e - b - c) / 2.0]
+    [(a + b - c - e) / 2.0, (a + c - b - e) / 2.0, (a + e - b - c) / 2.0]
 }
 
 fn lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
@@ -332,9 +342,38 @@ fn lattice(d: &mut [f32], w: usize, h: usize, s: &mut Spatial) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Camera;
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
+
+    fn channels_of(width: usize) -> Channels {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        camera.sensor.width = width as u32;
+        Channels::new(&camera)
+    }
+
+    #[test]
+    fn outliers_are_those_of_their_own_channel() {
+        let (w, h) = (128, 96);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
+        let channels = channels_of(w);
+        assert!(channels.count() > 1);
+        // One channel has five times the noise of the others: their edge is at 1.1 of its standard deviations.
+        let mut data: Vec<f32> = (0..w * h).map(|_| StandardNormal.sample(&mut rng)).collect();
+        let sd: Vec<f64> = (0..channels.count()).map(|c| if c == 0 { 5.0 } else { 1.0 }).collect();
+        channels.change(&mut data, &sd, |v, sd| v * sd);
+        let map = Plane { width: w, height: h, data };
+        let s = describe(&map, &channels);
+        assert_eq!((s.high, s.low), (0.0, 0.0));
+        let mut weak = map;
+        weak.data.iter_mut().step_by(1001).for_each(|v| *v -= 40.0);
+        let s = describe(&weak, &channels);
+        // Rows and columns take a share of 1/w + 1/h with them, the noise at most √(25/13) in the mean.
+        assert_eq!(s.low, 13.0);
+        let share = 40.0 * (1.0 / w as f64 + 1.0 / h as f64);
+        assert!((s.low_sum / s.low + 40.0).abs() < share + 3.0 * (25.0f64 / 13.0).sqrt());
+    }
 
     #[test]
     fn parts_come_apart() {
@@ -364,7 +403,7 @@ mod tests {
                 })
                 .collect(),
         };
-        let s = describe(&map);
+        let s = describe(&map, &channels_of(w));
         // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
         assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
         assert!(

@@ -9,6 +9,7 @@ use super::design::{Condition, Design};
 use super::looks::Figure;
 use super::maps::{self, MapKind};
 use super::ratios;
+use super::shading;
 use super::spatial::{PERIODS, Spatial, aperiodic, basis};
 use super::spectrum::Background;
 use super::tails;
@@ -79,7 +80,11 @@ pub enum What {
     MapBlocks,
     FineBlocks,
     Corner(u8),
-    Phase(u8),
+    EveryOtherRow,
+    EveryOtherColumn,
+    Checkerboard,
+    FallOff(u8),
+    FallOffApart(u8),
     Lattice,
     AfterImage,
     Of(Figure),
@@ -155,6 +160,9 @@ pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Sta
     codes(stacks, &summaries, &mut out);
     for map in maps::maps(camera, design, stacks) {
         spatial(&map, &mut out);
+        if map.kind == maps::MapKind::Gain {
+            out.extend(shading::falls(&map, &channels));
+        }
     }
     out
 }
@@ -522,7 +530,8 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
     let line = |r: f64, bins: f64| tails::largest(tails::deviate(-r), bins as usize);
     add(What::RowPatternPeak, line(s.row_peak / 1.1, h / 2.0), 1.0, Scale::Linear);
     add(What::ColumnPatternPeak, line(s.column_peak / 1.1, w / 2.0), 1.0, Scale::Linear);
-    for (i, p) in PERIODS.iter().enumerate() {
+    // Period 2 is the signed contrast of every other line, below.
+    for (i, p) in PERIODS.iter().enumerate().skip(1) {
         let sd = (2.0 / (9.0 * (*p as f64 - 1.0))).sqrt();
         add(What::ColumnPeriod(i as u8), s.column_periods[i], sd, Scale::CubeRoot);
         add(What::RowPeriod(i as u8), s.row_periods[i], sd, Scale::CubeRoot);
@@ -536,12 +545,11 @@ fn spatial(map: &maps::Map, out: &mut Vec<Statistic>) {
     for (i, c) in s.correlation.iter().enumerate() {
         add(What::MapCovariance(i as u8), *c, 1.0 / n.sqrt(), Scale::Linear);
     }
-    for (i, p) in s.phases.iter().enumerate() {
-        // Rows and columns that are not alike make diagonals unlike, not the checkerboard.
-        let lines = 4.0 * (s.row_variance / h + s.column_variance / w);
-        let variance = if i == 2 { 4.0 * v / n } else { 8.0 * v / n + lines };
-        add(What::Phase(i as u8), *p, variance.sqrt(), Scale::Linear);
-    }
+    // Two means of half the lines, or pixels, each; a line's variance holds its pixels'.
+    let [rows, columns, checkerboard] = s.phases;
+    add(What::EveryOtherRow, rows, (4.0 * s.row_variance / h).sqrt(), Scale::Linear);
+    add(What::EveryOtherColumn, columns, (4.0 * s.column_variance / w).sqrt(), Scale::Linear);
+    add(What::Checkerboard, checkerboard, (4.0 * v / n).sqrt(), Scale::Linear);
     add(What::Lattice, tails::largest(s.lattice, 512), 1.0, Scale::Linear);
     if let Some((slope, sd)) = map.after_image {
         add(What::AfterImage, slope, sd, Scale::Linear);

@@ -85,8 +85,8 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::RowPatternPeak => "line in the fixed pattern of rows".into(),
         What::ColumnPattern => "fixed pattern of columns".into(),
         What::ColumnPatternPeak => "line in the fixed pattern of columns".into(),
-        What::ColumnPeriod(i) => format!("fixed pattern of every {} column", nth(i)),
-        What::RowPeriod(i) => format!("fixed pattern of every {} row", nth(i)),
+        What::ColumnPeriod(i) => format!("fixed pattern of every {}th column", 2 << i),
+        What::RowPeriod(i) => format!("fixed pattern of every {}th row", 2 << i),
         What::PixelPattern => "fixed pattern of pixels".into(),
         What::Tails => "weight of outlying pixels".into(),
         What::High => "number of bright outliers".into(),
@@ -101,9 +101,12 @@ pub fn name(camera: &Camera, key: Key) -> String {
             let names = ["top left", "top right", "bottom left", "bottom right"];
             format!("level of the {} corner", names.get(usize::from(i)).copied().unwrap_or(""))
         }
-        What::Phase(i) => {
-            let names = ["main diagonal", "other diagonal", "checkerboard"];
-            format!("2x2 contrast, {}", names.get(usize::from(i)).copied().unwrap_or(""))
+        What::EveryOtherRow => "fixed pattern of every other row".into(),
+        What::EveryOtherColumn => "fixed pattern of every other column".into(),
+        What::Checkerboard => "fixed checkerboard".into(),
+        What::FallOff(c) => of("fall-off towards the corners", c),
+        What::FallOffApart(c) => {
+            format!("fall-off towards the corners of channel {} against the others", channel(c))
         }
         What::Lattice => "16x16 lattice".into(),
         What::AfterImage => "mean after light".into(),
@@ -166,13 +169,5 @@ pub fn map(kind: MapKind) -> &'static str {
         MapKind::Gain => "gain map (flats)",
         MapKind::Curvature => "gain map, bright less medium flat",
         MapKind::AfterLight => "dark after light less dark",
-    }
-}
-
-/// The period of a pattern, 2 to the power of `i` + 1.
-fn nth(i: u8) -> String {
-    match i {
-        0 => "2nd".into(),
-        _ => format!("{}th", 2 << i),
     }
 }

@@ -14,7 +14,7 @@ use sensor_core::effects::{
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
     defective_pixels::DefectivePixels, green_imbalance::GreenImbalance, hot_pixels::HotPixels,
     pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, readout_channel_mismatch::ReadoutChannelMismatch,
-    relative_illumination::RelativeIllumination, row_offset_fpn::RowOffsetFpn,
+    row_offset_fpn::RowOffsetFpn,
 };
 
 /// Excess of a variance in a map, in units of `unit`².
@@ -71,6 +71,10 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
     for (map, gain) in [(MapKind::Offset, false), (MapKind::Gain, true)] {
         let made = (|| {
             let z = |i: usize| {
+                if i == 0 {
+                    let d = e.difference(Place::Map(map), What::EveryOtherColumn)?;
+                    return Some(d.z().abs());
+                }
                 let p = e.model.of.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
                 let s = e.data.get(&(Place::Map(map), What::ColumnPeriod(i as u8)))?;
                 Some((p.scale.of(s.value) - p.scaled) / p.sd)
@@ -381,29 +385,6 @@ pub fn column_gain(e: &Evidence<'_>) -> Vec<Proposal> {
     spread("column-gain-fpn", "sigma", present, x, |s| ColumnGainFpn { sigma: s }.into())
 }
 
-/// Radial fall-off of the gain map.
-pub fn relative_illumination(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let map = e.map(MapKind::Gain).filter(|m| m.even)?;
-        if current(e.camera, "relative-illumination").is_some() {
-            return None;
-        }
-        let (w, h) = (map.plane.width as f64, map.plane.height as f64);
-        let blocks = block_means(&map.plane, 0.5);
-        let (k, tt, gain) =
-            amplitude(&blocks, |u, v| ((u * w).powi(2) + (v * h).powi(2)) / (w * w + h * h));
-        // 1 + k r² relative to its mean, r² being 1/3 in the mean.
-        let corner = k / (1.0 - k / 3.0);
-        let noise = map.spatial.pixel_variance / 256.0;
-        let effect = RelativeIllumination { corner: corner as f32 };
-        Some(Proposal::new("relative-illumination", effect.into(), (gain / noise).sqrt()).with(
-            "corner",
-            corner,
-            (noise / tt).sqrt(),
-        ))
-    })())
-}
-
 /// Contrast of the greens in the gain map.
 pub fn green_imbalance(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
@@ -411,17 +392,21 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Vec<Proposal> {
         if (cfa.width, cfa.height) != (2, 2) {
             return None;
         }
-        // Which of the two diagonals is green, and whether its first member is in a row with red.
+        // Which of the two diagonals is green, and whether its first member is in a row with red; the second is in another
+        // row and column than the first.
         let green = |x, y| cfa.letter(x, y) == 'G';
-        let (phase, first_row) = if green(0, 0) && green(1, 1) {
-            (0, 0)
+        let (left_first, first_row) = if green(0, 0) && green(1, 1) {
+            (true, 0)
         } else if green(1, 0) && green(0, 1) {
-            (1, 0)
+            (false, 0)
         } else {
             return None;
         };
         let red_first = (0..2).any(|x| cfa.letter(x, first_row) == 'R');
-        let d = e.difference(Place::Map(MapKind::Gain), What::Phase(phase))?;
+        let of = |what| e.difference(Place::Map(MapKind::Gain), what);
+        let (rows, columns) = (of(What::EveryOtherRow)?, of(What::EveryOtherColumn)?);
+        let value = rows.value + if left_first { columns.value } else { -columns.value };
+        let d = Estimated { value, se: rows.se.hypot(columns.se) };
         let sign = if red_first { 1.0 } else { -1.0 };
         let present = match current(e.camera, "green-imbalance") {
             Some(Effect::GreenImbalance(x)) => f64::from(x.centre),

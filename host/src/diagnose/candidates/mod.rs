@@ -155,9 +155,7 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("prnu", fixed::prnu),
     ("column-gain-fpn", fixed::column_gain),
     ("prnu-low-frequency", smooth::low_frequency),
-    ("relative-illumination", |e| {
-        join(fixed::relative_illumination(e), optics::estimate(e, "relative-illumination"))
-    }),
+    ("relative-illumination", |e| optics::estimate(e, "relative-illumination")),
     ("colour-shading", |e| optics::estimate(e, "colour-shading")),
     ("green-imbalance", fixed::green_imbalance),
     ("defective-pixels", fixed::defects),

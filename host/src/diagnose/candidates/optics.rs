@@ -1,7 +1,8 @@
 //! Effects of the optics, and those of the sensor that edges, dots and charts show: found together by least squares.
 //!
 //! Every figure of the looks depends a little on every parameter. How much is asked of the model itself: the optics
-//! stage and one replicate with the parameter moved a step, with the same random numbers. Then
+//! stage and one replicate with the parameter moved a step, with the same random numbers. The fall-off of the gain map,
+//! which shadings alone move, is a figure beside them. Then
 //!
 //!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
 //!
@@ -10,9 +11,11 @@
 
 use super::Proposal;
 use crate::camera::{Camera, LensKind};
+use crate::diagnose::channels::Channels;
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::model;
 use crate::diagnose::prediction::Key;
+use crate::diagnose::shading;
 use crate::diagnose::statistics::{Place, Statistic};
 use crate::optics::OpticalEffect;
 use nalgebra::{DMatrix, DVector};
@@ -41,7 +44,7 @@ const KINDS: [(&str, &[Free]); 9] = [
 
 /// Parameters beyond the first of a kind stay only from this many standard errors on.
 const KEEP: f64 = 4.0;
-/// Looks that agree within this are not asked.
+/// Figures that agree within this are not asked.
 const AGREES: f64 = 4.0;
 /// Secant steps for the parameter that acts by its square.
 const SECANTS: usize = 4;
@@ -53,6 +56,8 @@ struct Column {
     kind: &'static str,
     key: &'static str,
     change: DVector<f64>,
+    /// Whether it moves figures of maps.
+    in_maps: bool,
 }
 
 /// Change of every figure on its scale for a unit of a parameter (of defocus: of its square).
@@ -155,6 +160,7 @@ fn proposal(
         }
     }
     let mut p = Proposal::of_looks(kind, solution.strength(own)?);
+    p.of_looks = !columns[..own].iter().any(|c| c.in_maps);
     p.parameters = parameters;
     for k in std::iter::once(kind).chain(e.named.iter().copied().filter(|k| *k != kind)) {
         let (sensor, optical) = (&mut p.effects, &mut p.optical);
@@ -185,7 +191,9 @@ impl Residual {
     fn of(e: &Evidence<'_>) -> Self {
         let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: DVector::zeros(0) };
         let mut z = Vec::new();
-        for (key, s) in e.data.iter().filter(|(k, _)| matches!(k.0, Place::Look(_))) {
+        let of_falls = |what| shading::slope(what, None, 0).is_some();
+        let wanted = |k: &Key| matches!(k.0, Place::Look(_)) || of_falls(k.1);
+        for (key, s) in e.data.iter().filter(|(k, _)| wanted(k)) {
             let Some(p) = e.model.of.get(key) else { continue };
             let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(1e-12);
             out.keys.push(*key);
@@ -207,14 +215,30 @@ impl Residual {
 fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
     let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
     let all = free.iter().filter_map(|&(key, _, step)| {
-        let slope = e.slopes.of((kind, key, value(e.camera, kind, key) != 0.0), || match kind {
-            "defocus" => blur(e, residual),
-            _ => derivative(e, kind, key, step),
-        })?;
+        let mut slope =
+            e.slopes.of((kind, key, value(e.camera, kind, key) != 0.0), || match kind {
+                "defocus" => blur(e, residual),
+                _ => derivative(e, kind, key, step),
+            })?;
+        let in_maps = in_maps(e.camera, kind, key, residual);
+        slope.extend(&in_maps);
         let change = residual.scaled(&slope);
-        (change.norm() > 1e-9).then_some(Column { kind, key, change })
+        let in_maps = in_maps.values().any(|s| *s != 0.0);
+        (change.norm() > 1e-9).then_some(Column { kind, key, change, in_maps })
     });
     all.collect()
+}
+
+/// What a unit of a shading does to the fall-off of maps.
+fn in_maps(camera: &Camera, kind: &str, key: &str, residual: &Residual) -> Slope {
+    let channel = match kind {
+        "relative-illumination" => None,
+        "colour-shading" => key.strip_prefix("channel_").and_then(|c| c.parse().ok()),
+        _ => return Slope::new(),
+    };
+    let widest = Channels::new(camera).widest();
+    let of = |k: &Key| Some((*k, shading::slope(k.1, channel, widest)?));
+    residual.keys.iter().filter_map(of).collect()
 }
 
 /// Change of every figure on its scale for a unit of a parameter.

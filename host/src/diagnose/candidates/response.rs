@@ -63,11 +63,15 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let mut out = vec![all];
     let place = Place::Map(MapKind::Offset);
     let contrasts: Vec<Estimated> =
-        (0..3).filter_map(|i| e.difference(place, What::Phase(i))).collect();
-    if let [main, other, checker] = contrasts[..] {
+        [What::EveryOtherRow, What::EveryOtherColumn, What::Checkerboard]
+            .into_iter()
+            .filter_map(|what| e.difference(place, what))
+            .collect();
+    if let [rows, columns, checkerboard] = contrasts[..] {
         let mut apart = common;
-        let (p, q, r) = (main.value, other.value, checker.value);
-        let own = [(r + p) / 2.0, (q - r) / 2.0, -(q + r) / 2.0, (r - p) / 2.0];
+        let (r, c, x) = (rows.value, columns.value, checkerboard.value);
+        let own = [r + c + x, r - c - x, c - r - x, x - r - c].map(|o| o / 2.0);
+        let se_own = rows.se.hypot(columns.se).hypot(checkerboard.se) / 2.0;
         let keys = ["plane_0_dn", "plane_1_dn", "plane_2_dn", "plane_3_dn"];
         let parts = [
             &mut apart.plane_0_dn,
@@ -75,7 +79,8 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             &mut apart.plane_2_dn,
             &mut apart.plane_3_dn,
         ];
-        let strength = contrasts.iter().map(|c| c.z() * c.z()).sum::<f64>().sqrt();
+        // Columns alone are what channels of the read-out do.
+        let strength = rows.z().hypot(checkerboard.z());
         let mut made = Vec::new();
         for ((part, o), key) in parts.into_iter().zip(own).zip(keys) {
             *part += o as f32;
@@ -87,7 +92,7 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             se,
         );
         for (key, value) in made {
-            p = p.with(key, value, main.se / 2.0);
+            p = p.with(key, value, se_own);
         }
         out.push(p);
     }
