@@ -2,6 +2,9 @@
 
 use std::cmp::Ordering;
 
+/// Standard deviation over the median absolute deviation of a normal law.
+pub(crate) const SD_PER_MAD: f64 = 1.482_602_218_505_602;
+
 /// The median, of an even number the upper of the two in the middle, of none zero. Reorders.
 pub(crate) fn median<T: Copy + Default>(values: &mut [T], order: fn(&T, &T) -> Ordering) -> T {
     if values.is_empty() {

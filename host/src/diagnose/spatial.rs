@@ -4,7 +4,7 @@ use super::channels::Channels;
 use super::spectrum::Spectrum;
 use super::temporal::covariance;
 use crate::Plane;
-use crate::median::median;
+use crate::median::{SD_PER_MAD, median};
 
 /// Side of the blocks for large-scale structure.
 const BLOCK: usize = 16;
@@ -12,8 +12,6 @@ const BLOCK: usize = 16;
 const OUTLIER: f64 = 5.5;
 /// Values are held within this many robust standard deviations before they are summed.
 pub const CLIP: f64 = 4.0;
-/// Robust standard deviation per median absolute deviation of a normal law.
-const PER_MAD: f64 = 1.482_602_218_505_602;
 /// Periods of columns and rows that are looked for.
 pub const PERIODS: [usize; 3] = [2, 4, 8];
 
@@ -80,7 +78,7 @@ pub fn basis(u: f64, v: f64) -> [f64; 5] {
 fn robust_sd(mut v: Vec<f32>) -> f64 {
     let middle = median(&mut v, f32::total_cmp);
     v.iter_mut().for_each(|x| *x = (*x - middle).abs());
-    f64::from(median(&mut v, f32::total_cmp)) * PER_MAD
+    f64::from(median(&mut v, f32::total_cmp)) * SD_PER_MAD
 }
 
 /// Robust standard deviation of each channel's pixels.

@@ -413,9 +413,7 @@ fn pixels(t: &Temporal, s: &Summary, add: &mut impl FnMut(What, f64, f64, Scale)
     let scatter = ((8.0 + 48.0 / f) / (f * f) / n).sqrt();
     add(What::Spread, second * f / 2.0, scatter * f / 2.0, Scale::Linear);
     // χ² quantile that a pixel passes with a chance of 1e-6.
-    let z = 4.753;
-    let h = 2.0 / (9.0 * f);
-    let limit = v * (1.0 - h + z * h.sqrt()).powi(3);
+    let limit = v * tails::quantile_of_squares(4.753, f);
     let noisy = t.pixel_variance.iter().filter(|&&x| f64::from(x) > limit).count();
     add(What::NoisyPixels, noisy as f64, 1.0, Scale::Count);
     noise_over_the_sensor(t, v, add);

@@ -37,7 +37,14 @@ pub fn chi_square(ratio: f64, dof: f64) -> f64 {
 
 /// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson & Hilferty 1931).
 pub fn median_of_squares(dof: f64) -> f64 {
-    (1.0 - 2.0 / (9.0 * dof)).powi(3)
+    quantile_of_squares(0.0, dof)
+}
+
+/// What a mean of squares with `dof` degrees of freedom over its expectation passes as rarely as a standard normal deviate
+/// passes `z` (Wilson & Hilferty 1931).
+pub fn quantile_of_squares(z: f64, dof: f64) -> f64 {
+    let v = 2.0 / (9.0 * dof);
+    (1.0 - v + z * v.sqrt()).powi(3)
 }
 
 /// Normal deviate of the largest of `count` independent standard normal deviates.
@@ -109,7 +116,7 @@ mod tests {
             [(2.0, 2.0 * LN_2, 0.02), (10.0, 9.342, 1e-3), (100.0, 99.334, 2e-5)]
         {
             assert!((median_of_squares(dof) / (median / dof) - 1.0).abs() < near, "{dof}");
-            assert!(chi_square(median_of_squares(dof), dof).abs() < 1e-9);
+            assert!((chi_square(quantile_of_squares(1.5, dof), dof) - 1.5).abs() < 1e-9);
         }
     }
 

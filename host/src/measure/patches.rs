@@ -7,7 +7,7 @@
 //! camera. A mono frame's luminance is its signal.
 
 use crate::camera::Cfa;
-use crate::median::median;
+use crate::median::{SD_PER_MAD, median};
 use crate::scene::chart::colorchecker::{COLUMNS, ROWS};
 use crate::{Error, Plane, Result};
 use serde::Serialize;
@@ -144,7 +144,7 @@ pub fn outliers(frame: &Plane<u16>, cfa: &Cfa, corners: &Corners, sigmas: f64) -
             let middle = median(&mut values, f64::total_cmp);
             let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
             let limit =
-                sigmas * (1.4826 * median(&mut off, f64::total_cmp)).max(1.0 / 12f64.sqrt());
+                sigmas * (SD_PER_MAD * median(&mut off, f64::total_cmp)).max(1.0 / 12f64.sqrt());
             found += off.iter().filter(|d| **d > limit).count();
             all += off.len();
         }

@@ -6,7 +6,7 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
-use crate::diagnose::tails::median_of_squares;
+use crate::diagnose::tails::{median_of_squares, quantile_of_squares};
 use crate::median::median;
 use sensor_core::effects::{
     Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
@@ -191,8 +191,7 @@ fn variance_excess(e: &Evidence<'_>, stack: usize) -> Option<(f64, f64)> {
     let k2 = e.gain(&e.design.conditions[stack]).powi(2);
     let middle = f64::from(median(&mut t.pixel_variance.clone(), f32::total_cmp));
     let white = middle / median_of_squares(t.dof);
-    let h = 2.0 / (9.0 * t.dof);
-    let limit = white * (1.0 - h + 3.1 * h.sqrt()).powi(3);
+    let limit = white * quantile_of_squares(3.1, t.dof);
     let (mut first, mut second) = (0.0, 0.0);
     for v in t.pixel_variance.iter().map(|&v| f64::from(v)).filter(|v| *v > limit) {
         first += v - white;

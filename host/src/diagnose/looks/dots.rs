@@ -4,7 +4,7 @@ use super::{Figure, Found, Picture, densest};
 use crate::Plane;
 use crate::camera::{Camera, Cfa};
 use crate::diagnose::statistics::Scale;
-use crate::median::median;
+use crate::median::{SD_PER_MAD, median};
 use crate::scene::chart::dots::Dots;
 use std::collections::BTreeMap;
 
@@ -187,7 +187,7 @@ fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     let middle = median(&|v| v.0);
     let off = median(&|v| (v.0 - middle).abs());
     let noise = median(&|v| v.1).sqrt();
-    let limit = OUTLIER * (1.4826 * off).max(noise);
+    let limit = OUTLIER * (SD_PER_MAD * off).max(noise);
     let kept: Vec<(f64, f64)> =
         values.iter().copied().filter(|v| (v.0 - middle).abs() <= limit).collect();
     let n = kept.len() as f64;

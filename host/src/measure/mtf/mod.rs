@@ -26,7 +26,7 @@ use self::line::EdgeLine;
 use self::sfr::Sfr;
 use super::value::Value;
 use crate::camera::Cfa;
-use crate::median::median;
+use crate::median::{SD_PER_MAD, median};
 use crate::{Error, Plane, Result};
 use serde::Serialize;
 
@@ -189,7 +189,7 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
     let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
     // A bright side scatters more than both sides together; shot noise of a step of 4 by less than twice.
-    let limit = 2.0 * DEFECT * 1.4826 * median(&mut off, f64::total_cmp).max(1e-9);
+    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(1e-9);
     let expected = |d: f64| {
         let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
         local[i].1

@@ -1,7 +1,7 @@
 //! Noise of the exposures, and the weighted mean that it asks for.
 
 use super::Shots;
-use crate::median::median;
+use crate::median::{SD_PER_MAD, median};
 use crate::{Error, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -101,7 +101,7 @@ impl Noise {
                 let count = differences.len() as f64;
                 let centre = median(&mut differences, f32::total_cmp);
                 differences.iter_mut().for_each(|v| *v = (*v - centre).abs());
-                let deviation = 1.4826 * f64::from(median(&mut differences, f32::total_cmp));
+                let deviation = SD_PER_MAD * f64::from(median(&mut differences, f32::total_cmp));
                 let signal = (signal / count).max(0.0);
                 // variance = read² (1/n + ratio²/m) + K signal (1/n + ratio/m)
                 let p = 1.0 / short.frames as f64 + ratio * ratio / long.frames as f64;
