@@ -164,6 +164,7 @@ catalogue! {
     46 => exact_shot_noise::ExactShotNoise,
     47 => system_gain::SystemGain,
     48 => quantum_efficiency::QuantumEfficiency,
+    49 => prnu_correlated::PrnuCorrelated,
 }
 
 /// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.

@@ -16,7 +16,7 @@ const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 in_both_arithmetics! {
     full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency black_level_offset green_imbalance pdaf_pattern colour_shading
+    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern colour_shading
     relative_illumination fringing adc_nonlinearity defects
 }
 
@@ -193,6 +193,28 @@ fn prnu_low_frequency<A: Arith>() {
         })
         .collect();
     near("mean square", mean(&powers), 4e-4, (variance(&powers) / 300.0).sqrt());
+}
+
+fn prnu_correlated<A: Arith>() {
+    let (w, h) = (512usize, 256usize);
+    let effect = prnu_correlated::PrnuCorrelated { sigma: 0.02 };
+    let config = monochrome(w as u32, h as u32, &[effect.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 4000.0);
+    let m: Vec<f64> = v.iter().map(|v| (v / 4000.0 - 1.0) / 0.02).collect();
+    assert_eq!(v, flat::<A>(&config, &FrameSettings { frame: 5, ..SETTINGS }, 4000.0));
+    // Variance of a covariance over n pixels (Bartlett 1946): at most 2 Σ ρ²/n, and Σ ρ² over all lags is (1 + 2/4)².
+    let sd = (2.0 * 2.25 / (w * h) as f64).sqrt();
+    for (dx, dy, expected) in
+        [(0, 0, 1.0), (1, 0, 0.5), (0, 1, 0.5), (1, 1, 0.25), (2, 0, 0.0), (0, 2, 0.0), (2, 1, 0.0)]
+    {
+        let products = (0..h - dy)
+            .flat_map(|y| (0..w - dx).map(move |x| (y * w + x, (y + dy) * w + x + dx)))
+            .map(|(a, b)| m[a] * m[b]);
+        near("covariance", mean(&products.collect::<Vec<_>>()), expected, sd);
+    }
+    // The left edge is as any other column.
+    let edge: Vec<f64> = m.iter().step_by(w).copied().collect();
+    near_variance("variance of the left edge", variance(&edge), 1.0, h / 2, 0.0);
 }
 
 fn black_level_offset<A: Arith>() {

@@ -234,6 +234,13 @@ def prnu(f):
     return component(m, noise, (f.c.prnu * f.effect.factor) ** 2, m.size - 1)
 
 
+def shared_prnu(f):
+    """Covariance of pixels side by side."""
+    m, v = f.gain()
+    products = m[:, 1:] * m[:, :-1]
+    return products.mean(), f.a**2 / 2, np.sqrt((v + f.a**2) ** 2 * 2.25 / m.size)
+
+
 def ratio(f, high, low, shift):
     """Light of two flats, each over its expectation: `shift(name)` is the relative change hidden in it."""
     (a, sa), (b, sb) = f.light(high), f.light(low)
@@ -405,7 +412,7 @@ ESTIMATES = {
     "full-well": full_well, "brighter-fatter": lambda f: lag_covariance(f, lambda mu: 2 * f.a * mu**2 * (1 - 4 * f.a * mu)),
     "charge-coupling": lambda f: lag_covariance(f, lambda mu: 2 * f.a * (1 - 4 * f.a) * mu),
     "optical-crosstalk": crosstalk, "adc-nonlinearity": codes, "image-lag": lag, "exposure-offset": exposure,
-    "relative-illumination": fall_off, "colour-shading": fall_off, "green-imbalance": greens, "flicker-banding": flicker, "light-flicker": frame_gain, "defective-pixels": dead,
+    "prnu-correlated": shared_prnu, "relative-illumination": fall_off, "colour-shading": fall_off, "green-imbalance": greens, "flicker-banding": flicker, "light-flicker": frame_gain, "defective-pixels": dead,
     "outside-diagonal-noise": diagonals, "outside-ring-noise": lambda f: placed_variance(f, f.effect.ring),
     "outside-column-squared-noise": lambda f: placed_variance(f, f.effect.ring**2), "outside-skewed-noise": skewness,
     "outside-block-noise": blocks, "outside-checker-drift": checker,

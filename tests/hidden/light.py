@@ -58,6 +58,23 @@ class ColumnGain(Component):
         maps.gain = maps.gain * (1 + F(self.amount) * self.rng.standard_normal((1, self.w.width), dtype=F))
 
 
+class PrnuCorrelated(Component):
+    """White noise at the corners of pixels: a pixel's gain is off by s times half the sum of its four.
+
+    Power (1 + cos kx)(1 + cos ky) beside the white map of variance g.
+    """
+    kind, parameter = "prnu-correlated", "sigma"
+
+    def information(self, s2):
+        along = [1 + np.cos(2 * np.pi * np.arange(n) / n) for n in (self.w.height, self.w.width)]
+        power = np.multiply.outer(*along)
+        return np.sum((power / (self.w.info.gain_map()[1] + s2 * power)) ** 2) / 2
+
+    def fixed(self, maps):
+        z = self.rng.standard_normal((self.w.height + 1, self.w.width + 1), dtype=F)
+        maps.light = maps.light * (1 + F(self.amount / 2) * (z[1:, 1:] + z[1:, :-1] + z[:-1, 1:] + z[:-1, :-1]))
+
+
 class PrnuLowFrequency(Effect):
     """A smooth factor 1 + m(x, y) on light, rms the amount: cosines of up to 1.5 cycles per frame, or a tilted bowl.
 
@@ -417,6 +434,6 @@ class DefectivePixels(Effect):
         maps.light = maps.light * gain.reshape(self.w.height, self.w.width)
 
 
-EFFECTS = [SystemGain, Prnu, ColumnGain, PrnuLowFrequency, RelativeIllumination, ColourShading, Nonlinearity, FullWell, BrighterFatter, ChargeCoupling,
-           OpticalCrosstalk, ConverterBit, ImageLag, ExposureOffset, GreenImbalance, FlickerBanding, LightFlicker,
-           DefectivePixels]
+EFFECTS = [SystemGain, Prnu, PrnuCorrelated, ColumnGain, PrnuLowFrequency, RelativeIllumination, ColourShading,
+           Nonlinearity, FullWell, BrighterFatter, ChargeCoupling, OpticalCrosstalk, ConverterBit, ImageLag,
+           ExposureOffset, GreenImbalance, FlickerBanding, LightFlicker, DefectivePixels]

@@ -104,7 +104,7 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     let channels = Channels::new(camera);
     let map = |kind, plane: Plane<f32>, even| Map {
         kind,
-        spatial: describe(&plane, &channels),
+        spatial: describe(&plane, &channels, even),
         even,
         after_image: None,
         plane,

@@ -12,6 +12,8 @@ const BLOCK: usize = 16;
 const OUTLIER: f64 = 5.5;
 /// Values are held within this many robust standard deviations before they are summed.
 pub const CLIP: f64 = 4.0;
+/// Lines over which uneven light is taken to be smooth.
+const SMOOTH: usize = 33;
 /// Periods of columns and rows that are looked for.
 pub const PERIODS: [usize; 3] = [2, 4, 8];
 
@@ -93,8 +95,9 @@ fn variance(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
 }
 
-/// Describes a map of pixels in channels.
-pub fn describe(map: &Plane<f32>, channels: &Channels) -> Spatial {
+/// Describes a map of pixels in channels. Of light that may be uneven rows and columns tell only what changes within
+/// [`SMOOTH`] of them (EMVA 1288 takes a high pass for the same reason).
+pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
     let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
@@ -140,6 +143,11 @@ pub fn describe(map: &Plane<f32>, channels: &Channels) -> Spatial {
         s.columns.iter_mut().zip(row).for_each(|(c, &x)| *c += held(x));
     }
     s.columns.iter_mut().for_each(|c| *c /= h as f64);
+    let lines = [s.rows.clone(), s.columns.clone()];
+    if !even {
+        s.rows = without_smooth(&s.rows);
+        s.columns = without_smooth(&s.columns);
+    }
     s.row_variance = aperiodic_variance(&s.rows);
     s.column_variance = aperiodic_variance(&s.columns);
     s.row_periods = periods(&s.rows);
@@ -148,8 +156,9 @@ pub fn describe(map: &Plane<f32>, channels: &Channels) -> Spatial {
     s.column_peak = peak(&s.columns);
     s.corners = corners(&d, w, h, limit);
     s.phases = phases(&d, w, h, limit);
-    for (row, mean) in d.chunks_mut(w).zip(&s.rows) {
-        row.iter_mut().zip(&s.columns).for_each(|(x, c)| *x -= (mean + c) as f32);
+    let [rows, columns] = lines;
+    for (row, mean) in d.chunks_mut(w).zip(&rows) {
+        row.iter_mut().zip(&columns).for_each(|(x, c)| *x -= (mean + c) as f32);
     }
     // Blocks without rows and columns, whose patterns whole lines of blocks would share.
     (s.blocks, s.fine_blocks) = blocks(&d, w, h, limit);
@@ -198,6 +207,16 @@ pub fn describe(map: &Plane<f32>, channels: &Channels) -> Spatial {
 /// Lines free to scatter when slopes and the means of the longest period are taken out, of so many.
 pub fn aperiodic(lines: f64) -> f64 {
     lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
+}
+
+/// Lines less the mean of [`SMOOTH`] around each, of fewer near the ends, as many on either side: a slope leaves nothing.
+fn without_smooth(lines: &[f64]) -> Vec<f64> {
+    let less_mean = |i: usize| {
+        let reach = (SMOOTH / 2).min(i).min(lines.len() - 1 - i);
+        let around = &lines[i - reach..=i + reach];
+        lines[i] - around.iter().sum::<f64>() / around.len() as f64
+    };
+    (0..lines.len()).map(less_mean).collect()
 }
 
 /// Mean of the lines of each phase of a period.
@@ -362,11 +381,11 @@ mod tests {
         let sd: Vec<f64> = (0..channels.count()).map(|c| if c == 0 { 5.0 } else { 1.0 }).collect();
         channels.change(&mut data, &sd, |v, sd| v * sd);
         let map = Plane { width: w, height: h, data };
-        let s = describe(&map, &channels);
+        let s = describe(&map, &channels, true);
         assert_eq!((s.high, s.low), (0.0, 0.0));
         let mut weak = map;
         weak.data.iter_mut().step_by(1001).for_each(|v| *v -= 40.0);
-        let s = describe(&weak, &channels);
+        let s = describe(&weak, &channels, true);
         // Rows and columns take a share of 1/w + 1/h with them, the noise at most √(25/13) in the mean.
         assert_eq!(s.low, 13.0);
         let share = 40.0 * (1.0 / w as f64 + 1.0 / h as f64);
@@ -401,7 +420,7 @@ mod tests {
                 })
                 .collect(),
         };
-        let s = describe(&map, &channels_of(w));
+        let s = describe(&map, &channels_of(w), true);
         // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
         assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
         assert!(
@@ -411,5 +430,20 @@ mod tests {
         assert_eq!(s.high, 10.0);
         assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);
         assert!(s.column_periods[0] > 5.0 && s.row_periods[0] < 12.0);
+        // A wave of one period over the frame is light: rows, columns and pixels stay what they were.
+        let mut waved = map;
+        for (y, row) in waved.data.chunks_mut(w).enumerate() {
+            let wave = 3.0 * (y as f64 / h as f64 * std::f64::consts::TAU).sin() as f32;
+            row.iter_mut().for_each(|v| *v += wave);
+        }
+        let smooth = describe(&waved, &channels_of(w), false);
+        assert!(
+            (smooth.row_variance / s.row_variance - 1.0).abs() < 0.3,
+            "{}",
+            smooth.row_variance
+        );
+        assert!((smooth.pixel_variance / s.pixel_variance - 1.0).abs() < 1e-3);
+        assert!(smooth.column_periods[0] > 5.0);
+        assert!(describe(&waved, &channels_of(w), true).row_variance > 3.0 * s.row_variance);
     }
 }

@@ -68,7 +68,13 @@ impl Context<'_> {
     /// Fixed pattern: values per pixel of this physical sensor. `part` tells a stage's draws apart.
     #[inline(always)]
     pub fn per_pixel(&self, part: u32) -> Lanes {
-        self.stream(part, Over::Pixel).with(self.row).lanes()
+        self.per_pixel_of(part, self.row)
+    }
+
+    /// The same of any row, for what a pixel shares with its neighbours.
+    #[inline(always)]
+    pub fn per_pixel_of(&self, part: u32, row: u32) -> Lanes {
+        self.stream(part, Over::Pixel).with(row).lanes()
     }
 
     /// Temporal noise: values per pixel and frame.

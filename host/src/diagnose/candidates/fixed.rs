@@ -13,8 +13,8 @@ use sensor_core::effects::{
     Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
     defective_pixels::DefectivePixels, green_imbalance::GreenImbalance, hot_pixels::HotPixels,
-    pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, readout_channel_mismatch::ReadoutChannelMismatch,
-    row_offset_fpn::RowOffsetFpn,
+    pixel_offset_fpn::PixelOffsetFpn, prnu::Prnu, prnu_correlated::PrnuCorrelated,
+    readout_channel_mismatch::ReadoutChannelMismatch, row_offset_fpn::RowOffsetFpn,
 };
 
 /// Excess of a variance in a map, in units of `unit`².
@@ -373,6 +373,42 @@ pub fn gradient(e: &Evidence<'_>) -> Vec<Proposal> {
 pub fn prnu(e: &Evidence<'_>) -> Vec<Proposal> {
     let x = excess(e, MapKind::Gain, What::PixelPattern, 1.0);
     spread("prnu", "sigma", e.camera.sensor.noise.prnu, x, |s| Prnu { sigma: s }.into())
+}
+
+/// Covariance of neighbours in the gain map, and what the pixels' variance has more; where it has not as much more, the
+/// pixels' own spread is as much less.
+pub fn prnu_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let place = Place::Map(MapKind::Gain);
+        let variance = e.map(MapKind::Gain)?.spatial.pixel_variance;
+        // Neighbours beside, below and diagonally share this much of the variance: least squares.
+        let shares = [0.5, 0.5, 0.25];
+        let squares: f64 = shares.iter().map(|s| s * s).sum();
+        let (mut value, mut doubt) = (0.0, 0.0);
+        for (i, share) in shares.into_iter().enumerate() {
+            let d = e.difference(place, What::MapCovariance(i as u8))?;
+            value += variance * share * d.value / squares;
+            doubt += (variance * share * d.se / squares).powi(2);
+        }
+        let shared = Estimated { value, se: doubt.sqrt() };
+        let more = excess(e, MapKind::Gain, What::PixelPattern, 1.0)?;
+        let own = Estimated { value: more.value - shared.value, se: more.se.hypot(shared.se) };
+        let own_changes = own.z().abs() > 2.0;
+        let added = if own_changes { shared } else { pooled([shared, more])? };
+        let present = match current(e.camera, "prnu-correlated") {
+            Some(Effect::PrnuCorrelated(x)) => f64::from(x.sigma),
+            _ => 0.0,
+        };
+        let s = deviation(present, added)?;
+        let effect = PrnuCorrelated { sigma: s.value as f32 };
+        let p = Proposal::new("prnu-correlated", effect.into(), added.z().abs());
+        let p = p.with("sigma", s.value, s.se);
+        let prnu = e.camera.sensor.noise.prnu;
+        Some(match own_changes {
+            true => p.and(Prnu { sigma: (prnu * prnu + own.value).max(0.0).sqrt() as f32 }.into()),
+            false => p,
+        })
+    })())
 }
 
 /// Variance of the columns of the gain map.

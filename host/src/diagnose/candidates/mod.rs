@@ -129,7 +129,7 @@ impl Proposal {
 type Estimator = fn(&Evidence<'_>) -> Vec<Proposal>;
 
 /// Every kind that is looked for.
-pub const CATALOGUE: [(&str, Estimator); 44] = [
+pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("row-temporal-noise", rows::row_temporal),
     ("column-temporal-noise", rows::column_temporal),
     ("row-correlated-noise", rows::row_correlated),
@@ -153,6 +153,7 @@ pub const CATALOGUE: [(&str, Estimator); 44] = [
     ("amp-glow", glow::amp_glow),
     ("dark-current-gradient", fixed::gradient),
     ("prnu", fixed::prnu),
+    ("prnu-correlated", fixed::prnu_correlated),
     ("column-gain-fpn", fixed::column_gain),
     ("prnu-low-frequency", smooth::low_frequency),
     ("relative-illumination", |e| optics::estimate(e, "relative-illumination")),
