@@ -96,7 +96,7 @@ fn variance(values: &[f64]) -> f64 {
 }
 
 /// Describes a map of pixels in channels. Of light that may be uneven rows and columns tell only what changes within
-/// [`SMOOTH`] of them (EMVA 1288 takes a high pass for the same reason).
+/// 33 of them (EMVA 1288 takes a high pass for the same reason).
 pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
