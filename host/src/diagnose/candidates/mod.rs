@@ -113,11 +113,6 @@ impl Proposal {
         named.push(self);
     }
 
-    /// Whether what dark and flat frames show stays the same.
-    pub fn is_of_optics(&self) -> bool {
-        self.effects.is_empty() && self.along.0.is_empty()
-    }
-
     /// Whether every parameter is within the catalogue's range.
     fn is_possible(&self) -> bool {
         self.strength.is_finite()
