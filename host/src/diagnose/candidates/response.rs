@@ -195,6 +195,13 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
+/// The quantum efficiency, where the model has one of its own, beside something that multiplies the flats' means by this.
+pub fn efficiency_beside(e: &Evidence<'_>, mean: f64) -> Option<Effect> {
+    let [_, efficiency] = ratios_of(e.camera);
+    let ratio = efficiency? * (1.0 + common_factor(e)?.value) / mean;
+    Some(QuantumEfficiency { ratio: ratio as f32 }.into())
+}
+
 /// Exponents of a loss that grows with the level.
 const EXPONENTS: [f64; 2] = [1.0, 4.0];
 
