@@ -257,6 +257,11 @@ def full_well(f):
     return ratio(f, "flat-level-8", "flat-level-5", lambda s: -f.a / f.expected(s) if s.endswith("8") else 0)
 
 
+def efficiency(f):
+    (light, sd), e = f.light("flat-level-6"), f.expected("flat-level-6")
+    return light / e, f.effect.factor, np.hypot(sd / e, f.c.prnu / np.sqrt(f.w.info.pixels))
+
+
 def exposure(f):
     at = {"flat-00200us": 200, "flat-12000us": 12000}
     return ratio(f, "flat-00200us", "flat-12000us", lambda s: f.effect.sign * f.a / at[s])
@@ -407,7 +412,7 @@ ESTIMATES = {
     "column-offset-fpn": lambda f: column_map(f, offset(f), f.a**2), "pixel-offset-fpn": pixel_offsets,
     "hot-pixels": hot, "amp-glow": glow, "row-offset-fpn": row_offsets, "read-noise": read_noise,
     "dark-current": dark_current, "dsnu": dsnu, "dark-current-temperature": dark_warm, "black-level-offset": black,
-    "system-gain": variance_over_mean, "prnu": prnu, "column-gain-fpn": lambda f: column_map(f, f.gain(), f.a**2),
+    "system-gain": variance_over_mean, "quantum-efficiency": efficiency, "prnu": prnu, "column-gain-fpn": lambda f: column_map(f, f.gain(), f.a**2),
     "prnu-low-frequency": lambda f: projected(f, f.gain(), f.effect.pattern), "nonlinearity": nonlinear,
     "full-well": full_well, "brighter-fatter": lambda f: lag_covariance(f, lambda mu: 2 * f.a * mu**2 * (1 - 4 * f.a * mu)),
     "charge-coupling": lambda f: lag_covariance(f, lambda mu: 2 * f.a * (1 - 4 * f.a) * mu),

@@ -38,6 +38,32 @@ class SystemGain(MisSet):
         return {self.parameter: self.w.camera.gain * self.factor}
 
 
+class QuantumEfficiency(MeanShift):
+    """All light counts for more or less, r times; seen in the means of flats."""
+    kind, parameter = "quantum-efficiency", "ratio"
+
+    def __init__(self, world, rng):
+        super().__init__(world, rng)
+        self.sign = rng.choice([-1, 1])
+
+    @property
+    def factor(self):
+        """r; light that would saturate the brightest flat is too little instead."""
+        return 1 + self.amount * (self.sign if self.amount < 0.05 else -1)
+
+    def shift(self):
+        return self.w.info.mu
+
+    def sd(self):
+        return self.limit() / FIVE
+
+    def fixed(self, maps):
+        maps.light = maps.light * F(self.factor)
+
+    def details(self):
+        return {self.parameter: self.factor}
+
+
 class Prnu(MisSet):
     """Another spread of the pixels' gain: the variance of A gains is known to sqrt(2 / A)."""
     kind, parameter, field = "prnu", "sigma", "prnu"
@@ -434,6 +460,6 @@ class DefectivePixels(Effect):
         maps.light = maps.light * gain.reshape(self.w.height, self.w.width)
 
 
-EFFECTS = [SystemGain, Prnu, PrnuCorrelated, ColumnGain, PrnuLowFrequency, RelativeIllumination, ColourShading,
-           Nonlinearity, FullWell, BrighterFatter, ChargeCoupling, OpticalCrosstalk, ConverterBit, ImageLag,
+EFFECTS = [SystemGain, QuantumEfficiency, Prnu, PrnuCorrelated, ColumnGain, PrnuLowFrequency, RelativeIllumination,
+           ColourShading, Nonlinearity, FullWell, BrighterFatter, ChargeCoupling, OpticalCrosstalk, ConverterBit, ImageLag,
            ExposureOffset, GreenImbalance, FlickerBanding, LightFlicker, DefectivePixels]
