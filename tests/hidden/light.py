@@ -46,10 +46,7 @@ class QuantumEfficiency(MeanShift):
         super().__init__(world, rng)
         self.sign = rng.choice([-1, 1])
 
-    @property
-    def factor(self):
-        """r; light that would saturate the brightest flat is too little instead."""
-        return 1 + self.amount * (self.sign if self.amount < 0.05 else -1)
+    factor = SystemGain.factor  # r
 
     def shift(self):
         return self.w.info.mu
