@@ -3,15 +3,16 @@
 //! The final model makes replicates of both halves, and the estimators that gave the parameters are put to each
 //! as if it had been measured: the scatter of what they give is their standard error (parametric bootstrap, Efron &
 //! Tibshirani 1993, chapter 6), whatever the effect does to the scatter of the statistics it is read from. Measurement
-//! and prediction scatter apart, hence √(1 + 1/replicates), for the mean of halves √(1 + 2/replicates). Edges, dots and
-//! charts give errors of their own, by least squares.
+//! and prediction scatter apart, hence √(1 + 1/replicates), for the mean of halves √(1 + 2/replicates). A scatter known from
+//! few replicates is uncertain itself: a standard error is half the width of the 90 % interval of Student's t over 1.645.
+//! Edges, dots and charts give errors of their own, by least squares.
 
 use super::maps::maps;
-use super::prediction::{Prediction, Values, by_key};
+use super::prediction::{Prediction, by_key};
 use super::search::same_shape;
 use super::session::{Frames, Half, RUNS, SEED, Session, State};
 use super::statistics::battery;
-use super::{candidates::Proposal, replicate};
+use super::{candidates::Proposal, replicate, tails};
 use crate::Result;
 use crate::camera::Camera;
 use rayon::prelude::*;
@@ -25,6 +26,8 @@ const LEAST: usize = RUNS as usize / 2;
 const MOST_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
 /// Relative difference of values that have no standard error, as frequencies, that are still the same.
 const ROUGHLY: f64 = 0.01;
+/// Standard deviations from the middle to the end of a normal law's interval of 90 %.
+const Z_90: f64 = 1.645;
 /// Replicates that show what chance gives.
 const CHANCES: u64 = 8;
 
@@ -82,15 +85,14 @@ impl Session {
     }
 
     /// Significance of an effect that a model lacks, in units of what its estimator makes of replicates of that model: effects
-    /// that are another on each sensor move many statistics together, as if there were more. `replicates` are some of the model.
+    /// that are another on each sensor move many statistics together, as if there were more.
     pub(super) fn stands_out(
         &self,
         effect: &Proposal,
         camera: &Camera,
-        replicates: &[Values],
         named: &[Proposal],
     ) -> Result<f64> {
-        let all = self.replicates(camera, &self.fit.design, CHANCES, Some(replicates))?;
+        let all = self.replicates(camera, &self.fit, CHANCES)?;
         let model = &Prediction::new(&all);
         let wanted = |kind: &str| kind == effect.kind;
         let strength = |proposals: Vec<Proposal>| {
@@ -145,12 +147,13 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
         return;
     }
     let n = estimates.len() as f64;
+    let few = tails::student(Z_90, n - 1.0) / Z_90;
     for (i, (key, parameter)) in named.parameters.iter_mut().enumerate() {
         let mean = estimates.iter().map(|e| e[i]).sum::<f64>() / n;
         let variance = estimates.iter().map(|e| (e[i] - mean).powi(2)).sum::<f64>() / (n - 1.0);
         // What an estimator holds fast has no scatter, and of frequencies any alias may come back.
         if variance > 0.0 && !key.starts_with("cycles_per_") {
-            parameter.se = (variance * (1.0 + more)).sqrt();
+            parameter.se = (variance * (1.0 + more)).sqrt() * few;
         }
     }
 }
@@ -206,12 +209,13 @@ mod tests {
         let mut named = wave(1.0, 0.25);
         let estimates: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i % 2) * 0.2, 0.3]).collect();
         set_errors(&mut named, &estimates, 0.5);
-        // Variance 16/15 0.1², half more; a frequency keeps none.
-        let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt();
-        assert!((named.parameters[0].1.se - expected).abs() < 1e-12);
+        // Variance 16/15 0.1², half more; Student's t of 15 degrees of freedom; a frequency keeps none.
+        let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt() * 1.753 / 1.645;
+        assert!((named.parameters[0].1.se / expected - 1.0).abs() < 1e-3);
         assert!(named.parameters[1].1.se.is_nan());
         // Too few estimates say nothing.
+        let before = named.parameters[0].1.se;
         set_errors(&mut named, &estimates[..LEAST - 1], 3.0);
-        assert!((named.parameters[0].1.se - expected).abs() < 1e-12);
+        assert_eq!(named.parameters[0].1.se, before);
     }
 }

@@ -31,6 +31,7 @@ mod revise;
 pub mod search;
 pub mod session;
 pub mod shading;
+mod simulated;
 pub mod spatial;
 mod spectrum;
 pub mod statistics;
@@ -39,19 +40,3 @@ pub mod temporal;
 pub mod verdict;
 mod whereabouts;
 pub mod words;
-
-use design::Design;
-use prediction::Values;
-use statistics::{Place, Scale, Statistic, What};
-
-/// Adds what a model without waves predicts for the peak of the power: a standard normal deviate, by construction.
-fn add_flat_planes(values: &mut Values, design: &Design) {
-    for i in 0..design.conditions.len() {
-        let place = Place::Stack(i);
-        if values.contains_key(&(place, What::RowPeak)) {
-            let what = What::PlanePeak;
-            let flat = Statistic { place, what, value: 0.0, sd: 1.0, scale: Scale::Linear };
-            values.insert((place, what), flat);
-        }
-    }
-}

@@ -85,8 +85,7 @@ impl Session {
             let left_out = named.remove(i);
             let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));
             let before = &state.replicates[..TRIAL_RUNS as usize];
-            let known = left_out.is_of_optics().then_some(before);
-            let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
+            let after = self.replicates(&camera, &self.fit, TRIAL_RUNS)?;
             let without = state.fit.moved(before, &after);
             let rise = |half: &Half, with: &Prediction, without: &Prediction| {
                 without.deviance(&half.values, &half.allowance)
@@ -95,8 +94,7 @@ impl Session {
             let missed = rise(&self.fit, &state.fit, &without)
                 + rise(&self.holdout, &state.holdout, &state.holdout.moved(before, &after));
             let idle = missed < EARNS[2] / 2.0
-                || !left_out.of_looks
-                    && self.stands_out(&left_out, &camera, &after, &named)? < LEAST;
+                || !left_out.of_looks && self.stands_out(&left_out, &camera, &named)? < LEAST;
             // What it seems to explain the others may explain, once they are estimated without it, if that moves them.
             let some = state.named.len() <= SOME && !left_out.of_looks;
             let without = match idle || some && self.would_move(&camera, &without, &named) {

@@ -254,8 +254,7 @@ impl Session {
     fn try_out(&self, state: &State, proposal: &Proposal) -> Result<(Trial, Prediction, Camera)> {
         let camera = proposal.applied(&state.camera);
         let before = &state.replicates[..TRIAL_RUNS as usize];
-        let known = proposal.is_of_optics().then_some(before);
-        let after = self.replicates(&camera, &self.fit.design, TRIAL_RUNS, known)?;
+        let after = self.replicates(&camera, &self.fit, TRIAL_RUNS)?;
         let fit = state.fit.moved(before, &after);
         let holdout = state.holdout.moved(before, &after);
         let fall = |half: &Half, old: &Prediction, new: &Prediction| {

@@ -8,6 +8,7 @@ use super::looks::light::{self, Electrons, Lights};
 use super::looks::{self, Look, Picture};
 use super::maps::{self, Map, MapKind};
 use super::prediction::{Key, Prediction, Values, by_key, mean_square};
+use super::simulated::Simulated;
 use super::statistics::{Place, battery};
 use super::temporal::{Temporal, mean};
 use super::{allowance, model, plausible, replicate};
@@ -41,6 +42,8 @@ pub struct Half {
     pub allowance: BTreeMap<Key, f64>,
     /// Maps of its dark and flat stacks.
     pub maps: Vec<Map>,
+    /// What models would show of its dark and flat stacks.
+    pub(super) simulated: Simulated,
 }
 
 /// A model with what it predicts.
@@ -117,7 +120,8 @@ impl Session {
             values.extend(by_key(looks::battery(camera, &design, &pictures)));
             let allowance = allowance::allowances(camera, &design, &values);
             let maps = maps::maps(camera, &design, &stacks);
-            Ok(Half { design, stacks, pictures, values, allowance, maps })
+            let simulated = Simulated::default();
+            Ok(Half { design, stacks, pictures, values, allowance, maps, simulated })
         };
         let mut notes = halves.notes;
         if halves.fit.conditions.iter().any(|c| c.role == Role::Flat && !c.even) {
@@ -143,11 +147,11 @@ impl Session {
 
     /// The model with what it predicts.
     pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
-        let replicates = self.replicates(&camera, &self.fit.design, RUNS, None)?;
+        let replicates = self.replicates(&camera, &self.fit, RUNS)?;
         let fit = Prediction::new(&replicates);
         let judged = match self.halves_are_alike() {
             true => None,
-            false => Some(self.replicates(&camera, &self.holdout.design, RUNS, None)?),
+            false => Some(self.replicates(&camera, &self.holdout, RUNS)?),
         };
         let own = judged.as_ref().unwrap_or(&replicates);
         let holdout = judged.as_ref().map_or_else(|| fit.clone(), |r| Prediction::new(r));
@@ -179,32 +183,22 @@ impl Session {
         frames(&self.fit.design) == frames(&self.holdout.design)
     }
 
-    /// Replicates of a camera under a design; of its dark and flat stacks those `known`, where it has the same.
+    /// Replicates of a camera under the design of a half.
     pub(super) fn replicates(
         &self,
         camera: &Camera,
-        design: &Design,
+        half: &Half,
         runs: u64,
-        known: Option<&[Values]>,
     ) -> Result<Vec<Values>> {
-        let planes = makes_lines(camera);
+        let design = &half.design;
         let lights = self.lights.of(camera, &design.looks)?;
-        (0..runs)
+        half.simulated
+            .of(camera, design, SEED, runs)?
             .into_par_iter()
-            .map(|run| {
-                let seed = SEED + run;
-                let mut values = match known.and_then(|k| k.get(run as usize)) {
-                    Some(values) => values.clone(),
-                    None => {
-                        let stacks = replicate::simulate(camera, design, seed, planes)?;
-                        let mut values = by_key(battery(camera, design, &stacks));
-                        if !planes {
-                            super::add_flat_planes(&mut values, design);
-                        }
-                        values
-                    }
-                };
-                values.extend(imagined(camera, design, &lights, seed)?);
+            .enumerate()
+            .map(|(run, stacks)| {
+                let mut values = Values::clone(&stacks);
+                values.extend(imagined(camera, design, &lights, SEED + run as u64)?);
                 Ok(values)
             })
             .collect()
@@ -295,17 +289,6 @@ impl State {
     pub fn limit(&self) -> f64 {
         GAP_LIMIT.max(1.0 + 3.5 * self.norm.1 / self.norm.0)
     }
-}
-
-/// Whether a model's frames have lines over both frequencies: waves, or light that is another in each frame and is seen by
-/// pixels of several colours.
-fn makes_lines(camera: &Camera) -> bool {
-    let colour = camera.sensor.channel_names.len() > 1;
-    camera.effects.iter().any(|e| match e.entry().kind {
-        "periodic-pattern-noise" => true,
-        "light-flicker" | "flicker-banding" => colour,
-        _ => false,
-    })
 }
 
 /// Whether both halves show the same pattern of the sensor there, and together say hardly more than one.

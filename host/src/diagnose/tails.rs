@@ -47,6 +47,15 @@ pub fn quantile_of_squares(z: f64, dof: f64) -> f64 {
     (1.0 - v + z * v.sqrt()).powi(3)
 }
 
+/// What a normal deviate over a standard deviation estimated with `dof` degrees of freedom passes as rarely as a standard
+/// normal one passes `z`: Student's t (Abramowitz & Stegun, 26.7.5; 0.1 % of it from 7 degrees and `z` of 2).
+pub fn student(z: f64, dof: f64) -> f64 {
+    let (z2, v) = (z * z, 1.0 / dof);
+    let second = (5.0 * z2 * z2 + 16.0 * z2 + 3.0) / 96.0;
+    let third = (((3.0 * z2 + 19.0) * z2 + 17.0) * z2 - 15.0) / 384.0;
+    z * (1.0 + v * ((z2 + 1.0) / 4.0 + v * (second + v * third)))
+}
+
 /// Normal deviate of the largest of `count` independent standard normal deviates.
 pub fn largest(z: f64, count: usize) -> f64 {
     let ln_expected = (count.max(1) as f64).ln() + ln_upper(z);
@@ -117,6 +126,17 @@ mod tests {
         {
             assert!((median_of_squares(dof) / (median / dof) - 1.0).abs() < near, "{dof}");
             assert!((chi_square(quantile_of_squares(1.5, dof), dof) - 1.5).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn quantiles_of_student() {
+        // Of 7, 15 and 30 degrees of freedom at 95 % and 97.5 % (Abramowitz & Stegun, table 26.10).
+        for (dof, at_95, at_975) in
+            [(7.0, 1.895, 2.365), (15.0, 1.753, 2.131), (30.0, 1.697, 2.042)]
+        {
+            assert!((student(1.644_854, dof) - at_95).abs() < 1e-3, "{dof}");
+            assert!((student(1.959_964, dof) - at_975).abs() < 2.5e-3, "{dof}");
         }
     }
 

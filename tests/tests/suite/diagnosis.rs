@@ -258,7 +258,8 @@ fn effects_hidden_by_another_program_are_found() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    // What one random pattern would take at once, two explain better: the last.
+    // What one random pattern would take at once, two explain better: the fourth. The mean of a shading and of defects is
+    // no quantum efficiency: the last.
     let sets = [
         ("none", "--effects none --draw 17", vec![]),
         ("coupled", "--effects charge-coupling --times 10 --draw 18", vec!["charge-coupling"]),
@@ -267,6 +268,12 @@ fn effects_hidden_by_another_program_are_found() {
             "two",
             "--effects green-imbalance=0.0061,column-gain-fpn=0.00254 --cfa GRBG --draw 3943319205",
             vec!["column-gain-fpn", "green-imbalance"],
+        ),
+        (
+            "shaded",
+            "--effects defective-pixels=0.00194,green-imbalance=0.00375,relative-illumination=0.00688 \
+             --cfa GRBG --draw 4123995186",
+            vec!["defective-pixels", "green-imbalance", "relative-illumination"],
         ),
     ];
     for (name, hidden, expected) in sets {

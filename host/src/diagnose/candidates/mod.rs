@@ -23,7 +23,7 @@ use super::model;
 use crate::camera::Camera;
 use crate::optics::OpticalEffect;
 pub use optics::{Slopes, shown_by_looks};
-use sensor_core::effects::Effect;
+use sensor_core::effects::{Effect, Parameter};
 
 /// A change of the model that would explain something.
 #[derive(Clone, Debug)]
@@ -97,15 +97,19 @@ impl Proposal {
     pub fn join(mut self, named: &mut Vec<Proposal>) {
         for p in named.iter_mut() {
             for new in self.along.0.drain(..).collect::<Vec<_>>() {
-                match new.entry().kind == p.kind {
-                    true => p.effects = vec![new],
-                    false => self.along.0.push(new),
+                if new.entry().kind == p.kind {
+                    p.take_values(new.entry().parameters, &new.values());
+                    p.effects = vec![new];
+                } else {
+                    self.along.0.push(new);
                 }
             }
             for new in self.along.1.drain(..).collect::<Vec<_>>() {
-                match new.entry().kind == p.kind {
-                    true => p.optical = vec![new],
-                    false => self.along.1.push(new),
+                if new.entry().kind == p.kind {
+                    p.take_values(new.entry().parameters, new.values());
+                    p.optical = vec![new];
+                } else {
+                    self.along.1.push(new);
                 }
             }
         }
@@ -113,9 +117,13 @@ impl Proposal {
         named.push(self);
     }
 
-    /// Whether what dark and flat frames show stays the same.
-    pub fn is_of_optics(&self) -> bool {
-        self.effects.is_empty() && self.along.0.is_empty()
+    /// Gives the parameters the values of an effect, in the order of its declaration.
+    fn take_values(&mut self, declared: &[Parameter], values: &[f32]) {
+        for (key, parameter) in &mut self.parameters {
+            if let Some(at) = declared.iter().position(|d| d.key == *key) {
+                parameter.value = f64::from(values[at]);
+            }
+        }
     }
 
     /// Whether every parameter is within the catalogue's range.
@@ -252,6 +260,28 @@ fn minimum(mut low: f64, mut high: f64, turns: usize, f: impl Fn(f64) -> f64) ->
 
 #[cfg(test)]
 mod tests {
+    use super::Proposal;
+    use sensor_core::effects::quantum_efficiency::QuantumEfficiency;
+    use sensor_core::effects::relative_illumination::RelativeIllumination;
+
+    #[test]
+    fn what_gives_way_has_its_new_value_wherever_it_is_told() {
+        let efficiency = |ratio: f32| QuantumEfficiency { ratio }.into();
+        let old = Proposal::new("quantum-efficiency", efficiency(0.9993), 9.0);
+        let mut named = vec![old.with("ratio", 0.9993, 4e-5)];
+        let mut shading = Proposal::new(
+            "relative-illumination",
+            RelativeIllumination { corner: -0.006 }.into(),
+            9.0,
+        );
+        shading.along.0.push(efficiency(1.0013));
+        shading.join(&mut named);
+        let [efficiency, shading] = &named[..] else { panic!("{named:?}") };
+        assert!((efficiency.parameters[0].1.value - 1.0013).abs() < 1e-7);
+        assert!((efficiency.effects[0].values()[0] - 1.0013).abs() < 1e-7);
+        assert!(shading.along.0.is_empty());
+    }
+
     #[test]
     fn a_bent_valley_is_followed_to_its_lowest_place() {
         let valley = |x: f64, y: f64| (x - 0.3).powi(2) + 10.0 * (y - x * x).powi(2);

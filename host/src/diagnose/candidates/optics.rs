@@ -7,9 +7,9 @@
 //!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
 //!
 //! over the parameters of a kind and of the kinds of optics that are named already, so that these give way where they
-//! had to stand for it. The search repeats it with the same slopes (the chord method), and at its end with new ones.
+//! had to stand for it; a quantum efficiency gives way to the mean of a shading. The search repeats it with the same slopes (the chord method), and at its end with new ones.
 
-use super::Proposal;
+use super::{Proposal, response};
 use crate::camera::{Camera, LensKind};
 use crate::diagnose::channels::Channels;
 use crate::diagnose::evidence::{Estimated, Evidence};
@@ -171,7 +171,22 @@ fn proposal(
             InCamera::Optical(effect) => p.along.1.push(effect),
         }
     }
+    if !p.of_looks {
+        let mean = mean_shading(&camera)? / mean_shading(e.camera)?;
+        p.along.0.extend(response::efficiency_beside(e, mean));
+    }
     Some(p)
+}
+
+/// What shadings leave of the mean light of a frame: r² is 1/3 on average, with r = 1 at the corners.
+fn mean_shading(camera: &Camera) -> Option<f64> {
+    let channels = Channels::new(camera);
+    let of_channel =
+        |(c, share): (usize, f64)| share * value(camera, "colour-shading", &format!("channel_{c}"));
+    let by_channel: f64 = channels.shares().into_iter().enumerate().map(of_channel).sum();
+    let common = value(camera, "relative-illumination", "corner");
+    let mean = (1.0 + common / 3.0) * (1.0 + by_channel / 3.0);
+    (mean > 0.0).then_some(mean)
 }
 
 /// What lies in a camera under a kind's name.

@@ -195,11 +195,20 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
     })())
 }
 
+/// The quantum efficiency, where the model has one of its own, beside something that multiplies the flats' means by this.
+pub fn efficiency_beside(e: &Evidence<'_>, mean: f64) -> Option<Effect> {
+    let [_, efficiency] = ratios_of(e.camera);
+    let ratio = efficiency? * (1.0 + common_factor(e)?.value) / mean;
+    Some(QuantumEfficiency { ratio: ratio as f32 }.into())
+}
+
 /// Exponents of a loss that grows with the level.
 const EXPONENTS: [f64; 2] = [1.0, 4.0];
 
 /// Least squares of relative = c − a xⁿ − b l xⁿ ln x, the scale c free or none.
 struct Bend {
+    /// c, 0 where it is none.
+    scale: f64,
     /// a and b.
     values: [Estimated; 2],
     /// χ² left.
@@ -227,10 +236,11 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
     let value = |i: usize| Estimated { value: solved[i], se: inverse.row(i).norm() };
     let left = (&y - a * &solved).norm_squared();
     let fell = (unbent.norm_squared() - left).max(0.0);
-    Some(Bend { values: [value(1), value(2)], left, fell })
+    Some(Bend { scale: solved[0], values: [value(1), value(2)], left, fell })
 }
 
-/// Loss that grows with the level: what a xⁿ explains of the flats' means, x in full wells.
+/// Loss that grows with the level: what a xⁿ explains of the flats' means, x in full wells. Where the model has a quantum
+/// efficiency of its own, that keeps the scale.
 pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     let full = e.camera.sensor.full_well_e;
     let points: Vec<(f64, Estimated)> = e
@@ -245,7 +255,9 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     if points.len() < 4 {
         return Vec::new();
     }
-    let made = [true, false].into_iter().filter_map(|free| {
+    let [_, efficiency] = ratios_of(e.camera);
+    let scales: &[bool] = if efficiency.is_some() { &[true] } else { &[true, false] };
+    let made = scales.iter().filter_map(|&free| {
         let (loss, exponent, fit) = match current(e.camera, "nonlinearity") {
             // In the model already: what is to be added to its loss and exponent.
             Some(Effect::Nonlinearity(x)) => {
@@ -264,11 +276,14 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
         let effect = Nonlinearity { loss: loss as f32, exponent: exponent as f32 };
-        Some(
-            Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
-                .with("loss", loss, fit.values[0].se)
-                .with("exponent", exponent, fit.values[1].se),
-        )
+        let mut p = Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
+            .with("loss", loss, fit.values[0].se)
+            .with("exponent", exponent, fit.values[1].se);
+        p.along.0 = efficiency
+            .map(|ratio| QuantumEfficiency { ratio: (ratio * (1.0 + fit.scale)) as f32 }.into())
+            .into_iter()
+            .collect();
+        Some(p)
     });
     let mut out: Vec<Proposal> = made.collect();
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
