@@ -95,7 +95,7 @@ pub struct Outcome {
     pub gaps: (f64, f64),
     /// Kinds that came nearest where none explains enough.
     pub nearest: Vec<String>,
-    /// Twins that the captures cannot tell apart: kinds.
+    /// Kinds that the captures cannot tell apart: one that was named, and its rival.
     pub twins: Vec<(String, String)>,
     /// The kind that was named at first; the search that begins without it explains more.
     pub doubted: Option<String>,
@@ -242,10 +242,12 @@ impl Session {
         if !steps.is_empty() && !self.unexplained(&state).is_empty() && unfit {
             // Names that leave that much are pressed on the data, not found in them.
             nearest.extend(steps.drain(..).map(|s| s.trial.proposal.kind.to_string()));
-            twins.clear();
             state = before.clone();
             gap_after = gap_before;
         }
+        // Names that were taken back, and rivals that have a place of their own, are no question.
+        let named = |kind: &String| steps.iter().any(|s| s.trial.proposal.kind == kind);
+        twins.retain(|(taken, rival)| named(taken) && !named(rival));
         let (before, gaps) = (before.clone(), (gap_before, gap_after));
         Ok(Outcome { nearest, before, after: state, steps, gaps, twins, doubted: None })
     }

@@ -147,7 +147,9 @@ fn describe(
 /// `diagnosis.json`.
 pub fn report(session: &Session, outcome: &Outcome) -> Value {
     let verdict = judge(session, outcome);
-    let confirmed = verdict == Verdict::Explained;
+    // The model of a name with a rival passes, but so may the rival's.
+    let rivalled = |kind: &str| outcome.twins.iter().any(|(taken, _)| taken == kind);
+    let confirmed = |kind: &str| verdict == Verdict::Explained && !rivalled(kind);
     let steps: Vec<Value> = outcome
         .steps
         .iter()
@@ -161,7 +163,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Value {
             );
             json!({
                 "effect": s.trial.proposal.kind,
-                "status": if confirmed { "confirmed" } else { "tentative" },
+                "status": if confirmed(s.trial.proposal.kind) { "confirmed" } else { "tentative" },
                 "parameters": parameters(&s.trial.proposal),
                 "gap_before": number(s.gap_before),
                 "gap_after": number(s.gap_after),

@@ -6,8 +6,9 @@
 //!
 //!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
 //!
-//! over the parameters of a kind and of the kinds of optics that are named already, so that these give way where they
-//! had to stand for it; a quantum efficiency gives way to the mean of a shading. The search repeats it with the same slopes (the chord method), and at its end with new ones.
+//! over the parameters of a kind and those that the model has of the kinds of optics named already, so that these give way
+//! where they had to stand for it; a quantum efficiency gives way to the mean of a shading. The search repeats it with the
+//! same slopes (the chord method), and at its end with new ones.
 
 use super::{Proposal, response};
 use crate::camera::{Camera, LensKind};
@@ -42,9 +43,9 @@ const KINDS: [(&str, &[Free]); 9] = [
     ("optical-crosstalk", &[("side", 0.0, 0.01)]),
 ];
 
-/// Parameters beyond the first of a kind stay only from this many standard errors on.
+/// Parameters that a kind does not yet have in the model stay only from this many standard errors on, but for one.
 const KEEP: f64 = 4.0;
-/// Figures that agree within this are not asked.
+/// Figures that agree within this are not asked for new names.
 const AGREES: f64 = 4.0;
 /// Secant steps for the parameter that acts by its square.
 const SECANTS: usize = 4;
@@ -56,6 +57,8 @@ struct Column {
     kind: &'static str,
     key: &'static str,
     change: DVector<f64>,
+    /// Whether the model has it away from what does nothing.
+    present: bool,
     /// Whether it moves figures of maps.
     in_maps: bool,
 }
@@ -108,7 +111,8 @@ pub fn shown_by_looks(kind: &str) -> bool {
 /// Proposals of one kind.
 pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
     let residual = Residual::of(e);
-    if residual.z.iter().all(|z| z.abs() < AGREES) {
+    // What is named is asked again all the same: many figures may each agree and together say more.
+    if !e.named.contains(&kind) && residual.z.iter().all(|z| z.abs() < AGREES) {
         return Vec::new();
     }
     let colours = e.camera.sensor.channel_names.len();
@@ -121,23 +125,24 @@ pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
 fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<Proposal> {
     let mut columns = columns(e, kind, residual);
     let own = columns.len();
+    if own == 0 {
+        return None;
+    }
     for other in e.named.iter().filter(|k| **k != kind) {
-        columns.extend(self::columns(e, other, residual));
+        columns.extend(self::columns(e, other, residual).into_iter().filter(|c| c.present));
     }
     let mut free: Vec<usize> = (0..columns.len()).collect();
     loop {
         let solution = Solution::of(&columns, &free, residual)?;
         let z =
             |i: usize| solution.estimates.iter().find(|(c, _)| *c == i).map(|(_, e)| e.z().abs());
-        // The weakest of the own parameters goes first, the last one stays.
-        let mine: Vec<(usize, f64)> =
-            free.iter().filter(|i| **i < own).filter_map(|&i| Some((i, z(i)?))).collect();
-        let weakest = mine.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-        if mine.len() > 1 && weakest.1 < KEEP {
-            free.retain(|i| *i != weakest.0);
-            continue;
+        // The weakest of the new parameters goes first, the last one stays; what the model has stays free.
+        let mine = free.iter().filter(|i| **i < own);
+        let new = mine.clone().filter(|i| !columns[**i].present).filter_map(|&i| Some((i, z(i)?)));
+        match new.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((weakest, z)) if mine.count() > 1 && z < KEEP => free.retain(|i| *i != weakest),
+            _ => return proposal(e, kind, &columns, own, &solution),
         }
-        return proposal(e, kind, &columns, own, &solution);
     }
 }
 
@@ -229,17 +234,18 @@ impl Residual {
 /// What the parameters of a kind do; those that do nothing, or cannot be moved in this camera, are left out.
 fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
     let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
-    let all = free.iter().filter_map(|&(key, _, step)| {
-        let mut slope =
-            e.slopes.of((kind, key, value(e.camera, kind, key) != 0.0), || match kind {
-                "defocus" => blur(e, residual),
-                _ => derivative(e, kind, key, step),
-            })?;
+    let all = free.iter().filter_map(|&(key, neutral, step)| {
+        let value = value(e.camera, kind, key);
+        let mut slope = e.slopes.of((kind, key, value != 0.0), || match kind {
+            "defocus" => blur(e, residual),
+            _ => derivative(e, kind, key, step),
+        })?;
         let in_maps = in_maps(e.camera, kind, key, residual);
         slope.extend(&in_maps);
         let change = residual.scaled(&slope);
         let in_maps = in_maps.values().any(|s| *s != 0.0);
-        (change.norm() > 1e-9).then_some(Column { kind, key, change, in_maps })
+        let present = value as f32 != neutral as f32;
+        (change.norm() > 1e-9).then_some(Column { kind, key, change, present, in_maps })
     });
     all.collect()
 }
