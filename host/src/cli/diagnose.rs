@@ -175,6 +175,9 @@ fn say(found: &serde_json::Value) {
     for left in found["unexplained"].as_array().into_iter().flatten() {
         println!("  unexplained: {}", left["description"].as_str().unwrap_or(""));
     }
+    if let Some(nearest) = verdict::nearest(found) {
+        println!("  {nearest}");
+    }
     for twin in found["ambiguous"].as_array().into_iter().flatten() {
         println!(
             "  cannot be told apart: {}; {}",

@@ -50,6 +50,14 @@ pub fn passes(session: &Session, state: &State, gap: f64) -> bool {
     gap <= state.limit() && session.unexplained(state).is_empty()
 }
 
+/// What came nearest in the catalogue, for people: why it is no name.
+pub fn nearest(found: &Value) -> Option<String> {
+    let kinds: Vec<&str> = found["nearest"].as_array()?.iter().filter_map(Value::as_str).collect();
+    (!kinds.is_empty()).then(|| {
+        format!("nearest in the catalogue, but leaving too much to be named: {}", kinds.join(", "))
+    })
+}
+
 fn number(v: f64) -> Value {
     serde_json::Number::from_f64(v).map_or(Value::Null, Value::Number)
 }

@@ -61,6 +61,9 @@ pub fn page(session: &Session, outcome: &Outcome, improved: &str, command: &str)
     for item in &left {
         page.paragraph(item["description"].as_str().unwrap_or(""));
     }
+    if let Some(nearest) = verdict::nearest(&found) {
+        page.paragraph(&nearest);
+    }
     for item in found["ambiguous"].as_array().into_iter().flatten() {
         page.paragraph(&format!(
             "These captures hardly tell apart: {}. What would: {}.",
