@@ -111,9 +111,11 @@ impl Content {
                 self.curve(&|h| curve.as_ref().map_or(0.0, |c| c(h)), reach);
             }
             match lens.blur(nm) {
-                Blur::Otf { cutoff_per_mm, spread_um, otf } => {
-                    self.numbers([cutoff_per_mm, spread_um]);
-                    self.curve(&otf, cutoff_per_mm);
+                Blur::Otf { core, wings } => {
+                    for part in [Some(core), wings].into_iter().flatten() {
+                        self.numbers([part.cutoff_per_mm, part.spread_um]);
+                        self.curve(&part.at, part.cutoff_per_mm);
+                    }
                 }
                 Blur::Field { psfs, cutoff_per_mm } => {
                     self.numbers([cutoff_per_mm, psfs.spacing_um, psfs.size as f64]);

@@ -3,10 +3,10 @@
 //! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus.
 //! Circular pupil without obscuration, incoherent light, scalar diffraction.
 
-use super::engine::{Blur, Lens, RadialCurve};
+use super::engine::{Blur, Lens, Otf, RadialCurve};
 use super::interpolate::MonotoneCubic;
 use crate::scene::Spectrum;
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// A perfect lens of given f-number.
 #[derive(Clone, Debug)]
@@ -85,6 +85,38 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
     4.0 / PI * h / 3.0 * (value(0) + inner + value(intervals))
 }
 
+/// The part of the light that diffraction at the pupil's edge spreads far.
+///
+/// Whatever its defocus, a circular pupil's OTF starts as 1 − (4/π)·λN·f, and that kink at 0 is a point-spread
+/// function that falls as r⁻³: of a line's light 2λN/(π³X) lies beyond X on each side, 0.2 % beyond 32 λN. A·(e^(−2πaf) −
+/// e^(−2πbf)) with 2πA·(a − b) = (4/π)·λN has the kink too: it is the transform of A·(p(r, a) − p(r, b)), p(r, a) =
+/// a/(2π(r² + a²)^(3/2)). What the OTF is beside that ends early: with b = X/4 and a = 3X/8 it has
+/// (a² + ab + b²)/(3X²) = 10 % of the OTF's light beyond X.
+#[derive(Clone, Copy)]
+struct Wings {
+    strength: f64,
+    /// 2πa and 2πb, mm.
+    wide: f64,
+    narrow: f64,
+}
+
+impl Wings {
+    /// For a λN and the distance X that the rest shall keep within, µm.
+    fn new(lambda_n_um: f64, spread_um: f64) -> Self {
+        let (wide, narrow) = (0.375e-3 * TAU * spread_um, 0.25e-3 * TAU * spread_um);
+        Self { strength: 4e-3 / PI * lambda_n_um / (wide - narrow), wide, narrow }
+    }
+
+    fn otf(&self, cycles_per_mm: f64) -> f64 {
+        self.strength * ((-self.wide * cycles_per_mm).exp() - (-self.narrow * cycles_per_mm).exp())
+    }
+
+    /// Frequency beyond which 1e-7 of the light passes at most, cycles/mm.
+    fn cutoff_per_mm(&self) -> f64 {
+        (self.strength * 1e7).ln().max(1.0) / self.narrow
+    }
+}
+
 impl Lens for Diffraction {
     fn steradians(&self, nm: f64) -> f64 {
         PI * self.transmittance.at(nm) / (1.0 + 4.0 * self.working_f_number().powi(2))
@@ -106,14 +138,22 @@ impl Lens for Diffraction {
     }
 
     fn blur(&self, nm: f64) -> Blur<'_> {
-        // The line-spread function's tail beyond X holds 2λN/(π³X) of the light on each side:
-        // 0.2 % beyond 32 λN. The geometric blur circle of defocus comes on top.
-        let spread = 32e-3 * nm * self.working_f_number()
-            + self.defocus_um.abs() / (2.0 * self.working_f_number());
+        let lambda_n_um = 1e-3 * nm * self.working_f_number();
+        // The geometric blur circle of defocus comes on top.
+        let spread_um =
+            32.0 * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
+        let wings = Wings::new(lambda_n_um, spread_um);
         Blur::Otf {
-            cutoff_per_mm: self.cutoff_per_mm(nm),
-            spread_um: spread,
-            otf: Box::new(move |f| self.otf(nm, f)),
+            core: Otf {
+                cutoff_per_mm: self.cutoff_per_mm(nm),
+                spread_um,
+                at: Box::new(move |f| self.otf(nm, f) - wings.otf(f)),
+            },
+            wings: Some(Otf {
+                cutoff_per_mm: wings.cutoff_per_mm(),
+                spread_um: 16.0 * spread_um,
+                at: Box::new(move |f| wings.otf(f)),
+            }),
         }
     }
 }

@@ -45,6 +45,6 @@ pub use departures::{Departed, Departures, Distortion};
 pub use diffraction::{Diffraction, Illumination};
 pub use effects::OpticalEffect;
 pub use engine::{
-    Blur, Border, Device, DeviceChoice, Lens, Misplaced, NodeReport, Options, Report, SensorGrid,
-    irradiance,
+    Blur, Border, Device, DeviceChoice, Lens, Misplaced, NodeReport, Options, Otf, Report,
+    SensorGrid, irradiance,
 };

@@ -11,7 +11,7 @@ use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
 use super::engine::sampling::{Layout, sinc};
 use super::engine::source::Source;
-use super::engine::{Blur, Lens, Options, SensorGrid};
+use super::engine::{Blur, Lens, Options, Otf, SensorGrid};
 use crate::scene::LitScene;
 use crate::{Plane, Result};
 use std::borrow::Cow;
@@ -45,10 +45,17 @@ pub fn irradiance(
         source.rows(0, layout.cells_down())
     };
     let mut plane = match lens.blur(nm) {
-        Blur::Otf { spread_um, otf, .. } => {
-            let layout = fourier::layout(grid, oversample, spread_um);
-            let (kernel, values) = otf_kernel(&layout, grid, &otf);
-            scatter(&cells_of(&layout)?, &layout, &kernel, &|_, _| Cow::Borrowed(&values))
+        Blur::Otf { core, wings } => {
+            let spread = |part: &Otf, layout: &Layout| -> Result<Plane<f64>> {
+                let (kernel, values) = otf_kernel(layout, grid, &part.at);
+                Ok(scatter(&cells_of(layout)?, layout, &kernel, &|_, _| Cow::Borrowed(&values)))
+            };
+            let mut plane = spread(&core, &fourier::layout(grid, oversample, core.spread_um))?;
+            if let Some(wings) = wings {
+                let far = spread(&wings, &fourier::wide_layout(grid, &wings)?)?;
+                plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
+            }
+            plane
         }
         Blur::Field { psfs, .. } => {
             let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, grid, oversample);

@@ -13,9 +13,9 @@
 //! T(f) = Σ_k H(k/(L·h))·D(h·f − k/L), D(u) = sin(πLu)/(L·sin(πu)), along x and along y.
 
 use super::super::fft::{Fft, LANES, Lanes, Split};
-use super::SensorGrid;
-use super::sampling::{Layout, sinc};
+use super::sampling::{self, Layout, sinc};
 use super::source::Source;
+use super::{Otf, SensorGrid};
 use crate::{Error, Plane, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -23,6 +23,8 @@ use std::f64::consts::PI;
 
 /// Two rows share one complex transform: the first sixteen as real parts, the next as imaginary.
 const BLOCK: usize = 2 * LANES;
+/// Bound on the error at a sharp step that the cells under the wings of an OTF may cause, relative to the step.
+const WINGS_ERROR: f64 = 2e-4;
 /// Rows asked of the scene at once.
 const STRIP: usize = 4 * BLOCK;
 
@@ -42,6 +44,19 @@ pub struct Geometry<'a> {
 pub fn layout(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Layout {
     // Four more pixels hold the ringing that dividing by the cell's sinc up to the cell grid's Nyquist frequency causes.
     Layout::new(grid, oversample, spread_um + 4.0 * grid.pitch_um)
+}
+
+/// The padded frame for the wings of an OTF. The light that they move across a pixel's cells may be wrong by
+/// `WINGS_ERROR` of a step in the scene.
+///
+/// # Errors
+/// When no grid keeps that.
+pub fn wide_layout(grid: &SensorGrid, wings: &Otf) -> Result<Layout> {
+    let (pitch, aperture) = (grid.pitch_um, grid.aperture_um());
+    let (oversample, _) =
+        sampling::oversample(WINGS_ERROR, pitch, aperture, wings.cutoff_per_mm, &wings.at)?;
+    let furthest = 0.5 * grid.width.max(grid.height) as f64 * pitch;
+    Ok(layout(grid, oversample, wings.spread_um.min(furthest)))
 }
 
 /// Spectrum of the padded cell grid: `stride` horizontal frequencies for each row, then each column.

@@ -29,6 +29,7 @@ use crate::scene::LitScene;
 use crate::{Error, Plane, Result};
 pub use device::{Device, DeviceChoice};
 pub use nodes::{Misplaced, NodeReport};
+use sampling::Layout;
 use serde::{Deserialize, Serialize};
 pub use source::Border;
 
@@ -50,15 +51,14 @@ pub struct SensorGrid {
 
 /// How a lens blurs.
 pub enum Blur<'a> {
-    /// The same everywhere: a real, rotationally symmetric optical transfer function.
+    /// The same everywhere: a real, rotationally symmetric optical transfer function, as the sum of one that keeps
+    /// the light close and one for the little light that goes far. Wide margins and fine cells are so never needed at once.
     Otf {
-        /// Frequency beyond which nothing passes, cycles/mm.
-        cutoff_per_mm: f64,
-        /// Distance from the ideal place beyond which no more than 0.2 % of the light of a line
-        /// falls on either side, µm; that light is folded back into the distance.
-        spread_um: f64,
-        /// The OTF over frequency in cycles/mm; 1 at 0.
-        otf: RadialCurve<'a>,
+        /// Nearly all of the light; 1 at frequency 0.
+        core: Otf<'a>,
+        /// What `core` lacks, smooth over a pixel or wider; 0 at frequency 0. It is followed for half of the frame's longer
+        /// side at most.
+        wings: Option<Otf<'a>>,
     },
     /// Different over the field: point-spread functions by image height.
     Field {
@@ -67,6 +67,17 @@ pub enum Blur<'a> {
         /// Frequency beyond which nothing passes (diffraction), cycles/mm.
         cutoff_per_mm: f64,
     },
+}
+
+/// An optical transfer function or a part of one.
+pub struct Otf<'a> {
+    /// Frequency beyond which nothing passes, cycles/mm.
+    pub cutoff_per_mm: f64,
+    /// Distance from the ideal place within which (nearly) all of the light falls, µm; what falls beyond is folded
+    /// back into it.
+    pub spread_um: f64,
+    /// The value over frequency in cycles/mm.
+    pub at: RadialCurve<'a>,
 }
 
 /// What the engine asks of a lens. Image heights are real heights from the optical axis, mm.
@@ -126,7 +137,8 @@ pub struct Report {
     pub oversample: Vec<usize>,
     /// Margin rendered around the frame, pixels, largest over the bands.
     pub margin_pixels: usize,
-    /// Bound on the error at a sharp step relative to the step, largest over the bands.
+    /// Bound on the error at a sharp step relative to the step, largest over the bands; the wings of an OTF add less
+    /// than 1e-3.
     pub step_error: f64,
     /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are the worst of the
     /// first, middle and last band.
@@ -164,9 +176,7 @@ pub fn irradiance(
         let mut plane = pool.install(|| {
             let job = Band { scene, band, lens, nm, grid, options };
             match lens.blur(nm) {
-                Blur::Otf { cutoff_per_mm, spread_um, otf } => {
-                    job.through_otf(cutoff_per_mm, spread_um, &otf, &mut report)
-                }
+                Blur::Otf { core, wings } => job.through_otf(&core, wings.as_ref(), &mut report),
                 Blur::Field { psfs, cutoff_per_mm } => {
                     job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
                 }
@@ -211,7 +221,7 @@ impl Band<'_> {
         Ok(s)
     }
 
-    fn source(&self, layout: &sampling::Layout, report: &mut Report) -> source::Source<'_> {
+    fn source(&self, layout: &Layout, report: &mut Report) -> source::Source<'_> {
         report.margin_pixels = report.margin_pixels.max(layout.margin);
         let Self { scene, band, lens, nm, grid, options } = *self;
         source::Source::new(scene, band, lens, nm, grid, layout, options.border)
@@ -219,21 +229,30 @@ impl Band<'_> {
 
     fn through_otf(
         &self,
-        cutoff_per_mm: f64,
-        spread_um: f64,
-        otf: &dyn Fn(f64) -> f64,
+        core: &Otf,
+        wings: Option<&Otf>,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
-        let oversample = self.oversample(cutoff_per_mm, otf, report)?;
-        let layout = fourier::layout(self.grid, oversample, spread_um);
-        let source = self.source(&layout, report);
+        let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
+        let layout = fourier::layout(self.grid, oversample, core.spread_um);
+        let mut plane = self.through_part(core, &layout, report)?;
+        if let Some(wings) = wings {
+            let layout = fourier::wide_layout(self.grid, wings)?;
+            let far = self.through_part(wings, &layout, report)?;
+            plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
+        }
+        Ok(plane)
+    }
+
+    fn through_part(&self, part: &Otf, layout: &Layout, report: &mut Report) -> Result<Plane<f32>> {
+        let source = self.source(layout, report);
         let geometry = fourier::Geometry {
-            layout: &layout,
+            layout,
             pitch_um: self.grid.pitch_um,
             aperture_um: self.grid.aperture_um(),
-            cutoff_per_mm,
+            cutoff_per_mm: part.cutoff_per_mm,
         };
-        fourier::blur(&source, &geometry, otf)
+        fourier::blur(&source, &geometry, &part.at)
     }
 
     fn through_field(
@@ -304,7 +323,7 @@ impl Band<'_> {
         Ok(least)
     }
 
-    fn place<'b>(&self, layout: &'b sampling::Layout) -> nodes::Place<'b> {
+    fn place<'b>(&self, layout: &'b Layout) -> nodes::Place<'b> {
         nodes::Place { layout, pitch_mm: self.grid.pitch_um * 1e-3, axis_mm: self.lens.axis_mm() }
     }
 }
@@ -312,7 +331,7 @@ impl Band<'_> {
 /// The grids of a band whose blur varies.
 pub(super) struct FieldGrids {
     /// The padded frame.
-    pub layout: sampling::Layout,
+    pub layout: Layout,
     /// The kernels.
     pub kernel: psf::KernelGrid,
 }
@@ -323,7 +342,7 @@ impl FieldGrids {
         let radius_um = psfs.radius_um(psf::TAIL);
         let kernel = psf::KernelGrid::new(s, grid.pitch_um, grid.aperture_um(), radius_um);
         let margin_um = (kernel.before + s) as f64 * kernel.cell_um;
-        Self { layout: sampling::Layout::new(grid, s, margin_um), kernel }
+        Self { layout: Layout::new(grid, s, margin_um), kernel }
     }
 }
 

@@ -216,8 +216,9 @@ impl Lens for GaussianOtf {
         let sigma = self.sigma_um;
         let cutoff_per_mm = 1.3e3 / sigma;
         if !self.table {
-            let otf = move |f: f64| (-2.0 * (PI * f * sigma * 1e-3).powi(2)).exp();
-            return Blur::Otf { cutoff_per_mm, spread_um: 5.0 * sigma, otf: Box::new(otf) };
+            let at = move |f: f64| (-2.0 * (PI * f * sigma * 1e-3).powi(2)).exp();
+            let core = Otf { cutoff_per_mm, spread_um: 5.0 * sigma, at: Box::new(at) };
+            return Blur::Otf { core, wings: None };
         }
         let (size, spacing_um) = (65, 0.2 * sigma);
         let value = |k: usize| {
@@ -418,6 +419,45 @@ fn nothing_wraps_around_to_the_opposite_border() {
                 // f32 transforms: 2⁻²⁴ a few times.
                 assert!(most < 5e-7, "s {oversample}, line {offset}: {most}");
             }
+        }
+    }
+}
+
+#[test]
+fn light_far_from_an_edge_is_what_diffraction_spreads() {
+    // Beside a bright half plane, at a distance d from its edge, the line-spread function's tail: 1/2 −
+    // (1/π)∫OTF(f)·sinc(af)·sin(2πfd)/f df. An error of the tail is glare or a lack of it.
+    let grid = SensorGrid { width: 400, height: 8, pitch_um: 5.2, fill_factor: 0.5 };
+    let scene = Exact { bands: one_band(550.0), average: half_plane(false, 0.0) };
+    for (f_number, defocus_um) in [(1.4, 0.0), (2.8, 0.0), (2.8, 60.0), (8.0, 0.0), (8.0, 200.0)] {
+        let lens = Diffraction { defocus_um, ..perfect(f_number) };
+        let plane = &render(&scene, &lens, &grid, &Options::default())[0];
+        let cutoff = lens.cutoff_per_mm(550.0);
+        let steps = 20_000;
+        let table: Vec<(f64, f64)> = (0..steps)
+            .map(|k| {
+                let f = (f64::from(k) + 0.5) * cutoff / f64::from(steps);
+                (f, lens.otf(550.0, f) * sampling::sinc(grid.aperture_um() * 1e-3 * f) / f)
+            })
+            .collect();
+        let tail = |d_mm: f64| {
+            let sum: f64 = table.iter().map(|(f, v)| v * (2.0 * PI * f * d_mm).sin()).sum();
+            0.5 - sum / PI * cutoff / f64::from(steps)
+        };
+        // What the core folds, a tenth of the tail beyond 32 λN, and all of the tail beyond where the wings end, half of
+        // the frame away or at 16 times as much.
+        let lambda_n_um = 0.55 * f_number;
+        let core_um = 32.0 * lambda_n_um + defocus_um / (2.0 * f_number);
+        let tail_beyond = |x_um: f64| 2.0 * lambda_n_um / (PI.powi(3) * x_um);
+        let bound = 0.1 * tail_beyond(32.0 * lambda_n_um)
+            + tail_beyond((16.0 * core_um).min(200.0 * grid.pitch_um));
+        for pixels in [5usize, 10, 20, 40, 80, 120, 160] {
+            let theory = tail((pixels as f64 + 0.5) * grid.pitch_um * 1e-3);
+            let found = f64::from(plane.at(200 + pixels, 4)) / lens.steradians(550.0);
+            println!(
+                "f/{f_number}, {defocus_um} µm, {pixels} pixels: {found:.6}, theory {theory:.6}"
+            );
+            assert!((found - theory).abs() < bound, "{found} instead of {theory}, bound {bound}");
         }
     }
 }
