@@ -106,6 +106,8 @@ def lenses(seed):
     r = far / np.hypot(100, 50)
     yield "dots: distortion", place(Lens(k1=-0.01)), far * -0.01 * r**2, 4e-3
     yield "dots: size", place(Lens(size=1.005)), far * 0.005, 4e-3
+    apart = place(Lens(k1=-0.01, x_px=-20.0)) / place(Lens(k1=-0.01))
+    yield "dots: axis", apart, ((far + 20) / far) ** 3, 0.01 * apart
     yield "dots: lateral colour", place(Lens(blue_px=0.4, red_px=0.4)) / place(Lens(size=1 + 0.4 / np.hypot(100, 50))), \
         spread_of_lamp(c), 5e-3
     dark = [image(c, lens, "slanted-edge")[:, :20].mean() / white for lens in (Lens(), Lens(glare=0.1))]

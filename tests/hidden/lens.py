@@ -38,7 +38,9 @@ class Lens:
     f_number: float = F_NUMBER
     shift_um: float = 0.0     # sensor out of focus
     size: float = 1.0         # of the image
-    k1: float = 0.0           # real height = h (size + k1 r^2), r = h / corner
+    k1: float = 0.0           # real height = h (size + k1 r^2), r = h / corner, heights from the axis
+    x_px: float = 0.0         # axis right of and below the centre of the frame, where the scene's stays
+    y_px: float = 0.0
     blue_px: float = 0.0      # outward displacement in the corner at 450 nm, with that at 650 nm linear in wavelength
     red_px: float = 0.0
     factor: float = 1.0       # of the light that passes
@@ -112,7 +114,8 @@ def image(c, lens, scene):
     rows, columns = ((n + 2 * MARGIN) * FINE for n in (c.height, c.width))
     corner = np.hypot(c.width, c.height) / 2   # pixels, as all lengths from here
     y, x = ((np.arange(n) + 0.5) / FINE - n / FINE / 2 for n in (rows, columns))
-    height = np.hypot(x[None, :], y[:, None])
+    off_axis = x[None, :] - lens.x_px, y[:, None] - lens.y_px
+    height = np.maximum(np.hypot(*off_axis), 1e-6)
     straight = height / lens.size
     for _ in range(20):   # Newton
         r2 = (straight / corner) ** 2
@@ -137,7 +140,8 @@ def image(c, lens, scene):
         off = np.interp(WAVELENGTHS[group[0]], [450, 550, 650], [lens.blue_px, 0, lens.red_px]) if apart else 0.0
         own = scale / np.float32(c.width * (1 + off / corner))
         pictures = {f: np.zeros((rows, columns), np.float32) for f in white}
-        for reflectance, cover in CHARTS[scene](x[None, :] * own, y[:, None] * own, 1 / (c.width * FINE)):
+        u, v = (np.float32(axis / c.width) + own * off for axis, off in zip((lens.x_px, lens.y_px), off_axis))
+        for reflectance, cover in CHARTS[scene](u, v, 1 / (c.width * FINE)):
             for f, picture in pictures.items():
                 picture += cover * (np.float32(np.sum((white[f] * reflectance)[group])) - picture)
         transfers = dict.fromkeys(white, 0.0)

@@ -27,16 +27,20 @@ WIDTH, HEIGHT = 256, 192
 
 
 # Amounts are drawn evenly.
-IN_LENS = {
+ALONE = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
     "lens-transmittance": {"factor": (0.8, 0.97)},
     "veiling-glare": {"fraction": (0.01, 0.05)},
     "lateral-colour": {"blue_px": (0.3, 1.0), "red_px": (-1.0, -0.3)},
-}
-ALONE = IN_LENS | {
     "relative-illumination": {"corner": (0.05, 0.2)},
     "colour-shading": {"corner": (0.03, 0.1)},
+    "optical-crosstalk": {"side": (0.004, 0.02)},
+}
+# Where the axis is shows only in what is about it.
+DECENTRED = {
+    "distortion": {"k1": (-0.05, -0.02)},
+    "decentre-tilt": {"x_px": (4, 12), "y_px": (-12, -4)},
 }
 PAPER = {
     "defocus": {"shift_um": (7, 9)},
@@ -46,6 +50,8 @@ PAPER = {
     "row-temporal-noise": {"sigma_e": (1.0, 2.0)},
     "defective-pixels": {"fraction": (4e-4, 8e-4)},
 }
+TOGETHER = {"decentred": DECENTRED, "paper": PAPER}
+IN_LENS = {"defocus", "distortion", "decentre-tilt", "lens-transmittance", "veiling-glare", "lateral-colour"}
 
 
 def stacks(camera, plain):
@@ -130,20 +136,20 @@ def main():
     p.add_argument("--camrig", default="target/release/camrig")
     p.add_argument("--draws", type=int, default=3, help="of each effect alone")
     p.add_argument("--null", type=int, default=20, help="of nothing hidden")
-    p.add_argument("--paper", type=int, default=1, help="of the paper's gaps together")
+    p.add_argument("--together", type=int, default=1, help="of the paper's gaps, and of a decentred lens that distorts")
     p.add_argument("--seed", type=int, help="default: from the operating system")
     p.add_argument("--only", help="write one set there, and what is hidden beside it")
-    p.add_argument("--kinds", default="", help="what the one set hides: kinds, or `paper`")
+    p.add_argument("--kinds", default="", help="what the one set hides: kinds, `decentred` or `paper`")
     a = p.parse_args()
     seed = secrets.randbits(30) if a.seed is None else a.seed
     if a.only:
-        kinds = PAPER if a.kinds == "paper" else {k: ALONE[k] for k in a.kinds.split(",") if k}
+        kinds = TOGETHER.get(a.kinds) or {k: ALONE[k] for k in a.kinds.split(",") if k}
         world, sensor, hidden = build(seed, kinds)
         write(a.only, world, sensor)
         pathlib.Path(f"{a.only}-truth.json").write_text(json.dumps({"draw": seed, "effects": hidden}, indent=1) + "\n")
         return
     cases = [("nothing", {}, a.null), *((f"`{k}`", {k: v}, a.draws) for k, v in ALONE.items()),
-             ("the paper's gaps", PAPER, a.paper)]
+             *((name, kinds, a.together) for name, kinds in TOGETHER.items())]
     print(f"seed {seed}\n\n| hidden | draws | exact set | named of it | wrong names | gap before | after | confirmed "
           "| parameters within 90 % |\n|---|---|---|---|---|---|---|---|---|", flush=True)
     for name, kinds, draws in cases:
