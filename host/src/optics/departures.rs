@@ -79,14 +79,14 @@ impl Distortion {
         (1..=STEPS).find(|&i| self.slope(at(i)) < Self::LEAST_SLOPE).map_or(4.0, |i| at(i - 1))
     }
 
-    /// Undistorted height over real height, mm; where the image would fold, straight on from there.
+    /// Undistorted height over real height, mm; where the image would fold, on from there as in the centre.
     pub fn inverse(&self) -> impl Fn(f64) -> f64 + Send + Sync + use<> {
         let this = *self;
         let fold_mm = this.fold() * this.unit_mm;
-        let (fold_real, fold_slope) = (this.real(fold_mm), this.slope(this.fold()));
+        let fold_real = this.real(fold_mm);
         move |real| {
             if real.abs() >= fold_real {
-                return (fold_mm + (real.abs() - fold_real) / fold_slope).copysign(real);
+                return (fold_mm + (real.abs() - fold_real) / this.size).copysign(real);
             }
             // Newton from the undistorted height, kept inside the part that rises.
             let mut ideal = (real / this.size).clamp(-fold_mm, fold_mm);

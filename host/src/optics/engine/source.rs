@@ -149,13 +149,15 @@ impl<'a> Source<'a> {
             low = (low.0.min(u), low.1.min(v));
             high = (high.0.max(u), high.1.max(v));
         };
-        for i in 0..width {
+        // The last block's line ends beyond the rectangle.
+        let right = width.next_multiple_of(BLOCK);
+        for i in 0..=right {
             reach(place(i, 0));
             reach(place(i, height - 1));
         }
         for j in 0..height {
             reach(place(0, j));
-            reach(place(width - 1, j));
+            reach(place(right, j));
         }
         // One cell more for what the outline's sampling leaves out.
         let apron = (APRON + 1) as f64 * self.cell;

@@ -1,7 +1,7 @@
 //! Points and lines land where the lens's distortion says.
 
 use super::*;
-use crate::optics::{Characterisation, characterisation};
+use crate::optics::{Characterisation, Departed, Departures, Distortion, characterisation};
 
 #[test]
 fn points_land_where_distortion_and_lateral_colour_say() {
@@ -119,4 +119,23 @@ fn lines_of_a_grid_bend_as_distortion_says() {
     }
     println!("lines: worst {worst:.3} pixels");
     assert!(worst > 0.0 && worst < 0.05, "{worst}");
+}
+
+#[test]
+fn distortions_beyond_reason_keep_within_the_scene() {
+    // Half the frame of margin and an axis off the centre take the mapping far beyond where a strong barrel folds.
+    let grid = SensorGrid { width: 90, height: 60, pitch_um: 5.0, fill_factor: 1.0 };
+    let scene = Exact { bands: one_band(550.0), average: |_: &Grid, _, _| 1.0 };
+    for k1 in [-0.3, -0.2, -0.1, -0.05, 0.2] {
+        for axis_mm in [(0.0, 0.0), (0.05, -0.04), (-0.2, 0.1)] {
+            let distortion = Distortion { size: 1.0, k1, k2: 0.0, unit_mm: grid.corner_mm() };
+            let departures = Departures { distortion, axis_mm, ..Departures::default() };
+            let lens = Departed { lens: Box::new(perfect(2.8)), departures };
+            let plane = &render(&scene, &lens, &grid, &Options::default())[0];
+            for &e in &plane.data {
+                let light = f64::from(e) / lens.steradians(550.0);
+                assert!((light - 1.0).abs() < 2e-6, "k1 {k1}, axis {axis_mm:?}: {light}");
+            }
+        }
+    }
 }
