@@ -72,8 +72,8 @@ pub struct Slopes {
     known: Mutex<BTreeMap<Asked, Option<Slope>>>,
 }
 
-/// Kind, key, and whether the parameter is away from 0.
-type Asked = (&'static str, &'static str, bool);
+/// Kind, key, whether the parameter is away from 0, and how many kinds are named without which it does nothing.
+type Asked = (&'static str, &'static str, bool, usize);
 
 impl Slopes {
     fn of(&self, name: Asked, ask: impl FnOnce() -> Option<Slope>) -> Option<Slope> {
@@ -234,9 +234,15 @@ impl Residual {
 /// What the parameters of a kind do; those that do nothing, or cannot be moved in this camera, are left out.
 fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
     let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
+    // The axis shows in what is about it.
+    let about_axis = |k: &&&str| matches!(**k, "distortion" | "lateral-colour");
+    let grounds = match kind {
+        "decentre-tilt" => e.named.iter().filter(about_axis).count(),
+        _ => 0,
+    };
     let all = free.iter().filter_map(|&(key, neutral, step)| {
         let value = value(e.camera, kind, key);
-        let mut slope = e.slopes.of((kind, key, value != 0.0), || match kind {
+        let mut slope = e.slopes.of((kind, key, value != 0.0, grounds), || match kind {
             "defocus" => blur(e, residual),
             _ => derivative(e, kind, key, step),
         })?;
