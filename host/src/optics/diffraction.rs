@@ -111,9 +111,9 @@ impl Wings {
         self.strength * ((-self.wide * cycles_per_mm).exp() - (-self.narrow * cycles_per_mm).exp())
     }
 
-    /// Frequency beyond which 1e-7 of the light passes at most, cycles/mm.
+    /// Frequency beyond which 1e-5 of the light passes at most, cycles/mm.
     fn cutoff_per_mm(&self) -> f64 {
-        (self.strength * 1e7).ln().max(1.0) / self.narrow
+        (self.strength * 1e5).ln().max(1.0) / self.narrow
     }
 }
 
