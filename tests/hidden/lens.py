@@ -140,7 +140,7 @@ def image(c, lens, scene):
         off = np.interp(WAVELENGTHS[group[0]], [450, 550, 650], [lens.blue_px, 0, lens.red_px]) if apart else 0.0
         own = scale / np.float32(c.width * (1 + off / corner))
         pictures = {f: np.zeros((rows, columns), np.float32) for f in white}
-        u, v = (np.float32(axis / c.width) + own * off for axis, off in zip((lens.x_px, lens.y_px), off_axis))
+        u, v = (np.float32(axis / c.width) + own * place for axis, place in zip((lens.x_px, lens.y_px), off_axis))
         for reflectance, cover in CHARTS[scene](u, v, 1 / (c.width * FINE)):
             for f, picture in pictures.items():
                 picture += cover * (np.float32(np.sum((white[f] * reflectance)[group])) - picture)

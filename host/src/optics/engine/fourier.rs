@@ -157,25 +157,18 @@ impl Transfer {
             })
             .collect();
         let across = x.weights(support, terms);
-        let samples: Vec<Vec<f32>> =
-            table.par_chunks(TOGETHER * terms).flat_map_iter(|t| weighted(t, &across)).collect();
+        let samples = table.par_chunks(terms).map(|samples| {
+            let mut row = vec![0.0f64; x.kept];
+            for (sample, weights) in samples.iter().zip(&across) {
+                row.iter_mut().zip(weights).for_each(|(sum, w)| *sum += sample * w);
+            }
+            row.into_iter().map(|v| v as f32).collect()
+        });
+        let samples: Vec<Vec<f32>> = samples.collect();
         let down = y.weights(support, terms);
         let weights = (0..y.kept).flat_map(|k| down.iter().map(move |w| w[k] as f32)).collect();
         Self { terms, samples, weights }
     }
-}
-
-/// Rows of a table by a matrix: sums of its rows. A few at once, for each row of the matrix is as long as the nearest cache.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
-fn weighted(table: &[f64], matrix: &[Vec<f64>]) -> Vec<Vec<f32>> {
-    let terms = matrix.len();
-    let mut sums = vec![vec![0.0f64; matrix[0].len()]; table.len() / terms];
-    for (j, row) in matrix.iter().enumerate() {
-        for (sum, values) in sums.iter_mut().zip(table.chunks_exact(terms)) {
-            sum.iter_mut().zip(row).for_each(|(sum, w)| *sum += values[j] * w);
-        }
-    }
-    sums.into_iter().map(|sum| sum.into_iter().map(|v| v as f32).collect()).collect()
 }
 
 fn forward_rows(source: &Source, layout: &Layout, kept: usize) -> Result<Spectrum> {
@@ -323,7 +316,7 @@ fn load_columns(spectrum: &Spectrum, alias: &Alias, data: &mut Split) {
     }
 }
 
-/// Rows and vertical frequencies whose transfer is computed together, to keep the processor's adders busy.
+/// Vertical frequencies whose transfer is computed together, to keep the processor's adders busy.
 const TOGETHER: usize = 4;
 
 /// Multiplies sixteen columns by the transfer function and adds them to the pixel grid's.
