@@ -17,6 +17,7 @@ mod context;
 mod declare;
 
 pub use context::Context;
+pub(crate) use context::beside;
 pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
@@ -49,7 +50,7 @@ pub enum Needs {
 
 /// What an effect may read. Rows are in blocks; `here` is the row as it came in.
 pub struct Inputs<'a, S> {
-    /// The row above ([`Needs::Neighbours`]; beyond the edge the edge row itself), else empty.
+    /// The row above ([`Needs::Neighbours`]; beyond the edge the row on its other side), else empty.
     pub above: &'a [Block<S>],
     /// The row as it came in ([`Needs::Neighbours`]), else empty.
     pub here: &'a [Block<S>],

@@ -6,7 +6,7 @@
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
 use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, SensorConfig};
-use crate::effects::{Context, Effect, Inputs, Needs};
+use crate::effects::{Context, Effect, Inputs, Needs, beside};
 use crate::stream::Key;
 
 /// Most effects of a chain that read their neighbours.
@@ -201,8 +201,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         let mut cx = Context { row, ..self.cx };
         let at = level.min(self.windows.len());
         let (below, above) = self.windows.split_at_mut(at);
-        let edge = self.cx.height - 1;
-        let neighbours = [row.saturating_sub(1), row, if row < edge { row + 1 } else { edge }];
+        let [row_above, row_below] = beside(row, self.cx.height);
         let mut out: &mut [Block<A::Signal>] = self.row;
         if let Some(window) = above.first_mut() {
             window.held[(row % 3) as usize] = None;
@@ -210,7 +209,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         }
         let window = below.last();
         if let Some(window) = window {
-            if !neighbours.iter().all(|&n| window.holds(n)) {
+            if ![row_above, row, row_below].iter().all(|&n| window.holds(n)) {
                 return;
             }
             for (o, i) in out.iter_mut().zip(window.get(row)) {
@@ -230,9 +229,9 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 Inputs::<A::Signal> { above: &[], here: &[], below: &[], previous: &[] };
             match (needs, window) {
                 (Needs::Neighbours, Some(window)) => {
-                    inputs.above = window.get(neighbours[0]);
+                    inputs.above = window.get(row_above);
                     inputs.here = window.get(row);
-                    inputs.below = window.get(neighbours[2]);
+                    inputs.below = window.get(row_below);
                 }
                 (Needs::PreviousFrame, _) => {
                     source.previous_mean_row(row, self.previous);

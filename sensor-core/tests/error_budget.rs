@@ -80,8 +80,12 @@ fn reference(
 ) -> Vec<f64> {
     let e = mean_electrons(config, settings, Some(table), cube);
     let at = |x: i64, y: i64| {
-        let (x, y) = (x.clamp(0, WIDTH as i64 - 1), y.clamp(0, HEIGHT as i64 - 1));
-        e[y as usize * WIDTH + x as usize]
+        // The mirror image beyond the edges.
+        let within = |i: i64, count: usize| {
+            let last = count - 1;
+            last.abs_diff(last.abs_diff(i.unsigned_abs() as usize))
+        };
+        e[within(y, HEIGHT) * WIDTH + within(x, WIDTH)]
     };
     // The parameters as the configuration holds them.
     let (side, vertical, diagonal) =

@@ -1,7 +1,7 @@
 //! Brighter-fatter effect.
 
 use crate::arith::{Arith, Block};
-use super::{Context, Inputs, Stage, effect};
+use super::{Context, Inputs, Stage, beside, effect};
 
 effect! {
     /// Brighter-fatter effect: charge already collected pushes what follows into the neighbours, so that
@@ -10,7 +10,7 @@ effect! {
     /// Across each edge between neighbours a/2 (q² − q'²) passes from the fuller pixel to the other. The mean of
     /// a flat field stays; with b = aµ small its noise goes through the kernel 1 − 4b in the centre and b at
     /// the four neighbours, so variance is µ((1 − 4b)² + 4b²) and the covariance of neighbours 2µ b(1 − 4b). Charge
-    /// is kept. Antilogus et al. 2014, Astier et al. 2019 (a_01 there is 2a here, a_00 is −8a). Nearest neighbours
+    /// is kept, but for what passes the array's edges. Antilogus et al. 2014, Astier et al. 2019 (a_01 there is 2a here, a_00 is −8a). Nearest neighbours
     /// only; range aµ < 0.1.
     BrighterFatter, "brighter-fatter", Charge, Neighbours {
         /// Coefficient a
@@ -26,16 +26,16 @@ impl Stage for BrighterFatter {
         inputs: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let width = cx.width as usize;
         let half = 0.5 * self.coefficient;
-        let at = |row: &[Block<A::Signal>], x: usize| {
-            row.as_flattened().get(x.min(width - 1)).copied().unwrap_or_default()
+        let at = |row: &[Block<A::Signal>], x: u32| {
+            row.as_flattened().get(x as usize).copied().unwrap_or_default()
         };
-        for (x, out) in row.as_flattened_mut().iter_mut().enumerate().take(width) {
+        for (x, out) in (0..cx.width).zip(row.as_flattened_mut()) {
             let own = at(inputs.here, x);
+            let [left, right] = beside(x, cx.width);
             let neighbours = [
-                at(inputs.here, x.saturating_sub(1)),
-                at(inputs.here, x + 1),
+                at(inputs.here, left),
+                at(inputs.here, right),
                 at(inputs.above, x),
                 at(inputs.below, x),
             ];

@@ -1,6 +1,6 @@
 //! Neighbour coupling of collected charge.
 
-use super::{Context, Inputs, Stage, effect};
+use super::{Context, Inputs, Stage, beside, effect};
 use crate::arith::{Arith, BLOCK, Block};
 
 effect! {
@@ -8,8 +8,8 @@ effect! {
     /// shot noise, so that neighbours' noise is correlated (interpixel capacitance, electrical crosstalk).
     ///
     /// q' = q ⊗ k with the 3x3 kernel k of `side` left and right, `vertical` above and below, `diagonal` at
-    /// the corners and 1 minus their sum in the centre. Moore, Ninkov & Forrest 2004. Charge is kept: beyond
-    /// the array's edge the edge pixel itself stands in.
+    /// the corners and 1 minus their sum in the centre. Moore, Ninkov & Forrest 2004. Charge is kept, but
+    /// for what passes the array's edges, beyond which its mirror image goes on: a flat field stays flat.
     ChargeCoupling, "charge-coupling", Charge, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;
@@ -29,7 +29,7 @@ impl Stage for ChargeCoupling {
         row: &mut [Block<A::Signal>],
     ) {
         let kernel = kernel::<A>(self.side, self.vertical, self.diagonal);
-        convolve::<A>(cx.width as usize, kernel, inputs, row);
+        convolve::<A>(cx.width, kernel, inputs, row);
     }
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn kernel<A: Arith>(side: f32, vertical: f32, diagonal: f32) -> [A::F
 /// they are added, so that nothing saturates that would not in the end.
 #[inline(always)]
 pub(crate) fn convolve<A: Arith>(
-    width: usize,
+    width: u32,
     [centre, side, vertical, diagonal]: [A::Factor; 4],
     inputs: &Inputs<'_, A::Signal>,
     row: &mut [Block<A::Signal>],
@@ -55,27 +55,28 @@ pub(crate) fn convolve<A: Arith>(
         let verticals = A::add(A::scale(above, outer), A::scale(below, outer));
         A::add(A::scale(here, middle), verticals)
     };
-    // What a single column gives; beyond the array's edges the edge column itself.
-    let given = |x: usize| {
-        let x = x.min(width - 1);
-        let at = |row: &[Block<A::Signal>]| row.as_flattened().get(x).copied().unwrap_or_default();
+    // What a single column gives.
+    let given = |x: u32| {
+        let at = |row: &[Block<A::Signal>]| {
+            row.as_flattened().get(x as usize).copied().unwrap_or_default()
+        };
         weighted(at(inputs.above), at(inputs.here), at(inputs.below), side, diagonal)
     };
     let columns = inputs.above.iter().zip(inputs.here).zip(inputs.below);
     for ((block, ((above, here), below)), out) in columns.enumerate().zip(row) {
-        let first = block * BLOCK;
+        let first = (block * BLOCK) as u32;
         let (mut kept, mut sides) = ([A::Signal::default(); BLOCK], [A::Signal::default(); BLOCK]);
         for i in 0..BLOCK {
             kept[i] = weighted(above[i], here[i], below[i], centre, vertical);
             sides[i] = weighted(above[i], here[i], below[i], side, diagonal);
         }
         let mut shifted = [A::Signal::default(); BLOCK + 2];
-        shifted[0] = given(first.saturating_sub(1));
+        shifted[0] = given(beside(first, width)[0]);
         shifted[1..=BLOCK].copy_from_slice(&sides);
         // The first column beyond this block, or beyond the array.
-        let end = (width - first).min(BLOCK);
-        if let Some(next) = shifted.get_mut(end + 1) {
-            *next = given(first + end);
+        let end = (width - first).min(BLOCK as u32);
+        if let Some(next) = shifted.get_mut(end as usize + 1) {
+            *next = given(beside(first + end - 1, width)[1]);
         }
         for i in 0..BLOCK {
             out[i] = A::add(kept[i], A::add(shifted[i], shifted[i + 2]));

@@ -60,6 +60,14 @@ enum Over {
     Word,
 }
 
+/// The indices before and after `i` of `count`. Beyond its edges the array goes on as its mirror image, as it
+/// does in a sensor with dummy pixels around: a Bayer pattern's colours keep their order (a quad Bayer's do not).
+#[inline(always)]
+pub(crate) fn beside(i: u32, count: u32) -> [u32; 2] {
+    let last = count.saturating_sub(1);
+    [if i > 0 { i - 1 } else { last.min(1) }, if i < last { i + 1 } else { last.saturating_sub(1) }]
+}
+
 impl Context<'_> {
     fn stream(&self, part: u32, over: Over) -> Key {
         self.key.with(part).with(over as u32)

@@ -9,8 +9,9 @@ effect! {
     /// reflection below the microlens or diffusion of charge), before shot noise, so that it blurs and mixes
     /// colours but leaves the noise of pixels independent.
     ///
-    /// µ' = µ ⊗ k, the kernel as in [`charge_coupling`](super::charge_coupling). Light is kept. One kernel for all
-    /// wavelengths: diffusion grows with wavelength, so figures hold for the light they were measured with.
+    /// µ' = µ ⊗ k, the kernel as in [`charge_coupling`](super::charge_coupling). Light is kept, but
+    /// for what passes the array's edges. One kernel for all wavelengths: diffusion grows with wavelength, so
+    /// figures hold for the light they were measured with.
     /// Chen et al. 2009, section IV-C.
     OpticalCrosstalk, "optical-crosstalk", Light, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
@@ -31,6 +32,6 @@ impl Stage for OpticalCrosstalk {
         row: &mut [Block<A::Signal>],
     ) {
         let kernel = kernel::<A>(self.side, self.vertical, self.diagonal);
-        convolve::<A>(cx.width as usize, kernel, inputs, row);
+        convolve::<A>(cx.width, kernel, inputs, row);
     }
 }
