@@ -53,6 +53,7 @@ const SECANTS: usize = 4;
 const APART: f64 = 1e-4;
 
 /// A parameter of a kind, and what a unit of it does to every figure, in standard deviations.
+#[derive(Clone)]
 struct Column {
     kind: &'static str,
     key: &'static str,
@@ -125,25 +126,48 @@ pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
 fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<Proposal> {
     let mut columns = columns(e, kind, residual);
     let own = columns.len();
-    if own == 0 {
-        return None;
-    }
     for other in e.named.iter().filter(|k| **k != kind) {
         columns.extend(self::columns(e, other, residual).into_iter().filter(|c| c.present));
     }
-    let mut free: Vec<usize> = (0..columns.len()).collect();
-    loop {
-        let solution = Solution::of(&columns, &free, residual)?;
-        let z =
-            |i: usize| solution.estimates.iter().find(|(c, _)| *c == i).map(|(_, e)| e.z().abs());
-        // The weakest of the new parameters goes first, the last one stays; what the model has stays free.
-        let mine = free.iter().filter(|i| **i < own);
-        let new = mine.clone().filter(|i| !columns[**i].present).filter_map(|&i| Some((i, z(i)?)));
-        match new.min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((weakest, z)) if mine.count() > 1 && z < KEEP => free.retain(|i| *i != weakest),
-            _ => return proposal(e, kind, &columns, own, &solution),
-        }
-    }
+    // A shading that the channels share takes one parameter, and those of single channels beside it as many fewer.
+    let shared = match kind {
+        "colour-shading" => self::columns(e, "relative-illumination", residual),
+        _ => Vec::new(),
+    };
+    let shared = shared.into_iter().find(|c| !c.present);
+    let free = choose(&columns, own, shared, residual)?;
+    proposal(e, kind, &columns, own, &Solution::of(&columns, &free, residual)?)
+}
+
+/// Which parameters are to be free: those of a kind (the first `own` columns) that the model has or that take `KEEP`² each
+/// from the sum of squares, and all of the others. `None` where no parameter of the kind is. `shared` competes with them,
+/// for another kind to propose; a second name costs half a parameter.
+fn choose(
+    columns: &[Column],
+    own: usize,
+    shared: Option<Column>,
+    residual: &Residual,
+) -> Option<Vec<usize>> {
+    let others = own..columns.len();
+    let all: Vec<Column> = columns.iter().cloned().chain(shared).collect();
+    let may: Vec<usize> =
+        (0..own).chain(columns.len()..all.len()).filter(|&i| !all[i].present).collect();
+    let must: Vec<usize> = (0..own).filter(|&i| all[i].present).collect();
+    let sets = (0u32..1 << may.len()).map(|set| {
+        let taken = may.iter().enumerate().filter(|(bit, _)| set >> bit & 1 == 1).map(|(_, i)| *i);
+        must.iter().copied().chain(taken).collect::<Vec<usize>>()
+    });
+    let worth = |set: &[usize]| {
+        let free: Vec<usize> = set.iter().copied().chain(others.clone()).collect();
+        let second = if set.iter().any(|&i| i >= columns.len()) { 0.5 } else { 0.0 };
+        let cost = KEEP * KEEP * ((set.len() - must.len()) as f64 + second);
+        let fall = if free.is_empty() { 0.0 } else { Solution::of(&all, &free, residual)?.fall };
+        Some(fall - cost)
+    };
+    let (_, best) =
+        sets.filter_map(|set| Some((worth(&set)?, set))).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mine: Vec<usize> = best.into_iter().filter(|&i| i < own).collect();
+    (!mine.is_empty()).then(|| mine.into_iter().chain(others).collect())
 }
 
 /// The proposal of a solution: the kind's own new values, and those of the others that gave way.
@@ -326,6 +350,8 @@ struct Solution {
     /// Column and change of its parameter.
     estimates: Vec<(usize, Estimated)>,
     covariance: DMatrix<f64>,
+    /// By how much the sum of squares falls.
+    fall: f64,
 }
 
 impl Solution {
@@ -343,14 +369,15 @@ impl Solution {
         if inverse.diagonal().iter().any(|d| !(*d > 0.0 && *d < 1.0 / APART)) {
             return None;
         }
-        let x = &inverse * (a.transpose() * &residual.z);
+        let moment = a.transpose() * &residual.z;
+        let x = &inverse * &moment;
         let estimates = free.iter().enumerate().map(|(k, &i)| {
             let se = inverse[(k, k)].sqrt() / norms[k];
             (i, Estimated { value: x[k] / norms[k], se })
         });
         let estimates = estimates.collect();
         let scale = DMatrix::from_diagonal(&DVector::from_vec(norms)).try_inverse()?;
-        Some(Self { estimates, covariance: &scale * inverse * &scale })
+        Some(Self { estimates, covariance: &scale * inverse * &scale, fall: x.dot(&moment) })
     }
 
     /// How far the kind's own parameters are from what the model has, in standard errors.
@@ -426,4 +453,36 @@ fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
         }
     }
     Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A column that moves some of three figures by `change` each.
+    fn column(key: &'static str, change: [f64; 3]) -> Column {
+        let change = DVector::from_row_slice(&change);
+        Column { kind: "colour-shading", key, change, present: false, in_maps: true }
+    }
+
+    #[test]
+    fn a_shading_is_told_with_the_fewest_parameters() {
+        let channels = [
+            column("channel_0", [1.0, 0.0, 0.0]),
+            column("channel_1", [0.0, 1.0, 0.0]),
+            column("channel_2", [0.0, 0.0, 1.0]),
+        ];
+        let shared = || Some(column("corner", [1.0; 3]));
+        let chosen = |z: [f64; 3], shared| {
+            let residual =
+                Residual { keys: Vec::new(), sd: Vec::new(), z: DVector::from_row_slice(&z) };
+            choose(&channels, 3, shared, &residual)
+        };
+        assert_eq!(chosen([1.0, -2.0, 3.0], shared()), None, "nothing");
+        assert_eq!(chosen([0.0, 1.0, 9.0], shared()), Some(vec![2]), "one channel");
+        assert_eq!(chosen([20.0, 21.0, 19.0], shared()), None, "all alike are the shared one");
+        assert_eq!(chosen([20.0, 50.0, 20.0], shared()), Some(vec![1]), "one beside the shared");
+        assert_eq!(chosen([20.0, 50.0, 90.0], shared()).map(|c| c.len()), Some(3));
+        assert_eq!(chosen([20.0, 50.0, 20.0], None).map(|c| c.len()), Some(3));
+    }
 }
