@@ -38,10 +38,38 @@ impl Channels {
         shares
     }
 
+    /// The share of each in the pixels of one of `every` columns; `every` divides 24.
+    pub fn shares_of_columns(&self, phase: usize, every: usize) -> Vec<f64> {
+        let mut shares = vec![0.0; self.count];
+        let one = every as f64 / (self.rows.len() * PERIOD) as f64;
+        for row in &self.rows {
+            row.iter().skip(phase).step_by(every).for_each(|&c| shares[c] += one);
+        }
+        shares
+    }
+
     /// The one with most pixels, the first of several.
     pub fn widest(&self) -> usize {
         let shares = self.shares();
         (0..self.count).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b])).unwrap_or(0)
+    }
+
+    /// What the four neighbours of each channel's pixels have more than they, where each channel has its level: the mean over
+    /// its pixels of the sum.
+    pub fn lean(&self, levels: &[f64]) -> Vec<f64> {
+        let (mut sums, mut counts) = (vec![0.0; self.count], vec![0.0; self.count]);
+        let down = self.rows.len();
+        for y in 0..down {
+            for x in 0..PERIOD {
+                let at = |x: usize, y: usize| self.rows[y % down][x % PERIOD];
+                let around =
+                    [at(x + 1, y), at(x + PERIOD - 1, y), at(x, y + 1), at(x, y + down - 1)];
+                let own = at(x, y);
+                sums[own] += around.iter().map(|&n| levels[n] - levels[own]).sum::<f64>();
+                counts[own] += 1.0;
+            }
+        }
+        sums.iter().zip(counts).map(|(s, n): (&f64, f64)| s / n.max(1.0)).collect()
     }
 
     fn row(&self, y: usize) -> [usize; PERIOD] {
@@ -115,6 +143,11 @@ mod tests {
         assert_eq!(i, values.len());
         assert!((channels.shares().iter().sum::<f64>() - 1.0).abs() < 1e-12);
         assert!(channels.shares().iter().all(|&s| s <= channels.shares()[channels.widest()]));
+        // Each edge between pixels counts once to either side.
+        let levels: Vec<f64> = (0..channels.count()).map(|c| (c * c) as f64).collect();
+        let lean = channels.lean(&levels);
+        let sum: f64 = lean.iter().zip(channels.shares()).map(|(l, s)| l * s).sum();
+        assert!(sum.abs() < 1e-12 && lean[0] > 0.0, "{lean:?}");
         let by: Vec<f64> = (0..channels.count()).map(|c| c as f64).collect();
         let before = values.clone();
         channels.change(&mut values, &by, |v, b| v + b);

@@ -1,6 +1,7 @@
 //! What an estimator sees: the measured statistics, what the present model predicts for them, and the stacks.
 
 use super::candidates::Slopes;
+use super::channels::Channels;
 use super::design::{Condition, Design};
 use super::maps::Map;
 use super::model::dn_per_e;
@@ -160,6 +161,17 @@ impl Evidence<'_> {
             None => self.camera.sensor.black_level_dn,
         };
         Some(self.stacks[stack].level() - black)
+    }
+
+    /// Signal of each channel above dark, DN.
+    pub fn levels(&self, stack: usize) -> Vec<f64> {
+        let channels = Channels::new(self.camera);
+        let means = channels.means(&self.stacks[stack].mean.data);
+        let black = match super::maps::reference_dark(self.design) {
+            Some(r) => channels.means(&self.stacks[r].mean.data),
+            None => vec![self.camera.sensor.black_level_dn; means.len()],
+        };
+        means.iter().zip(black).map(|(m, b)| m - b).collect()
     }
 
     /// Stacks of a role, with their conditions.

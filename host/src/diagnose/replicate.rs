@@ -11,7 +11,7 @@ use crate::scene::Bands;
 use crate::{Plane, Result};
 use rayon::prelude::*;
 use sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
-use sensor_core::config::{FrameSettings, SensorConfig};
+use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
 use sensor_core::pipeline::MeanRows;
 
 /// Moments of every stack of a design, simulated. `seed` names the sensor and its noise.
@@ -48,7 +48,7 @@ fn stack(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<T
         }
         collector.add(&batch);
     }
-    Ok(collector.finish())
+    Ok(collector.finish().without_border(&config.pattern))
 }
 
 /// Start and size of the batches of a stack: whole ones, the last one never a single frame.
@@ -188,12 +188,13 @@ pub fn seen(
         .collect()
 }
 
-/// Moments of every stack of a design, from the set's frames.
+/// Moments of every stack of a design, from the set's frames of a sensor with this colour filter pattern.
 ///
 /// # Errors
 /// Files that cannot be read.
 pub fn measure(
     set: &CaptureSet,
+    pattern: &Pattern,
     design: &Design,
     planes: bool,
     progress: &(dyn Fn(usize) + Sync),
@@ -221,7 +222,7 @@ pub fn measure(
                 progress(frames.len());
                 Ok(())
             })?;
-            Ok(collector.finish())
+            Ok(collector.finish().without_border(pattern))
         })
         .collect()
 }

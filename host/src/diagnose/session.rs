@@ -112,7 +112,8 @@ impl Session {
     ) -> Result<Self> {
         let lights = Lights::default();
         let half = |mut design: Design| -> Result<Half> {
-            let stacks = replicate::measure(set, &design, true, progress)?;
+            let stacks =
+                replicate::measure(set, &camera.sensor.pattern(), &design, true, progress)?;
             set_unknown_levels(camera, &mut design, &stacks);
             let pictures = replicate::seen(camera, set, &design.looks, progress)?;
             set_unknown_light(camera, &mut design.looks, &pictures, &lights)?;

@@ -7,6 +7,7 @@ use super::lanes;
 use super::spectrum::Spectrum;
 use crate::Plane;
 use multiversion::multiversion;
+use sensor_core::config::Pattern;
 
 /// Side of the blocks whose means show large-scale noise, pixels.
 const BLOCK: usize = 8;
@@ -55,6 +56,31 @@ pub struct Temporal {
 }
 
 impl Temporal {
+    /// Gives the outermost pixels the moments of the next ones in the same place of the colour filter pattern: how they share
+    /// light and charge with what lies beyond the array's edge no model knows.
+    pub fn without_border(mut self, pattern: &Pattern) -> Self {
+        let (w, h) = (self.width, self.height);
+        let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));
+        if w <= 2 * across || h <= 2 * down {
+            return self;
+        }
+        for plane in [
+            &mut self.mean.data,
+            &mut self.pixel_variance,
+            &mut self.pixel_third,
+            &mut self.pixel_fourth,
+            &mut self.pixel_lag,
+        ] {
+            for row in plane.chunks_mut(w) {
+                row[0] = row[across];
+                row[w - 1] = row[w - 1 - across];
+            }
+            plane.copy_within(down * w..(down + 1) * w, 0);
+            plane.copy_within((h - 1 - down) * w..(h - down) * w, (h - 1) * w);
+        }
+        self
+    }
+
     /// Mean of all pixels and frames, DN.
     pub fn level(&self) -> f64 {
         mean(&self.mean.data)

@@ -3,6 +3,7 @@
 use super::{Proposal, deviation, list};
 use crate::Plane;
 use crate::captures::Role;
+use crate::diagnose::channels::Channels;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::maps::{MapKind, long_dark, reference_dark};
 use crate::diagnose::model::current;
@@ -102,8 +103,10 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
             let (means, within) = (means(n), scatter(n));
             let m = means.iter().sum::<f64>() / n as f64;
             let between = means.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n as f64 - 1.0);
-            let sigma = (between - within).max(0.0).sqrt();
-            let se = within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
+            let hidden =
+                if gain { taken_with_channels(&means, &Channels::new(e.camera)) } else { 1.0 };
+            let sigma = hidden * (between - within).max(0.0).sqrt();
+            let se = hidden * within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
             let (mut offset_e, mut relative) = match current(e.camera, "readout-channel-mismatch") {
                 Some(Effect::ReadoutChannelMismatch(x)) if x.channels == n as f32 => {
                     (x.offset_e, x.gain)
@@ -127,6 +130,28 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
         out.extend(made);
     }
     out
+}
+
+/// How many times larger the deviations of column phases were before each channel was divided by its own mean: under a colour
+/// filter array phases that share no channel cannot be compared.
+fn taken_with_channels(means: &[f64], channels: &Channels) -> f64 {
+    let n = means.len();
+    let middle = means.iter().sum::<f64>() / n as f64;
+    let seen: Vec<f64> = means.iter().map(|m| m - middle).collect();
+    let shares: Vec<Vec<f64>> = (0..n).map(|phase| channels.shares_of_columns(phase, n)).collect();
+    // seen = whole - what the phase's channels have on average: a contraction, some halving per turn.
+    let mut whole = seen.clone();
+    for _ in 0..30 {
+        let average = |c: usize| {
+            let total: f64 = shares.iter().map(|s| s[c]).sum();
+            whole.iter().zip(&shares).map(|(w, s)| w * s[c]).sum::<f64>() / total.max(1e-12)
+        };
+        let averages: Vec<f64> = (0..channels.count()).map(average).collect();
+        let taken = |s: &Vec<f64>| s.iter().zip(&averages).map(|(s, a)| s * a).sum::<f64>();
+        whole = seen.iter().zip(&shares).map(|(m, s)| m + taken(s)).collect();
+    }
+    let power = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
+    (power(&whole) / power(&seen).max(1e-300)).sqrt()
 }
 
 /// Outliers of the dark-current map, else of the offset map.
@@ -484,4 +509,25 @@ pub fn defects(e: &Evidence<'_>) -> Vec<Proposal> {
                 .with("gain", gain, s.pixel_variance.sqrt() / s.low.sqrt()),
         )
     })())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Camera, Cfa};
+
+    #[test]
+    fn phases_of_columns_are_told_from_channels_that_lie_in_one_of_them() {
+        let mut camera = Camera::load("mt9t012").unwrap();
+        // Of a Bayer sensor's columns the green pixels alone can be compared: half of the pixels, half of the deviation.
+        let bayer = Channels::new(&camera);
+        assert!((taken_with_channels(&[1.001, 0.999], &bayer) - 2.0).abs() < 1e-6);
+        // Pairs of like columns are compared whole.
+        let same_parity = [1.001, 1.0, 0.999, 1.0];
+        assert!((taken_with_channels(&same_parity, &bayer) - 1.0).abs() < 1e-6);
+        camera.sensor.cfa = Cfa::parse("mono").unwrap();
+        camera.sensor.channel_names.truncate(1);
+        let monochrome = Channels::new(&camera);
+        assert!((taken_with_channels(&[1.001, 0.999], &monochrome) - 1.0).abs() < 1e-6);
+    }
 }

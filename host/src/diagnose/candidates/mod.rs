@@ -10,6 +10,7 @@ mod fixed;
 mod flicker;
 mod frames;
 mod glow;
+mod neighbours;
 mod noise;
 mod optics;
 mod periodic;
@@ -149,8 +150,8 @@ pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("read-noise-spread", noise::read_noise_spread),
     ("random-telegraph-noise", noise::telegraph),
     ("heavy-tailed-read-noise", noise::heavy_tails),
-    ("charge-coupling", noise::charge_coupling),
-    ("brighter-fatter", noise::brighter_fatter),
+    ("charge-coupling", neighbours::charge_coupling),
+    ("brighter-fatter", neighbours::brighter_fatter),
     ("row-offset-fpn", fixed::row_offset),
     ("column-offset-fpn", fixed::column_offset),
     ("pixel-offset-fpn", fixed::pixel_offset),
@@ -174,7 +175,7 @@ pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("nonlinearity", response::nonlinearity),
     ("full-well", well::full_well),
     ("optical-crosstalk", |e| {
-        join(response::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
+        join(neighbours::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
     }),
     ("adc-nonlinearity", converter::adc_steps),
     ("image-lag", response::image_lag),

@@ -2,16 +2,16 @@
 
 use super::{Proposal, deviation, list};
 use crate::captures::Role;
-use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
+use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::tails::{median_of_squares, quantile_of_squares};
 use crate::median::median;
 use sensor_core::effects::{
-    Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
-    heavy_tailed_read_noise::HeavyTailedReadNoise, random_telegraph_noise::RandomTelegraphNoise,
-    read_noise::ReadNoise, read_noise_spread::ReadNoiseSpread,
+    Effect, heavy_tailed_read_noise::HeavyTailedReadNoise,
+    random_telegraph_noise::RandomTelegraphNoise, read_noise::ReadNoise,
+    read_noise_spread::ReadNoiseSpread,
 };
 
 /// Pixel variance of the dark stacks.
@@ -283,69 +283,4 @@ pub fn heavy_tails(e: &Evidence<'_>) -> Vec<Proposal> {
         Some(shares.into_iter().map(propose).collect())
     })();
     made.unwrap_or_default()
-}
-
-/// Correlation of neighbours in flats over the share of shot noise: constant.
-pub fn charge_coupling(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let of = |lag: u8| {
-            slope(e.flats().filter_map(|(i, c)| {
-                let r = e.difference(Place::Stack(i), What::Covariance(lag))?;
-                Some((2.0 * shot_share(e, i, c)?, r))
-            }))
-        };
-        let (x, y) = (of(0)?, of(1)?);
-        let (px, py) = match current(e.camera, "charge-coupling") {
-            Some(Effect::ChargeCoupling(k)) => (f64::from(k.side), f64::from(k.vertical)),
-            _ => (0.0, 0.0),
-        };
-        let (side, vertical) = ((px + x.value).max(0.0), (py + y.value).max(0.0));
-        let effect = ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
-        Some(
-            Proposal::new("charge-coupling", effect.into(), x.z().hypot(y.z()))
-                .with("side", side, x.se)
-                .with("vertical", vertical, y.se),
-        )
-    })())
-}
-
-/// Share of shot noise in a stack's variance.
-fn shot_share(
-    e: &Evidence<'_>,
-    stack: usize,
-    c: &crate::diagnose::design::Condition,
-) -> Option<f64> {
-    let (v, _) = e.variance(stack)?;
-    Some((e.signal(stack)? * e.gain(c) / v).clamp(0.0, 1.0))
-}
-
-/// Correlation of neighbours in flats in proportion to the signal, and the variance that is lost to it where both agree.
-pub fn brighter_fatter(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let pushed = |i, c| Some(shot_share(e, i, c)? * e.signal(i)? / e.gain(c));
-        let gained = slope(e.flats().flat_map(|(i, c)| {
-            let x = pushed(i, c).map(|x| 2.0 * x);
-            [0, 1].into_iter().filter_map(move |lag| {
-                Some((x?, e.difference(Place::Stack(i), What::Covariance(lag))?))
-            })
-        }))?;
-        // (1 − 4b)² + 4b² of the shot noise is left.
-        let lost = slope(e.flats().filter_map(|(i, c)| {
-            let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
-            Some((-8.0 * pushed(i, c)?, Estimated { value: excess.value / v, se: excess.se / v }))
-        }))?;
-        let apart = (gained.value - lost.value).abs() / gained.se.hypot(lost.se);
-        let found = if apart < 3.0 { pooled([gained, lost])? } else { gained };
-        let present = match current(e.camera, "brighter-fatter") {
-            Some(Effect::BrighterFatter(k)) => f64::from(k.coefficient),
-            _ => 0.0,
-        };
-        let a = (present + found.value).max(0.0);
-        let effect = BrighterFatter { coefficient: a as f32 };
-        Some(Proposal::new("brighter-fatter", effect.into(), found.z().abs()).with(
-            "coefficient",
-            a,
-            found.se,
-        ))
-    })())
 }

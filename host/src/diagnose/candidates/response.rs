@@ -3,17 +3,15 @@
 use super::{Proposal, list, minimum};
 use crate::camera::Camera;
 use crate::captures::Role;
-use crate::diagnose::design::Condition;
 use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark};
 use crate::diagnose::model::current;
-use crate::diagnose::ratios::{reference_flat, strongest};
 use crate::diagnose::statistics::{Place, What};
 use nalgebra::{DMatrix, DVector};
 use sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
-    image_lag::ImageLag, nonlinearity::Nonlinearity, optical_crosstalk::OpticalCrosstalk,
-    quantum_efficiency::QuantumEfficiency, system_gain::SystemGain,
+    image_lag::ImageLag, nonlinearity::Nonlinearity, quantum_efficiency::QuantumEfficiency,
+    system_gain::SystemGain,
 };
 
 /// Measured over predicted signal of a channel of a flat, less 1.
@@ -247,8 +245,8 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
         .flats()
         .filter(|(_, c)| c.level_known)
         .flat_map(|(i, c)| {
-            let x = e.signal(i).unwrap_or(0.0) / e.gain(c) / full;
-            (0..classes(e)).filter_map(move |k| Some((x, relative(e, i, k)?)))
+            let levels = e.levels(i).into_iter().map(move |level| level / e.gain(c) / full);
+            (0..).zip(levels).filter_map(move |(k, x)| Some((x, relative(e, i, k)?)))
         })
         .filter(|(x, _)| *x > 0.0)
         .collect();
@@ -288,70 +286,6 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     let mut out: Vec<Proposal> = made.collect();
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     out
-}
-
-/// Channels lean towards each other: in their means, and in their ratios, which neither the lamp nor the channels' own mean
-/// gains change.
-pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let n = classes(e);
-        if n < 2 {
-            return None;
-        }
-        let pattern = e.camera.sensor.pattern();
-        let (pw, ph) = (usize::from(pattern.width), usize::from(pattern.height));
-        let present = match current(e.camera, "optical-crosstalk") {
-            Some(Effect::OpticalCrosstalk(x)) => f64::from(x.side),
-            _ => 0.0,
-        };
-        // What a pixel of a channel gets more from its four neighbours than it gives, in the mean.
-        let pull = |means: &[f64], class: usize| -> f64 {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for y in 0..ph {
-                for x in 0..pw {
-                    if pattern.channel(x, y) == class {
-                        let at = |x: usize, y: usize| means[pattern.channel(x, y)];
-                        sum += at(x + 1, y) + at(x + pw - 1, y) + at(x, y + 1) + at(x, y + ph - 1)
-                            - 4.0 * at(x, y);
-                        count += 1.0;
-                    }
-                }
-            }
-            sum / f64::max(count, 1.0)
-        };
-        let means = e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
-            let k = e.gain(c);
-            (0..n).filter_map(move |class| {
-                let d = e.difference(Place::Stack(i), What::Mean(class))?;
-                Some((k * pull(&c.photo_e, usize::from(class)), d))
-            })
-        });
-        // How the ratio of ratios moves with the share; the own light of a channel may be nothing.
-        // Without a reference there are no ratios to ask it for.
-        let reference = e.design.conditions.get(reference_flat(e.design).unwrap_or(0))?;
-        let lean = |c: &Condition, class: usize| pull(&c.photo_e, class) / c.photo_e[class];
-        let ratios = e.flats().flat_map(|(i, c)| {
-            let g = strongest(c);
-            let strong = lean(c, g) - lean(reference, g);
-            let by =
-                move |own: usize| reference.photo_e[g] / (reference.photo_e[own] * c.photo_e[g]);
-            (0..n).filter_map(move |class| {
-                let (place, own) = (Place::Stack(i), usize::from(class));
-                let d = e.difference(place, What::Ratio(class))?;
-                let ratio = e.predicted(place, What::Ratio(class))?;
-                let gets = by(own) * pull(&c.photo_e, own);
-                Some((gets - ratio * (lean(reference, own) + strong), d))
-            })
-        });
-        let found = slope(means.chain(ratios))?;
-        let k = (present + found.value).max(0.0);
-        let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
-        Some(
-            Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
-                .with("side", k, found.se)
-                .with("vertical", k, found.se),
-        )
-    })())
 }
 
 /// Light of the frame before in a dark frame.
