@@ -56,7 +56,7 @@ def judge(key, kinds, times, seed, a):
     """Makes the set, runs the program, and returns the line of the results file."""
     draw = int(stream(seed, key).integers(2**32))
     colour = any(generate.KINDS[k].needs_cfa for k in kinds) or (key.startswith("null") and draw % 4 == 0)
-    cfa = "GRBG" if colour else "mono"
+    cfa = a.cfa or ("GRBG" if colour else "mono")
     world, hidden, sensor = generate.build(
         draw, [(k, None) for k in kinds], times, generate.SIZES[a.design], a.design, cfa)
     truth = generate.truth(draw, hidden)
@@ -111,6 +111,7 @@ def arguments():
     p.add_argument("--triples", type=int, default=40)
     p.add_argument("--outside", type=int, default=10, help="draws of each effect outside the catalogue")
     p.add_argument("--leave-out", type=int, default=3, help="draws of each effect at 10 limits, its own entry left out")
+    p.add_argument("--cfa", choices=["GRBG"], help="every set under this filter array (default: those that need one)")
     p.add_argument("--design", choices=generate.SIZES, default="small")
     p.add_argument("--jobs", type=int, default=2)
     p.add_argument("--timeout", type=float, default=600, help="seconds per set")

@@ -280,14 +280,15 @@ pub fn doubling(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
         let noise = e.camera.sensor.noise;
         let reference = &e.design.conditions[reference_dark(e.design)?];
-        let rates = e.of_role(Role::Dark).filter_map(|(i, c)| {
+        let of_channel = |(i, channel): (usize, u8)| {
+            let c = &e.design.conditions[i];
             let dt = c.temperature_c - reference.temperature_c;
             let from_ref = c.temperature_c - noise.temperature_ref_c;
             if dt.abs() < 2.0 || from_ref.abs() < 2.0 || c.before_e.iter().any(|&b| b > 0.0) {
                 return None;
             }
             let place = Place::Stack(i);
-            let d = e.difference(place, What::Mean(0))?;
+            let d = e.difference(place, What::Mean(channel))?;
             let scale = e.gain(c) * c.exposure_s;
             let model = noise.dark_current_e_per_s * (from_ref / noise.dark_doubling_c).exp2();
             let ratio = 1.0 + d.value / scale / model;
@@ -298,8 +299,10 @@ pub fn doubling(e: &Evidence<'_>) -> Vec<Proposal> {
             let per_k = ratio.ln() / (std::f64::consts::LN_2 * from_ref);
             let se = d.se / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
             Some(Estimated { value: per_k, se })
-        });
-        let shift = pooled(rates)?;
+        };
+        let classes = e.camera.sensor.channel_names.len() as u8;
+        let all = e.of_role(Role::Dark).flat_map(|(i, _)| (0..classes).map(move |k| (i, k)));
+        let shift = pooled(all.filter_map(of_channel))?;
         let inverse = 1.0 / noise.dark_doubling_c + shift.value;
         if inverse <= 0.01 {
             return None;

@@ -95,11 +95,12 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
         out.push(p);
     }
     let c0 = &e.design.conditions[reference];
-    let per_gain = slope(e.of_role(Role::Dark).filter_map(|(i, c)| {
+    let per_gain = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
         let short =
             c.exposure_s <= 2.0 * c0.exposure_s && (c.temperature_c - c0.temperature_c).abs() < 0.5;
-        let d = e.difference(Place::Stack(i), What::Mean(0))?;
-        (short && i != reference).then_some((c.analog_gain - c0.analog_gain, d))
+        let wanted = (0..classes(e)).filter(move |_| short && i != reference);
+        let of = move |k| e.difference(Place::Stack(i), What::Mean(k));
+        wanted.filter_map(move |k| Some((c.analog_gain - c0.analog_gain, of(k)?)))
     }));
     if let Some(g) = per_gain {
         let mut moved = present;
@@ -291,10 +292,11 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
 /// Light of the frame before in a dark frame.
 pub fn image_lag(e: &Evidence<'_>) -> Vec<Proposal> {
     list((|| {
-        let after = pooled(e.of_role(Role::Dark).filter_map(|(i, c)| {
-            let before = c.before_e.first().copied().unwrap_or(0.0) * e.gain(c);
-            let d = e.difference(Place::Stack(i), What::Mean(0))?;
-            (before > 0.0).then(|| Estimated { value: d.value / before, se: d.se / before })
+        let after = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
+            let k = e.gain(c);
+            (0..).zip(&c.before_e).filter_map(move |(class, before)| {
+                Some((before * k, e.difference(Place::Stack(i), What::Mean(class))?))
+            })
         }))?;
         let present = match current(e.camera, "image-lag") {
             Some(Effect::ImageLag(x)) => f64::from(x.fraction),
@@ -315,7 +317,10 @@ pub fn exposure_offset(e: &Evidence<'_>) -> Vec<Proposal> {
         let points: Vec<(f64, Estimated)> = e
             .flats()
             .filter(|(_, c)| c.level_known)
-            .filter_map(|(i, c)| Some((1.0 / c.exposure_s, relative(e, i, 0)?)))
+            .flat_map(|(i, c)| {
+                let of = move |k| Some((1.0 / c.exposure_s, relative(e, i, k)?));
+                (0..classes(e)).filter_map(of)
+            })
             .collect();
         let (least, most) =
             points.iter().fold((f64::MAX, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
