@@ -1,9 +1,10 @@
 //! The converter: bits of the wrong weight.
 
 use super::Proposal;
+use crate::diagnose::channels::Channels;
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::model::current;
-use crate::diagnose::temporal::{Temporal, mean};
+use crate::diagnose::temporal::Temporal;
 use nalgebra::{DMatrix, DVector};
 use sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 
@@ -104,7 +105,9 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
         let ends: f64 = ends.map(|&h| f64::from(h)).sum();
         ends <= 1e-4 * (t.mean.data.len() * t.frames) as f64
     };
-    let stacks: Vec<Codes<'_>> = e.stacks.iter().filter(inside).map(codes).collect();
+    let channels = Channels::new(e.camera);
+    let stacks: Vec<Codes<'_>> =
+        e.stacks.iter().filter(inside).map(|t| codes(t, &channels)).collect();
     let found = errors(&stacks);
     let strength = found.iter().map(|(_, error)| error.z().abs()).fold(0.0, f64::max);
     let mut lsb = [0.0; BITS];
@@ -125,9 +128,14 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
     vec![proposal]
 }
 
-fn codes(t: &Temporal) -> Codes<'_> {
-    let variance = t.fixed_variance() + mean(&t.pixel_variance);
-    Codes { histogram: &t.histogram, sd: variance.sqrt() }
+/// A mixture of channels is as smooth as the narrowest of their laws.
+fn codes<'a>(t: &'a Temporal, channels: &Channels) -> Codes<'a> {
+    let means = channels.means(&t.mean.data);
+    let mut squares = t.mean.data.clone();
+    channels.change(&mut squares, &means, |v, mean| (v - mean) * (v - mean));
+    let (fixed, noise) = (channels.means(&squares), channels.means(&t.pixel_variance));
+    let variances = fixed.iter().zip(noise).map(|(fixed, noise)| fixed + noise);
+    Codes { histogram: &t.histogram, sd: variances.fold(f64::MAX, f64::min).sqrt() }
 }
 
 #[cfg(test)]
