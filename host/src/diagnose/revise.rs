@@ -80,7 +80,7 @@ impl Session {
         steps: &mut Vec<Step>,
     ) -> Result<State> {
         let mut i = 0;
-        while i < state.named.len() && state.named.len() > 1 {
+        while i < state.named.len() {
             let mut named = state.named.clone();
             let left_out = named.remove(i);
             let camera = named.iter().fold(base.clone(), |c, p| p.applied(&c));

@@ -207,8 +207,9 @@ impl Session {
                 seen.push(t.proposal.kind);
                 new
             });
+            // A rival that predicts the held-out frames as well loses by what its random pattern might have been only.
             if let Some(second) = others.first()
-                && best.evidence - second.evidence < 9.0
+                && (best.evidence - second.evidence < 9.0 || second.gap <= best.gap)
                 && second.evidence > EARNS[0]
             {
                 twins.push((best.proposal.kind.to_string(), second.proposal.kind.to_string()));
@@ -226,7 +227,8 @@ impl Session {
             });
             state = next;
         }
-        if steps.len() > 1 {
+        // A lone name of pictures was asked for by its likelihood.
+        if steps.len() > 1 || steps.iter().any(|s| !s.trial.proposal.of_looks) {
             state = self.drop_idle(camera, state, &mut steps)?;
         }
         if state.named.iter().any(|p| p.of_looks) {

@@ -297,3 +297,32 @@ fn block_variance(v: &[f32], w: usize, h: usize) -> f64 {
     }
     sum / (across * down).max(1) as f64 / (BLOCK * BLOCK) as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+
+    #[test]
+    fn the_border_takes_the_moments_of_the_next_pixels_of_its_own_channel() {
+        let camera = Camera::load("mt9t012").unwrap();
+        let (pattern, w, h) = (camera.sensor.pattern(), 7, 6);
+        let inside = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
+        // Levels by channel; what stands at the border is wrong.
+        let level = |i: usize| 100 + 10 * pattern.channel(i % w, i / w) as u16;
+        let frame = |wrong: u16| {
+            let value = |i| if inside(i) { level(i) } else { wrong };
+            Plane { width: w, height: h, data: (0..w * h).map(value).collect() }
+        };
+        let mut collector = Collector::new(w, h, 12, false);
+        collector.add(&[frame(0), frame(400), frame(0), frame(400)]);
+        let t = collector.finish().without_border(&pattern);
+        let expected: Vec<f32> = (0..w * h).map(|i| f32::from(level(i))).collect();
+        assert_eq!(t.mean.data, expected);
+        // The border's own rows and columns change by 200 DN; pixels inside share none of that but by the frame's mean.
+        let corner = t.pixel_variance[0];
+        assert_eq!(corner, t.pixel_variance[2 * w + 2]);
+        assert_eq!(t.pixel_variance[w - 1], t.pixel_variance[2 * w + w - 3]);
+        assert_eq!(t.pixel_fourth[(h - 1) * w + 3], t.pixel_fourth[(h - 3) * w + 3]);
+    }
+}

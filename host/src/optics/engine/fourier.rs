@@ -322,7 +322,13 @@ const TOGETHER: usize = 4;
 /// Multiplies sixteen columns by the transfer function and adds them to the pixel grid's.
 #[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
 fn fold(data: &Split, alias: &Alias, x: &Axis, y: &Axis, transfer: &Transfer, folded: &mut Split) {
-    let at = |values: &dyn Fn(usize) -> f32| Lanes(alias.lanes.map(|k| k.map_or(0.0, values)));
+    let at = |values: &dyn Fn(usize) -> f32| {
+        let mut out = Lanes::ZERO;
+        for (o, k) in out.0.iter_mut().zip(&alias.lanes) {
+            *o = k.map_or(0.0, values);
+        }
+        out
+    };
     let (cx, sx) = (at(&|k| x.phase[k].0), at(&|k| x.phase[k].1));
     let samples: Vec<Lanes> = transfer.samples.iter().map(|row| at(&|k| row[k])).collect();
     // The mirror image of X(kx, ky) is its conjugate at (−kx, −ky).

@@ -23,8 +23,8 @@ impl Lanes {
     #[inline(always)]
     fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         let mut out = [0.0; LANES];
-        for (o, (a, b)) in out.iter_mut().zip(self.0.into_iter().zip(other.0)) {
-            *o = f(a, b);
+        for (o, (a, b)) in out.iter_mut().zip(self.0.iter().zip(&other.0)) {
+            *o = f(*a, *b);
         }
         Lanes(out)
     }
@@ -49,8 +49,9 @@ impl Lanes {
 
     /// Every lane times one factor.
     #[inline(always)]
-    pub fn times(self, factor: f32) -> Self {
-        Lanes(self.0.map(|a| a * factor))
+    pub fn times(mut self, factor: f32) -> Self {
+        self.0.iter_mut().for_each(|a| *a *= factor);
+        self
     }
 }
 
