@@ -28,6 +28,8 @@ const MOST_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
 const ROUGHLY: f64 = 0.01;
 /// Standard deviations from the middle to the end of a normal law's interval of 90 %.
 const Z_90: f64 = 1.645;
+/// Mean and standard deviation of the absolute value of a standard normal deviate: √(2/π) and √(1 − 2/π).
+const HALF_NORMAL: (f64, f64) = (0.797_884_6, 0.602_810_3);
 /// Replicates that show what chance gives.
 const CHANCES: u64 = 8;
 
@@ -84,8 +86,9 @@ impl Session {
         Ok(())
     }
 
-    /// Significance of an effect that a model lacks, in units of what its estimator makes of replicates of that model: effects
-    /// that are another on each sensor move many statistics together, as if there were more.
+    /// Significance of an effect that a model lacks: the normal deviate that is as far from the absolute values of others as
+    /// its strength is from what its estimator makes of replicates of that model. Effects that are another on each sensor move
+    /// many statistics together, as if there were more; the best of many frequencies is never near zero.
     pub(super) fn stands_out(
         &self,
         effect: &Proposal,
@@ -106,14 +109,13 @@ impl Session {
             &wanted,
             f64::NEG_INFINITY,
         ));
-        let squares: Vec<f64> = (FIRST..FIRST + CHANCES)
+        let chance: Vec<f64> = (FIRST..FIRST + CHANCES)
             .into_par_iter()
             .map(|seed| {
-                let anew = self.estimate_anew(&self.fit, camera, model, named, &wanted, seed)?;
-                Ok(strength(anew).powi(2))
+                Ok(strength(self.estimate_anew(&self.fit, camera, model, named, &wanted, seed)?))
             })
             .collect::<Result<_>>()?;
-        Ok(measured / (squares.iter().sum::<f64>() / squares.len() as f64).sqrt().max(1.0))
+        Ok(beyond_chance(measured, &chance))
     }
 
     /// What estimators make of a replicate of a model, taken as a half was.
@@ -134,6 +136,16 @@ impl Session {
         let frames = Frames { values: &values, stacks: &stacks, maps: &maps, ..half.frames() };
         Ok(self.propose(frames, camera, model, named, &wanted, f64::NEG_INFINITY))
     }
+}
+
+/// The normal deviate that is as far from the absolute values of others as a strength is from what chance gives, whose mean
+/// and scatter are no smaller than theirs.
+fn beyond_chance(strength: f64, chance: &[f64]) -> f64 {
+    let n = chance.len() as f64;
+    let mean = chance.iter().sum::<f64>() / n;
+    let sd = (chance.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+    let (mean, sd) = (mean.max(HALF_NORMAL.0), sd.max(HALF_NORMAL.1));
+    HALF_NORMAL.0 + HALF_NORMAL.1 * (strength - mean) / sd
 }
 
 /// The values of a proposal's parameters.
@@ -202,6 +214,23 @@ mod tests {
         // Another wave, or one by far too strong to be the same.
         assert!(mean_of_halves(&wave(1.0, 0.25), &wave(1.0, 0.45)).is_none());
         assert!(mean_of_halves(&wave(1.0, 0.25), &wave(2.0, 0.25)).is_none());
+    }
+
+    #[test]
+    fn a_strength_stands_out_from_what_chance_gives() {
+        // What is less than normal deviates give counts as theirs.
+        assert!((beyond_chance(5.0, &[0.0; 8]) - 5.0).abs() < 1e-12);
+        // Twice as large ones: half the significance.
+        let twice: Vec<f64> = [-1.0, 1.0]
+            .iter()
+            .cycle()
+            .take(1000)
+            .map(|side| 2.0 * (HALF_NORMAL.0 + side * HALF_NORMAL.1))
+            .collect();
+        assert!((beyond_chance(8.0, &twice) - 4.0).abs() < 2e-3);
+        // The best of many is never near zero, and 8 is far from about 4.1.
+        let best: Vec<f64> = twice.iter().map(|s| 4.0 + s / 20.0).collect();
+        assert!(beyond_chance(8.0, &best) > 4.0 && beyond_chance(4.2, &best) < 1.0);
     }
 
     #[test]
