@@ -7,8 +7,9 @@ use super::session::{Half, Session, State};
 use super::statistics::{Place, What};
 use crate::Result;
 use crate::camera::Camera;
+use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Deviation (standard deviations, both halves) that is gross, and the share of a name's evidence that gross deviations in
+/// Deviation (standard deviations, both halves, and its part in each) that is gross, and the share of a name's evidence that gross deviations in
 /// what it touches may have.
 const GROSS: f64 = 10.0;
 /// Most names of which each is left out with the others estimated anew, which costs their replicates.
@@ -183,10 +184,15 @@ impl Session {
         let shape = |(place, what): &Key| {
             matches!((place, what), (Place::Map(_), What::Skewness | What::Kurtosis))
         };
+        // One pixel's luck in one half is no other thing: few hot pixels have most of the scatter of a stack.
+        let halves = self.deviations(&state);
+        let in_each = |key: &Key| {
+            halves.iter().all(|half| half.get(key).is_none_or(|z| z.abs() > GROSS * FRAC_1_SQRT_2))
+        };
         let gross: Vec<(Key, f64)> = self
             .unexplained(&state)
             .into_iter()
-            .filter(|(key, z)| z.abs() > GROSS && !shape(key))
+            .filter(|(key, z)| z.abs() > GROSS && in_each(key) && !shape(key))
             .collect();
         let before = steps.len();
         steps.retain(|step| {
