@@ -142,13 +142,13 @@ fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &St
             [[x, y]] => vec![[x - 0.5, y], [x + 0.5, y]],
             _ => series(of),
         };
-        let mut plot = Plot::new(&name, "place (as in the table)", "value on its scale");
-        plot.coloured("measured", Mark::Points, series(&|s| s.measured), COLOURS[0]);
-        plot.coloured("model before", Mark::Line, lines(&|s| s.model[0]), COLOURS[1]);
-        plot.coloured("model after", Mark::Line, lines(&|s| s.model[1]), COLOURS[2]);
+        // Less the model after: what a step adds is small beside how the statistic runs over the places.
+        let mut plot = Plot::new(&name, "place (as in the table)", "less the model after");
+        plot.coloured("measured", Mark::Points, series(&|s| s.measured - s.model[1]), COLOURS[0]);
+        plot.coloured("model before", Mark::Line, lines(&|s| s.model[0] - s.model[1]), COLOURS[1]);
+        plot.coloured("model after", Mark::Line, lines(&|_| 0.0), COLOURS[2]);
         for (name, side) in [("± 2 standard deviations", 2.0), ("", -2.0)] {
-            let band = lines(&|s| s.model[1] + side * s.sd);
-            plot.coloured(name, Mark::Dashed, band, "#9ad0bd");
+            plot.coloured(name, Mark::Dashed, lines(&|s| side * s.sd), "#9ad0bd");
         }
         page.drawing(
             &plot.svg(),
