@@ -10,12 +10,12 @@ use camrig::rig::emulator::{self, Emulator};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, hid, serial, serve};
-use firmware_sim::rig::frame_shape;
-use rig_link::device::Model;
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
-use rig_link::message::{Codec, FrameBegin};
-use rig_link::registers::Registers;
+use camrig_firmware_sim::rig::frame_shape;
+use camrig_rig_link::device::Model;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
+use camrig_rig_link::message::{Codec, FrameBegin};
+use camrig_rig_link::registers::Registers;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::mpsc;
@@ -146,8 +146,11 @@ fn sensor_stage() {
             feed.units(y, 0, row).unwrap();
         }
         let mut camera_bytes = vec![0; 1 << 20];
-        let n =
-            firmware_sim::camera::encode(&exposure.config, exposure.crosstalk(), &mut camera_bytes);
+        let n = camrig_firmware_sim::camera::encode(
+            &exposure.config,
+            exposure.crosstalk(),
+            &mut camera_bytes,
+        );
         let mut emulator = Emulator::with_threads(1, None);
         let mut model = emulator.model();
         model.camera_piece(0, &camera_bytes[..n.unwrap()]).unwrap();
@@ -159,13 +162,13 @@ fn sensor_stage() {
             width: WIDTH as u16,
             bands: bands as u16,
             codec: Codec::Bfp16,
-            arithmetic: rig_link::message::Arithmetic::F32,
+            arithmetic: camrig_rig_link::message::Arithmetic::F32,
             raw_bits: BITS,
             temperature_c: settings.temperature_c,
             lit_before: false,
             exposure: None,
         };
-        let exposure_of = rig_link::message::Exposure {
+        let exposure_of = camrig_rig_link::message::Exposure {
             exposure_s: settings.exposure_s,
             analog_gain: settings.analog_gain,
         };
@@ -333,7 +336,7 @@ fn link_rate(name: &str, raw: &Raw, mut rig: Rig) {
     let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
     let mut feed = Feed::collapsed(&cube, &exposure).kept();
     rig.set_camera(&exposure).unwrap();
-    rig.write_register(rig_link::registers::address::TEST_PATTERN, 1).unwrap();
+    rig.write_register(camrig_rig_link::registers::address::TEST_PATTERN, 1).unwrap();
     rig.frame_from(&mut feed, &exposure, &request(&camera, 0)).unwrap();
     let before = rig.link_bytes();
     let seconds = seconds(|| {

@@ -6,8 +6,8 @@
 use camrig_benches::sensor::{
     SETTINGS, chain, collected_rows, config, cube, frame, means, rows, spectral_config,
 };
+use camrig_sensor_core::effects::shot_noise::ShotNoise;
 use criterion::{BenchmarkId, Criterion, Throughput};
-use sensor_core::effects::shot_noise::ShotNoise;
 use std::hint::black_box;
 use std::process::Command;
 use std::time::{Duration, Instant};

@@ -1,16 +1,16 @@
 //! The sensor stage as the host runs it: rows in parallel, compiled for the vector units at hand.
 
-use multiversion::multiversion;
-use sensor_core::arith::{Arith, BLOCK, Block, Float};
-use sensor_core::collect::{Collector, Sums};
-use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use sensor_core::crosstalk::Crosstalk;
-use sensor_core::effects::{
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
+use camrig_sensor_core::effects::{
     Effect, dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
-use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
-use sensor_core::spectral::{BandRow, GROUP, encode, groups};
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
+use multiversion::multiversion;
 
 /// Settings of all frames here.
 pub const SETTINGS: FrameSettings =
@@ -191,7 +191,7 @@ pub fn collected_rows(config: &SensorConfig, cube: &Cube, dn: &mut [u16]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sensor_core::effects::charge_coupling::ChargeCoupling;
+    use camrig_sensor_core::effects::charge_coupling::ChargeCoupling;
 
     #[test]
     fn every_instruction_set_gives_the_same_bytes() {

@@ -8,9 +8,9 @@
 //! All little-endian. The bytes arrive in pieces; configuration and table each have their own memory, so
 //! nothing is held twice.
 
-use rig_link::message::Refusal;
-use sensor_core::config::SensorConfig;
-use sensor_core::crosstalk::Crosstalk;
+use camrig_rig_link::message::Refusal;
+use camrig_sensor_core::config::SensorConfig;
+use camrig_sensor_core::crosstalk::Crosstalk;
 
 const HEAD_BYTES: usize = 8;
 

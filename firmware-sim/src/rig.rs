@@ -2,20 +2,20 @@
 
 use crate::camera::CameraStore;
 use crate::running::{self, AnyRunning, Frame, MAX_RING};
-use rig_link::device::{Begun, Model};
-use rig_link::message::*;
-use rig_link::packing::Packing;
-use rig_link::registers::Registers;
+use camrig_rig_link::device::{Begun, Model};
+use camrig_rig_link::message::*;
+use camrig_rig_link::packing::Packing;
+use camrig_rig_link::registers::Registers;
 #[cfg(feature = "fixed")]
-use sensor_core::arith::Fixed;
+use camrig_sensor_core::arith::Fixed;
 #[cfg(feature = "float")]
-use sensor_core::arith::Float;
-use sensor_core::arith::{Arith, Block, blocks};
-use sensor_core::collect::Sums;
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::{Effect, Needs};
-use sensor_core::pipeline::memory_blocks;
-use sensor_core::spectral::{GROUP, groups};
+use camrig_sensor_core::arith::Float;
+use camrig_sensor_core::arith::{Arith, Block, blocks};
+use camrig_sensor_core::collect::Sums;
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::{Effect, Needs};
+use camrig_sensor_core::pipeline::memory_blocks;
+use camrig_sensor_core::spectral::{GROUP, groups};
 
 /// Bytes of a unit of a spectral row: an exponent and the mantissas of a group.
 pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
@@ -48,7 +48,7 @@ pub struct Memory<'m> {
     pub max_bands: u16,
 }
 
-/// A rig without its link: [`Model`] for [`rig_link::device::Device`].
+/// A rig without its link: [`Model`] for [`camrig_rig_link::device::Device`].
 pub struct Rig<'m> {
     firmware: &'static str,
     camera: CameraStore<'m>,

@@ -5,19 +5,19 @@
 //! row depends on.
 
 use crate::rig::{Memory, RowMemory, UNIT_BYTES};
-use rig_link::message::*;
-use rig_link::packing::{Packing, pack_row};
-use rig_link::registers::{Registers, address};
+use camrig_rig_link::message::*;
+use camrig_rig_link::packing::{Packing, pack_row};
+use camrig_rig_link::registers::{Registers, address};
 #[cfg(feature = "fixed")]
-use sensor_core::arith::Fixed;
+use camrig_sensor_core::arith::Fixed;
 #[cfg(feature = "float")]
-use sensor_core::arith::Float;
-use sensor_core::arith::{Arith, BLOCK, Block, blocks};
-use sensor_core::collect::{Collector, Sums};
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::crosstalk::Crosstalk;
-use sensor_core::pipeline::{MeanRows, Pipeline};
-use sensor_core::spectral::{BandRow, GROUP, groups};
+use camrig_sensor_core::arith::Float;
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, blocks};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline};
+use camrig_sensor_core::spectral::{BandRow, GROUP, groups};
 
 /// Most rows of the ring: two effects that read their neighbours.
 pub(crate) const MAX_RING: usize = 5;
@@ -279,7 +279,7 @@ impl<'r> AnyRunning<'r> {
         }
     }
 
-    /// Takes units of a spectral row, see [`rig_link::device::Model::units`].
+    /// Takes units of a spectral row, see [`camrig_rig_link::device::Model::units`].
     #[inline(always)]
     pub fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         match self {
@@ -290,7 +290,7 @@ impl<'r> AnyRunning<'r> {
         }
     }
 
-    /// Computes a raw row, see [`rig_link::device::Model::raw_row`].
+    /// Computes a raw row, see [`camrig_rig_link::device::Model::raw_row`].
     #[inline(always)]
     pub fn raw_row(&mut self, row: u16, out: &mut [u8]) {
         match self {

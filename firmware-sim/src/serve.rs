@@ -2,13 +2,13 @@
 
 use crate::rig::Rig;
 use crate::running::{self, AnyRunning};
+use camrig_rig_link::device::{Begun, Device, Model};
+use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::message::*;
+use camrig_rig_link::registers::Registers;
+use camrig_rig_link::wire::Kind;
 use core::marker::PhantomData;
 use embedded_io::{Read, Write};
-use rig_link::device::{Begun, Device, Model};
-use rig_link::framing::{Framing, Receiver, Sender};
-use rig_link::message::*;
-use rig_link::registers::Registers;
-use rig_link::wire::Kind;
 
 /// Memory of a link.
 pub struct Buffers<'m> {

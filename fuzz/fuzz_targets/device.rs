@@ -2,13 +2,13 @@
 
 #![no_main]
 
-use firmware_sim::{Memory, Rig, RowMemory};
+use camrig_firmware_sim::{Memory, Rig, RowMemory};
 use libfuzzer_sys::fuzz_target;
-use rig_link::device::Device;
-use sensor_core::arith::BLOCK;
-use rig_link::framing::{Framing, Receiver};
-use rig_link::wire::{CHECK_BYTES, HEADER_BYTES, seal};
-use rig_link::wire::{Header, Kind};
+use camrig_rig_link::device::Device;
+use camrig_sensor_core::arith::BLOCK;
+use camrig_rig_link::framing::{Framing, Receiver};
+use camrig_rig_link::wire::{CHECK_BYTES, HEADER_BYTES, seal};
+use camrig_rig_link::wire::{Header, Kind};
 
 const WIDTH: usize = 64;
 const KINDS: [Kind; 8] = [

@@ -3,9 +3,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use rig_link::host::{FrameIo, Host, Limits, Poll};
-use rig_link::message::*;
-use rig_link::wire::{CHECK_BYTES, HEADER_BYTES, Header, Kind, seal};
+use camrig_rig_link::host::{FrameIo, Host, Limits, Poll};
+use camrig_rig_link::message::*;
+use camrig_rig_link::wire::{CHECK_BYTES, HEADER_BYTES, Header, Kind, seal};
 
 const ROWS: usize = 8;
 const RAW: usize = 20;

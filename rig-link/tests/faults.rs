@@ -2,10 +2,10 @@
 
 mod common;
 
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::{Event, Limits};
+use camrig_rig_link::message::*;
 use common::*;
-use rig_link::framing::Framing;
-use rig_link::host::{Event, Limits};
-use rig_link::message::*;
 
 fn limits() -> Limits {
     // Short packets: at a chance of 1 % per byte one of 100 bytes comes through every third time.
@@ -44,8 +44,8 @@ fn a_clean_link_needs_no_repairs() {
 /// host read beyond its rows.
 #[test]
 fn an_acknowledgement_from_outside_the_frame_is_no_place_to_go_back_to() {
-    use rig_link::host::Poll;
-    use rig_link::wire::*;
+    use camrig_rig_link::host::Poll;
+    use camrig_rig_link::wire::*;
     for (row, unit) in [(ROWS, 1), (ROWS + 1, 0), (3, UNITS as u16), (u16::MAX, u16::MAX)] {
         let mut bench = Bench::new(Framing::Cobs, limits(), 1);
         assert!(establish(&mut bench));
@@ -152,7 +152,7 @@ fn a_host_that_dies_is_replaced_by_another() {
         let packets = bench.random.below(90) as u32;
         bench.run(Some(packets));
         // The new host knows nothing; bytes of the old one are still under way.
-        bench.host = rig_link::host::Host::new(limits(), [0; ROWS as usize]);
+        bench.host = camrig_rig_link::host::Host::new(limits(), [0; ROWS as usize]);
         assert!(establish(&mut bench));
         assert!(matches!(bench.frame(1000 + frame, false), Event::FrameDone(_)));
         assert!(bench.is_right());
@@ -188,7 +188,7 @@ fn an_older_device_is_named() {
 
 #[test]
 fn faults_on_request_reach_the_isp_and_not_the_link() {
-    use rig_link::registers::address;
+    use camrig_rig_link::registers::address;
     let mut bench = Bench::new(Framing::Cobs, limits(), 6);
     assert!(establish(&mut bench));
     let write = |bench: &mut Bench, address, value| {

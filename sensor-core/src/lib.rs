@@ -21,10 +21,10 @@
 //!
 //! # Example
 //! ```
-//! use sensor_core::arith::{Arith, BLOCK, Float};
-//! use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-//! use sensor_core::effects::{read_noise::ReadNoise, shot_noise::ShotNoise};
-//! use sensor_core::pipeline::{Pipeline, memory_blocks};
+//! use camrig_sensor_core::arith::{Arith, BLOCK, Float};
+//! use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+//! use camrig_sensor_core::effects::{read_noise::ReadNoise, shot_noise::ShotNoise};
+//! use camrig_sensor_core::pipeline::{Pipeline, memory_blocks};
 //!
 //! let config = SensorConfig {
 //!     width: 64,
@@ -52,7 +52,7 @@
 //! pipeline.row(2, &mut flat, &mut dn);
 //! let mean = dn.iter().map(|&d| f32::from(d)).sum::<f32>() / 64.0;
 //! assert!((mean - (64.0 + 500.0 * 4095.0 / 10_000.0)).abs() < 8.0);
-//! # Ok::<(), sensor_core::config::ConfigError>(())
+//! # Ok::<(), camrig_sensor_core::config::ConfigError>(())
 //! ```
 
 #![no_std]

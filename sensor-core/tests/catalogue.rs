@@ -2,10 +2,10 @@
 
 mod common;
 
+use camrig_sensor_core::arith::Arith;
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::{Effect, MAX_PARAMETERS};
 use common::*;
-use sensor_core::arith::Arith;
-use sensor_core::config::FrameSettings;
-use sensor_core::effects::{Effect, MAX_PARAMETERS};
 use std::collections::BTreeSet;
 
 in_both_arithmetics! { corners_of_the_ranges_give_frames }

@@ -3,11 +3,11 @@
 
 mod common;
 
+use camrig_sensor_core::arith::{Arith, BLOCK, blocks};
+use camrig_sensor_core::config::{Pattern, SensorConfig};
+use camrig_sensor_core::pipeline::MeanRows;
 use common::light::{Band, Collected, Table, mean_electrons};
 use common::{SETTINGS, monochrome, uniforms};
-use sensor_core::arith::{Arith, BLOCK, blocks};
-use sensor_core::config::{Pattern, SensorConfig};
-use sensor_core::pipeline::MeanRows;
 
 in_both_arithmetics! { sums_agree_with_f64 }
 

@@ -2,10 +2,10 @@
 
 mod common;
 
+use camrig_sensor_core::arith::{Arith, Fixed, Float};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::*;
 use common::*;
-use sensor_core::arith::{Arith, Fixed, Float};
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::*;
 
 in_both_arithmetics! { rows_come_out_the_same_in_any_order }
 

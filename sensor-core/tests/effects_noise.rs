@@ -5,10 +5,10 @@
 
 mod common;
 
+use camrig_sensor_core::arith::{Arith, BLOCK};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::*;
 use common::*;
-use sensor_core::arith::{Arith, BLOCK};
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::*;
 
 /// Variance of rounding to the test sensor's DN, e⁻².
 const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
@@ -323,12 +323,16 @@ fn colours_of_the_border<A: Arith>() {
 /// One level now, another in the frame before.
 struct AfterLight;
 
-impl<A: Arith> sensor_core::pipeline::MeanRows<A> for AfterLight {
-    fn mean_row(&mut self, _: u32, out: &mut [[A::Signal; sensor_core::arith::BLOCK]]) {
+impl<A: Arith> camrig_sensor_core::pipeline::MeanRows<A> for AfterLight {
+    fn mean_row(&mut self, _: u32, out: &mut [[A::Signal; camrig_sensor_core::arith::BLOCK]]) {
         out.as_flattened_mut().fill(A::signal(100.0));
     }
 
-    fn previous_mean_row(&mut self, _: u32, out: &mut [[A::Signal; sensor_core::arith::BLOCK]]) {
+    fn previous_mean_row(
+        &mut self,
+        _: u32,
+        out: &mut [[A::Signal; camrig_sensor_core::arith::BLOCK]],
+    ) {
         out.as_flattened_mut().fill(A::signal(5000.0));
     }
 }

@@ -5,10 +5,10 @@
 
 mod common;
 
+use camrig_sensor_core::arith::Arith;
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::*;
 use common::*;
-use sensor_core::arith::Arith;
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::*;
 
 /// Half a step of the test sensor and a little, e⁻.
 const HALF: f64 = 0.5 / DN_PER_E + 0.005;

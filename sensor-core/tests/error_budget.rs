@@ -6,11 +6,11 @@
 
 mod common;
 
+use camrig_sensor_core::arith::{Arith, Fixed, Float};
+use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use camrig_sensor_core::effects::{charge_coupling::ChargeCoupling, full_well::FullWell};
 use common::light::{Band, Collected, Table, mean_electrons};
 use common::{frame, uniforms};
-use sensor_core::arith::{Arith, Fixed, Float};
-use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use sensor_core::effects::{charge_coupling::ChargeCoupling, full_well::FullWell};
 
 const WIDTH: usize = 1000;
 const HEIGHT: usize = 6;

@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::*;
-use sensor_core::arith::Arith;
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::{
+use camrig_sensor_core::arith::Arith;
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::{
     charge_coupling::ChargeCoupling, dark_current::DarkCurrent, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, row_temporal_noise::RowTemporalNoise, shot_noise::ShotNoise,
 };
+use common::*;
 
 in_both_arithmetics! {
     counts_have_the_exact_law prnu read_noise_splits_at_the_gain dark_current_doubles
@@ -32,12 +32,12 @@ fn counts_have_the_exact_law<A: Arith>() {
 #[cfg(feature = "exact")]
 #[test]
 fn exact_counts_have_the_exact_law() {
-    use sensor_core::effects::exact_shot_noise::ExactShotNoise;
+    use camrig_sensor_core::effects::exact_shot_noise::ExactShotNoise;
     let usual = counter(512, 512);
     let mut config = usual.clone();
     config.effects.push(ExactShotNoise {}.into()).unwrap();
-    check_counts::<sensor_core::arith::Float>(&config);
-    let counts = |c| flat::<sensor_core::arith::Float>(c, &SETTINGS, 100.0);
+    check_counts::<camrig_sensor_core::arith::Float>(&config);
+    let counts = |c| flat::<camrig_sensor_core::arith::Float>(c, &SETTINGS, 100.0);
     assert_ne!(counts(&config), counts(&usual), "another method");
 }
 
@@ -213,7 +213,9 @@ fn golden(name: &str) -> Vec<Vec<f64>> {
 /// (µ + r²)(1 + p²) + (µp)² + offsets² + (µ column gain)², µ with dark charge. There PRNU acts on dark charge
 /// and read noise as well; here, as in eq. 10, on photo-electrons only, so those terms are taken off.
 fn noise_variance_agrees_with_isetcam<A: Arith>() {
-    use sensor_core::effects::{column_gain_fpn::*, column_offset_fpn::*, pixel_offset_fpn::*};
+    use camrig_sensor_core::effects::{
+        column_gain_fpn::*, column_offset_fpn::*, pixel_offset_fpn::*,
+    };
     const V_PER_E: f64 = 5e-5;
     let (width, height) = (2048, 64);
     for case in golden("e_noise_variance.csv") {

@@ -3,8 +3,8 @@
 //! cycles: there is no pipeline and no flash in it.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
-use firmware_sim::running::AnyRunning;
-use firmware_sim::{Dispatch, Plain};
+use camrig_firmware_sim::running::AnyRunning;
+use camrig_firmware_sim::{Dispatch, Plain};
 
 const TIMER0: *mut u32 = 0x4000_0000 as *mut u32;
 const VALUE: usize = 1;

@@ -15,9 +15,9 @@ use count::Counted as Calls;
 use cortex_m as _; // the critical section
 use defmt::{error, info};
 #[cfg(not(feature = "count"))]
-use firmware_sim::Plain as Calls;
-use firmware_sim::serve_rig;
-use rig_link::framing::Framing;
+use camrig_firmware_sim::Plain as Calls;
+use camrig_firmware_sim::serve_rig;
+use camrig_rig_link::framing::Framing;
 
 /// Name and version that the rig answers with.
 pub const FIRMWARE: &str = if cfg!(feature = "float") {

@@ -4,16 +4,16 @@ use crate::FIRMWARE;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
-use firmware_sim::{Buffers, Memory, Rig, RowMemory};
-use rig_link::device::Device;
-use rig_link::framing::Framing;
+use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory};
+use camrig_rig_link::device::Device;
+use camrig_rig_link::framing::Framing;
 #[cfg(feature = "fixed")]
-use sensor_core::arith::Fixed as Arithmetic;
+use camrig_sensor_core::arith::Fixed as Arithmetic;
 #[cfg(feature = "float")]
-use sensor_core::arith::Float as Arithmetic;
-use sensor_core::arith::{Arith, BLOCK, Block, blocks};
-use sensor_core::collect::Sums;
-use sensor_core::spectral::{GROUP, groups};
+use camrig_sensor_core::arith::Float as Arithmetic;
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, blocks};
+use camrig_sensor_core::collect::Sums;
+use camrig_sensor_core::spectral::{GROUP, groups};
 
 /// Longest row, pixels.
 const WIDTH: usize = 2048;

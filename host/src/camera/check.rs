@@ -151,19 +151,24 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
 fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorModel> {
     let keys = Keys { text, table: "sensor" };
     let side = |key, v: u32| {
-        keys.within(key, f64::from(v), 1.0..=f64::from(sensor_core::config::MAX_SIDE), "pixels")
+        keys.within(
+            key,
+            f64::from(v),
+            1.0..=f64::from(camrig_sensor_core::config::MAX_SIDE),
+            "pixels",
+        )
     };
     side("width", file.width)?;
     side("height", file.height)?;
     let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(keys.place("cfa")))?;
-    if cfa.channels().len() > sensor_core::config::MAX_CHANNELS {
+    if cfa.channels().len() > camrig_sensor_core::config::MAX_CHANNELS {
         return Err(Error::input(format!(
             "cfa = {:?} has {} channels",
             file.cfa,
             cfa.channels().len()
         ))
         .at(keys.place("cfa"))
-        .help(format!("use at most {} letters", sensor_core::config::MAX_CHANNELS)));
+        .help(format!("use at most {} letters", camrig_sensor_core::config::MAX_CHANNELS)));
     }
     let (channel_names, qe) = match &file.qe {
         NumberOrFile::Number(q) => {
@@ -212,7 +217,7 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         full_well_e: keys.within(
             "full_well_e",
             file.full_well_e,
-            1.0..=f64::from(sensor_core::arith::MAX_SIGNAL_E),
+            1.0..=f64::from(camrig_sensor_core::arith::MAX_SIGNAL_E),
             "e-",
         )?,
         bits,

@@ -89,7 +89,8 @@ impl CrosstalkTable {
         channels.sort();
         channels.dedup();
         let whole = channels.len() * wavelength_nm.len() * y.len() * x.len();
-        if whole == 0 || whole != lines.len() || x.len() > sensor_core::crosstalk::MAX_NODES {
+        if whole == 0 || whole != lines.len() || x.len() > camrig_sensor_core::crosstalk::MAX_NODES
+        {
             return Err(Error::input(format!(
                 "{} lines for {} channels x {} wavelengths x {} rows x {} columns",
                 lines.len(),
@@ -100,7 +101,7 @@ impl CrosstalkTable {
             ))
             .help(format!(
                 "the nodes must form a whole rectangular grid of at most {} columns, one line each",
-                sensor_core::crosstalk::MAX_NODES
+                camrig_sensor_core::crosstalk::MAX_NODES
             )));
         }
         let mut factors = vec![f32::NAN; whole];
@@ -141,8 +142,8 @@ impl CrosstalkTable {
     }
 
     /// As the sensor takes it.
-    pub fn as_core(&self) -> sensor_core::crosstalk::Crosstalk<'_> {
-        sensor_core::crosstalk::Crosstalk {
+    pub fn as_core(&self) -> camrig_sensor_core::crosstalk::Crosstalk<'_> {
+        camrig_sensor_core::crosstalk::Crosstalk {
             x: &self.x,
             y: &self.y,
             wavelength_nm: &self.wavelength_nm,

@@ -2,7 +2,7 @@
 
 use crate::optics::OpticalEffect;
 use crate::{Error, Result, toml_text};
-use sensor_core::effects::{Effect, Parameter};
+use camrig_sensor_core::effects::{Effect, Parameter};
 
 /// What an `[[effect]]` table names.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,7 +29,7 @@ pub struct EffectKind {
 impl EffectKind {
     /// Every kind that a camera file may name, in the order of the signal chain's two halves.
     pub fn all() -> impl Iterator<Item = Self> {
-        use sensor_core::effects::Domain;
+        use camrig_sensor_core::effects::Domain;
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
             acts: "optics",

@@ -64,8 +64,8 @@ const fn key(
 
 use Holds::{File, Number, NumberOrFile, Text, Whole, Word, WordOrFile};
 
-const SIDE: u64 = sensor_core::config::MAX_SIDE as u64;
-const SIGNAL_E: f64 = sensor_core::arith::MAX_SIGNAL_E as f64;
+const SIDE: u64 = camrig_sensor_core::config::MAX_SIDE as u64;
+const SIGNAL_E: f64 = camrig_sensor_core::arith::MAX_SIGNAL_E as f64;
 /// The default says that only some kinds of lens need the key.
 const BY_KIND: Option<&str> = Some("needed or not after lens.kind");
 

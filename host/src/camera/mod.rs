@@ -35,7 +35,7 @@ pub struct Camera {
     /// The sensor with its noise.
     pub sensor: SensorModel,
     /// Effects of the sensor beyond the base model, in the order of the file.
-    pub effects: Vec<sensor_core::effects::Effect>,
+    pub effects: Vec<camrig_sensor_core::effects::Effect>,
     /// Effects of the optics beyond the lens's description, in the order of the file.
     pub optical_effects: Vec<crate::optics::OpticalEffect>,
     /// The file's text, for reports.

@@ -4,9 +4,9 @@ use super::{Camera, Cfa, CrosstalkTable};
 use crate::scene::photometry::HC;
 use crate::scene::{Bands, Spectrum};
 use crate::{Error, Result};
-use sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
-use sensor_core::effects::{Domain, Effect, Needs};
-use sensor_core::effects::{
+use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
+use camrig_sensor_core::effects::{Domain, Effect, Needs};
+use camrig_sensor_core::effects::{
     dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
@@ -145,10 +145,10 @@ impl Camera {
     /// The sensor for bands of these wavelengths, as `sensor-core` takes it.
     pub fn sensor_config(&self, bands: &Bands) -> Result<SensorConfig> {
         let sensor = &self.sensor;
-        if bands.count > sensor_core::config::MAX_BANDS {
+        if bands.count > camrig_sensor_core::config::MAX_BANDS {
             return Err(Error::input(format!("{} spectral bands", bands.count)).help(format!(
                 "use at most {}; resample the scene",
-                sensor_core::config::MAX_BANDS
+                camrig_sensor_core::config::MAX_BANDS
             )));
         }
         let config = SensorConfig {
@@ -187,7 +187,7 @@ impl Camera {
     pub fn check_chain(&self) -> Result<()> {
         let chain = self.chain();
         let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
-        let most = sensor_core::pipeline::MAX_WINDOWS;
+        let most = camrig_sensor_core::pipeline::MAX_WINDOWS;
         if chain.len() > MAX_EFFECTS || windows > most {
             return Err(Error::input(format!("{} effects", self.effects.len())).help(format!(
                 "use at most {} effects, of which {most} read neighbouring pixels",

@@ -12,7 +12,7 @@ use crate::rig::SensorStage;
 use crate::scene::photometry::HC;
 use crate::scene::{self, Bands, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use crate::{Error, Result};
-use sensor_core::config::FrameSettings;
+use camrig_sensor_core::config::FrameSettings;
 use std::path::Path;
 
 /// How a plan is taken.

@@ -10,9 +10,9 @@ use crate::rig::{
     self, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
 };
 use crate::{Error, Plane, RawFrame, Result};
+use camrig_rig_link::message::Codec;
+use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
-use rig_link::message::Codec;
-use sensor_core::effects::Effect;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::path::PathBuf;

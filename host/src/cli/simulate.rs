@@ -8,7 +8,7 @@ use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, V
 use crate::report::simulation;
 use crate::rig::SensorStage;
 use crate::scene::{Illuminant, LightLevel};
-use sensor_core::config::FrameSettings;
+use camrig_sensor_core::config::FrameSettings;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;

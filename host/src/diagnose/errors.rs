@@ -15,8 +15,8 @@ use super::statistics::battery;
 use super::{candidates::Proposal, replicate, tails};
 use crate::Result;
 use crate::camera::Camera;
+use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
-use sensor_core::effects::Effect;
 
 /// First of the seeds: none that made the prediction.
 const FIRST: u64 = SEED + 1000;
@@ -193,7 +193,7 @@ fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
+    use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
     fn wave(amplitude: f64, fx: f64) -> Proposal {
         let effect = PeriodicPatternNoise {

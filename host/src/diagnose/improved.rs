@@ -3,7 +3,7 @@
 use super::candidates::Proposal;
 use crate::camera::presets;
 use crate::{Error, Result};
-use sensor_core::effects::{Effect, Parameter};
+use camrig_sensor_core::effects::{Effect, Parameter};
 use std::path::Path;
 
 /// The text of a camera file with the effects of `named` put in, in the order in which they were found.

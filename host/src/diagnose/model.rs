@@ -2,7 +2,7 @@
 
 use crate::camera::Camera;
 use crate::optics::OpticalEffect;
-use sensor_core::effects::Effect;
+use camrig_sensor_core::effects::Effect;
 
 /// The effect of this kind in a camera's chain; of several the first.
 pub fn current(camera: &Camera, kind: &str) -> Option<Effect> {

@@ -9,10 +9,10 @@ use crate::captures::CaptureSet;
 use crate::render::rows::rows;
 use crate::scene::Bands;
 use crate::{Plane, Result};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
+use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
-use sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
-use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use sensor_core::pipeline::MeanRows;
 
 /// Moments of every stack of a design, simulated. `seed` names the sensor and its noise.
 pub fn simulate(

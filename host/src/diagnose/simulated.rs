@@ -6,8 +6,8 @@ use super::replicate;
 use super::statistics::{Place, Scale, Statistic, What, battery};
 use crate::Result;
 use crate::camera::Camera;
+use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
-use sensor_core::effects::Effect;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What replicates of sensors that differ in nothing but their chains showed, under one design.

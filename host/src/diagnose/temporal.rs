@@ -6,8 +6,8 @@
 use super::lanes;
 use super::spectrum::Spectrum;
 use crate::Plane;
+use camrig_sensor_core::config::Pattern;
 use multiversion::multiversion;
-use sensor_core::config::Pattern;
 
 /// Side of the blocks whose means show large-scale noise, pixels.
 const BLOCK: usize = 8;

@@ -9,7 +9,7 @@
 
 use super::{Facts, Frames, check_range, truncated};
 use crate::{Error, Plane, Result};
-use rig_link::packing::{Packing, pack_row, unpack_row};
+use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 
 /// Data types (the low six bits of the first byte).
 mod data_type {

@@ -7,7 +7,7 @@
 use super::{Facts, Frames, area, check_range, truncated};
 use crate::camera::Cfa;
 use crate::{Error, Plane, Result};
-use rig_link::packing::{Packing, pack_row, unpack_row};
+use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 use std::fmt;
 use std::path::Path;
 
@@ -200,6 +200,6 @@ impl fmt::Display for PixelFormat {
     }
 }
 
-fn wrong_size(e: rig_link::packing::WrongSize) -> Error {
+fn wrong_size(e: camrig_rig_link::packing::WrongSize) -> Error {
     Error::input(format!("a row of {} bytes where {} are needed", e.found, e.needed))
 }

@@ -89,9 +89,9 @@ mod tests {
     use crate::camera::Camera;
     use crate::captures::{plan, take};
     use crate::measure::synthetic::{Hits, Sensor, Shot};
+    use camrig_sensor_core::effects::charge_coupling::ChargeCoupling;
+    use camrig_sensor_core::effects::optical_crosstalk::OpticalCrosstalk;
     use rand_xoshiro::rand_core::{Rng, SeedableRng};
-    use sensor_core::effects::charge_coupling::ChargeCoupling;
-    use sensor_core::effects::optical_crosstalk::OpticalCrosstalk;
 
     const PLAN: &str = "format = \"plan/1\"
 [[stack]]

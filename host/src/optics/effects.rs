@@ -1,7 +1,7 @@
 //! Effects of the optics that a camera file may name in `[[effect]]`: the catalogue, and what they change.
 //!
 //! They act before the irradiance, so a rig never sees them; the sensor's effects are
-//! [`sensor_core::effects`]. Each is a declared [`OpticalEntry`] like those: kind, description, parameters with
+//! [`camrig_sensor_core::effects`]. Each is a declared [`OpticalEntry`] like those: kind, description, parameters with
 //! unit and range. `relative-illumination` is among the sensor's: a factor over the field that is the same for
 //! all wavelengths gives the same electrons on either side of the irradiance, and so needs no second name.
 //!
@@ -11,7 +11,7 @@
 use super::{Departures, SensorGrid};
 use crate::scene::Spectrum;
 use crate::{Error, Result};
-use sensor_core::effects::Parameter;
+use camrig_sensor_core::effects::Parameter;
 
 /// An entry of the catalogue.
 #[derive(Clone, Copy, Debug)]
@@ -225,7 +225,7 @@ impl Optics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sensor_core::effects::Effect;
+    use camrig_sensor_core::effects::Effect;
     use std::collections::BTreeSet;
 
     const GRID: SensorGrid =

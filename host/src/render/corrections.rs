@@ -7,8 +7,8 @@ use crate::camera::Camera;
 use crate::formats::opcodes::{Opcode, bad_pixels, gain_maps};
 use crate::optics::Options;
 use crate::scene::Bands;
-use sensor_core::config::FrameSettings;
-use sensor_core::effects::Effect;
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::Effect;
 
 /// Opcodes of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -97,7 +97,7 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
 mod tests {
     use super::*;
     use crate::render::sensor_grid;
-    use sensor_core::effects::stuck_pixels::StuckPixels;
+    use camrig_sensor_core::effects::stuck_pixels::StuckPixels;
 
     const WIDTH: u32 = 128;
     const HEIGHT: u32 = 96;

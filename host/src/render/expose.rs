@@ -4,11 +4,11 @@ use super::irradiance::{Chunk, IrradianceCube};
 use super::rows::{BandSums, Vector, refused, rows};
 use crate::camera::{Camera, CrosstalkTable};
 use crate::{Error, Plane, RawFrame, Result};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::Needs;
+use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
-use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::effects::Needs;
-use sensor_core::pipeline::MeanRows;
 
 /// Arithmetic of the sensor stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
@@ -110,7 +110,7 @@ impl Exposure {
     }
 
     /// The crosstalk table as `sensor-core` takes it.
-    pub fn crosstalk(&self) -> Option<sensor_core::crosstalk::Crosstalk<'_>> {
+    pub fn crosstalk(&self) -> Option<camrig_sensor_core::crosstalk::Crosstalk<'_>> {
         self.crosstalk.as_ref().map(CrosstalkTable::as_core)
     }
 

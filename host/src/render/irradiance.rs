@@ -1,6 +1,6 @@
 //! Spectral irradiance on the sensor grid, in memory or in a file.
 //!
-//! Samples are in the 16-bit block floating point of [`sensor_core::spectral`]: what a sensor takes in, on a
+//! Samples are in the 16-bit block floating point of [`camrig_sensor_core::spectral`]: what a sensor takes in, on a
 //! workstation and over a rig's link alike.
 //!
 //! # File
@@ -12,7 +12,7 @@ use crate::formats::output::OutputFile;
 use crate::formats::read_at;
 use crate::scene::Bands;
 use crate::{Error, Plane, Result};
-use sensor_core::spectral::{BandRow, encode, groups};
+use camrig_sensor_core::spectral::{BandRow, encode, groups};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::fs::File;
@@ -68,10 +68,10 @@ impl CubeHeader {
 
     #[allow(clippy::nonminimal_bool, reason = "a step that is no number must be refused")]
     fn check(&self) -> Result<()> {
-        let side = 1..=sensor_core::config::MAX_SIDE as usize;
+        let side = 1..=camrig_sensor_core::config::MAX_SIDE as usize;
         if !side.contains(&self.width)
             || !side.contains(&self.height)
-            || !(1..=sensor_core::config::MAX_BANDS).contains(&self.bands)
+            || !(1..=camrig_sensor_core::config::MAX_BANDS).contains(&self.bands)
             || !self.first_band_nm.is_finite()
             || !(self.band_step_nm > 0.0)
             || !(self.level > 0.0 && self.level.is_finite())
@@ -82,8 +82,8 @@ impl CubeHeader {
             ))
             .help(format!(
                 "sides of 1 to {} pixels, 1 to {} bands",
-                sensor_core::config::MAX_SIDE,
-                sensor_core::config::MAX_BANDS
+                camrig_sensor_core::config::MAX_SIDE,
+                camrig_sensor_core::config::MAX_BANDS
             )));
         }
         Ok(())

@@ -6,7 +6,7 @@ use crate::camera::{Camera, LensKind};
 use crate::formats::{DngInfo, color};
 use crate::scene::chart::colorchecker;
 use crate::scene::{Illuminant, Spectrum, photometry};
-use sensor_core::config::FrameSettings;
+use camrig_sensor_core::config::FrameSettings;
 
 /// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and D65, white
 /// of the scene's light, and the noise profile of the sensor model.

@@ -5,13 +5,13 @@
 
 use super::irradiance::Chunk;
 use crate::{Error, Result};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use camrig_sensor_core::spectral::{GROUP, groups};
 use multiversion::multiversion;
-use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
-use sensor_core::collect::{Collector, Sums};
-use sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
-use sensor_core::crosstalk::Crosstalk;
-use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
-use sensor_core::spectral::{GROUP, groups};
 
 /// One row of a frame.
 type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);

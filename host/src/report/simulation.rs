@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::formats::{DngInfo, png, preview};
 use crate::scene::Illuminant;
 use crate::{RawFrame, Result};
-use sensor_core::config::FrameSettings;
+use camrig_sensor_core::config::FrameSettings;
 
 /// Frames of which the page has a picture; of all others it has the figures.
 const SHOWN: usize = 4;

@@ -6,16 +6,16 @@ use super::{Url, emulator, hid, serial, tcp};
 use crate::formats::csi2;
 use crate::render::{Arithmetic, Exposure, IrradianceCube};
 use crate::{Error, RawFrame, Result};
-use firmware_sim::camera;
-use firmware_sim::rig::frame_shape;
-use rayon::prelude::*;
-use rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
-use rig_link::message::{
+use camrig_firmware_sim::camera;
+use camrig_firmware_sim::rig::frame_shape;
+use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
+use camrig_rig_link::message::{
     Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
     Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
-use rig_link::packing::{Packing, unpack_row};
-use sensor_core::config::FrameSettings;
+use camrig_rig_link::packing::{Packing, unpack_row};
+use camrig_sensor_core::config::FrameSettings;
+use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::{Duration, Instant};
 
@@ -238,7 +238,7 @@ impl Rig {
             raw_bits,
             temperature_c: request.settings.temperature_c,
             lit_before: request.lit_before,
-            exposure: (!request.by_registers).then_some(rig_link::message::Exposure {
+            exposure: (!request.by_registers).then_some(camrig_rig_link::message::Exposure {
                 exposure_s: request.settings.exposure_s,
                 analog_gain: request.settings.analog_gain,
             }),
@@ -347,7 +347,7 @@ impl Rig {
         let error = match event {
             Event::Refused(nack) => return self.refused(nack),
             Event::NoCommonVersion { oldest, newest } => {
-                let (ours_oldest, ours) = rig_link::message::VERSIONS;
+                let (ours_oldest, ours) = camrig_rig_link::message::VERSIONS;
                 let advice = if newest < ours_oldest {
                     "update the rig's firmware"
                 } else {
@@ -412,7 +412,7 @@ impl RigFrame {
     /// manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the registers that CCS has at
     /// its own.
     pub fn embedded_line(&self) -> Vec<u8> {
-        use rig_link::registers::{MODEL_ID, address};
+        use camrig_rig_link::registers::{MODEL_ID, address};
         let start = &self.start;
         let mut registers = Vec::new();
         let mut push = |address: u16, bytes: &[u8]| {

@@ -2,14 +2,14 @@
 
 use super::parallel::Parallel;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
-use firmware_sim::{Buffers, Memory, Rig, RowMemory, ServeError, serve};
-use rig_link::device::Device;
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
-use sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
-use sensor_core::collect::Sums;
-use sensor_core::config::MAX_BANDS;
-use sensor_core::spectral::{GROUP, groups};
+use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory, ServeError, serve};
+use camrig_rig_link::device::Device;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use camrig_sensor_core::collect::Sums;
+use camrig_sensor_core::config::MAX_BANDS;
+use camrig_sensor_core::spectral::{GROUP, groups};
 use std::io;
 use std::sync::mpsc;
 

@@ -2,14 +2,14 @@
 
 use crate::render::{Chunk, Exposure, IrradianceCube};
 use crate::{Error, Result};
-use firmware_sim::rig::UNIT_BYTES;
+use camrig_firmware_sim::rig::UNIT_BYTES;
+use camrig_rig_link::message::Codec;
+use camrig_sensor_core::arith::{Arith, Float};
+use camrig_sensor_core::collect::Collector;
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
 use multiversion::multiversion;
 use rayon::prelude::*;
-use rig_link::message::Codec;
-use sensor_core::arith::{Arith, Float};
-use sensor_core::collect::Collector;
-use sensor_core::config::FrameSettings;
-use sensor_core::spectral::{BandRow, GROUP, encode, groups};
 
 /// Rows made at a time.
 const ROWS: usize = 64;

@@ -2,9 +2,9 @@
 
 use super::transport::{MAX_PACKET, Transport};
 use crate::{Error, Result};
+use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::host::Limits;
 use hidapi::{HidApi, HidDevice};
-use rig_link::framing::{Framing, Receiver, Sender};
-use rig_link::host::Limits;
 use std::time::Duration;
 
 /// Reports that may be under way from the device: Linux drops unread ones beyond 63 without a word, other

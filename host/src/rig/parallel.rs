@@ -4,13 +4,13 @@
 //! as it may; then each rig takes a run of raw rows and the spectral rows around it. Raw rows depend on
 //! nothing else, so they are the same whoever computes them.
 
-use firmware_sim::Rig;
-use firmware_sim::running::AnyRunning;
+use camrig_firmware_sim::Rig;
+use camrig_firmware_sim::running::AnyRunning;
+use camrig_rig_link::device::{Begun, Model};
+use camrig_rig_link::message::{Capabilities, Exposure, FrameBegin, FrameShape, Refusal};
+use camrig_rig_link::registers::Registers;
 use multiversion::multiversion;
 use rayon::prelude::*;
-use rig_link::device::{Begun, Model};
-use rig_link::message::{Capabilities, Exposure, FrameBegin, FrameShape, Refusal};
-use rig_link::registers::Registers;
 use std::ops::Range;
 
 /// Memory for spectral rows that wait, bytes, and most of them.

@@ -18,7 +18,7 @@
 
 use super::Rig;
 use crate::{Error, Result, toml_text};
-use rig_link::registers::address::{ANALOG_GAIN, COARSE_INTEGRATION_TIME, LINE_LENGTH_NS};
+use camrig_rig_link::registers::address::{ANALOG_GAIN, COARSE_INTEGRATION_TIME, LINE_LENGTH_NS};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;

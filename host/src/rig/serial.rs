@@ -2,8 +2,8 @@
 
 use super::transport::{ByteLink, Transport};
 use crate::{Error, Result};
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};

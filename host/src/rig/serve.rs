@@ -2,8 +2,8 @@
 
 use super::emulator::Emulator;
 use crate::{Error, Result};
-use firmware_sim::ServeError;
-use rig_link::framing::Framing;
+use camrig_firmware_sim::ServeError;
+use camrig_rig_link::framing::Framing;
 use std::fs::File;
 use std::io;
 use std::net::{Shutdown, TcpListener, TcpStream};

@@ -4,7 +4,7 @@ use super::{FrameRequest, Rig};
 use crate::Result;
 use crate::frame::RawFrame;
 use crate::render::{Arithmetic, Exposure, IrradianceCube};
-use sensor_core::config::FrameSettings;
+use camrig_sensor_core::config::FrameSettings;
 
 /// Where frames are exposed.
 pub struct SensorStage {

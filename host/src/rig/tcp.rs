@@ -2,8 +2,8 @@
 
 use super::transport::{ByteLink, MAX_PACKET, Transport};
 use crate::{Error, Result};
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 

@@ -1,8 +1,8 @@
 //! What all links have in common: whole packets out, whole packets in.
 
 use crate::{Error, Result};
-use rig_link::framing::{Framing, Receiver, Sender};
-use rig_link::host::Limits;
+use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::host::Limits;
 use std::io::{self, Read, Write};
 use std::sync::mpsc;
 use std::time::Duration;

@@ -1,10 +1,10 @@
 //! Two ends in one process: a toy model, a link with faults, a virtual clock.
 
-use rig_link::device::{Begun, Device, Model};
-use rig_link::framing::{Framing, Receiver, Sender};
-use rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
-use rig_link::message::*;
-use rig_link::registers::Registers;
+use camrig_rig_link::device::{Begun, Device, Model};
+use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::host::{Event, FrameIo, Host, Limits, Micros, Poll};
+use camrig_rig_link::message::*;
+use camrig_rig_link::registers::Registers;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 

@@ -1,11 +1,11 @@
 //! Spectral irradiance for tests, and mean photo-electrons from it in f64.
 
-use sensor_core::arith::{Arith, BLOCK, Block};
-use sensor_core::collect::{Collector, Sums};
-use sensor_core::config::{FrameSettings, SensorConfig};
-use sensor_core::crosstalk::Crosstalk;
-use sensor_core::pipeline::MeanRows;
-use sensor_core::spectral::{BandRow, GROUP, decode, encode, groups};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
+use camrig_sensor_core::pipeline::MeanRows;
+use camrig_sensor_core::spectral::{BandRow, GROUP, decode, encode, groups};
 
 /// One band of a row, encoded, and what it means.
 pub struct Band {

@@ -3,10 +3,10 @@
 
 pub mod light;
 
-use sensor_core::arith::{Arith, BLOCK, Block};
-use sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use sensor_core::effects::Effect;
-use sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block};
+use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 
 /// DN of an electron in [`monochrome`] at unity gain: fine enough that rounding is 1/12/8² e⁻².
 pub const DN_PER_E: f64 = 8.0;
@@ -129,8 +129,8 @@ pub fn column_means(v: &[f64], width: usize) -> Vec<f64> {
 #[macro_export]
 macro_rules! in_both_arithmetics {
     ($($name:ident)+) => {
-        mod float { use sensor_core::arith::Float; $(#[test] fn $name() { super::$name::<Float>(); })+ }
-        mod fixed { use sensor_core::arith::Fixed; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
+        mod float { use camrig_sensor_core::arith::Float; $(#[test] fn $name() { super::$name::<Float>(); })+ }
+        mod fixed { use camrig_sensor_core::arith::Fixed; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
     };
 }
 

@@ -4,8 +4,8 @@ use crate::common::{self, BANDS};
 use camrig::render::Arithmetic;
 use camrig::rig::emulator::Emulator;
 use camrig::rig::{FrameRequest, Rig, serve};
-use rig_link::message::Fault;
-use rig_link::registers::address;
+use camrig_rig_link::message::Fault;
+use camrig_rig_link::registers::address;
 use std::sync::mpsc;
 
 const BOTH: [Arithmetic; 2] = [Arithmetic::F32, Arithmetic::Fixed];

@@ -6,8 +6,8 @@ use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, Irradianc
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, Url, emulator, hid, serial};
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
 
 const WIDTH: usize = 1920;
 const HEIGHT: usize = 32;

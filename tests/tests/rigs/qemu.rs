@@ -5,8 +5,8 @@ use camrig::render::Arithmetic;
 use camrig::rig::log::LogDecoder;
 use camrig::rig::transport::ByteLink;
 use camrig::rig::{Rig, Url};
-use rig_link::framing::Framing;
-use rig_link::host::Limits;
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 

@@ -136,7 +136,7 @@ fn radiance_of_our_own_camera_over_100_db() {
         let rows = cube.chunk(band, 0, height).unwrap();
         for y in 0..height {
             let mut line = vec![0.0f32; width];
-            sensor_core::spectral::decode(rows.row(width, y), &mut line);
+            camrig_sensor_core::spectral::decode(rows.row(width, y), &mut line);
             for x in 0..width {
                 let channel = camera.sensor.cfa.channel(x, y);
                 electrons_per_s[y * width + x] += f64::from(line[x]) * response[channel][band];

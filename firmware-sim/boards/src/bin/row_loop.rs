@@ -7,13 +7,13 @@
 use core::hint::black_box;
 use cortex_m as _;
 #[cfg(feature = "fixed")]
-use sensor_core::arith::Fixed as Arithmetic;
+use camrig_sensor_core::arith::Fixed as Arithmetic;
 #[cfg(feature = "float")]
-use sensor_core::arith::Float as Arithmetic;
-use sensor_core::arith::{Arith, Block};
-use sensor_core::collect::{Collector, Sums};
-use sensor_core::pipeline::Pipeline;
-use sensor_core::spectral::BandRow;
+use camrig_sensor_core::arith::Float as Arithmetic;
+use camrig_sensor_core::arith::{Arith, Block};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::pipeline::Pipeline;
+use camrig_sensor_core::spectral::BandRow;
 
 type Signal = <Arithmetic as Arith>::Signal;
 type Sum = <Arithmetic as Arith>::Sum;

@@ -5,8 +5,8 @@ use crate::diagnose::channels::Channels;
 use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::model::current;
 use crate::diagnose::temporal::Temporal;
+use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 use nalgebra::{DMatrix, DVector};
-use sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 
 /// Bits whose errors a camera file can name, from the lowest.
 const BITS: usize = 7;

@@ -10,7 +10,7 @@ use crate::diagnose::model::current;
 use crate::diagnose::spatial::{PERIODS, phase_means};
 use crate::diagnose::statistics::{Place, What};
 use crate::median::median;
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, column_gain_fpn::ColumnGainFpn, column_offset_fpn::ColumnOffsetFpn,
     dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient,
     defective_pixels::DefectivePixels, green_imbalance::GreenImbalance, hot_pixels::HotPixels,

@@ -8,7 +8,7 @@ use crate::diagnose::spatial::phase_means;
 use crate::diagnose::tails::median_of_squares;
 use crate::diagnose::temporal::Temporal;
 use crate::median::median;
-use sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
+use camrig_sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
 
 /// Frequency of the highest bin of the power of lines of `n` samples, between bins by its neighbours.
 fn line_peak(power: &[f64], n: f64) -> f64 {

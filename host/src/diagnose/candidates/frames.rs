@@ -6,7 +6,7 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::temporal::mean;
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, frame_offset_noise::FrameOffsetNoise, light_flicker::LightFlicker,
 };
 

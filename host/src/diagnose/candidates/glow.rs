@@ -6,7 +6,7 @@ use crate::diagnose::evidence::Evidence;
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::measure::fit::Fit;
-use sensor_core::effects::amp_glow::AmpGlow;
+use camrig_sensor_core::effects::amp_glow::AmpGlow;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Pixels along a side of the blocks.

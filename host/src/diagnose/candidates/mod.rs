@@ -23,8 +23,8 @@ use super::evidence::{Estimated, Evidence};
 use super::model;
 use crate::camera::Camera;
 use crate::optics::OpticalEffect;
+use camrig_sensor_core::effects::{Effect, Parameter};
 pub use optics::{Slopes, shown_by_looks};
-use sensor_core::effects::{Effect, Parameter};
 
 /// A change of the model that would explain something.
 #[derive(Clone, Debug)]
@@ -262,8 +262,8 @@ fn minimum(mut low: f64, mut high: f64, turns: usize, f: impl Fn(f64) -> f64) ->
 #[cfg(test)]
 mod tests {
     use super::Proposal;
-    use sensor_core::effects::quantum_efficiency::QuantumEfficiency;
-    use sensor_core::effects::relative_illumination::RelativeIllumination;
+    use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
+    use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
 
     #[test]
     fn what_gives_way_has_its_new_value_wherever_it_is_told() {

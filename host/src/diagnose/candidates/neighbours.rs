@@ -9,7 +9,7 @@ use crate::diagnose::model::current;
 use crate::diagnose::ratios::{reference_flat, strongest};
 use crate::diagnose::search::LEAST;
 use crate::diagnose::statistics::{Place, What};
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
     optical_crosstalk::OpticalCrosstalk,
 };

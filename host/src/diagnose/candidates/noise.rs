@@ -8,7 +8,7 @@ use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::tails::{median_of_squares, quantile_of_squares};
 use crate::median::median;
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, heavy_tailed_read_noise::HeavyTailedReadNoise,
     random_telegraph_noise::RandomTelegraphNoise, read_noise::ReadNoise,
     read_noise_spread::ReadNoiseSpread,

@@ -19,8 +19,8 @@ use crate::diagnose::prediction::Key;
 use crate::diagnose::shading;
 use crate::diagnose::statistics::{Place, Statistic};
 use crate::optics::OpticalEffect;
+use camrig_sensor_core::effects::{Effect, Parameter};
 use nalgebra::{DMatrix, DVector};
-use sensor_core::effects::{Effect, Parameter};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 

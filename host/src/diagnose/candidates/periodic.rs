@@ -9,7 +9,7 @@ use crate::diagnose::statistics::{Place, What};
 use crate::diagnose::tails::median_of_squares;
 use crate::diagnose::temporal::Temporal;
 use crate::median::median;
-use sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
+use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
 /// Bins to either side of a line that a wave between two bins leaks into.
 const LEAK: isize = 3;

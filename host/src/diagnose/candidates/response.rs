@@ -7,12 +7,12 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled, slope};
 use crate::diagnose::maps::{MapKind, reference_dark};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
-use nalgebra::{DMatrix, DVector};
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
     image_lag::ImageLag, nonlinearity::Nonlinearity, quantum_efficiency::QuantumEfficiency,
     system_gain::SystemGain,
 };
+use nalgebra::{DMatrix, DVector};
 
 /// Measured over predicted signal of a channel of a flat, less 1.
 fn relative(e: &Evidence<'_>, stack: usize, class: u8) -> Option<Estimated> {

@@ -6,7 +6,7 @@ use crate::diagnose::evidence::{Estimated, Evidence, pooled};
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::What;
 use crate::diagnose::temporal::mean;
-use sensor_core::effects::{
+use camrig_sensor_core::effects::{
     Effect, column_temporal_noise::ColumnTemporalNoise, row_correlated_noise::RowCorrelatedNoise,
     row_temporal_noise::RowTemporalNoise,
 };

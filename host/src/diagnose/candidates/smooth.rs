@@ -7,7 +7,7 @@ use crate::diagnose::evidence::Evidence;
 use crate::diagnose::maps::MapKind;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
-use sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
+use camrig_sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Most half waves over the map that are looked for.

@@ -6,7 +6,7 @@ use crate::diagnose::evidence::{Estimated, Evidence};
 use crate::diagnose::maps::saturated;
 use crate::diagnose::model::current;
 use crate::diagnose::statistics::{Place, What};
-use sensor_core::effects::{Effect, full_well::FullWell};
+use camrig_sensor_core::effects::{Effect, full_well::FullWell};
 
 /// Knees that are tried, as fractions of full well.
 const KNEES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
