@@ -6,7 +6,8 @@
 //! program does this: the goal is 60 s on two cores. Peak memory is that of this process, which holds no set.
 
 use camrig::camera::Camera;
-use camrig::captures::{CaptureSet, plan, take};
+use camrig::capture::{plan, take};
+use camrig::captures::CaptureSet;
 use camrig::diagnose::session::Session;
 use camrig::diagnose::{design, replicate, verdict};
 use camrig_benches::cost::{Time, memory, peak_bytes};

@@ -8,7 +8,8 @@
 //! runs. Our peak memory is that of this process, which also made the frames one at a time.
 
 use camrig::camera::Camera;
-use camrig::captures::{CaptureSet, plan, take};
+use camrig::capture::{plan, take};
+use camrig::captures::CaptureSet;
 use camrig::measure::emva;
 use camrig_benches::cost::{Time, memory, peak_bytes};
 use camrig_benches::frames::read_all;

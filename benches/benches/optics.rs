@@ -5,10 +5,10 @@
 //! area. Every figure has the processor time of all threads beside it: on a busy machine that is the one to look
 //! at. `benches/peers/optics` runs other programs on the same data within one run.
 
+use camrig::lens::characterise::{Plan, PsfMethod, characterise};
+use camrig::lens::{Catalogue, Conditions, System, toml};
 use camrig::optics::engine::RadialCurve;
 use camrig::optics::engine::varying::{Blurrer, Kernels, Rows, Tiling};
-use camrig::optics::lens::characterise::{Plan, PsfMethod, characterise};
-use camrig::optics::lens::{Catalogue, Conditions, System, toml};
 use camrig::optics::{
     Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
     Options, PsfGrid, SensorGrid, irradiance,

@@ -5,10 +5,10 @@
 //! what that takes is told beside it. Spectra are written band by band to one plane.
 
 use camrig::Plane;
+use camrig::calibrate::exposures::{Exposure, Series};
+use camrig::calibrate::hdr;
+use camrig::calibrate::spectral::{Channels, Estimator};
 use camrig::camera::{Camera, Cfa};
-use camrig::scene::calibrate::exposures::{Exposure, Series};
-use camrig::scene::calibrate::hdr;
-use camrig::scene::calibrate::spectral::{Channels, Estimator};
 use camrig::scene::chart::colorchecker;
 use camrig::scene::{Bands, Illuminant};
 use rayon::prelude::*;

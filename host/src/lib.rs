@@ -1,31 +1,25 @@
 //! camrig: a camera-system simulator for hardware-in-the-loop benches of image signal processors.
 //!
-//! Layers, top to bottom; each uses only those below it:
-//! `cli` (one file per command) → `report`, `diagnose`, `validate` → `measure` → `render` (scene + camera →
-//! irradiance → raw) → `optics`, `scene`, `camera`, `formats` → `sensor-core` (the sensor, in rows).
-//! See `ARCHITECTURE.md` for the data flow with units.
+//! A facade: each module is a crate of its own, bottom up as in `ARCHITECTURE.md`, which has the data
+//! flow with units. The command line ([`cli`]) and the live page of a rig ([`view`]) are here.
 
-pub mod alternatives;
-pub mod batch;
-pub mod camera;
-pub mod captures;
 pub mod cli;
-pub mod diagnose;
-pub mod error;
-pub mod formats;
-pub mod frame;
-pub mod measure;
-mod median;
-pub mod optics;
-pub mod plane;
-pub mod render;
-pub mod report;
-pub mod rig;
-pub mod scene;
-pub mod toml_text;
-pub mod validate;
 pub mod view;
 
-pub use error::{Error, Result};
-pub use frame::RawFrame;
-pub use plane::Plane;
+pub use camrig_base::{Error, Plane, RawFrame, Result, alternatives, output, toml_text};
+pub use camrig_batch as batch;
+pub use camrig_calibrate as calibrate;
+pub use camrig_camera as camera;
+pub use camrig_capture as capture;
+pub use camrig_captures as captures;
+pub use camrig_diagnose as diagnose;
+pub use camrig_exposure as exposure;
+pub use camrig_formats as formats;
+pub use camrig_lens as lens;
+pub use camrig_measure as measure;
+pub use camrig_optics as optics;
+pub use camrig_render as render;
+pub use camrig_report as report;
+pub use camrig_rig as rig;
+pub use camrig_scene as scene;
+pub use camrig_validate as validate;

@@ -25,7 +25,8 @@ type Lab = [f64; 3];
 /// chart's colours are judged in even light.
 fn chart() -> (RawFrame, DngInfo) {
     let folder = tempfile::tempdir().unwrap();
-    let presets = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../host/presets"));
+    let presets =
+        PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../host/crates/camera/presets"));
     for entry in std::fs::read_dir(&presets).unwrap() {
         let entry = entry.unwrap();
         std::fs::copy(entry.path(), folder.path().join(entry.file_name())).unwrap();

@@ -1,14 +1,14 @@
 //! What several commands have in common: durations, progress bars, where frames go.
 
-use crate::camera::Camera;
-use crate::formats::output::{OutputDir, OutputFile, write_file};
-use crate::formats::{DngInfo, Facts, Format, Frames, png, preview};
-use crate::optics::DeviceChoice;
-use crate::render::Arithmetic;
-use crate::render::hdr::Hdr;
-use crate::report::page::Page;
-use crate::report::simulation;
-use crate::{Error, RawFrame, Result};
+use camrig_base::output::{OutputDir, OutputFile, write_file};
+use camrig_base::{Error, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
+use camrig_optics::DeviceChoice;
+use camrig_render::Arithmetic;
+use camrig_render::hdr::Hdr;
+use camrig_report::page::Page;
+use camrig_report::simulation;
 use camrig_sensor_core::config::FrameSettings;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};

@@ -1,9 +1,9 @@
 //! `camrig batch`: a sweep rendered to a data set.
 
 use super::arguments::progress;
-use crate::Result;
-use crate::batch::{self, Dataset, Shard, Sweep};
-use crate::optics::{DeviceChoice, content};
+use camrig_base::Result;
+use camrig_batch::{self as batch, Dataset, Shard, Sweep};
+use camrig_optics::{DeviceChoice, content};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,10 +1,10 @@
 //! `camrig capture`: a whole capture set, simulated.
 
 use super::arguments::progress;
-use crate::Result;
-use crate::camera::{Camera, is_preset};
-use crate::captures::{plan, take};
-use crate::render::Arithmetic;
+use camrig_base::Result;
+use camrig_camera::{Camera, is_preset};
+use camrig_capture::{plan, take};
+use camrig_render::Arithmetic;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -1,8 +1,8 @@
 //! `camrig compare`: how far a model is from captures, statistic by statistic.
 
 use super::diagnose::open;
-use crate::Result;
-use crate::diagnose::verdict;
+use camrig_base::Result;
+use camrig_diagnose::verdict;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -1,8 +1,9 @@
 //! `camrig convert`: raw frames from one file format to another, sample for sample.
 
-use crate::camera::Cfa;
-use crate::formats::{self, Format, Frames, PixelFormat, csi2, output, png, preview};
-use crate::{Error, Result};
+use camrig_base::Cfa;
+use camrig_base::output;
+use camrig_base::{Error, Result};
+use camrig_formats::{self as formats, Format, Frames, PixelFormat, csi2, png, preview};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

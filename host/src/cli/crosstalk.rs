@@ -1,11 +1,12 @@
 //! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
 
 use super::arguments::{duration, progress};
-use crate::camera::Camera;
-use crate::captures::{CaptureSet, Role, bench};
-use crate::formats::output::write_file;
-use crate::measure::{coupling, crosstalk};
-use crate::{Error, Result};
+use camrig_base::output::write_file;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_capture::bench;
+use camrig_captures::{CaptureSet, Role};
+use camrig_measure::{coupling, crosstalk};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;

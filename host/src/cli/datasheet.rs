@@ -1,11 +1,11 @@
 //! `camrig datasheet`: a measured page of a camera.
 
 use super::arguments::progress;
-use crate::camera::{Camera, presets};
-use crate::formats::output::write_file;
-use crate::report::datasheet::page;
-use crate::validate::datasheet::Datasheet;
-use crate::{Error, Result};
+use camrig_base::output::write_file;
+use camrig_base::{Error, Result};
+use camrig_camera::{Camera, presets};
+use camrig_report::datasheet::page;
+use camrig_validate::datasheet::Datasheet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

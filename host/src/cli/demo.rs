@@ -1,15 +1,15 @@
 //! `camrig demo`: the main job on built-in data.
 
 use super::arguments;
-use crate::camera::Camera;
-use crate::formats::output::OutputDir;
-use crate::formats::{Facts, Format, Frames, png, preview};
-use crate::optics::Options;
-use crate::render::{self, Arithmetic, Exposure};
-use crate::report::page::Page;
-use crate::rig::{FrameRequest, Rig};
-use crate::scene::{self, Illuminant, LightLevel, LitScene, photometry};
-use crate::{RawFrame, Result};
+use camrig_base::output::OutputDir;
+use camrig_base::{RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_formats::{Facts, Format, Frames, png, preview};
+use camrig_optics::Options;
+use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_report::page::Page;
+use camrig_rig::{FrameRequest, Rig};
+use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -1,13 +1,15 @@
 //! `camrig diagnose`: name what the model lacks.
 
 use super::arguments::progress;
-use crate::camera::Camera;
-use crate::captures::{CaptureSet, plan};
-use crate::diagnose::design::{self, Halves};
-use crate::diagnose::session::Session;
-use crate::diagnose::{improved, verdict};
-use crate::formats::output::OutputDir;
-use crate::{Error, Result, report};
+use camrig_base::output::OutputDir;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_capture::plan;
+use camrig_captures::CaptureSet;
+use camrig_diagnose::design::{self, Halves};
+use camrig_diagnose::session::Session;
+use camrig_diagnose::{improved, verdict};
+use camrig_report as report;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -70,11 +72,11 @@ fn frames(halves: &Halves) -> usize {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let known: Vec<&str> = crate::diagnose::candidates::CATALOGUE.iter().map(|c| c.0).collect();
+    let known: Vec<&str> = camrig_diagnose::candidates::CATALOGUE.iter().map(|c| c.0).collect();
     for kind in &args.without {
         if !known.contains(&kind.as_str()) {
             return Err(Error::input(format!("no effect {kind:?} is looked for"))
-                .help(crate::toml_text::did_you_mean(kind, &known)));
+                .help(camrig_base::toml_text::did_you_mean(kind, &known)));
         }
     }
     let output = OutputDir::create(&args.output, args.force)?;

@@ -1,7 +1,7 @@
 //! `camrig effects`: the catalogue of effects.
 
-use crate::camera::EffectKind;
-use crate::{Error, Result, toml_text};
+use camrig_base::{Error, Result, toml_text};
+use camrig_camera::EffectKind;
 use serde_json::json;
 use std::process::ExitCode;
 

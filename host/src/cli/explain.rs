@@ -1,9 +1,9 @@
 //! `camrig explain` and `camrig schema`: what the keys of a camera file mean.
 
 use super::effects;
-use crate::camera::keys::{Holds, KEYS, Key};
-use crate::camera::{EffectKind, schema};
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
+use camrig_camera::keys::{Holds, KEYS, Key};
+use camrig_camera::{EffectKind, schema};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
@@ -77,7 +77,7 @@ fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
     let mut known: Vec<&str> = paths.iter().map(String::as_str).collect();
     known.extend(KEYS.iter().map(|k| k.name));
     known.extend(EffectKind::all().map(|e| e.kind));
-    let nearest = crate::scene::nearest(name, known.iter().copied());
+    let nearest = camrig_base::toml_text::nearest(name, known.iter().copied());
     Err(Error::input(format!("no key or effect {name:?}"))
         .help(format!("did you mean {nearest:?}? `camrig explain` lists them all")))
 }

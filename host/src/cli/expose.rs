@@ -2,11 +2,12 @@
 
 use super::arguments::{self, FrameArgs, positive};
 use super::simulate::{expose_frames, light_of};
-use crate::camera::{Camera, changes};
-use crate::render::{Exposure, IrradianceCube};
-use crate::report::simulation;
-use crate::scene::Illuminant;
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
+use camrig_camera::{Camera, changes};
+use camrig_exposure::IrradianceCube;
+use camrig_render::Exposure;
+use camrig_report::simulation;
+use camrig_scene::Illuminant;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -2,10 +2,11 @@
 
 use super::arguments::{DeviceArgs, duration, positive};
 use super::simulate::ViewArgs;
-use crate::formats::{Facts, Format, Frames, output, preview};
-use crate::measure::picture::{Patch, colours, srgb_to_linear};
-use crate::render::{self, Exposure};
-use crate::{Error, Plane, Result};
+use camrig_base::output;
+use camrig_base::{Error, Plane, Result};
+use camrig_formats::{Facts, Format, Frames, preview};
+use camrig_measure::picture::{Patch, colours, srgb_to_linear};
+use camrig_render::{self as render, Exposure};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -34,7 +35,7 @@ pub struct Args {
     #[arg(long, value_parser = duration, value_name = "TIME")]
     exposure: f64,
     /// Change a key of the camera file: sensor.width=640; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = crate::camera::changes::read)]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = camrig_camera::changes::read)]
     set: Vec<(String, toml::Value)>,
     #[command(flatten)]
     device: DeviceArgs,

@@ -38,7 +38,7 @@ mod simulate;
 mod stdout;
 mod validate;
 
-use crate::Result;
+use camrig_base::Result;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 

@@ -1,7 +1,7 @@
 //! `camrig presets`: the cameras that come with the program.
 
-use crate::camera::{Camera, presets};
-use crate::{Error, Result, toml_text};
+use camrig_base::{Error, Result, toml_text};
+use camrig_camera::{Camera, presets};
 use std::process::ExitCode;
 
 /// List the built-in cameras, or print the file of one

@@ -2,14 +2,16 @@
 
 use super::arguments::{self, DeviceArgs, duration, positive};
 use super::simulate::ViewArgs;
-use crate::camera::Camera;
-use crate::formats::{Frames, csi2, output};
-use crate::render::{Arithmetic, Exposure, IrradianceCube};
-use crate::rig::script::Script;
-use crate::rig::{
-    self, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
+use camrig_base::output;
+use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_exposure::IrradianceCube;
+use camrig_formats::{Frames, csi2};
+use camrig_render::{Arithmetic, Exposure};
+use camrig_rig::script::Script;
+use camrig_rig::{
+    self as rig, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
 };
-use crate::{Error, Plane, RawFrame, Result};
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;

@@ -2,11 +2,11 @@
 
 use super::arguments::{duration, positive};
 use super::simulate::ViewArgs;
-use crate::Result;
-use crate::render::{self, Arithmetic, Exposure};
-use crate::rig::script::Write;
-use crate::rig::{FrameRequest, Rig};
 use crate::view::{Control, State, Told, View};
+use camrig_base::Result;
+use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_rig::script::Write;
+use camrig_rig::{FrameRequest, Rig};
 use std::io::Write as _;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};

@@ -1,12 +1,14 @@
 //! `camrig scene`: the scenes there are, what they hold and look like, and the library.
 
 use super::{arguments, calibrate};
-use crate::formats::output::OutputDir;
-use crate::formats::{output, png};
-use crate::scene::library::{Library, describe};
-use crate::scene::photometry::white_radiance;
-use crate::scene::{Grid, Illuminant, LightLevel, Quantity, Scene, chart, envi, isetcam, preview};
-use crate::{Error, Result, scene};
+use camrig_base::output;
+use camrig_base::output::OutputDir;
+use camrig_base::{Error, Result};
+use camrig_formats::png;
+use camrig_scene as scene;
+use camrig_scene::library::{Library, describe};
+use camrig_scene::photometry::white_radiance;
+use camrig_scene::{Grid, Illuminant, LightLevel, Quantity, Scene, chart, envi, isetcam, preview};
 use clap::Subcommand;
 use serde_json::json;
 use std::io::Write;

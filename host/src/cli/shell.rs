@@ -1,7 +1,7 @@
 //! `camrig completions` and `camrig man`: what shells and manuals want to know of the commands.
 
-use crate::Result;
-use crate::formats::output::OutputDir;
+use camrig_base::Result;
+use camrig_base::output::OutputDir;
 use clap::CommandFactory;
 use std::path::PathBuf;
 use std::process::ExitCode;

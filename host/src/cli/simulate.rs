@@ -1,13 +1,14 @@
 //! `camrig simulate`: scene to raw.
 
 use super::arguments::{self, DeviceArgs, FrameArgs, positive};
-use crate::Result;
-use crate::camera::{Camera, changes};
-use crate::optics::{Misplaced, NodeReport, Options, content};
-use crate::render::{self, CubeHeader, Exposure, IrradianceCube, Motion, Sight, View};
-use crate::report::simulation;
-use crate::rig::SensorStage;
-use crate::scene::{Illuminant, LightLevel};
+use camrig_base::Result;
+use camrig_camera::{Camera, changes};
+use camrig_exposure::{CubeHeader, IrradianceCube};
+use camrig_optics::{Misplaced, NodeReport, Options, content};
+use camrig_render::{self as render, Exposure, Motion, Sight, View};
+use camrig_report::simulation;
+use camrig_rig::SensorStage;
+use camrig_scene::{Illuminant, LightLevel};
 use camrig_sensor_core::config::FrameSettings;
 use serde_json::json;
 use std::path::PathBuf;
@@ -257,8 +258,8 @@ pub fn expose_frames(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::npy;
-    use crate::optics::{Device, characterisation};
+    use camrig_formats::npy;
+    use camrig_optics::{Characterisation, Device};
     use clap::Parser;
 
     #[derive(Parser)]
@@ -269,19 +270,19 @@ mod tests {
 
     #[test]
     fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
-        if Device::every().len() == 1 {
+        if Device::available().len() == 1 {
             return;
         }
         let dir = tempfile::tempdir().unwrap();
         let path = |name: &str| dir.path().join(name).display().to_string();
-        characterisation::tests::example(17, 0.5).write(&dir.path().join("lens"), false).unwrap();
+        Characterisation::example(17, 0.5).write(&dir.path().join("lens"), false).unwrap();
         for (name, text) in [
-            ("mt9v024-qe.csv", include_str!("../../presets/mt9v024-qe.csv")),
-            ("ir-cut-690.csv", include_str!("../../presets/ir-cut-690.csv")),
+            ("mt9v024-qe.csv", include_str!("../../crates/camera/presets/mt9v024-qe.csv")),
+            ("ir-cut-690.csv", include_str!("../../crates/camera/presets/ir-cut-690.csv")),
         ] {
             std::fs::write(path(name), text).unwrap();
         }
-        let preset = include_str!("../../presets/mt9v024.toml");
+        let preset = include_str!("../../crates/camera/presets/mt9v024.toml");
         let (from, to) = (preset.find("[lens]").unwrap(), preset.find("[sensor]").unwrap());
         let lens = "[lens]\nkind = \"characterised\"\ndata = \"lens\"\n";
         std::fs::write(path("c.toml"), [&preset[..from], lens, &preset[to..]].concat()).unwrap();

@@ -3,7 +3,7 @@
 //! The standard library's `println!` panics then. Here it unwinds with the error as its payload, without the
 //! words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it an [`Error`] again.
 
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
 use std::any::Any;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};

@@ -2,16 +2,16 @@
 
 use super::arguments::progress;
 use super::measure::{corners, roi};
-use crate::camera::Camera;
-use crate::formats::output::OutputFile;
-use crate::measure::mtf::Roi;
-use crate::measure::patches::Corners;
-use crate::render;
-use crate::report::paper::{Side, page};
-use crate::validate::paper::{
+use camrig_base::output::OutputFile;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_measure::mtf::Roi;
+use camrig_measure::patches::Corners;
+use camrig_render as render;
+use camrig_report::paper::{Side, page};
+use camrig_validate::paper::{
     self, Captured, Differences, Figures, LEVELS, Level, Places, REPORTED, Taken,
 };
-use crate::{Error, Result};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -150,7 +150,7 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
                 differences: after.as_ref(),
             });
         }
-        let light = crate::scene::Illuminant::parse("D65")?;
+        let light = camrig_scene::Illuminant::parse("D65")?;
         let settings = model.settings(0, levels[0].exposure_s, None);
         let info = render::dng_info(&model, &settings, Some(&light), "validate paper")?;
         let causes = match (&args.captured, &args.improved) {

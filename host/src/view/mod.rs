@@ -13,7 +13,7 @@ mod state;
 
 pub use state::{State, Told};
 
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
 use serde::Deserialize;
 use std::io::Read;
 use std::net::SocketAddr;

@@ -1,8 +1,8 @@
 //! What the live page shows: the last frame and figures over frames, kept by the streaming thread.
 
-use crate::formats::{DngInfo, png, preview};
-use crate::report::plot::colour;
-use crate::{Plane, RawFrame, Result};
+use camrig_base::{Plane, RawFrame, Result};
+use camrig_formats::{DngInfo, png, preview};
+use camrig_report::plot::colour;
 use serde_json::{Value, json};
 
 /// Bins of the histogram.
@@ -193,7 +193,7 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Cfa;
+    use camrig_base::Cfa;
 
     fn frame(dn: [u16; 4]) -> RawFrame {
         RawFrame {

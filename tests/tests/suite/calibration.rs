@@ -2,7 +2,7 @@
 //! the response curve, the light and the reflectances that went in.
 
 use super::{camera, camrig, camrig_ok, shared, small_camera};
-use camrig::scene::calibrate::response::Response;
+use camrig::calibrate::response::Response;
 use camrig::scene::chart::colorchecker;
 use std::path::Path;
 
@@ -293,7 +293,7 @@ fn real_captures_give_a_curve_and_a_merged_frame() {
     let merged = camrig::scene::numpy::read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
     let flags = camrig::scene::numpy::read_plane(&dir.path().join("merged/flags.npy")).unwrap();
     let captures = camrig::captures::CaptureSet::load(&path).unwrap();
-    let series = camrig::scene::calibrate::exposures::read(&captures, &ids).unwrap();
+    let series = camrig::calibrate::exposures::read(&captures, &ids).unwrap();
     let longest = series[0].exposures.last().unwrap();
     let mut ratios: Vec<f32> = (merged.data.iter().zip(&longest.signal.data).zip(&flags.data))
         .filter(|((_, dn), flag)| (60.0..230.0).contains(*dn) && **flag == 0.0)

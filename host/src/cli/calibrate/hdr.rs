@@ -2,11 +2,11 @@
 
 use super::response::ResponseFile;
 use super::{Output, Source, read_toml};
-use crate::camera::Cfa;
-use crate::scene::calibrate::hdr;
-use crate::scene::calibrate::view::{Region, View};
-use crate::scene::numpy;
-use crate::{Error, Plane, Result};
+use camrig_base::Cfa;
+use camrig_base::{Error, Plane, Result};
+use camrig_calibrate::hdr;
+use camrig_calibrate::view::{Region, View};
+use camrig_scene::numpy;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::PathBuf;

@@ -8,12 +8,12 @@ pub use hdr::{HdrArgs, hdr};
 pub use response::{ResponseArgs, response};
 pub use spectral::{SpectralArgs, spectral};
 
-use crate::camera::Cfa;
-use crate::captures::CaptureSet;
-use crate::formats::output::OutputDir;
-use crate::scene::calibrate::ceiling;
-use crate::scene::calibrate::exposures::{self, Series};
-use crate::{Error, Result};
+use camrig_base::Cfa;
+use camrig_base::output::OutputDir;
+use camrig_base::{Error, Result};
+use camrig_calibrate::ceiling;
+use camrig_calibrate::exposures::{self, Series};
+use camrig_captures::CaptureSet;
 use std::path::{Path, PathBuf};
 
 /// Which frames, and what is known of the sensor.

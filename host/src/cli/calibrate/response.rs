@@ -1,9 +1,9 @@
 //! `camrig scene response`.
 
 use super::{Output, Source};
-use crate::report::plot::{Mark, Plot};
-use crate::scene::calibrate::response::{self, Response};
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
+use camrig_calibrate::response::{self, Response};
+use camrig_report::plot::{Mark, Plot};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 

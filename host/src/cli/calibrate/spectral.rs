@@ -2,16 +2,18 @@
 
 use super::hdr::HdrFile;
 use super::{Output, read_toml};
-use crate::camera::{Camera, Cfa};
-use crate::scene::calibrate::spectral::{self, Channels, Estimator, Method};
-use crate::scene::calibrate::view::{Region, View, fit_chart};
-use crate::scene::calibrate::{hdr, response};
-use crate::scene::chart::colorchecker;
-use crate::scene::numpy;
-use crate::scene::stored::{self, Description};
-use crate::scene::table::SpectralTable;
-use crate::scene::{Bands, Illuminant, Quantity};
-use crate::{Error, Plane, Result};
+use camrig_base::Bands;
+use camrig_base::Cfa;
+use camrig_base::table::SpectralTable;
+use camrig_base::{Error, Plane, Result};
+use camrig_calibrate::spectral::{self, Channels, Estimator, Method};
+use camrig_calibrate::view::{Region, View, fit_chart};
+use camrig_calibrate::{hdr, response};
+use camrig_camera::Camera;
+use camrig_scene::chart::colorchecker;
+use camrig_scene::numpy;
+use camrig_scene::stored::{self, Description};
+use camrig_scene::{Illuminant, Quantity};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -177,7 +179,7 @@ fn linear_frame(path: &Path) -> Result<(Plane<f32>, Cfa)> {
         }
         return Ok((frame, Cfa::parse(&about.cfa)?));
     }
-    let raw = crate::formats::read(path)?.raw(0)?;
+    let raw = camrig_formats::read(path)?.raw(0)?;
     let limit = raw.black_level_dn
         + response::SATURATION * (f64::from(raw.white_level_dn) - raw.black_level_dn);
     let linear = raw.data.iter().map(|&dn| match f64::from(dn) {

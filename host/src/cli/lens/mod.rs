@@ -3,15 +3,13 @@
 mod show;
 
 use super::arguments;
-use crate::formats::output::OutputDir;
-use crate::optics::lens::characterise::{self, Plan, PsfMethod};
-use crate::optics::lens::heights::Density;
-use crate::optics::lens::{
-    Catalogue, Conditions, Glass, Prescription, System, import, read_prescription,
-};
-use crate::optics::{Characterisation, Options};
-use crate::report::lens as report;
-use crate::{Error, Result};
+use camrig_base::output::OutputDir;
+use camrig_base::{Error, Result};
+use camrig_lens::characterise::{self, Plan, PsfMethod};
+use camrig_lens::heights::Density;
+use camrig_lens::{Catalogue, Conditions, Glass, Prescription, System, import, read_prescription};
+use camrig_optics::{Characterisation, Options};
+use camrig_report::lens as report;
 use show::{figures, info, info_of_directory, point_json, print_points, summary};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,11 +1,11 @@
 //! What `camrig lens` tells about a lens.
 
 use super::InfoArgs;
-use crate::Result;
-use crate::optics::Characterisation;
-use crate::optics::lens::System;
-use crate::optics::lens::characterise::FieldPoint;
-use crate::optics::lens::prescription::{Medium, Object};
+use camrig_base::Result;
+use camrig_lens::System;
+use camrig_lens::characterise::FieldPoint;
+use camrig_lens::prescription::{Medium, Object};
+use camrig_optics::Characterisation;
 use serde_json::{Value, json};
 
 /// A characterisation in one line.

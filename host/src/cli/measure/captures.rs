@@ -1,10 +1,10 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
 use super::{PageArgs, object, plus_minus, to_json};
-use crate::captures::CaptureSet;
-use crate::measure::{Value, compare, emva, gains, ptc, rates};
-use crate::report;
-use crate::{Error, Result};
+use camrig_base::{Error, Result};
+use camrig_captures::CaptureSet;
+use camrig_measure::{Value, compare, emva, gains, ptc, rates};
+use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
 use std::path::PathBuf;

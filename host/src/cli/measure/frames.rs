@@ -1,14 +1,14 @@
 //! `camrig measure mtf|patches|profile`: figures of single raw frames.
 
 use super::{PageArgs, plus_minus};
-use crate::camera::Cfa;
-use crate::formats;
-use crate::measure::Value;
-use crate::measure::mtf::{self, Roi};
-use crate::measure::patches::{self, Corners, built_in_corners};
-use crate::measure::profile::{self, Along};
-use crate::report;
-use crate::{Error, Plane, Result};
+use camrig_base::Cfa;
+use camrig_base::{Error, Plane, Result};
+use camrig_formats as formats;
+use camrig_measure::Value;
+use camrig_measure::mtf::{self, Roi};
+use camrig_measure::patches::{self, Corners, built_in_corners};
+use camrig_measure::profile::{self, Along};
+use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
 use std::path::PathBuf;

@@ -5,9 +5,9 @@ mod frames;
 
 pub use frames::{corners, roi};
 
-use crate::formats::output::write_file;
-use crate::measure::Value;
-use crate::{Error, Result};
+use camrig_base::output::write_file;
+use camrig_base::{Error, Result};
+use camrig_measure::Value;
 use clap::{Args as ClapArgs, Subcommand};
 use serde_json::Map;
 use std::path::PathBuf;

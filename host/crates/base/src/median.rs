@@ -1,0 +1,26 @@
+//! The median, which a few outliers do not move.
+
+use std::cmp::Ordering;
+
+/// Standard deviation over the median absolute deviation of a normal law.
+pub const SD_PER_MAD: f64 = 1.482_602_218_505_602;
+
+/// The median, of an even number the upper of the two in the middle, of none zero. Reorders.
+pub fn median<T: Copy + Default>(values: &mut [T], order: fn(&T, &T) -> Ordering) -> T {
+    if values.is_empty() {
+        return T::default();
+    }
+    *values.select_nth_unstable_by(values.len() / 2, order).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::median;
+
+    #[test]
+    fn the_value_in_the_middle_whatever_the_order() {
+        assert_eq!(median(&mut [5.0, 1.0, 1e9], f64::total_cmp), 5.0);
+        assert_eq!(median(&mut [4.0, 3.0, 1.0, 2.0f32], f32::total_cmp), 3.0);
+        assert_eq!(median(&mut [], f32::total_cmp), 0.0);
+    }
+}

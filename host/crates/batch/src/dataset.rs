@@ -1,0 +1,192 @@
+//! The data set of a sweep on disk, filled by any number of processes in any order.
+//!
+//! ```text
+//! DIR/batch.json               what is being made, of which inputs, by which version
+//! DIR/frames/000/000042.dng    picture 42
+//! DIR/frames/000/000042.json   its parameters, digest and figures
+//! DIR/manifest.jsonl           all of these in order: the data set is complete
+//! ```
+//!
+//! Files appear whole, a picture's record before the picture: where the picture is, both are. So a
+//! picture is done exactly if its file is there, a kill loses at most the work on pictures under way,
+//! and two processes that make the same picture make the same bytes.
+
+use super::Sweep;
+use camrig_base::output::write_file;
+use camrig_base::{Error, Result};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A data set under way.
+pub struct Dataset {
+    directory: PathBuf,
+    extension: String,
+    pictures: u64,
+}
+
+/// Pictures in one folder.
+const PER_FOLDER: u64 = 1000;
+
+impl Dataset {
+    /// Begins the data set of a sweep in a directory, or goes on with it.
+    ///
+    /// # Errors
+    /// A directory that holds something else, or a data set begun from other inputs.
+    pub fn open(directory: &Path, sweep: &Sweep) -> Result<Self> {
+        let mut text = serde_json::to_string_pretty(&description(sweep)?).unwrap_or_default();
+        text.push('\n');
+        let place = directory.join("batch.json");
+        if !place.exists() {
+            let occupied =
+                fs::read_dir(directory).is_ok_and(|mut entries| entries.next().is_some());
+            if occupied {
+                return Err(Error::input(format!("{} holds something else", directory.display()))
+                    .help(
+                        "give a new or empty directory, or that of the same sweep to go on with it",
+                    ));
+            }
+            fs::create_dir_all(directory).map_err(|e| Error::io("create", directory, e))?;
+            if let Err(error) = write_file(&place, false, text.as_bytes())
+                && !place.exists()
+            {
+                return Err(error);
+            }
+        }
+        let there = fs::read_to_string(&place).map_err(|e| Error::io("read", &place, e))?;
+        if there != text {
+            return Err(differs(&there, &text).at(directory.display()));
+        }
+        Ok(Self {
+            directory: directory.to_path_buf(),
+            extension: sweep.files.clone(),
+            pictures: sweep.pictures(),
+        })
+    }
+
+    fn place(&self, index: u64, extension: &str) -> PathBuf {
+        self.directory.join(relative(index, extension))
+    }
+
+    /// Whether a picture is done.
+    pub fn has(&self, index: u64) -> bool {
+        self.place(index, &self.extension).exists()
+    }
+
+    /// Pictures done.
+    pub fn done(&self) -> u64 {
+        (0..self.pictures).filter(|&i| self.has(i)).count() as u64
+    }
+
+    /// Puts a picture and its record in place. `parameters` and `figures` are the picture's own.
+    pub fn put(&self, index: u64, bytes: &[u8], parameters: Value, figures: Value) -> Result<()> {
+        let record = json!({
+            "index": index,
+            "file": relative(index, &self.extension),
+            "sha256": hex(&Sha256::digest(bytes)),
+            "bytes": bytes.len(),
+            "parameters": parameters,
+            "channels": figures,
+        });
+        let folder = self.place(index, "");
+        let folder = folder.parent().unwrap_or(&self.directory);
+        fs::create_dir_all(folder).map_err(|e| Error::io("create", folder, e))?;
+        put_once(&self.place(index, "json"), format!("{record}\n").as_bytes())?;
+        put_once(&self.place(index, &self.extension), bytes)
+    }
+
+    /// Writes the manifest if every picture is there; how many are.
+    pub fn complete(&self) -> Result<u64> {
+        let done = self.done();
+        if done == self.pictures {
+            let mut manifest = Vec::new();
+            for index in 0..self.pictures {
+                let path = self.place(index, "json");
+                let record = fs::read(&path).map_err(|e| Error::io("read", &path, e))?;
+                manifest.extend_from_slice(&record);
+            }
+            put_once(&self.directory.join("manifest.jsonl"), &manifest)?;
+        }
+        Ok(done)
+    }
+}
+
+fn relative(index: u64, extension: &str) -> String {
+    format!("frames/{:03}/{index:06}.{extension}", index / PER_FOLDER)
+}
+
+/// Writes a file that another process may have written already, with the same bytes.
+fn put_once(path: &Path, bytes: &[u8]) -> Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
+    match write_file(path, false, bytes) {
+        Err(_) if path.exists() => Ok(()),
+        outcome => outcome,
+    }
+}
+
+/// What a data set is made of. No date, no host name: the same from every process that works on it.
+fn description(sweep: &Sweep) -> Result<Value> {
+    let mut inputs = Vec::new();
+    for path in &sweep.inputs {
+        let mut digest = Sha256::new();
+        hash(path, &mut digest)?;
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+        inputs.push(json!({ "name": name, "sha256": hex(&digest.finalize()) }));
+    }
+    Ok(json!({
+        "format": "batch/1",
+        "camrig": env!("CARGO_PKG_VERSION"),
+        "pictures": sweep.pictures(),
+        "inputs": inputs,
+        "sweep": sweep.text,
+    }))
+}
+
+/// Content of a file, or of every file of a directory in name order.
+fn hash(path: &Path, digest: &mut Sha256) -> Result<()> {
+    let failed = |e| Error::io("read", path, e);
+    if path.is_dir() {
+        let entries = fs::read_dir(path).map_err(failed)?;
+        let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+        paths.sort();
+        for path in paths {
+            digest.update(path.file_name().unwrap_or_default().as_encoded_bytes());
+            hash(&path, digest)?;
+        }
+        return Ok(());
+    }
+    let mut file = fs::File::open(path).map_err(failed)?;
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut buffer).map_err(failed)? {
+            0 => return Ok(()),
+            n => digest.update(&buffer[..n]),
+        }
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Says which input is not what it was.
+fn differs(there: &str, now: &str) -> Error {
+    let parse = |text: &str| serde_json::from_str::<Value>(text).unwrap_or_default();
+    let (there, now) = (parse(there), parse(now));
+    let inputs = |of: &Value| of["inputs"].as_array().cloned().unwrap_or_default();
+    let changed = inputs(&now).into_iter().find(|input| !inputs(&there).contains(input));
+    let what = if there["sweep"] != now["sweep"] {
+        "the sweep file is not the one with which this data set was begun".to_string()
+    } else if there["camrig"] != now["camrig"] {
+        format!("this data set was begun by camrig {}", there["camrig"].as_str().unwrap_or("?"))
+    } else if let Some(name) = changed.as_ref().and_then(|input| input["name"].as_str()) {
+        format!("{name} has changed since this data set was begun")
+    } else {
+        "this data set was begun from other inputs".to_string()
+    };
+    Error::input(what).help("finish it with what it was begun with, or give a new directory")
+}

@@ -1,0 +1,182 @@
+//! Many pictures: a sweep file rendered to a data set with a manifest.
+//!
+//! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on the shard it
+//! was made in, the threads, or what was there already. See [`sweep`] for the file and [`dataset`] for what is
+//! on disk.
+
+pub mod dataset;
+pub mod sweep;
+
+pub use dataset::Dataset;
+pub use sweep::{Picture, Sweep};
+
+use camrig_base::{Error, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_formats::{Facts, Format, Frames};
+use camrig_optics::{Device, Options};
+use camrig_render::{self as render, Exposure, Sight, View};
+use camrig_scene::LightLevel;
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// One of `count` equal parts of a sweep, counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which part.
+    pub number: u64,
+    /// Parts in all.
+    pub count: u64,
+}
+
+impl Shard {
+    /// The whole sweep.
+    pub const WHOLE: Self = Self { number: 1, count: 1 };
+
+    /// Reads `3/64`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(number, count)| {
+            Some(Self { number: number.trim().parse().ok()?, count: count.trim().parse().ok()? })
+        });
+        parts
+            .filter(|s| (1..=s.count).contains(&s.number))
+            .ok_or_else(|| format!("{text:?}: use K/N with K from 1 to N, for instance 3/64"))
+    }
+
+    /// The pictures of this part: neighbours in the grid, so that most of a part shares its optics.
+    pub fn pictures(self, total: u64) -> Range<u64> {
+        // Through 128 bits: a product of two 64-bit numbers.
+        let end = |k: u64| (u128::from(total) * u128::from(k) / u128::from(self.count)) as u64;
+        end(self.number - 1)..end(self.number)
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.number, self.count)
+    }
+}
+
+/// Makes the pictures of a part that are not there yet, the optics on `device`. `cache` keeps results of the optics stage;
+/// `progress` hears of each picture of the part.
+///
+/// # Errors
+/// What rendering or the disk refuses; pictures made so far stay.
+pub fn run(
+    sweep: &Sweep,
+    dataset: &Dataset,
+    shard: Shard,
+    device: Device,
+    cache: Option<PathBuf>,
+    progress: impl Fn() + Sync,
+) -> Result<()> {
+    let pictures: Vec<Picture<'_>> =
+        shard.pictures(sweep.pictures()).map(|i| sweep.picture(i)).collect();
+    for group in pictures.chunk_by(|a, b| a.same_view(b)) {
+        let missing: Vec<_> = group.iter().filter(|p| !dataset.has(p.index)).collect();
+        (missing.len()..group.len()).for_each(|_| progress());
+        let Some(first) = missing.first() else { continue };
+        let variant = &sweep.variants[first.variant];
+        let camera = Camera::load_with(&variant.spec, &variant.changes)?;
+        let sight = Sight {
+            scene: first.scene.spec.clone(),
+            illuminant: first.illuminant.spec.clone(),
+            level: sweep.base_lux().map(LightLevel::Lux),
+            options: Options { oversample: sweep.oversample, device, ..Options::default() },
+            cache: cache.clone(),
+            motion: None,
+        };
+        let view = sight.view(&camera, |_, _| ())?;
+        missing.par_iter().try_for_each(|picture| {
+            take(sweep, dataset, &camera, &view, picture)
+                .map_err(|e| e.at(format!("picture {}", picture.index)))?;
+            progress();
+            Ok::<(), Error>(())
+        })?;
+    }
+    Ok(())
+}
+
+fn take(
+    sweep: &Sweep,
+    dataset: &Dataset,
+    camera: &Camera,
+    view: &View,
+    picture: &Picture<'_>,
+) -> Result<()> {
+    let mut camera = camera.clone();
+    if let Some(seed) = picture.sensor_seed {
+        camera.sensor.seed = seed;
+    }
+    let mut header = match picture.lux {
+        Some(lux) => view.header_at(lux)?,
+        None => view.cube.header.clone(),
+    };
+    // As the sweep file names it: where it lies must not show in the picture's bytes.
+    header.made_of = format!("scene {}, lens of {}", picture.scene.name, camera.name);
+    let exposure = Exposure::new(&camera, &header, 1.0)?;
+    let settings = camera.settings(picture.frame, picture.exposure_s, picture.analog_gain);
+    let before = (picture.burst > 0).then_some(&view.cube);
+    let frame = exposure.frame(&view.cube, before, &settings, sweep.arithmetic)?;
+    let info = render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
+    let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
+    let format = Format::parse(&sweep.files)?;
+    let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
+    let parameters = parameters(sweep, &camera, &header, picture, settings.analog_gain);
+    dataset.put(picture.index, &bytes, parameters, figures(&frame))
+}
+
+/// Everything that tells the pictures of a sweep apart, by its name.
+fn parameters(
+    sweep: &Sweep,
+    camera: &Camera,
+    header: &render::CubeHeader,
+    picture: &Picture<'_>,
+    analog_gain: f32,
+) -> Value {
+    let variant = &sweep.variants[picture.variant];
+    let changes: Map<String, Value> =
+        variant.changes.iter().map(|(key, value)| (key.clone(), json!(value))).collect();
+    json!({
+        "camera": variant.name,
+        "camera_keys": changes,
+        "scene": picture.scene.name,
+        "illuminant": header.illuminant.is_some().then_some(&picture.illuminant.name),
+        "lux": header.lux,
+        "exposure_s": picture.exposure_s,
+        "analog_gain": analog_gain,
+        "sensor_seed": camera.sensor.seed,
+        "frame": picture.frame,
+    })
+}
+
+/// Mean DN and saturated fraction of each channel.
+fn figures(frame: &RawFrame) -> Value {
+    let figures = frame.channel_means().into_iter().map(|(name, mean_dn, saturated)| {
+        (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
+    });
+    figures.collect::<Map<_, _>>().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_cover_a_sweep_once() {
+        for (total, count) in [(0, 3), (1, 7), (100, 7), (64, 64), (10, 64)] {
+            let mut next = 0;
+            for number in 1..=count {
+                let part = Shard { number, count }.pictures(total);
+                assert_eq!(part.start, next);
+                next = part.end;
+            }
+            assert_eq!(next, total);
+        }
+        assert_eq!(Shard::parse("3/64"), Ok(Shard { number: 3, count: 64 }));
+        for wrong in ["0/3", "4/3", "3", "a/b", "-1/3"] {
+            assert!(Shard::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,445 @@
+//! Sweep files: the grid of pictures that `camrig batch` makes.
+//!
+//! ```toml
+//! format = "sweep/1"
+//! frames = 2                  # of each combination, each with temporal noise of its own
+//! files = "dng"               # or tiff, npy, pgm, fits
+//!
+//! [grid]                      # each key takes a value or a list; numbers also { from, to, count, spacing = "log" }
+//! camera = "mt9t012"          # files are looked for beside the sweep file
+//! scene = ["colorchecker", "slanted-edge:angle=5"]
+//! illuminant = ["D65", "A"]
+//! lux = [10, 100, 1000]
+//! exposure_s = { from = 0.001, to = 0.1, count = 5, spacing = "log" }
+//! analog_gain = [1, 8]
+//! sensor_seed = [1, 2, 3]     # other physical sensors of the same kind
+//!
+//! [grid.camera_keys]          # any key of the camera file, with its table
+//! "sensor.noise.read_e" = [2.0, 4.0]
+//! ```
+//!
+//! Every combination is taken. Their order, slowest first: camera, camera keys (by name), scene,
+//! illuminant, lux, exposure, gain, sensor seed, frame. Picture i of the grid has frame number
+//! `frame_seed + i`, so no two share temporal noise.
+
+use camrig_base::alternatives::{Alternatives, Numbers};
+use camrig_base::{Error, Result, toml_text};
+use camrig_camera::{Camera, is_preset};
+use camrig_render::Arithmetic;
+use camrig_scene::{self as scene, Illuminant, chart};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Most pictures of a sweep: frame numbers have 32 bits.
+const MOST: u64 = u32::MAX as u64;
+
+/// Kinds of files that a data set may have: those of one frame that keep every sample.
+const FILES: [&str; 5] = ["dng", "tiff", "npy", "pgm", "fits"];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    #[serde(default = "one")]
+    frames: u32,
+    #[serde(default)]
+    frame_seed: u32,
+    #[serde(default = "dng")]
+    files: String,
+    #[serde(default)]
+    arith: Arithmetic,
+    #[serde(default)]
+    opcodes: bool,
+    oversample: Option<usize>,
+    grid: GridFile,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridFile {
+    camera: Alternatives<String>,
+    #[serde(default)]
+    camera_keys: BTreeMap<String, CameraKey>,
+    scene: Alternatives<String>,
+    illuminant: Option<Alternatives<String>>,
+    lux: Option<Numbers>,
+    exposure_s: Numbers,
+    analog_gain: Option<Numbers>,
+    sensor_seed: Option<Alternatives<u64>>,
+}
+
+/// A value of the camera file: a number, a word, a list of either, or a range.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum CameraKey {
+    Range(camrig_base::alternatives::Range),
+    List(Vec<toml::Value>),
+    One(toml::Value),
+}
+
+fn one() -> u32 {
+    1
+}
+
+fn dng() -> String {
+    "dng".into()
+}
+
+/// A sweep, checked: every camera loads, every scene opens, every light is known.
+#[derive(Debug)]
+pub struct Sweep {
+    /// The file's text.
+    pub text: String,
+    /// Extension of the pictures' files.
+    pub files: String,
+    /// Arithmetic of the sensor stage.
+    pub arithmetic: Arithmetic,
+    /// Whether DNG files carry lens shading and bad pixels.
+    pub opcodes: bool,
+    /// Cells per pixel and direction in the optics stage, where it is not chosen by error.
+    pub oversample: Option<usize>,
+    /// Files and directories that the pictures depend on.
+    pub inputs: Vec<PathBuf>,
+    frame_seed: u32,
+    frames: u32,
+    /// Cameras: what they are called, and what is changed in their files.
+    pub variants: Vec<Variant>,
+    scenes: Vec<Named>,
+    illuminants: Vec<Named>,
+    lux: Vec<Option<f64>>,
+    exposures_s: Vec<f64>,
+    gains: Vec<Option<f64>>,
+    sensor_seeds: Vec<Option<u64>>,
+}
+
+/// A scene or a light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Named {
+    /// As the sweep file names it.
+    pub name: String,
+    /// As this process finds it.
+    pub spec: String,
+}
+
+/// A camera of the grid.
+#[derive(Clone, Debug)]
+pub struct Variant {
+    /// As the sweep file names it.
+    pub name: String,
+    /// What [`Camera::load_with`] takes.
+    pub spec: String,
+    /// Keys changed.
+    pub changes: Vec<(String, toml::Value)>,
+}
+
+/// One picture of a sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture<'a> {
+    /// Its place in the grid.
+    pub index: u64,
+    /// Which of [`Sweep::variants`].
+    pub variant: usize,
+    /// What is looked at.
+    pub scene: &'a Named,
+    /// The light on it.
+    pub illuminant: &'a Named,
+    /// Scene illuminance, lx; `None` where the sweep does not say.
+    pub lux: Option<f64>,
+    /// Integration time, s.
+    pub exposure_s: f64,
+    /// Analog gain; the camera's own where `None`.
+    pub analog_gain: Option<f64>,
+    /// Seed of the physical sensor; the camera's own where `None`.
+    pub sensor_seed: Option<u64>,
+    /// Place in the burst of frames of the combination.
+    pub burst: u32,
+    /// Names the temporal noise.
+    pub frame: u32,
+}
+
+impl Sweep {
+    /// Reads and checks a sweep file.
+    ///
+    /// # Errors
+    /// Unknown keys, values out of range, cameras, scenes or lights that cannot be.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::parse(text, folder).map_err(|e| e.at(path.display()))
+    }
+
+    fn parse(text: String, folder: &Path) -> Result<Self> {
+        let file: File = toml::from_str(&text).map_err(|e| toml_text::error(&text, &e))?;
+        if file.format != "sweep/1" {
+            return Err(Error::input(format!("sweep format {:?}", file.format))
+                .help("this program reads format = \"sweep/1\""));
+        }
+        if !FILES.contains(&file.files.as_str()) {
+            return Err(Error::input(format!("files = {:?}", file.files))
+                .help(toml_text::did_you_mean(&file.files, &FILES)));
+        }
+        if file.frames == 0 {
+            return Err(Error::input("frames = 0").help("take at least one frame"));
+        }
+        let grid = file.grid;
+        let mut sweep = Self {
+            files: file.files,
+            arithmetic: file.arith,
+            opcodes: file.opcodes,
+            oversample: file.oversample,
+            inputs: Vec::new(),
+            frame_seed: file.frame_seed,
+            frames: file.frames,
+            variants: variants(&grid, folder)?,
+            scenes: named(grid.scene.values().map_err(|e| e.at("scene"))?, |name| {
+                (!is_chart(name)).then_some(folder)
+            }),
+            illuminants: match &grid.illuminant {
+                Some(names) => named(names.values().map_err(|e| e.at("illuminant"))?, |name| {
+                    name.to_ascii_lowercase().ends_with(".csv").then_some(folder)
+                }),
+                None => named(vec!["D65".into()], |_| None),
+            },
+            lux: optional("lux", grid.lux.as_ref())?,
+            exposures_s: positive("exposure_s", &grid.exposure_s)?,
+            gains: optional("analog_gain", grid.analog_gain.as_ref())?,
+            sensor_seeds: match &grid.sensor_seed {
+                Some(seeds) => {
+                    seeds.values().map_err(|e| e.at("sensor_seed"))?.into_iter().map(Some).collect()
+                }
+                None => vec![None],
+            },
+            text,
+        };
+        sweep.check()?;
+        Ok(sweep)
+    }
+
+    /// Opens everything once, finds the files behind it, and counts.
+    fn check(&mut self) -> Result<()> {
+        for variant in &self.variants {
+            let camera = Camera::load_with(&variant.spec, &variant.changes)?;
+            if !is_preset(&variant.spec) {
+                self.inputs.push(variant.spec.clone().into());
+                let home = Path::new(&variant.spec).parent().unwrap_or(Path::new(""));
+                self.inputs.extend(files_named(&camera.text, home));
+            }
+        }
+        for scene in &self.scenes {
+            let opened = scene::open(&scene.spec).map_err(|e| e.at("scene"))?;
+            let own_light = opened.quantity() == scene::Quantity::Radiance;
+            if own_light && (self.lux != [None] || self.illuminants.len() > 1) {
+                return Err(Error::input(format!("lights for the scene {:?}", scene.name))
+                    .help("it holds radiance, light included; leave illuminant and lux out"));
+            }
+            if !is_chart(&scene.name) {
+                self.inputs.extend(existing(&scene.spec));
+            }
+        }
+        for light in &self.illuminants {
+            Illuminant::parse(&light.spec).map_err(|e| e.at("illuminant"))?;
+            let path = PathBuf::from(&light.spec);
+            self.inputs.extend(path.is_file().then_some(path));
+        }
+        self.inputs.sort();
+        self.inputs.dedup();
+        let total = self.radices().iter().try_fold(1u64, |n, &r| n.checked_mul(r as u64));
+        if total.is_none_or(|n| n > MOST) {
+            return Err(Error::input("a grid of too many pictures")
+                .help(format!("at most {MOST}; split it into several sweeps")));
+        }
+        Ok(())
+    }
+
+    /// Sides of the grid, slowest first.
+    fn radices(&self) -> [usize; 8] {
+        [
+            self.variants.len(),
+            self.scenes.len(),
+            self.illuminants.len(),
+            self.lux.len(),
+            self.exposures_s.len(),
+            self.gains.len(),
+            self.sensor_seeds.len(),
+            self.frames as usize,
+        ]
+    }
+
+    /// Pictures in all.
+    pub fn pictures(&self) -> u64 {
+        self.radices().iter().map(|&r| r as u64).product()
+    }
+
+    /// Picture `index` of the grid.
+    pub fn picture(&self, index: u64) -> Picture<'_> {
+        let mut at = [0; 8];
+        let mut rest = index;
+        for (digit, &radix) in at.iter_mut().zip(&self.radices()).rev() {
+            *digit = (rest % radix as u64) as usize;
+            rest /= radix as u64;
+        }
+        let [variant, scene, light, lux, exposure, gain, seed, burst] = at;
+        Picture {
+            index,
+            variant,
+            scene: &self.scenes[scene],
+            illuminant: &self.illuminants[light],
+            lux: self.lux[lux],
+            exposure_s: self.exposures_s[exposure],
+            analog_gain: self.gains[gain],
+            sensor_seed: self.sensor_seeds[seed],
+            burst: burst as u32,
+            frame: self.frame_seed.wrapping_add(index as u32),
+        }
+    }
+
+    /// The level of light at which the optics stage is run for all levels.
+    pub fn base_lux(&self) -> Option<f64> {
+        self.lux[0]
+    }
+}
+
+impl Picture<'_> {
+    /// Whether two pictures share the optics stage.
+    pub fn same_view(&self, other: &Self) -> bool {
+        (self.variant, self.scene, self.illuminant)
+            == (other.variant, other.scene, other.illuminant)
+    }
+}
+
+/// Every camera with every combination of changed keys.
+fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
+    let mut variants = Vec::new();
+    for name in grid.camera.values().map_err(|e| e.at("camera"))? {
+        let beside = || folder.join(&name).to_string_lossy().into_owned();
+        let spec = if is_preset(&name) { name.clone() } else { beside() };
+        variants.push(Variant { spec, changes: Vec::new(), name });
+    }
+    for (key, values) in &grid.camera_keys {
+        let values: Vec<toml::Value> = match values {
+            CameraKey::One(value) => Ok(vec![value.clone()]),
+            CameraKey::List(values) if values.is_empty() => {
+                Err(Error::input("an empty list").help("give one value or more"))
+            }
+            CameraKey::List(values) => Ok(values.clone()),
+            CameraKey::Range(range) => {
+                let numbers = Numbers::Range(range.clone()).values();
+                numbers.map(|numbers| numbers.into_iter().map(toml::Value::Float).collect())
+            }
+        }
+        .map_err(|e| e.at(format!("camera key {key:?}")))?;
+        if variants.len().saturating_mul(values.len()) > 100_000 {
+            return Err(Error::input("more than 100000 cameras").help("split the sweep"));
+        }
+        let with = |variant: &Variant, value: &toml::Value| {
+            let mut variant = variant.clone();
+            variant.changes.push((key.clone(), value.clone()));
+            variant
+        };
+        variants = variants
+            .iter()
+            .flat_map(|variant| values.iter().map(|value| with(variant, value)))
+            .collect();
+    }
+    Ok(variants)
+}
+
+fn positive(key: &str, numbers: &Numbers) -> Result<Vec<f64>> {
+    let values = numbers.values().map_err(|e| e.at(key))?;
+    match values.iter().find(|&&v| !(v > 0.0)) {
+        Some(v) => Err(Error::input(format!("{key} = {v}")).help("use values above zero")),
+        None => Ok(values),
+    }
+}
+
+fn optional(key: &str, numbers: Option<&Numbers>) -> Result<Vec<Option<f64>>> {
+    match numbers {
+        Some(numbers) => Ok(positive(key, numbers)?.into_iter().map(Some).collect()),
+        None => Ok(vec![None]),
+    }
+}
+
+/// Names with where they are found: in a folder, or by themselves.
+fn named<'a>(names: Vec<String>, folder: impl Fn(&str) -> Option<&'a Path>) -> Vec<Named> {
+    let found = |name: String| {
+        let in_folder = folder(&name).map(|f| f.join(&name).to_string_lossy().into_owned());
+        Named { spec: in_folder.unwrap_or_else(|| name.clone()), name }
+    };
+    names.into_iter().map(found).collect()
+}
+
+fn is_chart(scene: &str) -> bool {
+    chart::NAMES.contains(&scene.split(':').next().unwrap_or(scene))
+}
+
+/// The file or directory of a scene, if it is one, with the sidecars that lie beside it.
+fn existing(scene: &str) -> Vec<PathBuf> {
+    let path = match scene.rsplit_once(':') {
+        Some((path, _)) if !Path::new(scene).exists() => Path::new(path),
+        _ => Path::new(scene),
+    };
+    let beside = ["toml", "img", "dat", "raw", ""].map(|e| path.with_extension(e));
+    let all = std::iter::once(path.to_path_buf()).chain(beside);
+    all.filter(|p| p.exists()).collect()
+}
+
+/// Files that the strings of a camera file name.
+fn files_named(text: &str, folder: &Path) -> Vec<PathBuf> {
+    fn strings(value: &toml::Value, found: &mut Vec<String>) {
+        match value {
+            toml::Value::String(s) => found.push(s.clone()),
+            toml::Value::Array(values) => values.iter().for_each(|v| strings(v, found)),
+            toml::Value::Table(table) => table.values().for_each(|v| strings(v, found)),
+            _ => {}
+        }
+    }
+    let mut found = Vec::new();
+    if let Ok(table) = toml::from_str::<toml::Table>(text) {
+        strings(&toml::Value::Table(table), &mut found);
+    }
+    let named = found.iter().filter(|s| !s.is_empty()).map(|s| folder.join(s));
+    named.filter(|p| p.is_file() || p.is_dir() && p.file_name().is_some()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GRID: &str = "format = 'sweep/1'\nframes = 2\n[grid]\ncamera = 'mt9t012'\n\
+        scene = ['colorchecker', 'ramp']\nlux = [10, 100]\nexposure_s = 0.01\n\
+        [grid.camera_keys]\n'sensor.noise.read_e' = [3.0, 5.0]\n";
+
+    fn said(text: &str) -> String {
+        Sweep::parse(text.into(), Path::new("")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_combination_once_slowest_first() {
+        let sweep = Sweep::parse(GRID.into(), Path::new("")).unwrap();
+        assert_eq!(sweep.pictures(), 16);
+        let all: Vec<_> = (0..16).map(|i| sweep.picture(i)).collect();
+        for (i, a) in all.iter().enumerate() {
+            assert_eq!((a.index, a.frame), (i as u64, i as u32));
+            let key = |p: &Picture<'_>| (p.variant, p.scene.name.clone(), p.lux, p.burst);
+            assert!(all[..i].iter().all(|b| key(b) != key(a)));
+        }
+        assert_eq!((all[1].burst, all[2].lux, &*all[4].scene.name), (1, Some(100.0), "ramp"));
+        assert_eq!((all[7].variant, all[8].variant), (0, 1));
+        assert!(all[3].same_view(&all[0]) && !all[4].same_view(&all[3]));
+    }
+
+    #[test]
+    fn wrong_sweeps_are_refused_before_any_work() {
+        assert!(said(&GRID.replace("lux", "luxx")).contains("luxx"));
+        assert!(said(&GRID.replace("[10, 100]", "[10, -1]")).contains("lux = -1"));
+        assert!(said(&GRID.replace("'ramp'", "'rump'")).contains("rump"));
+        assert!(said(&GRID.replace("read_e", "raed_e")).contains("raed_e"));
+        assert!(said(&GRID.replace("frames = 2", "frames = 0")).contains("frames"));
+        assert!(said(&GRID.replace("frames = 2", "files = 'jpeg'")).contains("jpeg"));
+        assert!(said(&GRID.replace("sweep/1", "sweep/9")).contains("sweep/9"));
+        let huge = GRID.replace("[10, 100]", "{ from = 1, to = 2, count = 100000 }");
+        let huge = huge.replace("0.01", "{ from = 1, to = 2, count = 100000 }");
+        assert!(said(&huge).contains("too many"));
+    }
+}

@@ -1,0 +1,362 @@
+//! From the raw shape of a camera file to checked values.
+
+use super::effects::{AnyEffect, read_effect};
+use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
+use super::{Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise};
+use super::{RelativeIllumination, SensorModel};
+use camrig_base::Cfa;
+use camrig_base::Spectrum;
+use camrig_base::table::SpectralTable;
+use camrig_base::{Error, Result, toml_text};
+
+/// Names the place of a key in the file's text.
+struct Keys<'a> {
+    text: &'a str,
+    table: &'static str,
+}
+
+impl Keys<'_> {
+    fn place(&self, key: &str) -> String {
+        match toml_text::line_of_key(self.text, self.table, key) {
+            Some(line) => format!("line {line}, key {key:?} of [{}]", self.table),
+            None => format!("key {key:?} of [{}]", self.table),
+        }
+    }
+
+    /// A value within limits; `range` in words says what would be right.
+    fn within(
+        &self,
+        key: &str,
+        v: f64,
+        ok: std::ops::RangeInclusive<f64>,
+        unit: &str,
+    ) -> Result<f64> {
+        if ok.contains(&v) {
+            return Ok(v);
+        }
+        Err(Error::input(format!("{key} = {v}")).at(self.place(key)).help(format!(
+            "use {} to {} {unit}",
+            ok.start(),
+            ok.end()
+        )))
+    }
+
+    fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
+        value.ok_or_else(|| {
+            Error::input(format!("key {key:?} is missing"))
+                .at(format!("[{}]", self.table))
+                .help(format!("kind = {kind:?} needs it"))
+        })
+    }
+}
+
+pub(super) fn camera(
+    file: CameraFile,
+    text: &str,
+    default_name: &str,
+    folder: &Folder<'_>,
+) -> Result<Camera> {
+    let lens = lens(file.lens, &Keys { text, table: "lens" }, folder)?;
+    let sensor = sensor(file.sensor, text, folder)?;
+    let (mut effects, mut optical_effects) = (Vec::new(), Vec::new());
+    for table in &file.effects {
+        let line = toml_text::line_of(text, table.span().start);
+        let place = |e: Error| e.at(format!("[[effect]] at line {line}"));
+        match read_effect(table.get_ref()).map_err(place)? {
+            AnyEffect::Sensor(effect) => effects.push(effect),
+            AnyEffect::Optical(effect) => optical_effects.push(effect),
+        }
+    }
+    let name = file.name.unwrap_or_else(|| default_name.to_string());
+    let camera = Camera { name, lens, sensor, effects, optical_effects, text: text.to_string() };
+    camera.check_chain()?;
+    Ok(camera)
+}
+
+fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensModel> {
+    let kind = file.kind.as_str();
+    let foreign = match kind {
+        "diffraction-limited" => [("data", file.data.is_some()), ("file", file.file.is_some())],
+        "characterised" => [
+            ("file", file.file.is_some()),
+            ("relative_illumination", file.relative_illumination.is_some()),
+        ],
+        "prescription" => [
+            ("data", file.data.is_some()),
+            ("relative_illumination", file.relative_illumination.is_some()),
+        ],
+        _ => {
+            let known = ["diffraction-limited", "characterised", "prescription"];
+            return Err(Error::input(format!("lens kind {kind:?}"))
+                .at(keys.place("kind"))
+                .help(toml_text::did_you_mean(kind, &known)));
+        }
+    };
+    if let Some((key, _)) = foreign.iter().find(|(_, given)| *given) {
+        return Err(Error::input(format!("key {key:?} means nothing for kind = {kind:?}"))
+            .at(keys.place(key))
+            .help("remove it, or change the kind"));
+    }
+    let transmittance = match &file.transmittance {
+        None => Spectrum::constant(1.0),
+        Some(NumberOrFile::Number(t)) => {
+            Spectrum::constant(keys.within("transmittance", *t, 0.0..=1.0, "")?)
+        }
+        Some(NumberOrFile::File(name)) => {
+            fraction_curve(name, folder).map_err(|e| e.at(keys.place("transmittance")))?
+        }
+    };
+    let kind = match kind {
+        "characterised" => LensKind::Characterised(folder.path(&keys.required(
+            "data",
+            file.data,
+            "characterised",
+        )?)),
+        "prescription" => LensKind::Prescription(folder.path(&keys.required(
+            "file",
+            file.file,
+            "prescription",
+        )?)),
+        kind => LensKind::DiffractionLimited {
+            f_number: keys.within(
+                "f_number",
+                keys.required("f_number", file.f_number, kind)?,
+                0.5..=128.0,
+                "(focal length over pupil diameter)",
+            )?,
+            focal_length_mm: keys.within(
+                "focal_length_mm",
+                keys.required("focal_length_mm", file.focal_length_mm, kind)?,
+                0.1..=10_000.0,
+                "mm",
+            )?,
+            magnification: keys.within(
+                "magnification",
+                file.magnification.unwrap_or(0.0).abs(),
+                0.0..=100.0,
+                "(image size over object size)",
+            )?,
+            relative_illumination: match file.relative_illumination.as_deref() {
+                None | Some("cos4") => RelativeIllumination::Cos4,
+                Some("none") => RelativeIllumination::Flat,
+                Some(name) => RelativeIllumination::Table(
+                    field_table(name, folder)
+                        .map_err(|e| e.at(keys.place("relative_illumination")))?,
+                ),
+            },
+        },
+    };
+    Ok(LensModel { kind, transmittance })
+}
+
+fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorModel> {
+    let keys = Keys { text, table: "sensor" };
+    let side = |key, v: u32| {
+        keys.within(
+            key,
+            f64::from(v),
+            1.0..=f64::from(camrig_sensor_core::config::MAX_SIDE),
+            "pixels",
+        )
+    };
+    side("width", file.width)?;
+    side("height", file.height)?;
+    let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(keys.place("cfa")))?;
+    if cfa.channels().len() > camrig_sensor_core::config::MAX_CHANNELS {
+        return Err(Error::input(format!(
+            "cfa = {:?} has {} channels",
+            file.cfa,
+            cfa.channels().len()
+        ))
+        .at(keys.place("cfa"))
+        .help(format!("use at most {} letters", camrig_sensor_core::config::MAX_CHANNELS)));
+    }
+    let (channel_names, qe) = match &file.qe {
+        NumberOrFile::Number(q) => {
+            let q = keys.within("qe", *q, 0.0..=1.0, "electrons per photon")?;
+            let names: Vec<String> =
+                cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
+            let curves = vec![Spectrum::constant(q); names.len()];
+            (names, curves)
+        }
+        NumberOrFile::File(name) => {
+            quantum_efficiency(name, &cfa, folder).map_err(|e| e.at(keys.place("qe")))?
+        }
+    };
+    let ir_cut = match &file.ir_cut {
+        Some(name) => Some(fraction_curve(name, folder).map_err(|e| e.at(keys.place("ir_cut")))?),
+        None => None,
+    };
+    let crosstalk = match &file.crosstalk {
+        Some(name) => Some(
+            folder
+                .read(name)
+                .and_then(|text| CrosstalkTable::parse(&text))
+                .and_then(|table| table.for_channels(&channel_names))
+                .map_err(|e| e.at(name).at(keys.place("crosstalk")))?,
+        ),
+        None => None,
+    };
+    let bits = keys.within("bits", f64::from(file.bits), 8.0..=16.0, "bits")? as u8;
+    let max_dn = f64::from((1u32 << bits) - 1);
+    Ok(SensorModel {
+        width: file.width,
+        height: file.height,
+        pitch_um: keys.within("pitch_um", file.pitch_um, 0.1..=1000.0, "µm")?,
+        fill_factor: keys.within("fill_factor", file.fill_factor, 0.001..=1.0, "(area ratio)")?,
+        cfa,
+        channel_names,
+        qe,
+        ir_cut,
+        crosstalk,
+        conversion_gain_uv_per_e: keys.within(
+            "conversion_gain_uv_per_e",
+            file.conversion_gain_uv_per_e,
+            0.001..=10_000.0,
+            "µV per electron",
+        )?,
+        full_well_e: keys.within(
+            "full_well_e",
+            file.full_well_e,
+            1.0..=f64::from(camrig_sensor_core::arith::MAX_SIGNAL_E),
+            "e-",
+        )?,
+        bits,
+        black_level_dn: keys.within(
+            "black_level_dn",
+            file.black_level_dn,
+            0.0..=max_dn - 1.0,
+            "DN",
+        )?,
+        analog_gain: keys.within("analog_gain", file.analog_gain, 0.01..=1000.0, "")?,
+        temperature_c: keys.within("temperature_c", file.temperature_c, -100.0..=150.0, "°C")?,
+        seed: file.seed,
+        noise: noise(&file.noise, &Keys { text, table: "sensor.noise" })?,
+    })
+}
+
+fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
+    let read_e = keys.within("read_e", file.read_e, 0.0..=1e5, "e-")?;
+    let dark = |key, v| keys.within(key, v, 0.0..=1e6, "e-/s");
+    Ok(Noise {
+        read_e,
+        read_e_post: keys.within("read_e_post", file.read_e_post, 0.0..=read_e, "e-, the whole")?,
+        dark_current_e_per_s: dark("dark_current_e_per_s", file.dark_current_e_per_s)?,
+        dark_doubling_c: keys.within("dark_doubling_c", file.dark_doubling_c, 1.0..=100.0, "K")?,
+        temperature_ref_c: keys.within(
+            "temperature_ref_c",
+            file.temperature_ref_c,
+            -100.0..=150.0,
+            "°C",
+        )?,
+        dsnu_e_per_s: dark("dsnu_e_per_s", file.dsnu_e_per_s)?,
+        prnu: keys.within("prnu", file.prnu, 0.0..=0.14, "(relative standard deviation)")?,
+        // The paper's magnitude: half of the largest read noise, which is that at unity gain.
+        row_fpn_e: keys.within(
+            "row_fpn_e",
+            file.row_fpn_e.unwrap_or(0.5 * read_e),
+            0.0..=1e5,
+            "e-",
+        )?,
+    })
+}
+
+/// A curve of values in 0..=1 over wavelength: one column.
+fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
+    let table = spectral_table(name, folder)?;
+    if table.curves.len() != 1 {
+        return Err(Error::input(format!("{} columns", table.curves.len() + 1))
+            .at(name)
+            .help("the columns are wavelength_nm,transmittance"));
+    }
+    table.spectrum(0)
+}
+
+/// Reads a table and checks that its values are fractions and that no part of the visible range is left out.
+fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
+    let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    for (column, values) in &table.curves {
+        if let Some(i) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
+            return Err(Error::input(format!(
+                "{} in column {column:?} at {} nm",
+                values[i], table.wavelength_nm[i]
+            ))
+            .at(name)
+            .help("values are fractions, 0 to 1"));
+        }
+    }
+    const WIDEST_GAP_NM: f64 = 25.0;
+    if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > WIDEST_GAP_NM) {
+        return Err(Error::input(format!("no values between {} and {} nm", gap[0], gap[1]))
+            .at(name)
+            .help(format!("give a value at least every {WIDEST_GAP_NM} nm")));
+    }
+    let (first, last) =
+        (table.wavelength_nm[0], table.wavelength_nm[table.wavelength_nm.len() - 1]);
+    if first > 400.0 || last < 700.0 {
+        return Err(Error::input(format!("the table covers {first} to {last} nm"))
+            .at(name)
+            .help("it must cover at least 400 to 700 nm"));
+    }
+    Ok(table)
+}
+
+/// Channel names and curves: r,g,b or r,gr,gb,b for Bayer patterns, one column for mono, else a column per
+/// letter of the pattern.
+fn quantum_efficiency(
+    name: &str,
+    cfa: &Cfa,
+    folder: &Folder<'_>,
+) -> Result<(Vec<String>, Vec<Spectrum>)> {
+    let table = spectral_table(name, folder)?;
+    let letters: Vec<String> =
+        cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
+    let names = if cfa.is_mono() && table.curves.len() == 1 {
+        return Ok((letters, vec![table.spectrum(0)?]));
+    } else if table.column("gr").is_some() && table.column("gb").is_some() {
+        ["r", "gr", "gb", "b"].map(String::from).to_vec()
+    } else {
+        letters
+    };
+    let mut curves = Vec::new();
+    for channel in &names {
+        let column = table.column(channel).ok_or_else(|| {
+            let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
+            Error::input(format!("no column {channel:?}")).at(name).help(format!(
+                "the pattern needs columns wavelength_nm,{}; the table has {}",
+                names.join(","),
+                known.join(",")
+            ))
+        })?;
+        curves.push(table.spectrum(column)?);
+    }
+    Ok((names, curves))
+}
+
+/// `field,ratio`: field 0 at the axis, 1 at the sensor's corner.
+fn field_table(name: &str, folder: &Folder<'_>) -> Result<Vec<(f64, f64)>> {
+    let text = folder.read(name)?;
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let mut table: Vec<(f64, f64)> = Vec::new();
+    for line in reader.deserialize() {
+        let (field, ratio): (f64, f64) = line.map_err(|e| {
+            Error::input(format!("not a table of field,ratio: {e}"))
+                .at(name)
+                .help("two numbers in each line below the header field,ratio")
+        })?;
+        let rises = table.last().is_none_or(|&(before, _)| field > before);
+        if !(0.0..=1.5).contains(&field) || !(0.0..=1.5).contains(&ratio) || !rises {
+            return Err(Error::input(format!("field {field}, ratio {ratio}")).at(name).help(
+                "fields rise from 0 (axis) to 1 (corner); ratios to the axis lie in 0 to 1.5",
+            ));
+        }
+        table.push((field, ratio));
+    }
+    if table.len() < 2 {
+        return Err(Error::input("fewer than two lines").at(name).help("give field,ratio lines"));
+    }
+    Ok(table)
+}

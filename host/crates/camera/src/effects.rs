@@ -1,0 +1,101 @@
+//! `[[effect]]` tables: from keys and values to effects of the sensor or of the optics.
+
+use camrig_base::{Error, Result, toml_text};
+use camrig_optics::OpticalEffect;
+use camrig_sensor_core::effects::{Effect, Parameter};
+
+/// What an `[[effect]]` table names.
+#[derive(Clone, Debug, PartialEq)]
+pub enum AnyEffect {
+    /// A stage of the sensor's signal chain.
+    Sensor(Effect),
+    /// Something before the irradiance; a rig never sees it.
+    Optical(OpticalEffect),
+}
+
+/// An entry of the whole catalogue, optics and sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct EffectKind {
+    /// Name in camera files.
+    pub kind: &'static str,
+    /// Where it acts: `optics`, or the sensor's domain.
+    pub acts: &'static str,
+    /// What it is, equation, source.
+    pub doc: &'static str,
+    /// Its parameters in order.
+    pub parameters: &'static [Parameter],
+}
+
+impl EffectKind {
+    /// Every kind that a camera file may name, in the order of the signal chain's two halves.
+    pub fn all() -> impl Iterator<Item = Self> {
+        use camrig_sensor_core::effects::Domain;
+        let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {
+            kind: e.kind,
+            acts: "optics",
+            doc: e.doc,
+            parameters: e.parameters,
+        });
+        let sensor = Effect::CATALOGUE.iter().map(|e| Self {
+            kind: e.kind,
+            acts: match e.domain {
+                Domain::Light => "light",
+                Domain::Photo => "photo-electrons",
+                Domain::Charge => "charge",
+                Domain::Voltage => "voltage",
+            },
+            doc: e.doc,
+            parameters: e.parameters,
+        });
+        optical.chain(sensor)
+    }
+}
+
+/// Reads one `[[effect]]` table. Errors name the key.
+pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
+    let kind = table.get("kind").and_then(toml::Value::as_str).ok_or_else(|| {
+        Error::input("key \"kind\" is missing").help("kind = \"row-temporal-noise\", for instance")
+    })?;
+    let entry = EffectKind::all().find(|e| e.kind == kind).ok_or_else(|| {
+        let known: Vec<&str> = EffectKind::all().map(|e| e.kind).collect();
+        Error::input(format!("unknown effect {kind:?}")).help(toml_text::did_you_mean(kind, &known))
+    })?;
+    let keys: Vec<&str> = entry.parameters.iter().map(|p| p.key).collect();
+    if let Some(key) = table.keys().find(|k| *k != "kind" && !keys.contains(&k.as_str())) {
+        return Err(Error::input(format!("unknown key {key:?} of {kind:?}"))
+            .help(toml_text::did_you_mean(key, &keys)));
+    }
+    let values: Result<Vec<f32>> = entry.parameters.iter().map(|p| value(table, kind, p)).collect();
+    let values = values?;
+    let sensor = Effect::CATALOGUE.iter().find(|e| e.kind == kind);
+    let effect = match sensor.and_then(|e| Effect::new(e.id, &values)) {
+        Some(effect) => Some(AnyEffect::Sensor(effect)),
+        None => OpticalEffect::new(kind, &values).map(AnyEffect::Optical),
+    };
+    effect.ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
+}
+
+fn value(table: &toml::Table, kind: &str, parameter: &Parameter) -> Result<f32> {
+    let key = parameter.key;
+    let range = || {
+        format!(
+            "{key} is {} ({}), {} to {}",
+            parameter.doc.trim(),
+            parameter.unit,
+            parameter.min,
+            parameter.max
+        )
+    };
+    let number = match table.get(key) {
+        Some(v) => v.as_float().or(v.as_integer().map(|i| i as f64)).map(|v| v as f32),
+        None => parameter.default,
+    };
+    match number {
+        Some(v) if (parameter.min..=parameter.max).contains(&v) => Ok(v),
+        Some(v) => Err(Error::input(format!("{key} = {v} of {:?}", kind)).help(range())),
+        None if table.contains_key(key) => {
+            Err(Error::input(format!("{key} of {:?} is no number", kind)).help(range()))
+        }
+        None => Err(Error::input(format!("key {key:?} of {:?} is missing", kind)).help(range())),
+    }
+}

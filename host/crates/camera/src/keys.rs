@@ -1,0 +1,405 @@
+//! The keys of a camera file, for people and editors: what each means, its unit, its range.
+//!
+//! Keys of effects are not here: the catalogue of effects has them.
+
+/// What a key holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Holds {
+    /// A number within limits.
+    Number(f64, f64),
+    /// A whole number within limits.
+    Whole(u64, u64),
+    /// A number within limits, or the name of a file.
+    NumberOrFile(f64, f64),
+    /// The name of a file or directory, relative to the camera file.
+    File,
+    /// One of some words.
+    Word(&'static [&'static str]),
+    /// One of some words, or the name of a file.
+    WordOrFile(&'static [&'static str]),
+    /// Text.
+    Text,
+}
+
+/// A key.
+#[derive(Clone, Copy, Debug)]
+pub struct Key {
+    /// Its table: empty at the top, `lens`, `sensor` or `sensor.noise`.
+    pub table: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// What it holds.
+    pub holds: Holds,
+    /// Unit; empty where it has none.
+    pub unit: &'static str,
+    /// What is meant.
+    pub doc: &'static str,
+    /// What real cameras have; empty where that says nothing.
+    pub usual: &'static str,
+    /// Value when left out; `None`: must be given.
+    pub default: Option<&'static str>,
+}
+
+impl Key {
+    /// Table and name: `sensor.noise.read_e`.
+    pub fn path(&self) -> String {
+        match self.table {
+            "" => self.name.to_string(),
+            table => format!("{table}.{}", self.name),
+        }
+    }
+}
+
+const fn key(
+    table: &'static str,
+    name: &'static str,
+    holds: Holds,
+    unit: &'static str,
+    default: Option<&'static str>,
+    usual: &'static str,
+    doc: &'static str,
+) -> Key {
+    Key { table, name, holds, unit, doc, usual, default }
+}
+
+use Holds::{File, Number, NumberOrFile, Text, Whole, Word, WordOrFile};
+
+const SIDE: u64 = camrig_sensor_core::config::MAX_SIDE as u64;
+const SIGNAL_E: f64 = camrig_sensor_core::arith::MAX_SIGNAL_E as f64;
+/// The default says that only some kinds of lens need the key.
+const BY_KIND: Option<&str> = Some("needed or not after lens.kind");
+
+/// Every key, in the order in which a camera file is written.
+pub const KEYS: &[Key] = &[
+    key(
+        "",
+        "name",
+        Text,
+        "",
+        Some("the file's name"),
+        "",
+        "Name of the camera in raw files and reports.",
+    ),
+    key(
+        "lens",
+        "kind",
+        Word(&["diffraction-limited", "characterised", "prescription"]),
+        "",
+        None,
+        "",
+        "How the lens is described: key parameters of an aberration-free lens, a measured or exported grid \
+         of figures and PSFs, or a prescription that is ray-traced.",
+    ),
+    key(
+        "lens",
+        "f_number",
+        Number(0.5, 128.0),
+        "",
+        BY_KIND,
+        "1.4 to 16",
+        "Focal length over entrance pupil diameter; sets exposure and diffraction (diffraction-limited).",
+    ),
+    key(
+        "lens",
+        "focal_length_mm",
+        Number(0.1, 10_000.0),
+        "mm",
+        BY_KIND,
+        "2 to 8 in phones, 4 to 50 in machine vision",
+        "Focal length (diffraction-limited).",
+    ),
+    key(
+        "lens",
+        "magnification",
+        Number(0.0, 100.0),
+        "",
+        Some("0"),
+        "0 for distant scenes",
+        "Image size over object size, |m| of the camera equation; 0 is an object at infinity \
+         (diffraction-limited).",
+    ),
+    key(
+        "lens",
+        "transmittance",
+        NumberOrFile(0.0, 1.0),
+        "",
+        Some("1"),
+        "0.85 to 0.98",
+        "Fraction of light that gets through: a number, or a CSV of wavelength_nm,transmittance.",
+    ),
+    key(
+        "lens",
+        "relative_illumination",
+        WordOrFile(&["cos4", "none"]),
+        "",
+        Some("cos4"),
+        "",
+        "Fall-off towards the corner: the cos⁴ law, none, or a CSV of field,ratio with field 0 at the axis \
+         and 1 at the corner (diffraction-limited).",
+    ),
+    key("lens", "data", File, "", BY_KIND, "", "Directory or file of a characterised lens."),
+    key("lens", "file", File, "", BY_KIND, "", "Prescription: .zmx, CODE V .seq, or .toml."),
+    key("sensor", "width", Whole(1, SIDE), "pixels", None, "640 to 8000", "Pixels in a row."),
+    key("sensor", "height", Whole(1, SIDE), "pixels", None, "480 to 6000", "Rows."),
+    key(
+        "sensor",
+        "pitch_um",
+        Number(0.1, 1000.0),
+        "µm",
+        None,
+        "0.6 to 2 in phones, 2 to 10 elsewhere",
+        "Distance of neighbouring pixels.",
+    ),
+    key(
+        "sensor",
+        "fill_factor",
+        Number(0.001, 1.0),
+        "",
+        None,
+        "0.3 to 0.6 without microlenses, 0.8 to 1 with",
+        "Effective photosensitive area over pitch².",
+    ),
+    key(
+        "sensor",
+        "cfa",
+        Text,
+        "",
+        None,
+        "RGGB, GRBG, GBRG, BGGR, mono",
+        "Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters parted by \
+         slashes.",
+    ),
+    key(
+        "sensor",
+        "qe",
+        NumberOrFile(0.0, 1.0),
+        "electrons per photon",
+        None,
+        "0.3 to 0.8 at the peak",
+        "Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or \
+         gr,gb apart, one column for mono, a column per letter of the pattern).",
+    ),
+    key(
+        "sensor",
+        "ir_cut",
+        File,
+        "",
+        Some("none"),
+        "",
+        "Infrared cut filter: CSV of wavelength_nm,transmittance.",
+    ),
+    key(
+        "sensor",
+        "crosstalk",
+        File,
+        "",
+        Some("none"),
+        "",
+        "Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over the sensor and \
+         factors relative to the centre.",
+    ),
+    key(
+        "sensor",
+        "conversion_gain_uv_per_e",
+        Number(0.001, 10_000.0),
+        "µV per electron",
+        None,
+        "20 to 200",
+        "Voltage per electron at the sense node. Cancels in the DN: full well and bits set the scale.",
+    ),
+    key(
+        "sensor",
+        "full_well_e",
+        Number(1.0, SIGNAL_E),
+        "e-",
+        None,
+        "4000 to 10000 at 1 to 2 µm, 10000 to 100000 above 3 µm",
+        "Linear full well: the charge at which the converter's range ends at unity gain.",
+    ),
+    key("sensor", "bits", Whole(8, 16), "bits", None, "10 to 14", "Bits of the converter."),
+    key(
+        "sensor",
+        "black_level_dn",
+        Number(0.0, 65_534.0),
+        "DN",
+        None,
+        "1/64 to 1/16 of the range",
+        "Mean DN of no signal; below the top of the converter.",
+    ),
+    key(
+        "sensor",
+        "analog_gain",
+        Number(0.01, 1000.0),
+        "",
+        Some("1"),
+        "1 to 16",
+        "Gain before the converter.",
+    ),
+    key(
+        "sensor",
+        "temperature_c",
+        Number(-100.0, 150.0),
+        "°C",
+        Some("25"),
+        "20 to 60",
+        "Temperature of the sensor.",
+    ),
+    key(
+        "sensor",
+        "seed",
+        Whole(0, i64::MAX as u64),
+        "",
+        Some("1"),
+        "",
+        "Names the physical sensor: fixes every fixed pattern.",
+    ),
+    key(
+        "sensor.noise",
+        "read_e",
+        Number(0.0, 1e5),
+        "e-",
+        None,
+        "1 to 10",
+        "Read noise at unity gain, input-referred, standard deviation.",
+    ),
+    key(
+        "sensor.noise",
+        "read_e_post",
+        Number(0.0, 1e5),
+        "e-",
+        Some("0"),
+        "0 to all of read_e",
+        "The part of it that comes after the gain stage; referred to the input it falls as 1/gain. At most \
+         read_e.",
+    ),
+    key(
+        "sensor.noise",
+        "dark_current_e_per_s",
+        Number(0.0, 1e6),
+        "e-/s",
+        None,
+        "1 to 100 at 25 °C",
+        "Mean dark current at temperature_ref_c.",
+    ),
+    key(
+        "sensor.noise",
+        "dark_doubling_c",
+        Number(1.0, 100.0),
+        "K",
+        Some("7"),
+        "6 to 9",
+        "Rise of temperature that doubles the dark current.",
+    ),
+    key(
+        "sensor.noise",
+        "temperature_ref_c",
+        Number(-100.0, 150.0),
+        "°C",
+        Some("25"),
+        "",
+        "Temperature for which the dark current holds.",
+    ),
+    key(
+        "sensor.noise",
+        "dsnu_e_per_s",
+        Number(0.0, 1e6),
+        "e-/s",
+        Some("0"),
+        "0.1 to 1 of the dark current",
+        "Dark signal non-uniformity: standard deviation over pixels of the dark current.",
+    ),
+    key(
+        "sensor.noise",
+        "prnu",
+        Number(0.0, 0.14),
+        "",
+        None,
+        "0.005 to 0.02",
+        "Photo response non-uniformity: standard deviation over pixels of the gain, mean 1.",
+    ),
+    key(
+        "sensor.noise",
+        "row_fpn_e",
+        Number(0.0, 1e5),
+        "e-",
+        Some("half of read_e"),
+        "0.1 to 1 of read_e",
+        "Row-wise fixed pattern, standard deviation over rows.",
+    ),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Camera, presets};
+
+    /// What the reader of camera files accepts, from its own words about an unknown key.
+    fn accepted(table: &str) -> Vec<String> {
+        let text = presets::file("mt9t012.toml").unwrap();
+        let header = format!("[{table}]\n");
+        let text = match table {
+            "" => format!("xyzzy = 1\n{text}"),
+            _ => text.replacen(&header, &format!("{header}xyzzy = 1\n"), 1),
+        };
+        let error = toml::from_str::<crate::file::CameraFile>(&text).unwrap_err();
+        let words = error.message().split('`').skip(1).step_by(2);
+        words.map(String::from).filter(|w| w != "xyzzy").collect()
+    }
+
+    #[test]
+    fn the_keys_are_those_that_a_camera_file_may_have() {
+        for (table, sub_tables) in [
+            ("", &["lens", "sensor", "effect"][..]),
+            ("lens", &[]),
+            ("sensor", &["noise"]),
+            ("sensor.noise", &[]),
+        ] {
+            let mut known: Vec<String> =
+                KEYS.iter().filter(|k| k.table == table).map(|k| k.name.to_string()).collect();
+            known.extend(sub_tables.iter().map(|t| t.to_string()));
+            let mut accepted = accepted(table);
+            known.sort();
+            accepted.sort();
+            assert_eq!(known, accepted, "[{table}]");
+        }
+    }
+
+    #[test]
+    fn the_ranges_are_those_that_are_checked() {
+        let with = |key: &Key, value: toml::Value| {
+            Camera::load_with("mt9t012", &[(key.path(), value)])
+                .map(drop)
+                .map_err(|e| e.to_string())
+        };
+        for key in KEYS {
+            let (low, high) = match key.holds {
+                Number(low, high) | NumberOrFile(low, high) => (low, high),
+                Whole(low, high) if key.name != "seed" => (low as f64, high as f64),
+                _ => continue,
+            };
+            let value = |v: f64| match key.holds {
+                Whole(..) => toml::Value::Integer(v as i64),
+                _ => toml::Value::Float(v),
+            };
+            // |m| is taken: its sign says nothing.
+            let below = if key.name == "magnification" { low } else { low - 1.0 };
+            for outside in [below, high + high.abs().max(1.0)] {
+                if outside == low {
+                    continue;
+                }
+                let said =
+                    with(key, value(outside)).expect_err(&format!("{} = {outside}", key.path()));
+                assert!(said.contains(key.name) || outside < 0.0, "{}: {said}", key.path());
+            }
+            for inside in [low, high] {
+                // Ends that other keys of the preset do not allow.
+                let apart = ["read_e_post", "black_level_dn", "read_e"].contains(&key.name);
+                if let Err(said) = with(key, value(inside))
+                    && !apart
+                {
+                    assert!(!said.contains(&format!("{} =", key.name)), "{}: {said}", key.path());
+                }
+            }
+        }
+    }
+}

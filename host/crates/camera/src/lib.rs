@@ -1,0 +1,148 @@
+//! The camera file and the checked values made of it.
+//!
+//! A camera file (TOML) describes one physical camera: lens, sensor, effects. [`Camera::load`] reads a file
+//! or a built-in preset, checks every value and names the line of what is wrong.
+
+pub mod changes;
+mod check;
+mod crosstalk;
+mod effects;
+mod file;
+pub mod keys;
+pub mod presets;
+pub mod schema;
+mod sensor;
+#[cfg(test)]
+mod tests;
+
+pub use camrig_base::Cfa;
+pub use crosstalk::CrosstalkTable;
+pub use effects::{AnyEffect, EffectKind, read_effect};
+pub use sensor::{Noise, SensorModel};
+
+use camrig_base::Spectrum;
+use camrig_base::{Error, Result, toml_text};
+use std::path::{Path, PathBuf};
+
+/// One physical camera.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// Its name.
+    pub name: String,
+    /// The lens.
+    pub lens: LensModel,
+    /// The sensor with its noise.
+    pub sensor: SensorModel,
+    /// Effects of the sensor beyond the base model, in the order of the file.
+    pub effects: Vec<camrig_sensor_core::effects::Effect>,
+    /// Effects of the optics beyond the lens's description, in the order of the file.
+    pub optical_effects: Vec<camrig_optics::OpticalEffect>,
+    /// The file's text, for reports.
+    pub text: String,
+}
+
+/// The lens of a camera file.
+#[derive(Clone, Debug)]
+pub struct LensModel {
+    /// How the lens is described.
+    pub kind: LensKind,
+    /// Transmittance over wavelength, 0..=1.
+    pub transmittance: Spectrum,
+}
+
+/// How a lens is described.
+#[derive(Clone, Debug)]
+pub enum LensKind {
+    /// Aberration-free: key parameters only.
+    DiffractionLimited {
+        /// Focal length over entrance pupil diameter.
+        f_number: f64,
+        /// Focal length, mm.
+        focal_length_mm: f64,
+        /// |m| of eq. 7; 0 for an object at infinity.
+        magnification: f64,
+        /// Fall-off towards the corner.
+        relative_illumination: RelativeIllumination,
+    },
+    /// Measured or exported over a field grid: a directory.
+    Characterised(PathBuf),
+    /// Traced from a prescription: a file.
+    Prescription(PathBuf),
+}
+
+/// Fall-off of illumination over the field.
+#[derive(Clone, Debug)]
+pub enum RelativeIllumination {
+    /// cos⁴ of the field angle.
+    Cos4,
+    /// None.
+    Flat,
+    /// Ratio to the axis over field (0 at the axis, 1 at the sensor's corner).
+    Table(Vec<(f64, f64)>),
+}
+
+/// Where the files named by a camera file are looked for.
+pub(crate) enum Folder<'a> {
+    Directory(&'a Path),
+    BuiltIn,
+}
+
+impl Folder<'_> {
+    /// The text of a file named in the camera file.
+    fn read(&self, name: &str) -> Result<String> {
+        match self {
+            Folder::Directory(directory) => {
+                let path = directory.join(name);
+                std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))
+            }
+            Folder::BuiltIn => presets::file(name)
+                .map(str::to_string)
+                .ok_or_else(|| Error::input(format!("no built-in file {name:?}"))),
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        match self {
+            Folder::Directory(directory) => directory.join(name),
+            Folder::BuiltIn => PathBuf::from(name),
+        }
+    }
+}
+
+/// Whether a camera's name is that of a preset rather than of a file.
+pub fn is_preset(spec: &str) -> bool {
+    !spec.contains(['/', '\\', '.'])
+}
+
+impl Camera {
+    /// Loads a camera file, or a built-in preset where `spec` has no path separator and no extension.
+    pub fn load(spec: &str) -> Result<Self> {
+        Self::load_with(spec, &[])
+    }
+
+    /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY` for the
+    /// effect of that kind, which is added where the file has none. [`Camera::text`] is the changed file.
+    pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
+        if is_preset(spec) {
+            let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {
+                Error::input(format!("unknown camera {spec:?}")).help(format!(
+                    "{}; or give a file such as ./camera.toml",
+                    toml_text::did_you_mean(spec, &presets::NAMES)
+                ))
+            })?;
+            return changes::parse(text, changes, spec, &Folder::BuiltIn);
+        }
+        let path = Path::new(spec);
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
+        let directory = path.parent().unwrap_or(Path::new("."));
+        let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
+        let folder = Folder::Directory(directory);
+        changes::parse(&text, changes, &stem, &folder).map_err(|e| e.at(spec))
+    }
+
+    fn parse(text: &str, default_name: &str, folder: &Folder<'_>) -> Result<Self> {
+        let file: file::CameraFile =
+            toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
+        check::camera(file, text, default_name, folder)
+    }
+}

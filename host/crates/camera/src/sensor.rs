@@ -1,0 +1,200 @@
+//! The sensor of a camera as checked values, and as `sensor-core` takes it.
+
+use super::{Camera, CrosstalkTable};
+use camrig_base::Cfa;
+use camrig_base::{Bands, Spectrum};
+use camrig_base::{Error, Result};
+use camrig_scene::photometry::HC;
+use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
+use camrig_sensor_core::effects::{Domain, Effect, Needs};
+use camrig_sensor_core::effects::{
+    dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
+    row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
+};
+
+/// `[sensor]` of a camera file, checked.
+#[derive(Clone, Debug)]
+pub struct SensorModel {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Pixel pitch, µm.
+    pub pitch_um: f64,
+    /// Photosensitive area over pitch².
+    pub fill_factor: f64,
+    /// Colour filter array.
+    pub cfa: Cfa,
+    /// Names of the channels (`r`, `g`, `b`; `r`, `gr`, `gb`, `b`; or the pattern's letters).
+    pub channel_names: Vec<String>,
+    /// Quantum efficiency with colour filter per channel, electrons per photon.
+    pub qe: Vec<Spectrum>,
+    /// Infrared cut filter.
+    pub ir_cut: Option<Spectrum>,
+    /// Positional crosstalk.
+    pub crosstalk: Option<CrosstalkTable>,
+    /// Conversion gain, µV per electron.
+    pub conversion_gain_uv_per_e: f64,
+    /// Linear full well, e⁻.
+    pub full_well_e: f64,
+    /// Bits of the converter.
+    pub bits: u8,
+    /// DN of no signal.
+    pub black_level_dn: f64,
+    /// Analog gain unless asked otherwise.
+    pub analog_gain: f64,
+    /// Sensor temperature, °C.
+    pub temperature_c: f64,
+    /// Seed of this physical sensor.
+    pub seed: u64,
+    /// Noise.
+    pub noise: Noise,
+}
+
+/// `[sensor.noise]` of a camera file, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Read noise at unity gain, e⁻.
+    pub read_e: f64,
+    /// The part of it after the gain stage, e⁻.
+    pub read_e_post: f64,
+    /// Mean dark current at the reference temperature, e⁻/s.
+    pub dark_current_e_per_s: f64,
+    /// Rise of temperature that doubles it, K.
+    pub dark_doubling_c: f64,
+    /// Reference temperature, °C.
+    pub temperature_ref_c: f64,
+    /// Standard deviation over pixels of the dark current, e⁻/s.
+    pub dsnu_e_per_s: f64,
+    /// Standard deviation over pixels of the relative gain.
+    pub prnu: f64,
+    /// Standard deviation of the row-wise fixed pattern, e⁻.
+    pub row_fpn_e: f64,
+}
+
+impl SensorModel {
+    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band:
+    /// A QE(λ) S(λ) λ/(hc) Δλ (eq. 8 and 9), A = pitch² x fill factor.
+    pub fn response(&self, bands: &Bands) -> Vec<Vec<f64>> {
+        let area_m2 = self.pitch_um * self.pitch_um * 1e-12 * self.fill_factor;
+        self.qe
+            .iter()
+            .map(|qe| {
+                bands
+                    .centres()
+                    .map(|nm| {
+                        let filter = self.ir_cut.as_ref().map_or(1.0, |f| f.at(nm));
+                        let photons_per_joule = nm * 1e-9 / HC;
+                        area_m2 * qe.at(nm) * filter * photons_per_joule * bands.step_nm
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// The channel of each pixel of the repeating pattern.
+    pub fn pattern(&self) -> Pattern {
+        let cfa = &self.cfa;
+        let channel = |x: usize, y: usize| {
+            let letter = cfa.letter(x, y).to_ascii_lowercase();
+            // A green in a row with reds is gr, one in a row with blues gb.
+            let row_has_red = (0..cfa.width).any(|x| cfa.letter(x, y) == 'R');
+            let apart = if row_has_red { "gr" } else { "gb" };
+            let index = self
+                .channel_names
+                .iter()
+                .position(|n| n.len() == 1 && n.starts_with(letter) || letter == 'g' && n == apart);
+            index.unwrap_or(0) as u8
+        };
+        let tile = (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (x, y)));
+        Pattern {
+            width: cfa.width as u8,
+            height: cfa.height as u8,
+            channels: tile.map(|(x, y)| channel(x, y)).collect(),
+        }
+    }
+}
+
+impl Camera {
+    /// The signal chain: the base model of eq. 10 with the file's effects put in by domain.
+    pub fn chain(&self) -> Vec<Effect> {
+        let noise = &self.sensor.noise;
+        let of = |domain| self.effects.iter().filter(move |e| e.entry().domain == domain).copied();
+        let mut chain: Vec<Effect> = of(Domain::Light).collect();
+        chain.push(ShotNoise {}.into());
+        chain.push(Prnu { sigma: noise.prnu as f32 }.into());
+        chain.extend(of(Domain::Photo));
+        chain.push(
+            DarkCurrent {
+                mean_e_per_s: noise.dark_current_e_per_s as f32,
+                dsnu_e_per_s: noise.dsnu_e_per_s as f32,
+                doubling_c: noise.dark_doubling_c as f32,
+                reference_c: noise.temperature_ref_c as f32,
+            }
+            .into(),
+        );
+        chain.extend(of(Domain::Charge));
+        chain.push(FullWell { full_well_e: self.sensor.full_well_e as f32, knee: 0.0 }.into());
+        chain.push(RowOffsetFpn { sigma_e: noise.row_fpn_e as f32 }.into());
+        chain.push(
+            ReadNoise { read_e: noise.read_e as f32, read_e_post: noise.read_e_post as f32 }.into(),
+        );
+        chain.extend(of(Domain::Voltage));
+        chain
+    }
+
+    /// The sensor for bands of these wavelengths, as `sensor-core` takes it.
+    pub fn sensor_config(&self, bands: &Bands) -> Result<SensorConfig> {
+        let sensor = &self.sensor;
+        if bands.count > camrig_sensor_core::config::MAX_BANDS {
+            return Err(Error::input(format!("{} spectral bands", bands.count)).help(format!(
+                "use at most {}; resample the scene",
+                camrig_sensor_core::config::MAX_BANDS
+            )));
+        }
+        let config = SensorConfig {
+            width: sensor.width,
+            height: sensor.height,
+            pattern: sensor.pattern(),
+            channels: sensor.channel_names.len() as u8,
+            bands: bands.count as u8,
+            first_band_nm: bands.start_nm as f32,
+            band_step_nm: bands.step_nm as f32,
+            response: sensor.response(bands).concat().iter().map(|&w| w as f32).collect(),
+            full_well_e: sensor.full_well_e as f32,
+            bits: sensor.bits,
+            black_level_dn: sensor.black_level_dn as f32,
+            seed: sensor.seed,
+            effects: self.chain().into_iter().collect(),
+        };
+        config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e:?}")))?;
+        Ok(config)
+    }
+
+    /// Settings of a frame; gain and temperature from the camera file unless given.
+    pub fn settings(&self, frame: u32, exposure_s: f64, analog_gain: Option<f64>) -> FrameSettings {
+        FrameSettings {
+            frame,
+            exposure_s: exposure_s as f32,
+            analog_gain: analog_gain.unwrap_or(self.sensor.analog_gain) as f32,
+            temperature_c: self.sensor.temperature_c as f32,
+        }
+    }
+
+    /// Checks that the chain fits the sensor model; for cameras whose effects were changed after loading.
+    ///
+    /// # Errors
+    /// More effects than a sensor takes.
+    pub fn check_chain(&self) -> Result<()> {
+        let chain = self.chain();
+        let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
+        let most = camrig_sensor_core::pipeline::MAX_WINDOWS;
+        if chain.len() > MAX_EFFECTS || windows > most {
+            return Err(Error::input(format!("{} effects", self.effects.len())).help(format!(
+                "use at most {} effects, of which {most} read neighbouring pixels",
+                MAX_EFFECTS - (chain.len() - self.effects.len())
+            )));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,75 @@
+//! What a wrong camera file is told.
+
+use super::{Camera, Folder};
+
+const GOOD: &str = include_str!("../presets/mt9t012.toml");
+
+fn told(text: &str) -> String {
+    match Camera::parse(text, "test", &Folder::BuiltIn) {
+        Ok(_) => "loads".to_string(),
+        Err(e) => e.to_string(),
+    }
+}
+
+#[test]
+fn wrong_keys_and_values_are_named_with_line_and_remedy() {
+    assert_eq!(told(GOOD), "loads");
+    for (from, to, expected) in [
+        ("pitch_um = 2.2", "pitch_mm = 0.0022", "\"pitch_mm\""),
+        ("read_e = 4.0", "read_noise_e = 4.0", "did you mean"),
+        ("read_e = 4.0", "read_e = -4.0", "line"),
+        ("bits = 10", "bits = 20", "8 to 16"),
+        ("width = 2048", "width = 0", "1 to 32768"),
+        ("cfa = \"GRBG\"", "cfa = \"GRBX\"", "no column \"x\""),
+        ("cfa = \"GRBG\"", "cfa = \"grbg\"", "use RGGB"),
+        ("f_number = 2.8", "", "f_number"),
+        ("transmittance = 0.92", "transmittance = 92", "0 to 1"),
+        ("kind = \"diffraction-limited\"", "kind = \"perfect\"", "diffraction-limited"),
+        ("f_number = 2.8", "f_number = 2.8\nfile = \"x.zmx\"", "means nothing"),
+        ("qe = \"mt9m131-qe.csv\"", "qe = \"none.csv\"", "none.csv"),
+        ("read_e_post = 2.5", "read_e_post = 5.0", "0 to 4"),
+        ("black_level_dn = 42", "black_level_dn = 2000", "0 to 1022"),
+    ] {
+        assert!(GOOD.contains(from), "{from}");
+        let message = told(&GOOD.replace(from, to));
+        assert!(message.contains(expected), "{from} -> {to}: {message}");
+    }
+}
+
+#[test]
+fn wrong_effects_are_named() {
+    for (effect, expected) in [
+        ("kind = \"row-temporal-nois\"\nsigma_e = 1", "did you mean \"row-temporal-noise\""),
+        ("kind = \"row-temporal-noise\"\nsigma = 1", "unknown key \"sigma\""),
+        ("kind = \"row-temporal-noise\"", "missing"),
+        ("kind = \"row-temporal-noise\"\nsigma_e = -1", "sigma_e = -1"),
+        ("kind = \"row-temporal-noise\"\nsigma_e = \"1\"", "no number"),
+        ("sigma_e = 1", "\"kind\" is missing"),
+    ] {
+        let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
+        assert!(message.contains(expected), "{effect}: {message}");
+        assert!(message.contains("[[effect]] at line"), "{message}");
+    }
+}
+
+#[test]
+fn optical_effects_are_kept_apart_from_the_sensor() {
+    let text = format!(
+        "{GOOD}\n[[effect]]\nkind = \"defocus\"\nshift_um = 12\n\n[[effect]]\nkind = \
+         \"row-temporal-noise\"\nsigma_e = 1\n\n[[effect]]\nkind = \"distortion\"\nk1 = 0.01\n"
+    );
+    let plain = Camera::parse(GOOD, "test", &Folder::BuiltIn).unwrap();
+    let camera = Camera::parse(&text, "test", &Folder::BuiltIn).unwrap();
+    let kinds: Vec<_> = camera.optical_effects.iter().map(|e| e.entry().kind).collect();
+    assert_eq!(kinds, ["defocus", "distortion"]);
+    assert_eq!(camera.optical_effects[1].values(), [0.01, 0.0, 1.0]);
+    assert_eq!(camera.chain().len(), plain.chain().len() + 1);
+    for (effect, expected) in [
+        ("kind = \"defocus\"", "\"shift_um\" of \"defocus\" is missing"),
+        ("kind = \"defocus\"\nshift_um = 2000", "-1000 to 1000"),
+        ("kind = \"veiling-glar\"\nfraction = 0.1", "did you mean \"veiling-glare\""),
+    ] {
+        let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
+        assert!(message.contains(expected), "{effect}: {message}");
+    }
+}

@@ -1,0 +1,242 @@
+//! Capture plans: which stacks to take, for `camrig capture`.
+//!
+//! A plan is a TOML file (`format = "plan/1"`) of `[[stack]]` tables. `exposure_s`,
+//! `temperature_c`, `analog_gain` and `fill` take one number, a list, or
+//! `{ from, to, count }`; a stack is taken for every combination. Flats have narrow-band light
+//! whose amount is `irradiance_w_m2`, or `fill`: the mean signal as a fraction of saturation in the
+//! channel that gets most.
+
+use camrig_base::alternatives::Numbers;
+use camrig_base::{Error, Result, toml_text};
+use camrig_captures::{Light, Role, SceneSeen};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Built-in plans: name and text.
+pub const BUILT_IN: [(&str, &str); 5] = [
+    ("diagnosis", include_str!("../plans/diagnosis.toml")),
+    ("emva", include_str!("../plans/emva.toml")),
+    ("ptc", include_str!("../plans/ptc.toml")),
+    ("optics", include_str!("../plans/optics.toml")),
+    ("paper", include_str!("../plans/paper.toml")),
+];
+
+/// One stack to take: a capture without its frames.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Unique name.
+    pub id: String,
+    /// What it is for.
+    pub role: Role,
+    /// Frames.
+    pub frames: u32,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Analog gain; the camera's own where `None`.
+    pub analog_gain: Option<f64>,
+    /// Sensor temperature, °C; the camera's own where `None`.
+    pub temperature_c: Option<f64>,
+    /// The light.
+    pub light: Light,
+    /// Bandwidth of narrow-band light, nm.
+    pub width_nm: f64,
+    /// Mean signal as a fraction of saturation, instead of an irradiance.
+    pub fill: Option<f64>,
+    /// What is looked at.
+    pub scene: Option<SceneSeen>,
+    /// Whether saturation is meant.
+    pub saturates: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    stack: Vec<Stack>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stack {
+    id: String,
+    role: Role,
+    frames: u32,
+    exposure_s: Numbers,
+    temperature_c: Option<Numbers>,
+    analog_gain: Option<Numbers>,
+    fill: Option<Numbers>,
+    light: Option<PlanLight>,
+    scene: Option<SceneSeen>,
+    #[serde(default)]
+    saturates: bool,
+}
+
+#[derive(Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlanLight {
+    wavelength_nm: Option<f64>,
+    #[serde(default = "ten")]
+    width_nm: f64,
+    irradiance_w_m2: Option<f64>,
+    illuminant: Option<String>,
+    lux: Option<f64>,
+}
+
+fn ten() -> f64 {
+    10.0
+}
+
+/// The text of a built-in plan; empty for a name that is none.
+pub fn text(name: &str) -> &'static str {
+    BUILT_IN.iter().find(|b| b.0 == name).map_or("", |b| b.1)
+}
+
+/// Loads a built-in plan by name, or a file.
+///
+/// # Errors
+/// Unknown names and keys, values that make no stack.
+pub fn load(spec: &str) -> Result<Vec<Shot>> {
+    if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| *name == spec) {
+        return parse(text);
+    }
+    if !spec.contains(['/', '\\', '.']) {
+        let names: Vec<&str> = BUILT_IN.iter().map(|b| b.0).collect();
+        return Err(Error::input(format!("unknown plan {spec:?}")).help(format!(
+            "{}; or give a file such as ./plan.toml",
+            toml_text::did_you_mean(spec, &names)
+        )));
+    }
+    let text = std::fs::read_to_string(spec).map_err(|e| Error::io("read", Path::new(spec), e))?;
+    parse(&text).map_err(|e| e.at(spec))
+}
+
+/// Parses the text of a plan.
+pub fn parse(text: &str) -> Result<Vec<Shot>> {
+    let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
+    if file.format != "plan/1" {
+        return Err(Error::input(format!("plan format {:?}", file.format))
+            .help("this program reads format = \"plan/1\""));
+    }
+    let mut shots: Vec<Shot> = Vec::new();
+    for stack in &file.stack {
+        let made = expand(stack).map_err(|e| e.at(format!("[[stack]] id {:?}", stack.id)))?;
+        for shot in made {
+            if shots.iter().any(|s| s.id == shot.id) {
+                return Err(Error::input(format!("two stacks are called {:?}", shot.id))
+                    .help("give every [[stack]] its own id"));
+            }
+            shots.push(shot);
+        }
+    }
+    if shots.is_empty() {
+        return Err(Error::input("a plan without stacks").help("add [[stack]] tables"));
+    }
+    Ok(shots)
+}
+
+fn expand(stack: &Stack) -> Result<Vec<Shot>> {
+    if stack.frames == 0 {
+        return Err(Error::input("frames = 0").help("take at least one frame"));
+    }
+    let plain = stack.id.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+    if !plain || stack.id.is_empty() || stack.id.starts_with('.') {
+        return Err(Error::input(format!("id {:?}", stack.id))
+            .help("ids name folders: use letters, digits, '-', '_' and '.'"));
+    }
+    let light = stack.light.clone();
+    let amount = light.as_ref().and_then(|l| l.irradiance_w_m2);
+    match stack.role {
+        Role::Dark if light.is_some() || stack.fill.is_some() => {
+            return Err(Error::input("a dark stack with light").help("remove light and fill"));
+        }
+        Role::Flat
+            if light.as_ref().and_then(|l| l.wavelength_nm).is_none()
+                || amount.is_some() == stack.fill.is_some() =>
+        {
+            return Err(Error::input("a flat whose light is not determined")
+                .help("give light = { wavelength_nm = ... } and either fill or irradiance_w_m2"));
+        }
+        Role::Edge | Role::Chart | Role::Dots | Role::Scene if stack.scene.is_none() => {
+            return Err(Error::input("no scene to look at")
+                .help("add scene = { scene = \"slanted-edge\" }"));
+        }
+        Role::Rotation => {
+            return Err(Error::input("rotation stacks are not taken by plans")
+                .help("use camrig crosstalk bench"));
+        }
+        _ => {}
+    }
+    let optional = |n: &Option<Numbers>| match n {
+        Some(n) => n.values().map(|values| values.into_iter().map(Some).collect()),
+        None => Ok(vec![None]),
+    };
+    let mut shots = Vec::new();
+    for &exposure_s in &stack.exposure_s.values()? {
+        for &temperature_c in &optional(&stack.temperature_c)? {
+            for &analog_gain in &optional(&stack.analog_gain)? {
+                for &fill in &optional(&stack.fill)? {
+                    let positive =
+                        [Some(exposure_s), analog_gain, fill, amount].into_iter().flatten();
+                    for value in positive {
+                        if value.is_nan() || value <= 0.0 || value.is_infinite() {
+                            return Err(Error::input(format!("a value of {value}"))
+                                .help("exposures, gains, fills and irradiances are above zero"));
+                        }
+                    }
+                    shots.push(Shot {
+                        id: String::new(),
+                        role: stack.role,
+                        frames: stack.frames,
+                        exposure_s,
+                        analog_gain,
+                        temperature_c,
+                        light: Light {
+                            irradiance_w_m2: amount,
+                            wavelength_nm: light.as_ref().and_then(|l| l.wavelength_nm),
+                            illuminant: light.as_ref().and_then(|l| l.illuminant.clone()),
+                            lux: light.as_ref().and_then(|l| l.lux),
+                            ..Light::default()
+                        },
+                        width_nm: light.as_ref().map_or(10.0, |l| l.width_nm),
+                        fill,
+                        scene: stack.scene.clone(),
+                        saturates: stack.saturates,
+                    });
+                }
+            }
+        }
+    }
+    let several = shots.len() > 1;
+    for (i, shot) in shots.iter_mut().enumerate() {
+        shot.id = if several { format!("{}-{i:02}", stack.id) } else { stack.id.clone() };
+    }
+    Ok(shots)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_plans_parse() {
+        for (name, _) in BUILT_IN {
+            let shots = load(name).unwrap();
+            assert!(shots.iter().any(|s| s.role == Role::Dark), "{name}");
+        }
+        assert_eq!(load("emva").unwrap().iter().filter(|s| s.role == Role::Flat).count(), 51);
+    }
+
+    #[test]
+    fn wrong_plans_are_refused() {
+        let said = |body: &str| {
+            parse(&format!("format = \"plan/1\"\n[[stack]]\n{body}")).unwrap_err().to_string()
+        };
+        let base = "id='a'\nframes=2\nexposure_s=0.1\n";
+        assert!(said(&format!("{base}role='flat'")).contains("light is not determined"));
+        assert!(said(&format!("{base}role='dark'\nfill=0.5")).contains("with light"));
+        assert!(said(&format!("{base}role='edge'")).contains("no scene"));
+        assert!(said(&format!("{base}role='dark'\nfrmaes=2")).contains("frmaes"));
+        assert!(said("id='../a'\nframes=2\nexposure_s=0.1\nrole='dark'").contains("id"));
+        assert!(said("id='a'\nframes=2\nexposure_s=-1\nrole='dark'").contains("above zero"));
+    }
+}

@@ -1,0 +1,248 @@
+//! Taking a plan's stacks with a simulated camera.
+
+use super::plan::Shot;
+use camrig_base::Bands;
+use camrig_base::output::OutputDir;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_captures::manifest::ManifestWriter;
+use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
+use camrig_exposure::{CubeHeader, IrradianceCube};
+use camrig_formats::{Format, Frames};
+use camrig_optics::Options;
+use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_rig::SensorStage;
+use camrig_scene::photometry::HC;
+use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, Quantity, photometry};
+use camrig_sensor_core::config::FrameSettings;
+use std::path::Path;
+
+/// How a plan is taken.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TakeOptions<'a> {
+    /// What the set names as its camera: a preset, or a path relative to the set.
+    pub camera_name: Option<&'a str>,
+    /// Replace an existing set.
+    pub force: bool,
+    /// Number of the first frame.
+    pub first_frame: u32,
+    /// Arithmetic of the sensor stage.
+    pub arithmetic: Arithmetic,
+    /// Address of the rig that takes the frames; this process unless given.
+    pub rig: Option<&'a str>,
+}
+
+/// Takes every stack of a plan and writes a capture set. Frames are numbered through from
+/// `first_frame`, so that no two frames of the set share temporal noise. `progress` hears of every
+/// frame done.
+///
+/// # Errors
+/// A plan that saturates where it does not say so, what rendering refuses, and a rig that does not answer.
+pub fn take(
+    camera: &Camera,
+    plan: &[Shot],
+    directory: &Path,
+    options: &TakeOptions<'_>,
+    mut progress: impl FnMut(),
+) -> Result<()> {
+    let mut sensor = SensorStage::open(options.rig, options.arithmetic)?;
+    let output = OutputDir::create(directory, options.force)?;
+    let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
+    let mut frame_number = options.first_frame;
+    let mut lit: Option<(String, IrradianceCube)> = None;
+    for shot in plan {
+        let place = |e: Error| e.at(format!("stack {:?}", shot.id));
+        let mut light = None;
+        let flat;
+        let cube = match shot.role {
+            Role::Dark => {
+                flat = uniform(camera, 550.0, 10.0, 0.0)?;
+                &flat
+            }
+            Role::Flat => {
+                let (cube, of) = narrow_band(camera, shot).map_err(place)?;
+                light = Some(of);
+                flat = cube;
+                &flat
+            }
+            _ => {
+                let (key, of) = scene_key(shot);
+                light = of;
+                if lit.as_ref().is_none_or(|l| l.0 != key) {
+                    lit = Some((key, look_at(camera, shot).map_err(place)?));
+                }
+                &lit.as_ref().ok_or_else(|| Error::input("nothing to look at"))?.1
+            }
+        };
+        let exposure = Exposure::new(camera, &cube.header, 1.0)?;
+        sensor.set_camera(&exposure)?;
+        let (mut saturated, mut samples) = (0u64, 0u64);
+        for i in 0..shot.frames {
+            let settings = settings(camera, shot, frame_number);
+            frame_number = frame_number.wrapping_add(1);
+            let before = (i > 0).then_some(cube);
+            let frame = sensor.frame(&exposure, cube, before, &settings)?;
+            let white = frame.white_level_dn;
+            saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
+            samples += frame.data.len() as u64;
+            let bytes = Format::Npy.encode(&Frames::from_raw(&frame))?;
+            output.write(format!("{}/{i:04}.npy", shot.id), &bytes)?;
+            progress();
+        }
+        if !shot.saturates && saturated as f64 > 1e-3 * samples as f64 {
+            return Err(place(Error::input(format!(
+                "{:.1} % of the samples are saturated",
+                100.0 * saturated as f64 / samples as f64
+            )))
+            .help("lower the light or the exposure, or say saturates = true if that is meant"));
+        }
+        let settings = settings(camera, shot, 0);
+        manifest.push(&Capture {
+            id: shot.id.clone(),
+            role: shot.role,
+            files: vec![format!("{}/*.npy", shot.id).into()],
+            split: None,
+            exposure_s: shot.exposure_s,
+            analog_gain: f64::from(settings.analog_gain),
+            temperature_c: Some(f64::from(settings.temperature_c)),
+            exposure_requested_s: None,
+            preceded_by: None,
+            light,
+            scene: shot.scene.clone(),
+            rotation: None,
+        });
+    }
+    output.write("captures.toml", manifest.text()?.as_bytes())?;
+    output.finish()
+}
+
+/// What a reader of the camera's frames needs to know.
+pub fn facts(camera: &Camera) -> SensorFacts {
+    let s = &camera.sensor;
+    let full_scale = ((1u32 << s.bits) - 1) as u16;
+    SensorFacts {
+        width: s.width as usize,
+        height: s.height as usize,
+        bits: u32::from(s.bits),
+        cfa: Some(s.cfa.clone()),
+        black_level_dn: Some(s.black_level_dn),
+        white_level_dn: full_scale,
+        pitch_um: Some(s.pitch_um),
+    }
+}
+
+fn settings(camera: &Camera, shot: &Shot, frame: u32) -> FrameSettings {
+    let mut settings = camera.settings(frame, shot.exposure_s, shot.analog_gain);
+    if let Some(t) = shot.temperature_c {
+        settings.temperature_c = t as f32;
+    }
+    settings
+}
+
+/// Even narrow-band light of an irradiance, W m⁻², in a band of `width_nm` around `centre_nm`.
+pub fn uniform(
+    camera: &Camera,
+    centre_nm: f64,
+    width_nm: f64,
+    irradiance_w_m2: f64,
+) -> Result<IrradianceCube> {
+    let header = CubeHeader {
+        width: camera.sensor.width as usize,
+        height: camera.sensor.height as usize,
+        first_band_nm: centre_nm,
+        band_step_nm: width_nm,
+        bands: 1,
+        level: 1.0,
+        lux: None,
+        illuminant: None,
+        made_of: format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),
+    };
+    IrradianceCube::uniform(header, &[(irradiance_w_m2 / width_nm) as f32])
+}
+
+/// Electrons at which the camera saturates: full well or the converter's end.
+pub fn saturation_e(camera: &Camera, gain: f64) -> f64 {
+    let s = &camera.sensor;
+    let full_scale = f64::from((1u32 << s.bits) - 1);
+    // dn_per_e = gain x full scale / full well (eq. 11).
+    let converter = (full_scale - s.black_level_dn) * s.full_well_e / (gain * full_scale);
+    s.full_well_e.min(converter)
+}
+
+/// Electrons per second for 1 W m⁻² of narrow-band light, in the channel that gets most.
+pub fn electrons_per_second(camera: &Camera, centre_nm: f64, width_nm: f64) -> f64 {
+    let band = Bands { start_nm: centre_nm, step_nm: width_nm, count: 1 };
+    let response = camera.sensor.response(&band);
+    response.iter().map(|r| r[0] / width_nm).fold(0.0, f64::max)
+}
+
+fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> {
+    let (Some(centre), width) = (shot.light.wavelength_nm, shot.width_nm) else {
+        return Err(Error::input("a flat without wavelength_nm"));
+    };
+    let gain = shot.analog_gain.unwrap_or(camera.sensor.analog_gain);
+    let irradiance = match (shot.light.irradiance_w_m2, shot.fill) {
+        (Some(irradiance), _) => irradiance,
+        (None, fill) => {
+            let per_s = electrons_per_second(camera, centre, width);
+            if per_s <= 0.0 {
+                return Err(Error::input(format!("the camera is blind at {centre} nm"))
+                    .help("choose a wavelength within its quantum efficiency"));
+            }
+            fill.unwrap_or(0.5) * saturation_e(camera, gain) / (per_s * shot.exposure_s)
+        }
+    };
+    // The irradiance that the cube holds, not the one asked for: it goes into the manifest.
+    let held = f64::from((irradiance / width) as f32) * width;
+    let area = (camera.sensor.pitch_um * 1e-6).powi(2);
+    let light = Light {
+        irradiance_w_m2: Some(held),
+        photons_per_pixel_per_s: Some(held * area * centre * 1e-9 / HC),
+        wavelength_nm: Some(centre),
+        uniformity: Uniformity::Flat,
+        ..Light::default()
+    };
+    Ok((uniform(camera, centre, width, irradiance)?, light))
+}
+
+/// What tells two looks apart: scene and light.
+fn scene_key(shot: &Shot) -> (String, Option<Light>) {
+    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+    let key = format!("{name} {:?} {:?}", shot.light.illuminant, shot.light.lux);
+    (key, Some(shot.light.clone()))
+}
+
+fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
+    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+    look(camera, &name, shot.light.illuminant.as_deref(), shot.light.lux)
+}
+
+/// What falls on the sensor when the camera looks at a scene; reflectances under D65 at 300 lx unless given.
+pub fn look(
+    camera: &Camera,
+    name: &str,
+    illuminant: Option<&str>,
+    lux: Option<f64>,
+) -> Result<IrradianceCube> {
+    let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
+    let scene = scene::open_filling(name, aspect)?;
+    let bands = scene.bands();
+    let (white, about) = match scene.quantity() {
+        Quantity::Reflectance => {
+            let light = Illuminant::parse(illuminant.unwrap_or("D65"))?;
+            let lux = lux.unwrap_or(300.0);
+            let white = photometry::white_radiance(&light, LightLevel::Lux(lux), &bands)?;
+            (
+                white,
+                render::About {
+                    lux: Some(lux),
+                    illuminant: Some(light.name),
+                    made_of: format!("scene {name}, lens of {}", camera.name),
+                },
+            )
+        }
+        Quantity::Radiance => (vec![1.0; bands.count], render::About::default()),
+    };
+    let lit = LitScene { scene: &*scene, white };
+    Ok(render::irradiance(camera, &lit, &Options::default(), about, |_, _| ())?.0)
+}

@@ -1,0 +1,210 @@
+//! Frames of a capture, streamed.
+
+use super::{Capture, SensorFacts};
+use camrig_base::platform::read_at;
+use camrig_base::{Error, Plane, Result};
+use camrig_formats::npy::{Layout, Sample};
+use camrig_formats::{Format, read};
+use pulp::bytemuck::cast_slice_mut;
+use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Frames of one batch whose samples still lie in their files: what may be open at a time.
+const OPEN_FILES: usize = 128;
+
+/// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read when asked for.
+pub struct StoredFrame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    path: Arc<Path>,
+    samples: Samples,
+}
+
+enum Samples {
+    Memory(Vec<u16>),
+    File { file: Arc<File>, offset: u64, sample: Sample },
+}
+
+impl StoredFrame {
+    /// Fills `out`, a whole number of rows, from row `first` on.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn read_rows(&self, first: usize, out: &mut [u16]) -> Result<()> {
+        let start = first * self.width;
+        let (file, offset, sample) = match &self.samples {
+            Samples::Memory(data) => {
+                out.copy_from_slice(&data[start..start + out.len()]);
+                return Ok(());
+            }
+            Samples::File { file, offset, sample } => (file, *offset, *sample),
+        };
+        let offset = offset + (start * sample.size()) as u64;
+        let failed = |e| Error::io("read", &self.path, e);
+        if sample == Sample::U8 {
+            let mut bytes = vec![0; out.len()];
+            read_at(file, &mut bytes, offset).map_err(failed)?;
+            out.iter_mut().zip(bytes).for_each(|(dn, b)| *dn = b.into());
+        } else {
+            read_at(file, cast_slice_mut(out), offset).map_err(failed)?;
+            let foreign = (sample == Sample::U16Big) == cfg!(target_endian = "little");
+            if foreign {
+                out.iter_mut().for_each(|dn| *dn = dn.swap_bytes());
+            }
+        }
+        Ok(())
+    }
+
+    /// The whole frame.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn plane(&self) -> Result<Plane<u16>> {
+        let mut data = vec![0; self.width * self.height];
+        self.read_rows(0, &mut data)?;
+        Ok(Plane { width: self.width, height: self.height, data })
+    }
+
+    /// Refuses a frame whose largest sample, `largest`, is not one of the sensor's.
+    ///
+    /// # Errors
+    /// More bits than `[sensor]` says.
+    pub fn check_largest(&self, sensor: &SensorFacts, largest: u16) -> Result<()> {
+        if u32::from(largest) >> sensor.bits == 0 {
+            return Ok(());
+        }
+        Err(Error::input(format!("a sample of {largest} DN in {} bits", sensor.bits))
+            .at(self.path.display())
+            .help("set bits in [sensor] to the samples' true range"))
+    }
+}
+
+/// Opens a file of one or more frames. Samples of NPY files stay where they are until they are asked for; every other
+/// format of [`formats`](camrig_formats) is decoded whole.
+///
+/// # Errors
+/// Files that cannot be read, formats that are not known, and samples that are not raw DN.
+pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
+    let shared: Arc<Path> = path.into();
+    if let Some(frames) = stored(path, &shared).map_err(|e| e.at(path.display()))? {
+        return Ok(frames);
+    }
+    let frame = |plane: Plane<u16>| StoredFrame {
+        width: plane.width,
+        height: plane.height,
+        path: shared.clone(),
+        samples: Samples::Memory(plane.data),
+    };
+    Ok(read(path)?.planes.into_iter().map(frame).collect())
+}
+
+/// The frames of a file whose samples can be read where they lie.
+fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
+    let failed = |e| Error::io("read", path, e);
+    let mut file = File::open(path).map_err(failed)?;
+    let mut magic = [0; 8];
+    if file.read_exact(&mut magic).is_err() || Format::sniff(&magic) != Some(Format::Npy) {
+        return Ok(None);
+    }
+    file.rewind().map_err(failed)?;
+    let length = file.metadata().map_err(failed)?.len();
+    let layout = Layout::read(&mut BufReader::new(&file), length)?;
+    let Layout { count, height, width, sample, .. } = layout;
+    if layout.fortran || matches!(sample, Sample::Wide(..)) {
+        return Ok(None);
+    }
+    let file = Arc::new(file);
+    let bytes = (width * height * sample.size()) as u64;
+    let frame = |n| StoredFrame {
+        width,
+        height,
+        path: shared.clone(),
+        samples: Samples::File { file: file.clone(), offset: layout.offset + n * bytes, sample },
+    };
+    Ok(Some((0..count as u64).map(frame).collect()))
+}
+
+/// The frames of a capture in order of time, a few at a time.
+pub struct Batches<'a> {
+    sensor: &'a SensorFacts,
+    files: &'a [PathBuf],
+    waiting: VecDeque<StoredFrame>,
+}
+
+impl<'a> Batches<'a> {
+    /// Of a capture of this sensor.
+    pub fn new(sensor: &'a SensorFacts, capture: &'a Capture) -> Self {
+        Self { sensor, files: &capture.files, waiting: VecDeque::new() }
+    }
+
+    /// Whether all frames have been given.
+    pub fn is_empty(&self) -> bool {
+        self.waiting.is_empty() && self.files.is_empty()
+    }
+
+    /// The next frames, none at the end. Files are opened in parallel; those that must be decoded few at a time.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.
+    pub fn next_batch(&mut self) -> Result<Vec<StoredFrame>> {
+        let few = 2 * rayon::current_num_threads();
+        let in_memory = |f: &StoredFrame| matches!(f.samples, Samples::Memory(_));
+        while self.waiting.len() < OPEN_FILES
+            && self.waiting.iter().filter(|f| in_memory(f)).count() < few
+            && !self.files.is_empty()
+        {
+            let (now, later) = self.files.split_at(few.min(self.files.len()));
+            self.files = later;
+            let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
+            for frame in opened.into_iter().flatten() {
+                self.check_size(&frame)?;
+                self.waiting.push_back(frame);
+            }
+        }
+        let most = if self.waiting.iter().any(in_memory) { few } else { OPEN_FILES };
+        Ok(self.waiting.drain(..most.min(self.waiting.len())).collect())
+    }
+
+    fn check_size(&self, frame: &StoredFrame) -> Result<()> {
+        let sensor = self.sensor;
+        if (frame.width, frame.height) == (sensor.width, sensor.height) {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "a frame of {} x {} in a set of {} x {}",
+            frame.width, frame.height, sensor.width, sensor.height
+        ))
+        .at(frame.path.display())
+        .help("every frame has the width and height of [sensor]"))
+    }
+}
+
+/// Calls `each` with batches of frames; see [`super::CaptureSet::for_each_batch`].
+pub fn for_each_batch(
+    sensor: &SensorFacts,
+    capture: &Capture,
+    mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
+) -> Result<usize> {
+    let few = 2 * rayon::current_num_threads();
+    let mut batches = Batches::new(sensor, capture);
+    let mut count = 0;
+    while !batches.is_empty() {
+        for frames in batches.next_batch()?.chunks(few) {
+            let planes = frames.par_iter().map(|frame| {
+                let plane = frame.plane()?;
+                frame.check_largest(sensor, plane.data.iter().copied().max().unwrap_or(0))?;
+                Ok(plane)
+            });
+            let planes: Vec<_> = planes.collect::<Result<_>>()?;
+            count += planes.len();
+            each(&planes)?;
+        }
+    }
+    Ok(count)
+}

@@ -1,0 +1,380 @@
+//! `captures.toml`: the raw shape of the file, and its check into [`CaptureSet`].
+
+use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
+use camrig_base::Cfa;
+use camrig_base::{Error, Result, toml_text};
+use camrig_scene::{self as scene, Illuminant};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    camera: Option<String>,
+    #[serde(default)]
+    #[allow(dead_code, reason = "free text for people; accepted, not interpreted")]
+    source: toml::Table,
+    sensor: Sensor,
+    #[serde(default)]
+    capture: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sensor {
+    width: usize,
+    height: usize,
+    bits: u32,
+    cfa: Option<String>,
+    black_level_dn: Option<f64>,
+    white_level_dn: Option<u16>,
+    pitch_um: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    id: String,
+    role: Role,
+    files: String,
+    split: Option<Split>,
+    exposure_s: f64,
+    #[serde(default = "one")]
+    analog_gain: f64,
+    temperature_c: Option<f64>,
+    exposure_requested_s: Option<f64>,
+    preceded_by: Option<String>,
+    light: Option<Light>,
+    scene: Option<SceneSeen>,
+    rotation: Option<Rotation>,
+}
+
+/// The text of a manifest, written capture by capture.
+pub struct ManifestWriter {
+    head: toml::Table,
+    captures: Vec<toml::Value>,
+}
+
+#[derive(Serialize)]
+struct WrittenCapture<'a> {
+    id: &'a str,
+    role: Role,
+    files: String,
+    exposure_s: f64,
+    analog_gain: f64,
+    temperature_c: Option<f64>,
+    light: Option<&'a Light>,
+    scene: Option<&'a SceneSeen>,
+    rotation: Option<&'a Rotation>,
+}
+
+impl ManifestWriter {
+    /// A manifest of these frames; `camera` is a preset or a path relative to the set.
+    pub fn new(facts: SensorFacts, camera: Option<&str>, name: &str) -> Self {
+        let mut sensor = toml::Table::new();
+        sensor.insert("width".into(), (facts.width as i64).into());
+        sensor.insert("height".into(), (facts.height as i64).into());
+        sensor.insert("bits".into(), i64::from(facts.bits).into());
+        sensor.insert("white_level_dn".into(), i64::from(facts.white_level_dn).into());
+        if let Some(cfa) = facts.cfa {
+            sensor.insert("cfa".into(), cfa.to_string().into());
+        }
+        if let Some(black) = facts.black_level_dn {
+            sensor.insert("black_level_dn".into(), black.into());
+        }
+        if let Some(pitch) = facts.pitch_um {
+            sensor.insert("pitch_um".into(), pitch.into());
+        }
+        let mut source = toml::Table::new();
+        source.insert("sensor".into(), format!("camera {name:?}, simulated by camrig").into());
+        let mut head = toml::Table::new();
+        head.insert("format".into(), "captures/1".into());
+        if let Some(camera) = camera {
+            head.insert("camera".into(), camera.into());
+        }
+        head.insert("source".into(), source.into());
+        head.insert("sensor".into(), sensor.into());
+        Self { head, captures: Vec::new() }
+    }
+
+    /// Adds a capture; its one file is taken as the pattern. Files of its scene and light are named from the root.
+    pub fn push(&mut self, c: &Capture) {
+        let (mut light, mut seen) = (c.light.clone(), c.scene.clone());
+        name_files_from(&std::env::current_dir().unwrap_or_default(), &mut light, &mut seen);
+        let written = WrittenCapture {
+            id: &c.id,
+            role: c.role,
+            files: c.files.first().map_or(String::new(), |f| f.to_string_lossy().into()),
+            exposure_s: c.exposure_s,
+            analog_gain: c.analog_gain,
+            temperature_c: c.temperature_c,
+            light: light.as_ref(),
+            scene: seen.as_ref(),
+            rotation: c.rotation.as_ref(),
+        };
+        self.captures.extend(toml::Value::try_from(written));
+    }
+
+    /// The text.
+    pub fn text(mut self) -> Result<String> {
+        self.head.insert("capture".into(), self.captures.into());
+        toml::to_string(&self.head).map_err(|e| Error::input(format!("captures.toml: {e}")))
+    }
+}
+
+/// Makes relative names of files in a capture's light and scene paths from `folder`; what is built in keeps its name.
+fn name_files_from(folder: &Path, light: &mut Option<Light>, seen: &mut Option<SceneSeen>) {
+    let from = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    if let Some(illuminant) = light.as_mut().and_then(|l| l.illuminant.as_mut())
+        && Illuminant::is_file(illuminant)
+    {
+        *illuminant = from(illuminant);
+    }
+    if let Some(seen) = seen
+        && scene::is_file(&seen.scene)
+    {
+        seen.scene = from(&seen.scene);
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Parses and checks the text of the manifest at `file`.
+pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
+    let raw: File =
+        toml::from_str(text).map_err(|e| toml_text::error(text, &e).at(file.display()))?;
+    let root = file.parent().unwrap_or(Path::new(".")).to_owned();
+    check(raw, root).map_err(|e| e.at(file.display()))
+}
+
+fn check(raw: File, root: PathBuf) -> Result<CaptureSet> {
+    if raw.format != "captures/1" {
+        return Err(Error::input(format!("capture format {:?}", raw.format))
+            .at("key \"format\"")
+            .help("this program reads format = \"captures/1\""));
+    }
+    let sensor = check_sensor(raw.sensor).map_err(|e| e.at("[sensor]"))?;
+    let camera = raw.camera.map(|c| {
+        let is_path = c.contains(['/', '\\']) || Path::new(&c).extension().is_some();
+        if is_path { root.join(c) } else { PathBuf::from(c) }
+    });
+    let mut captures: Vec<Capture> = Vec::with_capacity(raw.capture.len());
+    for entry in raw.capture {
+        let id = entry.id.clone();
+        if captures.iter().any(|c| c.id == id) {
+            return Err(Error::input(format!("capture id {id:?} is used twice"))
+                .help("ids name captures; make them unique"));
+        }
+        captures
+            .push(check_entry(entry, &root).map_err(|e| e.at(format!("[[capture]] id {id:?}")))?);
+    }
+    for capture in &captures {
+        if let Some(before) = &capture.preceded_by
+            && !captures.iter().any(|c| &c.id == before)
+        {
+            let known: Vec<&str> = captures.iter().map(|c| c.id.as_str()).collect();
+            return Err(Error::input(format!("preceded_by = {before:?} is no capture's id"))
+                .at(format!("[[capture]] id {:?}", capture.id))
+                .help(toml_text::did_you_mean(before, &known)));
+        }
+    }
+    Ok(CaptureSet { root, camera, sensor, captures })
+}
+
+fn check_sensor(s: Sensor) -> Result<SensorFacts> {
+    if s.width == 0 || s.height == 0 || s.width > 1 << 16 || s.height > 1 << 16 {
+        return Err(Error::input(format!("frame size {} x {}", s.width, s.height))
+            .help("width and height are in pixels, 1 to 65536"));
+    }
+    if !(1..=16).contains(&s.bits) {
+        return Err(Error::input(format!("bits = {}", s.bits)).help("use 1 to 16"));
+    }
+    let full_scale = ((1u32 << s.bits) - 1) as u16;
+    let white = s.white_level_dn.unwrap_or(full_scale);
+    if white > full_scale {
+        return Err(Error::input(format!("white_level_dn = {white} does not fit {} bits", s.bits))
+            .help(format!("use at most {full_scale}")));
+    }
+    if let Some(black) = s.black_level_dn
+        && !(black >= 0.0 && black < f64::from(white))
+    {
+        return Err(Error::input(format!("black_level_dn = {black}"))
+            .help(format!("it lies between 0 and white_level_dn = {white}")));
+    }
+    if let Some(pitch) = s.pitch_um
+        && !(pitch > 0.0 && pitch.is_finite())
+    {
+        return Err(Error::input(format!("pitch_um = {pitch}")).help("use a pixel pitch in µm"));
+    }
+    let cfa = s.cfa.as_deref().map(Cfa::parse).transpose().map_err(|e| e.at("key \"cfa\""))?;
+    Ok(SensorFacts {
+        width: s.width,
+        height: s.height,
+        bits: s.bits,
+        cfa,
+        black_level_dn: s.black_level_dn,
+        white_level_dn: white,
+        pitch_um: s.pitch_um,
+    })
+}
+
+fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
+    positive("exposure_s", e.exposure_s)?;
+    positive("analog_gain", e.analog_gain)?;
+    if let Some(t) = e.exposure_requested_s {
+        positive("exposure_requested_s", t)?;
+    }
+    if let Some(t) = e.temperature_c
+        && !(t > -273.15 && t.is_finite())
+    {
+        return Err(Error::input(format!("temperature_c = {t}")).help("it is in degrees Celsius"));
+    }
+    if let Some(light) = &e.light {
+        check_light(light, e.role)?;
+    }
+    if e.role == Role::Rotation && e.rotation.is_none() {
+        return Err(Error::input("a rotation capture without [capture.rotation]")
+            .help("give x, y (-1..1), tilt_x_deg and tilt_y_deg"));
+    }
+    if let Some(r) = &e.rotation {
+        let ok = r.x.abs() <= 1.0
+            && r.y.abs() <= 1.0
+            && r.tilt_x_deg.abs() < 80.0
+            && r.tilt_y_deg.abs() < 80.0;
+        if !ok {
+            return Err(Error::input("a point or tilt out of range")
+                .at("[capture.rotation]")
+                .help("x and y are -1..1 over the sensor, tilts below 80 degrees"));
+        }
+    }
+    name_files_from(root, &mut e.light, &mut e.scene);
+    Ok(Capture {
+        files: expand(root, &e.files)?,
+        id: e.id,
+        role: e.role,
+        split: e.split,
+        exposure_s: e.exposure_s,
+        analog_gain: e.analog_gain,
+        temperature_c: e.temperature_c,
+        exposure_requested_s: e.exposure_requested_s,
+        preceded_by: e.preceded_by,
+        light: e.light,
+        scene: e.scene,
+        rotation: e.rotation,
+    })
+}
+
+fn check_light(light: &Light, role: Role) -> Result<()> {
+    let place = |e: Error| e.at("[capture.light]");
+    let amounts = [light.irradiance_w_m2, light.photons_per_pixel_per_s, light.lux];
+    if role == Role::Dark && amounts.iter().flatten().any(|&a| a > 0.0) {
+        return Err(place(Error::input("a dark capture with light"))
+            .help("remove [capture.light], or use role = \"flat\""));
+    }
+    for amount in amounts.into_iter().flatten() {
+        if !(amount >= 0.0 && amount.is_finite()) {
+            return Err(place(Error::input(format!("an amount of light of {amount}")))
+                .help("light is zero or more"));
+        }
+    }
+    if light.irradiance_w_m2.is_some() && light.wavelength_nm.is_none() {
+        return Err(place(Error::input("irradiance_w_m2 without wavelength_nm"))
+            .help("the number of photons depends on the wavelength: add wavelength_nm"));
+    }
+    if let Some(w) = light.wavelength_nm {
+        positive("wavelength_nm", w).map_err(place)?;
+    }
+    Ok(())
+}
+
+fn positive(key: &str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::input(format!("{key} = {value}")).help("it is more than zero"))
+}
+
+/// The files that match `pattern` below `root`, in name order.
+fn expand(root: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
+    let base = glob::Pattern::escape(&root.to_string_lossy());
+    let full = Path::new(&base).join(pattern);
+    let wrong = |what: String| Error::input(what).at("key \"files\"");
+    let paths = glob::glob(&full.to_string_lossy())
+        .map_err(|e| wrong(format!("pattern {pattern:?}: {}", e.msg)))?;
+    let mut files = Vec::new();
+    for path in paths {
+        files.push(path.map_err(|e| wrong(format!("cannot look into {:?}: {e}", e.path())))?);
+    }
+    if files.is_empty() {
+        return Err(wrong(format!("no file matches {pattern:?}"))
+            .help(format!("the pattern is relative to {}", root.display())));
+    }
+    files.sort();
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "format = \"captures/1\"\n[sensor]\nwidth = 4\nheight = 4\nbits = 12\n";
+
+    fn parsed(text: &str) -> String {
+        match parse(text, Path::new("dir/captures.toml")) {
+            Ok(set) => format!("{} captures", set.captures.len()),
+            Err(e) => e.to_string(),
+        }
+    }
+
+    #[test]
+    fn unknown_key_names_line_and_nearest() {
+        let text = format!("{HEAD}whte_level_dn = 4095\n");
+        let said = parsed(&text);
+        assert!(said.contains("\"whte_level_dn\""), "{said}");
+        assert!(said.contains("line 6"), "{said}");
+        assert!(said.contains("\"white_level_dn\"?"), "{said}");
+    }
+
+    #[test]
+    fn files_are_named_from_the_set_and_built_in_things_as_they_are() {
+        let named = |illuminant: &str, scene: &str| {
+            let mut light = Some(Light { illuminant: Some(illuminant.into()), ..Light::default() });
+            let mut seen = Some(SceneSeen { scene: scene.into(), angle_deg: None });
+            name_files_from(Path::new("set"), &mut light, &mut seen);
+            (light.and_then(|l| l.illuminant).unwrap(), seen.unwrap().scene)
+        };
+        for (illuminant, scene) in [("D65", "dots:pitch=0.05"), ("blackbody:3200", "uniform:0.18")]
+        {
+            assert_eq!(named(illuminant, scene), (illuminant.into(), scene.into()));
+        }
+        assert_eq!(named("lamp.csv", "a/b.mat"), ("set/lamp.csv".into(), "set/a/b.mat".into()));
+        assert_eq!(named("/lamp.csv", "/b.mat").0, "/lamp.csv");
+    }
+
+    #[test]
+    fn wrong_values_are_named() {
+        for (tail, expected) in [
+            ("white_level_dn = 5000\n", "does not fit 12 bits"),
+            ("black_level_dn = 4095.0\n", "black_level_dn"),
+            ("cfa = \"rggb\"\n", "colour filter pattern"),
+            ("pitch_um = -1.0\n", "pitch_um"),
+            ("[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n", "more than zero"),
+            (
+                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 1\n",
+                "no file matches",
+            ),
+            ("[[capture]]\nid='a'\nrole='drak'\nfiles='*.npy'\nexposure_s = 1\n", "drak"),
+        ] {
+            let said = parsed(&format!("{HEAD}{tail}"));
+            assert!(said.contains(expected), "{said}");
+        }
+        assert_eq!(parsed(HEAD), "0 captures");
+        assert!(
+            parsed("format = \"captures/2\"\n[sensor]\nwidth=1\nheight=1\nbits=8\n")
+                .contains("captures/1")
+        );
+    }
+}

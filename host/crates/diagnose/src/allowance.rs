@@ -1,0 +1,100 @@
+//! How exact the light was: scatter of the flats' means that is no property of the sensor.
+//!
+//! The amount of light of a flat is known to some tenths of a per cent at best, unless the flats themselves show
+//! that it was known better: a real sensor's response is smooth in the level, so what a quadratic leaves of the
+//! measured over the stated light is the scatter of the lamp.
+
+use super::design::{Condition, Design};
+use super::prediction::{Key, Values};
+use super::statistics::{Place, What};
+use camrig_camera::Camera;
+use std::collections::BTreeMap;
+
+/// Relative scatter of the light where a set has too few flats to show it: a stabilised lamp with a calibrated
+/// photodiode.
+const ASSUMED: f64 = 1e-3;
+
+/// Standard deviation (DN) that comes from the light: of each flat's mean, and of the levels in pictures of things.
+pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap<Key, f64> {
+    let channels = camera.sensor.channel_names.len() as u8;
+    let mut out = BTreeMap::new();
+    let flats: Vec<usize> =
+        (0..design.conditions.len()).filter(|&i| design.conditions[i].is_known_flat()).collect();
+    for &i in &flats {
+        for class in 0..channels {
+            let relative = scatter_at(design, values, &flats, i, class).unwrap_or(ASSUMED);
+            let key = (Place::Stack(i), What::Mean(class));
+            if let Some(s) = values.get(&key) {
+                out.insert(key, relative * s.value.abs());
+            }
+        }
+    }
+    for (key, s) in values {
+        if let (Place::Look(_), What::Of(figure)) = key
+            && figure.is_level()
+        {
+            out.insert(*key, ASSUMED * s.value.abs());
+        }
+    }
+    out
+}
+
+/// Scatter of the lamp of a flat, from the series of levels that it belongs to, or else from one at another exposure: the
+/// lamp does not know how long the sensor looks.
+fn scatter_at(
+    design: &Design,
+    values: &Values,
+    flats: &[usize],
+    flat: usize,
+    class: u8,
+) -> Option<f64> {
+    let own = &design.conditions[flat];
+    let of_exposure = |exposure_s: f64| {
+        let belongs = |j: &usize| {
+            let c = &design.conditions[*j];
+            same_lamp(own, c) && c.exposure_s == exposure_s
+        };
+        let series: Vec<usize> = flats.iter().copied().filter(belongs).collect();
+        scatter(design, values, &series, class)
+    };
+    let others = flats.iter().map(|&j| &design.conditions[j]).filter(|c| same_lamp(own, c));
+    of_exposure(own.exposure_s)
+        .or_else(|| others.filter_map(|c| of_exposure(c.exposure_s)).max_by(f64::total_cmp))
+}
+
+/// Flats by the same light on the same sensor.
+fn same_lamp(a: &Condition, b: &Condition) -> bool {
+    a.wavelength_nm == b.wavelength_nm
+        && a.analog_gain == b.analog_gain
+        && (a.temperature_c - b.temperature_c).abs() < 0.5
+}
+
+/// Relative scatter about a quadratic in the level; `None` for fewer than six flats.
+fn scatter(design: &Design, values: &Values, series: &[usize], class: u8) -> Option<f64> {
+    let points: Vec<(f64, f64, f64)> = series
+        .iter()
+        .filter_map(|&i| {
+            let light = *design.conditions[i].photo_e.get(usize::from(class))?;
+            let s = values.get(&(Place::Stack(i), What::Mean(class)))?;
+            (light > 0.0 && s.value > 0.0).then_some((light, s.value / light, s.sd / light))
+        })
+        .collect();
+    // The brightest may be saturated: a knee is no scatter.
+    let top = points.iter().map(|p| p.0).fold(0.0, f64::max);
+    let points: Vec<_> = points.into_iter().filter(|p| p.0 < 0.85 * top).collect();
+    if points.len() < 5 {
+        return None;
+    }
+    let rows = points.len();
+    let a = nalgebra::DMatrix::from_fn(rows, 3, |r, c| {
+        (points[r].0 / top).powi(c as i32) / points[r].2
+    });
+    let b = nalgebra::DVector::from_fn(rows, |r, _| points[r].1 / points[r].2);
+    let fit = a.clone().svd(true, true).solve(&b, 1e-12).ok()?;
+    let left = b - a * fit;
+    let chi = left.norm_squared() / (rows as f64 - 3.0);
+    let mean = points.iter().map(|p| p.1).sum::<f64>() / rows as f64;
+    let statistical = points.iter().map(|p| p.2 * p.2).sum::<f64>() / rows as f64;
+    // Twice the excess, as few degrees of freedom may hide some of it.
+    Some((2.0 * (chi - 1.5).max(0.0) * statistical).sqrt() / mean)
+}

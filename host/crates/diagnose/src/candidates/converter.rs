@@ -1,0 +1,168 @@
+//! The converter: bits of the wrong weight.
+
+use super::Proposal;
+use crate::channels::Channels;
+use crate::evidence::{Estimated, Evidence};
+use crate::model::current;
+use crate::temporal::Temporal;
+use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
+use nalgebra::{DMatrix, DVector};
+
+/// Bits whose errors a camera file can name, from the lowest.
+const BITS: usize = 7;
+/// Their keys.
+const KEYS: [&str; BITS] =
+    ["bit_0_lsb", "bit_1_lsb", "bit_2_lsb", "bit_3_lsb", "bit_4_lsb", "bit_5_lsb", "bit_6_lsb"];
+/// Standard errors from which on a bit's error is believed.
+const BELIEVED: f64 = 4.0;
+
+/// Steps of Newton's method: products of errors, 0.03 of one of 0.2, are gone after the second.
+const NEWTON: usize = 4;
+
+/// How often each code came, and the standard deviation of the samples, DN.
+struct Codes<'a> {
+    histogram: &'a [u32],
+    sd: f64,
+}
+
+impl Codes<'_> {
+    /// Whether the density would be smooth over the codes that a bit divides: a normal law's wave of
+    /// period 2h has the amplitude exp(−π²σ²/2h²), 2e-5 at σ = 1.5 h.
+    fn smooth_over(&self, bit: usize) -> bool {
+        self.sd > 1.5 * (1u32 << bit) as f64
+    }
+}
+
+/// By how much a bit's error widens a code: a weight that is ε too large makes the code before it is set ε wider, the
+/// last code with it set ε narrower.
+fn widening(bit: usize, code: usize) -> f64 {
+    let half = 1usize << bit;
+    match (code % half == half - 1, code & half == 0) {
+        (false, _) => 0.0,
+        (true, true) => 1.0,
+        (true, false) => -1.0,
+    }
+}
+
+/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one bit widens
+/// are not balanced by those it narrows, and would pass for another's.
+///
+/// Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0 over the stacks that are smooth over bit b, with d = [`widening`]: per
+/// width the codes are as many with the bit as without. By Newton's method; the sums scatter as Poisson counts do.
+fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
+    let n = bits.len();
+    let mut errors = DVector::<f64>::zeros(n);
+    let mut scatter = DMatrix::zeros(n, n);
+    for _ in 0..NEWTON {
+        let (mut sums, mut matrix) = (DVector::<f64>::zeros(n), DMatrix::<f64>::zeros(n, n));
+        let mut covariance = DMatrix::zeros(n, n);
+        for stack in stacks {
+            let smooth: Vec<bool> = bits.iter().map(|&b| stack.smooth_over(b)).collect();
+            for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
+                let widened: Vec<f64> = bits.iter().map(|&b| widening(b, code)).collect();
+                let width = 1.0 + widened.iter().zip(&errors).map(|(d, e)| d * e).sum::<f64>();
+                // A code that is missing altogether says no more than a very narrow one.
+                let density = f64::from(count) / width.max(0.05);
+                for i in (0..n).filter(|&i| smooth[i]) {
+                    sums[i] += widened[i] * density;
+                    for j in 0..n {
+                        let product = widened[i] * widened[j] * density;
+                        matrix[(i, j)] += product;
+                        covariance[(i, j)] += if smooth[j] { product } else { 0.0 };
+                    }
+                }
+            }
+        }
+        let inverse = matrix.try_inverse()?;
+        errors += &inverse * sums;
+        scatter = &inverse * covariance * inverse.transpose();
+    }
+    Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
+}
+
+/// The bits whose errors are believed: the weakest is left out until all are.
+fn errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
+    let seen = |b: &usize| stacks.iter().any(|s| s.smooth_over(*b));
+    let mut bits: Vec<usize> = (0..BITS).filter(seen).collect();
+    while let Some(found) = solve(stacks, &bits) {
+        let weakest =
+            (0..bits.len()).min_by(|&a, &b| found[a].z().abs().total_cmp(&found[b].z().abs()));
+        match weakest {
+            Some(i) if !(found[i].z().abs() > BELIEVED) => drop(bits.remove(i)),
+            _ => return bits.into_iter().zip(found).collect(),
+        }
+    }
+    Vec::new()
+}
+
+/// Codes of unequal width, from the histograms of all stacks that reach neither end of the scale.
+pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
+    if current(e.camera, "adc-nonlinearity").is_some() {
+        return Vec::new();
+    }
+    let inside = |t: &&Temporal| {
+        let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
+        let ends: f64 = ends.map(|&h| f64::from(h)).sum();
+        ends <= 1e-4 * (t.mean.data.len() * t.frames) as f64
+    };
+    let channels = Channels::new(e.camera);
+    let stacks: Vec<Codes<'_>> =
+        e.stacks.iter().filter(inside).map(|t| codes(t, &channels)).collect();
+    let found = errors(&stacks);
+    let strength = found.iter().map(|(_, error)| error.z().abs()).fold(0.0, f64::max);
+    let mut lsb = [0.0; BITS];
+    found.iter().for_each(|(bit, error)| lsb[*bit] = error.value as f32);
+    let [bit_0_lsb, bit_1_lsb, bit_2_lsb, bit_3_lsb, bit_4_lsb, bit_5_lsb, bit_6_lsb] = lsb;
+    let effect = AdcNonlinearity {
+        sigma_lsb: 0.0,
+        bit_0_lsb,
+        bit_1_lsb,
+        bit_2_lsb,
+        bit_3_lsb,
+        bit_4_lsb,
+        bit_5_lsb,
+        bit_6_lsb,
+    };
+    let mut proposal = Proposal::new("adc-nonlinearity", effect.into(), strength);
+    proposal.parameters = found.into_iter().map(|(bit, error)| (KEYS[bit], error)).collect();
+    vec![proposal]
+}
+
+/// A mixture of channels is as smooth as the narrowest of their laws.
+fn codes<'a>(t: &'a Temporal, channels: &Channels) -> Codes<'a> {
+    let means = channels.means(&t.mean.data);
+    let mut squares = t.mean.data.clone();
+    channels.change(&mut squares, &means, |v, mean| (v - mean) * (v - mean));
+    let (fixed, noise) = (channels.means(&squares), channels.means(&t.pixel_variance));
+    let variances = fixed.iter().zip(noise).map(|(fixed, noise)| fixed + noise);
+    Codes { histogram: &t.histogram, sd: variances.fold(f64::MAX, f64::min).sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Histogram of a million samples of a normal law, code `c` from `begins(c)` to `begins(c + 1)`.
+    fn histogram(mean: f64, sd: f64, begins: impl Fn(usize) -> f64) -> Vec<u32> {
+        let below = |v: f64| 0.5 * libm::erfc((mean - v) / sd / std::f64::consts::SQRT_2);
+        (0..256).map(|c| (1e6 * (below(begins(c + 1)) - below(begins(c)))) as u32).collect()
+    }
+
+    /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well: only bit 2 has one.
+    #[test]
+    fn a_wrong_bit_is_not_taken_for_another() {
+        for error in [0.04, -0.04, 0.15, -0.15] {
+            let begins = |c: usize| c as f64 - 0.5 + if c & 4 != 0 { error } else { 0.0 };
+            let means_and_sds = [(19.0, 2.0), (43.0, 2.5), (130.0, 12.0)];
+            let all = means_and_sds.map(|(mean, sd)| (histogram(mean, sd, begins), sd));
+            let stacks: Vec<Codes<'_>> =
+                all.iter().map(|(h, sd)| Codes { histogram: h, sd: *sd }).collect();
+            let alone = solve(&stacks, &[0]).unwrap();
+            assert!(alone[0].z().abs() > BELIEVED, "the trap is none: {}", alone[0].z());
+            let found = errors(&stacks);
+            assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [2]);
+            let (value, se) = (found[0].1.value, found[0].1.se);
+            assert!((value - error).abs() < 2.0 * se, "{value} ± {se}, {error}");
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! Light that pulsates under a rolling shutter.
+
+use super::{Proposal, deviation, list};
+use crate::evidence::{Estimated, Evidence, slope};
+use crate::maps;
+use crate::model::current;
+use crate::spatial::phase_means;
+use crate::tails::median_of_squares;
+use crate::temporal::Temporal;
+use camrig_base::median::median;
+use camrig_sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
+
+/// Frequency of the highest bin of the power of lines of `n` samples, between bins by its neighbours.
+fn line_peak(power: &[f64], n: f64) -> f64 {
+    let at = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b])).unwrap_or(0);
+    let white = median(&mut power.to_vec(), f64::total_cmp);
+    let get = |i: usize| power.get(i).map_or(0.0, |p| (p - white).max(0.0).sqrt());
+    let (l, m, r) = (get(at.max(1) - 1), get(at), get(at + 1));
+    let shift = if r > l { r / (m + r) } else { -l / (m + l) };
+    (at as f64 + 1.0 + shift) / n
+}
+
+/// |sin(πx)/(πx)|: what is left of a wave of x periods in an exposure.
+pub(super) fn sinc(x: f64) -> f64 {
+    let x = std::f64::consts::PI * x;
+    if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
+}
+
+/// Bins to either side of a line that a wave between two bins leaks into.
+const LEAK: usize = 3;
+/// Bins to either side of those from which the power without the wave is taken.
+const AROUND: usize = 12;
+
+/// A wave along the column of any phase, beside constants: one for each row of the colour filter pattern.
+struct Wave {
+    sine: Vec<f64>,
+    cosine: Vec<f64>,
+    /// Their products: of sine and sine, cosine and cosine, sine and cosine.
+    products: [f64; 3],
+}
+
+impl Wave {
+    /// Of so many cycles per row, beside what repeats every `period` rows.
+    fn new(cycles: f64, rows: usize, period: usize) -> Self {
+        let of = |f: fn(f64) -> f64| {
+            let at = |y: usize| f(std::f64::consts::TAU * cycles * y as f64);
+            let all: Vec<f64> = (0..rows).map(at).collect();
+            let means = phase_means(&all, period);
+            all.iter().enumerate().map(|(y, v)| v - means[y % period]).collect::<Vec<f64>>()
+        };
+        let (sine, cosine) = (of(f64::sin), of(f64::cos));
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let products = [product(&sine, &sine), product(&cosine, &cosine), product(&sine, &cosine)];
+        Self { sine, cosine, products }
+    }
+
+    /// Amplitude of sine and cosine in the row means of each frame, by least squares.
+    fn in_frames(&self, t: &Temporal) -> Vec<[f64; 2]> {
+        let [ss, cc, sc] = self.products;
+        let determinant = ss * cc - sc * sc;
+        let of_frame = |rows: &[f32]| {
+            let (mut s, mut c) = (0.0, 0.0);
+            for ((x, sine), cosine) in rows.iter().zip(&self.sine).zip(&self.cosine) {
+                s += f64::from(*x) * sine;
+                c += f64::from(*x) * cosine;
+            }
+            [(cc * s - sc * c) / determinant, (ss * c - sc * s) / determinant]
+        };
+        t.row_means.chunks(t.height).map(of_frame).collect()
+    }
+
+    /// Power of what changes in it from frame to frame: 2 v (n − 1) of white row means of variance v.
+    fn changing(&self, t: &Temporal) -> f64 {
+        let amplitudes = self.in_frames(t);
+        let [x0, y0] = middle(&amplitudes);
+        let [ss, cc, sc] = self.products;
+        let of = |a: &[f64; 2]| {
+            let (x, y) = (a[0] - x0, a[1] - y0);
+            ss * x * x + cc * y * y + 2.0 * sc * x * y
+        };
+        amplitudes.iter().map(of).sum()
+    }
+
+    /// Mean square of an amplitude that white row means of variance 1 give.
+    fn noise(&self) -> f64 {
+        let [ss, cc, sc] = self.products;
+        (ss + cc) / (ss * cc - sc * sc)
+    }
+}
+
+/// A flat stack in which bands are looked for.
+struct Flat<'a> {
+    stack: &'a Temporal,
+    exposure_s: f64,
+    signal: f64,
+    /// Power of a bin without the wave.
+    white: f64,
+}
+
+/// The wave in a flat stack.
+struct Band {
+    exposure_s: f64,
+    /// Square of its amplitude relative to the signal.
+    square: f64,
+    /// Mean square of what noise adds to the amplitude.
+    noise: f64,
+    frames: f64,
+}
+
+impl Band {
+    /// Scatter of `square` where it is a²: of the mean of |a + ε|², ε of mean square s, (2 a² s + s²)/n.
+    fn variance(&self, square: f64) -> f64 {
+        (2.0 * square + self.noise) * self.noise / self.frames
+    }
+}
+
+/// The wave of the row means that grows with the signal: cycles per row, and what each flat shows of it.
+fn bands(e: &Evidence<'_>) -> Option<(f64, Vec<Band>)> {
+    let (_, h) = e.size();
+    let period = usize::from(e.camera.sensor.pattern().height);
+    let mut flats: Vec<Flat<'_>> = e
+        .flats()
+        .filter_map(|(i, c)| {
+            let stack = &e.stacks[i];
+            let white = stack.row_power.iter().sum::<f64>() / stack.row_power.len() as f64;
+            let signal = e.signal(i)?;
+            (signal > 0.0 && white > 0.0).then_some(Flat {
+                stack,
+                exposure_s: c.exposure_s,
+                signal,
+                white,
+            })
+        })
+        .collect();
+    let weight = |f: &Flat<'_>| f.stack.dof * (f.signal / f.white).powi(2);
+    let mut pooled = vec![0.0; flats.first()?.stack.row_power.len()];
+    for f in &flats {
+        pooled.iter_mut().zip(&f.stack.row_power).for_each(|(sum, p)| *sum += weight(f) * p);
+    }
+    let rows = line_peak(&pooled, h);
+    let at = ((rows * h).round() as usize).clamp(1, pooled.len()) - 1;
+    let (from, to) = (at.saturating_sub(LEAK), (at + LEAK + 1).min(pooled.len()));
+    for f in &mut flats {
+        let power = &f.stack.row_power;
+        let mut around: Vec<f64> = power[from.saturating_sub(AROUND)..from].to_vec();
+        around.extend(&power[to..(to + AROUND).min(power.len())]);
+        if around.is_empty() {
+            return None;
+        }
+        f.white = median(&mut around, f64::total_cmp) / median_of_squares(2.0 * f.stack.dof);
+    }
+    flats.retain(|f| f.white > 0.0);
+    // The frequency between the bins, by what changes from frame to frame.
+    let (mut cycles, mut step) = (rows.max(0.5 / h), 0.1 / h);
+    for _ in 0..3 {
+        let near = (-15..=15).map(|i| cycles + f64::from(i) * step);
+        let power = |cycles: f64| {
+            let wave = Wave::new(cycles, h as usize, period);
+            let of = |f: &Flat<'_>| weight(f) * wave.changing(f.stack);
+            flats.iter().map(of).sum::<f64>()
+        };
+        let tried = near.filter(|f| *f > 0.45 / h && *f < 0.5).map(|f| (f, power(f)));
+        cycles = tried.max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+        step /= 10.0;
+    }
+    let wave = Wave::new(cycles, h as usize, period);
+    let dark = match maps::reference_dark(e.design) {
+        Some(i) => middle(&wave.in_frames(&e.stacks[i])),
+        None => [0.0; 2],
+    };
+    let seen: Vec<Vec<[f64; 2]>> = flats
+        .iter()
+        .map(|f| {
+            let of = |a: [f64; 2]| [(a[0] - dark[0]) / f.signal, (a[1] - dark[1]) / f.signal];
+            wave.in_frames(f.stack).into_iter().map(of).collect()
+        })
+        .collect();
+    let noise = |f: &Flat<'_>| f.white * wave.noise() / (f.signal * f.signal);
+    let weights = flats
+        .iter()
+        .zip(&seen)
+        .map(|(f, seen)| 1.0 / (noise(f) * (noise(f) + scatter(seen) / seen.len() as f64)));
+    let fixed = centre(seen.iter().zip(weights));
+    let of_flat = |(f, seen): (&Flat<'_>, &Vec<[f64; 2]>)| {
+        let n = seen.len() as f64;
+        let square = |a: &[f64; 2]| (a[0] - fixed[0]).powi(2) + (a[1] - fixed[1]).powi(2);
+        let value = seen.iter().map(square).sum::<f64>() / n - noise(f);
+        Band { exposure_s: f.exposure_s, square: value, noise: noise(f), frames: n }
+    };
+    Some((cycles, flats.iter().zip(&seen).map(of_flat).collect()))
+}
+
+/// Mean of amplitudes.
+fn middle(amplitudes: &[[f64; 2]]) -> [f64; 2] {
+    let n = amplitudes.len() as f64;
+    [0, 1].map(|i| amplitudes.iter().map(|a| a[i]).sum::<f64>() / n)
+}
+
+/// Sum of their squares about the mean.
+fn scatter(amplitudes: &[[f64; 2]]) -> f64 {
+    let m = middle(amplitudes);
+    amplitudes.iter().map(|a| (a[0] - m[0]).powi(2) + (a[1] - m[1]).powi(2)).sum()
+}
+
+/// What all frames have beside a wave of random phase: the centre of the circles, one for each stack, on which the
+/// amplitudes lie, |a|² = 2 a·z + const. by least squares (Kåsa 1976). Stacks have weights.
+fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2] {
+    let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (amplitudes, weight) in stacks {
+        let m = middle(amplitudes);
+        let square = |a: &[f64; 2]| a[0] * a[0] + a[1] * a[1];
+        let mean = amplitudes.iter().map(square).sum::<f64>() / amplitudes.len() as f64;
+        for a in amplitudes {
+            let (x, y, r) = (a[0] - m[0], a[1] - m[1], (square(a) - mean) / 2.0);
+            xx += weight * x * x;
+            xy += weight * x * y;
+            yy += weight * y * y;
+            xr += weight * x * r;
+            yr += weight * y * r;
+        }
+    }
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 0.0 {
+        return [0.0; 2];
+    }
+    [(yy * xr - xy * yr) / determinant, (xx * yr - xy * xr) / determinant]
+}
+
+/// The depth A² of light that pulsates with f, and χ² of what A² sinc² leaves: the scatter of squares is that of their
+/// fitted values, since that of the measured ones would favour the small.
+fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
+    let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(1e-9);
+    let mut found = Estimated { value: 0.0, se: f64::INFINITY };
+    for _ in 0..4 {
+        let fitted = found.value.max(0.0);
+        found = slope(bands.iter().map(|b| {
+            (seen(b), Estimated { value: b.square, se: b.variance(fitted * seen(b)).sqrt() })
+        }))?;
+    }
+    let left = bands.iter().map(|b| {
+        let fitted = found.value.max(0.0) * seen(b);
+        (b.square - fitted).powi(2) / b.variance(fitted)
+    });
+    Some((found, left.sum()))
+}
+
+/// The frequency of light whose bands exposures of different length average: that of a mains lamp, if it serves as well as
+/// the best (within two standard deviations).
+fn light_frequency(bands: &[Band]) -> Option<f64> {
+    let best = |tried: &mut dyn Iterator<Item = f64>| {
+        tried
+            .filter_map(|f| Some((f, depth_squared(bands, f)?.1)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let coarse = best(&mut (0..463).map(|i| 30.0 * 1.01f64.powi(i)))?.0;
+    let free = best(&mut (-20..=20).map(|i| coarse * (1.0 + 5e-4 * f64::from(i))))?;
+    let mains = best(&mut [100.0, 120.0].into_iter())?;
+    // Squares that scatter more than their noise are worth less.
+    let unit = (free.1 / (bands.len() as f64 - 2.0).max(1.0)).max(1.0);
+    Some(if mains.1 < free.1 + 4.0 * unit { mains.0 } else { free.0 })
+}
+
+/// A line of the row means in proportion to the signal.
+pub fn flicker_banding(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let (rows, bands) = bands(e)?;
+        let (present, rows, frequency) = match current(e.camera, "flicker-banding") {
+            Some(Effect::FlickerBanding(x)) => {
+                let rows = f64::from(x.frequency_hz) * f64::from(x.row_time_us) * 1e-6;
+                (f64::from(x.depth), rows, f64::from(x.frequency_hz))
+            }
+            _ => (0.0, rows, light_frequency(&bands)?),
+        };
+        let (square, _) = depth_squared(&bands, frequency)?;
+        let depth = deviation(0.0, square)?;
+        let effect = FlickerBanding {
+            depth: depth.value as f32,
+            frequency_hz: frequency as f32,
+            row_time_us: (rows / frequency * 1e6) as f32,
+        };
+        let strength = (square.value - present * present).abs() / square.se;
+        Some(
+            Proposal::new("flicker-banding", effect.into(), strength)
+                .with("depth", depth.value, depth.se)
+                .with("frequency_hz", frequency, f64::NAN)
+                .with("row_time_us", rows / frequency * 1e6, f64::NAN),
+        )
+    })())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wave_between_bins_has_its_amplitude_beside_any_constant() {
+        let (rows, cycles) = (200, 1.37 / 200.0);
+        let mut t = crate::temporal::Collector::new(4, rows, 8, false).finish();
+        let phases = [0.2f64, 1.9, 4.4];
+        t.row_means = phases
+            .iter()
+            .flat_map(|phase| {
+                let at = move |y| std::f64::consts::TAU * cycles * f64::from(y) + phase;
+                // Rows of two levels, as under a colour filter array.
+                (0..rows as i32).map(move |y| (7.0 + f64::from(y % 2) + 0.25 * at(y).sin()) as f32)
+            })
+            .collect();
+        let wave = Wave::new(cycles, rows, 2);
+        for (phase, [s, c]) in phases.iter().zip(wave.in_frames(&t)) {
+            // Rounding of 8.25 to 32 bits, 4.8e-7, over 200 rows.
+            assert!((s - 0.25 * phase.cos()).abs() < 1e-6 && (c - 0.25 * phase.sin()).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_centre_of_circles_is_found() {
+        let circle = |radius: f64, angles: [f64; 3]| {
+            angles.map(|a| [0.3 + radius * a.cos(), -0.1 + radius * a.sin()]).to_vec()
+        };
+        let circles = [circle(0.02, [0.1, 0.9, 3.0]), circle(0.5, [2.0, 2.2, 5.0])];
+        let [x, y] = centre(circles.iter().zip([1.0, 3.0]));
+        assert!((x - 0.3).abs() < 1e-12 && (y + 0.1).abs() < 1e-12, "{x} {y}");
+    }
+
+    #[test]
+    fn the_frequency_of_the_lamp_is_told_by_exposures() {
+        let bands = |f: f64| -> Vec<Band> {
+            [0.2e-3, 1e-3, 5e-3, 12e-3]
+                .iter()
+                .map(|&exposure_s| Band {
+                    exposure_s,
+                    square: 1e-4 * sinc(f * exposure_s).powi(2),
+                    noise: 1e-9,
+                    frames: 4.0,
+                })
+                .collect()
+        };
+        assert_eq!(light_frequency(&bands(100.0)), Some(100.0));
+        assert_eq!(light_frequency(&bands(120.0)), Some(120.0));
+        // No lamp of the mains: within the finer steps.
+        let found = light_frequency(&bands(250.0)).unwrap();
+        assert!((found / 250.0 - 1.0).abs() < 5e-4, "{found}");
+        let (depth, left) = depth_squared(&bands(100.0), 100.0).unwrap();
+        assert!((depth.value / 1e-4 - 1.0).abs() < 1e-9 && left < 1e-9);
+    }
+}

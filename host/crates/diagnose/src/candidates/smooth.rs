@@ -1,0 +1,144 @@
+//! Smooth structure of the gain map.
+
+use super::fixed::block_means;
+use super::flicker::sinc;
+use super::{Proposal, list, minimum};
+use crate::evidence::Evidence;
+use crate::maps::MapKind;
+use crate::model::current;
+use crate::statistics::{Place, What};
+use camrig_sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
+use std::f64::consts::{PI, SQRT_2};
+
+/// Most half waves over the map that are looked for.
+const MOST: usize = 4;
+
+/// What a map shows of a product of two cosines.
+struct Wave {
+    /// Half waves across and down.
+    order: (usize, usize),
+    /// Its amplitude, root mean square.
+    amplitude: f64,
+    /// Variance that the model's patterns of pixels, rows and columns give it.
+    noise: f64,
+    /// What means over blocks leave of its square.
+    passed: f64,
+}
+
+/// Root mean square and number of half waves with which the cosines of the map are most likely.
+pub fn low_frequency(e: &Evidence<'_>) -> Vec<Proposal> {
+    list((|| {
+        let waves = waves(e)?;
+        let (order, sigma, left) = likeliest(&waves)?;
+        let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
+        let effect = PrnuLowFrequency { sigma: sigma as f32, order: order as f32 };
+        // So many normal numbers tell their variance.
+        let count = ((order + 1).pow(2) - 1) as f64;
+        Some(
+            Proposal::new("prnu-low-frequency", effect.into(), strength)
+                .with("sigma", sigma, sigma / (2.0 * count).sqrt())
+                .with("order", order as f64, f64::NAN),
+        )
+    })())
+}
+
+/// Half waves and root mean square of the likeliest law, and its deviance.
+fn likeliest(waves: &[Wave]) -> Option<(usize, f64, f64)> {
+    (1..=MOST)
+        .map(|order| {
+            let unlikely = |x: f64| deviance(waves, order, x.exp());
+            let ln = minimum(1e-6f64.ln(), 0.14f64.ln(), 50, unlikely);
+            (order, ln.exp(), unlikely(ln))
+        })
+        .min_by(|a, b| a.2.total_cmp(&b.2))
+}
+
+/// Twice the negative logarithm of the likelihood of all cosines if those up to `order` share the variance σ².
+fn deviance(waves: &[Wave], order: usize, sigma: f64) -> f64 {
+    let within = |w: &Wave| w.order.0.max(w.order.1) <= order;
+    // A cosine's mean square is a half: the scale of the stage.
+    let share = |w: &Wave| if w.order.0 == 0 || w.order.1 == 0 { 0.5 } else { 0.25 };
+    let power: f64 = waves.iter().filter(|w| within(w)).map(share).sum();
+    waves
+        .iter()
+        .map(|w| {
+            let signal = if within(w) { sigma * sigma * share(w) / power * w.passed } else { 0.0 };
+            let variance = w.noise + signal;
+            variance.ln() + w.amplitude * w.amplitude / variance
+        })
+        .sum()
+}
+
+/// The cosines of the gain map's block means.
+fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
+    let map = e.map(MapKind::Gain).filter(|m| m.even)?;
+    let (w, h) = (map.plane.width, map.plane.height);
+    let (across, down) = (w / 16, h / 16);
+    let blocks = block_means(&map.plane, 0.5);
+    let predicted = |what| e.predicted(Place::Map(MapKind::Gain), what);
+    let pixels = predicted(What::PixelPattern)? / (w * h) as f64;
+    // A model with smooth structure has it in its rows and columns too.
+    let lines = match current(e.camera, "prnu-low-frequency") {
+        Some(_) => [pixels; 2],
+        None => {
+            [predicted(What::RowPattern)? / h as f64, predicted(What::ColumnPattern)? / w as f64]
+        }
+    };
+    let mut out = Vec::new();
+    for j in 0..=MOST.min(down.saturating_sub(1)) {
+        for i in 0..=MOST.min(across.saturating_sub(1)) {
+            if i + j == 0 {
+                continue;
+            }
+            let wave = |k: usize, at: f64| match k {
+                0 => 1.0,
+                k => SQRT_2 * (0.5 * PI * k as f64 * (at + 1.0)).cos(),
+            };
+            // Cosines at the centres of a grid are orthogonal, of mean square 1.
+            let sum: f64 = blocks.iter().map(|&(u, v, b)| b * wave(i, u) * wave(j, v)).sum();
+            let noise = match (i, j) {
+                (0, _) => lines[0],
+                (_, 0) => lines[1],
+                _ => pixels,
+            };
+            let passed = |k: usize, n: usize| sinc(0.5 * k as f64 / n as f64).powi(2);
+            out.push(Wave {
+                order: (i, j),
+                amplitude: sum / blocks.len() as f64,
+                noise,
+                passed: passed(i, across) * passed(j, down),
+            });
+        }
+    }
+    (!out.is_empty()).then_some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Amplitudes at their standard deviations exactly: the likeliest law is the one they follow.
+    #[test]
+    fn the_number_of_half_waves_and_the_size_are_those_put_in() {
+        let (sigma, noise) = (0.003, 1e-8);
+        for order in 1..=3 {
+            let mut waves: Vec<Wave> = (0..=MOST)
+                .flat_map(|j| (0..=MOST).map(move |i| (i, j)))
+                .filter(|o| o.0 + o.1 > 0)
+                .map(|order| Wave { order, amplitude: 0.0, noise, passed: 0.9 })
+                .collect();
+            let share = |o: (usize, usize)| if o.0 == 0 || o.1 == 0 { 0.5 } else { 0.25 };
+            let within = |o: (usize, usize)| o.0.max(o.1) <= order;
+            let power: f64 = waves.iter().map(|w| w.order).filter(|o| within(*o)).map(share).sum();
+            for w in &mut waves {
+                let signal =
+                    if within(w.order) { sigma * sigma * share(w.order) / power } else { 0.0 };
+                w.amplitude = (noise + 0.9 * signal).sqrt();
+            }
+            let (found, size, _) = likeliest(&waves).unwrap();
+            assert_eq!(found, order);
+            // Golden section of ln σ over 12, fifty times.
+            assert!((size / sigma - 1.0).abs() < 1e-6, "{size}");
+        }
+    }
+}

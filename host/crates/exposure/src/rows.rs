@@ -1,0 +1,135 @@
+//! Rows of the sensor, compiled for the vector instructions of this machine.
+//!
+//! A pipeline inlines every effect of the catalogue, which is much code: it is made here once for each
+//! arithmetic, and takes its light from whoever has some.
+
+use super::irradiance::Chunk;
+use camrig_base::{Error, Result};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
+use camrig_sensor_core::spectral::{GROUP, groups};
+use multiversion::multiversion;
+
+/// One row of a frame.
+type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);
+/// Mean photo-electrons of a row from its bands.
+type CollectFn<A> = fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
+
+/// An arithmetic whose row functions are compiled here.
+pub trait Vector: Arith {
+    /// Of a pipeline.
+    const ROW: RowFn<Self>;
+    /// Of a cube.
+    const COLLECT: CollectFn<Self>;
+}
+
+macro_rules! vector {
+    ($arith:ty, $row:ident, $collect:ident) => {
+        #[multiversion(targets(
+            "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+            "x86_64+avx2"
+        ))]
+        fn $row(
+            pipeline: &mut Pipeline<'_, $arith>,
+            row: u32,
+            source: &mut dyn MeanRows<$arith>,
+            out: &mut [u16],
+        ) {
+            pipeline.row(row, source, out);
+        }
+
+        #[multiversion(targets(
+            "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+            "x86_64+avx2"
+        ))]
+        fn $collect(
+            sums: &mut BandSums<'_, $arith>,
+            bands: &[Chunk<'_>],
+            y: u32,
+            out: &mut [Block<<$arith as Arith>::Signal>],
+        ) {
+            sums.collect(bands, y, out);
+        }
+
+        impl Vector for $arith {
+            const ROW: RowFn<Self> = $row;
+            const COLLECT: CollectFn<Self> = $collect;
+        }
+    };
+}
+
+vector!(Float, row_float, collect_float);
+vector!(Fixed, row_fixed, collect_fixed);
+
+/// Adds up the bands of rows.
+pub struct BandSums<'a, A: Arith> {
+    collector: Collector<'a, A>,
+    width: usize,
+    sums: Vec<Sums<A::Sum>>,
+}
+
+impl<'a, A: Vector> BandSums<'a, A> {
+    /// For one frame.
+    ///
+    /// # Errors
+    /// A configuration or settings that the sensor refuses.
+    pub fn new(
+        config: &'a SensorConfig,
+        settings: &FrameSettings,
+        crosstalk: Option<Crosstalk<'a>>,
+    ) -> Result<Self> {
+        let width = config.width as usize;
+        Ok(Self {
+            collector: Collector::new(config, settings, crosstalk).map_err(refused)?,
+            width,
+            sums: vec![[A::Sum::default(); GROUP]; groups(width)],
+        })
+    }
+
+    #[inline(always)]
+    fn collect(&mut self, bands: &[Chunk<'_>], y: u32, out: &mut [Block<A::Signal>]) {
+        self.sums.fill([A::Sum::default(); GROUP]);
+        for (band, rows) in bands.iter().enumerate() {
+            let row = rows.row(self.width, y as usize);
+            self.collector.add_band(y, band, row, &mut self.sums);
+        }
+        let mut groups = self.sums.iter();
+        for block in out.iter_mut().take(blocks(self.width)) {
+            for half in block.chunks_mut(GROUP) {
+                let sums = groups.next().copied().unwrap_or([A::Sum::default(); GROUP]);
+                half.iter_mut().zip(sums).for_each(|(v, s)| *v = A::collected(s));
+            }
+        }
+    }
+}
+
+/// Computes the rows from `first` on that fill `out`.
+///
+/// # Errors
+/// A configuration or settings that the sensor refuses.
+pub fn rows<A: Vector>(
+    config: &SensorConfig,
+    settings: &FrameSettings,
+    source: &mut dyn MeanRows<A>,
+    first: usize,
+    out: &mut [u16],
+) -> Result<()> {
+    let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
+    let mut pipeline = Pipeline::<A>::new(config, settings, &mut memory).map_err(refused)?;
+    for (y, out) in (first..).zip(out.chunks_mut(config.width as usize)) {
+        A::ROW(&mut pipeline, y as u32, source, out);
+    }
+    Ok(())
+}
+
+/// What the sensor model objects to, in words.
+pub fn refused(e: ConfigError) -> Error {
+    match e {
+        ConfigError::Settings => Error::input("exposure, gain or temperature is out of range")
+            .help("exposure and gain are positive numbers"),
+        e => Error::input(format!("the sensor model refuses this configuration: {e:?}")),
+    }
+}

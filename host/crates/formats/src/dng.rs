@@ -1,0 +1,338 @@
+//! DNG writer: IFD 0 with an RGB thumbnail and the camera's colour, a SubIFD with the raw, an Exif
+//! IFD with the exposure.
+//!
+//! Source: Adobe Digital Negative Specification 1.4. The structure is the one that every client of
+//! the test suite reads right: tools that look for the white level only in a SubIFD, or for the ISO
+//! only in an Exif IFD, are common. Pixels are stored as they are, uncompressed 16-bit words.
+
+use super::opcodes::{self, Opcode};
+use super::{Facts, check_range, preview};
+use camrig_base::{Error, RawFrame, Result};
+use std::io::Cursor;
+use tiff::encoder::{
+    DirectoryEncoder, Rational, SRational, TiffEncoder, TiffKindStandard, TiffValue,
+};
+use tiff::tags::Tag;
+
+/// CIE illuminant A in DNG's (Exif LightSource) numbering.
+const ILLUMINANT_A: u16 = 17;
+/// CIE illuminant D65.
+const ILLUMINANT_D65: u16 = 21;
+/// Longest side of the thumbnail, pixels.
+const THUMBNAIL: usize = 256;
+
+/// What a DNG says about a frame beyond its samples. What is `None` or empty is not written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DngInfo {
+    /// Maker of the camera.
+    pub make: String,
+    /// Model of the camera.
+    pub model: String,
+    /// Free text: scene, seed, frame number.
+    pub description: String,
+    /// Time of capture, `YYYY:MM:DD HH:MM:SS`. Never the clock: a simulated frame has none of its
+    /// own.
+    pub datetime: Option<String>,
+    /// Exposure time, s.
+    pub exposure_s: Option<f64>,
+    /// ISO speed; 100 times the analogue gain by the convention of camera-tuning tools.
+    pub iso: Option<u32>,
+    /// f-number.
+    pub f_number: Option<f64>,
+    /// Focal length, mm.
+    pub focal_length_mm: Option<f64>,
+    /// XYZ to camera under illuminant A, scaled so that white's largest channel is 1.
+    pub color_matrix_a: Option<[[f64; 3]; 3]>,
+    /// XYZ to camera under illuminant D65, scaled likewise.
+    pub color_matrix_d65: Option<[[f64; 3]; 3]>,
+    /// Camera R, G, B of a white in the scene's light, the largest 1.
+    pub as_shot_neutral: Option<[f64; 3]>,
+    /// Per channel (S, O): variance of a signal x (0 at black, 1 at white) is `S x + O`.
+    pub noise_profile: Vec<(f64, f64)>,
+    /// Black levels of the cells of the colour filter pattern, row-major, DN; empty: the frame's
+    /// own black level everywhere.
+    pub black_levels_dn: Vec<f64>,
+    /// Corrections on stored values (bad pixels).
+    pub opcode_list1: Vec<Opcode>,
+    /// Corrections on linear values before demosaicing (gain maps).
+    pub opcode_list2: Vec<Opcode>,
+}
+
+impl Default for DngInfo {
+    fn default() -> Self {
+        Self {
+            make: "camrig".into(),
+            model: "camrig".into(),
+            description: String::new(),
+            datetime: None,
+            exposure_s: None,
+            iso: None,
+            f_number: None,
+            focal_length_mm: None,
+            color_matrix_a: None,
+            color_matrix_d65: None,
+            as_shot_neutral: None,
+            noise_profile: Vec::new(),
+            black_levels_dn: Vec::new(),
+            opcode_list1: Vec::new(),
+            opcode_list2: Vec::new(),
+        }
+    }
+}
+
+type Directory<'a, 'b> = DirectoryEncoder<'a, &'b mut Cursor<Vec<u8>>, TiffKindStandard>;
+type Written = std::result::Result<(), tiff::TiffError>;
+
+/// One frame as DNG bytes.
+pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
+    check_range(&frame.data, frame.bits)?;
+    let cells = frame.cfa.width * frame.cfa.height;
+    if !info.black_levels_dn.is_empty() && info.black_levels_dn.len() != cells {
+        return Err(Error::input(format!("{} black levels", info.black_levels_dn.len()))
+            .help(format!("give one for each of the pattern's {cells} cells, row by row")));
+    }
+    let mut bytes = Cursor::new(Vec::new());
+    write(&mut bytes, frame, info).map_err(|e| Error::input(format!("DNG: {e}")))?;
+    let mut bytes = bytes.into_inner();
+    // dcraw reads 512 bytes of a description, whatever its length, and fails at the file's end.
+    bytes.resize(bytes.len() + 512, 0);
+    Ok(bytes)
+}
+
+fn write(bytes: &mut Cursor<Vec<u8>>, frame: &RawFrame, info: &DngInfo) -> Written {
+    let mut file = TiffEncoder::new(bytes)?;
+    let mut exif = file.extra_directory()?;
+    write_exif(&mut exif, info)?;
+    let exif = exif.finish_with_offsets()?;
+    let mut raw = file.extra_directory()?;
+    write_raw(&mut raw, frame, info)?;
+    let raw = raw.finish_with_offsets()?;
+    let mut main = file.image_directory()?;
+    write_thumbnail(&mut main, frame, info)?;
+    write_camera(&mut main, frame, info)?;
+    put(&mut main, 330, raw.offset)?; // SubIFDs
+    put(&mut main, 34665, exif.offset)?; // Exif IFD
+    main.finish()
+}
+
+fn write_exif(d: &mut Directory, info: &DngInfo) -> Written {
+    put(d, 36864, Undefined(b"0230"))?; // ExifVersion
+    let rationals = [
+        (33434, info.exposure_s),      // ExposureTime
+        (33437, info.f_number),        // FNumber
+        (37386, info.focal_length_mm), // FocalLength
+    ];
+    for (tag, value) in rationals {
+        if let Some(value) = value {
+            put(d, tag, rational(value))?;
+        }
+    }
+    if let Some(iso) = info.iso {
+        put(d, 34855, iso.min(65535) as u16)?; // ISOSpeedRatings; Exif: 65535 for more
+    }
+    if let Some(datetime) = &info.datetime {
+        put(d, 36867, Ascii::new(datetime))?; // DateTimeOriginal
+    }
+    Ok(())
+}
+
+fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
+    let (width, height) = (frame.width as u32, frame.height as u32);
+    let offset = d.write_data(&frame.data[..])?;
+    write_image_tags(d, 0, [width, height], &[16], offset, frame.data.len() as u32 * 2)?;
+    put(d, 270, Ascii::new(&Facts::of(frame).note()))?; // ImageDescription
+    let cfa = &frame.cfa;
+    if cfa.is_mono() {
+        put(d, 262, 34892u16)?; // PhotometricInterpretation: LinearRaw
+    } else {
+        put(d, 262, 32803u16)?; // PhotometricInterpretation: CFA
+        let codes: Vec<u8> = cfa.letters.iter().map(|&c| color_code(c)).collect();
+        let planes: Vec<u8> = cfa.channels().into_iter().map(color_code).collect();
+        put(d, 33421, [cfa.height as u16, cfa.width as u16])?; // CFARepeatPatternDim
+        put(d, 33422, &codes[..])?; // CFAPattern
+        put(d, 50710, &planes[..])?; // CFAPlaneColor
+        put(d, 50711, 1u16)?; // CFALayout: rectangular
+    }
+    let black = black_levels(frame, info);
+    put(d, 50713, [cfa.height as u16, cfa.width as u16])?; // BlackLevelRepeatDim
+    if black.iter().all(|b| b.fract() == 0.0) {
+        // Integers: several readers truncate rationals.
+        put(d, 50714, &black.iter().map(|&b| b as u32).collect::<Vec<_>>()[..])?; // BlackLevel
+    } else {
+        put(d, 50714, &black.iter().map(|&b| rational(b)).collect::<Vec<_>>()[..])?;
+    }
+    put(d, 50717, u32::from(frame.white_level_dn))?; // WhiteLevel
+    put(d, 50719, [0u32, 0])?; // DefaultCropOrigin
+    put(d, 50720, [width, height])?; // DefaultCropSize
+    put(d, 50829, [0, 0, height, width])?; // ActiveArea
+    for (tag, list) in [(51008, &info.opcode_list1), (51009, &info.opcode_list2)] {
+        if !list.is_empty() {
+            put(d, tag, Undefined(&opcodes::encode(list)))?; // OpcodeList1, OpcodeList2
+        }
+    }
+    if !info.noise_profile.is_empty() {
+        let profile: Vec<f64> = info.noise_profile.iter().flat_map(|&(s, o)| [s, o]).collect();
+        put(d, 51041, &profile[..])?; // NoiseProfile
+    }
+    Ok(())
+}
+
+fn write_thumbnail(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
+    let picture = preview::thumbnail(frame, info, THUMBNAIL);
+    let mut data = picture.data.as_flattened().to_vec();
+    let size = data.len() as u32;
+    data.resize(data.len().next_multiple_of(2), 0); // offsets stay even
+    let offset = d.write_data(&data[..])?;
+    let sides = [picture.width as u32, picture.height as u32];
+    write_image_tags(d, 1, sides, &[8, 8, 8], offset, size)?;
+    put(d, 262, 2u16) // PhotometricInterpretation: RGB
+}
+
+fn write_image_tags(
+    d: &mut Directory,
+    subfile: u32,
+    [width, height]: [u32; 2],
+    bits: &[u16],
+    offset: u64,
+    size: u32,
+) -> Written {
+    put(d, 254, subfile)?; // NewSubfileType: 0 full, 1 reduced
+    put(d, 256, width)?; // ImageWidth
+    put(d, 257, height)?; // ImageLength
+    put(d, 258, bits)?; // BitsPerSample
+    put(d, 259, 1u16)?; // Compression: none
+    put(d, 273, u32::try_from(offset)?)?; // StripOffsets
+    put(d, 277, bits.len() as u16)?; // SamplesPerPixel
+    put(d, 278, height)?; // RowsPerStrip
+    put(d, 279, size)?; // StripByteCounts
+    put(d, 284, 1u16) // PlanarConfiguration: chunky
+}
+
+fn write_camera(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
+    if !info.description.is_empty() {
+        put(d, 270, Ascii::new(&info.description))?; // ImageDescription
+    }
+    put(d, 271, Ascii::new(&info.make))?; // Make
+    put(d, 272, Ascii::new(&info.model))?; // Model
+    put(d, 274, 1u16)?; // Orientation: as stored
+    put(d, 305, Ascii::new(concat!("camrig ", env!("CARGO_PKG_VERSION"))))?; // Software
+    if let Some(datetime) = &info.datetime {
+        put(d, 306, Ascii::new(datetime))?; // DateTime
+    }
+    let has_opcodes = !(info.opcode_list1.is_empty() && info.opcode_list2.is_empty());
+    put(d, 50706, [1u8, 4, 0, 0])?; // DNGVersion
+    put(d, 50707, [1u8, if has_opcodes { 3 } else { 1 }, 0, 0])?; // DNGBackwardVersion
+    put(d, 50708, Ascii::new(&format!("{} {}", info.make, info.model)))?; // UniqueCameraModel
+    if frame.cfa.channels() != ['R', 'G', 'B'] {
+        return Ok(()); // colour matrices have a row per channel: ours are for R, G, B
+    }
+    let matrices = [
+        (50721, 50778, info.color_matrix_a, ILLUMINANT_A), // ColorMatrix1
+        (50722, 50779, info.color_matrix_d65, ILLUMINANT_D65), // ColorMatrix2
+    ];
+    for (tag, illuminant_tag, matrix, illuminant) in matrices {
+        if let Some(matrix) = matrix {
+            put(
+                d,
+                tag,
+                &matrix.as_flattened().iter().map(|&v| srational(v)).collect::<Vec<_>>()[..],
+            )?;
+            put(d, illuminant_tag, illuminant)?; // CalibrationIlluminant
+        }
+    }
+    if let Some(neutral) = info.as_shot_neutral {
+        put(d, 50728, neutral.map(rational))?; // AsShotNeutral
+    }
+    Ok(())
+}
+
+/// Black level of each cell of the pattern, DN.
+pub(super) fn black_levels(frame: &RawFrame, info: &DngInfo) -> Vec<f64> {
+    if info.black_levels_dn.is_empty() {
+        vec![frame.black_level_dn; frame.cfa.width * frame.cfa.height]
+    } else {
+        info.black_levels_dn.clone()
+    }
+}
+
+/// CFA colour codes of TIFF/EP and DNG.
+const COLOR_CODES: [char; 7] = ['R', 'G', 'B', 'C', 'M', 'Y', 'W'];
+
+/// A letter that has no code of its own is called white, the least wrong of them.
+fn color_code(letter: char) -> u8 {
+    COLOR_CODES.iter().position(|&c| c == letter).unwrap_or(6) as u8
+}
+
+/// The letter of a CFA colour code.
+pub(super) fn color_letter(code: u8) -> Option<char> {
+    COLOR_CODES.get(usize::from(code)).copied()
+}
+
+fn put(d: &mut Directory, tag: u16, value: impl TiffValue) -> Written {
+    d.write_tag(Tag::from_u16_exhaustive(tag), value)
+}
+
+/// The closest fraction with a decimal denominator that fits, in lowest terms; 0 for less.
+fn rational(value: f64) -> Rational {
+    let (n, d) = fraction(value.max(0.0), u32::MAX);
+    Rational { n, d }
+}
+
+fn srational(value: f64) -> SRational {
+    let (n, d) = fraction(value.abs(), i32::MAX as u32);
+    SRational { n: if value < 0.0 { -(n as i32) } else { n as i32 }, d: d as i32 }
+}
+
+fn fraction(value: f64, top: u32) -> (u32, u32) {
+    let mut d = 1_000_000_000u32;
+    while d > 1 && (value * f64::from(d)).round() > f64::from(top) {
+        d /= 10;
+    }
+    let n = (value * f64::from(d)).round().min(f64::from(top)) as u32;
+    let (mut a, mut b) = (n, d);
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    (n / a, d / a)
+}
+
+/// Bytes of TIFF type UNDEFINED.
+struct Undefined<'a>(&'a [u8]);
+
+impl TiffValue for Undefined<'_> {
+    const BYTE_LEN: u8 = 1;
+    const FIELD_TYPE: tiff::tags::Type = tiff::tags::Type::UNDEFINED;
+
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        self.0.into()
+    }
+}
+
+/// TIFF text: printable ASCII, NUL-terminated and of even length, so that later offsets stay even.
+struct Ascii(Vec<u8>);
+
+impl Ascii {
+    fn new(text: &str) -> Self {
+        let printable = |c: char| if matches!(c, ' '..='~') { c as u8 } else { b'?' };
+        let mut bytes: Vec<u8> = text.chars().map(printable).collect();
+        bytes.resize((bytes.len() + 1).next_multiple_of(2), 0);
+        Self(bytes)
+    }
+}
+
+impl TiffValue for Ascii {
+    const BYTE_LEN: u8 = 1;
+    const FIELD_TYPE: tiff::tags::Type = tiff::tags::Type::ASCII;
+
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        self.0.as_slice().into()
+    }
+}

@@ -1,0 +1,213 @@
+//! DNG reader: ours and other uncompressed colour-filter-array DNGs, in strips or tiles, 8 to 16 bits
+//! per sample, packed or in words.
+//!
+//! Samples come back after the linearization table, cropped to the active area (to which pattern and
+//! black levels refer). Row and column black-level deltas are not applied.
+
+use super::dng::{DngInfo, color_letter};
+use super::ifd::{Ifd, Tiff};
+use super::{Facts, Frames, area, full_scale, opcodes, truncated};
+use camrig_base::Cfa;
+use camrig_base::{Error, Plane, Result};
+
+const CFA: u64 = 32803;
+const LINEAR_RAW: u64 = 34892;
+const NONE: u64 = 1;
+
+/// Reads DNG bytes.
+pub fn decode(bytes: &[u8]) -> Result<Frames> {
+    let file = Tiff::open(bytes)?;
+    let main = file.ifd(file.first()?)?;
+    let offsets = main.uints(330).unwrap_or_default();
+    let mut images = Vec::new();
+    for offset in offsets.iter().take(64) {
+        images.push(file.ifd(*offset as usize)?);
+    }
+    // The raw of full size is the one with the most pixels.
+    let raw = images
+        .iter()
+        .chain([&main])
+        .filter(|d| matches!(d.uint(262), Some(CFA | LINEAR_RAW)))
+        .max_by_key(|d| d.uint(256).unwrap_or(0).saturating_mul(d.uint(257).unwrap_or(0)))
+        .ok_or_else(|| {
+            Error::input("a DNG without a raw image").help("is it a JPEG preview only?")
+        })?;
+    let stored = samples(&file, raw)?;
+    let plane = crop(linear(stored, raw), raw)?;
+    let cfa = pattern(raw)?;
+    let black = black_levels(raw, cfa.width, cfa.height)?;
+    let white = raw.uint(50717).and_then(|w| u16::try_from(w).ok());
+    let white = white.unwrap_or_else(|| full_scale(raw.uint(258).unwrap_or(16) as u32));
+    // The fields are the truth; a note of ours adds the bits, which a white level below full scale
+    // does not tell.
+    let mut note = Facts::default();
+    note.merge_note(&raw.text(270).unwrap_or_default());
+    let mut facts = Facts {
+        bits: note.bits.or(Some((u16::BITS - white.leading_zeros()).max(1))),
+        cfa: Some(cfa),
+        black_level_dn: Some(black.iter().sum::<f64>() / black.len() as f64),
+        white_level_dn: Some(white),
+        dng: None,
+    };
+    let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
+    let mut info = info(&main, raw, exif.as_ref())?;
+    if black.iter().any(|b| *b != black[0]) {
+        info.black_levels_dn = black;
+    }
+    facts.dng = Some(info);
+    Ok(Frames { planes: vec![plane], facts })
+}
+
+/// The stored samples.
+fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
+    let need = |tag: u16, name: &str| {
+        raw.uint(tag).ok_or_else(|| Error::input(format!("a DNG raw image without {name}")))
+    };
+    let (width, height) = (need(256, "ImageWidth")? as usize, need(257, "ImageLength")? as usize);
+    let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
+    let compression = raw.uint(259).unwrap_or(NONE);
+    if compression != NONE {
+        return Err(Error::input(format!("a DNG with compression {compression}"))
+            .help("only uncompressed DNGs are read; convert it to uncompressed first"));
+    }
+    if !(8..=16).contains(&bits) || per_pixel != 1 {
+        return Err(Error::input(format!("a DNG of {per_pixel} samples of {bits} bits per pixel"))
+            .help("one sample of 8 to 16 bits is read"));
+    }
+    let tiled = raw.uint(322).is_some();
+    let (chunk_width, chunk_height, offsets) = if tiled {
+        (need(322, "TileWidth")?, need(323, "TileLength")?, raw.uints(324))
+    } else {
+        let rows = raw.uint(278).unwrap_or(height as u64).min(height as u64);
+        (width as u64, rows, raw.uints(273))
+    };
+    let offsets = offsets.ok_or_else(|| Error::input("a DNG raw image without its samples"))?;
+    let (chunk_width, chunk_height) = (chunk_width as usize, chunk_height as usize);
+    area(chunk_width, chunk_height)?;
+    let row_bytes = chunk_width.saturating_mul(bits as usize).div_ceil(8);
+    let across = width.div_ceil(chunk_width);
+    let needed = across.saturating_mul(height.div_ceil(chunk_height));
+    if offsets.len() < needed || area(width, height)? > file.bytes.len().saturating_mul(8) {
+        return Err(truncated(needed, offsets.len()).at("DNG strips or tiles"));
+    }
+    let mut plane = Plane::filled(width, height, 0);
+    for (index, &offset) in offsets.iter().take(needed).enumerate() {
+        let (left, top) = (index % across * chunk_width, index / across * chunk_height);
+        let count = chunk_width.min(width - left);
+        for y in top..(top + chunk_height).min(height) {
+            let start = (offset as usize).saturating_add((y - top).saturating_mul(row_bytes));
+            let bytes = file.slice(start, (count * bits as usize).div_ceil(8))?;
+            let row = &mut plane.row_mut(y)[left..left + count];
+            unpack(file, bits as usize, bytes, row);
+        }
+    }
+    Ok(plane)
+}
+
+/// Words of 16 bits in the file's byte order; anything narrower most significant bit first.
+fn unpack(file: &Tiff, bits: usize, bytes: &[u8], row: &mut [u16]) {
+    if bits == 16 {
+        row.iter_mut().zip(bytes.chunks_exact(2)).for_each(|(s, b)| *s = file.sample([b[0], b[1]]));
+        return;
+    }
+    let (mut pool, mut filled, mut next) = (0u32, 0, bytes.iter());
+    for sample in row {
+        while filled < bits {
+            pool = pool << 8 | u32::from(*next.next().unwrap_or(&0));
+            filled += 8;
+        }
+        filled -= bits;
+        *sample = (pool >> filled & ((1 << bits) - 1)) as u16;
+    }
+}
+
+/// Applies the linearization table; indices beyond its end take the last entry.
+fn linear(mut plane: Plane<u16>, raw: &Ifd) -> Plane<u16> {
+    if let Some(table) = raw.uints(50712).filter(|t| !t.is_empty()) {
+        for sample in &mut plane.data {
+            *sample = table[usize::from(*sample).min(table.len() - 1)] as u16;
+        }
+    }
+    plane
+}
+
+fn crop(plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
+    let Some(active) = raw.uints(50829) else { return Ok(plane) };
+    let sides: Vec<usize> = active.iter().map(|&v| v as usize).collect();
+    match sides[..] {
+        [top, left, bottom, right]
+            if top < bottom && left < right && bottom <= plane.height && right <= plane.width =>
+        {
+            let (width, height) = (right - left, bottom - top);
+            Ok(Plane::from_fn(width, height, |x, y| plane.at(left + x, top + y)))
+        }
+        _ => Err(Error::input(format!("active area {sides:?}"))
+            .help("it is top, left, bottom, right within the image")),
+    }
+}
+
+fn pattern(raw: &Ifd) -> Result<Cfa> {
+    if raw.uint(262) == Some(LINEAR_RAW) {
+        return Cfa::parse("mono");
+    }
+    let codes = raw.bytes(33422).unwrap_or(&[]);
+    let (height, width) = match raw.uints(33421).as_deref() {
+        Some([h, w]) => (*h as usize, *w as usize),
+        _ => (2, 2),
+    };
+    let letters: Option<String> = codes.iter().map(|&c| color_letter(c)).collect();
+    match letters {
+        Some(letters) if width > 0 && width.checked_mul(height) == Some(letters.len()) => {
+            let letters: Vec<char> = letters.chars().collect();
+            let rows: Vec<String> = letters.chunks(width).map(|r| r.iter().collect()).collect();
+            Cfa::parse(&rows.join("/"))
+        }
+        _ => Err(Error::input(format!("colour filter pattern {codes:?}, {height} x {width}"))
+            .help("codes are 0 to 6, one per cell")),
+    }
+}
+
+/// Black level of each cell of the pattern; the DNG's own repeat may be smaller.
+fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
+    let levels = raw.floats(50714).unwrap_or_else(|| vec![0.0]);
+    let (rows, columns) = match raw.uints(50713).as_deref() {
+        Some([r, c]) => (*r as usize, *c as usize),
+        _ => (1, 1),
+    };
+    if levels.is_empty() || rows.checked_mul(columns) != Some(levels.len()) {
+        return Err(Error::input(format!("{} black levels for {rows} x {columns}", levels.len())));
+    }
+    let cell = |i: usize| levels[(i / width % rows) * columns + i % width % columns];
+    Ok((0..width * height).map(cell).collect())
+}
+
+fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> Result<DngInfo> {
+    let matrix = |tag: u16| -> Option<[[f64; 3]; 3]> {
+        let v: [f64; 9] = main.floats(tag)?.try_into().ok()?;
+        Some([[v[0], v[1], v[2]], [v[3], v[4], v[5]], [v[6], v[7], v[8]]])
+    };
+    let for_light = |light: u64| {
+        let pairs = [(50721, 50778), (50722, 50779)];
+        pairs.into_iter().find(|p| main.uint(p.1) == Some(light)).and_then(|p| matrix(p.0))
+    };
+    let exif_value = |tag: u16| exif?.floats(tag)?.first().copied();
+    let list = |tag: u16| raw.bytes(tag).map_or(Ok(Vec::new()), opcodes::decode);
+    let noise = raw.floats(51041).or_else(|| main.floats(51041)).unwrap_or_default();
+    Ok(DngInfo {
+        make: main.text(271).unwrap_or_default(),
+        model: main.text(272).unwrap_or_default(),
+        description: main.text(270).unwrap_or_default(),
+        datetime: main.text(306),
+        exposure_s: exif_value(33434),
+        iso: exif_value(34855).map(|v| v as u32),
+        f_number: exif_value(33437),
+        focal_length_mm: exif_value(37386),
+        color_matrix_a: for_light(17),
+        color_matrix_d65: for_light(21),
+        as_shot_neutral: main.floats(50728).and_then(|v| v.try_into().ok()),
+        noise_profile: noise.chunks_exact(2).map(|p| (p[0], p[1])).collect(),
+        black_levels_dn: Vec::new(),
+        opcode_list1: list(51008)?,
+        opcode_list2: list(51009)?,
+    })
+}

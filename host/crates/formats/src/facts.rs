@@ -1,0 +1,71 @@
+//! What a file says about its samples, and the one-line note that carries it in formats without
+//! fields of their own for it (TIFF, PNG, PGM, FITS).
+
+use super::DngInfo;
+use camrig_base::Cfa;
+use camrig_base::RawFrame;
+
+/// What is known about the samples of a file; `None` where the file does not say.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Facts {
+    /// Bits per sample.
+    pub bits: Option<u32>,
+    /// Colour filter pattern.
+    pub cfa: Option<Cfa>,
+    /// Mean DN of no light.
+    pub black_level_dn: Option<f64>,
+    /// DN of saturation.
+    pub white_level_dn: Option<u16>,
+    /// Camera, exposure and colour, as a DNG carries them.
+    pub dng: Option<DngInfo>,
+}
+
+impl Facts {
+    /// What a raw frame knows.
+    pub fn of(frame: &RawFrame) -> Self {
+        Self {
+            bits: Some(frame.bits),
+            cfa: Some(frame.cfa.clone()),
+            black_level_dn: Some(frame.black_level_dn),
+            white_level_dn: Some(frame.white_level_dn),
+            dng: None,
+        }
+    }
+
+    /// `camrig bits=10 cfa=GRBG black=42 white=1023`, without what is not known.
+    pub(super) fn note(&self) -> String {
+        let mut text = String::from("camrig");
+        let mut add = |key: &str, value: Option<String>| {
+            if let Some(value) = value {
+                text.push_str(&format!(" {key}={value}"));
+            }
+        };
+        add("bits", self.bits.map(|v| v.to_string()));
+        add("cfa", self.cfa.as_ref().map(|v| v.to_string()));
+        add("black", self.black_level_dn.map(|v| v.to_string()));
+        add("white", self.white_level_dn.map(|v| v.to_string()));
+        text
+    }
+
+    /// Takes what a note says; a note of another program is no note, a malformed value is unknown.
+    pub(super) fn merge_note(&mut self, note: &str) {
+        let mut words = note.split_ascii_whitespace();
+        if words.next() != Some("camrig") {
+            return;
+        }
+        for (key, value) in words.filter_map(|w| w.split_once('=')) {
+            match key {
+                "bits" => {
+                    self.bits =
+                        value.parse().ok().filter(|b| (1..=16).contains(b)).or(self.bits.take());
+                }
+                "cfa" => self.cfa = Cfa::parse(value).ok(),
+                "black" => {
+                    self.black_level_dn = value.parse().ok().filter(|v: &f64| v.is_finite());
+                }
+                "white" => self.white_level_dn = value.parse().ok(),
+                _ => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! PNG: 16-bit grey for raw DN (or 8-bit for 8 bits), and 8-bit RGB for pictures.
+
+use super::{Facts, Frames, area, check_range};
+use ::png as codec;
+use camrig_base::{Error, Plane, Result};
+use std::io::Cursor;
+
+/// The text chunk that carries the facts.
+const KEYWORD: &str = "Description";
+
+/// One frame as a grey PNG of 8 or 16 bits.
+pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
+    let plane = &frames.planes[0];
+    let bits = frames.facts.bits.unwrap_or(16);
+    check_range(&plane.data, bits)?;
+    let (depth, data) = if bits <= 8 {
+        (codec::BitDepth::Eight, plane.data.iter().map(|&dn| dn as u8).collect::<Vec<u8>>())
+    } else {
+        let bytes = plane.data.iter().flat_map(|dn| dn.to_be_bytes());
+        (codec::BitDepth::Sixteen, bytes.collect())
+    };
+    let note = frames.facts.note();
+    write(plane.width, plane.height, codec::ColorType::Grayscale, depth, Some(note), &data)
+}
+
+/// A picture of 8-bit sRGB triples.
+pub fn encode_rgb(picture: &Plane<[u8; 3]>) -> Result<Vec<u8>> {
+    let data = picture.data.as_flattened();
+    let (width, height) = (picture.width, picture.height);
+    write(width, height, codec::ColorType::Rgb, codec::BitDepth::Eight, None, data)
+}
+
+fn write(
+    width: usize,
+    height: usize,
+    color: codec::ColorType,
+    depth: codec::BitDepth,
+    note: Option<String>,
+    data: &[u8],
+) -> Result<Vec<u8>> {
+    let failed = |e: codec::EncodingError| Error::input(format!("PNG: {e}"));
+    let side =
+        |n: usize| u32::try_from(n).map_err(|_| Error::input(format!("PNG: a side of {n} pixels")));
+    let mut bytes = Vec::new();
+    let mut encoder = codec::Encoder::new(&mut bytes, side(width)?, side(height)?);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    if color == codec::ColorType::Rgb {
+        encoder.set_source_srgb(codec::SrgbRenderingIntent::Perceptual);
+    }
+    if let Some(note) = note {
+        encoder.add_text_chunk(KEYWORD.into(), note).map_err(failed)?;
+    }
+    let mut writer = encoder.write_header().map_err(failed)?;
+    writer.write_image_data(data).map_err(failed)?;
+    writer.finish().map_err(failed)?;
+    Ok(bytes)
+}
+
+/// Reads a grey PNG of 8 or 16 bits.
+pub fn decode(bytes: &[u8]) -> Result<Frames> {
+    let failed = |e: codec::DecodingError| Error::input(format!("PNG: {e}"));
+    let mut reader = codec::Decoder::new(Cursor::new(bytes)).read_info().map_err(failed)?;
+    let info = reader.info();
+    let grey = info.color_type == codec::ColorType::Grayscale && info.bit_depth as u8 >= 8;
+    if !grey || info.interlaced {
+        return Err(Error::input(format!(
+            "a PNG of type {:?}, {} bits{}",
+            info.color_type,
+            info.bit_depth as u8,
+            if info.interlaced { ", interlaced" } else { "" }
+        ))
+        .help("raw frames are grey, 8 or 16 bits, not interlaced"));
+    }
+    let (width, height) = (info.width as usize, info.height as usize);
+    let depth = info.bit_depth as u32;
+    let mut facts = Facts { bits: Some(depth), ..Facts::default() };
+    for chunk in &info.uncompressed_latin1_text {
+        if chunk.keyword == KEYWORD {
+            facts.merge_note(&chunk.text);
+        }
+    }
+    area(width, height)?;
+    // The buffer grows with the rows that are really there: a forged size costs no memory.
+    let mut data = Vec::new();
+    while let Some(row) = reader.next_row().map_err(failed)? {
+        match depth {
+            8 => data.extend(row.data().iter().map(|&b| u16::from(b))),
+            _ => data.extend(row.data().chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]]))),
+        }
+    }
+    if data.len() != width * height {
+        return Err(Error::input(format!("PNG: {} of {} pixels", data.len(), width * height))
+            .help("the file is truncated"));
+    }
+    Ok(Frames { planes: vec![Plane { width, height, data }], facts })
+}

@@ -1,0 +1,218 @@
+//! A quick picture of a raw frame: black and white level, white balance, bilinear demosaicing, camera
+//! colour to sRGB. For looking at; a real raw converter does better.
+//!
+//! Brightness is as captured: white level maps to white, no automatic exposure.
+
+use super::DngInfo;
+use super::color::{Matrix, inverse, multiply};
+use super::dng::black_levels;
+use camrig_base::{Plane, RawFrame};
+use rayon::prelude::*;
+
+/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ. Source: IEC 61966-2-1, from its primaries and white.
+const XYZ_FROM_SRGB: Matrix = [
+    [0.412_390_8, 0.357_584_3, 0.180_480_8],
+    [0.212_639_0, 0.715_168_7, 0.072_192_3],
+    [0.019_330_8, 0.119_194_8, 0.950_532_2],
+];
+
+/// The frame in full size, 8-bit sRGB.
+pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
+    let look = Look::new(frame, info);
+    let signal: Vec<f32> = (0..frame.data.len())
+        .map(|i| look.signal(frame, i % frame.width, i / frame.width))
+        .collect();
+    // Reach at which every channel of the pattern is seen from every pixel.
+    let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
+    let mut picture = Plane::filled(frame.width, frame.height, [0; 3]);
+    picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(frame.height);
+        for (x, pixel) in row.iter_mut().enumerate() {
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(frame.width);
+            let mut mean = Mean::default();
+            for v in rows.clone() {
+                for u in columns.clone() {
+                    let weight = (reach + 1 - u.abs_diff(x)) * (reach + 1 - v.abs_diff(y));
+                    mean.add(look.channel(u, v), weight as f32, signal[v * frame.width + u]);
+                }
+            }
+            *pixel = look.encode(mean.rgb());
+        }
+    });
+    picture
+}
+
+/// The frame averaged over squares of whole pattern cells, so that no side is longer than `longest`, and
+/// always smaller than the frame: readers take the larger of two images for the raw.
+pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8; 3]> {
+    let look = Look::new(frame, info);
+    let cell = frame.cfa.width.max(frame.cfa.height);
+    let longer = frame.width.max(frame.height);
+    let step = longer.div_ceil(longest).max(2).next_multiple_of(cell);
+    let (width, height) = ((frame.width / step).max(1), (frame.height / step).max(1));
+    Plane::from_fn(width, height, |x, y| {
+        let mut mean = Mean::default();
+        for v in y * step..((y + 1) * step).min(frame.height) {
+            for u in x * step..((x + 1) * step).min(frame.width) {
+                mean.add(look.channel(u, v), 1.0, look.signal(frame, u, v));
+            }
+        }
+        look.encode(mean.rgb())
+    })
+}
+
+/// Weighted mean per channel.
+#[derive(Default)]
+struct Mean {
+    sum: [f32; 3],
+    weight: [f32; 3],
+}
+
+impl Mean {
+    /// Adds a signal of channel R, G or B; one of no colour counts for all three.
+    fn add(&mut self, channel: Option<usize>, weight: f32, signal: f32) {
+        for c in 0..3 {
+            if channel.is_none_or(|own| own == c) {
+                self.sum[c] += weight * signal;
+                self.weight[c] += weight;
+            }
+        }
+    }
+
+    fn rgb(&self) -> [f32; 3] {
+        std::array::from_fn(
+            |c| if self.weight[c] > 0.0 { self.sum[c] / self.weight[c] } else { 0.0 },
+        )
+    }
+}
+
+/// What turns DN into sRGB.
+struct Look {
+    cfa_width: usize,
+    cfa_height: usize,
+    channel: Vec<Option<usize>>,
+    black: Vec<f64>,
+    /// White-balance gain over (white - black), per cell of the pattern.
+    scale: Vec<f64>,
+    srgb_from_camera: Matrix,
+    gamma: Vec<u8>,
+}
+
+impl Look {
+    fn new(frame: &RawFrame, info: &DngInfo) -> Self {
+        let channel: Vec<_> = frame.cfa.letters.iter().map(|&c| "RGB".find(c)).collect();
+        let black = black_levels(frame, info);
+        let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
+        let gain = |c: &Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(1e-6));
+        let white = f64::from(frame.white_level_dn);
+        let scale =
+            channel.iter().zip(&black).map(|(c, b)| gain(c) / (white - b).max(1.0)).collect();
+        let color = frame.cfa.channels() == ['R', 'G', 'B'];
+        let matrix = info.color_matrix_d65.filter(|_| color).and_then(srgb_from_camera);
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        Self {
+            cfa_width: frame.cfa.width,
+            cfa_height: frame.cfa.height,
+            channel,
+            black,
+            scale,
+            srgb_from_camera: matrix.unwrap_or(identity),
+            gamma: (0..=u16::MAX).map(|v| gamma(f64::from(v) / 65535.0)).collect(),
+        }
+    }
+
+    fn cell(&self, x: usize, y: usize) -> usize {
+        (y % self.cfa_height) * self.cfa_width + x % self.cfa_width
+    }
+
+    fn channel(&self, x: usize, y: usize) -> Option<usize> {
+        self.channel[self.cell(x, y)]
+    }
+
+    /// White-balanced signal, clipped where the first channel of a white saturates.
+    fn signal(&self, frame: &RawFrame, x: usize, y: usize) -> f32 {
+        let cell = self.cell(x, y);
+        let dn = f64::from(frame.data[y * frame.width + x]);
+        ((dn - self.black[cell]) * self.scale[cell]).min(1.0) as f32
+    }
+
+    fn encode(&self, camera: [f32; 3]) -> [u8; 3] {
+        self.srgb_from_camera.map(|row| {
+            let linear: f64 = row.iter().zip(&camera).map(|(m, c)| m * f64::from(*c)).sum();
+            self.gamma[(linear.clamp(0.0, 1.0) * 65535.0).round() as usize]
+        })
+    }
+}
+
+/// White-balanced camera colour to linear sRGB: the inverse of (XYZ → camera) · (sRGB → XYZ) with
+/// rows scaled so that white stays white. `None` for a singular matrix.
+fn srgb_from_camera(camera_from_xyz: Matrix) -> Option<Matrix> {
+    let mut camera_from_srgb = multiply(&camera_from_xyz, &XYZ_FROM_SRGB);
+    for row in &mut camera_from_srgb {
+        let sum: f64 = row.iter().sum();
+        row.iter_mut().for_each(|v| *v /= sum);
+    }
+    inverse(&camera_from_srgb)
+}
+
+/// sRGB transfer function, IEC 61966-2-1, to 8 bits.
+fn gamma(linear: f64) -> u8 {
+    let encoded =
+        if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_base::Cfa;
+
+    fn frame(cfa: &str, dn: impl Fn(usize, usize, usize) -> f64) -> RawFrame {
+        let cfa = Cfa::parse(cfa).unwrap();
+        let at = |i: usize| dn(i % 16, i / 16, cfa.channel(i % 16, i / 16)).round() as u16;
+        let data = (0..16 * 12).map(at).collect();
+        let (width, height, bits) = (16, 12, 12);
+        RawFrame { width, height, bits, cfa, black_level_dn: 64.0, white_level_dn: 4064, data }
+    }
+
+    /// A grey of half the range in camera colour is sRGB 188 in every channel (0.5 encodes to 0.7354),
+    /// whatever the pattern, the white balance and the matrix.
+    #[test]
+    fn grey_stays_grey() {
+        let neutral = [0.5, 1.0, 0.625];
+        let info = DngInfo {
+            as_shot_neutral: Some(neutral),
+            color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+            ..DngInfo::default()
+        };
+        for cfa in ["RGGB", "GBRG", "RRGG/RRGG/GGBB/GGBB"] {
+            let raw = frame(cfa, |_, _, channel| 64.0 + 2000.0 * neutral[channel]);
+            assert!(render(&raw, &info).data.iter().all(|p| *p == [188; 3]), "{cfa}");
+            assert!(thumbnail(&raw, &info, 4).data.iter().all(|p| *p == [188; 3]), "{cfa}");
+        }
+        let raw = frame("mono", |_, _, _| 2064.0);
+        assert!(render(&raw, &DngInfo::default()).data.iter().all(|p| *p == [188; 3]));
+    }
+
+    /// Bilinear demosaicing is exact on a ramp, away from the edges.
+    #[test]
+    fn a_ramp_comes_back() {
+        let level = |x: usize, y: usize| 64.0 + 160.0 * x as f64 + 80.0 * y as f64;
+        let picture = render(&frame("GRBG", |x, y, _| level(x, y)), &DngInfo::default());
+        for y in 1..11 {
+            for x in 1..15 {
+                let expected = gamma((level(x, y) - 64.0) / 4000.0);
+                assert_eq!(picture.at(x, y), [expected; 3], "{x} {y}");
+            }
+        }
+    }
+
+    /// A camera that is sRGB itself: its matrix is the inverse of [`XYZ_FROM_SRGB`], colours come back.
+    #[test]
+    fn colours_come_back() {
+        let color = [0.6, 0.3, 0.1];
+        let info = DngInfo { color_matrix_d65: inverse(&XYZ_FROM_SRGB), ..DngInfo::default() };
+        let raw = frame("RGGB", |_, _, channel| 64.0 + 4000.0 * color[channel]);
+        assert_eq!(render(&raw, &info).at(8, 6), color.map(gamma));
+    }
+}

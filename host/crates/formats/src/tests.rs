@@ -1,0 +1,237 @@
+//! Round trips of every format, and damage to every format.
+
+use super::opcodes::{GainMap, Opcode};
+use super::*;
+use camrig_base::Cfa;
+use proptest::prelude::*;
+
+/// A frame of pseudo-random DN that uses the whole range.
+fn frame(width: usize, height: usize, bits: u32, cfa: &str) -> RawFrame {
+    let top = full_scale(bits);
+    let dn = |i: usize| (i.wrapping_mul(2654435761) >> 7) as u16 & top;
+    RawFrame {
+        width,
+        height,
+        bits,
+        cfa: Cfa::parse(cfa).unwrap(),
+        black_level_dn: f64::from(top / 16),
+        white_level_dn: top - top / 64,
+        data: (0..width * height).map(dn).collect(),
+    }
+}
+
+fn info() -> DngInfo {
+    DngInfo {
+        make: "camrig".into(),
+        model: "test".into(),
+        description: "seed 1, frame 0".into(),
+        datetime: Some("2009:01:01 00:00:00".into()),
+        exposure_s: Some(0.02),
+        iso: Some(200),
+        f_number: Some(2.8),
+        focal_length_mm: Some(3.6),
+        color_matrix_a: Some([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
+        color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        as_shot_neutral: Some([0.5, 1.0, 0.625]),
+        noise_profile: vec![(1e-4, 2e-7), (1.1e-4, 2e-7), (1e-4, 3e-7)],
+        black_levels_dn: vec![60.0, 61.0, 62.0, 63.5],
+        opcode_list1: vec![Opcode::FixBadPixelsList {
+            bayer_phase: 1,
+            points: vec![(3, 4), (0, 11)],
+        }],
+        opcode_list2: vec![Opcode::GainMap(GainMap {
+            area: [0, 1, 12, 10],
+            pitch: [2, 2],
+            points: [2, 3],
+            spacing: [1.0, 0.5],
+            origin: [0.0, 0.0],
+            gains: vec![2.0, 1.5, 2.0, 2.25, 1.0, 2.25],
+        })],
+    }
+}
+
+const FORMATS: [Format; 7] =
+    [Format::Dng, Format::Tiff, Format::Npy, Format::Pgm, Format::Png, Format::Fits, Format::Csi2];
+
+#[test]
+fn samples_come_back_from_every_format() {
+    for bits in [8, 10, 12, 14, 16] {
+        for cfa in ["RGGB", "GRBG", "GBRG", "BGGR", "mono"] {
+            let frames = Frames::from_raw(&frame(12, 10, bits, cfa));
+            for format in FORMATS {
+                let bytes = format.encode(&frames).unwrap();
+                assert_eq!(Format::sniff(&bytes), Some(format.clone()));
+                let back = decode(&bytes).unwrap();
+                assert_eq!(back.planes, frames.planes, "{format:?} {bits} {cfa}");
+                let carries_all = !matches!(format, Format::Npy | Format::Csi2);
+                if carries_all {
+                    let told = Facts { dng: None, ..back.facts.clone() };
+                    assert_eq!(told, frames.facts, "{format:?} {bits} {cfa}");
+                }
+                assert_eq!(bytes, format.encode(&frames).unwrap(), "same input, same bytes");
+            }
+            for packed in [false, true] {
+                if packed && matches!(bits, 8 | 16) {
+                    continue;
+                }
+                let pixels = PixelFormat { cfa: Cfa::parse(cfa).unwrap(), bits, packed };
+                assert_eq!(PixelFormat::parse(&pixels.to_string()).unwrap(), pixels);
+                let bytes = pixels.encode(&frames).unwrap();
+                let back = pixels.decode(&bytes, 12, 10, None).unwrap();
+                assert_eq!(back.planes, frames.planes, "{pixels}");
+                assert_eq!(back.facts.cfa, frames.facts.cfa);
+            }
+        }
+    }
+}
+
+#[test]
+fn stacks_come_back_in_order() {
+    let mut frames = Frames::from_raw(&frame(8, 6, 12, "RGGB"));
+    for shift in 1..4 {
+        let mut plane = frames.planes[0].clone();
+        plane.data.rotate_left(shift);
+        frames.planes.push(plane);
+    }
+    for format in [Format::Tiff, Format::Npy, Format::Pgm, Format::Fits, Format::Csi2] {
+        let back = decode(&format.encode(&frames).unwrap()).unwrap();
+        assert_eq!(back.planes, frames.planes, "{format:?}");
+    }
+    for format in [Format::Dng, Format::Png] {
+        let error = format.encode(&frames).unwrap_err().to_string();
+        assert!(error.contains("4 frames"), "{error}");
+    }
+}
+
+#[test]
+fn dng_metadata_come_back() {
+    let raw = frame(12, 10, 12, "GRBG");
+    let back = decode(&dng::encode(&raw, &info()).unwrap()).unwrap();
+    let told = back.facts.dng.unwrap();
+    assert_eq!(told, info());
+    assert_eq!(back.facts.black_level_dn, Some((60.0 + 61.0 + 62.0 + 63.5) / 4.0));
+}
+
+#[test]
+fn dng_of_other_patterns_comes_back() {
+    for cfa in ["RRGG/RRGG/GGBB/GGBB", "RG/GW", "GBGRGR/RGRBGB/GBGRGR/RGRBGB/BGBGRG/RGRGBG"] {
+        let raw = frame(12, 12, 10, cfa);
+        let back = decode(&dng::encode(&raw, &DngInfo::default()).unwrap()).unwrap();
+        assert_eq!(back.raw(0).unwrap(), raw, "{cfa}");
+    }
+}
+
+/// A packed big-endian DNG with its raw in the first directory, written by hand.
+#[test]
+fn packed_big_endian_dng_is_read() {
+    let samples: [u16; 6] = [0x123, 0x456, 0x789, 0xABC, 0xDEF, 0x012];
+    let strips = [0x12, 0x34, 0x56, 0x78, 0x90, 0xAB, 0xCD, 0xEF, 0x01, 0x20];
+    let tags: [(u16, u16, u32, u32); 12] = [
+        (256, 4, 1, 3),
+        (257, 4, 1, 2),
+        (258, 3, 1, 12 << 16),
+        (259, 3, 1, 1 << 16),
+        (262, 3, 1, 32803 << 16),
+        (273, 4, 1, 8 + 2 + 12 * 12 + 4),
+        (277, 3, 1, 1 << 16),
+        (278, 4, 1, 2),
+        (33421, 3, 2, 2 << 16 | 2),
+        (33422, 1, 4, 0x0201_0100),
+        (50706, 1, 4, 0x0104_0000),
+        (50717, 4, 1, 4000),
+    ];
+    let mut bytes = b"MM\0*\0\0\0\x08".to_vec();
+    bytes.extend((tags.len() as u16).to_be_bytes());
+    for (tag, kind, count, value) in tags {
+        bytes.extend(tag.to_be_bytes());
+        bytes.extend(kind.to_be_bytes());
+        bytes.extend(count.to_be_bytes());
+        bytes.extend(value.to_be_bytes());
+    }
+    bytes.extend([0; 4]);
+    bytes.extend(strips);
+    let back = decode(&bytes).unwrap().raw(0).unwrap();
+    assert_eq!(back.data, samples);
+    assert_eq!((back.cfa.to_string(), back.white_level_dn, back.bits), ("BGGR".into(), 4000, 12));
+}
+
+#[test]
+fn out_of_range_samples_are_refused_by_writers() {
+    let mut frames = Frames::from_raw(&frame(4, 4, 10, "RGGB"));
+    frames.planes[0].data[5] = 1024;
+    for format in FORMATS.into_iter().filter(|f| !matches!(f, Format::Npy | Format::Fits)) {
+        let error = format.encode(&frames).unwrap_err().to_string();
+        assert!(error.contains("1024") && error.contains("10 bits"), "{format:?}: {error}");
+    }
+}
+
+#[test]
+fn every_truncation_is_an_error() {
+    let frames = Frames::from_raw(&frame(8, 8, 12, "RGGB"));
+    for format in FORMATS {
+        let bytes = format.encode(&frames).unwrap();
+        // FITS pads its last block with zeros, which are not needed to read it.
+        let needed = if format == Format::Fits { 2880 + 128 } else { bytes.len() };
+        for length in 0..needed {
+            let cut = decode(&bytes[..length]);
+            // A DNG keeps reading without the thumbnail that it does not need, a PNG without its
+            // closing chunk: then the samples must be whole.
+            if let Ok(cut) = cut {
+                assert_eq!(cut.planes, frames.planes, "{format:?} cut to {length}");
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    /// Any damage is read or refused, without a panic and without huge allocations.
+    #[test]
+    fn damaged_files_never_panic(
+        which in 0usize..7,
+        edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        header_only in any::<bool>(),
+    ) {
+        let raw = frame(12, 10, 12, "GRBG");
+        let frames = Frames::from_raw(&raw);
+        let mut bytes = match &FORMATS[which] {
+            Format::Dng => dng::encode(&raw, &info()).unwrap(),
+            format => format.encode(&frames).unwrap(),
+        };
+        let reach = if header_only { bytes.len().min(96) } else { bytes.len() };
+        for (place, value) in edits {
+            bytes[place.index(reach)] = value;
+        }
+        let _ = decode(&bytes);
+    }
+
+    #[test]
+    fn random_bytes_never_panic(
+        magic in prop::sample::select(vec![
+            &b"II*\0"[..], b"MM\0*", b"\x93NUMPY\x01\0", b"\x93NUMPY\x02\0", b"P5\n", b"SIMPLE  =",
+            b"\x89PNG\r\n\x1a\n", b"II+\0\x08\0\0\0", b"\0\x01\0\x1a",
+        ]),
+        rest in proptest::collection::vec(any::<u8>(), 0..300),
+    ) {
+        let mut bytes = magic.to_vec();
+        bytes.extend(rest);
+        let _ = decode(&bytes);
+        let _ = csi2::decode_stream(&bytes);
+        let _ = opcodes::decode(&bytes);
+    }
+
+    #[test]
+    fn any_frame_comes_back(
+        width in 1usize..20, height in 1usize..20, bits in 1u32..=16, seed in any::<u64>(),
+        format in prop::sample::select(vec![
+            Format::Dng, Format::Tiff, Format::Npy, Format::Pgm, Format::Png, Format::Fits,
+        ]),
+    ) {
+        let mut raw = frame(width, height, bits, "BGGR");
+        raw.data.iter_mut().for_each(|dn| *dn = (*dn ^ seed as u16) & full_scale(bits));
+        raw.white_level_dn = full_scale(bits);
+        let back = decode(&format.encode(&Frames::from_raw(&raw)).unwrap()).unwrap();
+        prop_assert_eq!(&back.planes[0].data, &raw.data);
+    }
+}

@@ -1,0 +1,367 @@
+//! From a traced lens to figures at field points, and to a whole [`Characterisation`].
+
+use super::heights::{self, Density, Probe, Station};
+use super::prescription::Object;
+use super::psf::{self, Psf, Window};
+use super::pupil::{Beam, Outline};
+use super::samples::PupilSamples;
+use super::system::{System, Train};
+use camrig_base::Spectrum;
+use camrig_base::{Error, Result};
+use camrig_optics::{Characterisation, PsfGrid};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Azimuths of a half pupil's outline: the polygon's area errs by (π/255)²/6 = 2.5e-5 of itself, the ratio to
+/// that on the axis by the difference of two such errors.
+const AZIMUTHS: usize = 256;
+
+/// Figures of one field point at one wavelength.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldPoint {
+    /// Field angle at the paraxial entrance pupil, degrees.
+    pub field_deg: f64,
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// Height of the real chief ray on the image plane, mm, positive on the side of the paraxial image.
+    pub chief_ray_height_mm: f64,
+    /// Angle of the chief ray with the axis at the image, degrees, positive when it runs outwards.
+    pub cra_deg: f64,
+    /// Projected solid angle of the clipped pupil over that on the axis at the same wavelength: the
+    /// irradiance ratio for a uniform Lambertian scene.
+    pub relative_illumination: f64,
+    /// Real height over paraxial height ([`System::paraxial_height_mm`]) − 1, percent; 0 on the axis.
+    pub distortion_percent: f64,
+    /// Projected solid angle of the pupil seen from the image point, sr.
+    pub projected_solid_angle_sr: f64,
+    /// Root-mean-square optical path difference about its mean, waves.
+    pub opd_rms_waves: f64,
+    /// Root-mean-square distance of the rays from their centroid, mm.
+    pub spot_rms_mm: f64,
+}
+
+/// How point-spread functions are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum PsfMethod {
+    /// Diffraction; geometry where the wavefront is too strong for it.
+    #[default]
+    Auto,
+    /// Sum of plane waves.
+    Diffraction,
+    /// Ray positions.
+    Geometric,
+}
+
+/// What a characterisation is to hold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Image heights, evenly spaced from the axis to the largest field, before more are added between.
+    pub heights: usize,
+    /// Where more are added; `None` takes them as they are and does not look between.
+    pub density: Option<Density>,
+    /// Largest field, degrees.
+    pub max_field_deg: f64,
+    /// Wavelengths, nm, strictly rising.
+    pub wavelengths_nm: Vec<f64>,
+    /// PSF samples per side.
+    pub psf_size: usize,
+    /// Distance of PSF samples, µm; `None` to choose it so that spots fit and fringes are resolved.
+    pub psf_spacing_um: Option<f64>,
+    /// How PSFs are made.
+    pub method: PsfMethod,
+}
+
+/// Sign of the paraxial image height for a field in our launch convention.
+fn side(system: &System) -> f64 {
+    match system.prescription.object {
+        Object::Infinity => system.paraxial.efl_mm.signum(),
+        Object::Distance(_) => -system.paraxial.magnification.signum(),
+    }
+}
+
+/// Figures at every field (degrees) and wavelength (nm), fields outermost.
+///
+/// # Errors
+/// Rays that are lost, glasses without data; says where.
+pub fn field_points(
+    system: &System,
+    fields: &[f64],
+    wavelengths: &[f64],
+) -> Result<Vec<FieldPoint>> {
+    let trains = trains(system, wavelengths)?;
+    let points: Result<Vec<Vec<FieldPoint>>> = fields
+        .par_iter()
+        .map(|&deg| {
+            trains.iter().map(|train| Ok(Aimed::new(system, train, deg)?.point(true))).collect()
+        })
+        .collect();
+    Ok(points?.concat())
+}
+
+/// The lens at each wavelength with the solid angle of its pupil on the axis.
+fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
+    wavelengths
+        .iter()
+        .map(|&nm| {
+            let train = system.at(nm)?;
+            let axis = Beam::aim(&train, 0.0)?;
+            axis.check_rim()?;
+            let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
+            Ok(AxisTrain { train, axis_sr })
+        })
+        .collect()
+}
+
+struct AxisTrain {
+    train: Train,
+    axis_sr: f64,
+}
+
+/// A beam with its outline.
+struct Aimed<'a> {
+    system: &'a System,
+    train: &'a AxisTrain,
+    beam: Beam<'a>,
+    outline: Outline,
+}
+
+impl<'a> Aimed<'a> {
+    fn new(system: &'a System, train: &'a AxisTrain, field_deg: f64) -> Result<Self> {
+        let beam = Beam::aim(&train.train, field_deg)?;
+        let outline = beam.outline(AZIMUTHS)?;
+        Ok(Self { system, train, beam, outline })
+    }
+
+    fn point(&self, wavefront: bool) -> FieldPoint {
+        let beam = &self.beam;
+        let side = side(self.system);
+        let height = side * beam.height_mm();
+        let ideal = self.system.paraxial_height_mm(beam.field_deg);
+        let solid_angle = self.outline.projected_solid_angle();
+        let samples = wavefront.then(|| PupilSamples::trace(beam, &self.outline, 128));
+        let figure = |f: &dyn Fn(&PupilSamples) -> f64| samples.as_ref().map_or(f64::NAN, f);
+        FieldPoint {
+            field_deg: beam.field_deg,
+            wavelength_nm: beam.train.nm,
+            chief_ray_height_mm: height,
+            cra_deg: side * beam.chief_ray_angle_deg(),
+            relative_illumination: solid_angle / self.train.axis_sr,
+            distortion_percent: if ideal == 0.0 { 0.0 } else { 100.0 * (height / ideal - 1.0) },
+            projected_solid_angle_sr: solid_angle,
+            opd_rms_waves: figure(&|s| s.opd_rms_pv().0),
+            spot_rms_mm: figure(&PupilSamples::spot_rms_mm),
+        }
+    }
+
+    fn psf(&self, window: &Window, method: PsfMethod) -> Result<Psf> {
+        let nm = self.beam.train.nm;
+        let cells = match method {
+            PsfMethod::Geometric => None,
+            _ => psf::cells_across(&self.beam, &self.outline, window),
+        };
+        match (cells, method) {
+            (Some(cells), _) => {
+                let samples = PupilSamples::trace(&self.beam, &self.outline, cells);
+                Ok(psf::diffraction(&samples, nm, window))
+            }
+            (None, PsfMethod::Diffraction) => {
+                Err(Error::input("the wavefront is too strong for a diffraction PSF")
+                    .at(format!("field {:.4}°, {nm} nm", self.beam.field_deg))
+                    .help("use --psf auto or geometric, or a smaller window"))
+            }
+            (None, _) => {
+                let samples = PupilSamples::trace(&self.beam, &self.outline, 256);
+                Ok(psf::geometric(&samples, window))
+            }
+        }
+    }
+}
+
+/// A PSF of a characterisation.
+struct Traced {
+    point: FieldPoint,
+    samples: Vec<f32>,
+    captured: f64,
+}
+
+impl Probe for Traced {
+    fn real_height_mm(&self) -> f64 {
+        self.point.chief_ray_height_mm
+    }
+    fn samples(&self) -> &[f32] {
+        &self.samples
+    }
+}
+
+/// Characterises a lens. Heights are chosen at the first, middle and last wavelength; then `progress` hears of PSFs
+/// done and PSFs in all, from any thread.
+///
+/// # Errors
+/// As [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
+pub fn characterise(
+    system: &System,
+    plan: &Plan,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Characterisation> {
+    if plan.heights < 2 || !(plan.max_field_deg > 0.0 && plan.max_field_deg < 90.0) {
+        return Err(Error::input(format!(
+            "{} heights up to a field of {}°",
+            plan.heights, plan.max_field_deg
+        ))
+        .help(
+            "give two heights or more and a largest field between 0 and 90 degrees (--max-field)",
+        ));
+    }
+    let top = system.paraxial_height_mm(plan.max_field_deg);
+    let even: Vec<f64> =
+        (0..plan.heights).map(|i| top * i as f64 / (plan.heights - 1) as f64).collect();
+    let trains = trains(system, &plan.wavelengths_nm)?;
+    if trains.is_empty() {
+        return Err(Error::input("no wavelength").help("give at least one, in nm"));
+    }
+    let spacing_um = match plan.psf_spacing_um {
+        Some(spacing) => spacing,
+        None => {
+            let fields: Vec<f64> =
+                even.iter().map(|&h| system.field_of_paraxial_height(h)).collect();
+            spacing_for(system, &trains, &fields, plan.psf_size)?
+        }
+    };
+    let window = Window { size: plan.psf_size, spacing_mm: spacing_um * 1e-3 };
+    let flip = side(system) < 0.0;
+    let trace = |height: f64, wavelength: usize| -> Result<Traced> {
+        let field_deg = system.field_of_paraxial_height(height);
+        let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
+        let psf = aimed.psf(&window, plan.method)?;
+        if !(psf.captured > 0.0) {
+            let side_um = window.size as f64 * spacing_um;
+            return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
+                .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
+                .help("the lens is out of focus there: give its wavelengths, or --psf-spacing, or --sensor-shift"));
+        }
+        let samples = samples_outwards(&psf, window.size, flip);
+        Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
+    };
+    let last = trains.len() - 1;
+    // The wavelengths that stand for all, as in the engine.
+    let mut probes = vec![0, last / 2, last];
+    probes.dedup();
+    let (stations, between) = match &plan.density {
+        Some(density) => {
+            let trace = |height| probes.par_iter().map(|&w| trace(height, w)).collect();
+            let window = (window.size, spacing_um);
+            let (stations, between) = heights::choose(&even, density, window, trace)?;
+            (stations, Some(between))
+        }
+        None => {
+            probes.clear();
+            let bare = |height_mm| Station { height_mm, traced: Vec::new() };
+            (even.into_iter().map(bare).collect(), None)
+        }
+    };
+    let heights: Vec<f64> = stations.iter().map(|s| s.height_mm).collect();
+    let all = heights.len() * trains.len();
+    let done = AtomicUsize::new(heights.len() * probes.len());
+    let rest: Result<Vec<Vec<Traced>>> = stations
+        .into_par_iter()
+        .map(|station| {
+            let mut probed = station.traced.into_iter();
+            (0..trains.len())
+                .map(|w| match probes.contains(&w).then(|| probed.next()).flatten() {
+                    Some(traced) => Ok(traced),
+                    None => {
+                        let traced = trace(station.height_mm, w)?;
+                        progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);
+                        Ok(traced)
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    let (points, blocks): (Vec<FieldPoint>, Vec<(Vec<f32>, f64)>) =
+        rest?.into_iter().flatten().map(|t| (t.point, (t.samples, t.captured))).unzip();
+    let mut grid = PsfGrid {
+        heights_mm: heights.clone(),
+        wavelengths_nm: plan.wavelengths_nm.clone(),
+        size: window.size,
+        spacing_um,
+        data: blocks.iter().flat_map(|(samples, _)| samples).copied().collect(),
+        captured: Some(blocks.iter().map(|(_, captured)| *captured).collect()),
+        between,
+    };
+    grid.normalise()?;
+    let lens = Characterisation {
+        name: system.prescription.name.clone(),
+        source: format!("traced by camrig {}", env!("CARGO_PKG_VERSION")),
+        efl_mm: system.paraxial.efl_mm.abs(),
+        f_number: system.f_number(),
+        magnification: system.paraxial.magnification.abs(),
+        pupil_magnification: (system.paraxial.exit_magnification
+            / system.paraxial.entrance_magnification)
+            .abs(),
+        stop_radius_mm: Some(system.stop_radius_mm),
+        transmittance: Spectrum::constant(1.0),
+        wavelengths_nm: plan.wavelengths_nm.clone(),
+        heights_mm: heights,
+        real_height_mm: points.iter().map(|p| p.chief_ray_height_mm).collect(),
+        relative_illumination: points.iter().map(|p| p.relative_illumination).collect(),
+        chief_ray_angle_deg: Some(points.iter().map(|p| p.cra_deg).collect()),
+        psf: grid,
+    };
+    lens.validate()?;
+    Ok(lens)
+}
+
+/// The samples with rows rising away from the axis; the row that has no mirror image keeps its place.
+fn samples_outwards(psf: &Psf, size: usize, flip: bool) -> Vec<f32> {
+    let row = |i: usize| match flip {
+        false => i,
+        true => (2 * (size / 2) + size - i) % size,
+    };
+    (0..size).flat_map(|i| &psf.data[row(i) * size..][..size]).map(|&v| v as f32).collect()
+}
+
+/// A sample distance (µm) between λN/4 and λN/2 of the shortest wavelength (the latter is Nyquist's for an
+/// aberration-free image), in that range such that the largest spot fits into the window.
+fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usize) -> Result<f64> {
+    let (first, last) = (&trains[0], &trains[trains.len() - 1]);
+    let mut reach = 0.0_f64;
+    for deg in fields.iter().step_by((fields.len() / 5).max(1)) {
+        for train in [first, last] {
+            let aimed = Aimed::new(system, train, *deg)?;
+            let probe = PupilSamples::trace(&aimed.beam, &aimed.outline, 16);
+            let far = probe.rays.iter().map(|r| r.landing[0].abs().max(r.landing[1].abs()));
+            reach = far.fold(reach, f64::max);
+        }
+    }
+    let slope = (first.axis_sr / std::f64::consts::PI).sqrt();
+    let nyquist_um = first.train.nm * 1e-3 / (4.0 * slope);
+    let wanted = 2.2e3 * reach / size as f64;
+    // Two digits are enough, and are nicer to read.
+    Ok((wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0)
+}
+
+/// Where rays spread over the pupil (`across` of them over its diameter) land on the image plane, x and y in mm; the
+/// chief ray comes first.
+///
+/// # Errors
+/// A chief ray that is lost.
+pub fn landing_places(
+    system: &System,
+    field_deg: f64,
+    nm: f64,
+    across: usize,
+) -> Result<Vec<[f64; 2]>> {
+    let train = system.at(nm)?;
+    let beam = Beam::aim(&train, field_deg)?;
+    let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
+    let mut places = vec![chief];
+    if across > 0 {
+        let outline = beam.outline(AZIMUTHS)?;
+        for ray in PupilSamples::trace(&beam, &outline, across).rays {
+            places.push([chief[0] + ray.landing[0], chief[1] + ray.landing[1]]);
+            places.push([chief[0] - ray.landing[0], chief[1] + ray.landing[1]]);
+        }
+    }
+    Ok(places)
+}

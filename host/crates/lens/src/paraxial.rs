@@ -1,0 +1,156 @@
+//! First-order figures by the y-nu trace (Welford 1986, ch. 3). Signed quantities: behind a mirror the
+//! index counts negative, so the same equations hold.
+
+use super::prescription::{Aperture, Object, Prescription};
+use super::trace::TrainSurface;
+use camrig_base::{Error, Result};
+
+/// First-order figures at one wavelength, mm; z from the first vertex, or from the last where said.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Paraxial {
+    /// Effective focal length in air.
+    pub efl_mm: f64,
+    /// From the last vertex to the paraxial focus of an object at infinity.
+    pub bfl_mm: f64,
+    /// From the last vertex to the paraxial image of the actual object.
+    pub image_distance_mm: f64,
+    /// Transverse magnification of the actual object, signed; 0 for an object at infinity.
+    pub magnification: f64,
+    /// The entrance pupil's z from the first vertex.
+    pub entrance_z_mm: f64,
+    /// Entrance pupil over stop.
+    pub entrance_magnification: f64,
+    /// The exit pupil's z from the **last** vertex.
+    pub exit_z_mm: f64,
+    /// Exit pupil over stop.
+    pub exit_magnification: f64,
+}
+
+/// A 2x2 system matrix on (y, n·u): heights and reduced slopes.
+#[derive(Clone, Copy)]
+struct Matrix {
+    a: f64,
+    b: f64,
+    c: f64,
+    d: f64,
+}
+
+impl Matrix {
+    const UNIT: Self = Self { a: 1.0, b: 0.0, c: 0.0, d: 1.0 };
+
+    /// This, and then refraction with power `phi`.
+    fn refract(self, phi: f64) -> Self {
+        Self { c: self.c - phi * self.a, d: self.d - phi * self.b, ..self }
+    }
+
+    /// This, and then transfer over the reduced distance t/n.
+    fn transfer(self, reduced: f64) -> Self {
+        Self { a: self.a + reduced * self.c, b: self.b + reduced * self.d, ..self }
+    }
+}
+
+/// Matrices from just in front of the first surface to the stop surface (not yet refracted there), and
+/// from just in front of the stop surface to just behind the last; the signed last index.
+fn halves(surfaces: &[TrainSurface], stop: usize) -> (Matrix, Matrix, f64) {
+    let (mut front, mut rear) = (Matrix::UNIT, Matrix::UNIT);
+    let mut sign = 1.0;
+    for (i, s) in surfaces.iter().enumerate() {
+        let before = sign * s.before;
+        if s.mirror {
+            sign = -sign;
+        }
+        let after = sign * s.after;
+        let curvature = s.curvature + 2.0 * s.even.first().copied().unwrap_or(0.0);
+        let half = if i < stop { &mut front } else { &mut rear };
+        *half = half.refract((after - before) * curvature);
+        if i + 1 < surfaces.len() {
+            *half = half.transfer(s.thickness / after);
+        }
+    }
+    (front, rear, sign * surfaces.last().map_or(1.0, |s| s.after))
+}
+
+impl Paraxial {
+    /// The figures of a train of surfaces.
+    ///
+    /// # Errors
+    /// A lens without power, a pupil at infinity (object-side telecentric), an object in the front focus.
+    pub fn of(surfaces: &[TrainSurface], stop: usize, object: Object) -> Result<Self> {
+        let (front, rear, index) = halves(surfaces, stop);
+        // The rear matrix starts at the stop's own plane, before its refraction.
+        let whole = Matrix {
+            a: rear.a * front.a + rear.b * front.c,
+            b: rear.a * front.b + rear.b * front.d,
+            c: rear.c * front.a + rear.d * front.c,
+            d: rear.c * front.b + rear.d * front.d,
+        };
+        let power = -whole.c;
+        if !(power.is_finite() && power.abs() > 1e-12) {
+            return Err(Error::input("the lens has no focal length (it is afocal)")
+                .help("only lenses that form an image are traced"));
+        }
+        if front.a.abs() < 1e-9 {
+            return Err(Error::input(
+                "the entrance pupil is at infinity (telecentric in object space)",
+            )
+            .help("object-side telecentric lenses are not supported"));
+        }
+        let (image_distance_mm, magnification) = match object {
+            Object::Infinity => (whole.a / power * index, 0.0),
+            Object::Distance(d) => {
+                let slope = whole.c * d + whole.d;
+                let height = whole.a * d + whole.b;
+                if slope.abs() < 1e-12 {
+                    return Err(Error::input(format!(
+                        "the object at {d} mm is in the front focus"
+                    ))
+                    .help("its image is at infinity; choose another object distance"));
+                }
+                (-height / slope * index, 1.0 / slope)
+            }
+        };
+        Ok(Self {
+            efl_mm: 1.0 / power,
+            bfl_mm: whole.a / power * index,
+            image_distance_mm,
+            magnification,
+            entrance_z_mm: front.b / front.a,
+            entrance_magnification: 1.0 / front.a,
+            exit_z_mm: -rear.b / rear.d * index,
+            exit_magnification: 1.0 / rear.d,
+        })
+    }
+}
+
+/// The stop radius that a prescription's aperture asks for, mm.
+///
+/// # Errors
+/// An object-side aperture for an object at infinity.
+pub(super) fn stop_radius(paraxial: &Paraxial, prescription: &Prescription) -> Result<f64> {
+    let p = paraxial;
+    // tan of the marginal angle whose sine is the numerical aperture.
+    let slope_of_na = |na: f64| na / (1.0 - na * na).sqrt();
+    // Slope in the image of a ray through the axial object point, per unit of pupil radius.
+    let image_slope_per_radius = match prescription.object {
+        Object::Infinity => 1.0 / p.efl_mm,
+        Object::Distance(d) => 1.0 / ((d + p.entrance_z_mm) * p.magnification),
+    }
+    .abs();
+    let pupil_radius = match prescription.aperture {
+        Aperture::StopRadius(radius) => return Ok(radius),
+        Aperture::EntrancePupil(diameter) => diameter / 2.0,
+        Aperture::FNumber(n) => p.efl_mm.abs() / n / 2.0,
+        Aperture::WorkingFNumber(n) => 0.5 / n / image_slope_per_radius,
+        Aperture::ImageNa(na) => slope_of_na(na) / image_slope_per_radius,
+        Aperture::ObjectNa(na) => match prescription.object {
+            Object::Distance(d) => (d + p.entrance_z_mm).abs() * slope_of_na(na),
+            Object::Infinity => {
+                return Err(Error::input(
+                    "an object-side aperture needs an object at finite distance",
+                )
+                .help("give the entrance pupil's diameter or the f-number"));
+            }
+        },
+    };
+    Ok(pupil_radius / p.entrance_magnification.abs())
+}

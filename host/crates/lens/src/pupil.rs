@@ -1,0 +1,473 @@
+//! Beams: the real chief ray through the stop's centre, and the part of the pupil light gets through.
+//!
+//! # Launch coordinates
+//! For an object at infinity (px, py) is the place, in mm, where a ray pierces the plane through the
+//! centre of the paraxial entrance pupil perpendicular to the field direction; for a finite object the
+//! place in that plane (perpendicular to the line from the object point to the pupil's centre) the
+//! ray is aimed at. The field lies on +y: the object point is below the axis, the image above it (for
+//! a positive lens).
+
+use super::prescription::Object;
+use super::system::Train;
+use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
+use camrig_base::{Error, Result};
+use std::f64::consts::PI;
+
+/// The beam from one field point at one wavelength, aimed.
+#[derive(Clone, Debug)]
+pub struct Beam<'a> {
+    /// The lens.
+    pub train: &'a Train,
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Launch coordinate py of the chief ray, mm (its px is 0).
+    pub chief_launch: f64,
+    /// The chief ray on the image plane.
+    pub chief: Rays<1>,
+    launcher: Launcher,
+}
+
+/// Where rays of a field point start and how.
+#[derive(Clone, Copy, Debug)]
+struct Launcher {
+    sine: f64,
+    cosine: f64,
+    /// z of the paraxial entrance pupil.
+    pupil_z: f64,
+    /// The object point and its distance to the pupil's centre, for a finite object.
+    object: Option<([f64; 3], f64)>,
+}
+
+impl Launcher {
+    fn new(train: &Train, field_deg: f64) -> Result<Self> {
+        let (sine, cosine) = libm::sincos(field_deg.to_radians());
+        let pupil_z = train.entrance_z_mm;
+        let object = match train.object {
+            Object::Infinity => None,
+            Object::Distance(d) if d + pupil_z > 0.0 => {
+                let to_pupil = d + pupil_z;
+                Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil / cosine))
+            }
+            Object::Distance(d) => {
+                return Err(Error::input(format!(
+                    "the entrance pupil lies behind the object at {d} mm"
+                ))
+                .help("such lenses are not supported"));
+            }
+        };
+        Ok(Self { sine, cosine, pupil_z, object })
+    }
+
+    /// Start and direction of a ray.
+    #[inline(always)]
+    fn ray(&self, px: f64, py: f64) -> ([f64; 3], [f64; 3]) {
+        let (s, c) = (self.sine, self.cosine);
+        match self.object {
+            None => ([px, py * c, self.pupil_z - py * s], [0.0, s, c]),
+            Some((point, distance)) => {
+                let aim = [px, distance * s + py * c, distance * c - py * s];
+                let length = 1.0 / (aim[0] * aim[0] + aim[1] * aim[1] + aim[2] * aim[2]).sqrt();
+                (point, aim.map(|v| v * length))
+            }
+        }
+    }
+
+    /// Radiant power per launch area, relative to that at the pupil's centre on the axis of the beam: 1
+    /// for a plane wave; for a Lambertian object point its projected solid angle.
+    fn power(&self, px: f64, py: f64) -> f64 {
+        match self.object {
+            None => 1.0,
+            Some((_, distance)) => {
+                let (_, d) = self.ray(px, py);
+                let r2 = 1.0 + (px * px + py * py) / (distance * distance);
+                d[2] / self.cosine / (r2 * r2.sqrt())
+            }
+        }
+    }
+}
+
+impl<'a> Beam<'a> {
+    /// Aims the beam of a field point: its chief ray goes through the centre of the stop.
+    ///
+    /// The ray is followed from the axis outwards in steps of the field angle, each solved by the
+    /// secant method, so that it is the one continuously connected with the axis.
+    ///
+    /// # Errors
+    /// A field beyond 90°, or a chief ray that is lost on its way; says at which surface.
+    pub fn aim(train: &'a Train, field_deg: f64) -> Result<Self> {
+        if field_deg.is_nan() || field_deg.abs() >= 90.0 {
+            return Err(Error::input(format!("field angle {field_deg}°"))
+                .help("field angles lie between -90° and 90°"));
+        }
+        const STEP: f64 = 4.0;
+        const SMALLEST: f64 = 0.01;
+        let sign = field_deg.signum();
+        let goal = field_deg.abs();
+        let (mut done, mut launch, mut slope, mut step) = (0.0, 0.0, 0.0, STEP);
+        while done < goal {
+            let next = (done + step).min(goal);
+            let guess = launch + slope * (next - done);
+            match centre_of_stop(train, sign * next, guess)? {
+                Some(found) => {
+                    slope = (found - launch) / (next - done);
+                    (done, launch, step) = (next, found, STEP);
+                }
+                None if step > SMALLEST => step /= 4.0,
+                None => return Err(chief_lost(train, sign * next, guess)),
+            }
+        }
+        let launcher = Launcher::new(train, field_deg)?;
+        let (position, direction) = launcher.ray(0.0, launch);
+        let mut chief = Rays::nowhere();
+        chief.set(0, position, direction);
+        trace_one(&train.surfaces, &mut chief);
+        if !chief.alive(0) {
+            return Err(chief_lost(train, field_deg, launch));
+        }
+        Ok(Self { train, field_deg, chief_launch: launch, chief, launcher })
+    }
+
+    /// Height of the chief ray on the image plane, mm, signed.
+    pub fn height_mm(&self) -> f64 {
+        self.chief.position[1][0]
+    }
+
+    /// Angle of the chief ray with the axis at the image plane, degrees, signed.
+    pub fn chief_ray_angle_deg(&self) -> f64 {
+        let (_, d) = self.chief.get(0);
+        libm::atan2(d[1], d[2].abs()).to_degrees()
+    }
+
+    /// Heights at which a ray meets the surfaces, mm; aimed at (x, y) in the plane of the paraxial
+    /// entrance pupil, in units of its radius from its centre.
+    ///
+    /// # Errors
+    /// A ray that is lost on its way.
+    pub(super) fn heights_of_pupil_ray(&self, x: f64, y: f64) -> Result<Vec<f64>> {
+        let radius = 0.5 * self.train.entrance_pupil_mm;
+        let (position, direction) =
+            self.launcher.ray(x * radius, y * radius * self.launcher.cosine);
+        let mut ray = Rays::<1>::nowhere();
+        ray.set(0, position, direction);
+        let start = ray.clone();
+        let mut heights = Vec::with_capacity(self.train.surfaces.len());
+        for surface in &self.train.surfaces {
+            surface.meet(&mut ray);
+            let (p, _) = ray.get(0);
+            heights.push((p[0] * p[0] + p[1] * p[1]).sqrt());
+            surface.bend(&mut ray);
+        }
+        match lost_at(&self.train.surfaces, &start) {
+            None => Ok(heights),
+            Some((surface, how)) => Err(lost(self.field_deg, self.train.nm, surface, how)
+                .help("check the vignetting factors")),
+        }
+    }
+
+    /// Whether the ray to the rim of the pupil arrives or is stopped by an aperture.
+    ///
+    /// # Errors
+    /// It is lost at a surface: the lens cannot have the aperture it is said to have.
+    pub(super) fn check_rim(&self) -> Result<()> {
+        let radius = 0.5 * self.train.entrance_pupil_mm;
+        let (position, direction) = self.launcher.ray(0.0, radius * self.launcher.cosine);
+        let mut ray = Rays::<1>::nowhere();
+        ray.set(0, position, direction);
+        let start = ray.clone();
+        for surface in &self.train.surfaces {
+            surface.meet(&mut ray);
+            surface.bend(&mut ray);
+        }
+        match lost_at(&self.train.surfaces, &start) {
+            Some((surface, how)) if ray.excess[0] <= 0.0 => {
+                Err(lost(self.field_deg, self.train.nm, surface, how).help(
+                    "the aperture is larger than this surface takes: give a smaller one, or check radius, \
+                     conic and polynomial of the surface",
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Traces rays at launch places relative to the chief ray; [`LANES`] at a time.
+    #[inline]
+    pub(super) fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
+        let mut rays = Rays::nowhere();
+        for (i, [x, y]) in places.iter().enumerate() {
+            let (position, direction) = self.launcher.ray(*x, self.chief_launch + *y);
+            rays.set(i, position, direction);
+        }
+        trace_lanes(&self.train.surfaces, &mut rays);
+        rays
+    }
+
+    /// Radiant power per launch area at a place relative to the chief ray.
+    pub(super) fn power(&self, place: [f64; 2]) -> f64 {
+        self.launcher.power(place[0], self.chief_launch + place[1])
+    }
+
+    /// Phase of ray `i` as a plane wave at the chief ray's image point, in waves: its optical path
+    /// carried to that point's wavefront.
+    #[inline]
+    pub(super) fn plane_wave_phase<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
+        let (p, d) = rays.get(i);
+        let (q, _) = self.chief.get(0);
+        let advance = d[0] * (p[0] - q[0]) + d[1] * (p[1] - q[1]);
+        (rays.path[i] - self.chief.path[0] - advance) * 1e6 / self.train.nm
+    }
+
+    /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves.
+    pub fn opd_waves<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
+        let (p, d) = rays.get(i);
+        let (q, _) = self.chief.get(0);
+        let r = self.reference_sphere_mm();
+        let away = [p[0] - q[0], p[1] - q[1]];
+        let along = away[0] * d[0] + away[1] * d[1];
+        let inside = along * along - away[0] * away[0] - away[1] * away[1] + r * r;
+        let back = along + inside.sqrt().copysign(r);
+        (rays.path[i] - back - (self.chief.path[0] - r)) * 1e6 / self.train.nm
+    }
+
+    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the place
+    /// where the chief ray meets the plane of the paraxial exit pupil (of this wavelength). Negative
+    /// where that lies behind the image.
+    pub fn reference_sphere_mm(&self) -> f64 {
+        let thickness = self.train.surfaces.last().map_or(0.0, |s| s.thickness);
+        (thickness - self.train.paraxial.exit_z_mm) / self.chief.direction[2][0]
+    }
+
+    /// The outline of the pupil ([`Outline`]).
+    ///
+    /// # Errors
+    /// A field point from which no light reaches the image.
+    pub fn outline(&self, azimuths: usize) -> Result<Outline> {
+        Outline::find(self, azimuths)
+    }
+}
+
+/// The launch coordinate at which a ray meets the centre of the stop; `None` when the search fails.
+fn centre_of_stop(train: &Train, field_deg: f64, guess: f64) -> Result<Option<f64>> {
+    let launcher = Launcher::new(train, field_deg)?;
+    let miss = |py: f64| {
+        let (position, direction) = launcher.ray(0.0, py);
+        let mut ray = Rays::<1>::nowhere();
+        ray.set(0, position, direction);
+        for surface in &train.surfaces[..train.stop] {
+            surface.meet(&mut ray);
+            surface.bend(&mut ray);
+        }
+        train.surfaces[train.stop].meet(&mut ray);
+        if ray.path[0].is_finite() { ray.position[1][0] } else { f64::NAN }
+    };
+    // A few rounding errors of a height at the stop.
+    let enough = 4.0 * f64::EPSILON * train.stop_radius_mm;
+    let good = 1e-9 * train.stop_radius_mm;
+    let (mut a, mut b) = (guess, guess + 1e-3 * train.entrance_pupil_mm);
+    let (mut fa, mut fb) = (miss(a), miss(b));
+    if fa.abs() < fb.abs() {
+        (a, b, fa, fb) = (b, a, fb, fa);
+    }
+    for _ in 0..30 {
+        if fb.abs() <= enough || fa == fb {
+            break;
+        }
+        let c = b - fb * (b - a) / (fb - fa);
+        let fc = miss(c);
+        if fc.is_nan() || fc.abs() >= fb.abs() {
+            break;
+        }
+        (a, fa, b, fb) = (b, fb, c, fc);
+    }
+    Ok((fb.abs() <= good).then_some(b))
+}
+
+fn lost(field_deg: f64, nm: f64, surface: usize, how: &str) -> Error {
+    Error::input(format!("a ray meant for surface {} {how}", surface + 1))
+        .at(format!("field {field_deg:.4}°, {nm} nm"))
+}
+
+fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
+    let ray = Launcher::new(train, field_deg).map(|l| l.ray(0.0, launch));
+    let found = ray.ok().and_then(|(position, direction)| {
+        let mut ray = Rays::nowhere();
+        ray.set(0, position, direction);
+        lost_at(&train.surfaces, &ray)
+    });
+    let error = match found {
+        Some((surface, how)) => lost(field_deg, train.nm, surface, how),
+        None => Error::input("no ray reaches the centre of the stop")
+            .at(format!("field {field_deg:.4}°, {} nm", train.nm)),
+    };
+    error.help("the field is larger than the lens takes: give smaller fields, or check the surface")
+}
+
+/// The part of the pupil that light gets through, as seen along azimuths around the chief ray.
+///
+/// Mirror-symmetric in x: azimuths run over the half x ≥ 0, from −y to +y.
+#[derive(Clone, Debug)]
+pub struct Outline {
+    /// Per azimuth the inner and the outer edge; `None` where nothing passes. The inner edge is the
+    /// chief ray itself where the middle is open.
+    pub edges: Vec<Option<[EdgePoint; 2]>>,
+}
+
+/// A ray on the edge of the pupil.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgePoint {
+    /// Launch place relative to the chief ray, mm.
+    pub launch: [f64; 2],
+    /// Direction cosines x and y at the image.
+    pub direction: [f64; 2],
+}
+
+impl Outline {
+    fn find(beam: &Beam, azimuths: usize) -> Result<Self> {
+        let count = azimuths.max(8).next_multiple_of(LANES);
+        let centre = beam.trace(&[[0.0; 2]; LANES]);
+        let middle = EdgePoint {
+            launch: [0.0; 2],
+            direction: [centre.direction[0][0], centre.direction[1][0]],
+        };
+        let mut edges = Vec::with_capacity(count);
+        for block in 0..count / LANES {
+            let ways: [[f64; 2]; LANES] = std::array::from_fn(|i| {
+                let step = (block * LANES + i) as f64 / (count - 1) as f64;
+                let (sine, cosine) = libm::sincos(PI * (step - 0.5));
+                [cosine.max(0.0), sine]
+            });
+            edges.extend(edges_along(beam, &ways, centre.excess[0], middle));
+        }
+        if edges.iter().all(Option::is_none) {
+            return Err(Error::input("no light gets through the apertures")
+                .at(format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm))
+                .help("give smaller fields, or check the apertures"));
+        }
+        Ok(Self { edges })
+    }
+
+    /// Area of the pupil in image-side direction cosines: its projected solid angle, sr.
+    pub fn projected_solid_angle(&self) -> f64 {
+        2.0 * self.area(|point| point.direction)
+    }
+
+    /// Area over the half x ≥ 0 of the polygon through the edge points, in the coordinates `of`.
+    fn area(&self, of: impl Fn(&EdgePoint) -> [f64; 2]) -> f64 {
+        let strips = self.edges.windows(2).filter_map(|w| Some((w[0].as_ref()?, w[1].as_ref()?)));
+        let doubled: f64 = strips
+            .map(|([a0, a1], [b0, b1])| {
+                let corners = [a0, a1, b1, b0].map(&of);
+                (0..4)
+                    .map(|i| {
+                        let ([x0, y0], [x1, y1]) = (corners[i], corners[(i + 1) % 4]);
+                        x0 * y1 - x1 * y0
+                    })
+                    .sum::<f64>()
+            })
+            .sum();
+        0.5 * doubled.abs()
+    }
+
+    /// The least and largest launch y, and the largest launch x.
+    pub fn bounds(&self) -> ([f64; 2], f64) {
+        let points = self.edges.iter().flatten().flatten();
+        points.fold(([f64::INFINITY, f64::NEG_INFINITY], 0.0), |([low, high], x), p| {
+            ([low.min(p.launch[1]), high.max(p.launch[1])], x.max(p.launch[0]))
+        })
+    }
+}
+
+/// Edges of the pupil along [`LANES`] directions.
+fn edges_along(
+    beam: &Beam,
+    ways: &[[f64; 2]; LANES],
+    excess_in_middle: f64,
+    middle: EdgePoint,
+) -> [Option<[EdgePoint; 2]>; LANES] {
+    // Steps of a sixth of the pupil's radius, to four times the radius: obstacles thinner than a
+    // step are overlooked, pupils that grow more with field cut off.
+    let step = beam.train.entrance_pupil_mm / 12.0;
+    const STEPS: usize = 24;
+    let at = |distance: &[f64; LANES]| {
+        beam.trace(&std::array::from_fn(|i| ways[i].map(|w| w * distance[i])))
+    };
+    let open = excess_in_middle <= 0.0;
+    // Per lane: brackets [inside, outside] of the inner and the outer edge.
+    let mut entry = [open.then_some([0.0, 0.0]); LANES];
+    let mut exit = [None; LANES];
+    for k in 1..=STEPS {
+        if exit.iter().all(Option::is_some) {
+            break;
+        }
+        let here = k as f64 * step;
+        let rays = at(&[here; LANES]);
+        for i in 0..LANES {
+            match (rays.passes(i), entry[i], exit[i]) {
+                (true, None, _) => entry[i] = Some([here, here - step]),
+                (false, Some(_), None) => exit[i] = Some([here - step, here]),
+                _ => {}
+            }
+        }
+    }
+    let zero = [[0.0; 2]; LANES];
+    let bracket =
+        |edge: &[Option<[f64; 2]>; LANES]| std::array::from_fn(|i| edge[i].unwrap_or(zero[i]));
+    let outer = refine(&at, bracket(&exit));
+    let outer_rays = at(&outer);
+    let inner = if open { [0.0; LANES] } else { refine(&at, bracket(&entry)) };
+    let inner_rays = if open { None } else { Some(at(&inner)) };
+    let point = |distance: f64, i: usize, rays: &Rays<LANES>| EdgePoint {
+        launch: ways[i].map(|w| w * distance),
+        direction: [rays.direction[0][i], rays.direction[1][i]],
+    };
+    std::array::from_fn(|i| {
+        exit[i]?;
+        let from = inner_rays.as_ref().map_or(middle, |rays| point(inner[i], i, rays));
+        Some([from, point(outer[i], i, &outer_rays)])
+    })
+}
+
+/// Where the excess changes sign between `inside` and `outside`, per lane: regula falsi (Illinois),
+/// bisection next to rays that are lost.
+fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]) -> [f64; LANES] {
+    let mut inside = bracket.map(|b| b[0]);
+    let mut outside = bracket.map(|b| b[1]);
+    let value = |rays: &Rays<LANES>, i: usize| match rays.alive(i) {
+        true => rays.excess[i],
+        false => f64::NAN,
+    };
+    let (low, high) = (at(&inside), at(&outside));
+    let mut f_in: [f64; LANES] = std::array::from_fn(|i| value(&low, i));
+    let mut f_out: [f64; LANES] = std::array::from_fn(|i| value(&high, i));
+    let mut last_inside = [None; LANES];
+    for _ in 0..60 {
+        let guess: [f64; LANES] = std::array::from_fn(|i| {
+            let secant = inside[i] - f_in[i] * (outside[i] - inside[i]) / (f_out[i] - f_in[i]);
+            if secant.is_finite() { secant } else { 0.5 * (inside[i] + outside[i]) }
+        });
+        let rays = at(&guess);
+        let mut settled = true;
+        for i in 0..LANES {
+            let f = value(&rays, i);
+            let passes = f <= 0.0;
+            if passes {
+                (inside[i], f_in[i]) = (guess[i], f);
+            } else {
+                (outside[i], f_out[i]) = (guess[i], f);
+            }
+            // Illinois: an end that stays twice counts half.
+            if last_inside[i] == Some(passes) {
+                *(if passes { &mut f_out[i] } else { &mut f_in[i] }) *= 0.5;
+            }
+            last_inside[i] = Some(passes);
+            let width = (outside[i] - inside[i]).abs();
+            settled &= f.abs() < 1e-12 || width <= 1e-13 * outside[i].abs();
+            if f.abs() < 1e-12 {
+                (inside[i], outside[i], f_in[i]) = (guess[i], guess[i], 0.0);
+            }
+        }
+        if settled {
+            break;
+        }
+    }
+    inside
+}

@@ -1,0 +1,264 @@
+//! A prescription made ready to trace: paraxial figures, the real stop radius, trains per wavelength.
+
+use super::glass::Glass;
+use super::paraxial::{self, Paraxial};
+use super::prescription::{Clip, FieldKind, Medium, Object, Prescription};
+use super::pupil::Beam;
+use super::trace::TrainSurface;
+use camrig_base::{Error, Result};
+
+/// How a lens is used, where that differs from its prescription.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Conditions {
+    /// Object distance in front of the first surface, mm (infinite is allowed).
+    pub object_distance_mm: Option<f64>,
+    /// The sensor moved away from the lens by this much, mm.
+    pub sensor_shift_mm: f64,
+    /// Radius of the stop instead of the one the prescription's aperture gives, mm.
+    pub stop_radius_mm: Option<f64>,
+}
+
+/// A lens ready to trace.
+#[derive(Clone, Debug)]
+pub struct System {
+    /// What it was made from; its object and last thickness are those of the [`Conditions`].
+    pub prescription: Prescription,
+    /// Paraxial figures at the reference wavelength.
+    pub paraxial: Paraxial,
+    /// Real radius of the stop, mm: the paraxial image of the entrance pupil in the stop at the
+    /// reference wavelength (not the height of a real marginal ray: the two differ by the pupil's
+    /// spherical aberration).
+    pub stop_radius_mm: f64,
+    /// Diameter of the paraxial entrance pupil, mm.
+    pub entrance_pupil_mm: f64,
+}
+
+/// The lens at one wavelength.
+#[derive(Clone, Debug)]
+pub struct Train {
+    /// The wavelength, nm.
+    pub nm: f64,
+    /// Its surfaces.
+    pub surfaces: Vec<TrainSurface>,
+    /// Index of the stop.
+    pub stop: usize,
+    /// Radius of the stop, mm.
+    pub stop_radius_mm: f64,
+    /// Paraxial figures at this wavelength.
+    pub paraxial: Paraxial,
+    /// The object.
+    pub object: Object,
+    /// Paraxial entrance pupil at the *reference* wavelength: where beams are aimed from.
+    pub entrance_z_mm: f64,
+    /// Diameter of that pupil, mm.
+    pub entrance_pupil_mm: f64,
+}
+
+impl System {
+    /// Prepares a prescription for use under `conditions`.
+    ///
+    /// # Errors
+    /// An invalid prescription, glasses without data at the reference wavelength, a lens without
+    /// power, a stop that light does not fill.
+    pub fn new(prescription: Prescription, conditions: Conditions) -> Result<Self> {
+        let mut prescription = prescription;
+        if let Some(distance) = conditions.object_distance_mm {
+            prescription.object = match distance.is_infinite() && distance > 0.0 {
+                true => Object::Infinity,
+                false => Object::Distance(distance),
+            };
+        }
+        prescription.validate()?;
+        let finite = |name: &str, v: f64| match v.is_finite() {
+            true => Ok(v),
+            false => Err(Error::input(format!("{name} {v}")).help("give a finite number, in mm")),
+        };
+        let last = prescription.surfaces.len() - 1;
+        // Behind an odd number of mirrors "away from the lens" is towards −z.
+        let towards = match mirrors(&prescription) % 2 {
+            0 => 1.0,
+            _ => -1.0,
+        };
+        prescription.surfaces[last].thickness +=
+            towards * finite("sensor shift", conditions.sensor_shift_mm)?;
+        let surfaces = surfaces_at(&prescription, prescription.reference_nm)?;
+        let paraxial = Paraxial::of(&surfaces, prescription.stop, prescription.object)?;
+        let from_file = paraxial::stop_radius(&paraxial, &prescription)?;
+        let stop_radius_mm = match conditions.stop_radius_mm {
+            Some(radius) => finite("stop radius", radius)?,
+            None => from_file,
+        };
+        if !(stop_radius_mm.is_finite() && stop_radius_mm > 0.0) {
+            return Err(Error::input(format!("the stop radius comes out as {stop_radius_mm} mm"))
+                .help("give another aperture, or --stop-radius"));
+        }
+        let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
+        let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };
+        system.clear_apertures_from_vignetting()?;
+        Ok(system)
+    }
+
+    /// The lens at a wavelength, nm.
+    ///
+    /// # Errors
+    /// A glass without data there.
+    pub fn at(&self, nm: f64) -> Result<Train> {
+        let p = &self.prescription;
+        let mut surfaces = surfaces_at(p, nm)?;
+        let paraxial = Paraxial::of(&surfaces, p.stop, p.object)?;
+        surfaces[p.stop].clips.push(Clip::circle(self.stop_radius_mm));
+        Ok(Train {
+            nm,
+            surfaces,
+            stop: p.stop,
+            stop_radius_mm: self.stop_radius_mm,
+            paraxial,
+            object: p.object,
+            entrance_z_mm: self.paraxial.entrance_z_mm,
+            entrance_pupil_mm: self.entrance_pupil_mm,
+        })
+    }
+
+    /// Effective focal length over entrance-pupil diameter.
+    pub fn f_number(&self) -> f64 {
+        self.paraxial.efl_mm.abs() / self.entrance_pupil_mm
+    }
+
+    /// Height of the paraxial image of the field point at `field_deg`, mm, at the reference wavelength:
+    /// EFL·tan θ for an object at infinity, |m| times the object's height otherwise.
+    pub fn paraxial_height_mm(&self, field_deg: f64) -> f64 {
+        let tangent = libm::tan(field_deg.to_radians());
+        match self.prescription.object {
+            Object::Infinity => self.paraxial.efl_mm.abs() * tangent,
+            Object::Distance(d) => {
+                (self.paraxial.magnification * (d + self.paraxial.entrance_z_mm) * tangent).abs()
+            }
+        }
+    }
+
+    /// The field angle (degrees) of the field point with this paraxial image height.
+    pub fn field_of_paraxial_height(&self, mm: f64) -> f64 {
+        libm::atan(mm / self.paraxial_height_mm(45.0)).to_degrees()
+    }
+
+    /// The design fields as chief-ray angles at the paraxial entrance pupil, degrees.
+    ///
+    /// # Errors
+    /// A real image height that no ray reaches; a pupil at infinity.
+    pub fn fields_deg(&self) -> Result<Vec<f64>> {
+        let fields = &self.prescription.fields;
+        let object_height = |h: f64| match self.prescription.object {
+            Object::Infinity => {
+                Err(Error::input("fields are object heights, the object is at infinity")
+                    .help("give angles"))
+            }
+            Object::Distance(d) => {
+                Ok(libm::atan(h / (d + self.paraxial.entrance_z_mm).abs()).to_degrees())
+            }
+        };
+        let degrees: Result<Vec<f64>> = fields
+            .values
+            .iter()
+            .map(|&v| match fields.kind {
+                FieldKind::Angle => Ok(v),
+                FieldKind::ObjectHeight => object_height(v),
+                FieldKind::ParaxialImageHeight => Ok(self.field_of_paraxial_height(v)),
+                FieldKind::RealImageHeight => self.field_of_real_height(v),
+            })
+            .collect();
+        degrees.map_err(|e| e.at("fields"))
+    }
+
+    /// The field angle whose real chief ray lands at this height, at the reference wavelength.
+    fn field_of_real_height(&self, mm: f64) -> Result<f64> {
+        let train = self.at(self.prescription.reference_nm)?;
+        let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
+        let mut low = 0.0;
+        let mut high = self.field_of_paraxial_height(mm).min(80.0);
+        // Barrel distortion: the paraxial angle falls short; walk out as far as rays go.
+        while height(high)? < mm {
+            low = high;
+            high += (89.9 - high) * 0.2;
+            if high > 89.5 {
+                return Err(Error::input(format!("no chief ray reaches the image height {mm} mm"))
+                    .help("give smaller fields"));
+            }
+        }
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if height(middle)? < mm { low = middle } else { high = middle }
+        }
+        Ok(0.5 * (low + high))
+    }
+
+    /// A file with vignetting factors and no clear apertures: as CODE V does, every surface gets the
+    /// smallest aperture that passes the reference rays (upper, lower and side rim of each field's
+    /// vignetted pupil, at every design wavelength).
+    fn clear_apertures_from_vignetting(&mut self) -> Result<()> {
+        let p = &self.prescription;
+        let vignetted = p.fields.vignetting.iter().flatten().any(|v| *v != 0.0);
+        if !vignetted || p.surfaces.iter().any(|s| !s.clips.is_empty()) {
+            return Ok(());
+        }
+        let mut radii = vec![0.0_f64; p.surfaces.len()];
+        let fields = self.fields_deg()?;
+        for nm in &p.wavelengths_nm {
+            let train = self.at(*nm)?;
+            for (deg, [ux, _, uy, ly]) in fields.iter().zip(&p.fields.vignetting) {
+                let beam = Beam::aim(&train, *deg)?;
+                for (x, y) in [(0.0, 1.0 - uy), (0.0, ly - 1.0), (1.0 - ux, 0.0), (0.0, 0.0)] {
+                    let heights = beam.heights_of_pupil_ray(x, y)?;
+                    radii.iter_mut().zip(heights).for_each(|(r, h)| *r = r.max(h));
+                }
+            }
+        }
+        let stop = p.stop;
+        for (i, (surface, radius)) in self.prescription.surfaces.iter_mut().zip(radii).enumerate() {
+            if i != stop && radius > 0.0 {
+                surface.clips.push(Clip::circle(radius));
+            }
+        }
+        self.prescription.notes.push(
+            "clear apertures follow from the vignetting factors (the file gives no apertures)"
+                .into(),
+        );
+        Ok(())
+    }
+}
+
+fn mirrors(prescription: &Prescription) -> usize {
+    prescription.surfaces.iter().filter(|s| s.medium == Medium::Mirror).count()
+}
+
+/// The surfaces with their indices at a wavelength.
+fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>> {
+    let index = |glass: &Glass| glass.index(nm);
+    let mut before = 1.0;
+    let mut train = Vec::with_capacity(prescription.surfaces.len());
+    for (i, s) in prescription.surfaces.iter().enumerate() {
+        let after = match &s.medium {
+            Medium::Air => 1.0,
+            Medium::Glass(glass) => index(glass).map_err(|e| e.at(format!("surface {}", i + 1)))?,
+            Medium::Mirror => before,
+        };
+        train.push(TrainSurface {
+            curvature: s.curvature,
+            conic: s.conic,
+            even: trimmed(&s.even),
+            odd: trimmed(&s.odd),
+            thickness: s.thickness,
+            before,
+            after,
+            mirror: s.medium == Medium::Mirror,
+            clips: s.clips.clone(),
+        });
+        before = after;
+    }
+    Ok(train)
+}
+
+/// Coefficients without the zeros at the end.
+fn trimmed(coefficients: &[f64]) -> Vec<f64> {
+    let used = coefficients.iter().rposition(|v| *v != 0.0).map_or(0, |i| i + 1);
+    coefficients[..used].to_vec()
+}

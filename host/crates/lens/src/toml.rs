@@ -1,0 +1,207 @@
+//! The plain TOML prescription: a lens table as a person writes it.
+//!
+//! ```toml
+//! format = "camrig-prescription/1"
+//! name = "singlet"
+//! # object_distance_mm = 250.0        # in front of the first surface; absent: at infinity
+//! wavelengths_nm = [486.1, 587.6, 656.3]
+//! reference_nm = 587.6                # absent: the middle one of the list
+//! fields_deg = [0.0, 10.0, 14.0]
+//!
+//! [aperture]                          # one of: entrance_pupil_mm, f_number, working_f_number,
+//! f_number = 4.0                      #   stop_radius_mm, object_na, image_na
+//!
+//! [[surface]]
+//! radius_mm = 50.0                    # or curvature = 0.02 (1/mm); absent or 0: plane
+//! thickness_mm = 4.0                  # to the next surface; of the last one: to the sensor
+//! glass = "N-BK7"                     # a catalogue name, "1.5168:64.17" (n_d:V_d), a name of
+//!                                     #   [glass], "mirror"; absent: air
+//! conic = 0.0
+//! even = [0.0, 1e-5]                  # coefficients of r², r⁴, ...
+//! odd = []                            # coefficients of r, r³, ...
+//! aperture_radius_mm = 8.0            # what light passes; absent: everything
+//! obscuration_radius_mm = 0.0
+//! stop = true
+//!
+//! [[surface]]
+//! radius_mm = -50.0
+//! thickness_mm = 47.0
+//!
+//! [glass.resin]                       # glasses of one's own: n_d and V_d, or a table
+//! nd = 1.53
+//! vd = 56.0
+//! [glass.other]
+//! table_nm = [[400.0, 1.55], [700.0, 1.52]]
+//! ```
+
+use super::glass::{Catalogue, Glass};
+use super::prescription::{
+    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
+};
+use camrig_base::{Error, Result};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// What the `format` key says.
+const FORMAT: &str = "camrig-prescription/1";
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    #[serde(default)]
+    name: String,
+    object_distance_mm: Option<f64>,
+    wavelengths_nm: Vec<f64>,
+    reference_nm: Option<f64>,
+    fields_deg: Vec<f64>,
+    aperture: BTreeMap<String, f64>,
+    surface: Vec<::toml::Spanned<Row>>,
+    #[serde(default)]
+    glass: BTreeMap<String, OwnGlass>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    radius_mm: Option<f64>,
+    curvature: Option<f64>,
+    thickness_mm: f64,
+    glass: Option<String>,
+    #[serde(default)]
+    conic: f64,
+    #[serde(default)]
+    even: Vec<f64>,
+    #[serde(default)]
+    odd: Vec<f64>,
+    aperture_radius_mm: Option<f64>,
+    #[serde(default)]
+    obscuration_radius_mm: f64,
+    #[serde(default)]
+    stop: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OwnGlass {
+    nd: Option<f64>,
+    vd: Option<f64>,
+    table_nm: Option<Vec<[f64; 2]>>,
+}
+
+/// A prescription from the text of a TOML file.
+///
+/// # Errors
+/// What is wrong, with its line.
+pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
+    let file: File =
+        ::toml::from_str(text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()))?;
+    if file.format != FORMAT {
+        return Err(Error::input(format!("format \"{}\"", file.format))
+            .help(format!("a prescription has format = \"{FORMAT}\"")));
+    }
+    let mut glasses = glasses.clone();
+    for (name, own) in &file.glass {
+        let glass = own.glass(name).map_err(|e| e.at(format!("[glass.{name}]")))?;
+        glasses.insert(name, glass);
+    }
+    let mut surfaces = Vec::with_capacity(file.surface.len());
+    let mut stops = Vec::new();
+    for (i, row) in file.surface.iter().enumerate() {
+        let line = line_of(text, row.span());
+        let row = row.get_ref();
+        surfaces.push(
+            row.surface(&glasses)
+                .map_err(|e| e.at(format!("surface {}", i + 1)).at(format!("line {line}")))?,
+        );
+        stops.extend(row.stop.then_some(i));
+    }
+    let [stop] = stops[..] else {
+        return Err(Error::input(format!("{} surfaces are the stop", stops.len()))
+            .help("mark one surface with stop = true"));
+    };
+    let reference_nm = match file.reference_nm {
+        Some(nm) => nm,
+        None => file.wavelengths_nm.get(file.wavelengths_nm.len() / 2).copied().unwrap_or(0.0),
+    };
+    let prescription = Prescription {
+        name: file.name,
+        surfaces,
+        stop,
+        object: file.object_distance_mm.map_or(Object::Infinity, Object::Distance),
+        aperture: aperture(&file.aperture)?,
+        wavelengths_nm: file.wavelengths_nm,
+        reference_nm,
+        fields: Fields { kind: FieldKind::Angle, values: file.fields_deg, vignetting: Vec::new() },
+        notes: Vec::new(),
+    };
+    prescription.validate()?;
+    Ok(prescription)
+}
+
+fn line_of(text: &str, span: Range<usize>) -> usize {
+    text.bytes().take(span.start).filter(|b| *b == b'\n').count() + 1
+}
+
+fn aperture(table: &BTreeMap<String, f64>) -> Result<Aperture> {
+    let entries: Vec<(&str, f64)> = table.iter().map(|(k, v)| (k.as_str(), *v)).collect();
+    match entries[..] {
+        [("entrance_pupil_mm", v)] => Ok(Aperture::EntrancePupil(v)),
+        [("f_number", v)] => Ok(Aperture::FNumber(v)),
+        [("working_f_number", v)] => Ok(Aperture::WorkingFNumber(v)),
+        [("stop_radius_mm", v)] => Ok(Aperture::StopRadius(v)),
+        [("object_na", v)] => Ok(Aperture::ObjectNa(v)),
+        [("image_na", v)] => Ok(Aperture::ImageNa(v)),
+        _ => Err(Error::input(format!("[aperture] holds {:?}", table.keys().collect::<Vec<_>>()))
+            .help(
+                "give exactly one of entrance_pupil_mm, f_number, working_f_number, \
+                 stop_radius_mm, object_na, image_na",
+            )),
+    }
+}
+
+impl Row {
+    fn surface(&self, glasses: &Catalogue) -> Result<Surface> {
+        let curvature = match (self.radius_mm, self.curvature) {
+            (Some(_), Some(_)) => {
+                return Err(Error::input("both radius_mm and curvature").help("give one of them"));
+            }
+            (Some(r), None) if r != 0.0 => 1.0 / r,
+            (_, c) => c.unwrap_or(0.0),
+        };
+        let clip = Clip {
+            inner: self.obscuration_radius_mm,
+            outer: self.aperture_radius_mm.unwrap_or(f64::INFINITY),
+        };
+        let medium = match self.glass.as_deref() {
+            None | Some("air") => Medium::Air,
+            Some("mirror") => Medium::Mirror,
+            Some(name) => Medium::Glass(glasses.find(name, &[])?),
+        };
+        let everything = clip.inner == 0.0 && clip.outer.is_infinite();
+        Ok(Surface {
+            curvature,
+            conic: self.conic,
+            even: self.even.clone(),
+            odd: self.odd.clone(),
+            thickness: self.thickness_mm,
+            medium,
+            clips: if everything { Vec::new() } else { vec![clip] },
+        })
+    }
+}
+
+impl OwnGlass {
+    fn glass(&self, name: &str) -> Result<Glass> {
+        match (self.nd, self.vd, &self.table_nm) {
+            (Some(nd), Some(vd), None) => {
+                Ok(Glass { name: name.to_owned(), ..Glass::model(nd, vd)? })
+            }
+            (Some(n), None, None) => Ok(Glass { name: name.to_owned(), ..Glass::constant(n)? }),
+            (None, None, Some(table)) => Glass::table(name, table.clone()),
+            _ => Err(Error::input("neither n_d and V_d nor a table")
+                .help("give nd and vd, nd alone (no dispersion), or table_nm")),
+        }
+    }
+}

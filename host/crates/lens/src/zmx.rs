@@ -1,0 +1,436 @@
+//! Zemax lens files (`.zmx`), in any of their encodings.
+//!
+//! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and model
+//! glasses, all aperture and field kinds, circular apertures and obscurations, configuration 1. Refused:
+//! tilts and decentres, other surface types, apertures that are not circular. Keywords of editing,
+//! drawing, tolerancing and merit functions are passed over.
+
+use super::glass::{Catalogue, Glass};
+use super::prescription::{
+    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
+};
+use super::text::{number, numbers};
+use camrig_base::{Error, Result};
+
+/// A surface as the file tells it.
+#[derive(Default)]
+struct Draft {
+    line: usize,
+    kind: String,
+    curvature: f64,
+    conic: f64,
+    parameters: Vec<f64>,
+    extra: Vec<f64>,
+    thickness: Option<f64>,
+    glass: Option<(usize, Vec<String>)>,
+    diameter: Option<(f64, bool)>,
+    clips: Vec<Clip>,
+    clear: bool,
+    stop: bool,
+}
+
+#[derive(Default)]
+struct File {
+    name: String,
+    scale: Option<f64>,
+    aperture: Option<(usize, Vec<String>)>,
+    field_kind: usize,
+    counts: [usize; 2],
+    fields_x: Vec<f64>,
+    fields_y: Vec<f64>,
+    vignetting: [Vec<f64>; 4],
+    waves: Vec<f64>,
+    primary: usize,
+    makers: Vec<String>,
+    surfaces: Vec<Draft>,
+    notes: Vec<String>,
+}
+
+/// A prescription from the text of a `.zmx` file.
+///
+/// # Errors
+/// What is refused or wrong, with its line.
+pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
+    let mut file = File { primary: 1, ..File::default() };
+    for (i, line) in text.lines().enumerate() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let Some((keyword, rest)) = words.split_first() else { continue };
+        let inside = line.starts_with(' ') || line.starts_with('\t');
+        let read = match (inside, file.surfaces.last_mut()) {
+            (true, Some(surface)) => surface.keyword(keyword, rest, i + 1),
+            (true, None) => Ok(()),
+            (false, _) => file.keyword(keyword, rest, i + 1),
+        };
+        read.map_err(|e| e.at(format!("line {}", i + 1)))?;
+    }
+    file.finish(glasses)
+}
+
+fn word<'a>(words: &[&'a str], i: usize, keyword: &str) -> Result<&'a str> {
+    words.get(i).copied().ok_or_else(|| {
+        Error::input(format!("{keyword} has no value {}", i + 1)).help("the line is cut short")
+    })
+}
+
+fn value(words: &[&str], i: usize, keyword: &str) -> Result<f64> {
+    number(keyword, word(words, i, keyword)?)
+}
+
+fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
+    let v = value(words, i, keyword)?;
+    if v.fract() == 0.0 && (0.0..=1000.0).contains(&v) {
+        return Ok(v as usize);
+    }
+    Err(Error::input(format!("{keyword}: {v}")).help("a small whole number is expected"))
+}
+
+/// Nanometres from micrometres, without the dust that binary multiplication leaves (to 1e-6 nm).
+fn nanometres(um: f64) -> f64 {
+    (um * 1e9).round() / 1e6
+}
+
+fn refuse(what: &str) -> Result<()> {
+    Err(Error::input(format!("{what} cannot be traced"))
+        .help("only lenses that are rotationally symmetric about one axis are supported"))
+}
+
+impl File {
+    fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
+        match keyword {
+            "MODE" if word(rest, 0, keyword)? != "SEQ" => return refuse("a non-sequential system"),
+            "NAME" => self.name = rest.join(" "),
+            "UNIT" => {
+                self.scale = Some(match word(rest, 0, keyword)? {
+                    "MM" => 1.0,
+                    "CM" => 10.0,
+                    "IN" => 25.4,
+                    "M" | "METER" => 1000.0,
+                    unit => {
+                        return Err(Error::input(format!("unit \"{unit}\""))
+                            .help("known units are MM, CM, IN and METER"));
+                    }
+                });
+            }
+            "ENPD" | "FNUM" | "OBNA" | "FLOA" => {
+                let words = [keyword].iter().chain(rest).map(|w| (*w).to_owned()).collect();
+                self.aperture = Some((line, words));
+            }
+            "FTYP" => {
+                self.field_kind = count(rest, 0, keyword)?;
+                if rest.len() > 3 {
+                    self.counts = [count(rest, 2, keyword)?, count(rest, 3, keyword)?];
+                }
+            }
+            "XFLN" => self.fields_x = numbers(keyword, rest)?,
+            "YFLN" => self.fields_y = numbers(keyword, rest)?,
+            "XFLD" if self.fields_x.is_empty() => self.fields_x = numbers(keyword, rest)?,
+            "YFLD" if self.fields_y.is_empty() => self.fields_y = numbers(keyword, rest)?,
+            "VDXN" => self.vignetting[0] = numbers(keyword, rest)?,
+            "VDYN" => self.vignetting[1] = numbers(keyword, rest)?,
+            "VCXN" => self.vignetting[2] = numbers(keyword, rest)?,
+            "VCYN" => self.vignetting[3] = numbers(keyword, rest)?,
+            "WAVM" => {
+                // Slots in order; those beyond the number in use hold defaults.
+                let slot = count(rest, 0, keyword)?;
+                if slot == self.waves.len() + 1 {
+                    self.waves.push(nanometres(value(rest, 1, keyword)?));
+                }
+            }
+            "WAVL" if self.waves.is_empty() => {
+                let micrometres = numbers(keyword, rest)?;
+                self.waves = micrometres.into_iter().map(nanometres).collect();
+                self.counts[1] = self.counts[1].max(self.waves.len());
+            }
+            "PWAV" => self.primary = count(rest, 0, keyword)?,
+            "GCAT" => self.makers = rest.iter().map(|m| m.to_ascii_lowercase()).collect(),
+            "SURF" => {
+                let index = count(rest, 0, keyword)?;
+                if index != self.surfaces.len() {
+                    return Err(Error::input(format!(
+                        "surface {index} follows {} surfaces",
+                        self.surfaces.len()
+                    ))
+                    .help("surfaces count up from 0; is a part of the file missing?"));
+                }
+                let kind = "STANDARD".to_owned();
+                self.surfaces.push(Draft { line, kind, ..Draft::default() });
+            }
+            "AFOC" => return refuse("an afocal system"),
+            "ENVD" if rest.len() > 2 && rest[2] == "1" => self.notes.push(format!(
+                "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
+            )),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+impl Draft {
+    fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
+        match keyword {
+            "TYPE" => self.kind = word(rest, 0, keyword)?.to_owned(),
+            "CURV" => self.curvature = value(rest, 0, keyword)?,
+            "CONI" => self.conic = value(rest, 0, keyword)?,
+            "DISZ" => {
+                self.thickness = match word(rest, 0, keyword)? {
+                    "INFINITY" => None,
+                    _ => Some(value(rest, 0, keyword)?),
+                };
+            }
+            "PARM" => place(&mut self.parameters, rest, keyword)?,
+            "XDAT" => place(&mut self.extra, rest, keyword)?,
+            "GLAS" => self.glass = Some((line, rest.iter().map(|w| (*w).to_owned()).collect())),
+            "DIAM" | "MEMA" if self.diameter.is_none() || keyword == "DIAM" => {
+                let fixed = keyword == "DIAM" && rest.get(1) == Some(&"1");
+                self.diameter = Some((value(rest, 0, keyword)?, fixed));
+            }
+            "FLAP" | "CLAP" => {
+                self.clear = true;
+                self.clips.push(Clip {
+                    inner: value(rest, 0, keyword)?,
+                    outer: value(rest, 1, keyword)?,
+                });
+            }
+            "OBSC" => {
+                let (inner, outer) = (value(rest, 0, keyword)?, value(rest, 1, keyword)?);
+                if inner > 0.0 {
+                    return Err(Error::input("a ring-shaped obscuration cannot be traced")
+                        .help("only obscurations that start at the axis are supported"));
+                }
+                self.clips.push(Clip { inner: outer, outer: f64::INFINITY });
+            }
+            "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" | "UDAP" | "UDOB" => {
+                return refuse("an aperture that is not circular");
+            }
+            "OBDC" if numbers(keyword, rest)?.iter().any(|v| *v != 0.0) => {
+                return refuse("a decentred aperture");
+            }
+            "SCBD" if rest.len() > 3 && numbers(keyword, &rest[3..])?.iter().any(|v| *v != 0.0) => {
+                return refuse("a tilted or decentred surface");
+            }
+            "STOP" => self.stop = true,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn surface(&self, scale: f64, file: &File, glasses: &Catalogue) -> Result<Surface> {
+        let Some(thickness) = self.thickness else {
+            return Err(Error::input("infinite thickness behind a surface of the lens")
+                .help("only the object may be at infinity"));
+        };
+        let mut surface = Surface {
+            curvature: self.curvature / scale,
+            conic: self.conic,
+            clips: self
+                .clips
+                .iter()
+                .map(|c| Clip { inner: c.inner * scale, outer: c.outer * scale })
+                .collect(),
+            ..Surface::plane(thickness * scale)
+        };
+        // A coefficient of r^p, in file units^(1-p).
+        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
+        match self.kind.as_str() {
+            "STANDARD" => {}
+            "EVENASPH" => {
+                let terms = self.parameters.iter().enumerate();
+                surface.even = terms.map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
+            }
+            "ODDASPHE" => {
+                for (i, a) in self.parameters.iter().enumerate() {
+                    let terms = if i % 2 == 0 { &mut surface.odd } else { &mut surface.even };
+                    terms.push(in_mm(*a, i + 1));
+                }
+            }
+            "XASPHERE" => {
+                // Number of terms, normalisation radius, coefficients of (r/radius)^2i.
+                let used = self.extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
+                let radius = self.extra.get(1).copied().unwrap_or(1.0) * scale;
+                if used > 0 && radius == 0.0 {
+                    return Err(Error::input("normalisation radius 0 (XDAT 2)")
+                        .help("give the radius the coefficients refer to"));
+                }
+                let mut power = 1.0;
+                for a in self.extra.iter().skip(2).take(used) {
+                    power *= radius * radius;
+                    surface.even.push(a * scale / power);
+                }
+            }
+            "COORDBRK" if self.parameters.iter().take(5).all(|v| *v == 0.0) => {}
+            "COORDBRK" => refuse("a tilt or decentre (coordinate break)")?,
+            kind => refuse(&format!("a surface of type {kind}"))?,
+        }
+        if let Some((line, words)) = &self.glass {
+            surface.medium =
+                medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
+        }
+        Ok(surface)
+    }
+}
+
+/// `PARM i v`, `XDAT i v`: puts v at place i, counted from 1.
+fn place(values: &mut Vec<f64>, rest: &[&str], keyword: &str) -> Result<()> {
+    let slot = count(rest, 0, keyword)?;
+    if slot == 0 {
+        return Ok(());
+    }
+    if values.len() < slot {
+        values.resize(slot, 0.0);
+    }
+    values[slot - 1] = value(rest, 1, keyword)?;
+    Ok(())
+}
+
+/// `GLAS name solve pickup nd vd ...`: a catalogue glass, a mirror, or a model glass (solve 1).
+fn medium(words: &[String], file: &File, glasses: &Catalogue) -> Result<Medium> {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let name = word(&words, 0, "GLAS")?;
+    if name == "MIRROR" {
+        return Ok(Medium::Mirror);
+    }
+    let model = words.get(1) == Some(&"1") || name.starts_with("___BLANK");
+    if model {
+        let (nd, vd) = (value(&words, 3, "GLAS")?, value(&words, 4, "GLAS")?);
+        // V_d 0 is how Zemax writes "no dispersion".
+        let glass = if vd == 0.0 { Glass::constant(nd)? } else { Glass::model(nd, vd)? };
+        return Ok(Medium::Glass(glass));
+    }
+    glasses.find(name, &file.makers).map(Medium::Glass)
+}
+
+impl File {
+    fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
+        if self.surfaces.len() < 3 {
+            return Err(Error::input(format!("{} surfaces", self.surfaces.len())).help(
+                "a lens file has at least an object, one surface and an image: is it complete?",
+            ));
+        }
+        let scale = self.scale.unwrap_or(1.0);
+        let drafts = std::mem::take(&mut self.surfaces);
+        let image = drafts.len() - 1;
+        let lens = &drafts[1..image];
+        let object = match drafts[0].thickness {
+            None => Object::Infinity,
+            Some(d) if d.abs() >= 1e10 => Object::Infinity,
+            Some(d) => Object::Distance(d * scale),
+        };
+        if let Some(thickness) = drafts[image].thickness.filter(|d| *d != 0.0) {
+            return Err(Error::input(format!("the last surface is followed by {thickness}"))
+                .at(format!("surface {image} (line {})", drafts[image].line))
+                .help("the last surface is the image, with DISZ 0: is the file cut short?"));
+        }
+        if drafts[image].curvature != 0.0 {
+            return Err(Error::input("the image surface is curved")
+                .at(format!("line {}", drafts[image].line))
+                .help("sensors are flat: set its curvature to 0"));
+        }
+        let mut surfaces = Vec::with_capacity(lens.len());
+        let mut open = drafts[0].glass.is_none();
+        for (i, draft) in lens.iter().enumerate() {
+            let mut surface = draft
+                .surface(scale, &self, glasses)
+                .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
+            // A fixed semi-diameter of a refracting surface is an aperture too (the program makes it
+            // a "floating" one); a plane in air with one is only drawn so.
+            let refracts = !(open && surface.medium == Medium::Air);
+            open = surface.medium == Medium::Air;
+            if let (false, true, Some((radius, true))) = (draft.clear, refracts, draft.diameter)
+                && radius > 0.0
+            {
+                surface.clips.push(Clip::circle(radius * scale));
+            }
+            surfaces.push(surface);
+        }
+        let Some(stop) = lens.iter().position(|d| d.stop) else {
+            return Err(Error::input("no surface is the stop")
+                .help("mark one with STOP (not the object or the image)"));
+        };
+        let aperture = self.aperture(scale, &lens[stop])?;
+        let (fields, notes) = self.fields(scale);
+        self.notes.extend(notes);
+        let mut waves = self.waves.clone();
+        if self.counts[1] > 0 {
+            waves.truncate(self.counts[1]);
+        }
+        let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
+            return Err(Error::input(format!(
+                "primary wavelength {} of {}",
+                self.primary,
+                waves.len()
+            ))
+            .help("PWAV names one of the WAVM lines"));
+        };
+        let prescription = Prescription {
+            name: self.name,
+            surfaces,
+            stop,
+            object,
+            aperture,
+            wavelengths_nm: waves,
+            reference_nm,
+            fields,
+            notes: self.notes,
+        };
+        prescription.validate()?;
+        Ok(prescription)
+    }
+
+    fn aperture(&self, scale: f64, stop: &Draft) -> Result<Aperture> {
+        let Some((line, words)) = &self.aperture else {
+            return Err(Error::input("no aperture").help("ENPD, FNUM, OBNA or FLOA gives one"));
+        };
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let read = || {
+            Ok(match words[0] {
+                "ENPD" => Aperture::EntrancePupil(value(&words, 1, "ENPD")? * scale),
+                "OBNA" => Aperture::ObjectNa(value(&words, 1, "OBNA")?),
+                "FNUM" if words.get(2) == Some(&"1") => {
+                    Aperture::WorkingFNumber(value(&words, 1, "FNUM")?)
+                }
+                "FNUM" => Aperture::FNumber(value(&words, 1, "FNUM")?),
+                _ => match stop.diameter {
+                    Some((radius, _)) => Aperture::StopRadius(radius * scale),
+                    None => {
+                        return Err(Error::input("the stop fixes the aperture but has no DIAM")
+                            .help("give the stop surface a semi-diameter"));
+                    }
+                },
+            })
+        };
+        read().map_err(|e| e.at(format!("line {line}")))
+    }
+
+    fn fields(&self, scale: f64) -> (Fields, Vec<String>) {
+        let used = match self.counts[0] {
+            0 => self.fields_y.len().max(self.fields_x.len()).clamp(1, 3),
+            n => n,
+        };
+        let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
+        let (kind, unit) = match self.field_kind {
+            0 => (FieldKind::Angle, 1.0),
+            1 => (FieldKind::ObjectHeight, scale),
+            2 => (FieldKind::ParaxialImageHeight, scale),
+            _ => (FieldKind::RealImageHeight, scale),
+        };
+        let radial = |i| {
+            let (x, y) = (at(&self.fields_x, i), at(&self.fields_y, i));
+            (x * x + y * y).sqrt() * unit
+        };
+        let values: Vec<f64> = (0..used).map(radial).collect();
+        // Decentre and compression of the pupil, as losses on each side.
+        let [dx, dy, cx, cy] = &self.vignetting;
+        let losses = |i| {
+            let (dx, dy, cx, cy) = (at(dx, i), at(dy, i), at(cx, i), at(cy, i));
+            [cx - dx, cx + dx, cy - dy, cy + dy]
+        };
+        let vignetting: Vec<[f64; 4]> = (0..used).map(losses).collect();
+        let any = vignetting.iter().flatten().any(|v| *v != 0.0);
+        let notes = if self.fields_x.iter().any(|v| *v != 0.0) {
+            vec!["fields off the y axis are taken at their distance from the axis".to_owned()]
+        } else {
+            Vec::new()
+        };
+        (Fields { kind, values, vignetting: if any { vignetting } else { Vec::new() } }, notes)
+    }
+}

@@ -1,0 +1,138 @@
+//! The figures by their names in the standard.
+
+use crate::spectrogram::{Histogram, Spectrogram};
+use serde::Serialize;
+
+/// The standard's figures of one channel; `None` where the captures do not determine one.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Figures {
+    /// η, electrons per photon (0..1).
+    pub quantum_efficiency: Option<f64>,
+    /// K, DN/e⁻.
+    pub overall_system_gain: f64,
+    /// R, DN per photon.
+    pub responsivity_dn_per_photon: Option<f64>,
+    /// σ_y.dark, DN.
+    pub temporal_dark_noise_dn: f64,
+    /// σ_d, e⁻; `None` where quantisation hides it.
+    pub temporal_dark_noise_e: Option<f64>,
+    /// μ_p.min, photons.
+    pub absolute_sensitivity_threshold_p: Option<f64>,
+    /// μ_e.min, e⁻.
+    pub absolute_sensitivity_threshold_e: f64,
+    /// μ_p.sat, photons.
+    pub saturation_capacity_p: Option<f64>,
+    /// μ_e.sat, e⁻.
+    pub saturation_capacity_e: f64,
+    /// SNR at saturation.
+    pub snr_max: f64,
+    /// The same in dB.
+    pub snr_max_db: f64,
+    /// The same in bits.
+    pub snr_max_bit: f64,
+    /// Saturation over threshold.
+    pub dynamic_range: f64,
+    /// The same in dB.
+    pub dynamic_range_db: f64,
+    /// The same in bits.
+    pub dynamic_range_bit: f64,
+    /// DSNU1288, e⁻.
+    pub dsnu_1288_e: Option<f64>,
+    /// Its row part, e⁻.
+    pub dsnu_1288_row_e: Option<f64>,
+    /// Its column part, e⁻.
+    pub dsnu_1288_column_e: Option<f64>,
+    /// Its pixel part, e⁻.
+    pub dsnu_1288_pixel_e: Option<f64>,
+    /// PRNU1288, per cent.
+    pub prnu_1288_percent: Option<f64>,
+    /// Its row part, per cent.
+    pub prnu_1288_row_percent: Option<f64>,
+    /// Its column part, per cent.
+    pub prnu_1288_column_percent: Option<f64>,
+    /// Its pixel part, per cent.
+    pub prnu_1288_pixel_percent: Option<f64>,
+    /// LE: mean of the absolute deviations from the line, 5 to 95 % of saturation, per cent.
+    pub linearity_error_percent: Option<f64>,
+    /// Most negative deviation, per cent.
+    pub linearity_error_min_percent: Option<f64>,
+    /// Most positive deviation, per cent.
+    pub linearity_error_max_percent: Option<f64>,
+    /// μ_I.mean, e⁻/s.
+    pub dark_current_mean_e_per_s: Option<f64>,
+    /// μ_I.var, e⁻/s.
+    pub dark_current_variance_e_per_s: Option<f64>,
+    /// Doubling temperature interval, °C.
+    pub dark_current_doubling_c: Option<f64>,
+    /// K at small signals with the response's curvature taken into account, DN/e⁻ (not part of the
+    /// standard).
+    pub linearised_system_gain: Option<f64>,
+}
+
+/// Standard errors of the main figures from the sampling errors of variances and means.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct StdErrors {
+    /// Of K.
+    pub overall_system_gain: f64,
+    /// Of η (that of K, which outweighs the responsivity's).
+    pub quantum_efficiency: Option<f64>,
+    /// Of σ_d.
+    pub temporal_dark_noise_e: Option<f64>,
+    /// Of DSNU1288.
+    pub dsnu_1288_e: Option<f64>,
+    /// Of PRNU1288.
+    pub prnu_1288_percent: Option<f64>,
+    /// Of the linearised K.
+    pub linearised_system_gain: Option<f64>,
+}
+
+/// One channel's outcome.
+#[derive(Clone, Debug, Serialize)]
+pub struct ChannelEmva {
+    /// The channel's letter, lower case (`m` for mono).
+    #[serde(skip)]
+    pub channel: String,
+    /// The figures.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Their errors.
+    pub std_errors: StdErrors,
+    /// Levels: photons, signal DN, variance DN² (both above dark), deviation from the line %.
+    pub levels: Vec<LevelRow>,
+    /// Dark stacks at the flats' temperature.
+    pub darks: Vec<DarkRow>,
+    /// Spectra of the dark mean frame, DN².
+    pub spectrogram_dark: Option<Spectrogram>,
+    /// Spectra of the flat mean frame less the dark one, DN².
+    pub spectrogram_prnu: Option<Spectrogram>,
+    /// Deviations of pixels of the dark mean frame, DN.
+    pub histogram_dsnu: Option<Histogram>,
+    /// Deviations of pixels of the flat mean frame less the dark one, high-pass filtered, DN.
+    pub histogram_prnu: Option<Histogram>,
+}
+
+/// One level of the ladder.
+#[derive(Clone, Debug, Serialize)]
+pub struct LevelRow {
+    /// Capture.
+    pub id: String,
+    /// Photons per pixel.
+    pub photons: Option<f64>,
+    /// Mean above dark, DN.
+    pub signal_dn: f64,
+    /// Temporal variance above dark, DN².
+    pub variance_dn2: f64,
+    /// Deviation from the line of the linearity fit, per cent, where the fit covers it.
+    pub linearity_deviation_percent: Option<f64>,
+}
+
+/// One dark stack.
+#[derive(Clone, Debug, Serialize)]
+pub struct DarkRow {
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Mean, DN.
+    pub mean_dn: f64,
+    /// Temporal variance, DN².
+    pub variance_dn2: f64,
+}

@@ -1,0 +1,136 @@
+//! Where captures or a sensor break the standard's assumptions, or do not meet its demands.
+
+use super::SpatialPair;
+use crate::correlation::NoiseCorrelation;
+use crate::ladder::{Level, Selection};
+use crate::stack::Stack;
+use crate::transfer::Transfer;
+use camrig_base::Result;
+use camrig_captures::{Capture, CaptureSet, Role};
+
+/// Of the set as a whole.
+pub(super) fn set_warnings(
+    set: &CaptureSet,
+    selection: &Selection,
+    darks: &[Level],
+    levels: &[Level],
+    pair: Option<&SpatialPair>,
+) -> Vec<String> {
+    let mut out = Vec::new();
+    if set.sensor.cfa.is_none() {
+        out.push("the set names no colour filter pattern: taken as one channel".into());
+    }
+    let elsewhere = set.with_role(Role::Flat).count() - selection.flats.len();
+    if elsewhere > 0 {
+        let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
+        out.push(format!(
+            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat captures of other gains or \
+             lights are left out (the standard measures one operating point; keep the captures of one in the set to \
+             measure another)",
+            selection.analog_gain
+        ));
+    }
+    if levels.len() < 50 {
+        out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
+    }
+    if levels.iter().any(|l| l.photons.is_none()) {
+        out.push(
+            "the photons per pixel are not known (photons_per_pixel_per_s, or irradiance_w_m2 with \
+             wavelength_nm and pitch_um): no quantum efficiency, responsivity or linearity"
+                .into(),
+        );
+    }
+    let clipped = darks.iter().flat_map(|d| &d.channels).map(|m| m.zeros).fold(0.0, f64::max);
+    if clipped > 5e-3 {
+        out.push(format!(
+            "{:.1} % of the dark samples are at 0 DN (the standard allows 0.5 %): the offset clips \
+             the dark noise, so dark noise, DSNU and K are wrong",
+            100.0 * clipped
+        ));
+    }
+    match pair {
+        None => out.push(
+            "no flat stack of three or more unsaturated frames: no DSNU and PRNU, no spectrograms"
+                .into(),
+        ),
+        Some(p) => {
+            if p.frames < 100 {
+                out.push(format!(
+                    "spatial figures from {} frames ({}); the standard asks for at least 100",
+                    p.frames, p.flat_id
+                ));
+            }
+            if !p.same_exposure {
+                out.push(
+                    "no dark stack of the spatial flat's exposure time: the nearest is used".into(),
+                );
+            }
+            if !selection.even_light {
+                out.push(
+                    "the light may be uneven over the sensor: PRNU includes its shading".into(),
+                );
+            }
+        }
+    }
+    out
+}
+
+/// A correlation below this biases K (by four times the coefficient) by less than 1 %.
+const CORRELATED: f64 = 0.002;
+
+/// Of neighbours' noise that is not independent, in a capture whose moments are `stack`.
+pub(super) fn correlation_warning(
+    set: &CaptureSet,
+    flat: &Capture,
+    stack: &Stack,
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
+    for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
+        if rho.value.abs() > CORRELATED && rho.value.abs() > 4.0 * rho.std_error {
+            warnings.push(format!(
+                "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % ± \
+                 {:.2} %): pixels are not independent as the standard assumes (neighbour coupling \
+                 or filtering), and K is biased by several times that",
+                100.0 * rho.value,
+                100.0 * rho.std_error
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Of a response that is no straight line, and of noise that is not shot noise.
+pub(super) fn curvature_warnings(
+    t: &Transfer,
+    k: f64,
+    k_error: f64,
+    name: &str,
+    warnings: &mut Vec<String>,
+) {
+    let bias = k / t.gain.value - 1.0;
+    let significant = (k - t.gain.value).abs() > 3.0 * k_error.hypot(t.gain.std_error);
+    if let Some(r) = &t.response
+        && bias.abs() > 0.005
+        && significant
+    {
+        let q = r.quadratic;
+        warnings.push(format!(
+            "channel {name}: the response is not a straight line ({:+.2} ± {:.2} % per 1000 DN): \
+             the standard's K is {:+.1} % off the gain at small signals, {:.4} DN/e⁻, and the \
+             quantum efficiency is off by as much the other way",
+            1e5 * q.value,
+            1e5 * q.std_error,
+            100.0 * bias,
+            t.gain.value
+        ));
+    }
+    if t.reduced_chi2 > 3.0 {
+        warnings.push(format!(
+            "channel {name}: the variances scatter about a photon transfer curve more than their \
+             sampling errors (χ²/ν = {:.1}): the noise is not shot noise and read noise alone, or \
+             the light was not steady",
+            t.reduced_chi2
+        ));
+    }
+}

@@ -1,0 +1,215 @@
+//! The dark and flat stacks of a capture set, reduced to moments and put in order.
+
+use super::fit::Fit;
+use super::stack::{Moments, Stack};
+use super::transfer::DarkLine;
+use super::value::Value;
+use camrig_base::{Error, Result};
+use camrig_captures::{Capture, CaptureSet, Light, Role, Uniformity};
+use camrig_scene::photometry::HC;
+
+/// Temperatures closer than this are one temperature, °C (sensors read theirs to about 1 °C).
+pub const SAME_TEMPERATURE_C: f64 = 3.0;
+
+/// One dark or flat stack: conditions and moments.
+#[derive(Clone, Debug)]
+pub struct Level {
+    /// The capture's id.
+    pub id: String,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Sensor temperature, °C.
+    pub temperature_c: Option<f64>,
+    /// The light, where there was any.
+    pub light: Option<Light>,
+    /// Photons per pixel over the exposure, where the manifest gives enough to tell.
+    pub photons: Option<f64>,
+    /// Moments per channel.
+    pub channels: Vec<Moments>,
+}
+
+/// Captures of one analog gain and, for flats, one kind of light, chosen for a photon transfer.
+#[derive(Clone, Debug)]
+pub struct Selection<'a> {
+    /// The analog gain.
+    pub analog_gain: f64,
+    /// Wavelength of the light, nm, where it is narrow-band.
+    pub wavelength_nm: Option<f64>,
+    /// Dark captures at the flats' temperature.
+    pub darks: Vec<&'a Capture>,
+    /// Dark captures at other temperatures.
+    pub other_darks: Vec<&'a Capture>,
+    /// Flat captures.
+    pub flats: Vec<&'a Capture>,
+    /// Whether all flats say that their light is even over the sensor.
+    pub even_light: bool,
+}
+
+impl<'a> Selection<'a> {
+    /// Takes the analog gain and wavelength with most flats.
+    ///
+    /// # Errors
+    /// No darks, or no flats.
+    pub fn of(set: &'a CaptureSet) -> Result<Self> {
+        let all = Self::all(set);
+        // Most flats; the first of the file among equals.
+        let most = all.iter().map(|s| s.flats.len()).max();
+        let best = all.into_iter().find(|s| Some(s.flats.len()) == most);
+        let best = best.ok_or_else(|| {
+            Error::input("no flat captures")
+                .help("photon transfer needs captures of role = \"flat\" at several exposures")
+        })?;
+        if best.darks.is_empty() {
+            return Err(Error::input(format!(
+                "no dark captures at analog gain {}",
+                best.analog_gain
+            ))
+            .help("add captures of role = \"dark\" at the flats' exposure times"));
+        }
+        Ok(best)
+    }
+
+    /// Every combination of analog gain and wavelength that has flats, in the order of the file.
+    pub fn all(set: &'a CaptureSet) -> Vec<Self> {
+        let key = |c: &Capture| (c.analog_gain, wavelength(c));
+        let mut kinds: Vec<(f64, Option<f64>)> = Vec::new();
+        for flat in set.with_role(Role::Flat) {
+            if !kinds.contains(&key(flat)) {
+                kinds.push(key(flat));
+            }
+        }
+        kinds.into_iter().map(|kind| Self::of_kind(set, kind)).collect()
+    }
+
+    fn of_kind(set: &'a CaptureSet, (gain, wavelength_nm): (f64, Option<f64>)) -> Self {
+        let flats: Vec<&Capture> = set
+            .with_role(Role::Flat)
+            .filter(|c| (c.analog_gain, wavelength(c)) == (gain, wavelength_nm))
+            .collect();
+        let reference = flats.iter().find_map(|c| c.temperature_c);
+        let near = |c: &&Capture| match (reference, c.temperature_c) {
+            (Some(a), Some(b)) => (a - b).abs() <= SAME_TEMPERATURE_C,
+            _ => true,
+        };
+        let (darks, other_darks): (Vec<_>, Vec<_>) =
+            set.with_role(Role::Dark).filter(|c| c.analog_gain == gain).partition(near);
+        let even =
+            |c: &&Capture| c.light.as_ref().is_some_and(|l| l.uniformity == Uniformity::Flat);
+        let even_light = flats.iter().all(even);
+        Self { analog_gain: gain, wavelength_nm, even_light, darks, other_darks, flats }
+    }
+}
+
+fn wavelength(capture: &Capture) -> Option<f64> {
+    capture.light.as_ref().and_then(|l| l.wavelength_nm)
+}
+
+impl Level {
+    /// The level of a stack.
+    pub fn new(set: &CaptureSet, capture: &Capture, stack: &Stack) -> Self {
+        let channels = set.cfa().channels().len();
+        Self {
+            id: capture.id.clone(),
+            exposure_s: capture.exposure_s,
+            temperature_c: capture.temperature_c,
+            light: capture.light.clone(),
+            photons: photons(set, capture),
+            channels: (0..channels).map(|c| stack.channel_moments(c)).collect(),
+        }
+    }
+}
+
+/// Photons per pixel (pitch² area) over the exposure: given, or E t A λ / (h c) of an irradiance.
+pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
+    let light = capture.light.as_ref()?;
+    if let Some(rate) = light.photons_per_pixel_per_s {
+        return Some(rate * capture.exposure_s);
+    }
+    let area = (set.sensor.pitch_um? * 1e-6).powi(2);
+    let energy = light.irradiance_w_m2? * area * capture.exposure_s;
+    Some(energy * light.wavelength_nm? * 1e-9 / HC)
+}
+
+/// How much light each flat had, in one unit for all: photons per pixel where known, else the
+/// exposure time when every flat names the same amount of the same light, else `None`.
+pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
+    if let Some(photons) = flats.iter().map(|f| f.photons).collect() {
+        return Some(photons);
+    }
+    let known = |f: &Level| {
+        f.light.as_ref().is_some_and(|l| l.irradiance_w_m2.is_some() || l.lux.is_some())
+    };
+    let same = flats.iter().all(|f| known(f) && f.light == flats[0].light);
+    same.then(|| flats.iter().map(|f| f.exposure_s).collect())
+}
+
+/// The temperature step that doubles the dark current: a line through ln(dark current) over
+/// temperature, one point per temperature with two or more exposure times.
+pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
+    let mut groups: Vec<Vec<Level>> = Vec::new();
+    for level in darks.iter().chain(others) {
+        let t = level.temperature_c?;
+        let near = |g: &&mut Vec<Level>| {
+            g[0].temperature_c.is_some_and(|u| (u - t).abs() <= SAME_TEMPERATURE_C)
+        };
+        match groups.iter_mut().find(near) {
+            Some(group) => group.push(level.clone()),
+            None => groups.push(vec![level.clone()]),
+        }
+    }
+    let mut design = Vec::new();
+    let mut logs = Vec::new();
+    let mut errors = Vec::new();
+    for group in &groups {
+        let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
+        if rate.value > 3.0 * rate.std_error {
+            let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
+            design.push(vec![1.0, sum / group.len() as f64]);
+            logs.push(rate.value.ln());
+            errors.push(rate.std_error / rate.value);
+        }
+    }
+    let fit = Fit::new(&design, &logs, &errors).ok()?;
+    let slope = fit.coefficients[1];
+    let step = std::f64::consts::LN_2 / slope;
+    (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
+}
+
+/// Variance over pixels of the dark's mean at the shortest exposure, DN².
+pub fn dark_spread(darks: &[Level], channel: usize) -> f64 {
+    let shortest = darks.iter().min_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    shortest.map_or(0.0, |d| d.channels[channel].spatial().total.value)
+}
+
+/// Refuses frames that cannot be measured: single frames, a black level that contradicts the
+/// darks, darks that are not dark.
+pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
+    for dark in darks {
+        for (channel, m) in dark.channels.iter().enumerate() {
+            let place = format!("dark capture {:?}, channel {channel}", dark.id);
+            if m.frames < 2 {
+                return Err(Error::input("one frame has no temporal noise to measure")
+                    .at(place)
+                    .help("give at least two frames per capture"));
+            }
+            if m.whites > 0.5 {
+                return Err(Error::input("a dark capture is saturated").at(place));
+            }
+            let Some(black) = set.sensor.black_level_dn else { continue };
+            // A nominal black level may miss the true one by drift and dark current, but not by
+            // more than the range that the dark frames cover.
+            let spread = (m.temporal + m.plane.measured).sqrt();
+            let dark_signal = m.mean() - black;
+            if dark_signal < -(6.0 * spread + 1.0) {
+                return Err(Error::input(format!(
+                    "black_level_dn = {black} but the dark frames' mean is {:.2} DN with a \
+                     standard deviation of {spread:.2} DN",
+                    m.mean()
+                ))
+                .at(place)
+                .help("a dark frame cannot be darker than black: correct black_level_dn"));
+            }
+        }
+    }
+    Ok(())
+}

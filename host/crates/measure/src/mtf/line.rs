@@ -1,0 +1,142 @@
+//! Finding the edge: a curve through the centroids of the rows' derivatives.
+
+use super::{Rows, Sample};
+use camrig_base::{Error, Result};
+
+/// Where the edge is: `across = Σ c_k t^k` with t the distance along from the middle row.
+pub struct EdgeLine {
+    middle: f64,
+    coefficients: Vec<f64>,
+    /// Mean DN of the two sides, dark first.
+    pub levels: [f64; 2],
+}
+
+impl EdgeLine {
+    /// Finds it; refuses what is no single slanted edge.
+    pub fn find(rows: &Rows, step: f64) -> Result<Self> {
+        let (first, last) = (rows[0][0].along, rows[rows.len() - 1][0].along);
+        let mut line =
+            Self { middle: 0.5 * (first + last), coefficients: Vec::new(), levels: [0.0; 2] };
+        // First pass: the whole row; then windows around the line found so far.
+        for pass in 0..4 {
+            let mut places = Vec::with_capacity(rows.len());
+            for row in rows {
+                let centre = (pass > 0).then(|| line.at(row[0].along));
+                if let Some(place) = centroid(row, centre, step) {
+                    places.push((row[0].along - line.middle, place));
+                }
+            }
+            if places.len() < rows.len() / 2 {
+                return Err(no_edge());
+            }
+            line.coefficients = polynomial(&places, if pass < 2 { 1 } else { 3 })?;
+        }
+        line.check(rows, step)?;
+        Ok(line)
+    }
+
+    /// Its place in the row at `along`.
+    pub fn at(&self, along: f64) -> f64 {
+        let t = along - self.middle;
+        self.coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c)
+    }
+
+    /// Its slope there.
+    pub fn slope(&self, along: f64) -> f64 {
+        let t = along - self.middle;
+        let terms = self.coefficients.iter().enumerate().skip(1);
+        terms.map(|(k, c)| k as f64 * c * t.powi(k as i32 - 1)).sum()
+    }
+
+    /// Its slope in the middle row.
+    pub fn slope_at_middle(&self) -> f64 {
+        self.slope(self.middle)
+    }
+
+    fn check(&mut self, rows: &Rows, step: f64) -> Result<()> {
+        let margin = 4.0 * step;
+        let (mut dark, mut bright) = (Vec::new(), Vec::new());
+        for row in rows {
+            let place = self.at(row[0].along);
+            let (first, last) = (row[0].across, row[row.len() - 1].across);
+            if !(place > first + margin && place < last - margin) {
+                return Err(Error::input("the edge leaves the region").help(
+                    "keep the edge inside the region in every row, with room on both sides",
+                ));
+            }
+            let (left, right): (Vec<&Sample>, Vec<&Sample>) =
+                row.iter().partition(|s| s.across < place);
+            let far = |s: &&&Sample| (s.across - place).abs() > 0.5 * margin;
+            dark.extend(left.iter().filter(far).map(|s| s.value));
+            bright.extend(right.iter().filter(far).map(|s| s.value));
+        }
+        let moments = |v: &[f64]| {
+            let mean = v.iter().sum::<f64>() / v.len() as f64;
+            let variance = v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / v.len() as f64;
+            (mean, variance)
+        };
+        let ((a, va), (b, vb)) = (moments(&dark), moments(&bright));
+        self.levels = [a.min(b), a.max(b)];
+        if (a - b).abs() < 3.0 * (va + vb).sqrt() {
+            return Err(no_edge());
+        }
+        // Every phase of the sampling must be met: over the rows, the edge has to move by at least
+        // one sample.
+        let travel = (self.at(rows[rows.len() - 1][0].along) - self.at(rows[0][0].along)).abs();
+        if travel < step {
+            return Err(Error::input(format!(
+                "the edge is parallel to the pixel grid ({:.2} degrees; it moves by {travel:.2} \
+                 pixels over the region)",
+                self.slope_at_middle().atan().to_degrees()
+            ))
+            .help("slant it by 2 to 10 degrees, or use a longer region"));
+        }
+        if self.slope_at_middle().abs() > 1.0 {
+            return Err(no_edge());
+        }
+        Ok(())
+    }
+}
+
+/// What to say where there is none.
+pub fn no_edge() -> Error {
+    Error::input("no single straight edge found in the region")
+        .help("choose a region with one edge between two even areas, slanted by 2 to 10 degrees")
+}
+
+/// Centroid of the derivative along a row, under a Hamming window around `centre` (the row's
+/// middle without one), as in the standard.
+fn centroid(row: &[Sample], centre: Option<f64>, step: f64) -> Option<f64> {
+    let (first, last) = (row[0].across, row[row.len() - 1].across);
+    let middle = centre.unwrap_or(0.5 * (first + last));
+    let half = (middle - first).min(last - middle).max(4.0 * step);
+    let (mut sum, mut moment) = (0.0, 0.0);
+    for pair in row.windows(2) {
+        let at = 0.5 * (pair[0].across + pair[1].across);
+        let u = (at - middle) / half;
+        if centre.is_some() && u.abs() > 1.0 {
+            continue;
+        }
+        let window = match centre {
+            Some(_) => 0.54 + 0.46 * (std::f64::consts::PI * u).cos(),
+            None => 1.0,
+        };
+        let d = (pair[1].value - pair[0].value) * window;
+        sum += d;
+        moment += d * at;
+    }
+    let place = moment / sum;
+    (place > first && place < last).then_some(place)
+}
+
+fn polynomial(points: &[(f64, f64)], order: usize) -> Result<Vec<f64>> {
+    // Scaled to the range, so that powers stay comparable.
+    let range = points.iter().map(|p| p.0.abs()).fold(1.0, f64::max);
+    let design: Vec<Vec<f64>> = points
+        .iter()
+        .map(|p| (0..=order).map(|k| (p.0 / range).powi(k as i32)).collect())
+        .collect();
+    let y: Vec<f64> = points.iter().map(|p| p.1).collect();
+    let fit = crate::fit::Fit::new(&design, &y, &vec![1.0; y.len()])?;
+    Ok(fit.coefficients.iter().enumerate().map(|(k, c)| c / range.powi(k as i32)).collect())
+}

@@ -1,0 +1,344 @@
+//! Slanted-edge spatial frequency response (e-SFR) of one channel of a raw frame.
+//!
+//! The method of ISO 12233:2023 (e-SFR), on the channel's own samples without demosaic:
+//! 1. per row, the edge's place is the centroid of the windowed derivative of the samples;
+//! 2. a cubic through the rows' places is the edge (lens distortion bends it; the standard allows
+//!    up to the fifth order);
+//! 3. every sample's distance from the edge along its normal puts it into bins of a quarter of the
+//!    channel's sample pitch: the oversampled edge spread function. A bin's value is the mean over
+//!    the bin of the polygon through the samples, which does not depend on how they clump;
+//! 4. its derivative by central differences, under a Tukey window (α = 1) centred on the edge, is
+//!    the line spread function, whose Fourier transform's magnitude is the SFR;
+//! 5. the SFR is divided by the transfer functions of the central difference (the standard's
+//!    correction) and of averaging over a bin, and by the step's height including the tails that
+//!    diffraction spreads beyond the region (the standard divides by the windowed height, which
+//!    lifts the SFR of small pixels at f/8 by some per cent). Uneven light over the region counts
+//!    as tails.
+//!
+//! Frequencies are in cycles per sensor pixel for every channel: a Bayer plane's samples are two
+//! pixels apart, but the bins are finer than that, so its curve too goes beyond its own Nyquist
+//! frequency. The standard error is a jackknife over blocks of rows.
+
+mod line;
+mod sfr;
+
+use self::line::EdgeLine;
+use self::sfr::Sfr;
+use super::value::Value;
+use camrig_base::Cfa;
+use camrig_base::median::{SD_PER_MAD, median};
+use camrig_base::{Error, Plane, Result};
+use serde::Serialize;
+
+/// Bins per sample pitch of the channel.
+const OVERSAMPLING: f64 = 4.0;
+
+/// Fraction of the window that is tapered, half on each side.
+const TUKEY_ALPHA: f64 = 1.0;
+
+/// Robust standard deviations beyond which a sample is that of a defective pixel.
+const DEFECT: f64 = 4.0;
+
+/// Samples next to each other across the edge whose median is compared with.
+const NEIGHBOURS: usize = 11;
+
+/// Blocks of rows for the jackknife.
+const BLOCKS: usize = 10;
+
+/// A rectangle of a frame, pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Roi {
+    /// First column.
+    pub x: usize,
+    /// First row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// The response of one channel over one edge.
+#[derive(Clone, Debug, Serialize)]
+pub struct Edge {
+    /// Channel letter, lower case.
+    pub channel: String,
+    /// Angle between the edge and the pixel columns (rows for an edge that lies down), degrees.
+    pub angle_deg: f64,
+    /// Frequency where the response falls to one half, cycles per pixel.
+    pub mtf50_cycles_per_pixel: f64,
+    /// Its standard error.
+    pub mtf50_std_error: f64,
+    /// The same in cycles per millimetre, where the pitch is known.
+    pub mtf50_cycles_per_mm: Option<f64>,
+    /// Response at 0.5 cycles per pixel.
+    pub mtf_at_nyquist: f64,
+    /// (cycles per pixel, response) from 0 to 1 cycle per pixel.
+    pub curve: Vec<[f64; 2]>,
+    /// Mean DN on the two sides of the edge, dark first.
+    pub levels_dn: [f64; 2],
+}
+
+/// Measures one channel (by letter, upper case) of a frame.
+///
+/// # Errors
+/// A region outside the frame or too small, no edge in it, an edge that leaves it, is parallel to
+/// the pixel grid, or is clipped at either level.
+pub fn measure(
+    frame: &Plane<u16>,
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+    pitch_um: Option<f64>,
+) -> Result<Edge> {
+    let (rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    let sfr = Sfr::of(&rows, &line, step, None)?;
+    let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
+        Error::input("the response does not fall to one half below 1 cycle per pixel")
+            .help("is this an image of an edge? noise alone has such a response")
+    })?;
+    // Jackknife: leave out one block of rows at a time.
+    let mut spread = Vec::with_capacity(BLOCKS);
+    for block in 0..BLOCKS {
+        if let Ok(part) = Sfr::of(&rows, &line, step, Some(block))
+            && let Some(f) = part.crossing(0.5)
+        {
+            spread.push(f);
+        }
+    }
+    let b = spread.len() as f64;
+    let mean = spread.iter().sum::<f64>() / b;
+    let error = ((b - 1.0) / b * spread.iter().map(|f| (f - mean).powi(2)).sum::<f64>()).sqrt();
+    let mtf50 = Value::new(mtf50, error);
+    Ok(Edge {
+        channel: channel.to_ascii_lowercase().to_string(),
+        angle_deg: line.slope_at_middle().atan().to_degrees(),
+        mtf50_cycles_per_pixel: mtf50.value,
+        mtf50_std_error: mtf50.std_error,
+        mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
+        mtf_at_nyquist: sfr.at(0.5),
+        curve: sfr.curve,
+        levels_dn: line.levels,
+    })
+}
+
+/// The response of one channel at some frequencies, with its scatter by theory.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// (response, standard deviation) at each frequency asked for.
+    pub at: Vec<(f64, f64)>,
+    /// Mean of the two sides, dark first, and their standard errors.
+    pub levels: [(f64, f64); 2],
+}
+
+/// The response of one channel (by letter, upper case) of a frame, or of a mean of frames, at `frequencies`
+/// (cycles per pixel), relative to the difference of the two sides' means: less noise than [`measure`] has from
+/// the step's ends, and the same for edges that share lens and light.
+///
+/// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over ±h, gives the
+/// transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) = σ²/2ρ·(π²/4h + 3π²f²h).
+/// Samples of defective pixels are left out.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn response<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+    frequencies: &[f64],
+) -> Result<Response> {
+    let (mut rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    leave_out_defects(&mut rows, &line);
+    let line = EdgeLine::find(&rows, step)?;
+    let sfr = Sfr::of(&rows, &line, step, None)?;
+    let [dark, bright] = far_sides(&rows, &line, sfr.half);
+    let difference = bright.0 - dark.0;
+    let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
+    let density = rows.len() as f64 * line.slope_at_middle().hypot(1.0) / step;
+    let noise = 0.5 * (dark.1 + bright.1) / (2.0 * density);
+    let pi2 = std::f64::consts::PI.powi(2);
+    let at = |&f: &f64| {
+        let variance = noise * pi2 * (0.25 / sfr.half + 3.0 * f * f * sfr.half);
+        (sfr.at(f) * sfr.height.abs() / difference, variance.sqrt() / difference)
+    };
+    Ok(Response {
+        at: frequencies.iter().map(at).collect(),
+        // The far halves of the sides are half of the samples.
+        levels: [dark, bright].map(|(mean, variance)| (mean, (4.0 * variance / samples).sqrt())),
+    })
+}
+
+/// Leaves out samples that stand out from those as far from the edge as they are, by more than [`DEFECT`] robust standard
+/// deviations of such differences.
+fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
+    let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
+    let mut sorted: Vec<(f64, f64)> =
+        rows.iter().flatten().map(|s| (distance(s), s.value)).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let around = |i: usize| {
+        let first = i.saturating_sub(NEIGHBOURS / 2).min(sorted.len() - NEIGHBOURS);
+        let mut values: Vec<f64> = sorted[first..first + NEIGHBOURS].iter().map(|s| s.1).collect();
+        median(&mut values, f64::total_cmp)
+    };
+    if sorted.len() < NEIGHBOURS {
+        return;
+    }
+    let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
+    let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
+    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than twice.
+    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(1e-9);
+    let expected = |d: f64| {
+        let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
+        local[i].1
+    };
+    for row in rows.iter_mut() {
+        row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
+    }
+    rows.retain(|r| r.len() >= 8);
+}
+
+/// Mean and variance of the samples in the outer half of each side, dark side first.
+fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
+    let mut sides = [(0.0, 0.0, 0.0); 2];
+    for row in rows {
+        let place = line.at(row[0].along);
+        let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+        for s in row {
+            let distance = (s.across - place) * cos;
+            if distance.abs() > 0.5 * half {
+                let side = &mut sides[usize::from(distance > 0.0)];
+                *side = (side.0 + 1.0, side.1 + s.value, side.2 + s.value * s.value);
+            }
+        }
+    }
+    let mut out = sides.map(|(n, sum, square)| {
+        let mean: f64 = sum / n;
+        (mean, (square / n - mean * mean).max(0.0))
+    });
+    out.sort_by(|a, b| a.0.total_cmp(&b.0));
+    out
+}
+
+/// The samples of a region across its edge, their distance, and the edge.
+fn find<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+) -> Result<(Rows, f64, EdgeLine)> {
+    if roi.x + roi.width > frame.width || roi.y + roi.height > frame.height {
+        return Err(Error::input(format!(
+            "region {},{},{},{} is not inside the frame of {} x {}",
+            roi.x, roi.y, roi.width, roi.height, frame.width, frame.height
+        ))
+        .help("--roi is X,Y,WIDTH,HEIGHT in pixels"));
+    }
+    if roi.width.min(roi.height) < 20 {
+        return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))
+            .help("an edge needs 20 pixels or more each way; 60 x 100 is good"));
+    }
+    let mut rows = collect(frame, cfa, channel, roi);
+    if rows.iter().all(Vec::is_empty) {
+        return Err(Error::input(format!("no channel {channel:?} in pattern {cfa}"))
+            .help("use one of the pattern's letters"));
+    }
+    check_clipping(&rows, white_level_dn)?;
+    if lies_down(&rows) {
+        rows = transpose(&rows, roi);
+    }
+    rows.retain(|r| r.len() >= 8);
+    if rows.len() < 10 {
+        return Err(Error::input("fewer than 10 rows of samples across the edge"));
+    }
+    let step = rows[0][1].across - rows[0][0].across;
+    let line = EdgeLine::find(&rows, step)?;
+    Ok((rows, step, line))
+}
+
+/// A sample: position across and along the edge, pixels, and value, DN.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    across: f64,
+    along: f64,
+    value: f64,
+}
+
+type Rows = Vec<Vec<Sample>>;
+
+fn collect<T: Copy + Into<f64>>(frame: &Plane<T>, cfa: &Cfa, channel: char, roi: Roi) -> Rows {
+    (roi.y..roi.y + roi.height)
+        .map(|y| {
+            (roi.x..roi.x + roi.width)
+                .filter(|&x| cfa.letter(x, y) == channel)
+                .map(|x| Sample { across: x as f64, along: y as f64, value: frame.at(x, y).into() })
+                .collect()
+        })
+        .collect()
+}
+
+fn transpose(rows: &Rows, roi: Roi) -> Rows {
+    let mut columns: Rows = vec![Vec::new(); roi.width];
+    for s in rows.iter().flatten() {
+        let turned = Sample { across: s.along, along: s.across, value: s.value };
+        columns[s.across as usize - roi.x].push(turned);
+    }
+    columns
+}
+
+/// Whether the signal changes more from row to row than along the rows.
+fn lies_down(rows: &Rows) -> bool {
+    let half_mean =
+        |part: &[Sample]| part.iter().map(|s| s.value).sum::<f64>() / part.len().max(1) as f64;
+    let filled: Vec<&Vec<Sample>> = rows.iter().filter(|r| !r.is_empty()).collect();
+    let mid = filled.len() / 2;
+    let mean_of = |rows: &[&Vec<Sample>]| {
+        rows.iter().map(|r| half_mean(r)).sum::<f64>() / rows.len().max(1) as f64
+    };
+    let down = (mean_of(&filled[..mid]) - mean_of(&filled[mid..])).abs();
+    let across: f64 = filled
+        .iter()
+        .map(|r| half_mean(&r[..r.len() / 2]) - half_mean(&r[r.len() / 2..]))
+        .sum::<f64>()
+        / filled.len().max(1) as f64;
+    down > across.abs()
+}
+
+/// Refuses an edge whose bright or dark side is cut off: samples at the white level or at 0 DN, or
+/// half of a side at the one value that no other sample exceeds (frames without a known white
+/// level).
+fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
+    let mut values: Vec<f64> = rows.iter().flatten().map(|s| s.value).collect();
+    values.sort_by(f64::total_cmp);
+    let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Ok(()) };
+    let n = values.len() as f64;
+    let share = |level: f64| values.iter().filter(|v| **v == level).count() as f64 / n;
+    let at_white =
+        white.map_or(0.0, |w| values.iter().filter(|v| **v >= f64::from(w)).count() as f64 / n);
+    let flat = high - low < 8.0;
+    if flat && at_white <= 0.005 {
+        return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
+            .help("choose a region across a dark and a bright area"));
+    }
+    if at_white > 0.005 || share(high) > 0.25 {
+        return Err(Error::input(format!(
+            "the bright side is clipped at {high} DN ({:.0} % of the samples)",
+            100.0 * at_white.max(share(high))
+        ))
+        .help("expose less: a clipped edge has no true response"));
+    }
+    if (low == 0.0 && share(0.0) > 0.005) || share(low) > 0.25 {
+        return Err(Error::input(format!(
+            "the dark side is clipped at {low} DN ({:.0} % of the samples)",
+            100.0 * share(low)
+        ))
+        .help("raise the black level or the light: a clipped edge has no true response"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

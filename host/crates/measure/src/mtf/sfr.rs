@@ -1,0 +1,140 @@
+//! From the edge's place to the response: oversampled edge spread, its derivative, the transform.
+
+use super::line::{EdgeLine, no_edge};
+use super::{BLOCKS, OVERSAMPLING, Rows, TUKEY_ALPHA};
+use camrig_base::{Error, Result};
+use camrig_fourier::plans::Sample;
+
+/// The response of a set of rows.
+pub struct Sfr {
+    /// (cycles per pixel, response).
+    pub curve: Vec<[f64; 2]>,
+    /// The step's height including its tails, DN; signed.
+    pub height: f64,
+    /// Half width of the window, pixels.
+    pub half: f64,
+}
+
+impl Sfr {
+    /// Of all rows but those of the block `without`.
+    pub fn of(rows: &Rows, line: &EdgeLine, step: f64, without: Option<usize>) -> Result<Self> {
+        let bin = step / OVERSAMPLING;
+        // Half width that every row reaches on both sides of the edge.
+        let mut half = f64::INFINITY;
+        for row in rows {
+            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            let place = line.at(row[0].along);
+            half = half.min((place - row[0].across) * cos);
+            half = half.min((row[row.len() - 1].across - place) * cos);
+        }
+        let side = ((half / bin).floor() as usize).max(4);
+        let count = 2 * side;
+        let mut samples: Vec<(f64, f64)> = Vec::new();
+        for (index, row) in rows.iter().enumerate() {
+            if without == Some(index * BLOCKS / rows.len()) {
+                continue;
+            }
+            let place = line.at(row[0].along);
+            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            samples.extend(row.iter().map(|s| ((s.across - place) * cos, s.value)));
+        }
+        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let spread = bin_means(&samples, bin, side)?;
+        // Central difference; the ends, where the window vanishes, stay 0.
+        let mut lsf = vec![0.0; count];
+        for i in 1..count - 1 {
+            lsf[i] = 0.5 * (spread[i + 1] - spread[i - 1]);
+        }
+        // The step's full height: what the bins hold, and what the line spread function's tails
+        // hold beyond them. Diffraction's tails fall as 1/x², so as much lies beyond X as between
+        // X/2 and X.
+        let place = |i: usize| (i as f64 + 0.5 - side as f64) / side as f64;
+        let outer = (0..count).filter(|&i| place(i).abs() > 0.5);
+        let height = lsf.iter().sum::<f64>() + outer.map(|i| lsf[i]).sum::<f64>();
+        if height == 0.0 {
+            return Err(no_edge());
+        }
+        for (i, value) in lsf.iter_mut().enumerate() {
+            *value *= tukey(place(i)) / height;
+        }
+        // Zeros around the windowed function make the transform's samples dense.
+        let padded = (8 * count).next_power_of_two();
+        lsf.resize(padded, 0.0);
+        let plan = f64::real_forward(padded);
+        let mut spectrum = plan.make_output_vec();
+        plan.process(&mut lsf, &mut spectrum)
+            .map_err(|e| Error::input(format!("Fourier transform: {e}")))?;
+        let mut curve = Vec::new();
+        for (k, value) in spectrum.iter().enumerate() {
+            let f = k as f64 / (padded as f64 * bin);
+            // At the bins' own Nyquist frequency the central difference passes nothing.
+            if f > 1.0 || f * bin > 0.45 {
+                break;
+            }
+            let correction = sinc(2.0 * f * bin) * sinc(f * bin);
+            // The window takes from the tails at f = 0 only; there the response is 1 by definition.
+            curve.push([f, if k == 0 { 1.0 } else { value.norm() / correction }]);
+        }
+        Ok(Self { curve, height, half: side as f64 * bin })
+    }
+
+    /// Where it first falls to a level, cycles per pixel.
+    pub fn crossing(&self, level: f64) -> Option<f64> {
+        self.curve.windows(2).find_map(|w| {
+            let ([f0, m0], [f1, m1]) = (w[0], w[1]);
+            (m0 >= level && m1 < level).then(|| f0 + (f1 - f0) * (m0 - level) / (m0 - m1))
+        })
+    }
+
+    /// Its value at a frequency.
+    pub fn at(&self, f: f64) -> f64 {
+        let i = self.curve.partition_point(|p| p[0] < f).clamp(1, self.curve.len() - 1);
+        let ([f0, m0], [f1, m1]) = (self.curve[i - 1], self.curve[i]);
+        m0 + (m1 - m0) * (f - f0) / (f1 - f0)
+    }
+}
+
+/// Means over the bins of the polygon through sorted samples (distance, value). Samples clump
+/// where the slant meets few phases; the mean of a bin's samples would then stand off its centre.
+fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> {
+    let gap = samples.windows(2).map(|w| {
+        let inside = w[0].0.abs() < side as f64 * bin;
+        if inside { w[1].0 - w[0].0 } else { 0.0 }
+    });
+    if gap.fold(0.0, f64::max) > 2.0 * bin {
+        return Err(Error::input("the rows meet too few phases of the sampling")
+            .help("slant the edge by 2 to 10 degrees, away from 1/4, 1/2 and whole pixels a row"));
+    }
+    // Integral of the polygon from its first sample to distance d.
+    let mut area = vec![0.0; samples.len()];
+    for i in 1..samples.len() {
+        let (a, b) = (samples[i - 1], samples[i]);
+        area[i] = area[i - 1] + 0.5 * (a.1 + b.1) * (b.0 - a.0);
+    }
+    let integral = |d: f64| {
+        let i = samples.partition_point(|s| s.0 <= d).clamp(1, samples.len() - 1);
+        let (a, b) = (samples[i - 1], samples[i]);
+        let h = d - a.0;
+        let slope = if b.0 > a.0 { (b.1 - a.1) / (b.0 - a.0) } else { 0.0 };
+        area[i - 1] + h * (a.1 + 0.5 * slope * h)
+    };
+    let edge = |i: usize| (i as f64 - side as f64) * bin;
+    Ok((0..2 * side).map(|i| (integral(edge(i + 1)) - integral(edge(i))) / bin).collect())
+}
+
+/// Tukey window at u in -1..1.
+fn tukey(u: f64) -> f64 {
+    let flat = 1.0 - TUKEY_ALPHA;
+    let u = u.abs();
+    if u <= flat {
+        1.0
+    } else {
+        0.5 * (1.0 + (std::f64::consts::PI * (u - flat) / TUKEY_ALPHA).cos())
+    }
+}
+
+/// sin(πx)/(πx).
+pub fn sinc(x: f64) -> f64 {
+    let a = std::f64::consts::PI * x;
+    if a.abs() < 1e-9 { 1.0 } else { a.sin() / a }
+}

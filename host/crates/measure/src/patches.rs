@@ -1,0 +1,290 @@
+//! Patches of a ColorChecker in a raw frame: means and standard deviations per channel and of the
+//! luminance.
+//!
+//! Luminance is that of Rec. ITU-R BT.709, `Y = 0.2126 R + 0.7152 G + 0.0722 B`, of the means of
+//! each channel over one period of the colour filter pattern, black subtracted and white-balanced
+//! on the white patch (19): a figure of raw noise without demosaic, for comparing frames of one
+//! camera. A mono frame's luminance is its signal.
+
+use camrig_base::Cfa;
+use camrig_base::median::{SD_PER_MAD, median};
+use camrig_base::{Error, Plane, Result};
+use camrig_scene::chart::colorchecker::{COLUMNS, ROWS};
+use serde::Serialize;
+
+/// Patches of the chart.
+pub const COUNT: usize = COLUMNS * ROWS;
+
+/// The patches that Chen et al. 2009 count as dark.
+pub const DARK: [usize; 4] = [10, 13, 15, 24];
+
+/// Share of a patch's pitch that is sampled, each way: clear of the patch's edges.
+const SAMPLED: f64 = 0.5;
+
+/// The white patch, from 0.
+const WHITE: usize = 18;
+
+/// Figures of one patch.
+#[derive(Clone, Debug, Serialize)]
+pub struct Patch {
+    /// Number on the chart, 1 (dark skin) to 24 (black).
+    pub number: usize,
+    /// Centre in the frame, pixels.
+    pub centre: [f64; 2],
+    /// Samples (pattern periods) used.
+    pub samples: usize,
+    /// Mean per channel above black, DN.
+    pub mean_dn: Vec<f64>,
+    /// Standard deviation over the samples per channel, DN.
+    pub std_dn: Vec<f64>,
+    /// Mean luminance, DN.
+    pub luminance_dn: f64,
+    /// Standard deviation of the luminance, DN.
+    pub luminance_std_dn: f64,
+    /// Its standard error (of a Gaussian's standard deviation).
+    pub luminance_std_error_dn: f64,
+    /// Excess kurtosis of the luminance: above 0 where single samples stand out.
+    pub luminance_excess_kurtosis: f64,
+}
+
+/// Centres of the four corner patches in pixels: dark skin (1), bluish green (6), black (24),
+/// white (19): clockwise from the top left.
+pub type Corners = [[f64; 2]; 4];
+
+/// Where the built-in chart lies in a frame of an ideal lens: the card `card_width` sensor widths
+/// wide, centred.
+pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners {
+    [0, COLUMNS - 1, COUNT - 1, COUNT - COLUMNS].map(|index| {
+        let [left, top, edge] = camrig_scene::chart::colorchecker::patch(index, card_width);
+        let w = width as f64;
+        [(left + 0.5 * edge + 0.5) * w, (top + 0.5 * edge) * w + 0.5 * height as f64]
+    })
+}
+
+/// Measures all patches. `black` in DN; `white` the saturated level.
+///
+/// # Errors
+/// Corners whose patches leave the frame or hold fewer than four samples, patches that are
+/// saturated, a white patch without signal.
+pub fn measure<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    black: f64,
+    white: u16,
+    corners: &Corners,
+) -> Result<Vec<Patch>> {
+    let channels = cfa.channels().len();
+    let mut all: Vec<(usize, [f64; 2], Vec<Vec<f64>>)> = Vec::with_capacity(COUNT);
+    for index in 0..COUNT {
+        let (centre, half) = place(corners, index);
+        let cells = sample(frame, cfa, black, white, centre, half, channels)
+            .map_err(|e| e.at(format!("patch {}", index + 1)))?;
+        all.push((index, centre, cells));
+    }
+    let mean = |cells: &[Vec<f64>], c: usize| {
+        cells.iter().map(|cell| cell[c]).sum::<f64>() / cells.len() as f64
+    };
+    let balance: Vec<f64> = (0..channels).map(|c| mean(&all[WHITE].2, c)).collect();
+    if balance.iter().any(|b| *b <= 0.0) {
+        return Err(Error::input("the white patch (19) has no signal above black")
+            .help("check the corners and the black level"));
+    }
+    let weights = luminance_weights(cfa);
+    let level: f64 = weights.iter().zip(&balance).map(|(w, b)| w * b).sum();
+    Ok(all
+        .into_iter()
+        .map(|(index, centre, cells)| {
+            let n = cells.len() as f64;
+            let luminance: Vec<f64> = cells
+                .iter()
+                .map(|cell| (0..channels).map(|c| weights[c] * cell[c] / balance[c] * level).sum())
+                .collect();
+            let of = |values: &[f64]| {
+                let mean = values.iter().sum::<f64>() / n;
+                let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+                (mean, (square / (n - 1.0)).sqrt())
+            };
+            let (y, sd) = of(&luminance);
+            let fourth = luminance.iter().map(|v| ((v - y) / sd).powi(4)).sum::<f64>() / n;
+            let per_channel: Vec<(f64, f64)> = (0..channels)
+                .map(|c| of(&cells.iter().map(|cell| cell[c]).collect::<Vec<_>>()))
+                .collect();
+            Patch {
+                number: index + 1,
+                centre,
+                samples: cells.len(),
+                mean_dn: per_channel.iter().map(|p| p.0).collect(),
+                std_dn: per_channel.iter().map(|p| p.1).collect(),
+                luminance_dn: y,
+                luminance_std_dn: sd,
+                luminance_std_error_dn: sd / (2.0 * (n - 1.0)).sqrt(),
+                luminance_excess_kurtosis: if sd > 0.0 { fourth - 3.0 } else { 0.0 },
+            }
+        })
+        .collect())
+}
+
+/// Share of the patches' pixels that stand out from their patch and channel by more than `sigmas` robust
+/// standard deviations (1.4826 times the median absolute deviation, at least that of rounding).
+///
+/// # Errors
+/// Patches that leave the frame.
+pub fn outliers(frame: &Plane<u16>, cfa: &Cfa, corners: &Corners, sigmas: f64) -> Result<f64> {
+    let (mut found, mut all) = (0usize, 0usize);
+    for index in 0..COUNT {
+        let (centre, half) = place(corners, index);
+        check_inside(frame, centre, half).map_err(|e| e.at(format!("patch {}", index + 1)))?;
+        let span = |v: f64| (v - half).ceil() as usize..(v + half) as usize;
+        for channel in 0..cfa.channels().len() {
+            let pixels = span(centre[1]).flat_map(|y| span(centre[0]).map(move |x| (x, y)));
+            let mut values: Vec<f64> = pixels
+                .filter(|&(x, y)| cfa.channel(x, y) == channel)
+                .map(|(x, y)| f64::from(frame.at(x, y)))
+                .collect();
+            let middle = median(&mut values, f64::total_cmp);
+            let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
+            let limit =
+                sigmas * (SD_PER_MAD * median(&mut off, f64::total_cmp)).max(1.0 / 12f64.sqrt());
+            found += off.iter().filter(|d| **d > limit).count();
+            all += off.len();
+        }
+    }
+    Ok(found as f64 / all.max(1) as f64)
+}
+
+/// Weights per channel: BT.709 for red, green, blue; equal for other patterns.
+fn luminance_weights(cfa: &Cfa) -> Vec<f64> {
+    let letters = cfa.channels();
+    if letters == ['R', 'G', 'B'] {
+        return vec![0.2126, 0.7152, 0.0722];
+    }
+    vec![1.0 / letters.len() as f64; letters.len()]
+}
+
+/// Centre of a patch and half the side of its sampled square, by bilinear interpolation between the
+/// corner patches (a chart seen a little askew).
+fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
+    let u = (index % COLUMNS) as f64 / (COLUMNS - 1) as f64;
+    let v = (index / COLUMNS) as f64 / (ROWS - 1) as f64;
+    let [tl, tr, br, bl] = corners;
+    let at = |k: usize| {
+        (1.0 - v) * ((1.0 - u) * tl[k] + u * tr[k]) + v * ((1.0 - u) * bl[k] + u * br[k])
+    };
+    let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let pitch = (distance(tl, tr) / (COLUMNS - 1) as f64)
+        .min(distance(tl, bl) / (ROWS - 1) as f64)
+        .min(distance(bl, br) / (COLUMNS - 1) as f64);
+    ([at(0), at(1)], 0.5 * SAMPLED * pitch)
+}
+
+fn check_inside<T>(frame: &Plane<T>, centre: [f64; 2], half: f64) -> Result<()> {
+    let inside = centre[0] - half >= 0.0
+        && centre[1] - half >= 0.0
+        && centre[0] + half <= frame.width as f64
+        && centre[1] + half <= frame.height as f64;
+    if !inside || half.is_nan() {
+        return Err(Error::input("the patch lies outside the frame")
+            .help("--corners are the centres of patches 1, 6, 24 and 19 in pixels"));
+    }
+    Ok(())
+}
+
+/// Channel means of every pattern period inside a square.
+fn sample<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    black: f64,
+    white: u16,
+    centre: [f64; 2],
+    half: f64,
+    channels: usize,
+) -> Result<Vec<Vec<f64>>> {
+    check_inside(frame, centre, half)?;
+    let cell = |v: f64, step: usize| (v / step as f64).ceil() as usize;
+    let columns = cell(centre[0] - half, cfa.width)..cell(centre[0] + half, cfa.width);
+    let rows = cell(centre[1] - half, cfa.height)..cell(centre[1] + half, cfa.height);
+    let mut cells = Vec::new();
+    let mut saturated = 0usize;
+    for j in rows {
+        for i in columns.clone() {
+            let mut sums = vec![(0.0, 0u32); channels];
+            for (y, x) in (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (y, x))) {
+                let (px, py) = (i * cfa.width + x, j * cfa.height + y);
+                if px >= frame.width || py >= frame.height {
+                    continue;
+                }
+                let value: f64 = frame.at(px, py).into();
+                saturated += usize::from(value >= f64::from(white));
+                let (sum, n) = &mut sums[cfa.channel(px, py)];
+                *sum += value - black;
+                *n += 1;
+            }
+            if sums.iter().all(|s| s.1 > 0) {
+                cells.push(sums.iter().map(|s| s.0 / f64::from(s.1)).collect());
+            }
+        }
+    }
+    if cells.len() < 4 {
+        return Err(Error::input(format!("{} samples in the patch", cells.len()))
+            .help("the chart is too small in the frame, or the corners are wrong"));
+    }
+    if saturated * 100 > cells.len() * cfa.width * cfa.height {
+        return Err(Error::input("more than 1 % of the patch is saturated")
+            .help("expose less: a saturated patch has no true mean or noise"));
+    }
+    Ok(cells)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, Normal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    #[test]
+    fn known_patches_come_back() {
+        let (w, h) = (600, 420);
+        let corners = built_in_corners(w, h, 0.8);
+        let cfa = Cfa::parse("GRBG").unwrap();
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let noise = Normal::new(0.0, 6.0).unwrap();
+        let mut frame = Plane::filled(w, h, 100u16);
+        for index in 0..COUNT {
+            let (c, half) = place(&corners, index);
+            for y in (c[1] - 1.5 * half) as usize..(c[1] + 1.5 * half) as usize {
+                for x in (c[0] - 1.5 * half) as usize..(c[0] + 1.5 * half) as usize {
+                    let level =
+                        [300.0, 600.0, 200.0][cfa.channel(x, y)] * (1.0 - 0.03 * index as f64);
+                    let v = 64.0 + level + noise.sample(&mut rng);
+                    frame.data[y * w + x] = v.round() as u16;
+                }
+            }
+        }
+        let patches = measure(&frame, &cfa, 64.0, 1023, &corners).unwrap();
+        for (index, p) in patches.iter().enumerate() {
+            let scale = 1.0 - 0.03 * index as f64;
+            for (mean, level) in p.mean_dn.iter().zip([300.0, 600.0, 200.0]) {
+                let error = 6.0 / (p.samples as f64).sqrt();
+                assert!((mean - level * scale).abs() < 5.0 * error + 0.05, "{index} {p:?}");
+            }
+            // Two greens are averaged in a period.
+            let green = 6.1 / 2f64.sqrt();
+            let error = green / (2.0 * p.samples as f64).sqrt();
+            assert!((p.std_dn[1] - green).abs() < 5.0 * error, "{index} {p:?}");
+        }
+        // Noise has no outliers; a hundred bright pixels within the patches are found.
+        assert_eq!(outliers(&frame, &cfa, &corners, 6.0).unwrap(), 0.0);
+        let (c, half) = place(&corners, 7);
+        let (x, y) = ((c[0] - half) as usize + 2, (c[1] - half) as usize + 2);
+        for k in 0..100 {
+            frame.data[(y + k / 10) * w + x + k % 10] = 1000;
+        }
+        let pixels = (2.0 * half).floor().powi(2) * COUNT as f64;
+        let share = outliers(&frame, &cfa, &corners, 6.0).unwrap();
+        assert!((share * pixels - 100.0).abs() < 15.0, "{}", share * pixels);
+        let outside = [[-50.0, 0.0], [600.0, 0.0], [600.0, 400.0], [0.0, 400.0]];
+        assert!(measure(&frame, &cfa, 64.0, 1023, &outside).is_err());
+        assert!(measure(&frame, &cfa, 64.0, 300, &corners).is_err());
+    }
+}

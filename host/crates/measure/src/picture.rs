@@ -1,0 +1,133 @@
+//! Colours of a developed picture of the ColorChecker against those that its reflectances have.
+//!
+//! The truth are the patches' CIE XYZ in D65, the light of sRGB: what a converter's white balance should come
+//! to from any light. The picture is brought to the white patch's true luminance first: exposure is not judged.
+//! ΔE2000 is taken in CIELAB relative to D65.
+
+use camrig_base::Spectrum;
+use camrig_base::{Error, Plane, Result};
+use camrig_scene::chart::colorchecker;
+use camrig_scene::delta_e::{delta_e_2000, lab};
+use camrig_scene::{Illuminant, photometry};
+use serde::Serialize;
+
+/// Patch 19, white.
+const WHITE: usize = 18;
+/// Part of a patch's side that is looked at, in its middle: colour filters blur the rest.
+const MIDDLE: f64 = 0.5;
+/// Linear sRGB to CIE XYZ, white at Y = 1. Source: IEC 61966-2-1.
+const XYZ_FROM_SRGB: [[f64; 3]; 3] = [
+    [0.412_390_8, 0.357_584_3, 0.180_480_8],
+    [0.212_639_0, 0.715_168_7, 0.072_192_3],
+    [0.019_330_8, 0.119_194_8, 0.950_532_2],
+];
+
+/// One patch.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Patch {
+    /// Number on the chart, 1 to 24.
+    pub number: usize,
+    /// CIELAB of its reflectance in D65.
+    pub true_lab: [f64; 3],
+    /// CIELAB in the picture.
+    pub lab: [f64; 3],
+    /// Difference, ΔE2000.
+    pub delta_e_2000: f64,
+}
+
+/// Decodes the sRGB transfer function. Source: IEC 61966-2-1.
+pub fn srgb_to_linear(v: f64) -> f64 {
+    if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
+}
+
+/// The patches of the built-in chart, `card` sensor widths wide, in a picture of linear sRGB. `frame` is the
+/// raw frame's width: converters may leave out a border all round.
+///
+/// # Errors
+/// A picture too small for the chart, or one in which the white patch is black.
+pub fn colours(picture: &Plane<[f64; 3]>, frame: usize, card: f64) -> Result<Vec<Patch>> {
+    let too_small = || {
+        Error::input(format!("a picture of {} x {} pixels", picture.width, picture.height))
+            .help("the whole chart must be in it, at one picture pixel per sensor pixel")
+    };
+    let mut found = Vec::with_capacity(colorchecker::COLUMNS * colorchecker::ROWS);
+    for index in 0..colorchecker::COLUMNS * colorchecker::ROWS {
+        let [left, top, edge] = colorchecker::patch(index, card);
+        let span = |start: f64, size: usize| {
+            let at = |t: f64| (start + t * edge) * frame as f64 + size as f64 / 2.0;
+            let (first, last) = (at(0.5 - MIDDLE / 2.0), at(0.5 + MIDDLE / 2.0));
+            let fits = first >= 0.0 && last <= size as f64 && last - first >= 1.0;
+            fits.then_some(first as usize..(last as usize).max(first as usize + 1))
+        };
+        let columns = span(left, picture.width).ok_or_else(too_small)?;
+        let rows = span(top, picture.height).ok_or_else(too_small)?;
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        for y in rows {
+            for pixel in &picture.row(y)[columns.clone()] {
+                (0..3).for_each(|c| sum[c] += pixel[c]);
+                count += 1.0;
+            }
+        }
+        let mean = sum.map(|s| s / count);
+        found.push(XYZ_FROM_SRGB.map(|row| row.iter().zip(mean).map(|(m, c)| m * c).sum::<f64>()));
+    }
+    let truth = truth()?;
+    if !(found[WHITE][1] > 0.0) {
+        return Err(Error::input("the white patch is black in the picture")
+            .help("is the chart where the built-in one is?"));
+    }
+    let scale = truth[WHITE][1] / found[WHITE][1];
+    let white = XYZ_FROM_SRGB.map(|row| row.iter().sum());
+    Ok(truth
+        .iter()
+        .zip(&found)
+        .enumerate()
+        .map(|(i, (truth, found))| {
+            let (true_lab, lab) = (lab(*truth, white), lab(found.map(|v| v * scale), white));
+            Patch { number: i + 1, true_lab, lab, delta_e_2000: delta_e_2000(true_lab, lab) }
+        })
+        .collect())
+}
+
+/// CIE XYZ of the patches' reflectances in D65, a perfect white at Y = 1.
+fn truth() -> Result<Vec<[f64; 3]>> {
+    let light = Illuminant::parse("D65")?.power;
+    let lit = |reflectance: &Spectrum| -> Result<[f64; 3]> {
+        let nm: Vec<f64> = (380..=780).step_by(5).map(f64::from).collect();
+        let power = nm.iter().map(|&n| light.at(n) * reflectance.at(n)).collect();
+        Ok(photometry::xyz(&Spectrum::new(nm, power)?))
+    };
+    let white = lit(&Spectrum::constant(1.0))?[1];
+    let table = colorchecker::reflectances();
+    (0..table.curves.len()).map(|i| Ok(lit(&table.spectrum(i)?)?.map(|v| v / white))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture painted with the true colours, at any exposure, has no error; a tint has one.
+    #[test]
+    fn true_colours_have_no_error() {
+        let truth = truth().unwrap();
+        let inverse = camrig_formats::color::inverse(&XYZ_FROM_SRGB).unwrap();
+        let (width, height, card) = (360, 240, 0.8);
+        let mut picture = Plane::filled(width, height, [0.01; 3]);
+        for (index, xyz) in truth.iter().enumerate() {
+            let rgb = inverse.map(|row| 0.7 * row.iter().zip(xyz).map(|(m, v)| m * v).sum::<f64>());
+            let [left, top, edge] = colorchecker::patch(index, card);
+            let at = |t: f64, size: usize| (t * width as f64 + size as f64 / 2.0) as usize;
+            for y in at(top, height)..at(top + edge, height) {
+                picture.row_mut(y)[at(left, width)..at(left + edge, width)].fill(rgb);
+            }
+        }
+        let patches = colours(&picture, width, card).unwrap();
+        assert!(patches.iter().all(|p| p.delta_e_2000 < 1e-6), "{patches:?}");
+        // A border left out moves nothing.
+        let cut = Plane::from_fn(width - 16, height - 16, |x, y| picture.at(x + 8, y + 8));
+        assert!(colours(&cut, width, card).unwrap().iter().all(|p| p.delta_e_2000 < 1e-6));
+        picture.data.iter_mut().for_each(|p| p[0] *= 1.2);
+        assert!(colours(&picture, width, card).unwrap().iter().any(|p| p.delta_e_2000 > 3.0));
+        assert!(colours(&Plane::filled(20, 10, [0.5; 3]), 360, card).is_err());
+    }
+}

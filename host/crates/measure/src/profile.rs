@@ -1,0 +1,262 @@
+//! Profiles of a frame: along a row or column, against another frame, and over the radius.
+
+use camrig_base::Cfa;
+use camrig_base::median::median;
+use camrig_base::{Error, Plane, Result};
+use serde::Serialize;
+
+/// Which way a profile runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Along {
+    /// Along row(s), one value per column.
+    Row,
+    /// Along column(s), one value per row.
+    Column,
+}
+
+/// One channel's samples along a line.
+#[derive(Clone, Debug, Serialize)]
+pub struct Profile {
+    /// Pixel coordinate and mean DN above black, for every column (row) where the channel has
+    /// samples in the lines taken.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// Mean above `black` of a channel over `count` rows (columns) from `first` on.
+///
+/// # Errors
+/// Lines outside the frame, or without a sample of the channel.
+pub fn along<T: Copy + Into<f64>>(
+    frame: &Plane<T>,
+    cfa: &Cfa,
+    channel: char,
+    black: f64,
+    direction: Along,
+    first: usize,
+    count: usize,
+) -> Result<Profile> {
+    let (length, lines) = match direction {
+        Along::Row => (frame.width, frame.height),
+        Along::Column => (frame.height, frame.width),
+    };
+    if count == 0 || first.saturating_add(count) > lines {
+        return Err(Error::input(format!(
+            "lines {first} to {} of a frame with {lines}",
+            first.saturating_add(count.max(1) - 1)
+        ))
+        .help(format!("lines run from 0 to {}", lines - 1)));
+    }
+    let mut points = Vec::with_capacity(length);
+    for p in 0..length {
+        let (mut sum, mut n) = (0.0, 0u32);
+        for line in first..first + count {
+            let (x, y) = if direction == Along::Row { (p, line) } else { (line, p) };
+            if cfa.letter(x, y) == channel {
+                sum += frame.at(x, y).into() - black;
+                n += 1;
+            }
+        }
+        if n > 0 {
+            points.push([p as f64, sum / f64::from(n)]);
+        }
+    }
+    if points.is_empty() {
+        return Err(Error::input(format!("no sample of channel {channel} in these lines"))
+            .help("take two lines of a Bayer pattern, or another first line"));
+    }
+    Ok(Profile { points })
+}
+
+/// Whether the channel has samples in `count` lines from `first` on.
+pub fn passes(cfa: &Cfa, channel: char, direction: Along, first: usize, count: usize) -> bool {
+    let period = if direction == Along::Row { cfa.width } else { cfa.height };
+    // Two periods of lines hold whatever more of them do.
+    let lines = first..first.saturating_add(count.min(2 * cfa.width.max(cfa.height)));
+    let mut places = lines.flat_map(|line| (0..period).map(move |p| (p, line)));
+    places.any(|(p, line)| match direction {
+        Along::Row => cfa.letter(p, line) == channel,
+        Along::Column => cfa.letter(line, p) == channel,
+    })
+}
+
+/// How a profile lies to a reference of the same places.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Difference {
+    /// Mean of the profile over mean of the reference.
+    pub ratio_of_means: f64,
+    /// Root mean square of profile less reference, DN.
+    pub rms_dn: f64,
+    /// The same after scaling the reference to the profile's mean: what is not brightness.
+    pub rms_scaled_dn: f64,
+    /// Pearson correlation.
+    pub correlation: f64,
+}
+
+/// Compares two profiles.
+///
+/// # Errors
+/// Profiles of different places, or a reference without signal.
+pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> {
+    let same = profile.points.len() == reference.points.len()
+        && profile.points.iter().zip(&reference.points).all(|(a, b)| a[0] == b[0]);
+    if !same {
+        return Err(Error::input("the two frames differ in size or filter pattern")
+            .help("compare frames of one format"));
+    }
+    let values = |p: &Profile| -> Vec<f64> { p.points.iter().map(|v| v[1]).collect() };
+    let (a, b) = (values(profile), values(reference));
+    let n = a.len() as f64;
+    let (ma, mb) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
+    if mb == 0.0 {
+        return Err(Error::input("the reference has no signal above black"));
+    }
+    let rms = |scale: f64| {
+        let square: f64 = a.iter().zip(&b).map(|(a, b)| (a - scale * b).powi(2)).sum();
+        (square / n).sqrt()
+    };
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in a.iter().zip(&b) {
+        ab += (a - ma) * (b - mb);
+        aa += (a - ma).powi(2);
+        bb += (b - mb).powi(2);
+    }
+    let scale = (aa * bb).sqrt();
+    Ok(Difference {
+        ratio_of_means: ma / mb,
+        rms_dn: rms(1.0),
+        rms_scaled_dn: rms(ma / mb),
+        correlation: if scale > 0.0 { ab / scale } else { 0.0 },
+    })
+}
+
+/// Samples to either side of an edge that are matched, and the largest displacement looked for.
+const WINDOW: usize = 10;
+const FARTHEST: usize = 10;
+
+/// How far the edges of a profile lie from those of a reference: (place, displacement), both in pixels, for
+/// every edge of the reference that stands clear of its noise and is found again.
+///
+/// The displacement is where the correlation of the windows is largest, by a parabola through its peak.
+pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
+    let (a, b) = (&profile.points, &reference.points);
+    let n = a.len().min(b.len());
+    if n < 2 * (WINDOW + FARTHEST) + 1 {
+        return Vec::new();
+    }
+    let step = (b[n - 1][0] - b[0][0]) / (n - 1) as f64;
+    // Difference of the means of three samples on either side.
+    let jump =
+        |i: usize| -> f64 { (1..=3).map(|k| b[i + k][1] - b[i - k][1]).sum::<f64>().abs() / 3.0 };
+    let range = WINDOW + FARTHEST..n - WINDOW - FARTHEST;
+    let mut jumps: Vec<f64> = range.clone().map(jump).collect();
+    // Most of a profile has no edge, so the median jump is that of the noise.
+    let clear = 8.0 * median(&mut jumps, f64::total_cmp);
+    let is_edge = |&i: &usize| {
+        let around = i.saturating_sub(WINDOW).max(3)..(i + WINDOW).min(n - 3);
+        jump(i) > clear && around.into_iter().all(|k| k == i || jump(k) < jump(i))
+    };
+    let correlation = |at: usize, shift: isize| {
+        let window = |points: &[[f64; 2]], middle: usize| -> Vec<f64> {
+            let part: Vec<f64> =
+                points[middle - WINDOW..=middle + WINDOW].iter().map(|p| p[1]).collect();
+            let mean = part.iter().sum::<f64>() / part.len() as f64;
+            part.iter().map(|v| v - mean).collect()
+        };
+        let (p, q) = (window(a, at.saturating_add_signed(shift)), window(b, at));
+        let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
+        dot(&p, &q) / (dot(&p, &p) * dot(&q, &q)).sqrt()
+    };
+    let found = range.filter(is_edge).filter_map(|i| {
+        let reach = FARTHEST as isize;
+        let values: Vec<f64> = (-reach..=reach).map(|s| correlation(i, s)).collect();
+        let best = (1..values.len() - 1).max_by(|&p, &q| values[p].total_cmp(&values[q]))?;
+        let [left, peak, right] = [values[best - 1], values[best], values[best + 1]];
+        let vertex = 0.5 * (left - right) / (left - 2.0 * peak + right);
+        let shift = best as f64 - reach as f64 + vertex;
+        (peak > 0.9 && vertex.abs() <= 1.0).then_some([b[i][0], shift * step])
+    });
+    found.collect()
+}
+
+/// Relative illumination: a channel's mean over rings of equal width around the frame's centre,
+/// relative to the innermost; (radius over the half diagonal, ratio, its standard error).
+///
+/// # Errors
+/// No signal at the centre.
+pub fn relative_illumination(
+    frame: &Plane<u16>,
+    cfa: &Cfa,
+    channel: char,
+    black: f64,
+    rings: usize,
+) -> Result<Vec<[f64; 3]>> {
+    let (cx, cy) = (0.5 * (frame.width as f64 - 1.0), 0.5 * (frame.height as f64 - 1.0));
+    let corner = cx.hypot(cy).max(1.0);
+    let mut sums = vec![(0.0f64, 0.0f64, 0.0f64, 0u64); rings.max(1)];
+    for y in 0..frame.height {
+        for x in 0..frame.width {
+            if cfa.letter(x, y) == channel {
+                let radius = (x as f64 - cx).hypot(y as f64 - cy) / corner;
+                let ring = ((radius * rings as f64) as usize).min(rings.max(1) - 1);
+                let v = f64::from(frame.at(x, y)) - black;
+                let s = &mut sums[ring];
+                *s = (s.0 + v, s.1 + v * v, s.2 + radius, s.3 + 1);
+            }
+        }
+    }
+    let (sum, _, _, n) = sums[0];
+    let centre = sum / n.max(1) as f64;
+    if n == 0 || centre <= 0.0 {
+        return Err(Error::input(format!("no signal of channel {channel} at the centre"))
+            .help("check the black level and the channel"));
+    }
+    Ok(sums
+        .iter()
+        .filter(|s| s.3 > 1)
+        .map(|&(sum, square, radius, n)| {
+            let n = n as f64;
+            let mean = sum / n;
+            let sd = ((square / n - mean * mean).max(0.0) / n).sqrt();
+            [radius / n, mean / centre, sd / centre]
+        })
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profile_and_rings_of_a_known_frame() {
+        let cfa = Cfa::parse("RGGB").unwrap();
+        let frame = Plane::from_fn(40, 30, |x, _| 10 + x as u16);
+        let p = along(&frame, &cfa, 'G', 10.0, Along::Row, 4, 2).unwrap();
+        assert_eq!(p.points.len(), 40);
+        assert!(p.points.iter().all(|v| v[0] == v[1]));
+        let doubled = Plane::from_fn(40, 30, |x, _| 10 + 2 * x as u16);
+        let q = along(&doubled, &cfa, 'G', 10.0, Along::Row, 4, 2).unwrap();
+        let d = difference(&q, &p).unwrap();
+        assert!((d.ratio_of_means - 2.0).abs() < 1e-12);
+        assert!(d.rms_scaled_dn < 1e-9 && (d.correlation - 1.0).abs() < 1e-12);
+        assert!(along(&frame, &cfa, 'G', 0.0, Along::Row, 29, 2).is_err());
+
+        // Stripes of 60 pixels with soft edges, stretched by 0.5 % about the middle.
+        let stripes = |stretch: f64| {
+            let points = (0..600).map(|x| {
+                let x = f64::from(x);
+                let u = (x - 300.0) / stretch + 300.0;
+                [x, 100.0 + 50.0 * (8.0 * (u * std::f64::consts::PI / 60.0).sin()).tanh()]
+            });
+            Profile { points: points.collect() }
+        };
+        let shifts = displacements(&stripes(1.005), &stripes(1.0));
+        assert!(shifts.len() >= 7, "{shifts:?}");
+        for [x, shift] in shifts {
+            assert!((shift - 0.005 * (x - 300.0)).abs() < 0.05, "{x} {shift}");
+        }
+
+        let flat = Plane::filled(40, 30, 110u16);
+        let rings = relative_illumination(&flat, &cfa, 'R', 10.0, 8).unwrap();
+        assert!(rings.iter().all(|r| (r[1] - 1.0).abs() < 1e-12));
+    }
+}

@@ -1,0 +1,401 @@
+//! Photon transfer: what a sensor does to electrons, from dark and flat stacks alone.
+//!
+//! With shot noise of variance equal to the mean (in electrons) and a gain of K DN per electron,
+//! the temporal variance of a flat is
+//!
+//! V = V₀ + V₁ t + K x g′(x)²     (DN²)
+//!
+//! with x = K · electrons of light, g the response curve ([`Response`](super::response::Response);
+//! a straight line has g′ = 1), V₀ = K² σ_read² + 1/12 (read noise and quantisation) and V₁ the
+//! dark current's shot noise (Janesick, *Photon Transfer*, 2007, ch. 5 and 7). Variances are
+//! temporal, so fixed patterns drop out. K, V₀ and V₁ come from one weighted fit to darks and
+//! flats together; the weights are the variances' own sampling errors.
+//!
+//! Levels left out of the fit, by rule: (1) more than 0.1 % of the samples at the white level;
+//! (2) variance per signal below 0.7 of the median of the darker levels (the full-well knee); in
+//! both cases everything brighter too; (3) a mean within four standard deviations of where the
+//! saturated levels stand, or of the white level; (4) from the top down, a variance more than 3.5
+//! standard errors below the fit to the rest.
+
+mod notes;
+
+use self::notes::{channel_notes, sensor_notes};
+use super::ladder::{self, Level, Selection};
+use super::maps::{Line, LineMaps, Point};
+use super::spatial::SpatialVariance;
+use super::stack::{Site, Stack};
+use super::transfer::{DarkLine, Knee, QUANTISATION, Transfer, rounding_of_patterns};
+use super::value::Value;
+use camrig_base::{Error, Result};
+use camrig_captures::{Capture, CaptureSet};
+use serde::Serialize;
+
+/// Below this temporal variance of the dark, DN², rounding is no longer like added noise (EMVA
+/// 1288 release 4.0, eq. 53 and 54).
+pub const QUANTISATION_LIMITED: f64 = 0.24;
+
+/// The figures of one channel, or of the sensor over its channels. `None` where the captures do
+/// not determine a figure.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Figures {
+    /// K at small signals, DN/e⁻.
+    pub system_gain_dn_per_e: Option<Value>,
+    /// Read noise at zero exposure, input-referred, without quantisation, e⁻.
+    pub read_noise_e: Option<Value>,
+    /// Signal at which the sensor or its converter saturates, e⁻.
+    pub full_well_e: Option<Value>,
+    /// Standard deviation over pixels of the gain (mean 1).
+    pub prnu: Option<Value>,
+    /// Standard deviation over pixels of the dark signal at `dsnu_exposure_s`, e⁻.
+    pub dsnu_e: Option<Value>,
+    /// Mean dark current, e⁻/s, from the dark means.
+    pub dark_current_e_per_s: Option<Value>,
+    /// Dark current from the dark variances, e⁻/s: equal to the one from the means unless the
+    /// camera hides dark current, or its noise is not shot noise.
+    pub dark_current_from_variance_e_per_s: Option<Value>,
+    /// Standard deviation over pixels of the dark current, e⁻/s.
+    pub dsnu_e_per_s: Option<Value>,
+    /// Standard deviation over single pixels of the offset at zero exposure (rows' and columns'
+    /// parts apart), e⁻.
+    pub pixel_fpn_e: Option<Value>,
+    /// Standard deviation of the rows' offsets at zero exposure, e⁻.
+    pub row_fpn_e: Option<Value>,
+    /// Standard deviation of the columns' offsets at zero exposure, e⁻.
+    pub column_fpn_e: Option<Value>,
+    /// Mean DN of no light at zero exposure.
+    pub black_level_dn: Option<Value>,
+    /// Deviation of the response from its slope at zero, at the brightest level fitted, per cent.
+    pub nonlinearity_percent: Option<Value>,
+    /// Temperature step that doubles the dark current, °C.
+    pub dark_doubling_c: Option<Value>,
+    /// Electrons per photon on the pixel's whole area.
+    pub quantum_efficiency: Option<Value>,
+}
+
+/// One level of the photon transfer curve.
+#[derive(Clone, Debug, Serialize)]
+pub struct CurvePoint {
+    /// Capture.
+    pub id: String,
+    /// Mean signal above dark, DN.
+    pub signal_dn: f64,
+    /// Temporal variance, dark included, DN².
+    pub variance_dn2: Value,
+    /// Whether the fit used it.
+    pub used: bool,
+}
+
+/// One channel's outcome.
+#[derive(Clone, Debug, Serialize)]
+pub struct ChannelPtc {
+    /// The channel's letter, lower case (`m` for mono).
+    #[serde(skip)]
+    pub channel: String,
+    /// Its figures.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// χ² per degree of freedom of the photon-transfer fit.
+    pub reduced_chi2: f64,
+    /// The photon transfer curve.
+    pub curve: Vec<CurvePoint>,
+}
+
+/// The outcome of a photon transfer.
+#[derive(Clone, Debug)]
+pub struct Ptc {
+    /// Over all channels, weighted by the inverse squares of the channels' errors.
+    pub figures: Figures,
+    /// Per channel.
+    pub channels: Vec<ChannelPtc>,
+    /// Analog gain of the captures used.
+    pub analog_gain: f64,
+    /// Exposure of the dark stack behind `dsnu_e`, s.
+    pub dsnu_exposure_s: f64,
+    /// What a reader must know: levels left out, assumptions that do not hold.
+    pub notes: Vec<String>,
+}
+
+/// Runs the photon transfer on the analog gain and light with most flats.
+///
+/// # Errors
+/// Darks or flats missing, single frames, fewer than two usable flat levels, a black level that
+/// the darks contradict.
+pub fn measure(set: &CaptureSet) -> Result<Ptc> {
+    of_selection(set, &Selection::of(set)?)
+}
+
+/// The photon transfer of captures of one analog gain and light.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> {
+    let (darks, dark_maps) = read_darks(set, &selection.darks)?;
+    ladder::check_darks(set, &darks)?;
+    let (other_darks, _) = read_darks(set, &selection.other_darks)?;
+    let flats = Flats::read(set, selection, &darks)?;
+
+    let mut notes = sensor_notes(set, selection, &darks);
+    // The longest stack tells fixed patterns best; the longest exposure among equals.
+    let longest = (0..darks.len()).max_by(|&a, &b| {
+        let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);
+        key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
+    });
+    let dsnu_level = &darks[longest.unwrap_or(0)];
+    let white = f64::from(set.sensor.white_level_dn);
+    let mut channels = Vec::new();
+    for (c, letter) in set.cfa().channels().iter().enumerate() {
+        let name = letter.to_ascii_lowercase().to_string();
+        let transfer =
+            Transfer::fit(c, &darks, &flats.levels, &flats.passed[c], &flats.knees[c], white)
+                .map_err(|e| e.at(format!("channel {name}")))?;
+        channel_notes(&transfer, &flats.levels, &name, &mut notes);
+        let dark_spread = ladder::dark_spread(&darks, c);
+        let mut figures = figures_of(&transfer, &flats.levels, c, white, dark_spread);
+        let k = transfer.gain.value;
+        spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
+        let dsnu = dsnu_level.channels[c].spatial().total;
+        figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
+        hide_what_rounding_hides(
+            &mut figures,
+            k,
+            dsnu_level.channels[c].temporal,
+            &name,
+            &mut notes,
+        );
+        figures.dark_doubling_c = ladder::doubling(&darks, &other_darks, c);
+        channels.push(ChannelPtc {
+            channel: name,
+            figures,
+            reduced_chi2: transfer.reduced_chi2,
+            curve: curve(&transfer, &flats.levels, c),
+        });
+    }
+    Ok(Ptc {
+        figures: over_channels(&channels),
+        channels,
+        analog_gain: selection.analog_gain,
+        dsnu_exposure_s: dsnu_level.exposure_s,
+        notes,
+    })
+}
+
+/// Reads dark stacks into levels and lines per pixel over exposure time.
+fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, LineMaps)> {
+    let mut maps = LineMaps::new(set.sensor.width, set.sensor.height, &Site::all(&set.cfa()));
+    let mut levels = Vec::new();
+    for capture in captures {
+        let stack = Stack::read(set, capture)?;
+        let level = Level::new(set, capture, &stack);
+        let point = |m: &super::stack::Moments| Point {
+            x: level.exposure_s,
+            z: 0.0,
+            weight: m.frames as f64 / m.temporal.max(QUANTISATION),
+        };
+        maps.add(&stack, &level.channels.iter().map(point).collect::<Vec<_>>());
+        levels.push(level);
+    }
+    Ok((levels, maps))
+}
+
+/// The flats in the order of their light.
+struct Flats {
+    levels: Vec<Level>,
+    /// Per channel and level.
+    passed: Vec<Vec<bool>>,
+    knees: Vec<Knee>,
+    /// Lines per pixel over the channel's mean signal, of the levels below the knee.
+    maps: LineMaps,
+}
+
+impl Flats {
+    fn read(set: &CaptureSet, selection: &Selection, darks: &[Level]) -> Result<Self> {
+        let sites = Site::all(&set.cfa());
+        let count = set.cfa().channels().len();
+        let white = f64::from(set.sensor.white_level_dn);
+        let dark_lines: Vec<DarkLine> = (0..count).map(|c| DarkLine::of(darks, c)).collect();
+        let mut flats = Self {
+            levels: Vec::new(),
+            passed: vec![Vec::new(); count],
+            knees: vec![Knee::default(); count],
+            maps: LineMaps::new(set.sensor.width, set.sensor.height, &sites),
+        };
+        let mut order = selection.flats.clone();
+        let light = |c: &Capture| ladder::photons(set, c).unwrap_or(c.exposure_s);
+        order.sort_by(|a, b| light(a).total_cmp(&light(b)));
+        // A level enters the maps once the next brighter one has shown where saturation lies.
+        let mut waiting: Option<(Stack, Level)> = None;
+        for capture in order {
+            let stack = Stack::read(set, capture)?;
+            let level = Level::new(set, capture, &stack);
+            for (c, m) in level.channels.iter().enumerate() {
+                if m.frames < 2 {
+                    return Err(Error::input("one frame has no temporal noise to measure")
+                        .at(format!("flat capture {:?}", level.id))
+                        .help("give at least two frames per capture"));
+                }
+                let dark = dark_lines[c].mean_at(level.exposure_s).value;
+                let dark_variance = darks[0].channels[c].temporal;
+                let passes = flats.knees[c].passes(m, m.mean() - dark, m.temporal - dark_variance);
+                flats.passed[c].push(passes);
+            }
+            if let Some((stack, level)) = waiting.replace((stack, level)) {
+                flats.keep(&stack, level, &dark_lines, white);
+            }
+        }
+        if let Some((stack, level)) = waiting {
+            flats.keep(&stack, level, &dark_lines, white);
+        }
+        Ok(flats)
+    }
+
+    fn keep(&mut self, stack: &Stack, level: Level, dark: &[DarkLine], white: f64) {
+        let index = self.levels.len();
+        let points: Vec<Point> = (0..level.channels.len())
+            .map(|c| {
+                let m = &level.channels[c];
+                let usable = self.passed[c][index] && self.knees[c].clear(m, white);
+                let weight = m.frames as f64 / m.temporal.max(QUANTISATION);
+                Point {
+                    x: m.mean() - dark[c].mean_at(level.exposure_s).value,
+                    z: level.exposure_s,
+                    weight: if usable { weight } else { 0.0 },
+                }
+            })
+            .collect();
+        self.maps.add(stack, &points);
+        self.levels.push(level);
+    }
+}
+
+fn figures_of(
+    t: &Transfer,
+    flats: &[Level],
+    channel: usize,
+    white: f64,
+    dark_spread: f64,
+) -> Figures {
+    let k = t.gain;
+    let (black, rate) = t.dark.offset_and_rate();
+    let brightest =
+        t.signals.iter().zip(&t.used).filter(|s| *s.1).map(|s| *s.0).fold(0.0, f64::max);
+    let photons_known = flats.iter().all(|f| f.photons.is_some());
+    Figures {
+        system_gain_dn_per_e: Some(k),
+        read_noise_e: t.read_noise(dark_spread),
+        full_well_e: t.full_well(flats, channel, white),
+        dark_current_e_per_s: rate.map(|r| r.over(k)),
+        dark_current_from_variance_e_per_s: t
+            .dark_variance_rate
+            .map(|r| Value::new(r.value, r.std_error).scaled(1.0 / (k.value * k.value))),
+        black_level_dn: Some(black),
+        nonlinearity_percent: t.response.map(|r| {
+            let x = r.linearise(brightest);
+            Value::new(100.0 * (brightest / x - 1.0), 100.0 * r.quadratic.std_error * x)
+        }),
+        quantum_efficiency: t.response.filter(|_| photons_known).map(|r| r.responsivity.over(k)),
+        ..Figures::default()
+    }
+}
+
+/// Fills in what the lines per pixel tell: variances over pixels in electrons.
+fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, channel: usize) {
+    let root = |v: Value| Value::sqrt(v.value, v.std_error);
+    let offsets = darks.spread(Line::Offset, channel);
+    let rates = darks.spread(Line::Slope, channel).map(|s| s.1.total);
+    if let Some((_, SpatialVariance { row, column, pixel, .. })) = offsets {
+        f.row_fpn_e = root(row).map(|v| v.scaled(1.0 / k));
+        f.column_fpn_e = root(column).map(|v| v.scaled(1.0 / k));
+        f.pixel_fpn_e = root(pixel).map(|v| v.scaled(1.0 / k));
+        if let Some(black) = &mut f.black_level_dn {
+            // Patterns have zero mean over all sensors, not over the pixels of this one.
+            let of_rows = row.value.max(0.0) / flats.rows() as f64;
+            let of_columns = column.value.max(0.0) / flats.columns() as f64;
+            let of_pixels = pixel.value.max(0.0) / (flats.rows() * flats.columns()) as f64;
+            black.std_error = black.std_error.hypot((of_rows + of_columns + of_pixels).sqrt());
+        }
+    }
+    if let Some(rates) = rates {
+        f.dsnu_e_per_s = root(rates).map(|v| v.scaled(1.0 / k));
+        if let Some(current) = &mut f.dark_current_e_per_s {
+            let population = rates.value.max(0.0) / (k * k) / flats.pixels(channel);
+            current.std_error = current.std_error.hypot(population.sqrt());
+        }
+    }
+    let Some((mean, gains)) = flats.spread(Line::Slope, channel) else { return };
+    // Where flats differ in exposure time, the dark current's pattern leans into the slope.
+    let lean = flats.companion_slope(channel).unwrap_or(0.0);
+    let dark_part = rates.map_or(0.0, |r| r.value.max(0.0) * lean * lean);
+    let variance = (gains.total.value - dark_part) / (mean * mean);
+    f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
+}
+
+/// Takes back patterns of the dark that rounding to whole DN changes: offsets at zero exposure by its noise, the
+/// dark current's by the noise of the longest stack (`variance`, DN²).
+fn hide_what_rounding_hides(
+    f: &mut Figures,
+    k: f64,
+    variance: f64,
+    name: &str,
+    notes: &mut Vec<String>,
+) {
+    let note = |what: &str, noise: f64| {
+        format!(
+            "channel {name}: {what} not determined: with a noise of {noise:.2} DN, rounding to whole DN changes \
+             patterns that are smaller than a DN"
+        )
+    };
+    let at_zero = f.read_noise_e.map_or(0.0, |r| r.value * k);
+    if rounding_of_patterns(at_zero * at_zero) > 0.05 {
+        (f.row_fpn_e, f.column_fpn_e, f.pixel_fpn_e) = (None, None, None);
+        notes.push(note("row_fpn_e, column_fpn_e and pixel_fpn_e", at_zero));
+    }
+    let longest = (variance - QUANTISATION).max(0.0);
+    if rounding_of_patterns(longest) > 0.05 {
+        (f.dsnu_e, f.dsnu_e_per_s) = (None, None);
+        notes.push(note("dsnu_e and dsnu_e_per_s", longest.sqrt()));
+    }
+}
+
+fn curve(t: &Transfer, flats: &[Level], channel: usize) -> Vec<CurvePoint> {
+    (0..flats.len())
+        .map(|i| {
+            let m = &flats[i].channels[channel];
+            CurvePoint {
+                id: flats[i].id.clone(),
+                signal_dn: t.signals[i],
+                variance_dn2: Value::new(m.temporal, m.temporal_error),
+                used: t.used[i],
+            }
+        })
+        .collect()
+}
+
+/// What the channels share, taken together.
+fn over_channels(channels: &[ChannelPtc]) -> Figures {
+    let of = |get: fn(&Figures) -> Option<Value>| {
+        let values: Vec<Value> = channels.iter().filter_map(|c| get(&c.figures)).collect();
+        if let [one] = values[..] { Some(one) } else { Value::combine(&values) }
+    };
+    let mono = channels.len() == 1;
+    Figures {
+        system_gain_dn_per_e: of(|f| f.system_gain_dn_per_e),
+        read_noise_e: of(|f| f.read_noise_e),
+        full_well_e: of(|f| f.full_well_e),
+        prnu: of(|f| f.prnu),
+        dsnu_e: of(|f| f.dsnu_e),
+        dark_current_e_per_s: of(|f| f.dark_current_e_per_s),
+        dark_current_from_variance_e_per_s: of(|f| f.dark_current_from_variance_e_per_s),
+        dsnu_e_per_s: of(|f| f.dsnu_e_per_s),
+        pixel_fpn_e: of(|f| f.pixel_fpn_e),
+        row_fpn_e: of(|f| f.row_fpn_e),
+        column_fpn_e: of(|f| f.column_fpn_e),
+        black_level_dn: of(|f| f.black_level_dn),
+        nonlinearity_percent: of(|f| f.nonlinearity_percent),
+        dark_doubling_c: of(|f| f.dark_doubling_c),
+        // A colour filter's efficiency belongs to its channel.
+        quantum_efficiency: if mono { of(|f| f.quantum_efficiency) } else { None },
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,286 @@
+//! The directory form of a characterisation.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `lens.toml` | `format = "camrig-lens/1"`, names, paraxial figures, axes (below) |
+//! | `distortion.npy` | f64 `[heights][wavelengths]`: real chief-ray height, mm |
+//! | `relative_illumination.npy` | f64 `[heights][wavelengths]` |
+//! | `chief_ray_angle.npy` | f64 `[heights][wavelengths]`, degrees; optional |
+//! | `psf.npy` | f32 `[psf heights][psf wavelengths][n][n]`, unit sums |
+//!
+//! ```toml
+//! format = "camrig-lens/1"
+//! name = "phone80"
+//! source = "traced from phone80.zmx by camrig 0.1"
+//! efl_mm = 5.165
+//! f_number = 2.37
+//! magnification = 0.0
+//! pupil_magnification = 1.0                # optional, default 1
+//! stop_radius_mm = 0.95                    # optional
+//! wavelengths_nm = [400.0, 550.0, 700.0]
+//! heights_mm = [0.0, 1.0, 2.0]
+//! transmittance = [[400.0, 0.9], [700.0, 0.92]]   # wavelength nm, value; default 1
+//! [psf]
+//! spacing_um = 0.25
+//! wavelengths_nm = [400.0, 550.0, 700.0]
+//! heights_mm = [0.0, 2.0]
+//! captured = [0.99, 0.99, 0.98, 0.97, 0.96, 0.95] # optional, [height][wavelength]
+//! [psf.between]                            # optional: error of PSFs halfway between heights, as measured
+//! misplaced_mean = 0.004                   # share of the light, mean over the field
+//! misplaced_largest = 0.009
+//! pixel_um = 1.4                           # after integration over pixels of this side
+//! ```
+
+use super::Between;
+use super::{Characterisation, PsfGrid};
+use camrig_base::Spectrum;
+use camrig_base::{Error, Result};
+use npyz::WriterBuilder;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Write};
+use std::path::Path;
+
+const FORMAT: &str = "camrig-lens/1";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LensToml {
+    format: String,
+    name: String,
+    source: String,
+    efl_mm: f64,
+    f_number: f64,
+    magnification: f64,
+    #[serde(default = "one")]
+    pupil_magnification: f64,
+    stop_radius_mm: Option<f64>,
+    wavelengths_nm: Vec<f64>,
+    heights_mm: Vec<f64>,
+    #[serde(default = "clear")]
+    transmittance: Vec<[f64; 2]>,
+    psf: PsfToml,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PsfToml {
+    spacing_um: f64,
+    wavelengths_nm: Vec<f64>,
+    heights_mm: Vec<f64>,
+    captured: Option<Vec<f64>>,
+    between: Option<Between>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn clear() -> Vec<[f64; 2]> {
+    vec![[550.0, 1.0]]
+}
+
+impl Characterisation {
+    /// Reads a lens directory.
+    ///
+    /// # Errors
+    /// A missing or malformed file, shapes that disagree with `lens.toml`, values that break the
+    /// conventions.
+    pub fn read(dir: &Path) -> Result<Self> {
+        let path = dir.join("lens.toml");
+        let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
+        let head: LensToml =
+            toml::from_str(&text).map_err(|e| Error::input(e.to_string()).at(path.display()))?;
+        if head.format != FORMAT {
+            return Err(Error::input(format!("format \"{}\"", head.format))
+                .at(path.display())
+                .help(format!("this program reads \"{FORMAT}\"")));
+        }
+        let tables = [head.heights_mm.len(), head.wavelengths_nm.len()];
+        let angle_path = dir.join("chief_ray_angle.npy");
+        let psf_shape = [head.psf.heights_mm.len(), head.psf.wavelengths_nm.len()];
+        let (size, data) = read_psf(&dir.join("psf.npy"), psf_shape)?;
+        let (nm, value) = head.transmittance.iter().map(|p| (p[0], p[1])).unzip();
+        let lens = Self {
+            name: head.name,
+            source: head.source,
+            efl_mm: head.efl_mm,
+            f_number: head.f_number,
+            magnification: head.magnification,
+            pupil_magnification: head.pupil_magnification,
+            stop_radius_mm: head.stop_radius_mm,
+            transmittance: Spectrum::new(nm, value)
+                .map_err(|e| e.at("transmittance").at(path.display()))?,
+            real_height_mm: read_table(&dir.join("distortion.npy"), tables)?,
+            relative_illumination: read_table(&dir.join("relative_illumination.npy"), tables)?,
+            chief_ray_angle_deg: match angle_path.exists() {
+                true => Some(read_table(&angle_path, tables)?),
+                false => None,
+            },
+            wavelengths_nm: head.wavelengths_nm,
+            heights_mm: head.heights_mm,
+            psf: PsfGrid {
+                heights_mm: head.psf.heights_mm,
+                wavelengths_nm: head.psf.wavelengths_nm,
+                size,
+                spacing_um: head.psf.spacing_um,
+                data,
+                captured: head.psf.captured,
+                between: head.psf.between,
+            },
+        };
+        lens.validate().map_err(|e| e.at(dir.display()))?;
+        Ok(lens)
+    }
+
+    /// Writes a lens directory, whole or not at all; an existing one only with `force`.
+    ///
+    /// # Errors
+    /// Invalid data, an existing directory, or the operating system's refusal.
+    pub fn write(&self, dir: &Path, force: bool) -> Result<()> {
+        self.validate()?;
+        if dir.exists() && !force {
+            return Err(Error::input(format!("{} exists already", dir.display()))
+                .help("choose another name, or replace it with --force"));
+        }
+        if dir.exists() && !dir.join("lens.toml").exists() {
+            return Err(Error::input(format!("{} is not a lens directory", dir.display()))
+                .help("only a lens directory is replaced"));
+        }
+        let parent = match dir.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        let staging =
+            tempfile::tempdir_in(parent).map_err(|e| Error::io("write into", parent, e))?;
+        self.write_files(staging.path())?;
+        if dir.exists() {
+            std::fs::remove_dir_all(dir).map_err(|e| Error::io("replace", dir, e))?;
+        }
+        std::fs::rename(staging.keep(), dir).map_err(|e| Error::io("write", dir, e))
+    }
+
+    fn write_files(&self, dir: &Path) -> Result<()> {
+        let head = LensToml {
+            format: FORMAT.into(),
+            name: self.name.clone(),
+            source: self.source.clone(),
+            efl_mm: self.efl_mm,
+            f_number: self.f_number,
+            magnification: self.magnification,
+            pupil_magnification: self.pupil_magnification,
+            stop_radius_mm: self.stop_radius_mm,
+            wavelengths_nm: self.wavelengths_nm.clone(),
+            heights_mm: self.heights_mm.clone(),
+            transmittance: self.transmittance.samples().map(|(nm, v)| [nm, v]).collect(),
+            psf: PsfToml {
+                spacing_um: self.psf.spacing_um,
+                wavelengths_nm: self.psf.wavelengths_nm.clone(),
+                heights_mm: self.psf.heights_mm.clone(),
+                captured: self.psf.captured.clone(),
+                between: self.psf.between,
+            },
+        };
+        let path = dir.join("lens.toml");
+        let text = toml::to_string(&head).map_err(|e| Error::input(e.to_string()))?;
+        std::fs::write(&path, text).map_err(|e| Error::io("write", &path, e))?;
+        let tables = [self.heights_mm.len() as u64, self.wavelengths_nm.len() as u64];
+        write_npy(&dir.join("distortion.npy"), &tables, &self.real_height_mm)?;
+        write_npy(&dir.join("relative_illumination.npy"), &tables, &self.relative_illumination)?;
+        if let Some(angle) = &self.chief_ray_angle_deg {
+            write_npy(&dir.join("chief_ray_angle.npy"), &tables, angle)?;
+        }
+        let (p, n) = (&self.psf, self.psf.size as u64);
+        let shape = [p.heights_mm.len() as u64, p.wavelengths_nm.len() as u64, n, n];
+        write_npy(&dir.join("psf.npy"), &shape, &p.data)
+    }
+}
+
+fn write_npy<T>(path: &Path, shape: &[u64], values: &[T]) -> Result<()>
+where
+    T: npyz::AutoSerialize + npyz::Serialize + Copy,
+{
+    let write = || -> std::io::Result<()> {
+        let mut file = BufWriter::new(File::create(path)?);
+        let mut npy =
+            npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut file).begin_nd()?;
+        npy.extend(values.iter().copied())?;
+        npy.finish()?;
+        file.flush()
+    };
+    write().map_err(|e| Error::io("write", path, e))
+}
+
+/// Opens an array, checks shape and order before anything is allocated by its header's word.
+fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
+    let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
+    let bytes = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
+    let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(|e| Error::io("read", path, e))?;
+    let shape = npy.shape().to_vec();
+    let count = shape.iter().try_fold(1u64, |a, &n| a.checked_mul(n));
+    if npy.order() != npyz::Order::C || count.is_none_or(|n| n.saturating_mul(4) > bytes) {
+        return Err(Error::input(format!("array of shape {shape:?} in a file of {bytes} bytes"))
+            .at(path.display())
+            .help("the file is truncated, or not in C order"));
+    }
+    Ok((npy, shape))
+}
+
+fn read_table(path: &Path, expected: [usize; 2]) -> Result<Vec<f64>> {
+    let (npy, shape) = open_npy(path)?;
+    if shape != expected.map(|n| n as u64) {
+        return Err(Error::input(format!("array of shape {shape:?}"))
+            .at(path.display())
+            .help(format!("lens.toml announces [heights, wavelengths] = {expected:?}")));
+    }
+    npy.into_vec::<f64>().map_err(|e| Error::io("read", path, e))
+}
+
+fn read_psf(path: &Path, expected: [usize; 2]) -> Result<(usize, Vec<f32>)> {
+    let (npy, shape) = open_npy(path)?;
+    match shape[..] {
+        [h, w, n, m] if n == m && [h, w] == expected.map(|n| n as u64) => {
+            let data = npy.into_vec::<f32>().map_err(|e| Error::io("read", path, e))?;
+            Ok((n as usize, data))
+        }
+        _ => {
+            Err(Error::input(format!("array of shape {shape:?}")).at(path.display()).help(format!(
+                "lens.toml announces [heights, wavelengths, n, n] with {expected:?} square PSFs"
+            )))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comes_back_as_it_was_written_and_is_replaced_only_by_force() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("lens");
+        let lens = Characterisation::example(8, 0.25);
+        lens.write(&path, false).unwrap();
+        assert_eq!(Characterisation::read(&path).unwrap(), lens);
+        assert!(lens.write(&path, false).unwrap_err().to_string().contains("--force"));
+        lens.write(&path, true).unwrap();
+    }
+
+    #[test]
+    fn truncated_or_disagreeing_files_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("lens");
+        Characterisation::example(8, 0.25).write(&path, false).unwrap();
+        let psf = path.join("psf.npy");
+        let bytes = std::fs::read(&psf).unwrap();
+        std::fs::write(&psf, &bytes[..bytes.len() / 2]).unwrap();
+        let error = Characterisation::read(&path).unwrap_err().to_string();
+        assert!(error.contains("psf.npy") && error.contains("truncated"), "{error}");
+        std::fs::write(&psf, &bytes).unwrap();
+        let toml = path.join("lens.toml");
+        let text = std::fs::read_to_string(&toml).unwrap();
+        std::fs::write(&toml, text.replace("efl_mm", "elf_mm")).unwrap();
+        let error = Characterisation::read(&path).unwrap_err().to_string();
+        assert!(error.contains("elf_mm") && error.contains("lens.toml"), "{error}");
+    }
+}

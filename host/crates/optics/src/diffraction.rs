@@ -1,0 +1,186 @@
+//! The diffraction-limited lens of which only key parameters are known, in focus or out of it.
+//!
+//! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus.
+//! Circular pupil without obscuration, incoherent light, scalar diffraction.
+
+use super::engine::{Blur, Lens, Otf, RadialCurve};
+use super::interpolate::MonotoneCubic;
+use camrig_base::Spectrum;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// A perfect lens of given f-number.
+#[derive(Clone, Debug)]
+pub struct Diffraction {
+    /// N: focal length over entrance-pupil diameter.
+    pub f_number: f64,
+    /// Focal length, mm.
+    pub focal_length_mm: f64,
+    /// |m|; 0 for an object at infinity.
+    pub magnification: f64,
+    /// Transmittance T(λ) of the lens.
+    pub transmittance: Spectrum,
+    /// Fall-off of illumination towards the corners.
+    pub illumination: Illumination,
+    /// Displacement of the sensor from the focus along the axis, µm; sign without effect.
+    pub defocus_um: f64,
+}
+
+/// Relative illumination over the field.
+#[derive(Clone, Debug)]
+pub enum Illumination {
+    /// cos⁴ of the field angle atan(height / image distance).
+    Cos4,
+    /// None.
+    Uniform,
+    /// Ratio over real image height in mm.
+    Table(MonotoneCubic),
+}
+
+impl Diffraction {
+    /// Image-side f-number N(1+|m|): the cone that converges on the sensor (pupil magnification 1).
+    pub fn working_f_number(&self) -> f64 {
+        self.f_number * (1.0 + self.magnification)
+    }
+
+    /// Distance of the image plane from the rear principal plane, f(1+|m|), mm.
+    pub fn image_distance_mm(&self) -> f64 {
+        self.focal_length_mm * (1.0 + self.magnification)
+    }
+
+    /// Highest frequency that passes, 1/(λ·N(1+|m|)), cycles/mm (eq. 6 on the image side).
+    pub fn cutoff_per_mm(&self, nm: f64) -> f64 {
+        1e6 / (nm * self.working_f_number())
+    }
+
+    /// The optical transfer function at a frequency in cycles/mm: eqs. 4-5 in focus, Hopkins' with
+    /// defocus. Real, since the pupil is symmetric.
+    pub fn otf(&self, nm: f64, cycles_per_mm: f64) -> f64 {
+        // W020 = δ/(8 Nw²), the wavefront error at the pupil's edge, in waves.
+        let waves = self.defocus_um.abs() * 1e3 / (8.0 * self.working_f_number().powi(2) * nm);
+        hopkins_otf(cycles_per_mm.abs() / self.cutoff_per_mm(nm), waves)
+    }
+}
+
+/// The OTF of a circular pupil at x = f/fc with `waves` of defocus W020 at its edge.
+///
+/// Autocorrelation of the pupil e^(2πi·W020·ρ²): (4/π)∫ cos²θ·cos(8π·W020·x·(sin θ − x)) dθ from
+/// asin x to π/2, which without defocus is eq. 5, (2/π)(acos x − x√(1−x²)).
+pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
+    if x >= 1.0 {
+        return 0.0;
+    }
+    if waves == 0.0 {
+        return 2.0 / PI * (x.acos() - x * (1.0 - x * x).sqrt());
+    }
+    let rate = 8.0 * PI * waves * x;
+    let (low, high) = (x.asin(), FRAC_PI_2);
+    // Simpson's rule; 16 intervals per radian of phase keep its error below 1e-8.
+    let intervals = 2 * (32 + (8.0 * rate * (1.0 - x)).ceil() as usize);
+    let h = (high - low) / intervals as f64;
+    let value = |i: usize| {
+        let (s, c) = (low + h * i as f64).sin_cos();
+        c * c * (rate * (s - x)).cos()
+    };
+    let inner: f64 = (1..intervals).map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * value(i)).sum();
+    4.0 / PI * h / 3.0 * (value(0) + inner + value(intervals))
+}
+
+/// The part of the light that diffraction at the pupil's edge spreads far.
+///
+/// Whatever its defocus, a circular pupil's OTF starts as 1 − (4/π)·λN·f, and that kink at 0 is a point-spread
+/// function that falls as r⁻³: of a line's light 2λN/(π³X) lies beyond X on each side, 0.2 % beyond 32 λN. A·(e^(−2πaf) −
+/// e^(−2πbf)) with 2πA·(a − b) = (4/π)·λN has the kink too: it is the transform of A·(p(r, a) − p(r, b)), p(r, a) =
+/// a/(2π(r² + a²)^(3/2)). What the OTF is beside that ends early: with b = X/4 and a = 3X/8 it has
+/// (a² + ab + b²)/(3X²) = 10 % of the OTF's light beyond X.
+#[derive(Clone, Copy)]
+struct Wings {
+    strength: f64,
+    /// 2πa and 2πb, mm.
+    wide: f64,
+    narrow: f64,
+}
+
+impl Wings {
+    /// For a λN and the distance X that the rest shall keep within, µm.
+    fn new(lambda_n_um: f64, spread_um: f64) -> Self {
+        let (wide, narrow) = (0.375e-3 * TAU * spread_um, 0.25e-3 * TAU * spread_um);
+        Self { strength: 4e-3 / PI * lambda_n_um / (wide - narrow), wide, narrow }
+    }
+
+    fn otf(&self, cycles_per_mm: f64) -> f64 {
+        self.strength * ((-self.wide * cycles_per_mm).exp() - (-self.narrow * cycles_per_mm).exp())
+    }
+
+    /// Frequency beyond which 1e-5 of the light passes at most, cycles/mm.
+    fn cutoff_per_mm(&self) -> f64 {
+        (self.strength * 1e5).ln().max(1.0) / self.narrow
+    }
+}
+
+impl Lens for Diffraction {
+    fn steradians(&self, nm: f64) -> f64 {
+        PI * self.transmittance.at(nm) / (1.0 + 4.0 * self.working_f_number().powi(2))
+    }
+
+    fn illumination(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        let distance = self.image_distance_mm();
+        match &self.illumination {
+            Illumination::Uniform => None,
+            Illumination::Cos4 => {
+                Some(Box::new(move |h| 1.0 / (1.0 + (h / distance).powi(2)).powi(2)))
+            }
+            Illumination::Table(curve) => Some(Box::new(move |h| curve.at(h))),
+        }
+    }
+
+    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+        None
+    }
+
+    fn blur(&self, nm: f64) -> Blur<'_> {
+        let lambda_n_um = 1e-3 * nm * self.working_f_number();
+        // The geometric blur circle of defocus comes on top.
+        let spread_um =
+            32.0 * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
+        let wings = Wings::new(lambda_n_um, spread_um);
+        Blur::Otf {
+            core: Otf {
+                cutoff_per_mm: self.cutoff_per_mm(nm),
+                spread_um,
+                at: Box::new(move |f| self.otf(nm, f) - wings.otf(f)),
+            },
+            wings: Some(Otf {
+                cutoff_per_mm: wings.cutoff_per_mm(),
+                spread_um: 16.0 * spread_um,
+                at: Box::new(move |f| wings.otf(f)),
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defocus_integral_without_defocus_is_equation_5() {
+        for k in 0..100 {
+            let x = f64::from(k) / 100.0;
+            assert!((hopkins_otf(x, 1e-9) - hopkins_otf(x, 0.0)).abs() < 1e-7, "{x}");
+        }
+    }
+
+    #[test]
+    fn strong_defocus_tends_to_the_geometric_blur_circle() {
+        // The OTF of a uniform disc of radius R is 2·J1(2πRf)/(2πRf), first zero at 2πRf = 3.8317.
+        // With 10 waves the diffraction OTF has its first zero within 5 % of it (Hopkins 1955).
+        let waves = 10.0;
+        let zero = (1..10_000)
+            .map(|k| f64::from(k) * 1e-5)
+            .find(|&x| hopkins_otf(x, waves) < 0.0)
+            .unwrap();
+        // R = δ/(2N), δ = 8N²Wλ, f = x/(λN): 2πRf = 8πWx.
+        let geometric = 3.8317 / (8.0 * PI * waves);
+        assert!((zero / geometric - 1.0).abs() < 0.05, "{zero} against {geometric}");
+    }
+}

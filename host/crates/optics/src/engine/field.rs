@@ -1,0 +1,68 @@
+//! What depends only on where in the field a pixel lies: eq. 7, relative illumination, veiling glare.
+
+use super::{Lens, SensorGrid};
+use camrig_base::Plane;
+use rayon::prelude::*;
+
+/// A curve of image height sampled so finely that linear interpolation in r² is exact to 1e-7 for
+/// curves smooth in r².
+pub struct RadialTable {
+    per_square_mm: f64,
+    values: Vec<f64>,
+}
+
+impl RadialTable {
+    const STEPS: usize = 4096;
+
+    /// Samples `curve` from height 0 to `largest_mm`.
+    pub fn new(curve: impl Fn(f64) -> f64, largest_mm: f64) -> Self {
+        let per_square_mm = Self::STEPS as f64 / (largest_mm * largest_mm);
+        let values =
+            (0..Self::STEPS + 2).map(|i| curve((i as f64 / per_square_mm).sqrt())).collect();
+        Self { per_square_mm, values }
+    }
+
+    /// The value where the squared height is `square_mm`.
+    pub fn at(&self, square_mm: f64) -> f64 {
+        let t = (square_mm * self.per_square_mm).min(Self::STEPS as f64);
+        let i = t as usize;
+        self.values[i] + (t - i as f64) * (self.values[i + 1] - self.values[i])
+    }
+}
+
+/// Greatest distance of a point of the frame, widened by `margin_mm`, from the optical axis, mm.
+pub fn largest_height_mm(grid: &SensorGrid, axis_mm: (f64, f64), margin_mm: f64) -> f64 {
+    let half = |n: usize, axis: f64| n as f64 * grid.pitch_um * 0.5e-3 + axis.abs() + margin_mm;
+    half(grid.width, axis_mm.0).hypot(half(grid.height, axis_mm.1))
+}
+
+/// Multiplies by steradians and relative illumination at the pixel centres, then spreads the veiling
+/// glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist frequency can leave
+/// values just below 0 beside bright points; irradiance is not negative, so they become 0.
+pub fn apply(plane: &mut Plane<f32>, lens: &dyn Lens, nm: f64, grid: &SensorGrid) {
+    let factor = lens.steradians(nm);
+    let axis = lens.axis_mm();
+    plane.data.par_iter_mut().for_each(|e| *e = e.max(0.0));
+    let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
+    let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
+    match lens.illumination(nm) {
+        None => plane.data.iter_mut().for_each(|e| *e *= factor as f32),
+        Some(curve) => {
+            let table = RadialTable::new(curve, largest_height_mm(grid, axis, 0.0));
+            plane.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+                let dy = centred(y, grid.height) - axis.1;
+                for (x, e) in row.iter_mut().enumerate() {
+                    let dx = centred(x, width) - axis.0;
+                    *e *= (factor * table.at(dx * dx + dy * dy)) as f32;
+                }
+            });
+        }
+    }
+    let glare = lens.veiling_glare();
+    if glare > 0.0 {
+        let sum: f64 = plane.data.iter().map(|&e| f64::from(e)).sum();
+        let veil = (glare * sum / plane.data.len() as f64) as f32;
+        let kept = (1.0 - glare) as f32;
+        plane.data.iter_mut().for_each(|e| *e = kept * *e + veil);
+    }
+}

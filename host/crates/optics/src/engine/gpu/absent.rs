@@ -1,0 +1,47 @@
+//! What stands for graphics processors in a program built without them: none can be opened.
+
+use super::varying::{Kernels, Rows, Tiling};
+use camrig_base::{Error, Plane, Result};
+
+/// None.
+#[derive(Debug)]
+pub enum Gpu {}
+
+impl Gpu {
+    /// Says that there is none.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn open(_any: bool) -> Result<&'static Self> {
+        Err(Error::input("this camrig was built without graphics processors").help(
+            "build it with them (cargo build --release --features gpu), or give --device cpu",
+        ))
+    }
+
+    pub fn name(&self) -> &str {
+        match *self {}
+    }
+}
+
+/// None.
+pub enum Blurrer {}
+
+impl Blurrer {
+    pub fn new(gpu: &'static Gpu, _tiling: &Tiling) -> Result<Self> {
+        match *gpu {}
+    }
+
+    pub fn tiling(&self) -> &Tiling {
+        match *self {}
+    }
+
+    pub fn blur(
+        &self,
+        _rows: &Rows<'_>,
+        _kernels: &Kernels,
+        _corner: (usize, usize),
+        _size: (usize, usize),
+    ) -> Result<Plane<f32>> {
+        match *self {}
+    }
+}

@@ -1,0 +1,396 @@
+//! The optics engine: scene radiance in, spectral irradiance on the sensor grid out, band by band.
+//!
+//! Per band, E(x, y) = L(ideal(x, y)) ⊗ blur ⊗ pixel · π·T(λ)/(1+4(N(1+|m|))²) · RI(x, y)  (eq. 7):
+//! 1. the scene is rendered, **area averaged**, on cells s times finer than the pixels ([`sampling`]
+//!    says how s is chosen), with a margin around the frame;
+//! 2. where the lens distorts, it is resampled at the *ideal* place of every real cell (inverse
+//!    mapping; radiance is resampled, so no Jacobian);
+//! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier domain,
+//!    and the result is taken at the pixel centres. Aliasing of the real pixel grid stays; that of the
+//!    cell grid is bounded by the choice of s. Kernels are finite and the margin holds them whole, so convolution
+//!    is linear: nothing wraps around. (On a graphics processor a blur that varies over the field is summed directly:
+//!    [`Device`]);
+//! 4. relative illumination at the pixel centre and eq. 7 are applied, once.
+
+pub mod sampling;
+
+mod device;
+mod field;
+pub(super) mod fourier;
+#[cfg_attr(not(feature = "gpu"), path = "gpu/absent.rs")]
+mod gpu;
+pub mod nodes;
+pub mod psf;
+pub(super) mod source;
+pub mod varying;
+mod warp;
+
+use camrig_base::{Error, Plane, Result};
+use camrig_scene::LitScene;
+pub use device::{Device, DeviceChoice};
+pub use nodes::{Misplaced, NodeReport};
+use sampling::Layout;
+use serde::{Deserialize, Serialize};
+pub use source::Border;
+
+/// A function of image height in mm.
+pub type RadialCurve<'a> = Box<dyn Fn(f64) -> f64 + Send + Sync + 'a>;
+
+/// The sensor as the optics sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorGrid {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Distance of pixel centres, µm.
+    pub pitch_um: f64,
+    /// Photosensitive area over pitch²; a square of side pitch·√fill factor about the pixel's centre.
+    pub fill_factor: f64,
+}
+
+/// How a lens blurs.
+pub enum Blur<'a> {
+    /// The same everywhere: a real, rotationally symmetric optical transfer function, as the sum of one that keeps
+    /// the light close and one for the little light that goes far. Wide margins and fine cells are so never needed at once.
+    Otf {
+        /// Nearly all of the light; 1 at frequency 0.
+        core: Otf<'a>,
+        /// What `core` lacks, smooth over a pixel or wider; 0 at frequency 0. It is followed for half of the frame's longer
+        /// side at most.
+        wings: Option<Otf<'a>>,
+    },
+    /// Different over the field: point-spread functions by image height.
+    Field {
+        /// The PSFs.
+        psfs: psf::PsfField,
+        /// Frequency beyond which nothing passes (diffraction), cycles/mm.
+        cutoff_per_mm: f64,
+    },
+}
+
+/// An optical transfer function or a part of one.
+pub struct Otf<'a> {
+    /// Frequency beyond which nothing passes, cycles/mm.
+    pub cutoff_per_mm: f64,
+    /// Distance from the ideal place within which (nearly) all of the light falls, µm; what falls beyond is folded
+    /// back into it.
+    pub spread_um: f64,
+    /// The value over frequency in cycles/mm.
+    pub at: RadialCurve<'a>,
+}
+
+/// What the engine asks of a lens. Image heights are real heights from the optical axis, mm.
+pub trait Lens: Send + Sync {
+    /// Irradiance on the axis over radiance, sr: eq. 7 with transmittance.
+    fn steradians(&self, nm: f64) -> f64;
+    /// Illumination relative to the axis over real image height; `None` for 1 everywhere.
+    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>>;
+    /// Paraxial height over real height: the inverse of distortion; `None` without any.
+    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>>;
+    /// Where the optical axis meets the sensor, mm right of and below its centre.
+    fn axis_mm(&self) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+    /// Fraction of the light that reaches the frame spread evenly over it.
+    fn veiling_glare(&self) -> f64 {
+        0.0
+    }
+    /// The blur.
+    fn blur(&self, nm: f64) -> Blur<'_>;
+}
+
+/// How to compute; the defaults suit any scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Cells per pixel and direction; `None` takes the smallest that keeps [`Options::step_error`].
+    pub oversample: Option<usize>,
+    /// Largest error at a sharp step of the scene, relative to the step, that the cell grid may cause.
+    pub step_error: f64,
+    /// Largest mean fraction of light that interpolating PSFs between nodes may misplace.
+    pub misplaced_light: f64,
+    /// What lies beyond the frame.
+    pub border: Border,
+    /// Worker threads; `None` for one per processor. The result does not depend on it.
+    pub threads: Option<usize>,
+    /// What a blur that varies over the field runs on. Graphics processors round otherwise, each kind in its own way.
+    pub device: Device,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            oversample: None,
+            step_error: 0.025,
+            misplaced_light: 0.01,
+            border: Border::Scene,
+            threads: None,
+            device: Device::Cpu,
+        }
+    }
+}
+
+/// What was done.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Cells per pixel and direction, per band.
+    pub oversample: Vec<usize>,
+    /// Margin rendered around the frame, pixels, largest over the bands.
+    pub margin_pixels: usize,
+    /// Bound on the error at a sharp step relative to the step, largest over the bands; the wings of an OTF add less
+    /// than 1e-3.
+    pub step_error: f64,
+    /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are the worst of the
+    /// first, middle and last band.
+    pub nodes: Option<NodeReport>,
+    /// The graphics processor that blurred, if one did.
+    pub device: Option<String>,
+}
+
+/// Renders every band of `scene` through `lens` onto `grid`.
+///
+/// `sink(band, plane)` gets, in band order, the mean irradiance over each pixel's photosensitive
+/// square, W m⁻² nm⁻¹. `progress(done, total)` is called after each band. Memory: about
+/// 12 bytes per cell of one padded, oversampled band.
+///
+/// # Errors
+/// Impossible grids and options, a scene that cannot be rendered, an error of the sink.
+pub fn irradiance(
+    scene: &LitScene,
+    lens: &dyn Lens,
+    grid: &SensorGrid,
+    options: &Options,
+    mut progress: impl FnMut(usize, usize),
+    mut sink: impl FnMut(usize, Plane<f32>) -> Result<()> + Send,
+) -> Result<Report> {
+    grid.check()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads.unwrap_or(0))
+        .build()
+        .map_err(|e| Error::input(format!("cannot start worker threads: {e}")))?;
+    let bands = scene.scene.bands();
+    let mut report = Report::default();
+    let mut field_state = FieldState::default();
+    for band in 0..bands.count {
+        let nm = bands.nm(band);
+        let mut plane = pool.install(|| {
+            let job = Band { scene, band, lens, nm, grid, options };
+            match lens.blur(nm) {
+                Blur::Otf { core, wings } => job.through_otf(&core, wings.as_ref(), &mut report),
+                Blur::Field { psfs, cutoff_per_mm } => {
+                    job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
+                }
+            }
+        })?;
+        field::apply(&mut plane, lens, nm, grid);
+        sink(band, plane)?;
+        progress(band + 1, bands.count);
+    }
+    Ok(report)
+}
+
+/// One band on its way through the lens.
+#[derive(Clone, Copy)]
+struct Band<'a> {
+    scene: &'a LitScene<'a>,
+    band: usize,
+    lens: &'a dyn Lens,
+    nm: f64,
+    grid: &'a SensorGrid,
+    options: &'a Options,
+}
+
+impl Band<'_> {
+    /// Cells per pixel, by the option or by the step error, noted in the report.
+    fn oversample(
+        &self,
+        cutoff_per_mm: f64,
+        otf: &dyn Fn(f64) -> f64,
+        report: &mut Report,
+    ) -> Result<usize> {
+        let (pitch, aperture) = (self.grid.pitch_um, self.grid.aperture_um());
+        let (s, error) = match self.options.oversample {
+            Some(0) => return Err(Error::input("0 cells per pixel").help("give at least 1")),
+            Some(s) => (s, sampling::step_error(s, pitch, aperture, cutoff_per_mm, otf)),
+            None => {
+                sampling::oversample(self.options.step_error, pitch, aperture, cutoff_per_mm, otf)?
+            }
+        };
+        report.oversample.push(s);
+        report.step_error = report.step_error.max(error);
+        Ok(s)
+    }
+
+    fn source(&self, layout: &Layout, report: &mut Report) -> source::Source<'_> {
+        report.margin_pixels = report.margin_pixels.max(layout.margin);
+        let Self { scene, band, lens, nm, grid, options } = *self;
+        source::Source::new(scene, band, lens, nm, grid, layout, options.border)
+    }
+
+    fn through_otf(
+        &self,
+        core: &Otf,
+        wings: Option<&Otf>,
+        report: &mut Report,
+    ) -> Result<Plane<f32>> {
+        let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
+        let layout = fourier::layout(self.grid, oversample, core.spread_um);
+        let mut plane = self.through_part(core, &layout, report)?;
+        if let Some(wings) = wings {
+            let layout = fourier::wide_layout(self.grid, wings)?;
+            let far = self.through_part(wings, &layout, report)?;
+            plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
+        }
+        Ok(plane)
+    }
+
+    fn through_part(&self, part: &Otf, layout: &Layout, report: &mut Report) -> Result<Plane<f32>> {
+        let source = self.source(layout, report);
+        let geometry = fourier::Geometry {
+            layout,
+            pitch_um: self.grid.pitch_um,
+            aperture_um: self.grid.aperture_um(),
+            cutoff_per_mm: part.cutoff_per_mm,
+        };
+        fourier::blur(&source, &geometry, &part.at)
+    }
+
+    fn through_field(
+        &self,
+        psfs: &psf::PsfField,
+        cutoff_per_mm: f64,
+        state: &mut FieldState,
+        report: &mut Report,
+    ) -> Result<Plane<f32>> {
+        let s = self.oversample(cutoff_per_mm, &psfs.axial_mtf(), report)?;
+        let tile_pixels = match state.tile_pixels {
+            Some(pixels) => pixels,
+            None => *state.tile_pixels.insert(self.node_distance()?),
+        };
+        let FieldGrids { layout, kernel } = &FieldGrids::new(psfs, self.grid, s);
+        let source = self.source(layout, report);
+        let place = self.place(layout);
+        let tiling = varying::Tiling::new(
+            s,
+            (layout.cells_across(), layout.cells_down()),
+            kernel.size,
+            kernel.before,
+            tile_pixels * s,
+        );
+        if self.probes().contains(&self.band) {
+            let found = place.report(psfs, kernel, &tiling, self.options.misplaced_light);
+            match &mut report.nodes {
+                None => report.nodes = Some(found),
+                Some(nodes) => nodes.join(found),
+            }
+        }
+        let kernels = place.kernels(psfs, kernel, &tiling);
+        if state.blurrer.as_ref().is_none_or(|b| *b.tiling() != tiling) {
+            state.blurrer = None;
+        }
+        let blurrer = match &mut state.blurrer {
+            Some(blurrer) => blurrer,
+            none => none.insert(device::Blurrer::new(self.options.device, &tiling)?),
+        };
+        report.device = self.options.device.name().map(String::from);
+        blurrer.blur(
+            &|first, count| source.rows(first, count),
+            &kernels,
+            (layout.left(), layout.top()),
+            (layout.width, layout.height),
+        )
+    }
+
+    /// The bands that stand for all where PSFs are looked at.
+    fn probes(&self) -> [usize; 3] {
+        let last = self.scene.scene.bands().count - 1;
+        [0, last / 2, last]
+    }
+
+    /// The distance of nodes, in pixels, that keeps the tolerance in every probe.
+    fn node_distance(&self) -> Result<usize> {
+        let mut least = usize::MAX;
+        for band in self.probes() {
+            let probe = Band { band, nm: self.scene.scene.bands().nm(band), ..*self };
+            if let Blur::Field { psfs, cutoff_per_mm } = self.lens.blur(probe.nm) {
+                let mtf = psfs.axial_mtf();
+                let s = probe.oversample(cutoff_per_mm, &mtf, &mut Report::default())?;
+                let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, self.grid, s);
+                let tolerance = self.options.misplaced_light;
+                least = least.min(probe.place(&layout).node_distance(&psfs, &kernel, tolerance));
+            }
+        }
+        Ok(least)
+    }
+
+    fn place<'b>(&self, layout: &'b Layout) -> nodes::Place<'b> {
+        nodes::Place { layout, pitch_mm: self.grid.pitch_um * 1e-3, axis_mm: self.lens.axis_mm() }
+    }
+}
+
+/// The grids of a band whose blur varies.
+pub(super) struct FieldGrids {
+    /// The padded frame.
+    pub layout: Layout,
+    /// The kernels.
+    pub kernel: psf::KernelGrid,
+}
+
+impl FieldGrids {
+    /// Kernels that hold the PSFs, and a margin that holds the kernels.
+    pub fn new(psfs: &psf::PsfField, grid: &SensorGrid, s: usize) -> Self {
+        let radius_um = psfs.radius_um(psf::TAIL);
+        let kernel = psf::KernelGrid::new(s, grid.pitch_um, grid.aperture_um(), radius_um);
+        let margin_um = (kernel.before + s) as f64 * kernel.cell_um;
+        Self { layout: Layout::new(grid, s, margin_um), kernel }
+    }
+}
+
+/// What field-varying blur keeps from band to band.
+#[derive(Default)]
+struct FieldState {
+    /// Distance of nodes.
+    tile_pixels: Option<usize>,
+    /// Plans and buffers, as long as the tiling stays the same.
+    blurrer: Option<device::Blurrer>,
+}
+
+impl SensorGrid {
+    /// Side of the photosensitive square, µm.
+    pub fn aperture_um(&self) -> f64 {
+        self.pitch_um * self.fill_factor.sqrt()
+    }
+
+    /// Half the frame's diagonal: the image height of the corners, mm.
+    pub fn corner_mm(&self) -> f64 {
+        f64::hypot(self.width as f64, self.height as f64) * self.pitch_um * 5e-4
+    }
+
+    /// The frame's width, mm.
+    pub fn width_mm(&self) -> f64 {
+        self.width as f64 * self.pitch_um * 1e-3
+    }
+
+    fn check(&self) -> Result<()> {
+        if self.width == 0 || self.height == 0 {
+            return Err(Error::input(format!(
+                "a sensor of {} x {} pixels",
+                self.width, self.height
+            ))
+            .help("give at least one pixel each way"));
+        }
+        if !(self.pitch_um.is_finite() && self.pitch_um > 0.0) {
+            return Err(
+                Error::input(format!("pitch {} µm", self.pitch_um)).help("give it in µm, above 0")
+            );
+        }
+        if !(self.fill_factor > 0.0 && self.fill_factor <= 1.0) {
+            return Err(Error::input(format!("fill factor {}", self.fill_factor))
+                .help("photosensitive area over pitch², above 0 and at most 1"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

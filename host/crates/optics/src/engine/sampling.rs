@@ -1,0 +1,131 @@
+//! How finely the scene is sampled, and how far beyond the frame.
+//!
+//! A scene averaged over cells of side h and sampled at their centres holds, beside its own
+//! spectrum, replicas shifted by multiples of 1/h. The engine divides out the cell's own sinc, so the
+//! baseband is exact, and what remains of the replicas is the error. For the hardest scene, a
+//! unit step (spectrum 1/(2πif)), replica k at frequency f has the size f/(f+k/h)² /(2π); summed over
+//! k and frequencies with all phases against us,
+//!
+//! error ≤ (1/π) ∫₀^{1/2h} A(f)·f·Σ_{k≠0} (f+k/h)⁻² df + (1/π) ∫_{1/2h}^{fc} A(f)/f df,
+//!
+//! with A = |OTF · pixel aperture sinc|; the second term is what lies beyond the grid's Nyquist
+//! frequency. The sum over k is h²(π²/sin²(πfh) − 1/(fh)²).
+
+use super::SensorGrid;
+use camrig_base::{Error, Result};
+use camrig_fourier::lanes::good_length;
+use std::f64::consts::PI;
+
+/// sin(πx)/(πx).
+pub fn sinc(x: f64) -> f64 {
+    if x.abs() < 1e-9 { 1.0 } else { (PI * x).sin() / (PI * x) }
+}
+
+/// The bound above for `oversample` cells per pixel.
+pub fn step_error(
+    oversample: usize,
+    pitch_um: f64,
+    aperture_um: f64,
+    cutoff_per_mm: f64,
+    otf: &dyn Fn(f64) -> f64,
+) -> f64 {
+    const POINTS: usize = 256;
+    let h = pitch_um * 1e-3 / oversample as f64;
+    let passed = |f: f64| (otf(f) * sinc(aperture_um * 1e-3 * f)).abs();
+    let replicas = |f: f64| h * h * (PI * PI / (PI * f * h).sin().powi(2) - 1.0 / (f * h).powi(2));
+    let integral = |from: f64, to: f64, term: &dyn Fn(f64) -> f64| -> f64 {
+        let step = (to - from) / POINTS as f64;
+        (0..POINTS).map(|i| term(from + step * (i as f64 + 0.5)) * step).sum::<f64>() / PI
+    };
+    let nyquist = 0.5 / h;
+    let inside = integral(0.0, nyquist.min(cutoff_per_mm), &|f| passed(f) * f * replicas(f));
+    let beyond = match cutoff_per_mm > nyquist {
+        true => integral(nyquist, cutoff_per_mm, &|f| passed(f) / f),
+        false => 0.0,
+    };
+    inside + beyond
+}
+
+/// The smallest number of cells per pixel whose bound is at most `tolerance`, and that bound.
+///
+/// # Errors
+/// When even 16 cells per pixel do not keep the tolerance.
+pub fn oversample(
+    tolerance: f64,
+    pitch_um: f64,
+    aperture_um: f64,
+    cutoff_per_mm: f64,
+    otf: &dyn Fn(f64) -> f64,
+) -> Result<(usize, f64)> {
+    // Lengths must stay products of 2, 3 and 5.
+    [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16]
+        .into_iter()
+        .map(|s| (s, step_error(s, pitch_um, aperture_um, cutoff_per_mm, otf)))
+        .find(|&(_, error)| error <= tolerance)
+        .ok_or_else(|| {
+            Error::input(format!(
+                "no grid up to 16 cells per pixel keeps a step error of {tolerance}"
+            ))
+            .help("allow a larger step error, or set the oversampling by hand")
+        })
+}
+
+/// The padded grids of one band: a frame of pixels with a margin, and its cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Cells per pixel and direction, s.
+    pub oversample: usize,
+    /// Least margin on each side, pixels.
+    pub margin: usize,
+    /// Pixels of the frame.
+    pub width: usize,
+    /// Pixels of the frame.
+    pub height: usize,
+    /// Pixels of the padded frame; its cells are s times as many.
+    pub padded_width: usize,
+    /// Pixels of the padded frame.
+    pub padded_height: usize,
+}
+
+impl Layout {
+    /// A margin of `spread_um` on each side, enlarged to lengths that transform fast.
+    pub fn new(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Self {
+        // The transform wraps around. No kernel reaches further than the margin, so what wraps comes out of one
+        // margin into the other, never into the frame.
+        let margin = (spread_um / grid.pitch_um).ceil() as usize;
+        Self {
+            oversample,
+            margin,
+            width: grid.width,
+            height: grid.height,
+            padded_width: good_length(grid.width + 2 * margin),
+            padded_height: good_length(grid.height + 2 * margin),
+        }
+    }
+
+    /// Cells across the largest kernel about a pixel's centre that the margin holds on each side.
+    pub fn support(&self) -> usize {
+        // The centre is a cell's where their number in a pixel is odd, else it lies between two.
+        2 * self.margin * self.oversample + self.oversample % 2
+    }
+
+    /// Pixels between the padded frame's left edge and the frame's.
+    pub fn left(&self) -> usize {
+        (self.padded_width - self.width) / 2
+    }
+
+    /// Pixels between the padded frame's top edge and the frame's.
+    pub fn top(&self) -> usize {
+        (self.padded_height - self.height) / 2
+    }
+
+    /// Cells across the padded frame.
+    pub fn cells_across(&self) -> usize {
+        self.padded_width * self.oversample
+    }
+
+    /// Cells down the padded frame.
+    pub fn cells_down(&self) -> usize {
+        self.padded_height * self.oversample
+    }
+}

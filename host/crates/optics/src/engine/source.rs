@@ -1,0 +1,187 @@
+//! The scene as it would land on the padded cell grid without blur: borders and distortion.
+
+use super::field::{RadialTable, largest_height_mm};
+use super::sampling::Layout;
+use super::warp::{APRON, BLOCK, RIGHT, resample};
+use super::{Lens, SensorGrid};
+use camrig_base::{Plane, Result};
+use camrig_scene::{Grid, LitScene};
+
+/// What lies beyond the frame, as far as blur brings its light in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Border {
+    /// The scene goes on, as a real scene does.
+    Scene,
+    /// Nothing: light is lost over the frame's edges and none comes in.
+    Black,
+    /// The frame's outermost cells repeat.
+    Edge,
+    /// The frame is mirrored at its edges.
+    Mirror,
+}
+
+/// One band of the scene on the padded cell grid.
+pub struct Source<'a> {
+    scene: &'a LitScene<'a>,
+    band: usize,
+    layout: Layout,
+    border: Border,
+    /// Cell side in sensor widths.
+    cell: f64,
+    /// Top left corner of the padded grid, sensor widths from the image centre.
+    corner: (f64, f64),
+    warp: Option<Warp>,
+}
+
+struct Warp {
+    /// Ideal over real height, by squared real height in mm².
+    ratio: RadialTable,
+    /// Sensor width, mm.
+    width_mm: f64,
+    /// Optical axis, sensor widths from the image centre.
+    axis: (f64, f64),
+}
+
+impl Warp {
+    /// Frame coordinates of the ideal place of what lands at (u, v).
+    fn ideal(&self, u: f64, v: f64) -> (f64, f64) {
+        let (du, dv) = (u - self.axis.0, v - self.axis.1);
+        let ratio = self.ratio.at((du * du + dv * dv) * self.width_mm * self.width_mm);
+        (self.axis.0 + du * ratio, self.axis.1 + dv * ratio)
+    }
+}
+
+impl<'a> Source<'a> {
+    /// The scene's band on the grid that `layout` lays over the sensor.
+    pub fn new(
+        scene: &'a LitScene<'a>,
+        band: usize,
+        lens: &dyn Lens,
+        nm: f64,
+        grid: &SensorGrid,
+        layout: &Layout,
+        border: Border,
+    ) -> Self {
+        let width_mm = grid.width_mm();
+        let axis_mm = lens.axis_mm();
+        let margin_mm = (layout.padded_width - layout.width)
+            .max(layout.padded_height - layout.height) as f64
+            * grid.pitch_um
+            * 1e-3;
+        let warp = lens.ideal_height(nm).map(|ideal| Warp {
+            ratio: RadialTable::new(
+                // At the axis the ratio is the curve's slope there.
+                |h| if h > 0.0 { ideal(h) / h } else { ideal(1e-6) / 1e-6 },
+                largest_height_mm(grid, axis_mm, margin_mm),
+            ),
+            width_mm,
+            axis: (axis_mm.0 / width_mm, axis_mm.1 / width_mm),
+        });
+        let w = grid.width as f64;
+        Self {
+            scene,
+            band,
+            layout: *layout,
+            border,
+            cell: 1.0 / (w * layout.oversample as f64),
+            corner: (
+                -0.5 - layout.left() as f64 / w,
+                -0.5 * grid.height as f64 / w - layout.top() as f64 / w,
+            ),
+            warp,
+        }
+    }
+
+    /// Rows `first..first + count` of the padded cell grid, radiance.
+    pub fn rows(&self, first: usize, count: usize) -> Result<Plane<f32>> {
+        if self.border == Border::Scene {
+            return self.region(0, first, self.layout.cells_across(), count);
+        }
+        let s = self.layout.oversample;
+        let (left, top) = (self.layout.left() * s, self.layout.top() * s);
+        let (wide, high) = (self.layout.width * s, self.layout.height * s);
+        let rows: Vec<Option<usize>> =
+            (first..first + count).map(|y| self.inside(y as isize - top as isize, high)).collect();
+        let mut out = Plane::filled(self.layout.cells_across(), count, 0.0);
+        let Some(low) = rows.iter().flatten().min().copied() else { return Ok(out) };
+        let high_row = rows.iter().flatten().max().map_or(low, |&y| y);
+        let frame = self.region(left, top + low, wide, high_row - low + 1)?;
+        for (y, row) in rows.iter().enumerate().filter_map(|(y, r)| r.map(|r| (y, r))) {
+            let source = frame.row(row - low);
+            for (x, value) in out.row_mut(y).iter_mut().enumerate() {
+                if let Some(x) = self.inside(x as isize - left as isize, wide) {
+                    *value = source[x];
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Where in 0..n the border rule finds the value of place i; `None` for black.
+    fn inside(&self, i: isize, n: usize) -> Option<usize> {
+        let last = n as isize - 1;
+        match self.border {
+            _ if (0..=last).contains(&i) => Some(i as usize),
+            Border::Scene | Border::Black => None,
+            Border::Edge => Some(i.clamp(0, last) as usize),
+            Border::Mirror => {
+                let i = i.rem_euclid(2 * n as isize);
+                Some(i.min(2 * n as isize - 1 - i) as usize)
+            }
+        }
+    }
+
+    /// A rectangle of the padded cell grid, distorted by the lens.
+    fn region(&self, x: usize, y: usize, width: usize, height: usize) -> Result<Plane<f32>> {
+        let left = self.corner.0 + x as f64 * self.cell;
+        let top = self.corner.1 + y as f64 * self.cell;
+        let Some(warp) = &self.warp else {
+            let grid = Grid { width, height, left, top, cell: self.cell };
+            return self.scene.radiance(self.band, &grid);
+        };
+        let place = |i: usize, j: usize| {
+            warp.ideal(left + (i as f64 + 0.5) * self.cell, top + (j as f64 + 0.5) * self.cell)
+        };
+        // The ideal region that the rectangle needs: radial mappings reach their extremes on the
+        // rectangle's outline or where it crosses the axes, all of which the cells below cover.
+        let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
+        let mut reach = |(u, v): (f64, f64)| {
+            low = (low.0.min(u), low.1.min(v));
+            high = (high.0.max(u), high.1.max(v));
+        };
+        // The last block's line ends beyond the rectangle.
+        let right = width.next_multiple_of(BLOCK);
+        for i in 0..=right {
+            reach(place(i, 0));
+            reach(place(i, height - 1));
+        }
+        for j in 0..height {
+            reach(place(0, j));
+            reach(place(right, j));
+        }
+        // One cell more for what the outline's sampling leaves out.
+        let apron = (APRON + 1) as f64 * self.cell;
+        let cells = |from: f64, to: f64| ((to - from) / self.cell).ceil() as usize + 2 * APRON + 4;
+        // On one lattice of cells whatever the rectangle, so that neighbouring strips see one scene.
+        let lattice = |edge: f64| ((edge - apron) / self.cell).floor() * self.cell;
+        let grid = Grid {
+            width: cells(low.0, high.0) + RIGHT,
+            height: cells(low.1, high.1),
+            left: lattice(low.0),
+            top: lattice(low.1),
+            cell: self.cell,
+        };
+        let ideal = self.scene.radiance(self.band, &grid)?;
+        let sample = |i: usize, j: usize| {
+            let (u, v) = place(i, j);
+            ((u - grid.left) / self.cell - 0.5, (v - grid.top) / self.cell - 0.5)
+        };
+        let mut mesh = vec![(0.0, 0.0); width.div_ceil(BLOCK) + 1];
+        let mut out = Plane::filled(width, height, 0.0);
+        for j in 0..height {
+            mesh.iter_mut().enumerate().for_each(|(i, place)| *place = sample(i * BLOCK, j));
+            resample(&ideal, &mesh, out.row_mut(j));
+        }
+        Ok(out)
+    }
+}

@@ -1,0 +1,320 @@
+//! Blur that varies over the field, in the Fourier domain, tile by tile.
+//!
+//! The cell grid is cut into square tiles; a kernel sits at every tile corner (*node*). A cell at
+//! fraction (t, v) of its tile scatters its light with the bilinear blend of the tile's four kernels,
+//!
+//! out(p) = Σ_c in(c)·[(1−v)(1−t)·K00 + (1−v)t·K01 + v(1−t)·K10 + v·t·K11](p − c),
+//!
+//! which conserves energy, since the blend belongs to the *source* cell. So each tile costs four
+//! forward transforms of weighted input (real, so two share one complex transform along y), four
+//! products and one inverse, at pixel size: sampling every s-th cell is folding the spectrum.
+//! (Denis et al. 2015, "Fast approximations of shift-variant blur", IJCV 115, 253.)
+//!
+//! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does not
+//! depend on the number of threads.
+//!
+//! Several inputs may go into several outputs, each pair through kernels of its own ([`Blurrer::add`]): the forward
+//! transforms are shared by the outputs and the inverse one by the inputs. So a scene whose spectra are mixtures
+//! of a few components, E(λ) = Σ_k b_k(λ)·(c_k ⊗ psf(λ)), comes to channels of spectral response q without its bands:
+//! Σ_λ q(λ)·E(λ) = Σ_k c_k ⊗ [Σ_λ q(λ)·b_k(λ)·psf(λ)], exactly, with kernels as [`Kernels::combined`] makes them.
+
+mod tile;
+
+use camrig_base::{Plane, Result};
+use camrig_fourier::lanes::{LANES, good_length, passes};
+use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::ops::Range;
+use tile::{BlurTile, Plan, Spectrum, TransformKernel};
+
+/// Kernels at the corners of square tiles.
+///
+/// Entry (i, j) of a kernel is the fraction of a cell's light that a pixel receives whose centre lies
+/// i − [`Tiling::before`] (rows) and j − `before` (columns) cells from the cell, counted as
+/// s·(pixel index) − (cell index).
+pub struct Kernels {
+    /// Entries per side.
+    pub size: usize,
+    /// Row-major by node, each `size * size`, row-major.
+    pub data: Vec<f32>,
+}
+
+/// How a cell grid is cut into tiles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tiling {
+    /// Cells per pixel and direction, s.
+    pub oversample: usize,
+    /// Cells of the padded grid.
+    pub width: usize,
+    /// Cells of the padded grid.
+    pub height: usize,
+    /// Cells per tile side, a multiple of s.
+    pub tile: usize,
+    /// Kernel entries per side.
+    pub kernel: usize,
+    /// Kernel index of offset 0; a multiple of s.
+    pub before: usize,
+    /// Length of the transforms, a multiple of s.
+    length: usize,
+}
+
+impl Tiling {
+    /// The tiling that costs least with tiles of at most `largest_tile` cells.
+    pub fn new(
+        oversample: usize,
+        (width, height): (usize, usize),
+        kernel: usize,
+        before: usize,
+        largest_tile: usize,
+    ) -> Self {
+        let s = oversample;
+        let most = largest_tile.max(s).min(width.max(height) + s);
+        let candidate = |tile: usize| {
+            let length = s * good_length((tile + kernel - 1).div_ceil(s));
+            // Transforms per tile, sixteen at once, and of a kernel per tile, times passes over memory: one more than
+            // stages, and dearer (measured) the less the first-level cache holds of a transform.
+            let batches = (length / 2 + 1).div_ceil(LANES);
+            let transforms = 1.5 * tile as f64 / LANES as f64 + 6.0 * batches as f64;
+            let pass = (passes(length) + 1) as f64 * (1.0 + length as f64 / 400.0);
+            let tiles = width.div_ceil(tile) * height.div_ceil(tile);
+            let cost = (tiles * length) as f64 * transforms * pass;
+            (cost, tile, length)
+        };
+        let (_, tile, length) = (1..=most / s)
+            .map(|n| candidate(n * s))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or_else(|| candidate(s));
+        Self { oversample, width, height, tile, kernel, before, length }
+    }
+
+    /// Tiles across.
+    pub fn across(&self) -> usize {
+        self.width.div_ceil(self.tile)
+    }
+
+    /// Tiles down.
+    pub fn down(&self) -> usize {
+        self.height.div_ceil(self.tile)
+    }
+
+    /// Place of node (i across, j down) in cells from the top left corner of the padded grid.
+    pub fn node(&self, i: usize, j: usize) -> (f64, f64) {
+        ((i * self.tile) as f64, (j * self.tile) as f64)
+    }
+
+    /// Pixels that one tile's light reaches, per side.
+    fn reach(&self) -> usize {
+        (self.tile + self.kernel - 2) / self.oversample + 1
+    }
+
+    /// Fraction of the way across its tile of the i-th cell: its centre.
+    pub fn fraction(&self, i: usize) -> f32 {
+        ((i as f64 + 0.5) / self.tile as f64) as f32
+    }
+}
+
+/// Rows `first..first + count` of a cell grid.
+pub type Rows<'a> = dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync + 'a;
+
+impl Kernels {
+    /// Σ weight · kernels: of several bands into one.
+    ///
+    /// # Panics
+    /// When there are none, or they differ in size.
+    pub fn combined(parts: &[(f32, &Kernels)]) -> Self {
+        let (_, first) = parts[0];
+        let mut data = vec![0.0f32; first.data.len()];
+        for (weight, kernels) in parts {
+            assert_eq!(kernels.data.len(), data.len(), "kernels of one tiling");
+            data.iter_mut().zip(&kernels.data).for_each(|(sum, v)| *sum += weight * v);
+        }
+        Self { size: first.size, data }
+    }
+}
+
+/// Blurs bands of one tiling; keeps its plans and buffers from band to band.
+pub struct Blurrer {
+    plan: Plan,
+    spectra: Vec<Spectrum>,
+    /// Strips that are done with.
+    spare: Vec<Vec<Plane<f32>>>,
+}
+
+/// The light of a row of tiles in every output.
+struct Strip {
+    /// Its first row and the one after its last, in pixels of the padded grid, from `before / s` pixels above it on.
+    rows: Range<usize>,
+    light: Vec<Plane<f32>>,
+}
+
+/// Bytes that spectra of kernels may take before fewer rows of tiles are done at once.
+const SPECTRA: usize = 256 << 20;
+
+impl Blurrer {
+    /// Plans a tiling.
+    pub fn new(tiling: &Tiling) -> Self {
+        Self { plan: Plan::new(tiling), spectra: Vec::new(), spare: Vec::new() }
+    }
+
+    /// The tiling it was planned for.
+    pub fn tiling(&self) -> &Tiling {
+        &self.plan.tiling
+    }
+
+    /// Blurs the cell grid that `rows` gives with one kernel per node, and samples it at the pixel centres of the
+    /// frame, which starts `corner` (left, top) pixels into the padded grid.
+    ///
+    /// # Errors
+    /// Those of `rows`.
+    pub fn blur(
+        &mut self,
+        rows: &Rows<'_>,
+        kernels: &Kernels,
+        corner: (usize, usize),
+        (width, height): (usize, usize),
+    ) -> Result<Plane<f32>> {
+        let mut plane = Plane::filled(width, height, 0.0);
+        let planes = std::slice::from_mut(&mut plane);
+        self.add(&[rows], &[&[kernels]], corner, &[&[1.0]], planes)?;
+        Ok(plane)
+    }
+
+    /// Blurs every input for every output and adds, output c getting input k through `kernels[c][k]`; then adds to
+    /// plane p every output c times `weights[p][c]`. The planes are as large as the frame.
+    ///
+    /// # Errors
+    /// Those of the inputs.
+    pub fn add(
+        &mut self,
+        inputs: &[&Rows<'_>],
+        kernels: &[&[&Kernels]],
+        corner: (usize, usize),
+        weights: &[&[f32]],
+        planes: &mut [Plane<f32>],
+    ) -> Result<()> {
+        let Self { plan, spectra, spare } = self;
+        let (tiling, pairs) = (plan.tiling, inputs.len() * kernels.len());
+        let (across, per_row) = (tiling.across() + 1, (tiling.across() + 1) * pairs);
+        // A few rows of tiles at a time bound the memory; they are added in order.
+        let threads = rayon::current_num_threads();
+        let affordable = SPECTRA / (per_row * plan.spectrum_bytes());
+        let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
+        let rows_of_nodes = (group + 1).min(tiling.down() + 1);
+        spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
+        // The first row of row j of tiles, pixels.
+        let top = |j: usize| j * tiling.tile / tiling.oversample;
+        let shift = tiling.before / tiling.oversample;
+        let place = Merge { corner: (corner.0 + shift, corner.1 + shift), weights };
+        let mut strips: VecDeque<Strip> = VecDeque::new();
+        for start in (0..tiling.down()).step_by(group) {
+            let end = tiling.down().min(start + group);
+            // The last row of nodes of one group is the first of the next.
+            let known = usize::from(start > 0);
+            (0..known * per_row).for_each(|i| spectra.swap(i, group * per_row + i));
+            let wanted = known * per_row..(end - start + 1) * per_row;
+            spectra[wanted.clone()].par_iter_mut().zip(wanted).for_each_init(
+                || plan.scratch(1, 0),
+                |scratch, (spectrum, i)| {
+                    let (node, pair) = (start * across + i / pairs, i % pairs);
+                    let kernels = kernels[pair / inputs.len()][pair % inputs.len()];
+                    let n2 = kernels.size * kernels.size;
+                    let kernel = &kernels.data[node * n2..(node + 1) * n2];
+                    pulp::Arch::new().dispatch(TransformKernel { plan, kernel, scratch, spectrum });
+                },
+            );
+            strips.extend((start..end).map(|j| Strip {
+                rows: top(j)..top(j) + tiling.reach(),
+                light: spare.pop().unwrap_or_default(),
+            }));
+            let new = strips.len() - (end - start);
+            strips.make_contiguous()[new..].par_iter_mut().enumerate().try_for_each_init(
+                || plan.scratch(inputs.len(), kernels.len()),
+                |scratch, (i, strip)| {
+                    let nodes = &spectra[i * per_row..(i + 2) * per_row];
+                    strip.light.resize_with(kernels.len(), || plan.empty_strip());
+                    fill(plan, start + i, inputs, nodes, scratch, &mut strip.light)
+                },
+            )?;
+            // Rows that no later strip reaches.
+            let last = if end == tiling.down() { top(end) + tiling.reach() } else { top(end) };
+            place.rows(strips.make_contiguous(), top(start)..last, planes);
+            while strips.front().is_some_and(|strip| strip.rows.end <= last) {
+                spare.extend(strips.pop_front().map(|strip| strip.light));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How strips go into planes.
+struct Merge<'a> {
+    /// The frame's left and top edge, pixels of the strips.
+    corner: (usize, usize),
+    weights: &'a [&'a [f32]],
+}
+
+impl Merge<'_> {
+    /// Adds the strips, in their order, to the planes' rows that lie in `rows` of the padded grid.
+    fn rows(&self, strips: &[Strip], rows: Range<usize>, planes: &mut [Plane<f32>]) {
+        let Some(Plane { width, height, .. }) = planes.first() else { return };
+        let (width, (left, top)) = (*width, self.corner);
+        let frame = |row: usize| row.saturating_sub(top).min(*height);
+        let (first, last) = (frame(rows.start), frame(rows.end));
+        let mut by_row: Vec<Vec<&mut [f32]>> = (first..last).map(|_| Vec::new()).collect();
+        for plane in planes {
+            let rows = plane.data[first * width..last * width].chunks_exact_mut(width);
+            by_row.iter_mut().zip(rows).for_each(|(all, row)| all.push(row));
+        }
+        by_row.into_par_iter().enumerate().for_each_init(
+            || vec![0.0f32; width],
+            |sum, (i, mut targets)| {
+                let row = first + i + top;
+                for output in 0..self.weights[0].len() {
+                    sum.fill(0.0);
+                    for strip in strips.iter().filter(|strip| strip.rows.contains(&row)) {
+                        let light = strip.light[output].row(row - strip.rows.start);
+                        sum.iter_mut().zip(&light[left..]).for_each(|(s, v)| *s += v);
+                    }
+                    for (target, weights) in targets.iter_mut().zip(self.weights) {
+                        let weight = weights[output];
+                        target.iter_mut().zip(&*sum).for_each(|(t, v)| *t += weight * v);
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// The light of row j of tiles in every output, from `before / s` pixels left of and above its corner on; `nodes` are
+/// the spectra of its two rows of nodes.
+fn fill(
+    plan: &Plan,
+    j: usize,
+    inputs: &[&Rows<'_>],
+    nodes: &[Spectrum],
+    scratch: &mut tile::Scratch,
+    out: &mut [Plane<f32>],
+) -> Result<()> {
+    let Tiling { tile, oversample, height, .. } = plan.tiling;
+    let count = tile.min(height - j * tile);
+    let sources: Result<Vec<Plane<f32>>> =
+        inputs.iter().map(|rows| rows(j * tile, count)).collect();
+    let (sources, pairs) = (&sources?, inputs.len() * out.len());
+    let across = plan.tiling.across();
+    for i in 0..across {
+        let corner = |di: usize, dj: usize| &nodes[(dj * (across + 1) + i + di) * pairs..][..pairs];
+        pulp::Arch::new().dispatch(BlurTile {
+            plan,
+            sources,
+            first: i * tile,
+            corners: [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)],
+            scratch,
+            out: &mut *out,
+            place: i * tile / oversample,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -1,0 +1,192 @@
+//! Optics results kept on disk by content, so that the same scene through the same lens onto the same
+//! grid is rendered once.
+//!
+//! A result is a cube (`KEY.irr`) and what the engine reported (`KEY.json`) in one directory; beside them lie the lenses
+//! that were traced (`KEY.lens`, see `super::traced`), so that another scene does not trace a lens again, and a cube
+//! that is there takes none. Files appear whole; one that cannot be read counts as missing. The light level is not part of the key: cubes are
+//! rendered for a white whose largest band is 1 and carry the level as a factor in their header, with or
+//! without a cache, hit or miss. So a change of lux runs no optics, and the bytes never depend on what
+//! happened to be cached.
+
+use super::lens::Described;
+use super::{About, sensor_grid};
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_optics::{self as optics, Options, Report, content};
+use camrig_scene::LitScene;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
+
+/// A cube from the cache or freshly made.
+pub struct Rendered {
+    /// The irradiance.
+    pub cube: IrradianceCube,
+    /// What the engine reported, then or now.
+    pub report: Report,
+    /// Whether the cube came from the cache; say so to the user.
+    pub hit: bool,
+    /// Whether a lens was traced for it now.
+    pub traced: bool,
+}
+
+/// [`super::irradiance`] through the cache in `directory`; without one it always renders.
+///
+/// A cache that cannot be written is no error: the result is simply not kept.
+///
+/// # Errors
+/// Those of rendering.
+pub fn irradiance(
+    camera: &Camera,
+    scene: &LitScene<'_>,
+    options: &Options,
+    about: About,
+    directory: Option<&Path>,
+    progress: impl FnMut(usize, usize),
+) -> Result<Rendered> {
+    let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
+    if level <= 0.0 {
+        return Err(Error::input("the scene's light is 0 in every band")
+            .help("choose an illuminant that reaches into the scene's bands"));
+    }
+    let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
+    let bands = scene.scene.bands();
+    let (grid, described) = (sensor_grid(camera), Described::new(camera, &bands, options)?);
+    let header = CubeHeader {
+        width: grid.width,
+        height: grid.height,
+        first_band_nm: bands.start_nm,
+        band_step_nm: bands.step_nm,
+        bands: bands.count,
+        level,
+        lux: about.lux,
+        illuminant: about.illuminant,
+        made_of: about.made_of,
+    };
+    let files = match directory {
+        Some(directory) => {
+            let key = content::key(scene.scene, &white, &described.content(), &grid, options)?;
+            Some((directory.join(format!("{key}.irr")), directory.join(format!("{key}.json"))))
+        }
+        None => None,
+    };
+    if let Some((mut cube, report)) = files.as_ref().and_then(|(cube, report)| load(cube, report)) {
+        cube.header = header;
+        return Ok(Rendered { cube, report, hit: true, traced: false });
+    }
+    let (lens, traced) = described.lens(directory)?;
+    let mut writer = IrradianceWriter::new(header)?;
+    let lit = LitScene { scene: scene.scene, white };
+    let report =
+        optics::irradiance(&lit, &*lens, &grid, options, progress, |_, plane| writer.push(&plane))?;
+    let cube = writer.finish()?;
+    if let Some((cube_path, report_path)) = &files {
+        keep(&cube, cube_path, &report, report_path);
+    }
+    Ok(Rendered { cube, report, hit: false, traced })
+}
+
+fn load(cube: &Path, report: &Path) -> Option<(IrradianceCube, Report)> {
+    let report = serde_json::from_slice(&std::fs::read(report).ok()?).ok()?;
+    Some((IrradianceCube::open(cube).ok()?, report))
+}
+
+/// The report is written last: a cube without one counts as missing.
+fn keep(cube: &IrradianceCube, cube_path: &Path, report: &Report, report_path: &Path) {
+    let Some(directory) = cube_path.parent() else { return };
+    let kept = std::fs::create_dir_all(directory).is_ok() && cube.save(cube_path, true).is_ok();
+    if let (true, Ok(text)) = (kept, serde_json::to_vec(report)) {
+        // Losing the cache is no reason to fail: the result is in hand.
+        let _ = std::fs::write(report_path, text);
+        prune(directory);
+    }
+}
+
+/// Largest size of a cache, bytes; the results made longest ago go first.
+const LARGEST: u64 = 4 << 30;
+
+fn prune(directory: &Path) {
+    let mut all: Vec<_> = entries(directory)
+        .filter(|(path, _)| path.extension().is_some_and(|e| e == "irr" || e == "lens"))
+        .filter_map(|(path, about)| {
+            let size = match about.is_dir() {
+                true => entries(&path).map(|(_, file)| file.len()).sum(),
+                false => about.len(),
+            };
+            Some((about.modified().ok()?, size, path))
+        })
+        .collect();
+    all.sort();
+    let mut total: u64 = all.iter().map(|(_, size, _)| size).sum();
+    for (_, size, path) in all {
+        if total <= LARGEST {
+            return;
+        }
+        total -= size;
+        // What stays is tried again next time.
+        let _ = match path.is_dir() {
+            true => std::fs::remove_dir_all(path),
+            false => {
+                let _ = std::fs::remove_file(path.with_extension("json"));
+                std::fs::remove_file(path)
+            }
+        };
+    }
+}
+
+/// What a directory holds, as far as it can be read.
+fn entries(directory: &Path) -> impl Iterator<Item = (PathBuf, Metadata)> + use<> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten();
+    entries.filter_map(|entry| {
+        let entry = entry.ok()?;
+        Some((entry.path(), entry.metadata().ok()?))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_scene as scene;
+
+    fn rows(cube: &IrradianceCube) -> Vec<(Vec<u8>, Vec<u16>)> {
+        let width = cube.header.width;
+        (0..cube.header.bands)
+            .flat_map(|band| (0..cube.header.height).map(move |y| (band, y)))
+            .map(|(band, y)| {
+                let chunk = cube.chunk(band, y, 1).unwrap();
+                let row = chunk.row(width, y);
+                (row.exponents.iter().map(|&e| e as u8).collect(), row.mantissas.to_vec())
+            })
+            .collect()
+    }
+
+    #[test]
+    fn another_light_level_is_a_hit_with_the_same_bytes_and_another_lens_is_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut camera = Camera::load("mt9t012").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (48, 32);
+        let chart = scene::open("slanted-edge").unwrap();
+        let count = chart.bands().count;
+        let run = |camera: &Camera, level: f64| {
+            let lit = LitScene { scene: &*chart, white: vec![level; count] };
+            let options = Options::default();
+            let about = About { lux: Some(100.0 * level), ..About::default() };
+            irradiance(camera, &lit, &options, about, Some(directory.path()), |_, _| {}).unwrap()
+        };
+        let first = run(&camera, 0.02);
+        let second = run(&camera, 0.05);
+        assert!(!first.hit && second.hit);
+        assert_eq!(first.report, second.report);
+        assert_eq!(rows(&first.cube), rows(&second.cube));
+        assert_eq!((first.cube.header.level, second.cube.header.level), (0.02, 0.05));
+        assert_eq!((first.cube.header.lux, second.cube.header.lux), (Some(2.0), Some(5.0)));
+        camera.sensor.pitch_um *= 1.5;
+        assert!(!run(&camera, 0.02).hit);
+        // A damaged file counts as missing.
+        for file in std::fs::read_dir(directory.path()).unwrap() {
+            std::fs::write(file.unwrap().path(), b"?").unwrap();
+        }
+        assert!(!run(&camera, 0.02).hit);
+        assert!(run(&camera, 0.02).hit);
+    }
+}

@@ -1,0 +1,217 @@
+//! The lens of a camera file as the optics engine takes it.
+
+use super::traced::Tracing;
+use camrig_base::{Bands, Spectrum};
+use camrig_base::{Error, Result};
+use camrig_camera::{Camera, LensKind, RelativeIllumination};
+use camrig_optics::content::LensContent;
+use camrig_optics::effects::Optics;
+use camrig_optics::interpolate::MonotoneCubic;
+use camrig_optics::{Characterisation, Departed, Departures, Diffraction, Illumination};
+use camrig_optics::{Lens, Options, SensorGrid};
+use std::path::Path;
+
+/// The sensor's grid as the optics sees it.
+pub fn sensor_grid(camera: &Camera) -> SensorGrid {
+    let sensor = &camera.sensor;
+    SensorGrid {
+        width: sensor.width as usize,
+        height: sensor.height as usize,
+        pitch_um: sensor.pitch_um,
+        fill_factor: sensor.fill_factor,
+    }
+}
+
+/// The lens with the optical effects of the camera file. A prescription is traced at the wavelengths of `bands`, at as
+/// many heights as [`Options::misplaced_light`] asks.
+///
+/// # Errors
+/// Lens data that cannot be read or traced; a defocus of a lens whose wavefront is not known.
+pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn Lens>> {
+    Ok(Described::new(camera, bands, options)?.lens(None)?.0)
+}
+
+/// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
+pub enum Described {
+    /// A lens of given figures.
+    Given(Box<dyn Lens>),
+    /// One whose figures have to be traced, and what comes on top of them.
+    Traced {
+        /// What is to be traced.
+        tracing: Box<Tracing>,
+        /// Factor on its transmittance.
+        transmittance: Spectrum,
+        /// What else the lens has.
+        departures: Departures,
+    },
+}
+
+impl Described {
+    /// The lens as `camera` describes it; see [`lens`].
+    ///
+    /// # Errors
+    /// Lens data that cannot be read; a defocus of a lens whose wavefront is not known.
+    pub fn new(camera: &Camera, bands: &Bands, options: &Options) -> Result<Self> {
+        let Optics { defocus_um, departures } =
+            Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
+        let transmittance = camera.lens.transmittance.clone();
+        let lens: Box<dyn Lens> = match &camera.lens.kind {
+            LensKind::Prescription(path) => {
+                let tracing = Box::new(Tracing::new(camera, path, bands, options, defocus_um)?);
+                return Ok(Self::Traced { tracing, transmittance, departures });
+            }
+            LensKind::Characterised(path) => {
+                Box::new(characterised(path, &transmittance, defocus_um)?)
+            }
+            LensKind::DiffractionLimited {
+                f_number,
+                focal_length_mm,
+                magnification,
+                relative_illumination,
+            } => Box::new(Diffraction {
+                f_number: *f_number,
+                focal_length_mm: *focal_length_mm,
+                magnification: *magnification,
+                transmittance,
+                illumination: illumination(relative_illumination, sensor_grid(camera).corner_mm()),
+                defocus_um,
+            }),
+        };
+        Ok(Self::Given(departed(lens, departures)))
+    }
+
+    /// What the lens is, for a key.
+    pub fn content(&self) -> LensContent<'_> {
+        match self {
+            Self::Given(lens) => LensContent::Figures(&**lens),
+            Self::Traced { tracing, transmittance, departures } => LensContent::Description(
+                format!("{} {transmittance:?} {departures:?}", tracing.description()),
+            ),
+        }
+    }
+
+    /// The lens, and whether it was traced now; one that `directory` holds is not traced again.
+    ///
+    /// # Errors
+    /// A prescription that cannot be traced.
+    pub fn lens(self, directory: Option<&Path>) -> Result<(Box<dyn Lens>, bool)> {
+        match self {
+            Self::Given(lens) => Ok((lens, false)),
+            Self::Traced { tracing, transmittance, departures } => {
+                let (mut lens, traced) = tracing.characterisation(directory)?;
+                lens.transmittance = lens.transmittance.times(&transmittance)?;
+                Ok((departed(Box::new(lens), departures), traced))
+            }
+        }
+    }
+}
+
+fn departed(lens: Box<dyn Lens>, departures: Departures) -> Box<dyn Lens> {
+    match departures == Departures::default() {
+        true => lens,
+        false => Box::new(Departed { lens, departures }),
+    }
+}
+
+fn illumination(given: &RelativeIllumination, corner_mm: f64) -> Illumination {
+    match given {
+        RelativeIllumination::Cos4 => Illumination::Cos4,
+        RelativeIllumination::Flat => Illumination::Uniform,
+        RelativeIllumination::Table(table) => {
+            let (heights, ratios) = table.iter().map(|(h, r)| (h * corner_mm, *r)).unzip();
+            Illumination::Table(MonotoneCubic::new(heights, ratios))
+        }
+    }
+}
+
+fn characterised(
+    path: &Path,
+    transmittance: &Spectrum,
+    defocus_um: f64,
+) -> Result<Characterisation> {
+    if defocus_um != 0.0 {
+        return Err(Error::input("defocus of a characterised lens: its tables hold no wavefront")
+            .at("[[effect]] kind = \"defocus\"")
+            .help(
+                "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \
+                 characterisation made out of focus (camrig lens trace --sensor-shift)",
+            ));
+    }
+    let mut lens = Characterisation::read(path)?;
+    lens.transmittance = lens.transmittance.times(transmittance)?;
+    Ok(lens)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_optics::diffraction::hopkins_otf;
+    use camrig_optics::{Blur, OpticalEffect};
+    use std::path::PathBuf;
+
+    fn steradians_and_mtf(camera: &Camera) -> (f64, f64) {
+        let lens = lens(camera, &Bands::VISIBLE, &Options::default()).unwrap();
+        let mtf = match lens.blur(550.0) {
+            Blur::Otf { core, wings } => {
+                (core.at)(100.0) + wings.map_or(0.0, |wings| (wings.at)(100.0))
+            }
+            Blur::Field { psfs, .. } => psfs.axial_mtf()(100.0),
+        };
+        (lens.steradians(550.0), mtf)
+    }
+
+    #[test]
+    fn optical_effects_reach_every_kind_of_lens_that_can_have_them() {
+        let mut camera = Camera::load("mt9t012").unwrap();
+        let (light, mtf) = steradians_and_mtf(&camera);
+        let effect = |kind, values: &[f32]| OpticalEffect::new(kind, values).unwrap();
+        camera.optical_effects =
+            vec![effect("defocus", &[20.0]), effect("lens-transmittance", &[0.5, 0.0])];
+        let (less, lower) = steradians_and_mtf(&camera);
+        assert!((less / light - 0.5).abs() < 1e-12 && lower < 0.9 * mtf, "{lower} of {mtf}");
+
+        camera.lens.kind = LensKind::Characterised(PathBuf::from("not-read"));
+        let error = lens(&camera, &Bands::VISIBLE, &Options::default()).err().unwrap().to_string();
+        assert!(error.contains("no wavefront"), "{error}");
+
+        // A plane and a hyperboloid of eccentricity n: perfect on the axis, so Hopkins holds.
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("singlet.toml");
+        std::fs::write(&file, SINGLET).unwrap();
+        camera.lens.kind = LensKind::Prescription(file);
+        (camera.sensor.width, camera.sensor.height) = (64, 48);
+        let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
+        for defocus_um in [0.0, 40.0, -80.0] {
+            camera.optical_effects = vec![effect("defocus", &[defocus_um])];
+            let lens = lens(&camera, &bands, &Options::default()).unwrap();
+            let Blur::Field { psfs, cutoff_per_mm } = lens.blur(550.0) else {
+                panic!("a traced lens has PSFs")
+            };
+            let waves = f64::from(defocus_um).abs() / (8.0 * 16.0 * 0.55);
+            for per_mm in [30.0, 60.0, 120.0] {
+                let theory = hopkins_otf(per_mm / cutoff_per_mm, waves).abs();
+                let found = psfs.axial_mtf()(per_mm);
+                // The window of 128 samples cuts the PSF's wings, some per cent of its light.
+                assert!((found - theory).abs() < 0.03, "{defocus_um} {per_mm}: {found} {theory}");
+            }
+        }
+    }
+
+    const SINGLET: &str = r#"
+format = "camrig-prescription/1"
+wavelengths_nm = [550.0]
+fields_deg = [0.0]
+[aperture]
+f_number = 4.0
+[[surface]]
+thickness_mm = 2.0
+glass = "flat"
+stop = true
+[[surface]]
+radius_mm = -5.0
+conic = -2.25
+thickness_mm = 10.0
+[glass.flat]
+table_nm = [[400.0, 1.5], [700.0, 1.5]]
+"#;
+}

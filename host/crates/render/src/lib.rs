@@ -1,0 +1,64 @@
+//! Rendering: scene + camera → irradiance cube → raw frames.
+//!
+//! The optics stage writes an [`IrradianceCube`] once; [`Exposure`] turns it into frames, so that another
+//! light level, exposure, gain, frame number or sensor seed never runs the optics again.
+
+pub mod cache;
+mod corrections;
+mod expose;
+pub mod hdr;
+mod lens;
+mod metadata;
+mod traced;
+mod view;
+
+pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+pub use corrections::{Corrections, corrections};
+pub use expose::{Arithmetic, Exposure};
+pub use lens::{lens, sensor_grid};
+pub use metadata::{dng_info, frame_info};
+pub use view::{Motion, Sight, View};
+
+use camrig_base::Result;
+use camrig_camera::Camera;
+use camrig_optics::{self as optics, Options, Report};
+use camrig_scene::LitScene;
+
+/// What a cube's header says about its making.
+#[derive(Clone, Debug, Default)]
+pub struct About {
+    /// Scene illuminance, lx.
+    pub lux: Option<f64>,
+    /// The illuminant.
+    pub illuminant: Option<String>,
+    /// Scene and lens in words.
+    pub made_of: String,
+}
+
+/// The optics stage: what falls on the camera's sensor.
+pub fn irradiance(
+    camera: &Camera,
+    scene: &LitScene<'_>,
+    options: &Options,
+    about: About,
+    progress: impl FnMut(usize, usize),
+) -> Result<(IrradianceCube, Report)> {
+    let grid = sensor_grid(camera);
+    let bands = scene.scene.bands();
+    let mut writer = IrradianceWriter::new(CubeHeader {
+        width: grid.width,
+        height: grid.height,
+        first_band_nm: bands.start_nm,
+        band_step_nm: bands.step_nm,
+        bands: bands.count,
+        level: 1.0,
+        lux: about.lux,
+        illuminant: about.illuminant,
+        made_of: about.made_of,
+    })?;
+    let lens = lens(camera, &bands, options)?;
+    let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {
+        writer.push(&plane)
+    })?;
+    Ok((writer.finish()?, report))
+}

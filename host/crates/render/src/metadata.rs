@@ -1,0 +1,108 @@
+//! What a raw file says about the camera that made it, computed from the camera's model.
+
+use super::corrections;
+use camrig_base::Result;
+use camrig_base::Spectrum;
+use camrig_camera::{Camera, LensKind};
+use camrig_exposure::CubeHeader;
+use camrig_formats::{DngInfo, color};
+use camrig_scene::chart::colorchecker;
+use camrig_scene::{Illuminant, photometry};
+use camrig_sensor_core::config::FrameSettings;
+
+/// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and D65, white
+/// of the scene's light, and the noise profile of the sensor model.
+pub fn dng_info(
+    camera: &Camera,
+    settings: &FrameSettings,
+    light: Option<&Illuminant>,
+    description: &str,
+) -> Result<DngInfo> {
+    let (f_number, focal_length_mm) = match camera.lens.kind {
+        LensKind::DiffractionLimited { f_number, focal_length_mm, .. } => {
+            (Some(f_number), Some(focal_length_mm))
+        }
+        _ => (None, None),
+    };
+    let gain = f64::from(settings.analog_gain);
+    let mut info = DngInfo {
+        model: camera.name.clone(),
+        description: description.to_string(),
+        exposure_s: Some(f64::from(settings.exposure_s)),
+        iso: Some((100.0 * gain).round() as u32),
+        f_number,
+        focal_length_mm,
+        noise_profile: noise_profile(camera, gain),
+        ..DngInfo::default()
+    };
+    if let Some(sensitivity) = sensitivity(camera) {
+        let table = colorchecker::reflectances();
+        let reflectances: Vec<Spectrum> =
+            (0..table.curves.len()).map(|i| table.spectrum(i)).collect::<Result<_>>()?;
+        let xyz = photometry::observer();
+        let matrix = |name: &str| {
+            let light = Illuminant::parse(name)?;
+            color::fit(&sensitivity, &light.power, &xyz, &reflectances).map(|f| f.camera_from_xyz)
+        };
+        info.color_matrix_a = Some(matrix("A")?);
+        info.color_matrix_d65 = Some(matrix("D65")?);
+        if let Some(light) = light {
+            info.as_shot_neutral = Some(color::neutral(&sensitivity, &light.power)?);
+        }
+    }
+    Ok(info)
+}
+
+/// What the file of a frame says, [`dng_info`] with how the frame was made; with `opcodes` also how to
+/// correct lens shading and bad pixels.
+pub fn frame_info(
+    camera: &Camera,
+    settings: &FrameSettings,
+    light: Option<&Illuminant>,
+    header: &CubeHeader,
+    opcodes: bool,
+) -> Result<DngInfo> {
+    let (seed, frame) = (camera.sensor.seed, settings.frame);
+    let description = format!("{}; sensor seed {seed}, frame {frame}", header.made_of);
+    let mut info = dng_info(camera, settings, light, &description)?;
+    if opcodes {
+        let corrections = corrections(camera, settings)?;
+        (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
+    }
+    Ok(info)
+}
+
+/// Electrons per energy of the channels R, G, B with lens and filters, where the camera has these.
+fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
+    let sensor = &camera.sensor;
+    let channel = |names: &[&str]| {
+        let index = sensor.channel_names.iter().position(|n| names.contains(&n.as_str()))?;
+        let (nm, value) = (380..=780)
+            .step_by(5)
+            .map(|nm| {
+                let nm = f64::from(nm);
+                let filter = sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(nm));
+                let (first, last) = sensor.qe[index].range_nm();
+                let known = (first..=last).contains(&nm) || first == last;
+                let qe = if known { sensor.qe[index].at(nm) } else { 0.0 };
+                (nm, qe * filter * camera.lens.transmittance.at(nm) * nm)
+            })
+            .unzip();
+        Spectrum::new(nm, value).ok()
+    };
+    Some([channel(&["r"])?, channel(&["g", "gr"])?, channel(&["b"])?])
+}
+
+/// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one electron,
+/// O the read noise with the converter's rounding, both as fractions of the range.
+fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
+    let sensor = &camera.sensor;
+    let max_dn = f64::from((1u32 << sensor.bits) - 1);
+    let dn_per_e = gain * max_dn / sensor.full_well_e;
+    let range = max_dn - sensor.black_level_dn;
+    let post = sensor.noise.read_e_post.powi(2);
+    let read_e2 = sensor.noise.read_e.powi(2) - post + post / (gain * gain);
+    let scale = dn_per_e / range;
+    let offset = read_e2 * scale * scale + 1.0 / (12.0 * range * range);
+    vec![(scale, offset); if sensor.cfa.is_mono() { 1 } else { 3 }]
+}

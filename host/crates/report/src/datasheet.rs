@@ -1,0 +1,123 @@
+//! The data sheet of a camera as a page.
+
+use super::emva;
+use super::page::Page;
+use super::plot::{Mark, Plot};
+use camrig_camera::Camera;
+use camrig_measure::Value;
+use camrig_measure::crosstalk::Crosstalk;
+use camrig_validate::datasheet::Datasheet;
+
+/// Colours by channel letter.
+fn colour(channel: &str) -> &'static str {
+    match channel {
+        "r" => "#d55e00",
+        "g" => "#009e73",
+        "b" => "#0072b2",
+        _ => "#7f7f7f",
+    }
+}
+
+/// The page.
+pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
+    let s = &camera.sensor;
+    let mut page = Page::new(&format!("Data sheet of {}", camera.name));
+    page.paragraph(
+        "Measured on simulated captures with the commands that measure real ones: camrig capture, camrig measure, \
+         camrig crosstalk. Figures are therefore estimates with the sampling errors of their captures, not the \
+         camera file's own.",
+    );
+    let facts = [
+        ("sensor", format!("{} x {} pixels of {} µm, {}", s.width, s.height, s.pitch_um, s.cfa)),
+        ("converter", format!("{} bits, black level {} DN", s.bits, s.black_level_dn)),
+        ("analog gain", s.analog_gain.to_string()),
+        ("temperature", format!("{} °C", s.temperature_c)),
+    ];
+    let rows: Vec<Vec<String>> =
+        facts.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect();
+    page.table(&["", ""], &rows);
+    page.heading("EMVA 1288, release 4.0 linear, at 550 nm");
+    emva::sheet(&mut page, &sheet.emva.channels);
+    for warning in &sheet.emva.warnings {
+        page.paragraph(warning);
+    }
+    page.heading("Quantum efficiency");
+    page.drawing(
+        &efficiency(sheet).svg(),
+        "Flats through seven filters of 10 nm, per photon on the pixel",
+    );
+    page.heading("MTF in the middle of the image, D65");
+    page.drawing(&transfer(sheet).svg(), "Slanted edge, raw samples of each channel");
+    let edges: Vec<Vec<String>> = sheet
+        .edges
+        .iter()
+        .map(|e| {
+            vec![
+                e.channel.clone(),
+                format!("{:.3} ± {:.3}", e.mtf50_cycles_per_pixel, e.mtf50_std_error),
+                e.mtf50_cycles_per_mm.map_or(String::new(), |f| format!("{f:.1}")),
+                format!("{:.3}", e.mtf_at_nyquist),
+            ]
+        })
+        .collect();
+    page.table(&["channel", "MTF50, cycles/pixel", "cycles/mm", "at Nyquist"], &edges);
+    page.heading("Positional crosstalk");
+    match &sheet.crosstalk {
+        Some(crosstalk) => {
+            page.paragraph("Mean factor at the four corners of the image, relative to its centre.");
+            page.table(&["channel", "nm", "corner factor"], &corners(crosstalk));
+        }
+        None => {
+            page.paragraph("This camera file has no table of crosstalk factors.");
+        }
+    }
+    // One channel's plots: those of the others differ in the light they get only.
+    if let Some(channel) =
+        sheet.emva.channels.iter().find(|c| c.channel == "g").or(sheet.emva.channels.first())
+    {
+        page.heading(&format!("EMVA 1288 plots, channel {}", channel.channel));
+        emva::plots(&mut page, channel);
+    }
+    page.html()
+}
+
+fn efficiency(sheet: &Datasheet) -> Plot {
+    let mut plot = Plot::new("Quantum efficiency", "wavelength, nm", "electrons per photon");
+    for (c, channel) in sheet.channels.iter().enumerate() {
+        let points: Vec<[f64; 2]> =
+            sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
+        plot.coloured(channel, Mark::Line, points, colour(channel));
+    }
+    plot
+}
+
+fn transfer(sheet: &Datasheet) -> Plot {
+    let mut plot = Plot::new("MTF", "cycles per pixel", "modulation");
+    plot.x_range(0.0, 1.0).y_range(0.0, 1.1);
+    for edge in &sheet.edges {
+        plot.coloured(&edge.channel, Mark::Line, edge.curve.clone(), colour(&edge.channel));
+    }
+    plot
+}
+
+fn corners(crosstalk: &Crosstalk) -> Vec<Vec<String>> {
+    let mut rows: Vec<(String, f64, Vec<Value>)> = Vec::new();
+    for n in &crosstalk.nodes {
+        if rows.last().is_none_or(|r| r.0 != n.channel || r.1 != n.wavelength_nm) {
+            rows.push((n.channel.clone(), n.wavelength_nm, Vec::new()));
+        }
+        if n.x.abs() > 0.9
+            && n.y.abs() > 0.9
+            && let Some(row) = rows.last_mut()
+        {
+            row.2.push(n.factor);
+        }
+    }
+    rows.iter()
+        .map(|(channel, nm, values)| {
+            let n = values.len().max(1) as f64;
+            let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
+            vec![channel.clone(), nm.to_string(), format!("{mean:.4}")]
+        })
+        .collect()
+}

@@ -1,0 +1,451 @@
+//! Small plots as SVG text: lines and points on linear or logarithmic axes, and heat maps.
+//!
+//! The drawings stand alone (a file) and sit in a page; text and axes take the surrounding colour.
+
+use super::page::escape;
+use base64::Engine;
+use camrig_base::Plane;
+use std::fmt::Write;
+
+/// Colours of series, after Okabe and Ito: told apart by colour-blind people too.
+const COLOURS: [&str; 8] =
+    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#b8a800"];
+
+/// Width and height of a drawing, and its margins: left, right, top, bottom.
+const SIZE: [f64; 2] = [640.0, 400.0];
+const MARGIN: [f64; 4] = [72.0, 16.0, 34.0, 48.0];
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// A line through the points.
+    Line,
+    /// A dashed line: limits, models.
+    Dashed,
+    /// Dots.
+    Points,
+}
+
+#[derive(Clone, Debug)]
+struct Series {
+    label: String,
+    points: Vec<[f64; 2]>,
+    mark: Mark,
+    colour: String,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Axis {
+    label: String,
+    logarithmic: bool,
+    range: Option<[f64; 2]>,
+}
+
+/// A plot of series over two axes.
+///
+/// ```
+/// use camrig::report::plot::{Mark, Plot};
+/// let mut plot = Plot::new("Noise", "signal, e-", "noise, e-");
+/// plot.log_x().log_y().series("model", Mark::Line, vec![[1.0, 2.0], [100.0, 10.0]]);
+/// assert!(plot.svg().starts_with("<svg"));
+/// ```
+#[derive(Clone, Debug)]
+pub struct Plot {
+    title: String,
+    x: Axis,
+    y: Axis,
+    series: Vec<Series>,
+    square: bool,
+}
+
+impl Plot {
+    /// An empty plot with axis labels (name and unit).
+    pub fn new(title: &str, x: &str, y: &str) -> Self {
+        let axis = |label: &str| Axis { label: label.to_owned(), ..Axis::default() };
+        let title = title.to_owned();
+        Self { title, x: axis(x), y: axis(y), series: Vec::new(), square: false }
+    }
+
+    /// Makes the x axis logarithmic; points at or below 0 are left out.
+    pub fn log_x(&mut self) -> &mut Self {
+        self.x.logarithmic = true;
+        self
+    }
+
+    /// Makes the y axis logarithmic; points at or below 0 are left out.
+    pub fn log_y(&mut self) -> &mut Self {
+        self.y.logarithmic = true;
+        self
+    }
+
+    /// Fixes the range of the x axis; it follows the points otherwise.
+    pub fn x_range(&mut self, low: f64, high: f64) -> &mut Self {
+        self.x.range = Some([low, high]);
+        self
+    }
+
+    /// Fixes the range of the y axis; it follows the points otherwise.
+    pub fn y_range(&mut self, low: f64, high: f64) -> &mut Self {
+        self.y.range = Some([low, high]);
+        self
+    }
+
+    /// Draws a unit of x as long as a unit of y.
+    pub fn square(&mut self) -> &mut Self {
+        self.square = true;
+        self
+    }
+
+    /// Adds a series in the next colour; one without a label stays out of the legend.
+    pub fn series(&mut self, label: &str, mark: Mark, points: Vec<[f64; 2]>) -> &mut Self {
+        let colour = COLOURS[self.series.len() % COLOURS.len()];
+        self.coloured(label, mark, points, colour)
+    }
+
+    /// Adds a series in a colour of one's own (`#rrggbb`).
+    pub fn coloured(
+        &mut self,
+        label: &str,
+        mark: Mark,
+        points: Vec<[f64; 2]>,
+        colour: &str,
+    ) -> &mut Self {
+        let (label, colour) = (label.to_owned(), colour.to_owned());
+        self.series.push(Series { label, points, mark, colour });
+        self
+    }
+
+    /// The drawing.
+    pub fn svg(&self) -> String {
+        let [width, height] = SIZE;
+        let [left, right, top, bottom] = MARGIN;
+        let (mut inner_width, inner_height) = (width - left - right, height - top - bottom);
+        let (x, mut y) = (self.scale(&self.x, 0), self.scale(&self.y, 1));
+        if self.square {
+            inner_width = inner_height;
+            y.high = y.low + (x.high - x.low);
+        }
+        let place = |p: &[f64; 2]| {
+            let (u, v) = (x.at(p[0])?, y.at(p[1])?);
+            Some([left + u * inner_width, top + (1.0 - v) * inner_height])
+        };
+        let mut out = Drawing::new(width, height, &self.title);
+        out.frame([left, top, inner_width, inner_height]);
+        for (value, text) in x.ticks() {
+            let at = left + x.at(value).unwrap_or(0.0) * inner_width;
+            out.tick(
+                [at, top],
+                [at, top + inner_height],
+                [at, top + inner_height + 16.0],
+                "middle",
+                &text,
+            );
+        }
+        for (value, text) in y.ticks() {
+            let at = top + (1.0 - y.at(value).unwrap_or(0.0)) * inner_height;
+            out.tick([left, at], [left + inner_width, at], [left - 6.0, at + 4.0], "end", &text);
+        }
+        out.text([left + inner_width / 2.0, height - 10.0], "middle", &self.x.label, "");
+        let turn = format!(" transform=\"rotate(-90 16 {:.1})\"", top + inner_height / 2.0);
+        out.text([16.0, top + inner_height / 2.0], "middle", &self.y.label, &turn);
+        for series in &self.series {
+            let points: Vec<[f64; 2]> = series.points.iter().filter_map(place).collect();
+            out.marks(&points, series.mark, &series.colour);
+        }
+        let labelled = self.series.iter().filter(|s| !s.label.is_empty());
+        for (i, series) in labelled.enumerate() {
+            let at = [left + inner_width - 8.0, top + 16.0 + 16.0 * i as f64];
+            out.swatch(at, series.mark, &series.colour, &series.label);
+        }
+        out.end()
+    }
+
+    fn scale(&self, axis: &Axis, index: usize) -> Scale {
+        let all = self.series.iter().flat_map(|s| &s.points).map(|p| p[index]);
+        let usable = all.filter(|v| v.is_finite() && (!axis.logarithmic || *v > 0.0));
+        let found = usable
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+        Scale::over(axis.range.unwrap_or(found), axis.logarithmic, axis.range.is_some())
+    }
+}
+
+/// A range of values along an axis.
+struct Scale {
+    low: f64,
+    high: f64,
+    logarithmic: bool,
+}
+
+impl Scale {
+    fn over([low, high]: [f64; 2], logarithmic: bool, exact: bool) -> Self {
+        let [mut low, mut high] = if low <= high { [low, high] } else { [0.0, 1.0] };
+        if logarithmic {
+            low = if low > 0.0 { low.log10() } else { -3.0 };
+            high = if high > 0.0 { high.log10() } else { 0.0 };
+        }
+        let spread = high - low;
+        let room = match (exact, spread > 0.0) {
+            (true, true) => 0.0,
+            (false, true) => 0.03 * spread,
+            (_, false) => {
+                if low == 0.0 {
+                    1.0
+                } else {
+                    0.1 * low.abs()
+                }
+            }
+        };
+        Self { low: low - room, high: high + room, logarithmic }
+    }
+
+    /// Where a value lies, 0 to 1 from end to end; `None` for what has no place on the axis.
+    fn at(&self, value: f64) -> Option<f64> {
+        let v = if self.logarithmic { value.log10() } else { value };
+        let t = (v - self.low) / (self.high - self.low);
+        // Rounding must not drop what lies on the end.
+        (-1e-6..=1.0 + 1e-6).contains(&t).then_some(t)
+    }
+
+    /// Values with their text: decades, or round steps (1, 2 or 5).
+    fn ticks(&self) -> Vec<(f64, String)> {
+        let spread = self.high - self.low;
+        if self.logarithmic && spread >= 1.0 {
+            let step = (spread / 6.0).ceil().max(1.0) as i32;
+            let (first, last) = (self.low.ceil() as i32, self.high.floor() as i32);
+            let decades = (first..=last).step_by(step as usize);
+            return decades.map(|d| (10f64.powi(d), label(10f64.powi(d), d))).collect();
+        }
+        let power = (spread / 5.0).log10().floor() as i32;
+        let unit = 10f64.powi(power);
+        let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * unit).into_iter().find(|s| spread / s <= 6.0);
+        let step = step.unwrap_or(10.0 * unit);
+        let first = (self.low / step).ceil() as i64;
+        let last = (self.high / step).floor() as i64;
+        (first..=last.min(first + 20))
+            .map(|k| {
+                let v = k as f64 * step;
+                let v = if self.logarithmic { 10f64.powf(v) } else { v };
+                (v, label(v, power))
+            })
+            .collect()
+    }
+}
+
+/// A number with as many digits as steps of 10^`power` need.
+fn label(value: f64, power: i32) -> String {
+    if value != 0.0 && !(1e-4..1e6).contains(&value.abs()) {
+        return format!("{value:.0e}");
+    }
+    format!("{value:.*}", usize::try_from(-power).unwrap_or(0).min(8))
+}
+
+/// A heat map of a plane of values.
+///
+/// Values go from black over colours to near white; `root` shows their square root, which lifts faint
+/// parts. `x` and `y` give the coordinates of the outer edges, left to right and top to bottom.
+pub fn heat_map(
+    title: &str,
+    plane: &Plane<f64>,
+    x: [f64; 2],
+    y: [f64; 2],
+    unit: &str,
+    root: bool,
+) -> String {
+    let [left, _, top, bottom] = MARGIN;
+    let side = SIZE[1] - top - bottom;
+    let across = side * plane.width as f64 / plane.height.max(1) as f64;
+    let mut out = Drawing::new(left + across + 90.0, SIZE[1], title);
+    let finite = plane.data.iter().copied().filter(|v| v.is_finite());
+    let (low, high) =
+        finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let place = [left, top, across, side];
+    out.picture(plane, low, high, root, place);
+    out.frame(place);
+    for (value, text) in Scale::over(x, false, true).ticks() {
+        let at = left + (value - x[0]) / (x[1] - x[0]) * across;
+        out.text([at, top + side + 16.0], "middle", &text, "");
+    }
+    for (value, text) in Scale::over([y[0].min(y[1]), y[0].max(y[1])], false, true).ticks() {
+        let at = top + (value - y[0]) / (y[1] - y[0]) * side;
+        out.text([left - 6.0, at + 4.0], "end", &text, "");
+    }
+    out.text([left + across / 2.0, SIZE[1] - 10.0], "middle", unit, "");
+    // A bar of the colours with the ends of the range.
+    let bar = Plane::from_fn(1, 64, |_, row| 1.0 - row as f64 / 63.0);
+    let bar_place = [left + across + 16.0, top, 14.0, side];
+    out.picture(&bar, 0.0, 1.0, root, bar_place);
+    out.text([left + across + 36.0, top + 10.0], "start", &format!("{high:.3e}"), "");
+    out.text([left + across + 36.0, top + side], "start", &format!("{low:.3e}"), "");
+    out.end()
+}
+
+/// Small pictures in rows and columns, with a heading per row and per column; each picture has its own range.
+/// What is shown is the square root of the values.
+pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<f64>>)]) -> String {
+    const CELL: f64 = 120.0;
+    let left = 110.0;
+    let (width, height) =
+        ((left + CELL * columns.len() as f64 + 8.0).max(480.0), 64.0 + CELL * rows.len() as f64);
+    let mut out = Drawing::new(width, height, title);
+    for (j, heading) in columns.iter().enumerate() {
+        out.text([left + CELL * (j as f64 + 0.5), 52.0], "middle", heading, "");
+    }
+    for (i, (heading, planes)) in rows.iter().enumerate() {
+        let top = 60.0 + CELL * i as f64;
+        out.text([left - 8.0, top + CELL / 2.0], "end", heading, "");
+        for (j, plane) in planes.iter().enumerate() {
+            let high = plane.data.iter().copied().fold(0.0, f64::max);
+            let place = [left + CELL * j as f64 + 2.0, top, CELL - 4.0, CELL - 4.0];
+            out.picture(plane, 0.0, high, true, place);
+        }
+    }
+    out.end()
+}
+
+/// A colour between black and near white by way of blue, red and yellow; t from 0 to 1.
+pub fn colour(t: f64) -> [u8; 3] {
+    const STOPS: [[f64; 3]; 5] = [
+        [0.0, 0.0, 4.0],
+        [87.0, 16.0, 110.0],
+        [188.0, 55.0, 84.0],
+        [249.0, 142.0, 9.0],
+        [252.0, 255.0, 164.0],
+    ];
+    let place = t.clamp(0.0, 1.0) * 4.0;
+    let i = (place as usize).min(3);
+    let f = place - i as f64;
+    [0, 1, 2].map(|k| (STOPS[i][k] + f * (STOPS[i + 1][k] - STOPS[i][k])).round() as u8)
+}
+
+/// SVG text under construction. Writing to a String does not fail, so results are dropped.
+struct Drawing {
+    text: String,
+}
+
+impl Drawing {
+    fn new(width: f64, height: f64, title: &str) -> Self {
+        let text = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" \
+             width=\"{width:.0}\" height=\"{height:.0}\" font-family=\"sans-serif\" font-size=\"12\" \
+             fill=\"currentColor\">\n"
+        );
+        let mut drawing = Self { text };
+        drawing.text([width / 2.0, 20.0], "middle", title, " font-weight=\"bold\"");
+        drawing
+    }
+
+    fn add(&mut self, what: std::fmt::Arguments<'_>) {
+        let _ = self.text.write_fmt(what);
+    }
+
+    fn text(&mut self, [x, y]: [f64; 2], anchor: &str, text: &str, more: &str) {
+        let text = escape(text);
+        self.add(format_args!(
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{text}</text>\n"
+        ));
+    }
+
+    fn frame(&mut self, [x, y, width, height]: [f64; 4]) {
+        self.add(format_args!(
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" stroke=\"currentColor\"/>\n"
+        ));
+    }
+
+    fn tick(&mut self, from: [f64; 2], to: [f64; 2], place: [f64; 2], anchor: &str, text: &str) {
+        self.add(format_args!(
+            "<path d=\"M{:.1} {:.1}L{:.1} {:.1}\" stroke=\"currentColor\" stroke-opacity=\"0.15\"/>\n",
+            from[0], from[1], to[0], to[1]
+        ));
+        self.text(place, anchor, text, "");
+    }
+
+    fn marks(&mut self, points: &[[f64; 2]], mark: Mark, colour: &str) {
+        if mark == Mark::Points {
+            // Few points are looked at one by one, many as a cloud.
+            let radius = if points.len() < 100 { 3.0 } else { 1.6 };
+            self.add(format_args!("<g fill=\"{colour}\" fill-opacity=\"0.7\">"));
+            for [x, y] in points {
+                self.add(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>"));
+            }
+            self.add(format_args!("</g>\n"));
+            return;
+        }
+        let dash = if mark == Mark::Dashed { " stroke-dasharray=\"6 4\"" } else { "" };
+        let path: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+        self.add(format_args!(
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\"{dash}/>\n",
+            path.join(" ")
+        ));
+    }
+
+    /// A line of the legend, its right end at a place.
+    fn swatch(&mut self, [x, y]: [f64; 2], mark: Mark, colour: &str, label: &str) {
+        let ends = [[x - 20.0, y - 4.0], [x, y - 4.0]];
+        match mark {
+            Mark::Points => self.marks(&[[x - 10.0, y - 4.0]], mark, colour),
+            _ => self.marks(&ends, mark, colour),
+        }
+        self.text([x - 26.0, y], "end", label, "");
+    }
+
+    fn picture(&mut self, plane: &Plane<f64>, low: f64, high: f64, root: bool, place: [f64; 4]) {
+        let [x, y, width, height] = place;
+        let spread = if high > low { high - low } else { 1.0 };
+        let shade = |v: &f64| {
+            let t = (v - low) / spread;
+            colour(if root { t.max(0.0).sqrt() } else { t })
+        };
+        let pixels: Vec<u8> = plane.data.iter().flat_map(shade).collect();
+        let Some(bytes) = png(plane.width, plane.height, &pixels) else { return };
+        let data = base64::engine::general_purpose::STANDARD.encode(bytes);
+        self.add(format_args!(
+            "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
+             style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>\n"
+        ));
+    }
+
+    fn end(mut self) -> String {
+        self.text.push_str("</svg>\n");
+        self.text
+    }
+}
+
+/// An 8-bit RGB PNG; `None` for an empty picture.
+fn png(width: usize, height: usize, pixels: &[u8]) -> Option<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let (width, height) = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.write_header().ok()?.write_image_data(pixels).ok()?;
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_few() {
+        let texts = |low: f64, high: f64, log: bool| {
+            let ticks = Scale::over([low, high], log, true).ticks();
+            ticks.into_iter().map(|t| t.1).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(texts(0.0, 1.0, false), "0.0 0.2 0.4 0.6 0.8 1.0");
+        assert_eq!(texts(-0.013, 0.004, false), "-0.010 -0.005 0.000");
+        assert_eq!(texts(1.0, 10000.0, true), "1 10 100 1000 10000");
+    }
+
+    #[test]
+    fn odd_data_still_draw() {
+        let mut plot = Plot::new("a < b", "x", "y");
+        plot.log_x().log_y();
+        plot.series("none", Mark::Line, vec![]);
+        plot.series("bad", Mark::Points, vec![[0.0, -1.0], [f64::NAN, 1.0], [1.0, 1.0]]);
+        let svg = plot.svg();
+        assert!(svg.contains("a &lt; b") && !svg.contains("NaN") && svg.ends_with("</svg>\n"));
+        let flat = heat_map("flat", &Plane::filled(3, 2, 1.0), [0.0, 1.0], [0.0, 1.0], "mm", false);
+        assert!(flat.contains("data:image/png;base64,"));
+        assert_eq!(picture_grid("empty", &[], &[]).matches("<image").count(), 0);
+    }
+}

@@ -1,0 +1,169 @@
+//! The page about simulated frames: what was simulated, pictures, levels, the model behind them.
+
+use super::page::Page;
+use super::plot::{Mark, Plot};
+use camrig_base::{RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_formats::{DngInfo, png, preview};
+use camrig_scene::Illuminant;
+use camrig_sensor_core::config::FrameSettings;
+
+/// Frames of which the page has a picture; of all others it has the figures.
+const SHOWN: usize = 4;
+/// Longest side of a picture, pixels.
+const PICTURE: usize = 1024;
+
+/// Colours of channels R, G, B and of any other.
+fn colour(channel: &str) -> &'static str {
+    match channel.chars().next() {
+        Some('r') => "#d55e00",
+        Some('g') => "#009e73",
+        Some('b') => "#0072b2",
+        _ => "#7f7f7f",
+    }
+}
+
+/// What is gathered frame by frame.
+#[derive(Default)]
+pub struct Frames {
+    shown: Vec<(String, Vec<u8>, String)>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Frames {
+    /// Takes note of a frame.
+    ///
+    /// # Errors
+    /// A picture that cannot be encoded.
+    pub fn add(&mut self, name: &str, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        if self.shown.len() < SHOWN {
+            let picture = png::encode_rgb(&preview::thumbnail(frame, info, PICTURE))?;
+            self.shown.push((name.to_string(), picture, histogram(frame)));
+        }
+        for (channel, mean_dn, saturated) in frame.channel_means() {
+            self.rows.push(vec![
+                name.to_string(),
+                channel,
+                format!("{:.2}", mean_dn - frame.black_level_dn),
+                format!("{:.2} %", 100.0 * saturated),
+            ]);
+        }
+        Ok(())
+    }
+}
+
+/// The page.
+///
+/// `made_of` tells how the frames were made, name and value by line; `settings` are those of the first frame.
+pub fn page(
+    title: &str,
+    camera: &Camera,
+    light: Option<&Illuminant>,
+    settings: &FrameSettings,
+    made_of: &[(&str, String)],
+    frames: &Frames,
+) -> Page {
+    let mut page = Page::new(title);
+    let mut facts: Vec<Vec<String>> =
+        made_of.iter().map(|(name, value)| vec![name.to_string(), value.clone()]).collect();
+    let sensor = &camera.sensor;
+    let fixed = [
+        ("exposure", format!("{} ms", settings.exposure_s * 1e3)),
+        ("analog gain", settings.analog_gain.to_string()),
+        ("sensor temperature", format!("{} °C", settings.temperature_c)),
+        ("sensor seed", sensor.seed.to_string()),
+        ("first frame", settings.frame.to_string()),
+        (
+            "sensor",
+            format!("{} x {} pixels of {} µm", sensor.width, sensor.height, sensor.pitch_um),
+        ),
+        ("pattern", sensor.cfa.to_string()),
+        ("levels", format!("{} bits, black {} DN", sensor.bits, sensor.black_level_dn)),
+    ];
+    facts.extend(fixed.into_iter().map(|(name, value)| vec![name.to_string(), value]));
+    page.table(&["", ""], &facts);
+    for (name, picture, histogram) in &frames.shown {
+        page.heading(name);
+        page.picture(picture, "simple demosaicing, white balance, sRGB; brightness as captured");
+        page.drawing(histogram, "samples per DN");
+    }
+    page.heading("Levels");
+    page.table(&["frame", "channel", "mean DN above black", "saturated"], &frames.rows);
+    page.heading("Model");
+    page.drawing(&response(camera, light), "quantum efficiency with filters and lens");
+    page.drawing(
+        &noise(camera, settings),
+        "the base model's temporal and fixed noise of a pixel, before the effects of the camera file",
+    );
+    page.heading("Camera file");
+    page.verbatim(&camera.text);
+    page
+}
+
+/// Counts per DN and channel, in at most 256 bins.
+fn histogram(frame: &RawFrame) -> String {
+    let bins = (1usize << frame.bits.min(8)).max(2);
+    let per_bin = (1usize << frame.bits) / bins;
+    let channels = frame.cfa.channels();
+    let mut counts = vec![vec![0u32; bins]; channels.len()];
+    for (y, row) in frame.data.chunks(frame.width).enumerate() {
+        for (x, &dn) in row.iter().enumerate() {
+            counts[frame.cfa.channel(x, y)][(usize::from(dn) / per_bin).min(bins - 1)] += 1;
+        }
+    }
+    let mut plot = Plot::new("Histogram", "DN", &format!("samples per {per_bin} DN"));
+    plot.log_y().x_range(0.0, (1u32 << frame.bits) as f64);
+    for (letter, counts) in channels.iter().zip(counts) {
+        let name = letter.to_lowercase().to_string();
+        let centre = |i: usize| (i as f64 + 0.5) * per_bin as f64 - 0.5;
+        let points = counts.iter().enumerate().map(|(i, &n)| [centre(i), f64::from(n)]).collect();
+        plot.coloured(&name, Mark::Line, points, colour(&name));
+    }
+    plot.svg()
+}
+
+/// Electrons per photon that enters the lens, and the light, over wavelength.
+fn response(camera: &Camera, light: Option<&Illuminant>) -> String {
+    let sensor = &camera.sensor;
+    let nm: Vec<f64> = (380..=780).step_by(5).map(f64::from).collect();
+    let mut plot = Plot::new("Response", "wavelength, nm", "electrons per photon");
+    for (name, qe) in sensor.channel_names.iter().zip(&sensor.qe) {
+        let at = |&w: &f64| {
+            let filter = sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(w));
+            [w, qe.at(w) * filter * camera.lens.transmittance.at(w)]
+        };
+        plot.coloured(name, Mark::Line, nm.iter().map(at).collect(), colour(name));
+    }
+    if let Some(light) = light {
+        let most = nm.iter().map(|&w| light.power.at(w)).fold(0.0, f64::max);
+        let peak = sensor.qe.iter().flat_map(|q| nm.iter().map(|&w| q.at(w))).fold(0.0, f64::max);
+        let points = nm.iter().map(|&w| [w, peak * light.power.at(w) / most]).collect();
+        plot.coloured(&format!("{}, scaled", light.name), Mark::Dashed, points, "#e69f00");
+    }
+    plot.svg()
+}
+
+/// Standard deviations over signal, e⁻: eq. 10 of Chen et al. 2009 without row pattern and DSNU, with the
+/// rounding of the converter.
+fn noise(camera: &Camera, settings: &FrameSettings) -> String {
+    let (sensor, gain) = (&camera.sensor, f64::from(settings.analog_gain));
+    let noise = &sensor.noise;
+    let post = noise.read_e_post * noise.read_e_post;
+    let e_per_dn = sensor.full_well_e / (gain * f64::from((1u32 << sensor.bits) - 1));
+    let read2 =
+        noise.read_e * noise.read_e - post + post / (gain * gain) + e_per_dn * e_per_dn / 12.0;
+    let signals: Vec<f64> = (0..=60)
+        .map(|i| libm::pow(sensor.full_well_e, f64::from(i) / 60.0))
+        .filter(|s| *s >= 1.0)
+        .collect();
+    let mut plot = Plot::new("Noise", "signal, e-", "standard deviation, e-");
+    plot.log_x().log_y();
+    let mut curve = |name: &str, mark: Mark, sigma: &dyn Fn(f64) -> f64| {
+        plot.series(name, mark, signals.iter().map(|&s| [s, sigma(s)]).collect());
+    };
+    curve("all", Mark::Line, &|s| (read2 + s + (noise.prnu * s).powi(2)).sqrt());
+    curve("shot", Mark::Dashed, &|s| s.sqrt());
+    curve("read and converter", Mark::Dashed, &|_| read2.sqrt());
+    curve("PRNU", Mark::Dashed, &|s| noise.prnu * s);
+    plot.svg()
+}

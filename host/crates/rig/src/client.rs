@@ -1,0 +1,489 @@
+//! A rig in use: its camera, its registers, its frames.
+
+use super::feed::Feed;
+use super::transport::{MAX_PACKET, Transport};
+use super::{Url, emulator, hid, serial, tcp};
+use camrig_base::{Error, RawFrame, Result};
+use camrig_exposure::IrradianceCube;
+use camrig_firmware_sim::camera;
+use camrig_firmware_sim::rig::frame_shape;
+use camrig_formats::csi2;
+use camrig_render::{Arithmetic, Exposure};
+use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
+use camrig_rig_link::message::{
+    Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
+    Refusal, Statistics, ToDevice, ToHost, camera_id,
+};
+use camrig_rig_link::packing::{Packing, unpack_row};
+use camrig_sensor_core::config::FrameSettings;
+use rayon::prelude::*;
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::time::{Duration, Instant};
+
+/// Times that a frame is taken up again after the link broke.
+const RECONNECTS: u32 = 3;
+/// Patience with a link that was closed and is to be opened again.
+const REOPEN_TRIES: u32 = 10;
+const REOPEN_WAIT: Duration = Duration::from_millis(200);
+
+/// How a frame is to be taken.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameRequest {
+    /// Frame number, exposure, gain, temperature.
+    pub settings: FrameSettings,
+    /// Arithmetic of the rig's sensor.
+    pub arithmetic: Arithmetic,
+    /// Integrate the bands here and send mean electrons: less to send, the last bit of accuracy lost.
+    pub collapse: bool,
+    /// The sensor saw the same light in the frame before.
+    pub lit_before: bool,
+    /// Take exposure and gain from the rig's registers.
+    pub by_registers: bool,
+}
+
+/// A frame from a rig.
+#[derive(Clone, Debug)]
+pub struct RigFrame {
+    /// What the rig said at the frame's start: counter, exposure, gain, seed, fault.
+    pub start: FrameStart,
+    /// Packed raw rows, one after the other.
+    pub packed: Vec<u8>,
+    /// How they are packed.
+    pub packing: Packing,
+    /// The rig was asked to lose this frame: there are no rows.
+    pub dropped: bool,
+}
+
+/// An open rig.
+pub struct Rig {
+    url: Url,
+    /// Nothing while a broken link is being opened again.
+    transport: Option<Box<dyn Transport>>,
+    host: Host<Vec<u16>>,
+    camera: Vec<u8>,
+    out: Vec<u8>,
+    since: Instant,
+    /// Log bytes that came over the link.
+    log: Vec<u8>,
+}
+
+fn open(url: &Url) -> Result<Box<dyn Transport>> {
+    match url {
+        Url::Emulator => Ok(emulator::open()),
+        Url::Tcp { address } => tcp::open(address),
+        Url::Serial { path, baud } => serial::open(path, *baud),
+        Url::Hid { vid, pid, serial } => hid::open(*vid, *pid, serial.as_deref()),
+    }
+}
+
+/// A number that no other session of late has had; results do not depend on it.
+fn session() -> u16 {
+    RandomState::new().build_hasher().finish() as u16
+}
+
+impl Rig {
+    /// Opens a rig and greets it.
+    pub fn open(url: &str) -> Result<Self> {
+        let url = Url::parse(url)?;
+        let transport = open(&url)?;
+        Self::with_transport(url, transport)
+    }
+
+    /// Greets the rig at the other end of an open link.
+    pub fn with_transport(url: Url, transport: Box<dyn Transport>) -> Result<Self> {
+        let host = Host::new(transport.limits(), Vec::new());
+        let mut rig = Self {
+            url,
+            transport: Some(transport),
+            host,
+            camera: Vec::new(),
+            out: vec![0; MAX_PACKET],
+            since: Instant::now(),
+            log: Vec::new(),
+        };
+        rig.connect()?;
+        Ok(rig)
+    }
+
+    /// What the rig can do.
+    pub fn device(&self) -> Capabilities {
+        self.host.device().cloned().unwrap_or_default()
+    }
+
+    /// Counters of this end.
+    pub fn statistics(&self) -> HostStatistics {
+        self.host.statistics()
+    }
+
+    /// Bytes over the link, framing included: sent and received.
+    pub fn link_bytes(&self) -> (u64, u64) {
+        self.transport.as_ref().map_or((0, 0), |t| t.bytes())
+    }
+
+    /// Log bytes that came over the link since the last call.
+    pub fn take_log(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.log)
+    }
+
+    /// Counters of the rig.
+    pub fn device_statistics(&mut self) -> Result<Statistics> {
+        match self.request(ToDevice::Statistics)? {
+            ToHost::Statistics(s) => Ok(s),
+            other => Err(self.unexpected(other)),
+        }
+    }
+
+    /// Reads a register.
+    pub fn read_register(&mut self, address: u16) -> Result<u32> {
+        match self.request(ToDevice::RegRead(address))? {
+            ToHost::Register(_, value) => Ok(value),
+            other => Err(self.unexpected(other)),
+        }
+    }
+
+    /// Writes a register.
+    pub fn write_register(&mut self, address: u16, value: u32) -> Result<()> {
+        self.request(ToDevice::RegWrite(address, value)).map(drop)
+    }
+
+    /// Gives the rig a sensor; costs nothing if it has it already.
+    pub fn set_camera(&mut self, exposure: &Exposure) -> Result<()> {
+        let crosstalk = exposure.crosstalk();
+        let table = crosstalk
+            .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
+        let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * table];
+        let n = camera::encode(&exposure.config, crosstalk, &mut bytes)
+            .ok_or_else(|| Error::input("the camera is too large for the link"))?;
+        bytes.truncate(n);
+        self.camera = bytes;
+        let device = self.device();
+        let lacking: Vec<&str> = (exposure.config.effects.iter())
+            .map(|effect| effect.entry())
+            .filter(|entry| device.effects >> entry.id & 1 == 0)
+            .map(|entry| entry.kind)
+            .collect();
+        if !lacking.is_empty() {
+            let what =
+                format!("the rig's firmware lacks effects of the camera: {}", lacking.join(", "));
+            return Err(Error::input(what).at(&self.url).help(
+                "leave them out of the camera file, or give the rig the firmware with all effects \
+                 (feature `catalogue`)",
+            ));
+        }
+        let (width, bands) = (exposure.config.width, u16::from(exposure.config.bands));
+        if width > u32::from(device.max_width) {
+            return Err(self.refused(Nack::Refused(Refusal::TooWide { max: device.max_width })));
+        }
+        if bands > device.max_bands {
+            let max = device.max_bands;
+            return Err(self.refused(Nack::Refused(Refusal::TooManyBands { max })));
+        }
+        self.send_camera()
+    }
+
+    fn send_camera(&mut self) -> Result<()> {
+        let id = camera_id(&self.camera);
+        if self.host.device().is_some_and(|d| d.camera == id) {
+            return Ok(());
+        }
+        self.host.send_camera(id, self.camera.len() as u32);
+        match self.run(&mut None)? {
+            Event::CameraReady => Ok(()),
+            event => Err(self.failed(event)),
+        }
+    }
+
+    /// Takes a frame of a cube.
+    pub fn frame(
+        &mut self,
+        cube: &IrradianceCube,
+        exposure: &Exposure,
+        request: &FrameRequest,
+    ) -> Result<RigFrame> {
+        let mut feed =
+            if request.collapse { Feed::collapsed(cube, exposure) } else { Feed::spectral(cube) };
+        self.frame_from(&mut feed, exposure, request)
+    }
+
+    /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that breaks is
+    /// opened again and the frame goes on where it was.
+    pub fn frame_from(
+        &mut self,
+        feed: &mut Feed<'_>,
+        exposure: &Exposure,
+        request: &FrameRequest,
+    ) -> Result<RigFrame> {
+        let config = &exposure.config;
+        let codec = feed.codec();
+        let raw_bits = [8, 10, 12, 14, 16].into_iter().find(|&b| b >= config.bits).unwrap_or(16);
+        let too_large = || {
+            Error::input(format!(
+                "a frame of {} x {} pixels in {} bands is too large for the link",
+                config.width, config.height, config.bands
+            ))
+            .help("send fewer bands, or mean electrons (--collapse)")
+        };
+        let shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
+        let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
+        let begin = FrameBegin {
+            transfer: 0,
+            frame: request.settings.frame,
+            rows: shape.rows,
+            width: config.width as u16, // frame_shape has a unit count, so the width is small
+            bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
+            codec,
+            arithmetic: match request.arithmetic {
+                Arithmetic::F32 => LinkArithmetic::F32,
+                Arithmetic::Fixed => LinkArithmetic::Fixed,
+            },
+            raw_bits,
+            temperature_c: request.settings.temperature_c,
+            lit_before: request.lit_before,
+            exposure: (!request.by_registers).then_some(camrig_rig_link::message::Exposure {
+                exposure_s: request.settings.exposure_s,
+                analog_gain: request.settings.analog_gain,
+            }),
+        };
+        let raw_bytes = usize::from(shape.raw_bytes);
+        self.host.reserve_rows(|rows| rows.resize(rows.len().max(shape.rows.into()), 0));
+        let packed = vec![0; raw_bytes * usize::from(shape.rows)];
+        let mut transfer = Some(Transfer { feed, packed, raw_bytes, error: None });
+        let mut breaks = 0;
+        loop {
+            self.host.begin(begin, shape, breaks > 0);
+            let outcome = self.run(&mut transfer);
+            if let Some(error) = transfer.as_mut().and_then(|t| t.error.take()) {
+                return Err(error);
+            }
+            let broken = match outcome {
+                Ok(Event::FrameDone(start)) | Ok(Event::FrameDropped(start)) => {
+                    if let Fault::LateFrame(ms) = start.fault {
+                        std::thread::sleep(Duration::from_millis(ms.into()));
+                    }
+                    let dropped = matches!(outcome, Ok(Event::FrameDropped(_)));
+                    let packed = transfer.map(|t| t.packed).unwrap_or_default();
+                    return Ok(RigFrame { start, packed, packing, dropped });
+                }
+                Ok(event @ (Event::NoAnswer | Event::Refused(Nack::NoSession))) => {
+                    self.failed(event)
+                }
+                Ok(event) => return Err(self.failed(event)),
+                Err(error) => error,
+            };
+            breaks += 1;
+            if breaks > RECONNECTS || self.url == Url::Emulator {
+                return Err(broken);
+            }
+            eprintln!("the link broke; taking the frame up again at {}", self.url);
+            self.reopen()?;
+            self.send_camera()?;
+        }
+    }
+
+    /// Closes the link and opens it again, as soon as the other end lets go of it.
+    fn reopen(&mut self) -> Result<()> {
+        self.transport = None;
+        let mut tries = 0..REOPEN_TRIES;
+        loop {
+            std::thread::sleep(REOPEN_WAIT);
+            let outcome = open(&self.url).and_then(|transport| {
+                self.transport = Some(transport);
+                self.connect()
+            });
+            if outcome.is_ok() || tries.next().is_none() {
+                return outcome;
+            }
+            self.transport = None;
+        }
+    }
+
+    fn connect(&mut self) -> Result<()> {
+        self.host.connect(session());
+        match self.run(&mut None)? {
+            Event::Connected => Ok(()),
+            event => Err(self.failed(event)),
+        }
+    }
+
+    fn request(&mut self, message: ToDevice) -> Result<ToHost> {
+        self.host.request(message);
+        match self.run(&mut None)? {
+            Event::Answer(answer) => Ok(answer),
+            event => Err(self.failed(event)),
+        }
+    }
+
+    /// Runs the host's operation to its end.
+    fn run(&mut self, transfer: &mut Option<Transfer<'_, '_>>) -> Result<Event> {
+        let transport = (self.transport.as_mut())
+            .ok_or_else(|| Error::input("the link is closed").at(&self.url))?;
+        loop {
+            let now = self.since.elapsed().as_micros() as u64 + 1;
+            let mut io = Io { transfer, camera: &self.camera, log: &mut self.log };
+            let wait = match self.host.poll(now, &mut io, &mut self.out) {
+                Poll::Done(event) => return Ok(event),
+                Poll::Send(bytes) => {
+                    transport.send(&self.out[..bytes])?;
+                    Duration::ZERO
+                }
+                Poll::Wait(until) => {
+                    transport.flush()?;
+                    Duration::from_micros(until.saturating_sub(now))
+                }
+            };
+            if transport.receive(wait)? {
+                let now = self.since.elapsed().as_micros() as u64 + 1;
+                if let Some(event) = self.host.receive(now, transport.packet(), &mut io) {
+                    return Ok(event);
+                }
+            }
+        }
+    }
+
+    fn unexpected(&self, answer: ToHost) -> Error {
+        Error::input(format!("the rig answered something else: {answer:?}")).at(&self.url)
+    }
+
+    fn failed(&self, event: Event) -> Error {
+        let error = match event {
+            Event::Refused(nack) => return self.refused(nack),
+            Event::NoCommonVersion { oldest, newest } => {
+                let (ours_oldest, ours) = camrig_rig_link::message::VERSIONS;
+                let advice = if newest < ours_oldest {
+                    "update the rig's firmware"
+                } else {
+                    "update camrig"
+                };
+                Error::input(format!(
+                    "the rig speaks versions {oldest} to {newest} of the protocol, camrig {ours_oldest} \
+                     to {ours}"
+                ))
+                .help(advice)
+            }
+            Event::NoProgress => Error::input(
+                "the link loses too much: the frame does not get through",
+            )
+            .help(
+                "use a shorter cable, a lower baud rate, or look for another program on the line",
+            ),
+            _ => Error::input("no answer from the rig")
+                .help("is it switched on, and is this its address? `camrig rig list` shows rigs"),
+        };
+        error.at(&self.url)
+    }
+
+    fn refused(&self, nack: Nack) -> Error {
+        let (what, help) = match nack {
+            Nack::Refused(Refusal::TooWide { max }) => (
+                format!("the camera's rows are too long for the rig, which takes {max} pixels"),
+                "use a camera with fewer columns, or a rig with more memory",
+            ),
+            Nack::Refused(Refusal::TooManyBands { max }) => (
+                format!("too many spectral bands for the rig, which takes {max}"),
+                "make the irradiance with fewer bands",
+            ),
+            Nack::Refused(Refusal::CameraTooLong { max }) => (
+                format!("the camera is too large for the rig, which takes {max} bytes"),
+                "use a coarser crosstalk table, or a rig with more memory",
+            ),
+            Nack::Refused(Refusal::Arithmetic) => (
+                "the rig does not have this arithmetic".into(),
+                "choose the other one with --arith; `camrig rig info` shows what it has",
+            ),
+            Nack::Refused(Refusal::Effects) => (
+                "the camera's effects need more rows than the rig has memory for".into(),
+                "leave out effects that read neighbouring rows, or use a rig with more memory",
+            ),
+            Nack::Refused(refusal) => {
+                (format!("the rig refuses: {refusal:?}"), "check the camera and the settings")
+            }
+            Nack::Register(address) => (
+                format!("the rig has no register {address:#06x} that takes this"),
+                "`camrig rig register --help` lists the registers",
+            ),
+            nack => (format!("the rig refuses: {nack:?}"), "start again; it may have been reset"),
+        };
+        Error::input(what).at(&self.url).help(help)
+    }
+}
+
+impl RigFrame {
+    /// The frame's embedded data line (CCS tagged data): what the sensor says about the frame. Exposure (s)
+    /// and gain as f32, frame number and seed as integers, most significant byte first, at the
+    /// manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the registers that CCS has at
+    /// its own.
+    pub fn embedded_line(&self) -> Vec<u8> {
+        use camrig_rig_link::registers::{MODEL_ID, address};
+        let start = &self.start;
+        let mut registers = Vec::new();
+        let mut push = |address: u16, bytes: &[u8]| {
+            registers.extend((address..).zip(bytes.iter().copied()));
+        };
+        push(address::MODEL_ID, &MODEL_ID.to_be_bytes());
+        push(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
+        push(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
+        push(0x3200, &start.exposure.exposure_s.to_be_bytes());
+        push(0x3204, &start.exposure.analog_gain.to_be_bytes());
+        push(0x3208, &start.frame.to_be_bytes());
+        push(0x320c, &start.seed.to_be_bytes());
+        csi2::ccs_line(&registers, self.packing.bits())
+    }
+
+    /// Unpacks the frame.
+    pub fn to_raw(&self, exposure: &Exposure) -> Result<RawFrame> {
+        let (width, height) = (exposure.config.width as usize, exposure.config.height as usize);
+        let mut data = vec![0; width * height];
+        let rows = self.packed.par_chunks(self.packing.row_bytes(width));
+        data.par_chunks_mut(width).zip(rows).try_for_each(|(row, packed)| {
+            unpack_row(self.packing, packed, row)
+                .map_err(|e| Error::input(format!("a raw row of {} bytes", e.found)))
+        })?;
+        Ok(exposure.raw_frame(data, self.start.exposure.analog_gain))
+    }
+}
+
+/// A frame under way.
+struct Transfer<'a, 'c> {
+    feed: &'a mut Feed<'c>,
+    packed: Vec<u8>,
+    raw_bytes: usize,
+    /// Why the cube could not be read.
+    error: Option<Error>,
+}
+
+/// What the protocol reads and writes.
+struct Io<'a, 'f, 'c> {
+    transfer: &'a mut Option<Transfer<'f, 'c>>,
+    camera: &'a [u8],
+    log: &'a mut Vec<u8>,
+}
+
+impl FrameIo for Io<'_, '_, '_> {
+    fn spectral(&mut self, row: u16, first: u16, out: &mut [u8]) {
+        if let Some(t) = self.transfer
+            && let Err(error) = t.feed.units(row.into(), first.into(), out)
+        {
+            out.fill(0);
+            t.error.get_or_insert(error);
+        }
+    }
+
+    fn raw_row(&mut self, row: u16) -> &mut [u8] {
+        match self.transfer {
+            Some(t) => {
+                let start = usize::from(row) * t.raw_bytes;
+                &mut t.packed[start..start + t.raw_bytes]
+            }
+            None => &mut [],
+        }
+    }
+
+    fn camera(&mut self, offset: u32, out: &mut [u8]) {
+        let start = offset as usize;
+        out.copy_from_slice(&self.camera[start..start + out.len()]);
+    }
+
+    fn log(&mut self, bytes: &[u8]) {
+        self.log.extend_from_slice(bytes);
+    }
+}

@@ -1,0 +1,150 @@
+//! The rows of an irradiance cube as they go over the link.
+
+use camrig_base::{Error, Result};
+use camrig_exposure::{Chunk, IrradianceCube};
+use camrig_firmware_sim::rig::UNIT_BYTES;
+use camrig_render::Exposure;
+use camrig_rig_link::message::Codec;
+use camrig_sensor_core::arith::{Arith, Float};
+use camrig_sensor_core::collect::Collector;
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+/// Rows made at a time.
+const ROWS: usize = 64;
+
+/// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the link.
+pub struct Feed<'a> {
+    cube: &'a IrradianceCube,
+    collapse: Option<&'a Exposure>,
+    /// Rows made at a time.
+    at_once: usize,
+    /// First of the rows in `bytes`.
+    first: usize,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Feed<'a> {
+    /// All bands of a cube.
+    pub fn spectral(cube: &'a IrradianceCube) -> Self {
+        Self { cube, collapse: None, at_once: ROWS, first: 0, bytes: Vec::new() }
+    }
+
+    /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per group of
+    /// 16 pixels adds at most 2⁻¹⁷ of the group's largest value.
+    pub fn collapsed(cube: &'a IrradianceCube, exposure: &'a Exposure) -> Self {
+        Self { collapse: Some(exposure), ..Self::spectral(cube) }
+    }
+
+    /// Makes all rows at once and keeps them for further frames: [`Feed::bytes`] of memory.
+    pub fn kept(self) -> Self {
+        Self { at_once: self.cube.header.height, ..self }
+    }
+
+    /// Bytes of a frame on the link.
+    pub fn bytes(&self) -> usize {
+        self.cube.header.height * self.row_bytes()
+    }
+
+    /// How its rows are coded.
+    pub fn codec(&self) -> Codec {
+        if self.collapse.is_some() { Codec::Electrons16 } else { Codec::Bfp16 }
+    }
+
+    fn row_bytes(&self) -> usize {
+        let bands = if self.collapse.is_some() { 1 } else { self.cube.header.bands };
+        bands * groups(self.cube.header.width) * UNIT_BYTES
+    }
+
+    /// Fills `out` with the units of row `row` from unit `first` on.
+    pub fn units(&mut self, row: usize, first: usize, out: &mut [u8]) -> Result<()> {
+        let row_bytes = self.row_bytes();
+        if row < self.first || (row - self.first) * row_bytes >= self.bytes.len() {
+            self.make(row)?;
+        }
+        let at = (row - self.first) * row_bytes + first * UNIT_BYTES;
+        out.copy_from_slice(&self.bytes[at..at + out.len()]);
+        Ok(())
+    }
+
+    /// Makes rows from `row` on, or all of them.
+    fn make(&mut self, row: usize) -> Result<()> {
+        let header = &self.cube.header;
+        let first = if self.at_once == header.height { 0 } else { row };
+        let count = self.at_once.min(header.height - first);
+        let row_bytes = self.row_bytes();
+        self.bytes.resize(count * row_bytes, 0);
+        let (cube, collapse) = (self.cube, self.collapse);
+        let rows = self.bytes.par_chunks_mut(ROWS.min(count) * row_bytes).enumerate();
+        rows.try_for_each(|(i, out)| {
+            let first = first + i * ROWS;
+            let load = |band| cube.chunk(band, first, out.len() / row_bytes);
+            let bands = (0..cube.header.bands).map(load).collect::<Result<Vec<_>>>()?;
+            match collapse {
+                Some(exposure) => collapsed_rows(exposure, &bands, first, out),
+                None => {
+                    spectral_rows(&bands, cube.header.width, first, out);
+                    Ok(())
+                }
+            }
+        })?;
+        self.first = first;
+        Ok(())
+    }
+}
+
+/// Rows from `first` on: band after band.
+fn spectral_rows(bands: &[Chunk<'_>], width: usize, first: usize, out: &mut [u8]) {
+    let places = out.chunks_mut(groups(width) * UNIT_BYTES);
+    for (i, place) in places.enumerate() {
+        let row = bands[i % bands.len()].row(width, first + i / bands.len());
+        write_units(row, place);
+    }
+}
+
+/// Rows from `first` on, integrated over the bands.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+fn collapsed_rows(
+    exposure: &Exposure,
+    bands: &[Chunk<'_>],
+    first: usize,
+    out: &mut [u8],
+) -> Result<()> {
+    let width = exposure.config.width as usize;
+    let second = FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
+    let mut collector = Collector::<Float>::new(&exposure.config, &second, exposure.crosstalk())
+        .map_err(|e| Error::input(format!("the sensor model refuses this camera: {e:?}")))?;
+    let mut sums = vec![[<Float as Arith>::Sum::default(); GROUP]; groups(width)];
+    let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);
+    for (row, out) in (first..).zip(out.chunks_mut(groups(width) * UNIT_BYTES)) {
+        sums.fill(Default::default());
+        for (band, chunk) in bands.iter().enumerate() {
+            collector.add_band(row as u32, band, chunk.row(width, row), &mut sums);
+        }
+        // In f32 a sum is the electrons themselves.
+        encode(&sums.as_flattened()[..width], &mut exponents, &mut mantissas);
+        write_units(BandRow { exponents: &exponents, mantissas: &mantissas }, out);
+    }
+    Ok(())
+}
+
+/// A unit is a group's exponent and its mantissas; the last one of a row is padded with zeros.
+#[inline(always)]
+fn write_units(band: BandRow<'_>, out: &mut [u8]) {
+    let units = out.chunks_exact_mut(UNIT_BYTES);
+    for ((unit, &exponent), mantissas) in
+        units.zip(band.exponents).zip(band.mantissas.chunks(GROUP))
+    {
+        let mut padded = [0; GROUP];
+        let mantissas = mantissas.first_chunk().unwrap_or_else(|| {
+            padded[..mantissas.len()].copy_from_slice(mantissas);
+            &padded
+        });
+        unit[0] = exponent as u8;
+        for (bytes, m) in unit[1..].as_chunks_mut::<2>().0.iter_mut().zip(mantissas) {
+            *bytes = m.to_le_bytes();
+        }
+    }
+}

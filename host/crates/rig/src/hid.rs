@@ -1,0 +1,195 @@
+//! Rigs that are USB devices of the class HID.
+
+use super::transport::{MAX_PACKET, Transport};
+use camrig_base::{Error, Result};
+use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::host::Limits;
+use hidapi::{HidApi, HidDevice};
+use std::time::Duration;
+
+/// Reports that may be under way from the device: Linux drops unread ones beyond 63 without a word, other
+/// systems beyond 30.
+const REPORTS_UNDER_WAY: u16 = 16;
+
+/// Opens a device. Its report size is taken from its report descriptor.
+pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transport>> {
+    let name = format!("hid://{vid:04x}:{pid:04x}");
+    let api = HidApi::new().map_err(|e| Error::input(format!("no access to HID: {e}")))?;
+    let there = api.device_list().any(|d| {
+        (d.vendor_id(), d.product_id()) == (vid, pid)
+            && serial.is_none_or(|s| d.serial_number() == Some(s))
+    });
+    if !there {
+        let seen: Vec<String> = api
+            .device_list()
+            .map(|d| format!("{:04x}:{:04x}", d.vendor_id(), d.product_id()))
+            .collect();
+        let seen = if seen.is_empty() { "none".into() } else { seen.join(", ") };
+        return Err(Error::input("no such HID device is connected")
+            .at(name)
+            .help(format!("connected: {seen}; `camrig rig list` shows more")));
+    }
+    let device = match serial {
+        Some(serial) => api.open_serial(vid, pid, serial),
+        None => api.open(vid, pid),
+    };
+    let device = device.map_err(|e| {
+        Error::input(format!("cannot open the HID device: {e}"))
+            .at(&name)
+            .help("close other programs that use it, and check the rights on /dev/hidraw*")
+    })?;
+    let report = report_size(&device).unwrap_or(64);
+    // Reports that nobody asked for any more.
+    let mut old = vec![0; usize::from(report)];
+    while matches!(device.read_timeout(&mut old, 0), Ok(n) if n > 0) {}
+    let framing = Framing::Report(report);
+    Ok(Box::new(HidLink {
+        name,
+        device,
+        sender: Sender::new(framing, vec![0; report.into()]),
+        receiver: Receiver::new(framing, vec![0; framing.max_encoded(MAX_PACKET)]),
+        report: vec![0; report.into()],
+        used: report.into(),
+        bytes: (0, 0),
+    }))
+}
+
+/// Bytes of an input report: report count x report size of the descriptor's only input (items 0x9x and
+/// 0x7x of the HID specification 1.11, section 6.2.2).
+fn report_size(device: &HidDevice) -> Option<u16> {
+    let mut descriptor = [0; hidapi::MAX_REPORT_DESCRIPTOR_SIZE];
+    let n = device.get_report_descriptor(&mut descriptor).ok()?;
+    input_report_bytes(descriptor.get(..n)?)
+}
+
+fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
+    let (mut bits, mut count) = (0u32, 0u32);
+    while let [head, rest @ ..] = items {
+        let size = [0, 1, 2, 4][usize::from(head & 3)];
+        let (data, rest) = rest.split_at_checked(size)?;
+        let value = data.iter().rev().fold(0u32, |v, &byte| v << 8 | u32::from(byte));
+        match head & 0xfc {
+            0x74 => bits = value,
+            0x94 => count = value,
+            0x80 => {
+                let bytes = bits.checked_mul(count)? / 8;
+                return u16::try_from(bytes).ok().filter(|b| (8..=4096).contains(b));
+            }
+            _ => {}
+        }
+        items = rest;
+    }
+    None
+}
+
+/// Packet sizes and credit for reports of this many bytes. Packets fill whole reports, and those that credit
+/// lets under way all but one of the reports that may be: an acknowledgement has room as well.
+pub fn limits(report: u16) -> Limits {
+    let reports = if report <= 255 { 7 } else { 3 };
+    // A pointer of at most two bytes begins each report, a length of two each packet.
+    let packet_bytes = reports * (report - if report <= 255 { 1 } else { 2 }) - 2;
+    Limits {
+        packet_bytes,
+        credit: (REPORTS_UNDER_WAY - 1) / reports,
+        send_bytes: 4096,
+        rows_ahead: 1,
+        timeout: 500_000,
+        idle_steps: 10,
+    }
+}
+
+struct HidLink {
+    name: String,
+    device: HidDevice,
+    sender: Sender<Vec<u8>>,
+    receiver: Receiver<Vec<u8>>,
+    /// The report that was read last, and how much of it has been used.
+    report: Vec<u8>,
+    used: usize,
+    bytes: (u64, u64),
+}
+
+fn gone(name: &str, e: hidapi::HidError) -> Error {
+    Error::input(format!("the HID device is gone: {e}"))
+        .at(name)
+        .help("look at the rig and its cable, and try again")
+}
+
+/// Writes a report behind the number 0, which says that reports have no numbers.
+fn write<'a>(
+    device: &'a HidDevice,
+    name: &'a str,
+    sent: &'a mut u64,
+) -> impl FnMut(&[u8]) -> Result<()> {
+    move |report| {
+        *sent += report.len() as u64;
+        let mut numbered = Vec::with_capacity(report.len() + 1);
+        numbered.push(0);
+        numbered.extend_from_slice(report);
+        device.write(&numbered).map(drop).map_err(|e| gone(name, e))
+    }
+}
+
+impl Transport for HidLink {
+    fn send(&mut self, packet: &[u8]) -> Result<()> {
+        self.sender.push(packet, write(&self.device, &self.name, &mut self.bytes.0))
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.sender.flush(write(&self.device, &self.name, &mut self.bytes.0))
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<bool> {
+        let wait = wait.as_millis().min(60_000) as i32;
+        loop {
+            let mut rest = &self.report[self.used..];
+            let whole = self.receiver.push(&mut rest) == Ok(true);
+            self.used = self.report.len() - rest.len();
+            if whole {
+                return Ok(true);
+            }
+            let n = self
+                .device
+                .read_timeout(&mut self.report, wait)
+                .map_err(|e| gone(&self.name, e))?;
+            if n == 0 {
+                return Ok(false);
+            }
+            self.bytes.1 += n as u64;
+            // A report that is cut short is none.
+            self.used = if n == self.report.len() { 0 } else { self.report.len() };
+        }
+    }
+
+    fn packet(&mut self) -> &[u8] {
+        self.receiver.packet()
+    }
+
+    fn limits(&self) -> Limits {
+        limits(self.report.len() as u16) // read from a descriptor as a u16
+    }
+
+    fn bytes(&self) -> (u64, u64) {
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn report_sizes_come_from_the_descriptor() {
+        // Vendor page, usage 1, collection, bytes, count, usage, input, count, usage, output, end.
+        let descriptor = |low, high| {
+            [
+                6, 0, 0xff, 9, 1, 0xa1, 1, 0x15, 0, 0x26, 0xff, 0, 0x75, 8, 0x96, low, high, 9, 1,
+                0x81, 2, 0x96, low, high, 9, 1, 0x91, 2, 0xc0,
+            ]
+        };
+        assert_eq!(input_report_bytes(&descriptor(64, 0)), Some(64));
+        assert_eq!(input_report_bytes(&descriptor(0, 4)), Some(1024));
+        assert_eq!(input_report_bytes(&[0x75, 8, 0x96, 64]), None);
+        assert_eq!(input_report_bytes(&[]), None);
+    }
+}

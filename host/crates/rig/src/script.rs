@@ -1,0 +1,161 @@
+//! Scripts of a control loop: which registers are written when, in a stream of frames.
+//!
+//! ```toml
+//! format = "rig-script/1"
+//!
+//! [[write]]
+//! before_frame = 0            # counted from the first frame of the stream
+//! exposure_s = 0.010
+//! analog_gain = 1.0
+//!
+//! [[write]]
+//! before_frame = 5
+//! registers = { "0x0202" = 800, "0x0204" = 512 }
+//! ```
+//!
+//! What is written before frame n shows with frame n only at the start of a stream: while it runs a write takes
+//! effect with the delay of the rig's sensor, see the rig's registers.
+
+use super::Rig;
+use camrig_base::{Error, Result, toml_text};
+use camrig_rig_link::registers::address::{ANALOG_GAIN, COARSE_INTEGRATION_TIME, LINE_LENGTH_NS};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    write: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    before_frame: u32,
+    exposure_s: Option<f64>,
+    analog_gain: Option<f64>,
+    #[serde(default)]
+    registers: BTreeMap<String, u32>,
+}
+
+/// Register writes in the order of their frames.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Script {
+    writes: Vec<(u32, Write)>,
+}
+
+/// One write.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Write {
+    /// Exposure, s: turned into lines by the rig's line time.
+    Exposure(f64),
+    /// Analog gain: turned into the gain code.
+    Gain(f64),
+    /// A register by its address.
+    Register(u16, u32),
+}
+
+impl Script {
+    /// Reads a script.
+    ///
+    /// # Errors
+    /// Unknown keys, values that no register takes, writes that go back in time.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
+        Self::parse(&text).map_err(|e| e.at(path.display()))
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
+        if file.format != "rig-script/1" {
+            return Err(Error::input(format!("script format {:?}", file.format))
+                .help("this program reads format = \"rig-script/1\""));
+        }
+        let mut writes: Vec<(u32, Write)> = Vec::new();
+        for entry in &file.write {
+            let frame = entry.before_frame;
+            if writes.last().is_some_and(|(last, _)| *last > frame) {
+                return Err(Error::input(format!(
+                    "before_frame = {frame} comes after a later one"
+                ))
+                .help("list [[write]] tables in the order of their frames"));
+            }
+            let positive = |name: &str, v: f64| match v > 0.0 && v.is_finite() {
+                true => Ok(v),
+                false => Err(Error::input(format!("{name} = {v}")).help("use values above zero")),
+            };
+            if let Some(s) = entry.exposure_s {
+                writes.push((frame, Write::Exposure(positive("exposure_s", s)?)));
+            }
+            if let Some(g) = entry.analog_gain {
+                writes.push((frame, Write::Gain(positive("analog_gain", g)?)));
+            }
+            for (name, &value) in &entry.registers {
+                let address = name.strip_prefix("0x").and_then(|h| u16::from_str_radix(h, 16).ok());
+                let address = address.or_else(|| name.parse().ok()).ok_or_else(|| {
+                    Error::input(format!("register {name:?}"))
+                        .help("name registers by their address, for instance \"0x0202\"")
+                })?;
+                writes.push((frame, Write::Register(address, value)));
+            }
+        }
+        Ok(Self { writes })
+    }
+
+    /// What is written before a frame.
+    pub fn before(&self, frame: u32) -> impl Iterator<Item = Write> + '_ {
+        self.writes.iter().filter(move |(at, _)| *at == frame).map(|(_, write)| *write)
+    }
+}
+
+impl Write {
+    /// Writes to a rig.
+    ///
+    /// # Errors
+    /// A value that the register does not take.
+    pub fn apply(self, rig: &mut Rig) -> Result<()> {
+        match self {
+            Self::Register(address, value) => rig.write_register(address, value),
+            Self::Gain(gain) => rig.write_register(ANALOG_GAIN, (gain * 256.0).round() as u32),
+            Self::Exposure(exposure_s) => {
+                let line_s = f64::from(rig.read_register(LINE_LENGTH_NS)?) * 1e-9;
+                let lines = (exposure_s / line_s).round().max(1.0);
+                rig.write_register(COARSE_INTEGRATION_TIME, lines as u32)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn writes_come_at_their_frames() {
+        let script = Script::parse(
+            "format = 'rig-script/1'\n[[write]]\nbefore_frame = 0\nexposure_s = 0.01\n\
+             [[write]]\nbefore_frame = 5\nanalog_gain = 2\nregisters = { '0x0202' = 800 }\n",
+        )
+        .unwrap();
+        assert_eq!(script.before(0).collect::<Vec<_>>(), [Write::Exposure(0.01)]);
+        assert_eq!(script.before(1).count(), 0);
+        let fifth = [Write::Gain(2.0), Write::Register(0x0202, 800)];
+        assert_eq!(script.before(5).collect::<Vec<_>>(), fifth);
+    }
+
+    #[test]
+    fn wrong_scripts_are_refused() {
+        let said = |body: &str| {
+            let text = format!("format = 'rig-script/1'\n[[write]]\n{body}");
+            Script::parse(&text).unwrap_err().to_string()
+        };
+        assert!(said("before_frame = 1\nexposure_s = -1").contains("above zero"));
+        assert!(said("before_frame = 1\nexposure = 1").contains("exposure_s"));
+        assert!(said("before_frame = 1\nregisters = { x = 1 }").contains("0x0202"));
+        let back =
+            "before_frame = 3\nanalog_gain = 1\n[[write]]\nbefore_frame = 1\nanalog_gain = 1";
+        assert!(said(back).contains("order"));
+    }
+}

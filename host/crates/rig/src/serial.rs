@@ -1,0 +1,103 @@
+//! Rigs on serial ports and CDC-ACM devices.
+
+use super::transport::{ByteLink, Transport};
+use camrig_base::{Error, Result};
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
+
+/// Limits for a line of this rate. Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so
+/// credit need not be scarce. Patience is for what may be under way: 16 packets of 4400 bytes, ten bits each.
+pub fn limits(baud: u32) -> Limits {
+    Limits {
+        packet_bytes: 1100,
+        credit: 64,
+        send_bytes: 4400,
+        rows_ahead: u16::MAX,
+        timeout: 1_000_000 + 16 * 4400 * 10 * 1_000_000 / u64::from(baud),
+        idle_steps: 10,
+    }
+}
+
+/// Opens a port.
+pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
+    let name = format!("serial://{path}");
+    let failed = |e: serialport::Error| {
+        let what = match e.kind() {
+            serialport::ErrorKind::NoDevice => format!("cannot open {path}: {e}; it may be in use"),
+            _ => format!("cannot open {path}: {e}"),
+        };
+        Error::input(what)
+            .at(&name)
+            .help("`camrig rig list` shows the ports; close other programs that hold this one")
+    };
+    let port = serialport::new(path, baud).timeout(Duration::from_millis(100)).open();
+    let port = port.map_err(failed)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let reader = StoppableReader { port: port.try_clone().map_err(failed)?, stop: stop.clone() };
+    let writer = QueuedWriter::new(port, stop);
+    Ok(Box::new(ByteLink::new(name, Framing::Cobs, limits(baud), writer, reader)))
+}
+
+struct StoppableReader {
+    port: Box<dyn serialport::SerialPort>,
+    stop: Arc<AtomicBool>,
+}
+
+impl io::Read for StoppableReader {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        if self.stop.load(Ordering::Relaxed) { Ok(0) } else { self.port.read(out) }
+    }
+}
+
+/// Writes in a thread of its own. `serialport` waits for ever, whatever its time-out, when the other end
+/// stops reading (seen with 4.10 on Linux); here only that thread waits, and the packets that
+/// credit allows.
+struct QueuedWriter {
+    queue: mpsc::Sender<Vec<u8>>,
+    stop: Arc<AtomicBool>,
+}
+
+impl QueuedWriter {
+    fn new(mut port: Box<dyn serialport::SerialPort>, stop: Arc<AtomicBool>) -> Self {
+        let (queue, packets) = mpsc::channel::<Vec<u8>>();
+        let stopped = stop.clone();
+        std::thread::spawn(move || {
+            for packet in packets {
+                let mut rest = &packet[..];
+                while !rest.is_empty() {
+                    match port.write(rest) {
+                        Ok(written) => rest = &rest[written..],
+                        // A slow line is full for a while.
+                        Err(e) if e.kind() == io::ErrorKind::TimedOut => {}
+                        Err(_) => return,
+                    }
+                    if stopped.load(Ordering::Relaxed) {
+                        return;
+                    }
+                }
+            }
+        });
+        Self { queue, stop }
+    }
+}
+
+impl Write for QueuedWriter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.queue.send(bytes.to_vec()).map_err(|_| io::ErrorKind::BrokenPipe)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Drop for QueuedWriter {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}

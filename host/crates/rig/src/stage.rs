@@ -1,0 +1,57 @@
+//! The sensor stage, in this process or on a rig: the same bytes.
+
+use super::{FrameRequest, Rig};
+use camrig_base::RawFrame;
+use camrig_base::Result;
+use camrig_exposure::IrradianceCube;
+use camrig_render::{Arithmetic, Exposure};
+use camrig_sensor_core::config::FrameSettings;
+
+/// Where frames are exposed.
+pub struct SensorStage {
+    rig: Option<Rig>,
+    arithmetic: Arithmetic,
+}
+
+impl SensorStage {
+    /// The rig at an address, or this process.
+    ///
+    /// # Errors
+    /// Those of [`Rig::open`].
+    pub fn open(rig: Option<&str>, arithmetic: Arithmetic) -> Result<Self> {
+        Ok(Self { rig: rig.map(Rig::open).transpose()?, arithmetic })
+    }
+
+    /// Makes the camera of an exposure the one whose frames follow.
+    ///
+    /// # Errors
+    /// Those of [`Rig::set_camera`].
+    pub fn set_camera(&mut self, exposure: &Exposure) -> Result<()> {
+        self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(exposure))
+    }
+
+    /// One frame under `cube`, after one under `before` (dark where none). A rig knows the light before a frame
+    /// only where it is that of the frame itself.
+    ///
+    /// # Errors
+    /// Those of [`Exposure::frame`] and [`Rig::frame`].
+    pub fn frame(
+        &mut self,
+        exposure: &Exposure,
+        cube: &IrradianceCube,
+        before: Option<&IrradianceCube>,
+        settings: &FrameSettings,
+    ) -> Result<RawFrame> {
+        let Some(rig) = &mut self.rig else {
+            return exposure.frame(cube, before, settings, self.arithmetic);
+        };
+        let request = FrameRequest {
+            settings: *settings,
+            arithmetic: self.arithmetic,
+            collapse: false,
+            lit_before: before.is_some_and(|b| std::ptr::eq(b, cube)),
+            by_registers: false,
+        };
+        rig.frame(cube, exposure, &request)?.to_raw(exposure)
+    }
+}

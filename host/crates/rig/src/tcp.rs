@@ -1,0 +1,56 @@
+//! Rigs behind TCP.
+
+use super::transport::{ByteLink, MAX_PACKET, Transport};
+use camrig_base::{Error, Result};
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+const CONNECT: Duration = Duration::from_secs(5);
+
+/// Connects to `HOST:PORT`.
+pub fn open(address: &str) -> Result<Box<dyn Transport>> {
+    let name = format!("tcp://{address}");
+    let failed = |e: std::io::Error| {
+        Error::input(format!("no rig answers: {e}"))
+            .at(&name)
+            .help("start one with `camrig rig serve --tcp HOST:PORT`, or mend the address")
+    };
+    let mut last = std::io::ErrorKind::NotFound.into();
+    for candidate in address.to_socket_addrs().map_err(failed)? {
+        match TcpStream::connect_timeout(&candidate, CONNECT) {
+            Ok(stream) => return link(stream, name.clone()).map_err(failed),
+            Err(e) => last = e,
+        }
+    }
+    Err(failed(last))
+}
+
+fn link(stream: TcpStream, name: String) -> std::io::Result<Box<dyn Transport>> {
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(CONNECT))?;
+    let reader = stream.try_clone()?;
+    let limits = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
+    Ok(Box::new(ByteLink::new(name, Framing::Length, limits, Closing(stream), reader)))
+}
+
+/// Ends both directions when it is dropped, and so the reading thread.
+struct Closing(TcpStream);
+
+impl std::io::Write for Closing {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Drop for Closing {
+    fn drop(&mut self) {
+        // It may be closed already.
+        let _ = self.0.shutdown(std::net::Shutdown::Both);
+    }
+}

@@ -1,0 +1,133 @@
+//! Where a rig is.
+
+use camrig_base::{Error, Result};
+use std::fmt;
+
+/// Bits per second of a serial line unless the URL says.
+const DEFAULT_BAUD: u32 = 3_000_000;
+
+/// Address of a rig.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Url {
+    /// An emulator in this process.
+    Emulator,
+    /// An emulator, or a rig behind a network.
+    Tcp {
+        /// Host and port.
+        address: String,
+    },
+    /// A serial port, or a USB device of the class CDC-ACM.
+    Serial {
+        /// Device file or port name.
+        path: String,
+        /// Bits per second.
+        baud: u32,
+    },
+    /// A USB device of the class HID.
+    Hid {
+        /// Vendor.
+        vid: u16,
+        /// Product.
+        pid: u16,
+        /// Serial number, where several are connected.
+        serial: Option<String>,
+    },
+}
+
+impl Url {
+    /// Reads `emulator:`, `tcp://HOST:PORT`, `serial:///dev/ttyACM0?baud=N` or `hid://VID:PID[/SERIAL]`
+    /// (VID and PID in hexadecimal).
+    pub fn parse(text: &str) -> Result<Self> {
+        let wrong = || {
+            Error::input(format!("{text:?} is no address of a rig")).help(
+                "use emulator:, tcp://HOST:PORT, serial:///dev/ttyACM0?baud=3000000 or \
+                 hid://VID:PID[/SERIAL] (hexadecimal); `camrig rig list` shows what is connected",
+            )
+        };
+        if text == "emulator:" {
+            return Ok(Url::Emulator);
+        }
+        let (scheme, rest) = text.split_once("://").ok_or_else(wrong)?;
+        match scheme {
+            "tcp"
+                if rest.rsplit_once(':').is_some_and(|(host, port)| {
+                    !host.is_empty() && port.parse::<u16>().is_ok()
+                }) =>
+            {
+                Ok(Url::Tcp { address: rest.into() })
+            }
+            "serial" => {
+                let (path, query) = rest.split_once('?').unwrap_or((rest, ""));
+                let baud = match query.strip_prefix("baud=") {
+                    Some(number) => number.parse().ok().filter(|&b| b > 0).ok_or_else(wrong)?,
+                    None if query.is_empty() => DEFAULT_BAUD,
+                    None => return Err(wrong()),
+                };
+                (!path.is_empty())
+                    .then(|| Url::Serial { path: path.into(), baud })
+                    .ok_or_else(wrong)
+            }
+            "hid" => {
+                let (ids, serial) = match rest.split_once('/') {
+                    Some((ids, serial)) => (ids, Some(serial.to_string())),
+                    None => (rest, None),
+                };
+                let (vid, pid) = ids.split_once(':').ok_or_else(wrong)?;
+                let number = |t: &str| u16::from_str_radix(t, 16).map_err(|_| wrong());
+                Ok(Url::Hid { vid: number(vid)?, pid: number(pid)?, serial })
+            }
+            _ => Err(wrong()),
+        }
+    }
+}
+
+impl fmt::Display for Url {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Url::Emulator => f.write_str("emulator:"),
+            Url::Tcp { address } => write!(f, "tcp://{address}"),
+            Url::Serial { path, baud } => write!(f, "serial://{path}?baud={baud}"),
+            Url::Hid { vid, pid, serial: None } => write!(f, "hid://{vid:04x}:{pid:04x}"),
+            Url::Hid { vid, pid, serial: Some(s) } => write!(f, "hid://{vid:04x}:{pid:04x}/{s}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_come_back_as_they_were() {
+        for text in [
+            "emulator:",
+            "tcp://localhost:7420",
+            "tcp://[::1]:7420",
+            "serial:///dev/ttyACM0?baud=115200",
+            "hid://1209:0001",
+            "hid://1209:0001/RIG-0001",
+        ] {
+            assert_eq!(Url::parse(text).unwrap().to_string(), text);
+        }
+        let serial = Url::parse("serial://COM3").unwrap();
+        assert_eq!(serial, Url::Serial { path: "COM3".into(), baud: DEFAULT_BAUD });
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused_with_help() {
+        for text in [
+            "",
+            "tcp://host",
+            "tcp://:1",
+            "tcp://host:99999",
+            "serial://",
+            "serial:///dev/x?speed=1",
+            "serial:///dev/x?baud=0",
+            "hid://12:zz",
+            "hid://1209",
+            "usb://1",
+        ] {
+            assert!(Url::parse(text).unwrap_err().to_string().contains("help"), "{text}");
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! A grey ramp from left to right, continuous or in steps.
+
+use super::{BANDS, Options};
+use crate::{Grid, Quantity, Scene};
+use camrig_base::Bands;
+use camrig_base::{Plane, Result};
+
+/// Reflectance as a function of u only, rising over the frame's width.
+#[derive(Clone, Debug)]
+pub struct Ramp {
+    /// Reflectance at the left edge of the frame and beyond.
+    pub from: f64,
+    /// Reflectance at the right edge of the frame and beyond.
+    pub to: f64,
+    /// Number of equal bars; 0 for a continuous ramp.
+    pub steps: u32,
+}
+
+/// `ramp[:from=0,to=1,steps=0]`.
+pub(super) fn from_options(options: &mut Options) -> Result<Ramp> {
+    let from = options.number("from", 0.0, 0.0..=1.0)?;
+    let to = options.number("to", 1.0, 0.0..=1.0)?;
+    let steps = options.number("steps", 0.0, 0.0..=4096.0)? as u32;
+    Ok(Ramp { from, to, steps })
+}
+
+impl Ramp {
+    /// The integral over t of the rise 0..=1, where t is u counted from the frame's left edge.
+    fn integral(&self, t: f64) -> f64 {
+        let inside = t.clamp(0.0, 1.0);
+        let beyond = t - inside; // 0 before the ramp counts for nothing, 1 beyond it for all
+        let rise = match self.steps {
+            0 => inside * inside / 2.0,
+            1 => 0.0,
+            steps => {
+                // Bar k of n has k / (n − 1).
+                let n = f64::from(steps);
+                let bar = (inside * n).floor().min(n - 1.0);
+                let before = bar * (bar - 1.0) / 2.0 / n;
+                (before + bar * (inside - bar / n)) / (n - 1.0)
+            }
+        };
+        rise + if self.steps == 1 { 0.0 } else { beyond.max(0.0) }
+    }
+}
+
+impl Scene for Ramp {
+    fn bands(&self) -> Bands {
+        BANDS
+    }
+
+    fn quantity(&self) -> Quantity {
+        Quantity::Reflectance
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        None
+    }
+
+    fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        let row: Vec<f32> = (0..grid.width)
+            .map(|x| {
+                let t = grid.left + 0.5 + x as f64 * grid.cell;
+                let rise = (self.integral(t + grid.cell) - self.integral(t)) / grid.cell;
+                (self.from + (self.to - self.from) * rise).max(0.0) as f32
+            })
+            .collect();
+        Ok(Plane { width: grid.width, height: grid.height, data: row.repeat(grid.height) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(ramp: &Ramp, width: usize, left: f64, cell: f64) -> Vec<f32> {
+        ramp.plane(0, &Grid { width, height: 1, left, top: 0.0, cell }).unwrap().data
+    }
+
+    #[test]
+    fn cells_hold_the_mean_of_the_ramp() {
+        let ramp = Ramp { from: 0.1, to: 0.9, steps: 0 };
+        let got = row(&ramp, 6, -0.75, 0.25);
+        for (got, expected) in got.iter().zip([0.1, 0.2, 0.4, 0.6, 0.8, 0.9]) {
+            assert!((got - expected).abs() < 1e-6);
+        }
+        let bars = Ramp { from: 0.0, to: 1.0, steps: 3 };
+        let got = row(&bars, 6, -0.5, 1.0 / 6.0);
+        for (got, expected) in got.iter().zip([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]) {
+            assert!((got - expected).abs() < 1e-6);
+        }
+        // Half a bar each.
+        assert!((row(&bars, 1, -0.5 + 1.0 / 6.0, 1.0 / 3.0)[0] - 0.25).abs() < 1e-6);
+    }
+}

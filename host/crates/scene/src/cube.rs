@@ -1,0 +1,343 @@
+//! Spectral cubes: images with one plane per band, resampled exactly to the grid asked for.
+//!
+//! The content is one sensor width wide and centred ([`Grid::over_content`] scales the frame over
+//! it); outside it repeats its edge. Pixels are squares of constant value, so a cell's value is the
+//! area-weighted mean of the pixels under it. Only one band is held at a time.
+//!
+//! Bands of equal distance of 5 nm or more are kept; others are turned into 10 nm bands, each the
+//! mean of the spectrum over the band (linear between source bands). A cube that does not reach
+//! 400 or 700 nm is extended by its end value, which [`Scene::notes`] tells.
+
+use super::{Grid, Quantity, Scene};
+use camrig_base::{Bands, Spectrum};
+use camrig_base::{Error, Plane, Result};
+
+/// Where a cube's planes come from.
+pub trait BandSource: Send + Sync {
+    /// Width and height in pixels.
+    fn size(&self) -> (usize, usize);
+    /// Number of bands.
+    fn bands(&self) -> usize;
+    /// One band, as it is.
+    fn read(&self, band: usize) -> Result<Plane<f32>>;
+}
+
+/// Reflectances up to here are taken as they are: highlights and noise exceed 1. Above, the data
+/// are percent, counts, or radiance.
+const MAX_REFLECTANCE: f32 = 2.0;
+
+/// A spectral image as a scene.
+pub struct Cube {
+    source: Box<dyn BandSource>,
+    wavelength_nm: Vec<f64>,
+    quantity: Quantity,
+    bands: Bands,
+    /// For each band its source bands with their weights.
+    mix: Vec<Vec<(usize, f32)>>,
+    notes: Vec<String>,
+}
+
+impl Cube {
+    /// A cube whose source bands are centred at `wavelength_nm`, strictly rising.
+    pub fn new(
+        source: Box<dyn BandSource>,
+        wavelength_nm: Vec<f64>,
+        quantity: Quantity,
+    ) -> Result<Self> {
+        if wavelength_nm.len() != source.bands() {
+            return Err(Error::input(format!(
+                "{} wavelengths for {} bands",
+                wavelength_nm.len(),
+                source.bands()
+            ))
+            .help("give the centre of every band in nm"));
+        }
+        // Spectrum::new checks that the wavelengths rise.
+        Spectrum::new(wavelength_nm.clone(), vec![0.0; wavelength_nm.len()])?;
+        let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
+        if !(200.0..=2500.0).contains(&first) || !(200.0..=2500.0).contains(&last) {
+            return Err(Error::input(format!("bands from {first} to {last} nm"))
+                .help("wavelengths are in nanometres, 200 to 2500"));
+        }
+        let bands = scene_bands(&wavelength_nm);
+        let mut notes = Vec::new();
+        if first > 400.0 + bands.step_nm / 2.0 || last < 700.0 - bands.step_nm / 2.0 {
+            notes.push(format!(
+                "bands from {first} to {last} nm do not cover 400 to 700 nm: extrapolated by the end values"
+            ));
+        }
+        let mix = mix(&wavelength_nm, &bands);
+        Ok(Self { source, wavelength_nm, quantity, bands, mix, notes })
+    }
+
+    /// Width and height in pixels.
+    pub fn size(&self) -> (usize, usize) {
+        self.source.size()
+    }
+
+    /// Centres of the bands as stored, nm.
+    pub fn stored_nm(&self) -> &[f64] {
+        &self.wavelength_nm
+    }
+
+    /// One band as stored, checked: finite, not negative, a reflectance not far above 1.
+    pub fn stored_band(&self, band: usize) -> Result<Plane<f32>> {
+        let plane = self.source.read(band)?;
+        let limit = match self.quantity {
+            Quantity::Reflectance => MAX_REFLECTANCE,
+            Quantity::Radiance => f32::MAX,
+        };
+        // One comparison finds everything wrong, NaN included.
+        if let Some(i) = plane.data.iter().position(|v| !(0.0..=limit).contains(v)) {
+            return Err(self.wrong_value(plane.data[i], i % plane.width, i / plane.width, band));
+        }
+        Ok(plane)
+    }
+
+    fn wrong_value(&self, value: f32, x: usize, y: usize, band: usize) -> Error {
+        let (what, help) = if !value.is_finite() {
+            ("not a finite number", "replace missing pixels before importing the scene")
+        } else if value < 0.0 {
+            ("negative", "light cannot be negative: clip or rescale the scene")
+        } else {
+            (
+                "too large for a reflectance",
+                "reflectance is 0 to 1: give scale=0.01 for percent, or quantity=radiance",
+            )
+        };
+        let nm = self.wavelength_nm[band];
+        Error::input(format!("the value {value} is {what}"))
+            .at(format!("column {x}, row {y}, band {band} ({nm} nm)"))
+            .help(help)
+    }
+
+    /// One band of the scene in the cube's own pixels.
+    pub fn band(&self, band: usize) -> Result<Plane<f32>> {
+        if let [(only, weight)] = self.mix[band][..]
+            && weight == 1.0
+        {
+            return self.stored_band(only);
+        }
+        let (width, height) = self.source.size();
+        let mut sum = Plane::filled(width, height, 0.0f32);
+        for &(stored, weight) in &self.mix[band] {
+            let plane = self.stored_band(stored)?;
+            sum.data.iter_mut().zip(&plane.data).for_each(|(s, v)| *s += weight * v);
+        }
+        Ok(sum)
+    }
+}
+
+impl Scene for Cube {
+    fn bands(&self) -> Bands {
+        self.bands
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.quantity
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        let (width, height) = self.source.size();
+        Some(width as f64 / height as f64)
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+
+    fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        Ok(resample(&self.band(band)?, grid))
+    }
+}
+
+/// The bands in which a cube with these source bands is shown.
+fn scene_bands(wavelength_nm: &[f64]) -> Bands {
+    let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
+    let spaces = wavelength_nm.len() - 1;
+    let step = (last - first) / spaces.max(1) as f64;
+    let equal = spaces > 0
+        && (0..=spaces).all(|i| (wavelength_nm[i] - first - i as f64 * step).abs() < 1e-3 * step);
+    let (start, end, step_nm) = if equal && (5.0..=50.0).contains(&step) {
+        (first, last, step)
+    } else {
+        ((first / 10.0).ceil() * 10.0, (last / 10.0).floor() * 10.0, 10.0)
+    };
+    // Whole steps further where the visible range is not covered (to half a band).
+    let before = ((start - 400.0) / step_nm - 0.5).ceil().max(0.0);
+    let after = ((700.0 - end) / step_nm - 0.5).ceil().max(0.0);
+    let inside = ((end - start) / step_nm).round();
+    let count = (before + inside + after) as usize + 1;
+    Bands { start_nm: start - before * step_nm, step_nm, count }
+}
+
+/// The weights of source bands in each band. The mean of the linear interpolant is linear in the
+/// samples: the weight of a sample is what the spectrum that is 1 there and 0 elsewhere gives.
+fn mix(wavelength_nm: &[f64], bands: &Bands) -> Vec<Vec<(usize, f32)>> {
+    let mut mix = vec![Vec::new(); bands.count];
+    for stored in 0..wavelength_nm.len() {
+        let mut unit = vec![0.0; wavelength_nm.len()];
+        unit[stored] = 1.0;
+        let Ok(unit) = Spectrum::new(wavelength_nm.to_vec(), unit) else { continue };
+        for (band, weight) in unit.in_bands(bands).into_iter().enumerate() {
+            // Equal centres can differ by rounding of their arithmetic.
+            let weight = if (weight - 1.0).abs() < 1e-6 { 1.0 } else { weight };
+            if weight > 1e-6 {
+                mix[band].push((stored, weight as f32));
+            }
+        }
+    }
+    mix
+}
+
+/// Exact area-weighted means of `image`, one sensor width wide and centred, over the grid's cells.
+pub(crate) fn resample(image: &Plane<f32>, grid: &Grid) -> Plane<f32> {
+    let scale = image.width as f64; // pixels per sensor width
+    let columns = weights((grid.left + 0.5) * scale, grid.cell * scale, grid.width, image.width);
+    let top = grid.top * scale + image.height as f64 / 2.0;
+    let rows = weights(top, grid.cell * scale, grid.height, image.height);
+    let mut result = Plane::filled(grid.width, grid.height, 0.0f32);
+    let mut across = vec![0.0f32; grid.width];
+    let mut held = None; // the image row that `across` is of
+    for (y, (first, row_weights)) in rows.iter().enumerate() {
+        for (i, &down) in row_weights.iter().enumerate() {
+            let source = first + i;
+            if held != Some(source) {
+                let row = image.row(source);
+                for (value, (first, weights)) in across.iter_mut().zip(&columns) {
+                    *value = weights.iter().zip(&row[*first..]).map(|(w, v)| w * v).sum();
+                }
+                held = Some(source);
+            }
+            result.row_mut(y).iter_mut().zip(&across).for_each(|(r, v)| *r += down * v);
+        }
+    }
+    result
+}
+
+/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under it and
+/// the parts of the cell over it and the following ones. What lies outside counts for the edge.
+fn weights(start: f64, cell: f64, cells: usize, pixels: usize) -> Vec<(usize, Vec<f32>)> {
+    let end = pixels as f64;
+    (0..cells)
+        .map(|i| {
+            let (a, b) = (start + i as f64 * cell, start + (i + 1) as f64 * cell);
+            let first = a.clamp(0.0, end - 1.0).floor() as usize;
+            let last = ((b.clamp(0.0, end).ceil() as usize).max(1) - 1).max(first);
+            let parts = (first..=last).map(|pixel| {
+                let from = if pixel == 0 { a } else { a.max(pixel as f64) };
+                let to = if pixel + 1 == pixels { b } else { b.min(pixel as f64 + 1.0) };
+                ((to - from).max(0.0) / cell) as f32
+            });
+            (first, parts.collect())
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Memory(Vec<Plane<f32>>);
+
+    impl BandSource for Memory {
+        fn size(&self) -> (usize, usize) {
+            (self.0[0].width, self.0[0].height)
+        }
+        fn bands(&self) -> usize {
+            self.0.len()
+        }
+        fn read(&self, band: usize) -> Result<Plane<f32>> {
+            Ok(self.0[band].clone())
+        }
+    }
+
+    fn cube(nm: Vec<f64>, value: impl Fn(usize, usize, f64) -> f32) -> Cube {
+        let planes = nm.iter().map(|&w| Plane::from_fn(4, 2, |x, y| value(x, y, w))).collect();
+        Cube::new(Box::new(Memory(planes)), nm, Quantity::Reflectance).unwrap()
+    }
+
+    fn visible() -> Vec<f64> {
+        Bands::VISIBLE.centres().collect()
+    }
+
+    #[test]
+    fn resampling_is_the_area_mean_and_repeats_the_edge() {
+        let cube = cube(visible(), |x, y, _| (x + 4 * y) as f32 / 10.0);
+        assert_eq!(cube.bands(), Bands::VISIBLE);
+        assert_eq!(cube.aspect(), Some(2.0));
+        let at = |width, height, left, top, cell| {
+            cube.plane(7, &Grid { width, height, left, top, cell }).unwrap().data
+        };
+        let own = at(4, 2, -0.5, -0.25, 0.25);
+        assert_eq!(own, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]);
+        // The four middle pixels in one cell.
+        assert!((at(1, 1, -0.25, -0.25, 0.5)[0] - 0.35).abs() < 1e-6);
+        // Half a pixel in the corner, and far outside: the corner's value.
+        assert_eq!(at(1, 1, 0.375, 0.125, 0.125), [0.7]);
+        assert_eq!(at(1, 1, 30.0, 20.0, 0.5), [0.7]);
+        assert_eq!(at(1, 1, -30.0, -20.0, 0.5), [0.0]);
+        // Half beyond the right edge: pixel 3 counts for what lies outside.
+        assert!((at(1, 1, 0.25, -0.25, 0.25)[0] - 0.3).abs() < 1e-6);
+        assert!((at(1, 1, 0.0, -0.25, 0.5)[0] - 0.45).abs() < 1e-6);
+        assert!((at(1, 1, 0.25, -0.25, 0.5)[0] - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn mean_is_kept_at_any_grid() {
+        let cube = cube(visible(), |x, y, _| [0.1, 0.9, 0.4, 0.7, 0.2, 0.0, 1.0, 0.3][x + 4 * y]);
+        for width in [3usize, 7, 1000] {
+            let cell = 1.0 / width as f64;
+            let height = width.div_ceil(2);
+            let plane =
+                cube.plane(0, &Grid { width, height, left: -0.5, top: -0.25, cell }).unwrap();
+            // Odd widths end half a cell below the content, which repeats the last row.
+            let below = f64::from(height as u32) * cell - 0.5;
+            let expected = (0.45 * 0.5 + below * 0.375) / (0.5 + below);
+            let mean =
+                plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / plane.data.len() as f64;
+            assert!((mean - expected).abs() < 1e-5, "{width}: {mean} for {expected}");
+        }
+    }
+
+    #[test]
+    fn bands_are_kept_resampled_or_extended() {
+        let at = |cube: &Cube, band| {
+            let grid = Grid { width: 1, height: 1, left: 0.0, top: 0.0, cell: 0.1 };
+            cube.plane(band, &grid).unwrap().data[0]
+        };
+        let linear = |_: usize, _: usize, nm: f64| (nm / 1000.0) as f32;
+        // 3.1 nm steps: 10 nm bands with the mean of a linear spectrum, which is its centre's value.
+        let fine: Vec<f64> = (0..120).map(|i| 390.0 + 3.1 * f64::from(i)).collect();
+        let cube = cube(fine, linear);
+        assert_eq!(cube.bands(), Bands { start_nm: 390.0, step_nm: 10.0, count: 37 });
+        assert!((at(&cube, 16) - 0.55).abs() < 1e-6 && cube.notes().is_empty());
+        // 420 to 680 nm: extended.
+        let short = self::cube((0..27).map(|i| 420.0 + 10.0 * f64::from(i)).collect(), linear);
+        assert_eq!(short.bands(), Bands::VISIBLE);
+        assert_eq!((at(&short, 0), at(&short, 2), at(&short, 30)), (0.42, 0.42, 0.68));
+        assert!(short.notes()[0].contains("extrapolated"));
+        // One band only.
+        let one = self::cube(vec![550.0], linear);
+        assert_eq!(at(&one, 0), 0.55);
+        assert!(one.bands().nm(0) <= 405.0);
+    }
+
+    #[test]
+    fn wrong_values_are_named_by_pixel_and_band() {
+        for (value, expected) in [
+            (f32::NAN, "finite"),
+            (-0.1, "negative"),
+            (45.0, "scale=0.01"),
+            (f32::INFINITY, "finite"),
+        ] {
+            let cube =
+                cube(visible(), |x, y, nm| if (x, y, nm) == (3, 1, 410.0) { value } else { 0.5 });
+            let grid = Grid { width: 2, height: 1, left: -0.5, top: -0.25, cell: 0.5 };
+            assert!(cube.plane(0, &grid).is_ok());
+            let message = cube.plane(1, &grid).unwrap_err().to_string();
+            assert!(message.contains("column 3, row 1, band 1 (410 nm)"), "{message}");
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! ENVI cubes: a text header `.hdr` beside a raw data file.
+//!
+//! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`,
+//! `data type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
+//! `reflectance scale factor`). Read: interleave bsq, bil and bip, both byte orders, data types 1, 2,
+//! 3, 4, 5, 12 and 13. Written: bsq, little-endian float, with the further key `quantity`.
+
+use super::Quantity;
+use super::cube::Cube;
+use super::sidecar::Sidecar;
+use super::strided::{Bytes, Layout, Sample, Strided};
+use camrig_base::Bands;
+use camrig_base::{Error, Plane, Result};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Opens the cube whose header is `path`.
+pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    let text = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+    let header = Header::parse(&String::from_utf8_lossy(&text))?;
+    let [width, height, bands] =
+        [header.size("samples")?, header.size("lines")?, header.size("bands")?];
+    let (axes, lengths) =
+        match header.text("interleave").unwrap_or("bsq").to_ascii_lowercase().as_str() {
+            "bsq" => ("byx", [bands, height, width]),
+            "bil" => ("ybx", [height, bands, width]),
+            "bip" => ("yxb", [height, width, bands]),
+            other => {
+                return Err(
+                    Error::input(format!("interleave = {other}")).help("use bsq, bil or bip")
+                );
+            }
+        };
+    let sample = match header.size("data type")? {
+        1 => Sample::U8,
+        2 => Sample::I16,
+        3 => Sample::I32,
+        4 => Sample::F32,
+        5 => Sample::F64,
+        12 => Sample::U16,
+        13 => Sample::U32,
+        other => {
+            return Err(Error::input(format!("data type = {other}"))
+                .help("read are 1, 2, 3, 4, 5, 12 and 13 (real numbers of up to 64 bits)"));
+        }
+    };
+    let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
+    let big_endian = header.text("byte order") == Some("1");
+    let reflectance_scale = header.number("reflectance scale factor")?;
+    let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
+    let own = match header.text("quantity") {
+        Some("radiance") => Some(Quantity::Radiance),
+        _ => None,
+    };
+    let nm = sidecar.wavelengths(bands, header.wavelengths()?)?;
+    let data = Bytes::File(data_file(path)?);
+    let layout = Layout::packed(axes, lengths)?;
+    let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
+    Cube::new(Box::new(cube), nm, sidecar.quantity(own))
+}
+
+/// The data file of a header: the same name without `.hdr`, or with one of the usual endings.
+fn data_file(header: &Path) -> Result<PathBuf> {
+    let bare = header.with_extension("");
+    let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
+    let mut candidates = vec![bare.clone()];
+    candidates.extend(endings.iter().map(|ending| bare.with_extension(ending)));
+    let found = candidates.into_iter().find(|candidate| candidate.is_file());
+    found.ok_or_else(|| {
+        Error::input(format!("no data file {} (.img, .dat, .raw, ...)", bare.display()))
+            .help("the data file lies beside the header and has its name")
+    })
+}
+
+struct Header(BTreeMap<String, String>);
+
+impl Header {
+    /// `key = value` lines after a first line `ENVI`; a value in braces may span lines.
+    fn parse(text: &str) -> Result<Self> {
+        let mut lines = text.lines().enumerate();
+        if lines.next().is_none_or(|(_, first)| first.trim() != "ENVI") {
+            return Err(Error::input("the first line is not ENVI").help("this is no ENVI header"));
+        }
+        let mut keys = BTreeMap::new();
+        while let Some((number, line)) = lines.next() {
+            let Some((key, value)) = line.split_once('=') else { continue };
+            let mut value = value.trim().to_string();
+            while value.starts_with('{') && !value.contains('}') {
+                let Some((_, next)) = lines.next() else {
+                    return Err(Error::input(format!("no closing brace for {:?}", key.trim()))
+                        .at(format!("line {}", number + 1)));
+                };
+                value.push(' ');
+                value.push_str(next);
+            }
+            keys.insert(key.trim().to_ascii_lowercase(), value);
+        }
+        Ok(Self(keys))
+    }
+
+    fn text(&self, key: &str) -> Option<&str> {
+        self.0.get(key).map(String::as_str)
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>> {
+        let Some(text) = self.text(key) else { return Ok(None) };
+        match text.parse() {
+            Ok(number) if number > 0.0 => Ok(Some(number)),
+            _ => Err(Error::input(format!("{key} = {text}")).help("give a positive number")),
+        }
+    }
+
+    fn size(&self, key: &str) -> Result<usize> {
+        let text = self.text(key).ok_or_else(|| Error::input(format!("no key {key:?}")))?;
+        text.parse()
+            .map_err(|_| Error::input(format!("{key} = {text}")).help("give a whole number"))
+    }
+
+    fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
+        let Some(text) = self.text("wavelength") else { return Ok(None) };
+        let numbers = text.trim_matches(['{', '}', ' ']).split(',').map(str::trim);
+        let list: Vec<f64> = numbers
+            .map(|n| n.parse().map_err(|_| Error::input(format!("wavelength {n:?} is no number"))))
+            .collect::<Result<_>>()?;
+        let units = self.text("wavelength units").unwrap_or("").to_ascii_lowercase();
+        // Without units, numbers below 100 cannot be nanometres of light.
+        let micrometres = units.starts_with("micro") || units == "um" || list[0] < 100.0;
+        let to_nm = if micrometres { 1000.0 } else { 1.0 };
+        Ok(Some(list.into_iter().map(|w| w * to_nm).collect()))
+    }
+}
+
+/// Writes a cube as `STEM.hdr` and `STEM.img`, band by band.
+pub fn write(
+    header: &Path,
+    size: (usize, usize),
+    bands: &Bands,
+    quantity: Quantity,
+    mut band: impl FnMut(usize) -> Result<Plane<f32>>,
+) -> Result<()> {
+    let image = header.with_extension("img");
+    let failed = |e: std::io::Error| Error::io("write", &image, e);
+    let mut out = std::io::BufWriter::new(std::fs::File::create(&image).map_err(failed)?);
+    for index in 0..bands.count {
+        for value in band(index)?.data {
+            out.write_all(&value.to_le_bytes()).map_err(failed)?;
+        }
+    }
+    out.flush().map_err(failed)?;
+    let wavelengths: Vec<String> = bands.centres().map(|nm| nm.to_string()).collect();
+    let (units, quantity) = match quantity {
+        Quantity::Reflectance => ("1", "reflectance"),
+        Quantity::Radiance => ("W/(m^2 sr nm)", "radiance"),
+    };
+    let text = format!(
+        "ENVI\ndescription = {{camrig scene, {quantity} in {units}}}\nsamples = {}\nlines = {}\n\
+         bands = {}\nheader offset = 0\nfile type = ENVI Standard\ndata type = 4\ninterleave = bsq\n\
+         byte order = 0\nwavelength units = Nanometers\nquantity = {quantity}\nwavelength = {{{}}}\n",
+        size.0,
+        size.1,
+        bands.count,
+        wavelengths.join(", ")
+    );
+    std::fs::write(header, text).map_err(|e| Error::io("write", header, e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Grid, open};
+
+    const BANDS: Bands = Bands { start_nm: 400.0, step_nm: 100.0, count: 4 };
+
+    fn value(x: usize, y: usize, band: usize) -> f32 {
+        (x + 3 * y) as f32 / 10.0 + band as f32 / 100.0
+    }
+
+    fn check(spec: &str) {
+        let scene = open(spec).unwrap();
+        let grid = Grid { width: 3, height: 2, left: -0.5, top: -1.0 / 3.0, cell: 1.0 / 3.0 };
+        // 400, 500, 600, 700 nm; a step of 100 nm becomes 10 nm bands.
+        for band in 0..4 {
+            let plane = scene.plane(band * 10, &grid).unwrap();
+            for (got, expected) in
+                plane.data.iter().zip(Plane::from_fn(3, 2, |x, y| value(x, y, band)).data)
+            {
+                assert!((got - expected).abs() < 1e-6, "{spec}: {got} for {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.hdr");
+        write(&path, (3, 2), &BANDS, Quantity::Radiance, |band| {
+            Ok(Plane::from_fn(3, 2, |x, y| value(x, y, band)))
+        })
+        .unwrap();
+        assert_eq!(open(path.to_str().unwrap()).unwrap().quantity(), Quantity::Radiance);
+        check(path.to_str().unwrap());
+    }
+
+    #[test]
+    fn interleaves_byte_orders_and_types() {
+        let dir = tempfile::tempdir().unwrap();
+        for (interleave, axes) in [("BSQ", "byx"), ("bil", "ybx"), ("bip", "yxb")] {
+            for byte_order in [0, 1] {
+                let lengths: Vec<usize> =
+                    axes.chars().map(|c| [3, 2, 4]["xyb".find(c).unwrap()]).collect();
+                let layout = Layout::packed(axes, [lengths[0], lengths[1], lengths[2]]).unwrap();
+                let mut samples = [0u16; 24];
+                for band in 0..4 {
+                    for y in 0..2 {
+                        for x in 0..3 {
+                            let index = band * layout.band + y * layout.row + x * layout.column;
+                            samples[index] = (value(x, y, band) * 1000.0).round() as u16;
+                        }
+                    }
+                }
+                let mut data = vec![0; 7];
+                data.extend(
+                    samples.iter().flat_map(|s| {
+                        if byte_order == 1 { s.to_be_bytes() } else { s.to_le_bytes() }
+                    }),
+                );
+                let path = dir.path().join(format!("{interleave}{byte_order}.hdr"));
+                std::fs::write(path.with_extension("dat"), data).unwrap();
+                let header = format!(
+                    "ENVI\nsamples=3\nLines = 2\nbands = 4\nheader offset = 7\ndata type = 12\n\
+                     interleave = {interleave}\nbyte order = {byte_order}\n\
+                     reflectance scale factor = 1000\nwavelength units = Micrometers\n\
+                     wavelength = {{\n 0.4, 0.5,\n 0.6, 0.7}}\n"
+                );
+                std::fs::write(&path, header).unwrap();
+                check(path.to_str().unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_headers_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.hdr");
+        std::fs::write(dir.path().join("cube"), [0; 23]).unwrap();
+        let good = "ENVI\nsamples = 3\nlines = 2\nbands = 4\ndata type = 1\nstart\n\
+                    wavelength = {400, 500, 600, 700}\n";
+        let message = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            open(path.to_str().unwrap()).err().unwrap().to_string()
+        };
+        assert!(message(good).contains("23 bytes of data where 24"));
+        assert!(message(&good.replace("ENVI", "IVNE")).contains("no ENVI header"));
+        assert!(message(&good.replace("bands = 4", "")).contains("no key \"bands\""));
+        assert!(message(&good.replace("type = 1", "type = 6")).contains("data type = 6"));
+        assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
+        assert!(message(&good.replace('}', "")).contains("closing brace"));
+        std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();
+        assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
+        std::fs::remove_file(dir.path().join("cube")).unwrap();
+        assert!(message(good).contains("no data file"));
+    }
+}

@@ -1,0 +1,108 @@
+//! A library: a directory of stored scenes with a manifest `library.toml` that lists them in order.
+//! ```toml
+//! format = "scene-library/1"
+//! scenes = ["fruit", "street-at-night"]   # sub-directories, each a stored scene
+//! ```
+
+use super::cube::Cube;
+use super::preview;
+use super::stored::{self, Description};
+use super::{Illuminant, Scene};
+use camrig_base::output::{OutputDir, write_file};
+use camrig_base::{Error, Result};
+use camrig_formats::png;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+const MANIFEST: &str = "library.toml";
+const FORMAT: &str = "scene-library/1";
+/// Longest side of a scene's preview, pixels.
+const PREVIEW: usize = 512;
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    format: String,
+    scenes: Vec<String>,
+}
+
+/// A directory of scenes.
+#[derive(Debug)]
+pub struct Library {
+    directory: PathBuf,
+    scenes: Vec<String>,
+}
+
+impl Library {
+    /// Opens a library.
+    pub fn open(directory: &Path) -> Result<Self> {
+        let path = directory.join(MANIFEST);
+        let text = std::fs::read_to_string(&path).map_err(|e| {
+            Error::io("read", &path, e).help("make a library with camrig scene add --library DIR")
+        })?;
+        let manifest: Manifest = toml::from_str(&text)
+            .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;
+        if manifest.format != FORMAT {
+            return Err(Error::input(format!("format = {:?}", manifest.format))
+                .at(path.display())
+                .help(format!("this program reads {FORMAT}")));
+        }
+        Ok(Self { directory: directory.into(), scenes: manifest.scenes })
+    }
+
+    /// Opens a library, or makes an empty one in memory where there is none yet.
+    pub fn open_or_new(directory: &Path) -> Result<Self> {
+        if directory.join(MANIFEST).exists() {
+            return Self::open(directory);
+        }
+        Ok(Self { directory: directory.into(), scenes: Vec::new() })
+    }
+
+    /// The descriptions of the scenes with their directories, in the manifest's order.
+    pub fn scenes(&self) -> Result<Vec<(PathBuf, Description)>> {
+        let directories = self.scenes.iter().map(|name| self.directory.join(name));
+        directories.map(|d| Ok((d.clone(), Description::read(&d)?))).collect()
+    }
+
+    /// Stores a cube under a name with its preview and lists it; `progress` is told of bands done.
+    /// A scene of that name is replaced only with `force`.
+    pub fn add(
+        &mut self,
+        cube: &Cube,
+        about: &Description,
+        force: bool,
+        mut progress: impl FnMut(usize),
+    ) -> Result<PathBuf> {
+        let name = &about.name;
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+        if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
+            return Err(Error::input(format!("a scene named {name:?}"))
+                .help("use letters, digits, '-', '_' and '.': the name is that of a directory"));
+        }
+        std::fs::create_dir_all(&self.directory)
+            .map_err(|e| Error::io("create", &self.directory, e))?;
+        let place = self.directory.join(name);
+        let output = OutputDir::create(&place, force)?;
+        stored::write(output.path(), about, |band, plane| {
+            progress(band);
+            *plane = cube.band(band)?;
+            Ok(())
+        })?;
+        let picture = preview::render(cube, &Illuminant::parse("D65")?, PREVIEW)?;
+        output.write("preview.png", &png::encode_rgb(&picture)?)?;
+        output.finish()?;
+        if !self.scenes.contains(name) {
+            self.scenes.push(name.clone());
+            let manifest = Manifest { format: FORMAT.into(), scenes: self.scenes.clone() };
+            let text = toml::to_string(&manifest)
+                .map_err(|e| Error::input(format!("cannot write {MANIFEST}: {e}")))?;
+            write_file(&self.directory.join(MANIFEST), true, text.as_bytes())?;
+        }
+        Ok(place)
+    }
+}
+
+/// The description of a cube to be stored.
+pub fn describe(cube: &Cube, name: &str) -> Description {
+    Description::new(name, cube.quantity(), cube.size(), &cube.bands())
+}

@@ -1,0 +1,74 @@
+//! A scene of plane shapes, each of one material.
+
+use super::shape::Shape;
+use super::{Grid, Quantity, Scene};
+use camrig_base::{Bands, Spectrum};
+use camrig_base::{Plane, Result};
+
+/// Shapes laid on a ground. A shape lies wholly within one material beneath it, so that
+/// value = ground + Σ coverage · (material − beneath) is the exact area average of every cell.
+#[derive(Clone, Debug)]
+pub struct Painting {
+    bands: Bands,
+    /// Per material its value in each band.
+    materials: Vec<Vec<f64>>,
+    marks: Vec<Mark>,
+}
+
+/// A material of a [`Painting`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Material(usize);
+
+#[derive(Clone, Debug)]
+struct Mark {
+    shape: Shape,
+    material: Material,
+    beneath: Material,
+}
+
+impl Painting {
+    /// The material of the ground.
+    pub const GROUND: Material = Material(0);
+
+    /// A ground of one reflectance.
+    pub fn new(bands: Bands, ground: &Spectrum) -> Self {
+        Self { bands, materials: vec![ground.in_bands(&bands)], marks: Vec::new() }
+    }
+
+    /// A further material.
+    pub fn material(&mut self, reflectance: &Spectrum) -> Material {
+        self.materials.push(reflectance.in_bands(&self.bands));
+        Material(self.materials.len() - 1)
+    }
+
+    /// Lays a shape of `material` on a place that is all of the material `beneath`.
+    pub fn lay(&mut self, shape: Shape, material: Material, beneath: Material) {
+        self.marks.push(Mark { shape, material, beneath });
+    }
+}
+
+impl Scene for Painting {
+    fn bands(&self) -> Bands {
+        self.bands
+    }
+
+    fn quantity(&self) -> Quantity {
+        Quantity::Reflectance
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        None
+    }
+
+    fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        let value = |material: Material| self.materials[material.0][band];
+        let mut plane = Plane::filled(grid.width, grid.height, value(Self::GROUND) as f32);
+        for mark in &self.marks {
+            let change = value(mark.material) - value(mark.beneath);
+            mark.shape.paint(grid, change as f32, &mut plane);
+        }
+        // Rounding of the sum can leave −1e-9 where a material is 0.
+        plane.data.iter_mut().for_each(|v| *v = v.max(0.0));
+        Ok(plane)
+    }
+}

@@ -1,0 +1,187 @@
+//! What a data sheet of a camera says, measured on simulated captures as one would on real ones: EMVA 1288,
+//! quantum efficiency through narrow-band filters, MTF, positional crosstalk.
+
+use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_capture::{bench, plan, take};
+use camrig_captures::{CaptureSet, Role};
+use camrig_measure::crosstalk::{self, Crosstalk};
+use camrig_measure::ladder::{Level, photons};
+use camrig_measure::mtf::{self, Edge, Roi};
+use camrig_measure::stack::Stack;
+use camrig_measure::{Value, emva};
+use camrig_optics::Options;
+use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
+use std::path::Path;
+
+/// The figures.
+pub struct Datasheet {
+    /// EMVA 1288 at 550 nm.
+    pub emva: emva::Checked,
+    /// Channel letters of [`Datasheet::efficiency`], lower case.
+    pub channels: Vec<String>,
+    /// Wavelength, nm, and electrons per photon of each channel.
+    pub efficiency: Vec<(f64, Vec<Value>)>,
+    /// Edge in the middle of the image, per channel.
+    pub edges: Vec<Edge>,
+    /// The table of factors, where the camera has any positional crosstalk.
+    pub crosstalk: Option<Crosstalk>,
+}
+
+/// Columns and rows of the frame with the edge, and of the region measured. Long along the edge and narrow
+/// across it: far from the edge there is only noise.
+const EDGE_FRAME: (u32, u32) = (96, 320);
+const EDGE_REGION: (usize, usize) = (64, 288);
+
+/// Frames per point of the crosstalk bench.
+const BENCH_FRAMES: u32 = 16;
+
+impl Datasheet {
+    /// Measures a camera on a sensor of its pixels, at most `size` large.
+    ///
+    /// # Errors
+    /// Cameras that cannot take the captures (blind at 550 nm, a lens that cannot be read).
+    pub fn measure(camera: &Camera, size: (u32, u32)) -> Result<Self> {
+        let small = cropped(camera, size);
+        let folder = tempfile::tempdir()
+            .map_err(|e| Error::io("write a folder in", &std::env::temp_dir(), e))?;
+        let emva = {
+            let set = taken(&small, &plan::load("emva")?, &folder.path().join("emva"))?;
+            emva::measure(&set)?
+        };
+        let set = taken(&small, &plan::parse(&filters())?, &folder.path().join("filters"))?;
+        let efficiency = efficiency(&set, &emva)?;
+        let channels = emva.channels.iter().map(|c| c.channel.clone()).collect();
+        let crosstalk = match camera.sensor.crosstalk {
+            Some(_) => {
+                let out = folder.path().join("bench");
+                bench::bench(&small, BENCH_FRAMES, 0.01, &out, false, 0, || ())?;
+                Some(crosstalk::fit(&CaptureSet::load(&out)?)?)
+            }
+            None => None,
+        };
+        Ok(Self { emva, channels, efficiency, edges: edges(camera)?, crosstalk })
+    }
+}
+
+/// The camera with the middle of its sensor only.
+fn cropped(camera: &Camera, (width, height): (u32, u32)) -> Camera {
+    let mut small = camera.clone();
+    small.sensor.width = width.min(camera.sensor.width);
+    small.sensor.height = height.min(camera.sensor.height);
+    small
+}
+
+fn taken(camera: &Camera, shots: &[plan::Shot], out: &Path) -> Result<CaptureSet> {
+    take::take(camera, shots, out, &take::TakeOptions::default(), || ())?;
+    CaptureSet::load(out)
+}
+
+/// A dark and flats through the filters of the crosstalk experiment.
+fn filters() -> String {
+    let mut text = String::from(
+        "format = \"plan/1\"\n[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 16\nexposure_s = 0.01\n",
+    );
+    for nm in bench::FILTERS_NM {
+        text.push_str(&format!(
+            "[[stack]]\nid = \"flat-{nm}\"\nrole = \"flat\"\nframes = 16\nexposure_s = 0.01\nfill = 0.5\n\
+             light = {{ wavelength_nm = {nm:?}, width_nm = 10.0 }}\n"
+        ));
+    }
+    text
+}
+
+/// Electrons per photon: signal above dark over K and photons; K is that of the small-signal photon transfer.
+fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Value>)>> {
+    let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
+    let none = || Error::input("no dark captures");
+    let dark = level(set.with_role(Role::Dark).next().ok_or_else(none)?)?;
+    let mut out = Vec::new();
+    for capture in set.with_role(Role::Flat) {
+        let (Some(light), Some(photons)) = (&capture.light, photons(set, capture)) else {
+            continue;
+        };
+        let flat = level(capture)?;
+        let of = |(c, channel): (usize, &emva::ChannelEmva)| {
+            let (f, d) = (&flat.channels[c], &dark.channels[c]);
+            let signal = Value::new(f.mean() - d.mean(), f.mean_error().hypot(d.mean_error()));
+            let k = &channel.figures;
+            let gain = Value::new(
+                k.linearised_system_gain.unwrap_or(k.overall_system_gain),
+                channel.std_errors.overall_system_gain,
+            );
+            signal.over(gain).scaled(1.0 / photons)
+        };
+        let values = emva.channels.iter().enumerate().map(of).collect();
+        out.push((light.wavelength_nm.unwrap_or(0.0), values));
+    }
+    Ok(out)
+}
+
+/// The edge under D65 in the middle of the image, every channel; exposed to half of saturation.
+fn edges(camera: &Camera) -> Result<Vec<Edge>> {
+    let camera = cropped(camera, EDGE_FRAME);
+    let scene = scene::open("slanted-edge")?;
+    let light = Illuminant::parse("D65")?;
+    let white = photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands())?;
+    let lit = LitScene { scene: &*scene, white };
+    let about = render::About::default();
+    let cube = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?.0;
+    let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
+    let frame = |seconds: f64| -> Result<RawFrame> {
+        let settings = camera.settings(0, seconds, Some(1.0));
+        exposure.frame(&cube, None, &settings, Arithmetic::F32)
+    };
+    // Exposure by search: the brightest hundredth of the samples at half of the range.
+    let mut seconds = 1e-3;
+    let frame = loop {
+        let frame = frame(seconds)?;
+        let mut sorted = frame.data.clone();
+        sorted.sort_unstable();
+        let bright = f64::from(sorted[sorted.len() * 99 / 100]) - frame.black_level_dn;
+        let range = f64::from(frame.white_level_dn) - frame.black_level_dn;
+        if bright > 0.3 * range || seconds > 10.0 {
+            break frame;
+        }
+        seconds *= (0.5 * range / bright.max(1.0)).clamp(1.5, 20.0);
+    };
+    let (width, height) = (EDGE_REGION.0.min(frame.width), EDGE_REGION.1.min(frame.height));
+    let (x, y) = ((frame.width - width) / 2, (frame.height - height) / 2);
+    let roi = Roi { x, y, width, height };
+    let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
+    let (white, pitch) = (Some(frame.white_level_dn), Some(camera.sensor.pitch_um));
+    frame
+        .cfa
+        .channels()
+        .iter()
+        .map(|&letter| mtf::measure(&plane, &frame.cfa, letter, roi, white, pitch))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sheet says what the camera file says.
+    #[test]
+    fn a_sheet_of_a_preset() {
+        let camera = Camera::load("mt9v024").unwrap();
+        let sheet = Datasheet::measure(&camera, (128, 96)).unwrap();
+        assert_eq!(sheet.channels, ["r", "g", "b"]);
+        for (nm, values) in &sheet.efficiency {
+            for (value, curve) in values.iter().zip(&camera.sensor.qe) {
+                // Per photon on the whole pixel, in a band of 10 nm taken at its centre.
+                let filter = camera.sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(*nm));
+                let truth = curve.at(*nm) * filter * camera.sensor.fill_factor;
+                let off = (value.value - truth).abs();
+                assert!(off < 4.0 * value.std_error + 0.01 * truth, "{nm} nm: {value:?}, {truth}");
+            }
+        }
+        let green = &sheet.emva.channels[1].figures;
+        let read = camera.sensor.noise.read_e;
+        assert!((green.temporal_dark_noise_e.unwrap() / read - 1.0).abs() < 0.05);
+        assert_eq!(sheet.edges.len(), 3);
+        assert!(sheet.edges.iter().all(|e| e.mtf50_std_error < 0.05 * e.mtf50_cycles_per_pixel));
+    }
+}
