@@ -1,9 +1,4 @@
-//! The one error type of the library and the program.
-//!
-//! Which constructor to use: [`Error::input`] when something a person wrote or supplied is wrong
-//! (say what is wrong, where, and what would be right); [`Error::io`] when the operating system
-//! refused. Both end the program with exit status 2. "The comparison says no" is not an error: a
-//! command returns exit status 1 for it.
+//! The one error type of the library and the program: of which kind, what, where, and what would be right.
 
 use std::fmt;
 use std::path::Path;
@@ -11,9 +6,36 @@ use std::path::Path;
 /// Result with this crate's [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What went wrong, where, and what would be right.
+/// What sort of thing went wrong, so that a program can decide what to do about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// Something a person wrote or supplied is wrong.
+    Input,
+    /// Valid input that camrig does not handle.
+    Unsupported,
+    /// More than a stated limit allows: a size, a count, a time.
+    Limit,
+    /// The operating system or a device refused.
+    Io,
+    /// Two things that should agree do not: a rig and its host, a model and its captures.
+    Disagreement,
+    /// A state that only a fault of camrig can explain.
+    Internal,
+}
+
+/// Of which kind, what, where, and what would be right.
+///
+/// ```
+/// use camrig_base::{Error, ErrorKind};
+///
+/// let error = Error::input("-3 lx").at("scene.toml, line 4").help("use zero or more");
+/// assert_eq!(error.kind(), ErrorKind::Input);
+/// assert_eq!(error.to_string(), "-3 lx\n  where: scene.toml, line 4\n  help: use zero or more");
+/// ```
 #[derive(Debug)]
 pub struct Error {
+    kind: ErrorKind,
     what: String,
     place: Option<String>,
     help: Option<String>,
@@ -21,18 +43,43 @@ pub struct Error {
 }
 
 impl Error {
-    /// Something supplied by a person is wrong. `what` names the value and what is wrong with it.
+    /// An error of a kind. `what` names the value and what is wrong with it.
+    pub fn new(kind: ErrorKind, what: impl Into<String>) -> Self {
+        Self { kind, what: what.into(), place: None, help: None, source: None }
+    }
+
+    /// Something supplied by a person is wrong.
     pub fn input(what: impl Into<String>) -> Self {
-        Self { what: what.into(), place: None, help: None, source: None }
+        Self::new(ErrorKind::Input, what)
+    }
+
+    /// Valid input that camrig does not handle.
+    pub fn unsupported(what: impl Into<String>) -> Self {
+        Self::new(ErrorKind::Unsupported, what)
+    }
+
+    /// More than a stated limit allows.
+    pub fn limit(what: impl Into<String>) -> Self {
+        Self::new(ErrorKind::Limit, what)
+    }
+
+    /// Two things that should agree do not.
+    pub fn disagreement(what: impl Into<String>) -> Self {
+        Self::new(ErrorKind::Disagreement, what)
+    }
+
+    /// A state that only a fault of camrig can explain.
+    pub fn internal(what: impl Into<String>) -> Self {
+        Self::new(ErrorKind::Internal, what).help("this is a fault of camrig: please report it")
     }
 
     /// The operating system refused an operation on `path`. `doing` reads like "write".
     pub fn io(doing: &str, path: &Path, source: std::io::Error) -> Self {
         let what = format!("cannot {doing} {}: {source}", path.display());
-        Self { what, place: None, help: None, source: Some(Box::new(source)) }
+        Self { source: Some(Box::new(source)), ..Self::new(ErrorKind::Io, what) }
     }
 
-    /// Adds where it is wrong: a file with a line, a key, an option.
+    /// Adds where it is wrong: a file with a line, a key, a stack.
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         let place = place.to_string();
@@ -49,6 +96,30 @@ impl Error {
     pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
+    }
+
+    /// Of which kind it is.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        self.kind
+    }
+
+    /// What is wrong.
+    #[must_use]
+    pub fn what(&self) -> &str {
+        &self.what
+    }
+
+    /// Where it is wrong, outermost first.
+    #[must_use]
+    pub fn place(&self) -> Option<&str> {
+        self.place.as_deref()
+    }
+
+    /// What would be right.
+    #[must_use]
+    pub fn remedy(&self) -> Option<&str> {
+        self.help.as_deref()
     }
 }
 

@@ -14,7 +14,7 @@ pub mod table;
 pub mod toml_text;
 
 pub use cfa::Cfa;
-pub use error::{Error, Result};
+pub use error::{Error, ErrorKind, Result};
 pub use frame::RawFrame;
 pub use plane::Plane;
 pub use spectrum::{Bands, Spectrum};
