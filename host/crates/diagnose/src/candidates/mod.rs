@@ -134,58 +134,78 @@ impl Proposal {
     }
 }
 
-/// An estimator: proposals of one kind, none where the captures do not show it.
-type Estimator = fn(&Evidence<'_>) -> Vec<Proposal>;
+/// The estimator of one kind. It proposes nothing where the captures do not show the effect.
+#[derive(Clone, Copy)]
+pub enum Estimator {
+    /// One estimate at most.
+    One(fn(&Evidence<'_>) -> Option<Proposal>),
+    /// Several: alternative laws, or parts of the effect by themselves.
+    Several(fn(&Evidence<'_>) -> Vec<Proposal>),
+}
+use Estimator::{One, Several};
+
+impl Estimator {
+    fn estimate(self, evidence: &Evidence<'_>) -> Vec<Proposal> {
+        match self {
+            One(of) => of(evidence).into_iter().collect(),
+            Several(of) => of(evidence),
+        }
+    }
+}
 
 /// Every kind that is looked for.
 pub const CATALOGUE: [(&str, Estimator); 45] = [
-    ("row-temporal-noise", rows::row_temporal),
-    ("column-temporal-noise", rows::column_temporal),
-    ("row-correlated-noise", rows::row_correlated),
-    ("periodic-pattern-noise", periodic::periodic),
-    ("frame-offset-noise", frames::frame_offset),
-    ("light-flicker", frames::light_flicker),
-    ("flicker-banding", flicker::flicker_banding),
-    ("read-noise", noise::read_noise),
-    ("read-noise-spread", noise::read_noise_spread),
-    ("random-telegraph-noise", noise::telegraph),
-    ("heavy-tailed-read-noise", noise::heavy_tails),
-    ("charge-coupling", neighbours::charge_coupling),
-    ("brighter-fatter", neighbours::brighter_fatter),
-    ("row-offset-fpn", fixed::row_offset),
-    ("column-offset-fpn", fixed::column_offset),
-    ("pixel-offset-fpn", fixed::pixel_offset),
-    ("readout-channel-mismatch", fixed::readout_channels),
-    ("hot-pixels", fixed::hot_pixels),
-    ("dark-current", fixed::dark_current),
-    ("dark-current-temperature", fixed::doubling),
-    ("amp-glow", glow::amp_glow),
-    ("dark-current-gradient", fixed::gradient),
-    ("prnu", fixed::prnu),
-    ("prnu-correlated", fixed::prnu_correlated),
-    ("column-gain-fpn", fixed::column_gain),
-    ("prnu-low-frequency", smooth::low_frequency),
-    ("relative-illumination", |e| optics::estimate(e, "relative-illumination")),
-    ("colour-shading", |e| optics::estimate(e, "colour-shading")),
-    ("green-imbalance", fixed::green_imbalance),
-    ("defective-pixels", fixed::defects),
-    ("black-level-offset", response::black_level),
-    ("system-gain", response::system_gain),
-    ("quantum-efficiency", response::quantum_efficiency),
-    ("nonlinearity", response::nonlinearity),
-    ("full-well", well::full_well),
-    ("optical-crosstalk", |e| {
-        join(neighbours::optical_crosstalk(e), optics::estimate(e, "optical-crosstalk"))
-    }),
-    ("adc-nonlinearity", converter::adc_steps),
-    ("image-lag", response::image_lag),
-    ("exposure-offset", response::exposure_offset),
-    ("defocus", |e| optics::estimate(e, "defocus")),
-    ("distortion", |e| optics::estimate(e, "distortion")),
-    ("lateral-colour", |e| optics::estimate(e, "lateral-colour")),
-    ("decentre-tilt", |e| optics::estimate(e, "decentre-tilt")),
-    ("lens-transmittance", |e| optics::estimate(e, "lens-transmittance")),
-    ("veiling-glare", |e| optics::estimate(e, "veiling-glare")),
+    ("row-temporal-noise", Several(rows::row_temporal)),
+    ("column-temporal-noise", Several(rows::column_temporal)),
+    ("row-correlated-noise", Several(rows::row_correlated)),
+    ("periodic-pattern-noise", Several(periodic::periodic)),
+    ("frame-offset-noise", Several(frames::frame_offset)),
+    ("light-flicker", Several(frames::light_flicker)),
+    ("flicker-banding", Several(flicker::flicker_banding)),
+    ("read-noise", Several(noise::read_noise)),
+    ("read-noise-spread", Several(noise::read_noise_spread)),
+    ("random-telegraph-noise", Several(noise::telegraph)),
+    ("heavy-tailed-read-noise", Several(noise::heavy_tails)),
+    ("charge-coupling", Several(neighbours::charge_coupling)),
+    ("brighter-fatter", Several(neighbours::brighter_fatter)),
+    ("row-offset-fpn", Several(fixed::row_offset)),
+    ("column-offset-fpn", Several(fixed::column_offset)),
+    ("pixel-offset-fpn", Several(fixed::pixel_offset)),
+    ("readout-channel-mismatch", Several(fixed::readout_channels)),
+    ("hot-pixels", Several(fixed::hot_pixels)),
+    ("dark-current", Several(fixed::dark_current)),
+    ("dark-current-temperature", Several(fixed::doubling)),
+    ("amp-glow", Several(glow::amp_glow)),
+    ("dark-current-gradient", Several(fixed::gradient)),
+    ("prnu", Several(fixed::prnu)),
+    ("prnu-correlated", Several(fixed::prnu_correlated)),
+    ("column-gain-fpn", Several(fixed::column_gain)),
+    ("prnu-low-frequency", Several(smooth::low_frequency)),
+    ("relative-illumination", One(|e| optics::estimate(e, "relative-illumination"))),
+    ("colour-shading", One(|e| optics::estimate(e, "colour-shading"))),
+    ("green-imbalance", Several(fixed::green_imbalance)),
+    ("defective-pixels", Several(fixed::defects)),
+    ("black-level-offset", Several(response::black_level)),
+    ("system-gain", Several(response::system_gain)),
+    ("quantum-efficiency", Several(response::quantum_efficiency)),
+    ("nonlinearity", Several(response::nonlinearity)),
+    ("full-well", Several(well::full_well)),
+    (
+        "optical-crosstalk",
+        Several(|e| {
+            let of_targets = optics::estimate(e, "optical-crosstalk");
+            neighbours::optical_crosstalk(e).into_iter().chain(of_targets).collect()
+        }),
+    ),
+    ("adc-nonlinearity", Several(converter::adc_steps)),
+    ("image-lag", Several(response::image_lag)),
+    ("exposure-offset", Several(response::exposure_offset)),
+    ("defocus", One(|e| optics::estimate(e, "defocus"))),
+    ("distortion", One(|e| optics::estimate(e, "distortion"))),
+    ("lateral-colour", One(|e| optics::estimate(e, "lateral-colour"))),
+    ("decentre-tilt", One(|e| optics::estimate(e, "decentre-tilt"))),
+    ("lens-transmittance", One(|e| optics::estimate(e, "lens-transmittance"))),
+    ("veiling-glare", One(|e| optics::estimate(e, "veiling-glare"))),
 ];
 
 /// Every proposal of the kinds `wanted` that the evidence gives, strongest first, weaker than `least` standard
@@ -198,17 +218,11 @@ pub fn propose(
     let mut out: Vec<Proposal> = CATALOGUE
         .iter()
         .filter(|(kind, _)| wanted(kind))
-        .flat_map(|(_, estimate)| estimate(evidence))
+        .flat_map(|(_, estimate)| estimate.estimate(evidence))
         .filter(|p| p.is_possible() && p.strength >= least)
         .collect();
     out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     out
-}
-
-/// Proposals of one kind from two sides.
-fn join(mut a: Vec<Proposal>, b: Vec<Proposal>) -> Vec<Proposal> {
-    a.extend(b);
-    a
 }
 
 /// One proposal, or none.

@@ -109,18 +109,18 @@ pub fn shown_by_looks(kind: &str) -> bool {
     KINDS.iter().any(|k| k.0 == kind)
 }
 
-/// Proposals of one kind.
-pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Vec<Proposal> {
+/// The proposal of one kind.
+pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Option<Proposal> {
     let residual = Residual::of(e);
     // What is named is asked again all the same: many figures may each agree and together say more.
     if !e.named.contains(&kind) && residual.z.iter().all(|z| z.abs() < AGREES) {
-        return Vec::new();
+        return None;
     }
     let colours = e.camera.sensor.channel_names.len();
     if matches!(kind, "lateral-colour" | "colour-shading") && colours < 2 {
-        return Vec::new();
+        return None;
     }
-    super::list(propose(e, kind, &residual))
+    propose(e, kind, &residual)
 }
 
 fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<Proposal> {
