@@ -5,7 +5,7 @@
 
 use camrig::Plane;
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, IrradianceWriter};
+use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::emulator::{self, Emulator};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
@@ -113,14 +113,14 @@ fn overhead() {
         print!("  {name:22}");
         for bands in [1, 8, 31] {
             let cube = cube(64, bands);
-            let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
+            let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
             let mut feed =
-                if bands == 1 { Feed::collapsed(&cube, &exposure) } else { Feed::spectral(&cube) };
+                if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
             let transport = emulator::open_as(framing, limits);
             let mut rig = Rig::with_transport(camrig::rig::Url::Emulator, transport).unwrap();
-            rig.set_camera(&exposure).unwrap();
+            rig.set_camera(&sensor).unwrap();
             let before = rig.link_bytes();
-            let frame = rig.frame_from(&mut feed, &exposure, &request(&camera, 0)).unwrap();
+            let frame = rig.frame_from(&mut feed, &sensor, &request(&camera, 0)).unwrap();
             let after = rig.link_bytes();
             let moved = (after.0 - before.0 + after.1 - before.1) as f64;
             let rows = (feed.bytes() + frame.packed.len()) as f64;
@@ -136,9 +136,9 @@ fn sensor_stage() {
     let camera = camera(256);
     for bands in [1, 8] {
         let cube = cube(256, bands);
-        let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
         let settings = camera.settings(0, EXPOSURE_S, None);
-        let shape = frame_shape(&exposure.config, Codec::Bfp16, BITS).unwrap();
+        let shape = frame_shape(&sensor.config, Codec::Bfp16, BITS).unwrap();
         let mut feed = Feed::spectral(&cube).kept();
         let row_bytes = feed.bytes() / 256;
         let mut spectral = vec![0; feed.bytes()];
@@ -147,8 +147,8 @@ fn sensor_stage() {
         }
         let mut camera_bytes = vec![0; 1 << 20];
         let n = camrig_firmware_sim::camera::encode(
-            &exposure.config,
-            exposure.crosstalk(),
+            &sensor.config,
+            sensor.crosstalk(),
             &mut camera_bytes,
         );
         let mut emulator = Emulator::with_threads(1, None);
@@ -177,7 +177,7 @@ fn sensor_stage() {
         one.install(|| {
             for _ in 0..15 {
                 times[0] = times[0].min(seconds(|| {
-                    exposure.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
+                    sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
                 }));
                 times[1] = times[1].min(seconds(|| {
                     model.begin(&begin, exposure_of, &Registers::new()).unwrap();
@@ -234,12 +234,11 @@ fn frames_per_second(tcp: &Raw) {
         [(1, 600u32, None), (1, 600, Some(60.0)), (8, 60, None), (31, 30, None)]
     {
         let cube = cube(HEIGHT, bands);
-        let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
-        let feed =
-            if bands == 1 { Feed::collapsed(&cube, &exposure) } else { Feed::spectral(&cube) };
+        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let feed = if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
         let mut feed = feed.kept();
         let mut rig = Rig::open(&tcp_server()).unwrap();
-        rig.set_camera(&exposure).unwrap();
+        rig.set_camera(&sensor).unwrap();
         let mut latency = Vec::new();
         let (mut start, mut cpu) = (Instant::now(), cpu_s());
         for i in 0..=frames {
@@ -252,8 +251,8 @@ fn frames_per_second(tcp: &Raw) {
                 std::thread::sleep(due.saturating_duration_since(Instant::now()));
             }
             let sent = Instant::now();
-            let frame = rig.frame_from(&mut feed, &exposure, &request(&camera, i)).unwrap();
-            frame.to_raw(&exposure).unwrap();
+            let frame = rig.frame_from(&mut feed, &sensor, &request(&camera, i)).unwrap();
+            frame.to_raw(&sensor).unwrap();
             latency.push(sent.elapsed().as_secs_f64());
         }
         let (seconds, cpu) = (start.elapsed().as_secs_f64(), cpu_s() - cpu);
@@ -333,15 +332,15 @@ impl Raw {
 fn link_rate(name: &str, raw: &Raw, mut rig: Rig) {
     let camera = camera(HEIGHT);
     let cube = cube(HEIGHT, 1);
-    let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
-    let mut feed = Feed::collapsed(&cube, &exposure).kept();
-    rig.set_camera(&exposure).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let mut feed = Feed::collapsed(&cube, &sensor).kept();
+    rig.set_camera(&sensor).unwrap();
     rig.write_register(camrig_rig_link::registers::address::TEST_PATTERN, 1).unwrap();
-    rig.frame_from(&mut feed, &exposure, &request(&camera, 0)).unwrap();
+    rig.frame_from(&mut feed, &sensor, &request(&camera, 0)).unwrap();
     let before = rig.link_bytes();
     let seconds = seconds(|| {
         for i in 0..30 {
-            rig.frame_from(&mut feed, &exposure, &request(&camera, i)).unwrap();
+            rig.frame_from(&mut feed, &sensor, &request(&camera, i)).unwrap();
         }
     });
     let after = rig.link_bytes();

@@ -5,7 +5,7 @@ use camrig::RawFrame;
 use camrig::camera::Camera;
 use camrig::formats::{DngInfo, color, dng};
 use camrig::optics::Options;
-use camrig::render::{self, About, Exposure};
+use camrig::render::{self, About, SimulatedSensor};
 use camrig::scene::chart::colorchecker;
 use camrig::scene::{self, Illuminant, LightLevel, LitScene, Spectrum, photometry};
 use camrig_tests::color::{delta_e_2000, lab, srgb_to_linear, xyz_of_srgb};
@@ -47,9 +47,9 @@ fn chart() -> (RawFrame, DngInfo) {
     let about = About { lux: Some(300.0), illuminant: None, made_of: "test".into() };
     let (cube, _) =
         render::irradiance(&camera, &lit, &Options::default(), about, |_, _| {}).unwrap();
-    let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
     let settings = camera.settings(0, 2e-3, None);
-    let raw = exposure.frame(&cube, None, &settings, Default::default()).unwrap();
+    let raw = sensor.frame(&cube, None, &settings, Default::default()).unwrap();
     let brightest = raw.data.iter().max().unwrap();
     assert!((700..1023).contains(brightest), "white near the top, nothing saturated: {brightest}");
     let info = render::dng_info(&camera, &settings, Some(&light), "colour test").unwrap();

@@ -6,7 +6,7 @@ use camrig_base::{RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames, png, preview};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_report::page::Page;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
@@ -60,9 +60,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut rig = Rig::open("emulator:")?;
     let (mut same, mut link) = (true, Vec::new());
     for (lux, exposure_s) in SHOTS {
-        let exposure = Exposure::new(&camera, &cube.header, lux / base_lux)?;
+        let sensor = SimulatedSensor::new(&camera, &cube.header, lux / base_lux)?;
         let settings = camera.settings(0, exposure_s, None);
-        rig.set_camera(&exposure)?;
+        rig.set_camera(&sensor)?;
         let request = FrameRequest {
             settings,
             arithmetic: Arithmetic::F32,
@@ -70,8 +70,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             lit_before: false,
             by_registers: false,
         };
-        let frame = rig.frame(&cube, &exposure, &request)?.to_raw(&exposure)?;
-        same &= frame == exposure.frame(&cube, None, &settings, Arithmetic::F32)?;
+        let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
+        same &= frame == sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
         let (sent, received) = rig.link_bytes();
         link.push(vec![format!("{lux} lx"), mebibytes(sent), mebibytes(received)]);
         let name = format!("colorchecker-{lux}lx");

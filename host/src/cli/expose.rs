@@ -5,7 +5,7 @@ use super::simulate::{expose_frames, light_of};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, changes};
 use camrig_exposure::IrradianceCube;
-use camrig_render::Exposure;
+use camrig_render::SimulatedSensor;
 use camrig_report::simulation;
 use camrig_scene::Illuminant;
 use serde_json::json;
@@ -49,8 +49,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
-    let exposure = Exposure::new(&camera, &cube.header, factor)?;
-    expose_frames(&args.frames, &camera, &exposure, (&cube, None), light.as_ref(), &mut sink)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header, factor)?;
+    expose_frames(&args.frames, &camera, &sensor, (&cube, None), light.as_ref(), &mut sink)?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];

@@ -6,7 +6,7 @@ use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::{Facts, Format, Frames, preview};
 use camrig_measure::picture::{Patch, colours, srgb_to_linear};
-use camrig_render::{self as render, Exposure};
+use camrig_render::{self as render, SimulatedSensor};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -125,9 +125,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         no_cache: false,
     };
     let (camera, view) = view.view()?;
-    let exposure = Exposure::new(&camera, &view.cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
     let settings = camera.settings(0, args.exposure, None);
-    let raw = exposure.frame(&view.cube, None, &settings, Default::default())?;
+    let raw = sensor.frame(&view.cube, None, &settings, Default::default())?;
     for (channel, _, saturated) in raw.channel_means() {
         if saturated > 0.001 {
             eprintln!(

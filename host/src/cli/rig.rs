@@ -7,7 +7,7 @@ use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_formats::{Frames, csi2};
-use camrig_render::{Arithmetic, Exposure};
+use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig::script::Script;
 use camrig_rig::{
     self as rig, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
@@ -357,8 +357,8 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
 /// Memory for rows in their form on the link; what does not fit is made anew for each frame, bytes.
 const KEPT_BYTES: usize = 1 << 30;
 
-fn feed<'a>(cube: &'a IrradianceCube, exposure: &'a Exposure, args: &StreamArgs) -> Feed<'a> {
-    if args.collapse { Feed::collapsed(cube, exposure) } else { Feed::spectral(cube) }
+fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &StreamArgs) -> Feed<'a> {
+    if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
 }
 
 fn stream(args: &StreamArgs) -> Result<()> {
@@ -371,9 +371,9 @@ fn stream(args: &StreamArgs) -> Result<()> {
         .transpose()?;
     let mut rig = Rig::open(&args.url)?;
     let cubes = cubes(args, &camera)?;
-    let exposure = Exposure::new(&camera, &cubes[0].header, 1.0)?;
-    rig.set_camera(&exposure)?;
-    let mut feeds: Vec<Feed<'_>> = cubes.iter().map(|cube| feed(cube, &exposure, args)).collect();
+    let sensor = SimulatedSensor::new(&camera, &cubes[0].header, 1.0)?;
+    rig.set_camera(&sensor)?;
+    let mut feeds: Vec<Feed<'_>> = cubes.iter().map(|cube| feed(cube, &sensor, args)).collect();
     if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
         feeds = feeds.into_iter().map(Feed::kept).collect();
     }
@@ -400,13 +400,13 @@ fn stream(args: &StreamArgs) -> Result<()> {
             by_registers: args.by_registers || script.is_some(),
         };
         let sent = Instant::now();
-        let frame = rig.frame_from(&mut feeds[cube], &exposure, &request)?;
+        let frame = rig.frame_from(&mut feeds[cube], &sensor, &request)?;
         latency.push(sent.elapsed().as_secs_f64());
         in_force.push(frame_settings(&frame));
         if frame.dropped {
             dropped += 1;
         } else if file.is_some() {
-            kept.0.push(frame.to_raw(&exposure)?);
+            kept.0.push(frame.to_raw(&sensor)?);
             kept.1.push(vec![frame.embedded_line()]);
         }
         bar.inc(1);

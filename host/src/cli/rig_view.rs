@@ -4,7 +4,7 @@ use super::arguments::{duration, positive};
 use super::simulate::ViewArgs;
 use crate::view::{Control, State, Told, View};
 use camrig_base::Result;
-use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_rig::script::Write;
 use camrig_rig::{FrameRequest, Rig};
 use std::io::Write as _;
@@ -49,8 +49,8 @@ pub fn run(args: &Args) -> Result<()> {
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
     let (camera, view) = args.view.view()?;
-    let exposure = Exposure::new(&camera, &view.cube.header, 1.0)?;
-    rig.set_camera(&exposure)?;
+    let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
+    rig.set_camera(&sensor)?;
     Write::Exposure(args.exposure).apply(&mut rig)?;
     Write::Gain(args.gain).apply(&mut rig)?;
 
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<()> {
             lit_before: number > 0,
             by_registers: true,
         };
-        let frame = rig.frame(&view.cube, &exposure, &request).inspect_err(|error| {
+        let frame = rig.frame(&view.cube, &sensor, &request).inspect_err(|error| {
             locked().ended = Some(error.to_string());
         })?;
         let due = last + Duration::from_secs_f64(1.0 / args.fps);
@@ -93,7 +93,7 @@ pub fn run(args: &Args) -> Result<()> {
         if frame.dropped {
             locked().dropped += 1;
         } else {
-            let raw = frame.to_raw(&exposure)?;
+            let raw = frame.to_raw(&sensor)?;
             locked().push(raw, told);
         }
     }

@@ -5,7 +5,7 @@ use camrig_base::Result;
 use camrig_camera::{Camera, changes};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
-use camrig_render::{self as render, Exposure, Motion, Sight, View};
+use camrig_render::{self as render, Motion, Sight, SimulatedSensor, View};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
 use camrig_scene::{Illuminant, LightLevel};
@@ -143,11 +143,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
-    let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let sight = args.view.sight()?;
     let mut moved = |frame: u32| Ok(sight.view_at(&camera, frame, |_, _| ())?.cube);
     let next: Option<&mut Cubes<'_>> = if sight.motion.is_some() { Some(&mut moved) } else { None };
-    expose_frames(&args.frames, &camera, &exposure, (&cube, next), light.as_ref(), &mut sink)?;
+    expose_frames(&args.frames, &camera, &sensor, (&cube, next), light.as_ref(), &mut sink)?;
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),
         ("camera", camera.name.clone()),
@@ -219,13 +219,13 @@ pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
 pub fn expose_frames(
     args: &FrameArgs,
     camera: &Camera,
-    exposure: &Exposure,
+    sensor: &SimulatedSensor,
     (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
     illuminant: Option<&Illuminant>,
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
-    let mut sensor = SensorStage::open(args.rig.as_deref(), args.arith)?;
-    sensor.set_camera(exposure)?;
+    let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
+    stage.set_camera(sensor)?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.
     let (mut moved, mut moved_before) = (None, None);
@@ -236,7 +236,7 @@ pub fn expose_frames(
         let cube = moved.as_ref().unwrap_or(first);
         let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
         let settings = args.settings(camera, i);
-        let mut take = |settings: &FrameSettings| sensor.frame(exposure, cube, before, settings);
+        let mut take = |settings: &FrameSettings| stage.frame(sensor, cube, before, settings);
         let frame = match args.hdr {
             None => take(&settings)?,
             Some(hdr) => {

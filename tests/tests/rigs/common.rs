@@ -2,7 +2,7 @@
 
 use camrig::Plane;
 use camrig::camera::{Camera, presets};
-use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, IrradianceWriter};
+use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::{FrameRequest, Rig};
 use camrig::scene::Bands;
 use std::ops::Range;
@@ -72,8 +72,8 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
 
 pub const BANDS: Bands = Bands { start_nm: 420.0, step_nm: 40.0, count: 7 };
 
-pub fn exposure(camera: &Camera, cube: &IrradianceCube) -> Exposure {
-    Exposure::new(camera, &cube.header, 1.0).unwrap()
+pub fn sensor(camera: &Camera, cube: &IrradianceCube) -> SimulatedSensor {
+    SimulatedSensor::new(camera, &cube.header, 1.0).unwrap()
 }
 
 /// Takes a frame of a camera and compares it with what the host computes; nothing happened before.
@@ -84,8 +84,8 @@ pub fn compare_frame(
     arithmetic: Arithmetic,
     frame: u32,
 ) {
-    let exposure = exposure(camera, cube);
-    rig.set_camera(&exposure).unwrap();
+    let sensor = sensor(camera, cube);
+    rig.set_camera(&sensor).unwrap();
     let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
     let request = FrameRequest {
         settings,
@@ -95,8 +95,8 @@ pub fn compare_frame(
         by_registers: false,
     };
     let before = (frame > 0).then_some(cube);
-    let here = exposure.frame(cube, before, &settings, arithmetic).unwrap();
-    let there = rig.frame(cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    let here = sensor.frame(cube, before, &settings, arithmetic).unwrap();
+    let there = rig.frame(cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
     let (low, high) = (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());
     assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);

@@ -86,9 +86,9 @@ fn collapsed_rows_differ_by_their_rounding_only() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(folder.path(), 0);
     let cube = common::cube(&camera, BANDS);
-    let exposure = common::exposure(&camera, &cube);
+    let sensor = common::sensor(&camera, &cube);
     let mut rig = Rig::open("emulator:").unwrap();
-    rig.set_camera(&exposure).unwrap();
+    rig.set_camera(&sensor).unwrap();
     let mut request = FrameRequest {
         settings: camera.settings(5, 0.02, None),
         arithmetic: Arithmetic::F32,
@@ -96,16 +96,16 @@ fn collapsed_rows_differ_by_their_rounding_only() {
         lit_before: false,
         by_registers: false,
     };
-    let spectral = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    let spectral = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     request.collapse = true;
-    let collapsed = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    let collapsed = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     // Exposure is the rig's, whoever integrated the bands: by registers as by request.
     rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
     rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
     request.by_registers = true;
     request.settings.exposure_s = 1.0;
-    let by_registers = rig.frame(&cube, &exposure, &request).unwrap();
-    assert!(by_registers.to_raw(&exposure).unwrap() == collapsed);
+    let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
+    assert!(by_registers.to_raw(&sensor).unwrap() == collapsed);
     // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is the
     // same draw, so a DN moves by the rounding of the count and of the converter.
     let worst = spectral.data.iter().zip(&collapsed.data).map(|(a, b)| a.abs_diff(*b)).max();
@@ -117,9 +117,9 @@ fn registers_expose_and_faults_show() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(folder.path(), 0);
     let cube = common::cube(&camera, BANDS);
-    let exposure = common::exposure(&camera, &cube);
+    let sensor = common::sensor(&camera, &cube);
     let mut rig = Rig::open(&tcp_server(None)).unwrap();
-    rig.set_camera(&exposure).unwrap();
+    rig.set_camera(&sensor).unwrap();
     rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
     rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
     rig.write_register(address::ANALOG_GAIN, 512).unwrap();
@@ -130,14 +130,14 @@ fn registers_expose_and_faults_show() {
         lit_before: false,
         by_registers: true,
     };
-    let by_registers = rig.frame(&cube, &exposure, &request).unwrap();
+    let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
     let said = by_registers.start.exposure;
     assert!((said.exposure_s - 0.02).abs() < 1e-8);
     assert_eq!(said.analog_gain, 2.0);
     request.by_registers = false;
     request.settings.exposure_s = said.exposure_s;
     request.settings.analog_gain = said.analog_gain;
-    let by_message = rig.frame(&cube, &exposure, &request).unwrap();
+    let by_message = rig.frame(&cube, &sensor, &request).unwrap();
     assert!(by_registers.packed == by_message.packed);
     assert_eq!(by_message.start.counter, by_registers.start.counter + 1);
     assert_eq!(rig.read_register(address::FRAME_COUNT).unwrap(), 2);
@@ -145,14 +145,14 @@ fn registers_expose_and_faults_show() {
     let row_bytes = by_message.packed.len() / camera.sensor.height as usize;
     rig.write_register(address::FAULT_ARGUMENT, 7).unwrap();
     rig.write_register(address::FAULT, 2).unwrap();
-    let corrupt = rig.frame(&cube, &exposure, &request).unwrap();
+    let corrupt = rig.frame(&cube, &sensor, &request).unwrap();
     assert_eq!(corrupt.start.fault, Fault::CorruptRow(7));
     let rows = corrupt.packed.chunks(row_bytes).zip(by_message.packed.chunks(row_bytes));
     let wrong: Vec<usize> = rows.enumerate().filter(|(_, (a, b))| a != b).map(|(i, _)| i).collect();
     assert_eq!(wrong, [7]);
     rig.write_register(address::FAULT, 1).unwrap();
-    assert!(rig.frame(&cube, &exposure, &request).unwrap().dropped);
-    assert!(rig.frame(&cube, &exposure, &request).unwrap().packed == by_message.packed);
+    assert!(rig.frame(&cube, &sensor, &request).unwrap().dropped);
+    assert!(rig.frame(&cube, &sensor, &request).unwrap().packed == by_message.packed);
 
     // What is written between frames shows after the sensor's delay: gain in the next frame, exposure in
     // the one after.
@@ -161,7 +161,7 @@ fn registers_expose_and_faults_show() {
     rig.write_register(address::ANALOG_GAIN, 256).unwrap();
     let shown: Vec<_> = (0..2)
         .map(|_| {
-            let said = rig.frame(&cube, &exposure, &request).unwrap().start.exposure;
+            let said = rig.frame(&cube, &sensor, &request).unwrap().start.exposure;
             ((said.exposure_s * 1e3).round(), said.analog_gain)
         })
         .collect();
@@ -171,12 +171,12 @@ fn registers_expose_and_faults_show() {
     rig.write_register(address::FAULT_ARGUMENT, 120).unwrap();
     rig.write_register(address::FAULT, 4).unwrap();
     let start = std::time::Instant::now();
-    let late = rig.frame(&cube, &exposure, &request).unwrap();
+    let late = rig.frame(&cube, &sensor, &request).unwrap();
     assert_eq!(late.start.fault, Fault::LateFrame(120));
     assert!(start.elapsed().as_millis() >= 120 && late.packed == by_message.packed);
 
     rig.write_register(address::TEST_PATTERN, 2).unwrap();
-    let bars = rig.frame(&cube, &exposure, &request).unwrap().to_raw(&exposure).unwrap();
+    let bars = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     let max = (1 << camera.sensor.bits) - 1;
     // Left: white; right: black.
     assert!(bars.data.iter().all(|&d| d == 0 || d == max));

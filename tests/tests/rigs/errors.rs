@@ -42,8 +42,8 @@ fn a_camera_too_wide_is_refused_with_the_limit() {
     camera.sensor.width = 20_000;
     camera.sensor.height = 1;
     let cube = common::cube(&camera, common::BANDS);
-    let exposure = common::exposure(&camera, &cube);
-    let said = Rig::open("emulator:").unwrap().set_camera(&exposure).unwrap_err().to_string();
+    let sensor = common::sensor(&camera, &cube);
+    let said = Rig::open("emulator:").unwrap().set_camera(&sensor).unwrap_err().to_string();
     assert!(said.contains("takes 16384 pixels"), "{said}");
 }
 

@@ -2,7 +2,7 @@
 
 use camrig::Plane;
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube, IrradianceWriter};
+use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, Url, emulator, hid, serial};
@@ -38,11 +38,10 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     (camera.sensor.width, camera.sensor.height) = (WIDTH as u32, HEIGHT as u32);
     camera.sensor.bits = 12;
     let cube = cube(bands);
-    let exposure = Exposure::new(&camera, &cube.header, 1.0).unwrap();
-    let mut feed =
-        if bands == 1 { Feed::collapsed(&cube, &exposure) } else { Feed::spectral(&cube) };
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let mut feed = if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
     let mut rig = Rig::with_transport(Url::Emulator, emulator::open_as(framing, limits)).unwrap();
-    rig.set_camera(&exposure).unwrap();
+    rig.set_camera(&sensor).unwrap();
     let before = rig.link_bytes();
     let request = FrameRequest {
         settings: camera.settings(0, 0.01, None),
@@ -51,7 +50,7 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
         lit_before: false,
         by_registers: false,
     };
-    let frame = rig.frame_from(&mut feed, &exposure, &request).unwrap();
+    let frame = rig.frame_from(&mut feed, &sensor, &request).unwrap();
     let after = rig.link_bytes();
     let rows = (feed.bytes() + frame.packed.len()) as f64;
     (after.0 - before.0 + after.1 - before.1) as f64 / rows - 1.0

@@ -114,8 +114,8 @@ fn firmware_of_the_base_model_gives_the_frames_of_the_host() {
         let folder = tempfile::tempdir().unwrap();
         let camera = common::camera(folder.path(), 2);
         let cube = common::cube(&camera, common::BANDS);
-        let exposure = common::exposure(&camera, &cube);
-        let said = emulated.rig.set_camera(&exposure).unwrap_err().to_string();
+        let sensor = common::sensor(&camera, &cube);
+        let said = emulated.rig.set_camera(&sensor).unwrap_err().to_string();
         assert!(
             said.contains("lacks effects of the camera: ") && said.contains("image-lag"),
             "{said}"

@@ -2,7 +2,7 @@
 
 use super::{camera, small_camera};
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, Exposure, IrradianceCube};
+use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, SimulatedSensor};
 use camrig::scene::Bands;
 
 /// (bits, full well, gain, read, read after gain, PRNU, dark e-/s, DSNU e-/s, row pattern, black level)
@@ -48,10 +48,10 @@ impl Bench<'_> {
             made_of: String::new(),
         };
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();
-        let exposure = Exposure::new(self.camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(self.camera, &cube.header, 1.0).unwrap();
         let settings =
             self.camera.settings(self.next.replace(self.next.get() + 1), EXPOSURE_S, None);
-        let frame = exposure.frame(&cube, None, &settings, self.arithmetic).unwrap();
+        let frame = sensor.frame(&cube, None, &settings, self.arithmetic).unwrap();
         frame.data.iter().map(|&v| f64::from(v)).collect()
     }
 

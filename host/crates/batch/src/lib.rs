@@ -14,7 +14,7 @@ use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_optics::{Device, Options};
-use camrig_render::{self as render, Exposure, Sight, View};
+use camrig_render::{self as render, Sight, SimulatedSensor, View};
 use camrig_scene::LightLevel;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -115,10 +115,10 @@ fn take(
     };
     // As the sweep file names it: where it lies must not show in the picture's bytes.
     header.made_of = format!("scene {}, lens of {}", picture.scene.name, camera.name);
-    let exposure = Exposure::new(&camera, &header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &header, 1.0)?;
     let settings = camera.settings(picture.frame, picture.exposure_s, picture.analog_gain);
     let before = (picture.burst > 0).then_some(&view.cube);
-    let frame = exposure.frame(&view.cube, before, &settings, sweep.arithmetic)?;
+    let frame = sensor.frame(&view.cube, before, &settings, sweep.arithmetic)?;
     let info = render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;

@@ -10,7 +10,7 @@ use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_rig::SensorStage;
 use camrig_scene::photometry::HC;
 use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, Quantity, photometry};
@@ -45,7 +45,7 @@ pub fn take(
     options: &TakeOptions<'_>,
     mut progress: impl FnMut(),
 ) -> Result<()> {
-    let mut sensor = SensorStage::open(options.rig, options.arithmetic)?;
+    let mut stage = SensorStage::open(options.rig, options.arithmetic)?;
     let output = OutputDir::create(directory, options.force)?;
     let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
     let mut frame_number = options.first_frame;
@@ -74,14 +74,14 @@ pub fn take(
                 &lit.as_ref().ok_or_else(|| Error::input("nothing to look at"))?.1
             }
         };
-        let exposure = Exposure::new(camera, &cube.header, 1.0)?;
-        sensor.set_camera(&exposure)?;
+        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
+        stage.set_camera(&sensor)?;
         let (mut saturated, mut samples) = (0u64, 0u64);
         for i in 0..shot.frames {
             let settings = settings(camera, shot, frame_number);
             frame_number = frame_number.wrapping_add(1);
             let before = (i > 0).then_some(cube);
-            let frame = sensor.frame(&exposure, cube, before, &settings)?;
+            let frame = stage.frame(&sensor, cube, before, &settings)?;
             let white = frame.white_level_dn;
             saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
             samples += frame.data.len() as u64;

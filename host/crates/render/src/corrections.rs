@@ -1,7 +1,7 @@
 //! What a factory calibration would hand to the raw converter: lens shading and bad pixels of a camera, as
 //! DNG opcodes that undo them.
 
-use super::{Exposure, lens};
+use super::{SimulatedSensor, lens};
 use camrig_base::Bands;
 use camrig_base::Result;
 use camrig_camera::Camera;
@@ -68,20 +68,20 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
         illuminant: None,
         made_of: "even light".into(),
     };
-    let mut exposure = Exposure::new(camera, &header, 1.0)?;
+    let mut simulated = SimulatedSensor::new(camera, &header, 1.0)?;
     let per_channel = sensor.response(&bands);
     let strongest = per_channel.iter().map(|r| r.iter().sum::<f64>()).fold(0.0, f64::max);
     let half = 0.5 * sensor.full_well_e
         / (strongest * f64::from(settings.exposure_s) * f64::from(settings.analog_gain).max(1.0));
     let cube = IrradianceCube::uniform(header, &vec![half as f32; bands.count])?;
-    exposure.config.effects =
-        exposure.config.effects.iter().filter(|e| is_defect(e)).copied().collect();
-    if exposure.config.effects.is_empty() {
+    simulated.config.effects =
+        simulated.config.effects.iter().filter(|e| is_defect(e)).copied().collect();
+    if simulated.config.effects.is_empty() {
         return Ok(Vec::new());
     }
-    let with = exposure.frame(&cube, None, settings, Default::default())?;
-    exposure.config.effects.clear();
-    let without = exposure.frame(&cube, None, settings, Default::default())?;
+    let with = simulated.frame(&cube, None, settings, Default::default())?;
+    simulated.config.effects.clear();
+    let without = simulated.frame(&cube, None, settings, Default::default())?;
     let is_bad = |(with, without): (&u16, &u16)| {
         let signal = f64::from(*without) - sensor.black_level_dn;
         (f64::from(*with) - f64::from(*without)).abs() > BAD * signal
@@ -169,8 +169,8 @@ mod tests {
             made_of: "dark".into(),
         };
         let cube = IrradianceCube::uniform(header.clone(), &[0.0]).unwrap();
-        let exposure = Exposure::new(&camera, &header, 1.0).unwrap();
-        let frame = exposure.frame(&cube, None, &settings, Default::default()).unwrap();
+        let simulated = SimulatedSensor::new(&camera, &header, 1.0).unwrap();
+        let frame = simulated.frame(&cube, None, &settings, Default::default()).unwrap();
         let white: Vec<(u32, u32)> = (0..HEIGHT)
             .flat_map(|y| (0..WIDTH).map(move |x| (y, x)))
             .filter(|(y, x)| frame.data[(y * WIDTH + x) as usize] > 500)

@@ -34,14 +34,14 @@ impl std::fmt::Display for Arithmetic {
 const ROWS_PER_TASK: usize = 32;
 
 /// A camera's sensor set up for cubes of given bands.
-pub struct Exposure {
+pub struct SimulatedSensor {
     /// The sensor as `sensor-core` takes it.
     pub config: SensorConfig,
     crosstalk: Option<CrosstalkTable>,
     cfa: camrig_base::Cfa,
 }
 
-impl Exposure {
+impl SimulatedSensor {
     /// The sensor of `camera` in front of irradiance of these bands; `light` multiplies the irradiance
     /// (another light level than the cube was made for).
     pub fn new(camera: &Camera, header: &super::CubeHeader, light: f64) -> Result<Self> {
@@ -71,7 +71,7 @@ impl Exposure {
         settings.check().map_err(refused)?;
         let width = self.config.width as usize;
         let mut data = vec![0; width * self.config.height as usize];
-        let inputs = Inputs { exposure: self, cube, before, settings };
+        let inputs = Inputs { sensor: self, cube, before, settings };
         data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
             let first = i * ROWS_PER_TASK;
             match arithmetic {
@@ -89,7 +89,7 @@ impl Exposure {
     pub fn electrons(&self, cube: &IrradianceCube, settings: &FrameSettings) -> Result<Plane<f32>> {
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0.0; width * height];
-        let inputs = Inputs { exposure: self, cube, before: None, settings };
+        let inputs = Inputs { sensor: self, cube, before: None, settings };
         data.par_chunks_mut(width * ROWS_PER_TASK)
             .enumerate()
             .try_for_each(|(i, out)| electrons(&inputs, i * ROWS_PER_TASK, out))?;
@@ -122,7 +122,7 @@ impl Exposure {
 }
 
 struct Inputs<'a> {
-    exposure: &'a Exposure,
+    sensor: &'a SimulatedSensor,
     cube: &'a IrradianceCube,
     before: Option<&'a IrradianceCube>,
     settings: &'a FrameSettings,
@@ -130,13 +130,13 @@ struct Inputs<'a> {
 
 /// Computes the rows from `first` on that fill `out`.
 fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
-    let config = &inputs.exposure.config;
+    let config = &inputs.sensor.config;
     let (width, height) = (config.width as usize, config.height as usize);
     let windows = config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
     let count = out.len() / width;
     let from = first.saturating_sub(windows);
     let to = (first + count + windows).min(height);
-    let crosstalk = inputs.exposure.crosstalk();
+    let crosstalk = inputs.sensor.crosstalk();
     let mut source = CubeRows::<A> {
         sums: BandSums::new(config, inputs.settings, crosstalk)?,
         now: load(inputs.cube, from, to)?,
@@ -147,10 +147,10 @@ fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> R
 
 /// Mean photo-electrons of the rows from `first` on.
 fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
-    let config = &inputs.exposure.config;
+    let config = &inputs.sensor.config;
     let width = config.width as usize;
     let rows = out.len() / width;
-    let crosstalk = inputs.exposure.crosstalk();
+    let crosstalk = inputs.sensor.crosstalk();
     let mut sums = BandSums::<Float>::new(config, inputs.settings, crosstalk)?;
     let bands = load(inputs.cube, first, first + rows)?;
     let mut row = vec![[0.0; BLOCK]; blocks(width)];

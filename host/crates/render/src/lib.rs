@@ -1,6 +1,6 @@
 //! Rendering: scene + camera → irradiance cube → raw frames.
 //!
-//! The optics stage writes an [`IrradianceCube`] once; [`Exposure`] turns it into frames, so that another
+//! The optics stage writes an [`IrradianceCube`] once; [`SimulatedSensor`] turns it into frames, so that another
 //! light level, exposure, gain, frame number or sensor seed never runs the optics again.
 
 pub mod cache;
@@ -14,7 +14,7 @@ mod view;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use corrections::{Corrections, corrections};
-pub use expose::{Arithmetic, Exposure};
+pub use expose::{Arithmetic, SimulatedSensor};
 pub use lens::{lens, sensor_grid};
 pub use metadata::{dng_info, frame_info};
 pub use view::{Motion, Sight, View};

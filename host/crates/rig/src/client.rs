@@ -8,7 +8,7 @@ use camrig_exposure::IrradianceCube;
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
 use camrig_formats::csi2;
-use camrig_render::{Arithmetic, Exposure};
+use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
     Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
@@ -147,17 +147,17 @@ impl Rig {
     }
 
     /// Gives the rig a sensor; costs nothing if it has it already.
-    pub fn set_camera(&mut self, exposure: &Exposure) -> Result<()> {
-        let crosstalk = exposure.crosstalk();
+    pub fn set_camera(&mut self, sensor: &SimulatedSensor) -> Result<()> {
+        let crosstalk = sensor.crosstalk();
         let table = crosstalk
             .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
         let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * table];
-        let n = camera::encode(&exposure.config, crosstalk, &mut bytes)
+        let n = camera::encode(&sensor.config, crosstalk, &mut bytes)
             .ok_or_else(|| Error::input("the camera is too large for the link"))?;
         bytes.truncate(n);
         self.camera = bytes;
         let device = self.device();
-        let lacking: Vec<&str> = (exposure.config.effects.iter())
+        let lacking: Vec<&str> = (sensor.config.effects.iter())
             .map(|effect| effect.entry())
             .filter(|entry| device.effects >> entry.id & 1 == 0)
             .map(|entry| entry.kind)
@@ -170,7 +170,7 @@ impl Rig {
                  (feature `catalogue`)",
             ));
         }
-        let (width, bands) = (exposure.config.width, u16::from(exposure.config.bands));
+        let (width, bands) = (sensor.config.width, u16::from(sensor.config.bands));
         if width > u32::from(device.max_width) {
             return Err(self.refused(Nack::Refused(Refusal::TooWide { max: device.max_width })));
         }
@@ -197,12 +197,12 @@ impl Rig {
     pub fn frame(
         &mut self,
         cube: &IrradianceCube,
-        exposure: &Exposure,
+        sensor: &SimulatedSensor,
         request: &FrameRequest,
     ) -> Result<RigFrame> {
         let mut feed =
-            if request.collapse { Feed::collapsed(cube, exposure) } else { Feed::spectral(cube) };
-        self.frame_from(&mut feed, exposure, request)
+            if request.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) };
+        self.frame_from(&mut feed, sensor, request)
     }
 
     /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that breaks is
@@ -210,10 +210,10 @@ impl Rig {
     pub fn frame_from(
         &mut self,
         feed: &mut Feed<'_>,
-        exposure: &Exposure,
+        sensor: &SimulatedSensor,
         request: &FrameRequest,
     ) -> Result<RigFrame> {
-        let config = &exposure.config;
+        let config = &sensor.config;
         let codec = feed.codec();
         let raw_bits = [8, 10, 12, 14, 16].into_iter().find(|&b| b >= config.bits).unwrap_or(16);
         let too_large = || {
@@ -430,15 +430,15 @@ impl RigFrame {
     }
 
     /// Unpacks the frame.
-    pub fn to_raw(&self, exposure: &Exposure) -> Result<RawFrame> {
-        let (width, height) = (exposure.config.width as usize, exposure.config.height as usize);
+    pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
+        let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
         let mut data = vec![0; width * height];
         let rows = self.packed.par_chunks(self.packing.row_bytes(width));
         data.par_chunks_mut(width).zip(rows).try_for_each(|(row, packed)| {
             unpack_row(self.packing, packed, row)
                 .map_err(|e| Error::input(format!("a raw row of {} bytes", e.found)))
         })?;
-        Ok(exposure.raw_frame(data, self.start.exposure.analog_gain))
+        Ok(sensor.raw_frame(data, self.start.exposure.analog_gain))
     }
 }
 

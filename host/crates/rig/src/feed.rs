@@ -3,7 +3,7 @@
 use camrig_base::{Error, Result};
 use camrig_exposure::{Chunk, IrradianceCube};
 use camrig_firmware_sim::rig::UNIT_BYTES;
-use camrig_render::Exposure;
+use camrig_render::SimulatedSensor;
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::arith::{Arith, Float};
 use camrig_sensor_core::collect::Collector;
@@ -18,7 +18,7 @@ const ROWS: usize = 64;
 /// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the link.
 pub struct Feed<'a> {
     cube: &'a IrradianceCube,
-    collapse: Option<&'a Exposure>,
+    collapse: Option<&'a SimulatedSensor>,
     /// Rows made at a time.
     at_once: usize,
     /// First of the rows in `bytes`.
@@ -34,8 +34,8 @@ impl<'a> Feed<'a> {
 
     /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per group of
     /// 16 pixels adds at most 2⁻¹⁷ of the group's largest value.
-    pub fn collapsed(cube: &'a IrradianceCube, exposure: &'a Exposure) -> Self {
-        Self { collapse: Some(exposure), ..Self::spectral(cube) }
+    pub fn collapsed(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor) -> Self {
+        Self { collapse: Some(sensor), ..Self::spectral(cube) }
     }
 
     /// Makes all rows at once and keeps them for further frames: [`Feed::bytes`] of memory.
@@ -83,7 +83,7 @@ impl<'a> Feed<'a> {
             let load = |band| cube.chunk(band, first, out.len() / row_bytes);
             let bands = (0..cube.header.bands).map(load).collect::<Result<Vec<_>>>()?;
             match collapse {
-                Some(exposure) => collapsed_rows(exposure, &bands, first, out),
+                Some(sensor) => collapsed_rows(sensor, &bands, first, out),
                 None => {
                     spectral_rows(&bands, cube.header.width, first, out);
                     Ok(())
@@ -107,14 +107,14 @@ fn spectral_rows(bands: &[Chunk<'_>], width: usize, first: usize, out: &mut [u8]
 /// Rows from `first` on, integrated over the bands.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 fn collapsed_rows(
-    exposure: &Exposure,
+    sensor: &SimulatedSensor,
     bands: &[Chunk<'_>],
     first: usize,
     out: &mut [u8],
 ) -> Result<()> {
-    let width = exposure.config.width as usize;
+    let width = sensor.config.width as usize;
     let second = FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
-    let mut collector = Collector::<Float>::new(&exposure.config, &second, exposure.crosstalk())
+    let mut collector = Collector::<Float>::new(&sensor.config, &second, sensor.crosstalk())
         .map_err(|e| Error::input(format!("the sensor model refuses this camera: {e:?}")))?;
     let mut sums = vec![[<Float as Arith>::Sum::default(); GROUP]; groups(width)];
     let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);

@@ -4,7 +4,7 @@ use super::{FrameRequest, Rig};
 use camrig_base::RawFrame;
 use camrig_base::Result;
 use camrig_exposure::IrradianceCube;
-use camrig_render::{Arithmetic, Exposure};
+use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_sensor_core::config::FrameSettings;
 
 /// Where frames are exposed.
@@ -26,24 +26,24 @@ impl SensorStage {
     ///
     /// # Errors
     /// Those of [`Rig::set_camera`].
-    pub fn set_camera(&mut self, exposure: &Exposure) -> Result<()> {
-        self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(exposure))
+    pub fn set_camera(&mut self, sensor: &SimulatedSensor) -> Result<()> {
+        self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(sensor))
     }
 
     /// One frame under `cube`, after one under `before` (dark where none). A rig knows the light before a frame
     /// only where it is that of the frame itself.
     ///
     /// # Errors
-    /// Those of [`Exposure::frame`] and [`Rig::frame`].
+    /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`].
     pub fn frame(
         &mut self,
-        exposure: &Exposure,
+        sensor: &SimulatedSensor,
         cube: &IrradianceCube,
         before: Option<&IrradianceCube>,
         settings: &FrameSettings,
     ) -> Result<RawFrame> {
         let Some(rig) = &mut self.rig else {
-            return exposure.frame(cube, before, settings, self.arithmetic);
+            return sensor.frame(cube, before, settings, self.arithmetic);
         };
         let request = FrameRequest {
             settings: *settings,
@@ -52,6 +52,6 @@ impl SensorStage {
             lit_before: before.is_some_and(|b| std::ptr::eq(b, cube)),
             by_registers: false,
         };
-        rig.frame(cube, exposure, &request)?.to_raw(exposure)
+        rig.frame(cube, sensor, &request)?.to_raw(sensor)
     }
 }

@@ -11,7 +11,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::stack::Stack;
 use camrig_measure::{Value, emva};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
 use std::path::Path;
 
@@ -128,10 +128,10 @@ fn edges(camera: &Camera) -> Result<Vec<Edge>> {
     let lit = LitScene { scene: &*scene, white };
     let about = render::About::default();
     let cube = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?.0;
-    let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let frame = |seconds: f64| -> Result<RawFrame> {
         let settings = camera.settings(0, seconds, Some(1.0));
-        exposure.frame(&cube, None, &settings, Arithmetic::F32)
+        sensor.frame(&cube, None, &settings, Arithmetic::F32)
     };
     // Exposure by search: the brightest hundredth of the samples at half of the range.
     let mut seconds = 1e-3;

@@ -14,7 +14,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, Profile};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, Exposure};
+use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
 use serde::Serialize;
 use std::path::Path;
@@ -132,11 +132,11 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     let mut charts = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let stack = |level: Level, first: u32| -> Result<Vec<RawFrame>> {
-            let exposure = Exposure::new(camera, &cube.header, level.lux / bright.lux)?;
+            let sensor = SimulatedSensor::new(camera, &cube.header, level.lux / bright.lux)?;
             let frame = |i| {
                 let settings =
                     camera.settings(first + i, level.exposure_s, Some(level.analog_gain));
-                exposure.frame(&cube, None, &settings, Arithmetic::F32)
+                sensor.frame(&cube, None, &settings, Arithmetic::F32)
             };
             (0..FRAMES).map(frame).collect()
         };
@@ -154,8 +154,8 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     let with_edge = |(camera, chart): (&&Camera, [Vec<RawFrame>; 2])| {
         let camera = middle(camera);
         let settings = camera.settings(EDGE_FRAME, bright.exposure_s, Some(bright.analog_gain));
-        let exposure = Exposure::new(&camera, &cube.header, 1.0)?;
-        Ok(Taken { chart, edge: exposure.frame(&cube, None, &settings, Arithmetic::F32)? })
+        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+        Ok(Taken { chart, edge: sensor.frame(&cube, None, &settings, Arithmetic::F32)? })
     };
     cameras.iter().zip(charts).map(with_edge).collect()
 }

@@ -4,7 +4,7 @@ use super::Look;
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_capture::take::look;
-use camrig_render::Exposure;
+use camrig_render::SimulatedSensor;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
@@ -47,8 +47,8 @@ impl Lights {
         }
         let cube = look(camera, &of.scene, of.illuminant.as_deref(), Some(LUX))
             .map_err(|e| e.at(format!("capture {:?}", of.id)))?;
-        let exposure = Exposure::new(camera, &cube.header, 1.0)?;
-        let electrons = Arc::new(exposure.electrons(&cube, &camera.settings(0, 1.0, Some(1.0)))?);
+        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
+        let electrons = Arc::new(sensor.electrons(&cube, &camera.settings(0, 1.0, Some(1.0)))?);
         if let Ok(mut kept) = self.kept.lock() {
             let now = kept.1;
             kept.0.insert(key, (now, electrons.clone()));
