@@ -272,7 +272,8 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
     table.spectrum(0)
 }
 
-/// Reads a table and checks that its values are fractions and that no part of the visible range is left out.
+/// Reads a table and checks that its values are fractions and that no part of the visible range is
+/// left out.
 fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     for (column, values) in &table.curves {
@@ -301,8 +302,8 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     Ok(table)
 }
 
-/// Channel names and curves: r,g,b or r,gr,gb,b for Bayer patterns, one column for mono, else a column per
-/// letter of the pattern.
+/// Channel names and curves: r,g,b or r,gr,gb,b for Bayer patterns, one column for mono, else a
+/// column per letter of the pattern.
 fn quantum_efficiency(
     name: &str,
     cfa: &Cfa,

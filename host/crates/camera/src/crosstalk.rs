@@ -1,7 +1,8 @@
 //! The positional crosstalk table: `channel,wavelength_nm,x,y,factor`.
 //!
-//! Factors relative to the sensor's centre on a rectangular grid, x and y in -1..1 over the sensor's half
-//! width and half height; bilinear in position, linear in wavelength (section IV-C of Chen et al. 2009).
+//! Factors relative to the sensor's centre on a rectangular grid, x and y in -1..1 over the
+//! sensor's half width and half height; bilinear in position, linear in wavelength (section IV-C
+//! of Chen et al. 2009).
 
 use camrig_base::{Error, Result};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! The camera file and the checked values made of it.
 //!
-//! A camera file (TOML) describes one physical camera: lens, sensor, effects. [`Camera::load`] reads a file
-//! or a built-in preset, checks every value and names the line of what is wrong.
+//! A camera file (TOML) describes one physical camera: lens, sensor, effects. [`Camera::load`]
+//! reads a file or a built-in preset, checks every value and names the line of what is wrong.
 
 pub mod changes;
 mod check;
@@ -115,13 +115,15 @@ pub fn is_preset(spec: &str) -> bool {
 }
 
 impl Camera {
-    /// Loads a camera file, or a built-in preset where `spec` has no path separator and no extension.
+    /// Loads a camera file, or a built-in preset where `spec` has no path separator and no
+    /// extension.
     pub fn load(spec: &str) -> Result<Self> {
         Self::load_with(spec, &[])
     }
 
-    /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY` for the
-    /// effect of that kind, which is added where the file has none. [`Camera::text`] is the changed file.
+    /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY`
+    /// for the effect of that kind, which is added where the file has none. [`Camera::text`] is
+    /// the changed file.
     pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
         if is_preset(spec) {
             let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {

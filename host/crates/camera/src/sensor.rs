@@ -181,7 +181,8 @@ impl Camera {
         }
     }
 
-    /// Checks that the chain fits the sensor model; for cameras whose effects were changed after loading.
+    /// Checks that the chain fits the sensor model; for cameras whose effects were changed after
+    /// loading.
     ///
     /// # Errors
     /// More effects than a sensor takes.

@@ -1,11 +1,11 @@
 //! DNG colour matrices from spectral sensitivities.
 //!
 //! A training set of reflectances is lit by an illuminant; its tristimulus values XYZ and camera
-//! responses are computed by the same sum over wavelength, and the matrix M minimises
-//! Σ |camera − M XYZ|² over the set under the condition that white is exact: M XYZ(white) =
-//! camera(white). Without the condition a converter that finds the scene's white from the camera's
-//! neutral (DNG specification 1.4, chapter 6) would find a wrong one. Both are scaled to white: Y = 1
-//! and the largest channel 1. All in f64.
+//! responses are computed by the same sum over wavelength, and the matrix M minimises Σ |camera −
+//! M XYZ|² over the set under the condition that white is exact: M XYZ(white) = camera(white).
+//! Without the condition a converter that finds the scene's white from the camera's neutral (DNG
+//! specification 1.4, chapter 6) would find a wrong one. Both are scaled to white: Y = 1 and the
+//! largest channel 1. All in f64.
 
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
@@ -169,8 +169,8 @@ mod tests {
         Spectrum::new(nm, value).unwrap()
     }
 
-    /// A camera whose sensitivities are a known mixture of the colour-matching functions (the Luther
-    /// condition) has that mixture as its exact matrix, up to the scale of white.
+    /// A camera whose sensitivities are a known mixture of the colour-matching functions (the
+    /// Luther condition) has that mixture as its exact matrix, up to the scale of white.
     #[test]
     fn a_colorimetric_camera_gives_its_own_mixture() {
         let xyz = [bump(600.0, 50.0), bump(555.0, 55.0), bump(450.0, 30.0)];

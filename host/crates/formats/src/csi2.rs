@@ -1,11 +1,11 @@
 //! MIPI CSI-2 packets as bytes: what a receiver hands on after merging the lanes of a D-PHY link.
 //!
-//! A frame is Frame Start, embedded data lines, image lines (one long packet each, between Line Start
-//! and Line End where asked for), Frame End. Source: MIPI CSI-2 v1.3, chapter 9 (packet header, ECC,
-//! CRC) and 11 (data types); 2-bit virtual channels.
+//! A frame is Frame Start, embedded data lines, image lines (one long packet each, between Line
+//! Start and Line End where asked for), Frame End. Source: MIPI CSI-2 v1.3, chapter 9 (packet
+//! header, ECC, CRC) and 11 (data types); 2-bit virtual channels.
 //!
-//! Reading corrects single-bit errors of packet headers, as the ECC allows, and refuses worse ones and
-//! payloads whose CRC does not hold.
+//! Reading corrects single-bit errors of packet headers, as the ECC allows, and refuses worse ones
+//! and payloads whose CRC does not hold.
 
 use super::{Facts, Frames, check_range, truncated};
 use camrig_base::{Error, Plane, Result};
@@ -248,8 +248,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(decode_stream(bytes)?.frames)
 }
 
-/// Reads a packet stream whole. Packets of other data types (blanking, user-defined) are passed over;
-/// lines of several virtual channels are an error, as frames of one stack are of one kind.
+/// Reads a packet stream whole. Packets of other data types (blanking, user-defined) are passed
+/// over; lines of several virtual channels are an error, as frames of one stack are of one kind.
 pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
     let mut stream = Stream {
         frames: Frames { planes: Vec::new(), facts: Facts::default() },
@@ -334,11 +334,12 @@ impl Stream {
     }
 }
 
-/// An embedded data line in the tagged format of MIPI CCS (chapter "Embedded data"; SMIA's simplified
-/// 2-byte tags): register values, as drivers parse them to learn what each frame was taken with.
+/// An embedded data line in the tagged format of MIPI CCS (chapter "Embedded data"; SMIA's
+/// simplified 2-byte tags): register values, as drivers parse them to learn what each frame was
+/// taken with.
 ///
-/// `registers` are (address, value), `bits` those of the image's samples: for 10 and 12 bits a filler
-/// byte 0x55 follows every 4th or 2nd byte, where low bits of pixels would be.
+/// `registers` are (address, value), `bits` those of the image's samples: for 10 and 12 bits a
+/// filler byte 0x55 follows every 4th or 2nd byte, where low bits of pixels would be.
 pub fn ccs_line(registers: &[(u16, u8)], bits: u32) -> Vec<u8> {
     const FORMAT: u8 = 0x0A;
     const ADDRESS_HIGH: u8 = 0xAA;
@@ -369,8 +370,8 @@ pub fn ccs_line(registers: &[(u16, u8)], bits: u32) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// The published examples: CRC of the two 24-byte payloads of the specification's annex, ECC of
-    /// a header.
+    /// The published examples: CRC of the two 24-byte payloads of the specification's annex, ECC
+    /// of a header.
     #[test]
     fn checksums_are_those_of_the_specification() {
         let first = [

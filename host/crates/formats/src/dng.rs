@@ -2,8 +2,8 @@
 //! IFD with the exposure.
 //!
 //! Source: Adobe Digital Negative Specification 1.4. The structure is the one that every client of
-//! the test suite reads right: tools that look for the white level only in a SubIFD, or for the ISO
-//! only in an Exif IFD, are common. Pixels are stored as they are, uncompressed 16-bit words.
+//! the test suite reads right: tools that look for the white level only in a SubIFD, or for the
+//! ISO only in an Exif IFD, are common. Pixels are stored as they are, uncompressed 16-bit words.
 
 use super::opcodes::{self, Opcode};
 use super::{Facts, check_range, preview};

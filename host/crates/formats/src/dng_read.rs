@@ -1,8 +1,8 @@
-//! DNG reader: ours and other uncompressed colour-filter-array DNGs, in strips or tiles, 8 to 16 bits
-//! per sample, packed or in words.
+//! DNG reader: ours and other uncompressed colour-filter-array DNGs, in strips or tiles, 8 to 16
+//! bits per sample, packed or in words.
 //!
-//! Samples come back after the linearization table, cropped to the active area (to which pattern and
-//! black levels refer). Row and column black-level deltas are not applied.
+//! Samples come back after the linearization table, cropped to the active area (to which pattern
+//! and black levels refer). Row and column black-level deltas are not applied.
 
 use super::dng::{DngInfo, color_letter};
 use super::ifd::{Ifd, Tiff};

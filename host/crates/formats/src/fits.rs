@@ -1,5 +1,5 @@
-//! FITS: the primary image, 16 bits, as the FITS Standard 4.0 has it. Unsigned samples are stored as
-//! signed ones with BZERO = 32768 (section 5.2.5). Several frames are a third axis.
+//! FITS: the primary image, 16 bits, as the FITS Standard 4.0 has it. Unsigned samples are stored
+//! as signed ones with BZERO = 32768 (section 5.2.5). Several frames are a third axis.
 //!
 //! Rows are stored as they are, top row first: the standard leaves the direction open (viewers of
 //! astronomy show the first row at the bottom), and pixel values keep their place.

@@ -1,8 +1,9 @@
 //! The directory structure of classic TIFF, over bytes in memory.
 //!
-//! The `tiff` crate opens a file only if it knows the photometric interpretation of its first image,
-//! which for many DNG files is a colour filter array; this walker reads any directory and leaves the
-//! meaning to the caller. Every offset and count is checked against the bytes that are there.
+//! The `tiff` crate opens a file only if it knows the photometric interpretation of its first
+//! image, which for many DNG files is a colour filter array; this walker reads any directory and
+//! leaves the meaning to the caller. Every offset and count is checked against the bytes that are
+//! there.
 
 use super::truncated;
 use camrig_base::{Error, Result};

@@ -1,8 +1,8 @@
 //! File formats of raw frames: readers and writers, one file per format.
 //!
-//! Readers and writers are pure functions between bytes and [`Frames`]; [`output`] puts bytes on the
-//! disk whole or not at all. Reading dispatches on content, never on the name, except for headerless
-//! packed raw, which has no content to go by ([`pixel_format`]).
+//! Readers and writers are pure functions between bytes and [`Frames`]; [`output`] puts bytes on
+//! the disk whole or not at all. Reading dispatches on content, never on the name, except for
+//! headerless packed raw, which has no content to go by ([`pixel_format`]).
 //!
 //! Every writer is deterministic (no clock, no host name), and no reader trusts a length it finds:
 //! sizes are checked against the bytes that are there before anything is allocated.
@@ -85,7 +85,8 @@ impl Frames {
         })?;
         let missing = |name: &str| {
             Error::input(format!("the file does not say its {name}"))
-                .help("give it: --bits, --cfa, --black, --white")
+                .help("give what the file does not say")
+                .with_code("missing-facts")
         };
         let facts = &self.facts;
         let bits = facts.bits.ok_or_else(|| missing("bits per sample"))?;
@@ -122,8 +123,8 @@ impl Format {
         })
     }
 
-    /// The format that a file name asks for. Headerless pixels (`.raw`, `.bin`) say their layout in
-    /// the name (`flat_640x480_SGRBG10P.raw`).
+    /// The format that a file name asks for. Headerless pixels (`.raw`, `.bin`) say their layout
+    /// in the name (`flat_640x480_SGRBG10P.raw`).
     pub fn from_path(path: &Path) -> Result<Self> {
         if PixelFormat::is_headerless(path) {
             return Ok(Self::Raw(PixelFormat::from_file_name(path)?.0));
@@ -158,7 +159,8 @@ impl Format {
                 "{} frames for a format that holds one",
                 frames.planes.len()
             ))
-            .help("choose one with --frame N, or write .npy, .tiff, .fits, .csi2 or .raw"));
+            .help("choose one, or write .npy, .tiff, .fits, .csi2 or .raw")
+            .with_code("several-frames"));
         }
         match self {
             Self::Dng => {

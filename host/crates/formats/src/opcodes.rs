@@ -1,8 +1,8 @@
 //! DNG opcode lists: corrections that a raw converter is asked to make.
 //!
 //! Source: Adobe Digital Negative Specification 1.4, chapter 7. Lists are big-endian whatever the
-//! byte order of the file. Only what a sensor simulation has to say is here: known bad pixels (list
-//! 1, on stored values) and lens shading (list 2, on linear values before demosaicing).
+//! byte order of the file. Only what a sensor simulation has to say is here: known bad pixels
+//! (list 1, on stored values) and lens shading (list 2, on linear values before demosaicing).
 
 use super::truncated;
 use camrig_base::Cfa;
@@ -45,16 +45,16 @@ pub struct GainMap {
     pub gains: Vec<f32>,
 }
 
-/// The list of bad pixels, (row, column), of a Bayer sensor; `None` for another pattern, for which the
-/// opcode is not defined, and for no pixels.
+/// The list of bad pixels, (row, column), of a Bayer sensor; `None` for another pattern, for which
+/// the opcode is not defined, and for no pixels.
 pub fn bad_pixels(cfa: &Cfa, points: Vec<(u32, u32)>) -> Option<Opcode> {
     let phases = ["RGGB", "GRBG", "GBRG", "BGGR"];
     let bayer_phase = phases.iter().position(|p| *p == cfa.to_string())? as u32;
     (!points.is_empty()).then_some(Opcode::FixBadPixelsList { bayer_phase, points })
 }
 
-/// The same gain map for every cell of the pattern. `nodes` (rows, columns, at least 2 each) span the
-/// image from edge to edge; `gain` is asked at (x, y) from 0 to 1 over width and height.
+/// The same gain map for every cell of the pattern. `nodes` (rows, columns, at least 2 each) span
+/// the image from edge to edge; `gain` is asked at (x, y) from 0 to 1 over width and height.
 pub fn gain_maps(
     cfa: &Cfa,
     [width, height]: [usize; 2],

@@ -1,8 +1,8 @@
 //! Headerless raw pixels, named as Linux V4L2 names them.
 //!
-//! `SGRBG10P` is a GRBG Bayer pattern, 10 bits packed as MIPI sends them; without the `P` each sample
-//! is a little-endian 16-bit word (8 bits: a byte). `Y10P`, `Y12`, ... are without colour filters.
-//! The file name carries what the bytes cannot: `flat_640x480_SGRBG10P.raw`.
+//! `SGRBG10P` is a GRBG Bayer pattern, 10 bits packed as MIPI sends them; without the `P` each
+//! sample is a little-endian 16-bit word (8 bits: a byte). `Y10P`, `Y12`, ... are without colour
+//! filters. The file name carries what the bytes cannot: `flat_640x480_SGRBG10P.raw`.
 
 use super::{Facts, Frames, area, check_range, truncated};
 use camrig_base::Cfa;
@@ -56,8 +56,8 @@ impl PixelFormat {
         path.extension().is_some_and(|e| e == "raw" || e == "bin")
     }
 
-    /// Pixel format, and width and height if they are there, from the words of a file name, which are
-    /// separated by `_`.
+    /// Pixel format, and width and height if they are there, from the words of a file name, which
+    /// are separated by `_`.
     pub fn from_file_name(path: &Path) -> Result<(Self, Option<(usize, usize)>)> {
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
         let size = |word: &str| {

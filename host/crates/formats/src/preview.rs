@@ -1,5 +1,5 @@
-//! A quick picture of a raw frame: black and white level, white balance, bilinear demosaicing, camera
-//! colour to sRGB. For looking at; a real raw converter does better.
+//! A quick picture of a raw frame: black and white level, white balance, bilinear demosaicing,
+//! camera colour to sRGB. For looking at; a real raw converter does better.
 //!
 //! Brightness is as captured: white level maps to white, no automatic exposure.
 
@@ -9,7 +9,8 @@ use super::dng::black_levels;
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
 
-/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ. Source: IEC 61966-2-1, from its primaries and white.
+/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ. Source: IEC 61966-2-1, from its primaries and
+/// white.
 const XYZ_FROM_SRGB: Matrix = [
     [0.412_390_8, 0.357_584_3, 0.180_480_8],
     [0.212_639_0, 0.715_168_7, 0.072_192_3],
@@ -42,8 +43,9 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
     picture
 }
 
-/// The frame averaged over squares of whole pattern cells, so that no side is longer than `longest`, and
-/// always smaller than the frame: readers take the larger of two images for the raw.
+/// The frame averaged over squares of whole pattern cells, so that no side is longer than
+/// `longest`, and always smaller than the frame: readers take the larger of two images for the
+/// raw.
 pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8; 3]> {
     let look = Look::new(frame, info);
     let cell = frame.cfa.width.max(frame.cfa.height);
@@ -175,8 +177,8 @@ mod tests {
         RawFrame { width, height, bits, cfa, black_level_dn: 64.0, white_level_dn: 4064, data }
     }
 
-    /// A grey of half the range in camera colour is sRGB 188 in every channel (0.5 encodes to 0.7354),
-    /// whatever the pattern, the white balance and the matrix.
+    /// A grey of half the range in camera colour is sRGB 188 in every channel (0.5 encodes to
+    /// 0.7354), whatever the pattern, the white balance and the matrix.
     #[test]
     fn grey_stays_grey() {
         let neutral = [0.5, 1.0, 0.625];
@@ -207,7 +209,8 @@ mod tests {
         }
     }
 
-    /// A camera that is sRGB itself: its matrix is the inverse of [`XYZ_FROM_SRGB`], colours come back.
+    /// A camera that is sRGB itself: its matrix is the inverse of [`XYZ_FROM_SRGB`], colours come
+    /// back.
     #[test]
     fn colours_come_back() {
         let color = [0.6, 0.3, 0.1];

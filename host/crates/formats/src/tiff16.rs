@@ -1,7 +1,7 @@
 //! Grey TIFF: 16-bit words, uncompressed, one page per frame.
 //!
-//! Read: grey pages of 8 or 16 bits, classic or BigTIFF, uncompressed or with one of the compressions
-//! of the `tiff` crate (LZW, Deflate, PackBits).
+//! Read: grey pages of 8 or 16 bits, classic or BigTIFF, uncompressed or with one of the
+//! compressions of the `tiff` crate (LZW, Deflate, PackBits).
 
 use super::{Facts, Frames, check_range};
 use camrig_base::{Error, Plane, Result};

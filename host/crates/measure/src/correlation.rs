@@ -2,8 +2,8 @@
 //!
 //! Shot noise is independent from pixel to pixel. Charge that couples into neighbours after it was
 //! collected makes their noise alike: a share α to each of four neighbours leaves a correlation of
-//! 2α (first order) at lag 1, and lowers the variance, so that photon transfer finds K too small by
-//! about 8α (Moore et al., *Interpixel capacitance in nondestructive detectors*, 2004).
+//! 2α (first order) at lag 1, and lowers the variance, so that photon transfer finds K too small
+//! by about 8α (Moore et al., *Interpixel capacitance in nondestructive detectors*, 2004).
 
 use super::stack::Stack;
 use super::strips;
@@ -23,9 +23,9 @@ pub struct NoiseCorrelation {
 }
 
 impl NoiseCorrelation {
-    /// From the differences of successive, disjoint pairs of frames of a capture whose moments are `stack`, each
-    /// frame's mean taken out per site of the colour filter pattern. As many pairs are taken as a standard error of
-    /// `enough` needs; 0 takes all.
+    /// From the differences of successive, disjoint pairs of frames of a capture whose moments are
+    /// `stack`, each frame's mean taken out per site of the colour filter pattern. As many pairs
+    /// are taken as a standard error of `enough` needs; 0 takes all.
     ///
     /// # Errors
     /// Fewer than two frames.
@@ -80,7 +80,8 @@ impl Sums {
         self.below += other.below;
     }
 
-    /// Of the difference of frames `first` and the next, strip by strip; a strip has the row below it too.
+    /// Of the difference of frames `first` and the next, strip by strip; a strip has the row below
+    /// it too.
     fn of_pair(stack: &Stack, first: usize, [a, b]: [&StoredFrame; 2]) -> Result<Self> {
         let (width, height) = (stack.width, stack.height);
         let (step_x, step_y) = (stack.sites[0].step_x, stack.sites[0].step_y);
@@ -130,7 +131,8 @@ fn deviate(before: &[u16], after: &[u16], drift: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Sum of the products of as many values as both have. Sixteen partial sums of a row lose less than 1e-5 to rounding.
+/// Sum of the products of as many values as both have. Sixteen partial sums of a row lose less
+/// than 1e-5 to rounding.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     let n = a.len().min(b.len());

@@ -1,9 +1,10 @@
-//! Coupling of collected charge into neighbouring pixels, from the correlation of a flat's shot noise.
+//! Coupling of collected charge into neighbouring pixels, from the correlation of a flat's shot
+//! noise.
 //!
-//! The crosstalk experiment ([`super::crosstalk`]) sees optical and electrical crosstalk together, and only
-//! their low spatial frequencies. What happens after the shot noise, electrical coupling, correlates the
-//! noise of neighbours; what happens before it, optical crosstalk and diffusion of single carriers, does
-//! not. So this fit tells the two apart (Moore, Ninkov and Forrest 2004).
+//! The crosstalk experiment ([`super::crosstalk`]) sees optical and electrical crosstalk together,
+//! and only their low spatial frequencies. What happens after the shot noise, electrical coupling,
+//! correlates the noise of neighbours; what happens before it, optical crosstalk and diffusion of
+//! single carriers, does not. So this fit tells the two apart (Moore, Ninkov and Forrest 2004).
 
 use super::correlation::NoiseCorrelation;
 use super::stack::Stack;
@@ -23,13 +24,15 @@ pub struct Coupling {
 
 /// Fits the shares to the unsaturated flat with most shot noise.
 ///
-/// With shares a and b to the left and right, above and below, the noise of neighbours in a row has the
-/// correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares that meet in no
-/// third pixel are left out). Read noise is added after the coupling: it thins the correlation by the share
-/// of the variance that is not shot noise, which the dark of the same gain and nearest exposure tells.
+/// With shares a and b to the left and right, above and below, the noise of neighbours in a row
+/// has the correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares
+/// that meet in no third pixel are left out). Read noise is added after the coupling: it thins the
+/// correlation by the share of the variance that is not shot noise, which the dark of the same
+/// gain and nearest exposure tells.
 ///
 /// # Errors
-/// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot noise.
+/// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot
+/// noise.
 pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     let channels = set.cfa().channels().len();
     let variance = |stack: &Stack| {
@@ -136,7 +139,8 @@ saturates = true
         assert!((found.value - truth).abs() < tolerance, "{found:?} instead of {truth}");
     }
 
-    /// Sixty random cameras of an independent sensor, as two parameters of twenty are too few to tell a share.
+    /// Sixty random cameras of an independent sensor, as two parameters of twenty are too few to
+    /// tell a share.
     #[test]
     fn random_couplings_come_back() {
         let mut hits = Hits::default();

@@ -30,7 +30,8 @@ impl Fit {
         if !error.iter().all(|e| *e > 0.0 && e.is_finite()) {
             return Err(Error::input("a fit to data without a positive error"));
         }
-        // Columns are scaled to unit length, so that their units do not decide what counts as zero.
+        // Columns are scaled to unit length, so that their units do not decide what counts as
+        // zero.
         let weighted = DMatrix::from_fn(rows, columns, |i, j| design[i][j] / error[i]);
         let scale: Vec<f64> = (0..columns).map(|j| weighted.column(j).norm()).collect();
         let scaled = DMatrix::from_fn(rows, columns, |i, j| weighted[(i, j)] / scale[j]);

@@ -1,9 +1,9 @@
-//! Photon transfer at several analog gains: the gain ratios, and the read noise before and after the gain
-//! stage.
+//! Photon transfer at several analog gains: the gain ratios, and the read noise before and after
+//! the gain stage.
 //!
-//! Noise of the part before the gain stage is the same at every gain, referred to the input; that of the
-//! part after it falls as 1/g: σ²(g) = σ_pre² + σ_post²/g² (Janesick, *Photon Transfer*, 2007, ch. 11). The
-//! camera file's `read_e` is σ(1), its `read_e_post` is σ_post.
+//! Noise of the part before the gain stage is the same at every gain, referred to the input; that
+//! of the part after it falls as 1/g: σ²(g) = σ_pre² + σ_post²/g² (Janesick, *Photon Transfer*,
+//! 2007, ch. 11). The camera file's `read_e` is σ(1), its `read_e_post` is σ_post.
 
 use super::fit::Fit;
 use super::ladder::Selection;
@@ -20,8 +20,8 @@ pub struct AtGain {
     pub analog_gain: f64,
     /// K, DN/e⁻.
     pub system_gain_dn_per_e: Option<Value>,
-    /// K relative to that of the lowest gain, over the ratio of the gains named: 1 where the gain is what
-    /// it says.
+    /// K relative to that of the lowest gain, over the ratio of the gains named: 1 where the gain
+    /// is what it says.
     pub gain_ratio: Option<Value>,
     /// Read noise, input-referred, e⁻.
     pub read_noise_e: Option<Value>,
@@ -40,8 +40,8 @@ pub struct Gains {
     pub read_e_post: Option<Value>,
 }
 
-/// Measures every analog gain that has flats and darks: with the wavelength that has most flats, `None` with
-/// fewer than two gains.
+/// Measures every analog gain that has flats and darks: with the wavelength that has most flats,
+/// `None` with fewer than two gains.
 ///
 /// # Errors
 /// Those of the photon transfer at any of the gains.

@@ -4,8 +4,9 @@ use super::spatial::{PlaneMoments, SpatialVariance};
 use super::stack::{Site, Stack};
 use rayon::prelude::*;
 
-/// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal) and
-/// the weight are common to a channel. Two planes of sums are kept, whatever the number of stacks.
+/// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal)
+/// and the weight are common to a channel. Two planes of sums are kept, whatever the number of
+/// stacks.
 #[derive(Clone, Debug)]
 pub struct LineMaps {
     width: usize,

@@ -124,8 +124,9 @@ pub fn measure<T: Copy + Into<f64>>(
         .collect())
 }
 
-/// Share of the patches' pixels that stand out from their patch and channel by more than `sigmas` robust
-/// standard deviations (1.4826 times the median absolute deviation, at least that of rounding).
+/// Share of the patches' pixels that stand out from their patch and channel by more than `sigmas`
+/// robust standard deviations (1.4826 times the median absolute deviation, at least that of
+/// rounding).
 ///
 /// # Errors
 /// Patches that leave the frame.
@@ -161,8 +162,8 @@ fn luminance_weights(cfa: &Cfa) -> Vec<f64> {
     vec![1.0 / letters.len() as f64; letters.len()]
 }
 
-/// Centre of a patch and half the side of its sampled square, by bilinear interpolation between the
-/// corner patches (a chart seen a little askew).
+/// Centre of a patch and half the side of its sampled square, by bilinear interpolation between
+/// the corner patches (a chart seen a little askew).
 fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
     let u = (index % COLUMNS) as f64 / (COLUMNS - 1) as f64;
     let v = (index / COLUMNS) as f64 / (ROWS - 1) as f64;
@@ -184,7 +185,8 @@ fn check_inside<T>(frame: &Plane<T>, centre: [f64; 2], half: f64) -> Result<()> 
         && centre[1] + half <= frame.height as f64;
     if !inside || half.is_nan() {
         return Err(Error::input("the patch lies outside the frame")
-            .help("--corners are the centres of patches 1, 6, 24 and 19 in pixels"));
+            .help("give the centres of patches 1, 6, 24 and 19 in pixels")
+            .with_code("patch-outside"));
     }
     Ok(())
 }

@@ -1,8 +1,8 @@
 //! Colours of a developed picture of the ColorChecker against those that its reflectances have.
 //!
-//! The truth are the patches' CIE XYZ in D65, the light of sRGB: what a converter's white balance should come
-//! to from any light. The picture is brought to the white patch's true luminance first: exposure is not judged.
-//! ΔE2000 is taken in CIELAB relative to D65.
+//! The truth are the patches' CIE XYZ in D65, the light of sRGB: what a converter's white balance
+//! should come to from any light. The picture is brought to the white patch's true luminance
+//! first: exposure is not judged. ΔE2000 is taken in CIELAB relative to D65.
 
 use camrig_base::Spectrum;
 use camrig_base::{Error, Plane, Result};
@@ -40,8 +40,8 @@ pub fn srgb_to_linear(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
 }
 
-/// The patches of the built-in chart, `card` sensor widths wide, in a picture of linear sRGB. `frame` is the
-/// raw frame's width: converters may leave out a border all round.
+/// The patches of the built-in chart, `card` sensor widths wide, in a picture of linear sRGB.
+/// `frame` is the raw frame's width: converters may leave out a border all round.
 ///
 /// # Errors
 /// A picture too small for the chart, or one in which the white patch is black.

@@ -133,10 +133,11 @@ pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> 
 const WINDOW: usize = 10;
 const FARTHEST: usize = 10;
 
-/// How far the edges of a profile lie from those of a reference: (place, displacement), both in pixels, for
-/// every edge of the reference that stands clear of its noise and is found again.
+/// How far the edges of a profile lie from those of a reference: (place, displacement), both in
+/// pixels, for every edge of the reference that stands clear of its noise and is found again.
 ///
-/// The displacement is where the correlation of the windows is largest, by a parabola through its peak.
+/// The displacement is where the correlation of the windows is largest, by a parabola through its
+/// peak.
 pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
     let (a, b) = (&profile.points, &reference.points);
     let n = a.len().min(b.len());

@@ -29,12 +29,12 @@ pub struct Series {
     pub notes: Vec<String>,
 }
 
-/// Share of dark samples at 0 DN above which the offset must be taken for clipped: less than half of a
-/// symmetric noise lies below its mean, and the black level of a working camera is above 0.
+/// Share of dark samples at 0 DN above which the offset must be taken for clipped: less than half
+/// of a symmetric noise lies below its mean, and the black level of a working camera is above 0.
 const CLIPPED: f64 = 0.5;
 
-/// Measures every exposure series of the set that is not dark. A pattern that the set does not name
-/// is taken as 2 x 2 unknown positions.
+/// Measures every exposure series of the set that is not dark. A pattern that the set does not
+/// name is taken as 2 x 2 unknown positions.
 ///
 /// # Errors
 /// A series without a dark of its exposure times and without a black level.
@@ -125,8 +125,8 @@ fn series(
     })
 }
 
-/// Mean of the darks of the capture's exposure per position, else the nominal black level; and the share of
-/// the dark samples at 0 DN.
+/// Mean of the darks of the capture's exposure per position, else the nominal black level; and the
+/// share of the dark samples at 0 DN.
 fn black_at(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<(Vec<f64>, f64)> {
     let dark = set.with_role(Role::Dark).find(|d| {
         d.analog_gain == capture.analog_gain
@@ -158,10 +158,11 @@ fn black_at(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<(Vec<
 mod tests {
     use super::*;
 
-    /// Real captures through seven filters: at 550 nm another program finds G, B, R in the ratios 1, 0.040,
-    /// 0.014 and the greens 0.9954, to 0.005. Its figures are met by the chart series. The dot series gives
-    /// 0.046 for blue: in this camera the offset lies some 2 DN below 0 and clips, so that a ratio depends on
-    /// the exposures it is taken from (0.038 from 25 ms alone, 0.050 from 50 ms), and the note says so.
+    /// Real captures through seven filters: at 550 nm another program finds G, B, R in the ratios
+    /// 1, 0.040, 0.014 and the greens 0.9954, to 0.005. Its figures are met by the chart series.
+    /// The dot series gives 0.046 for blue: in this camera the offset lies some 2 DN below 0 and
+    /// clips, so that a ratio depends on the exposures it is taken from (0.038 from 25 ms alone,
+    /// 0.050 from 50 ms), and the note says so.
     #[test]
     fn real_seven_filter_captures() {
         let Some(root) = camrig_testing::shared("data/captures/bllanos_narrowband_7x7") else {

@@ -39,8 +39,8 @@ pub struct SpatialVariance {
 }
 
 impl PlaneMoments {
-    /// Moments of a site's pixels of the plane `value(index)` of `width` x `height` values. Rows are
-    /// summed in parallel, their sums in order.
+    /// Moments of a site's pixels of the plane `value(index)` of `width` x `height` values. Rows
+    /// are summed in parallel, their sums in order.
     pub fn of(
         site: Site,
         width: usize,
@@ -109,9 +109,9 @@ impl PlaneMoments {
     }
 
     /// Splits the variance that is left without the pixels' own noise variance `noise` (EMVA 1288
-    /// R4, section 8: the three parts of the total, and of the variances of the averages).
-    /// `sites` planes of this size were averaged. Errors are those of Gaussian patterns: a variance
-    /// seen through k samples has a relative error of sqrt(2/k).
+    /// R4, section 8: the three parts of the total, and of the variances of the averages). `sites`
+    /// planes of this size were averaged. Errors are those of Gaussian patterns: a variance seen
+    /// through k samples has a relative error of sqrt(2/k).
     pub fn split(&self, noise: f64, sites: usize) -> SpatialVariance {
         let (m, n) = (self.rows as f64, self.columns as f64);
         let total = self.measured - noise;

@@ -18,8 +18,8 @@ pub struct Spectrogram {
     pub vertical: Vec<f64>,
 }
 
-/// Values of one site as a plane of its own, row-major, less their mean. Without the mean, 32 bits resolve 1e-7 of
-/// what differs.
+/// Values of one site as a plane of its own, row-major, less their mean. Without the mean, 32 bits
+/// resolve 1e-7 of what differs.
 pub struct SitePlane {
     /// Columns.
     pub columns: usize,
@@ -34,12 +34,13 @@ pub struct SitePlane {
 /// Lines that one task transforms or reads.
 const BLOCK: usize = 16;
 
-/// Rows that are turned into columns together: as many as a cache keeps apart that are a power of two long.
+/// Rows that are turned into columns together: as many as a cache keeps apart that are a power of
+/// two long.
 const TILE: usize = 8;
 
 impl SitePlane {
-    /// The values of `site` of a frame `width` x `height` that is a sum of integer frames, each times its factor.
-    /// `room` is memory that is used again: fresh pages are dear.
+    /// The values of `site` of a frame `width` x `height` that is a sum of integer frames, each
+    /// times its factor. `room` is memory that is used again: fresh pages are dear.
     pub fn of(
         site: Site,
         (width, height): (usize, usize),
@@ -82,7 +83,8 @@ impl SitePlane {
             horizontal: mean_power(self.rows, columns, |first, lines| {
                 lines.copy_from_slice(&self.data[first * columns..][..lines.len()]);
             })?,
-            // Columns side by side and a few rows at a time, so that cache lines are used whole on both sides.
+            // Columns side by side and a few rows at a time, so that cache lines are used whole on
+            // both sides.
             vertical: mean_power(columns, self.rows, |first, lines| {
                 for (tile, rows) in self.data.chunks(TILE * columns).enumerate() {
                     for (i, line) in lines.chunks_exact_mut(self.rows).enumerate() {
@@ -149,8 +151,8 @@ fn without_mean([a, b, c, d, e]: [&[f32]; 5], sums: &mut [f32], out: &mut [f32])
     }
 }
 
-/// Mean power spectrum of lines of `length` samples. `fill` writes lines from the given one on; blocks of them are
-/// transformed in parallel and added in order.
+/// Mean power spectrum of lines of `length` samples. `fill` writes lines from the given one on;
+/// blocks of them are transformed in parallel and added in order.
 fn mean_power(
     lines: usize,
     length: usize,
@@ -359,8 +361,8 @@ mod tests {
         assert_eq!(Histogram::of(&[3.0; 9]).counts, [9]);
     }
 
-    /// Rows of one cosine, all of its power at its frequency; the same along columns is the plane's mean only. The
-    /// plane is every other column of a difference of two frames.
+    /// Rows of one cosine, all of its power at its frequency; the same along columns is the
+    /// plane's mean only. The plane is every other column of a difference of two frames.
     #[test]
     fn spectra_and_high_pass_of_a_cosine() {
         let (columns, rows) = (40, 37);
@@ -383,7 +385,8 @@ mod tests {
         let tolerance = |power: f64| 2.0 * (40.0 * power).sqrt() * rounding + 1e-9;
         assert!((s.horizontal[5] - 40.0).abs() < tolerance(40.0), "{}", s.horizontal[5]);
         assert!((s.horizontal.iter().sum::<f64>() - 40.0).abs() < tolerance(40.0));
-        // Along columns every line is constant: 2 cos, whose mean square over x is 2, at frequency 0.
+        // Along columns every line is constant: 2 cos, whose mean square over x is 2, at frequency
+        // 0.
         assert!((s.vertical[0] - 2.0 * 37.0).abs() < tolerance(74.0), "{}", s.vertical[0]);
         assert!(s.vertical[1..].iter().all(|p| p.abs() < tolerance(0.0)));
         let high = plane.high_pass();

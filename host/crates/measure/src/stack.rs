@@ -1,8 +1,9 @@
 //! Moments of a stack of frames: per pixel over time, and over the pixels of a channel.
 //!
-//! Frames are streamed once, strip of rows by strip (`strips`). Per pixel, integer sums of the samples and of
-//! their squares are taken, so the moments do not depend on batches or threads. Frames whose samples lie in their files
-//! as they are need the memory of the strips being worked on, whatever the length of the stack.
+//! Frames are streamed once, strip of rows by strip (`strips`). Per pixel, integer sums of the
+//! samples and of their squares are taken, so the moments do not depend on batches or threads.
+//! Frames whose samples lie in their files as they are need the memory of the strips being worked
+//! on, whatever the length of the stack.
 
 use super::spatial::{PlaneMoments, SpatialVariance};
 use super::sums::Sums;
@@ -129,9 +130,9 @@ pub struct Moments {
     pub frames: usize,
     /// Variance of the frames' means: temporal noise of the mean and drift of the light.
     pub drift: f64,
-    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4, eq. 18,
-    /// for two frames: half the mean square difference less half the squared difference of the means;
-    /// this is the same for any number of frames). 0 for one frame.
+    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4, eq.
+    /// 18, for two frames: half the mean square difference less half the squared difference of the
+    /// means; this is the same for any number of frames). 0 for one frame.
     pub temporal: f64,
     /// Standard error of `temporal` for Gaussian noise whose variance may differ over pixels.
     pub temporal_error: f64,

@@ -1,13 +1,14 @@
 //! The loops over a stack's samples, made for vector units: frames into sums, sums into moments.
 //!
-//! A strip is a few rows of all the frames, small enough that its sums stay in a core's cache while the frames go by.
-//! Every loop runs along a row in lanes, whose number is a multiple of every pattern's width: one piece of code serves
-//! every colour filter pattern, and what belongs to one site is picked from the lanes' sums at the end. Samples are
-//! summed as integers, exactly.
+//! A strip is a few rows of all the frames, small enough that its sums stay in a core's cache
+//! while the frames go by. Every loop runs along a row in lanes, whose number is a multiple of
+//! every pattern's width: one piece of code serves every colour filter pattern, and what belongs
+//! to one site is picked from the lanes' sums at the end. Samples are summed as integers, exactly.
 
 use multiversion::multiversion;
 
-/// Pixels of a strip: with sums and four frames' samples, 640 KiB. The longer the pieces, the faster they are read.
+/// Pixels of a strip: with sums and four frames' samples, 640 KiB. The longer the pieces, the
+/// faster they are read.
 const STRIP_PIXELS: usize = 32 * 1024;
 
 /// Frames that are read and added together.
@@ -27,8 +28,8 @@ pub fn rows(width: usize, step_y: usize) -> usize {
     (STRIP_PIXELS / width / step_y).max(1) * step_y
 }
 
-/// Adds up to [`TOGETHER`] frames' samples to the sums and sums of squares per pixel, or puts them there if they are the
-/// `first`. Samples above [`SMALL_SQUARES`] come one frame at a time.
+/// Adds up to [`TOGETHER`] frames' samples to the sums and sums of squares per pixel, or puts them
+/// there if they are the `first`. Samples above [`SMALL_SQUARES`] come one frame at a time.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 pub fn add(frames: &[&[u16]], first: bool, sum: &mut [u32], sum_sq: &mut [u64]) {
     match (frames, first) {
@@ -153,7 +154,8 @@ pub struct StripMoments {
     pub variances_sq: PerSite,
 }
 
-/// Sums over pixels of a row of the pattern: of squared deviations, pseudo-variances and squares of these.
+/// Sums over pixels of a row of the pattern: of squared deviations, pseudo-variances and squares
+/// of these.
 #[derive(Clone, Copy)]
 struct Lanes {
     /// What deviations are taken from: a pixel of the site, so that their squares stay small.
@@ -215,7 +217,8 @@ impl StripMoments {
     }
 }
 
-/// Adds a row of pixels to the lanes of its row of the pattern and to its columns; the sums of its lanes.
+/// Adds a row of pixels to the lanes of its row of the pattern and to its columns; the sums of its
+/// lanes.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 fn add_row(
     frames: f64,
@@ -253,7 +256,8 @@ fn add_row(
 mod tests {
     use super::*;
 
-    /// Against sums written down straight, on a pattern of 2 x 3 and a width that no vector divides.
+    /// Against sums written down straight, on a pattern of 2 x 3 and a width that no vector
+    /// divides.
     #[test]
     fn moments_of_a_strip() {
         let (width, height, step_x, step_y) = (515, 7, 2, 3);

@@ -68,8 +68,9 @@ impl Sums {
         (self.sites[0].step_x, self.sites[0].step_y)
     }
 
-    /// Adds a batch, strip by strip in parallel. `keep`: the sums per pixel are wanted afterwards; `whole`: the batch
-    /// is all of the stack, so that moments are taken while the sums are at hand.
+    /// Adds a batch, strip by strip in parallel. `keep`: the sums per pixel are wanted afterwards;
+    /// `whole`: the batch is all of the stack, so that moments are taken while the sums are at
+    /// hand.
     pub fn add(
         &mut self,
         batch: &[StoredFrame],
@@ -190,7 +191,8 @@ impl Sums {
             let of_site = strip.columns[s.y0 * self.width + s.x0..].iter().step_by(step_x);
             column_sums.iter_mut().zip(of_site).for_each(|(sum, v)| *sum += v);
         }
-        // Squares about the strips' own means, and the strips' means about the whole's (Chan, Golub and LeVeque 1983).
+        // Squares about the strips' own means, and the strips' means about the whole's (Chan,
+        // Golub and LeVeque 1983).
         let strip_rows = strips::rows(self.width, s.step_y);
         let between = strips.iter().enumerate().map(|(i, m)| {
             let height = strip_rows.min(self.height - i * strip_rows);

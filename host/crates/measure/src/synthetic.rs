@@ -176,8 +176,8 @@ impl Hits {
         println!("{name}: {:.5} ± {:.5}, truth {truth:.5}, z {z:.2}", found.value, found.std_error);
     }
 
-    /// 95.4 % is what two standard errors mean; a single parameter of twenty cameras comes to 15 or fewer once in
-    /// 900 times.
+    /// 95.4 % is what two standard errors mean; a single parameter of twenty cameras comes to 15
+    /// or fewer once in 900 times.
     pub fn check(&self) {
         let total: (u32, u32) = self.0.values().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         let share = f64::from(total.0) / f64::from(total.1);

@@ -21,11 +21,11 @@ pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
-/// Largest relative change that rounding to whole DN makes to differences of means much smaller than a DN,
-/// under Gaussian noise of `variance` (DN², before rounding).
+/// Largest relative change that rounding to whole DN makes to differences of means much smaller
+/// than a DN, under Gaussian noise of `variance` (DN², before rounding).
 ///
-/// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár 2008, ch. 4): its
-/// slope differs from 1 by up to 2 exp(−2π²σ²).
+/// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár
+/// 2008, ch. 4): its slope differs from 1 by up to 2 exp(−2π²σ²).
 pub fn rounding_of_patterns(variance: f64) -> f64 {
     2.0 * (-2.0 * std::f64::consts::PI.powi(2) * variance).exp()
 }
@@ -446,7 +446,8 @@ mod tests {
 
     #[test]
     fn rounding_of_small_patterns() {
-        // Slope of the mean of rounded Gaussian samples at a whole DN, where it is least, by summing codes.
+        // Slope of the mean of rounded Gaussian samples at a whole DN, where it is least, by
+        // summing codes.
         for sigma in [0.3, 0.45, 0.6] {
             let mean = |mu: f64| {
                 let density = |k: i32| (-0.5 * ((f64::from(k) * 1e-4 - mu) / sigma).powi(2)).exp();

@@ -1,4 +1,5 @@
-//! Drawings of a lens: distortion, illumination, chief-ray angle, MTF, point-spread functions, spots.
+//! Drawings of a lens: distortion, illumination, chief-ray angle, MTF, point-spread functions,
+//! spots.
 
 use super::plot::{Mark, Plot, picture_grid};
 use camrig_base::{Plane, Result};
@@ -44,8 +45,8 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
     all
 }
 
-/// Modulation transfer at the middle PSF wavelength, radial (fringes across the radius) and tangential, at a
-/// few heights, with the diffraction limit of the stated f-number on the axis.
+/// Modulation transfer at the middle PSF wavelength, radial (fringes across the radius) and
+/// tangential, at a few heights, with the diffraction limit of the stated f-number on the axis.
 fn mtf(lens: &Characterisation) -> String {
     let psf = &lens.psf;
     let w = psf.wavelengths_nm.len() / 2;
@@ -123,7 +124,8 @@ fn psfs(lens: &Characterisation) -> String {
     )
 }
 
-/// Spot diagrams at a few fields: where rays land relative to the chief ray of the reference wavelength.
+/// Spot diagrams at a few fields: where rays land relative to the chief ray of the reference
+/// wavelength.
 ///
 /// # Errors
 /// Rays that are lost.

@@ -241,8 +241,9 @@ fn label(value: f64, power: i32) -> String {
 
 /// A heat map of a plane of values.
 ///
-/// Values go from black over colours to near white; `root` shows their square root, which lifts faint
-/// parts. `x` and `y` give the coordinates of the outer edges, left to right and top to bottom.
+/// Values go from black over colours to near white; `root` shows their square root, which lifts
+/// faint parts. `x` and `y` give the coordinates of the outer edges, left to right and top to
+/// bottom.
 pub fn heat_map(
     title: &str,
     plane: &Plane<f64>,
@@ -279,8 +280,8 @@ pub fn heat_map(
     out.end()
 }
 
-/// Small pictures in rows and columns, with a heading per row and per column; each picture has its own range.
-/// What is shown is the square root of the values.
+/// Small pictures in rows and columns, with a heading per row and per column; each picture has its
+/// own range. What is shown is the square root of the values.
 pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<f64>>)]) -> String {
     const CELL: f64 = 120.0;
     let left = 110.0;

@@ -54,7 +54,8 @@ impl Frames {
 
 /// The page.
 ///
-/// `made_of` tells how the frames were made, name and value by line; `settings` are those of the first frame.
+/// `made_of` tells how the frames were made, name and value by line; `settings` are those of the
+/// first frame.
 pub fn page(
     title: &str,
     camera: &Camera,
@@ -143,8 +144,8 @@ fn response(camera: &Camera, light: Option<&Illuminant>) -> String {
     plot.svg()
 }
 
-/// Standard deviations over signal, e⁻: eq. 10 of Chen et al. 2009 without row pattern and DSNU, with the
-/// rounding of the converter.
+/// Standard deviations over signal, e⁻: eq. 10 of Chen et al. 2009 without row pattern and DSNU,
+/// with the rounding of the converter.
 fn noise(camera: &Camera, settings: &FrameSettings) -> String {
     let (sensor, gain) = (&camera.sensor, f64::from(settings.analog_gain));
     let noise = &sensor.noise;

@@ -1,8 +1,8 @@
 //! Spectral cubes: images with one plane per band, resampled exactly to the grid asked for.
 //!
 //! The content is one sensor width wide and centred ([`Grid::over_content`] scales the frame over
-//! it); outside it repeats its edge. Pixels are squares of constant value, so a cell's value is the
-//! area-weighted mean of the pixels under it. Only one band is held at a time.
+//! it); outside it repeats its edge. Pixels are squares of constant value, so a cell's value is
+//! the area-weighted mean of the pixels under it. Only one band is held at a time.
 //!
 //! Bands of equal distance of 5 nm or more are kept; others are turned into 10 nm bands, each the
 //! mean of the spectrum over the band (linear between source bands). A cube that does not reach
@@ -215,8 +215,9 @@ pub(crate) fn resample(image: &Plane<f32>, grid: &Grid) -> Plane<f32> {
     result
 }
 
-/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under it and
-/// the parts of the cell over it and the following ones. What lies outside counts for the edge.
+/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under it
+/// and the parts of the cell over it and the following ones. What lies outside counts for the
+/// edge.
 fn weights(start: f64, cell: f64, cells: usize, pixels: usize) -> Vec<(usize, Vec<f32>)> {
     let end = pixels as f64;
     (0..cells)
@@ -307,7 +308,8 @@ mod tests {
             cube.plane(band, &grid).unwrap().data[0]
         };
         let linear = |_: usize, _: usize, nm: f64| (nm / 1000.0) as f32;
-        // 3.1 nm steps: 10 nm bands with the mean of a linear spectrum, which is its centre's value.
+        // 3.1 nm steps: 10 nm bands with the mean of a linear spectrum, which is its centre's
+        // value.
         let fine: Vec<f64> = (0..120).map(|i| 390.0 + 3.1 * f64::from(i)).collect();
         let cube = cube(fine, linear);
         assert_eq!(cube.bands(), Bands { start_nm: 390.0, step_nm: 10.0, count: 37 });

@@ -1,9 +1,9 @@
 //! ENVI cubes: a text header `.hdr` beside a raw data file.
 //!
-//! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`,
-//! `data type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
-//! `reflectance scale factor`). Read: interleave bsq, bil and bip, both byte orders, data types 1, 2,
-//! 3, 4, 5, 12 and 13. Written: bsq, little-endian float, with the further key `quantity`.
+//! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`, `data
+//! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
+//! `reflectance scale factor`). Read: interleave bsq, bil and bip, both byte orders, data types 1,
+//! 2, 3, 4, 5, 12 and 13. Written: bsq, little-endian float, with the further key `quantity`.
 
 use super::Quantity;
 use super::cube::Cube;

@@ -77,8 +77,8 @@ impl Illuminant {
     }
 }
 
-/// CIE standard illuminant A (ISO/CIE 11664-2): S = 100 (560/λ)^5 (e^(c2/(2848·560)) − 1) / (e^(c2/(2848 λ)) − 1),
-/// c2 = 1.435e7 nm K, 2848 K.
+/// CIE standard illuminant A (ISO/CIE 11664-2): S = 100 (560/λ)^5 (e^(c2/(2848·560)) − 1) /
+/// (e^(c2/(2848 λ)) − 1), c2 = 1.435e7 nm K, 2848 K.
 fn standard_a() -> Spectrum {
     let planck = |nm: f64| libm::pow(560.0 / nm, 5.0) / libm::expm1(1.435e7 / (2848.0 * nm));
     from_formula(|nm| 100.0 * planck(nm) / planck(560.0))
@@ -182,8 +182,9 @@ mod tests {
     use super::*;
     use crate::photometry::chromaticity;
 
-    /// CIE 15:2018: chromaticity under the 2 degree observer, printed to four or five decimals. Those
-    /// of lamps are sums at 5 nm; ours at 1 nm with the lamp linear between samples differ by 2e-4.
+    /// CIE 15:2018: chromaticity under the 2 degree observer, printed to four or five decimals.
+    /// Those of lamps are sums at 5 nm; ours at 1 nm with the lamp linear between samples differ
+    /// by 2e-4.
     #[test]
     fn chromaticities_are_those_of_the_cie_tables() {
         for (name, x, y) in [

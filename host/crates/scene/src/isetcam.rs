@@ -7,9 +7,9 @@
 //! | `wave`, `basis.wave` or `spectrum.wave` | band centres, nm |
 //! | `illuminant` | `data.photons` with `spectrum.wave`, or (older) `data` in energy units with `wavelength` |
 //!
-//! With an illuminant that is the same for the whole scene the cube is the reflectance
-//! photons / illuminant; without one it is the radiance. A linear model can fall below zero in dark
-//! places: such values are set to 0.
+//! With an illuminant that is the same for the whole scene the cube is the reflectance photons /
+//! illuminant; without one it is the radiance. A linear model can fall below zero in dark places:
+//! such values are set to 0.
 
 use super::cube::{BandSource, Cube};
 use super::matlab::{self, Array, Value};
@@ -223,7 +223,8 @@ pub fn write(
         ("comment", text("Scene exported by camrig")),
         ("name", text(name)),
         ("type", text("scene")),
-        // Field of view in degrees and distance in metres do not belong to our scenes: ISETCam's own.
+        // Field of view in degrees and distance in metres do not belong to our scenes: ISETCam's
+        // own.
         ("fov", row(vec![10.0])),
         ("dist", row(vec![1.2])),
     ];

@@ -1,9 +1,10 @@
 //! Scenes: what is in front of the lens, as spectral reflectance or spectral radiance.
 //!
 //! # Coordinates
-//! Scenes are asked for in *frame coordinates*: the sensor's width is 1, the image centre (0, 0), u
-//! to the right, v **down**, both in units of the sensor's width (so v runs over ±height/(2·width)).
-//! They are those of the ideal (paraxial, upright) image; the lens maps them to where light lands.
+//! Scenes are asked for in *frame coordinates*: the sensor's width is 1, the image centre (0, 0),
+//! u to the right, v **down**, both in units of the sensor's width (so v runs over
+//! ±height/(2·width)). They are those of the ideal (paraxial, upright) image; the lens maps them
+//! to where light lands.
 
 pub mod chart;
 pub mod cube;
@@ -88,8 +89,9 @@ pub trait Scene: Send + Sync {
 pub struct LitScene<'a> {
     /// The scene.
     pub scene: &'a dyn Scene,
-    /// Radiance of a perfect white (reflectance 1), W m⁻² sr⁻¹ nm⁻¹, one value per band of the scene;
-    /// for a radiance scene the factor by which it is multiplied (1 everywhere, or a new level).
+    /// Radiance of a perfect white (reflectance 1), W m⁻² sr⁻¹ nm⁻¹, one value per band of the
+    /// scene; for a radiance scene the factor by which it is multiplied (1 everywhere, or a new
+    /// level).
     pub white: Vec<f64>,
 }
 
@@ -115,8 +117,8 @@ pub fn is_file(spec: &str) -> bool {
     !chart::NAMES.contains(&name)
 }
 
-/// Opens a scene to be seen in a frame of that aspect (width over height): content with an aspect of
-/// its own fills the frame, see [`Grid::over_content`].
+/// Opens a scene to be seen in a frame of that aspect (width over height): content with an aspect
+/// of its own fills the frame, see [`Grid::over_content`].
 pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
     Ok(Box::new(Filling { scene: open(spec)?, frame_aspect }))
 }
@@ -186,7 +188,8 @@ fn unknown_scene(spec: &str) -> Error {
     let name = spec.split(':').next().unwrap_or(spec);
     if chart::NAMES.contains(&name) {
         return Error::input(format!("{name:?} is a chart, which has no pixels of its own"))
-            .help(format!("draw it first: camrig scene export {name} -o chart"));
+            .help("draw it first, at a number of pixels")
+            .with_code("chart-not-drawn");
     }
     let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(

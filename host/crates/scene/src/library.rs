@@ -1,4 +1,5 @@
-//! A library: a directory of stored scenes with a manifest `library.toml` that lists them in order.
+//! A library: a directory of stored scenes with a manifest `library.toml` that lists them in
+//! order.
 //! ```toml
 //! format = "scene-library/1"
 //! scenes = ["fruit", "street-at-night"]   # sub-directories, each a stored scene
@@ -38,7 +39,7 @@ impl Library {
     pub fn open(directory: &Path) -> Result<Self> {
         let path = directory.join(MANIFEST);
         let text = std::fs::read_to_string(&path).map_err(|e| {
-            Error::io("read", &path, e).help("make a library with camrig scene add --library DIR")
+            Error::io("read", &path, e).help("add a scene to make it").with_code("no-library")
         })?;
         let manifest: Manifest = toml::from_str(&text)
             .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;

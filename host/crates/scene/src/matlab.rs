@@ -1,8 +1,9 @@
-//! MATLAB files of version 5 (`save -v6`, `-v7`, and `scipy.io.savemat`): arrays, text and structs.
+//! MATLAB files of version 5 (`save -v6`, `-v7`, and `scipy.io.savemat`): arrays, text and
+//! structs.
 //!
 //! Format: MathWorks, "MAT-File Format", level 5. What scenes do not need (sparse arrays, objects,
-//! imaginary parts) is skipped. Lengths in the file are never trusted: every read is bounded by what
-//! is there, nesting by [`MAX_DEPTH`].
+//! imaginary parts) is skipped. Lengths in the file are never trusted: every read is bounded by
+//! what is there, nesting by [`MAX_DEPTH`].
 
 use super::strided::Sample;
 use camrig_base::{Error, Result};

@@ -6,9 +6,10 @@ use camrig_base::{Plane, Result};
 
 /// A scene displaced by `velocity` times time; time is counted in frame periods.
 ///
-/// A rolling shutter reads row v at time `start + rolling · (v/h + ½)`, with h the frame's height: the scene
-/// is displaced row by row. Displacement is constant over a row of cells and over the exposure: motion blur is
-/// not part of it. What lies beyond the scene's own edge comes in as the scene shows it there.
+/// A rolling shutter reads row v at time `start + rolling · (v/h + ½)`, with h the frame's height:
+/// the scene is displaced row by row. Displacement is constant over a row of cells and over the
+/// exposure: motion blur is not part of it. What lies beyond the scene's own edge comes in as the
+/// scene shows it there.
 pub struct Moving<'a> {
     /// The scene at time 0.
     pub scene: Box<dyn Scene + 'a>,
@@ -16,7 +17,8 @@ pub struct Moving<'a> {
     pub velocity: [f64; 2],
     /// When the first row is read, frame periods.
     pub start: f64,
-    /// Part of the frame period in which the rows are read one after the other; 0 for a global shutter.
+    /// Part of the frame period in which the rows are read one after the other; 0 for a global
+    /// shutter.
     pub rolling: f64,
     /// Height of the frame, sensor widths.
     pub height: f64,

@@ -1,9 +1,9 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with names.
 //!
 //!
-//! In an `.npz` the cube is the three-dimensional array with most bands, its quantity is in its name
-//! if that is `reflectance` or `radiance`, and its wavelengths are the one-dimensional array with
-//! `wavelength` in its name and as many values as there are bands.
+//! In an `.npz` the cube is the three-dimensional array with most bands, its quantity is in its
+//! name if that is `reflectance` or `radiance`, and its wavelengths are the one-dimensional array
+//! with `wavelength` in its name and as many values as there are bands.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
@@ -14,7 +14,8 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
 
-/// A plane as an NPY file of version 1: H x W samples of type `kind`, each made of bytes by `to_bytes`.
+/// A plane as an NPY file of version 1: H x W samples of type `kind`, each made of bytes by
+/// `to_bytes`.
 pub fn encode<T: Copy, const N: usize>(
     plane: &Plane<T>,
     kind: &str,
@@ -252,8 +253,9 @@ mod tests {
         assert!(error.contains("not an .npz archive"), "{error}");
     }
 
-    /// Means over the middle half of the image at 550 nm, computed with NumPy from the same files (for
-    /// the 156-band cube from its two bands next to 550 nm; the mean over 10 nm differs by 1 %).
+    /// Means over the middle half of the image at 550 nm, computed with NumPy from the same files
+    /// (for the 156-band cube from its two bands next to 550 nm; the mean over 10 nm differs by 1
+    /// %).
     #[test]
     fn real_cubes() {
         let Some(scenes) = camrig_testing::shared("data/scenes") else { return };

@@ -1,8 +1,8 @@
 //! From relative spectra to absolute light, and to colour.
 //!
 //! Luminance L_v = Km ∫ L(λ) V(λ) dλ with Km = 683 lm/W (CIE 018), taken as the sum over 360 to
-//! 830 nm in steps of 1 nm, the spectrum linear between its samples. A perfect white diffuser under
-//! E_v lux has L_v = E_v / π, and so has its spectral radiance in every band.
+//! 830 nm in steps of 1 nm, the spectrum linear between its samples. A perfect white diffuser
+//! under E_v lux has L_v = E_v / π, and so has its spectral radiance in every band.
 
 use super::Illuminant;
 use camrig_base::table::built_in;
@@ -121,8 +121,8 @@ mod tests {
     }
 
     /// The luminance of the banded radiance is what was asked for, for lines as well. What the 31
-    /// bands of 400 to 700 nm lack: V outside 395..705 nm, below 1e-3 for these lights; F11's lines
-    /// fall where V changes by up to 2 % per nm, which a 10 nm band keeps to 1 %.
+    /// bands of 400 to 700 nm lack: V outside 395..705 nm, below 1e-3 for these lights; F11's
+    /// lines fall where V changes by up to 2 % per nm, which a 10 nm band keeps to 1 %.
     #[test]
     fn bands_keep_the_luminance() {
         let bands = Bands::VISIBLE;
@@ -146,8 +146,8 @@ mod tests {
         assert!(level(-1.0).is_err() && level(f64::NAN).is_err());
     }
 
-    /// ISETCam's figures for D65 at 100 cd/m² (100 V-weighted over 400:10:700 nm, ours over 1 nm steps
-    /// of 360 to 830 nm: 2e-4), and the electrons of its sensor from them.
+    /// ISETCam's figures for D65 at 100 cd/m² (100 V-weighted over 400:10:700 nm, ours over 1 nm
+    /// steps of 360 to 830 nm: 2e-4), and the electrons of its sensor from them.
     #[test]
     fn agrees_with_isetcam() {
         let Some(golden) = camrig_testing::shared("golden/isetcam") else { return };

@@ -312,8 +312,8 @@ mod tests {
         assert!((area(&left, &GRID) - inside).abs() < TOLERANCE);
     }
 
-    /// A half-plane in one cell has a closed form: with the edge's normal (nx, ny) and distance d of
-    /// the cell's lower corner, ½ d²/(nx ny) while the edge cuts the corner off.
+    /// A half-plane in one cell has a closed form: with the edge's normal (nx, ny) and distance d
+    /// of the cell's lower corner, ½ d²/(nx ny) while the edge cuts the corner off.
     #[test]
     fn half_plane_in_a_cell_is_the_closed_form() {
         let grid = Grid { width: 1, height: 1, left: 0.0, top: 0.0, cell: 1.0 };

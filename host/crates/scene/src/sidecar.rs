@@ -1,6 +1,6 @@
-//! What a person adds to a cube's file: a sidecar beside it (`cube.toml` for `cube.npy`), or the same
-//! keys on the command line (`cube.npy:quantity=radiance,scale=0.01`), which count first. All keys are
-//! optional where the file says it itself:
+//! What a person adds to a cube's file: a sidecar beside it (`cube.toml` for `cube.npy`), or the
+//! same keys on the command line (`cube.npy:quantity=radiance,scale=0.01`), which count first. All
+//! keys are optional where the file says it itself:
 //! ```toml
 //! quantity = "reflectance"     # or "radiance", W m⁻² sr⁻¹ nm⁻¹
 //! wavelength_nm = [400, 410]   # band centres, or start_nm and step_nm

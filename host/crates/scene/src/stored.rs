@@ -5,10 +5,10 @@
 //! - `preview.png`: what it looks like under D65.
 //!
 //! The bands are a BigTIFF because it is the most widely read format that can be chunked (strips),
-//! compressed (deflate), larger than 4 GiB and opened band by band, and because any image viewer and
-//! tool reads it; Zarr and HDF5 would need a young or foreign-language library for the same. Values
-//! are rounded to 13 significant bits before compression (relative error 1.2e-4, far below the noise
-//! of measured scenes), which lets deflate halve the size.
+//! compressed (deflate), larger than 4 GiB and opened band by band, and because any image viewer
+//! and tool reads it; Zarr and HDF5 would need a young or foreign-language library for the same.
+//! Values are rounded to 13 significant bits before compression (relative error 1.2e-4, far below
+//! the noise of measured scenes), which lets deflate halve the size.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
@@ -96,8 +96,8 @@ impl Description {
     }
 }
 
-/// Writes description and bands into a directory that is there. `band` fills the plane that is given to it, which is one
-/// and the same for all bands.
+/// Writes description and bands into a directory that is there. `band` fills the plane that is
+/// given to it, which is one and the same for all bands.
 pub fn write(
     directory: &Path,
     description: &Description,

@@ -141,8 +141,8 @@ pub struct Strided {
 }
 
 impl Strided {
-    /// Checks that the bytes hold the whole cube, which begins `offset` bytes into them; samples are
-    /// multiplied by `scale`.
+    /// Checks that the bytes hold the whole cube, which begins `offset` bytes into them; samples
+    /// are multiplied by `scale`.
     pub fn new(
         bytes: Bytes,
         offset: u64,

@@ -1,14 +1,15 @@
 //! The crosstalk fit: from rotation captures to the table of positional factors.
 //!
-//! Per filter wavelength and channel, the mean signal of an 11 x 11 region around each point (Chen et al. 2009, section
-//! IV-C), each pixel less its own dark, per unit of irradiance on the sensor: where the captures give no irradiance, a
-//! beam of constant strength is assumed and its projection cos θ divided out (a lens's own fall-off has that factor
-//! already). A region's signal has an error of temporal noise and of its pixels' pattern of gains, 0.2 to 0.4 % with the
-//! paper's averages of 100 frames; what neighbouring points have in common lowers it (`surface`). Factors are relative
-//! to the value at the sensor's centre.
+//! Per filter wavelength and channel, the mean signal of an 11 x 11 region around each point (Chen
+//! et al. 2009, section IV-C), each pixel less its own dark, per unit of irradiance on the sensor:
+//! where the captures give no irradiance, a beam of constant strength is assumed and its
+//! projection cos θ divided out (a lens's own fall-off has that factor already). A region's signal
+//! has an error of temporal noise and of its pixels' pattern of gains, 0.2 to 0.4 % with the
+//! paper's averages of 100 frames; what neighbouring points have in common lowers it (`surface`).
+//! Factors are relative to the value at the sensor's centre.
 //!
-//! The experiment sees the low spatial frequencies only. Charge that couples into neighbours leaves
-//! these factors as they are; it shows as correlated noise in flats ([`super::coupling`]).
+//! The experiment sees the low spatial frequencies only. Charge that couples into neighbours
+//! leaves these factors as they are; it shows as correlated noise in flats ([`super::coupling`]).
 
 mod regions;
 mod surface;
@@ -93,7 +94,8 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
         .collect::<Result<_>>()?;
     if captures.is_empty() {
         return Err(Error::input("no rotation captures")
-            .help("camrig crosstalk bench makes such a set; role = \"rotation\""));
+            .help("give captures with role = \"rotation\"")
+            .with_code("rotation-stacks"));
     }
     let letters = set.cfa().channels();
     let black = Black::of(set)?;
@@ -261,7 +263,8 @@ fn same(a: f64, b: f64) -> bool {
     (a - b).abs() < SAME
 }
 
-/// The sample nearest to the sensor's centre: the grid's own, an axis scan's where the grid has none.
+/// The sample nearest to the sensor's centre: the grid's own, an axis scan's where the grid has
+/// none.
 fn centre_of<'a>(grid: &[&'a Sample], others: &[&'a Sample]) -> Result<&'a Sample> {
     let off = |s: &Sample| s.rotation.x.hypot(s.rotation.y);
     let nearest = |samples: &[&'a Sample]| {

@@ -26,7 +26,8 @@ pub enum Black {
 }
 
 impl Black {
-    /// Every pixel's own dark where the set has it, else the mean of a dark, else the nominal level.
+    /// Every pixel's own dark where the set has it, else the mean of a dark, else the nominal
+    /// level.
     ///
     /// # Errors
     /// Neither darks nor a nominal level.
@@ -94,8 +95,8 @@ impl Black {
     }
 }
 
-/// Mean above black of every channel over the region of a capture, and the error of it: temporal noise, and the scatter
-/// that is left between pixels, the pattern of their gains.
+/// Mean above black of every channel over the region of a capture, and the error of it: temporal
+/// noise, and the scatter that is left between pixels, the pattern of their gains.
 ///
 /// # Errors
 /// Frames smaller than a region, a saturated region, no dark for it.

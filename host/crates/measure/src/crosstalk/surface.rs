@@ -1,19 +1,21 @@
 //! A table's nodes as a smooth surface and what each node departs from it.
 //!
-//! What is measured at node i is `y = p(x, y) · β + u + e`: a polynomial of the position, the node's departure u of a
-//! variance ω² common to all, and the measurement's error e of known variance σ². The angular response of pixels is
-//! smooth, so that a node's neighbours tell about it; how far, the measured nodes themselves say: ω² is chosen such that
-//! the residuals have the size they should have (Paule and Mandel, *Consensus values and weighting factors*, J. Res. NBS
-//! 87, 1982). A node then is estimated by the best linear unbiased prediction: the surface, and of the node's own
-//! residual the share `ω²/(ω² + σ²)` (Robinson, *That BLUP is a good thing*, Stat. Sci. 6, 1991). On a table that is no
-//! smooth surface ω outgrows σ, and nodes keep what was measured there.
+//! What is measured at node i is `y = p(x, y) · β + u + e`: a polynomial of the position, the
+//! node's departure u of a variance ω² common to all, and the measurement's error e of known
+//! variance σ². The angular response of pixels is smooth, so that a node's neighbours tell about
+//! it; how far, the measured nodes themselves say: ω² is chosen such that the residuals have the
+//! size they should have (Paule and Mandel, *Consensus values and weighting factors*, J. Res. NBS
+//! 87, 1982). A node then is estimated by the best linear unbiased prediction: the surface, and of
+//! the node's own residual the share `ω²/(ω² + σ²)` (Robinson, *That BLUP is a good thing*, Stat.
+//! Sci. 6, 1991). On a table that is no smooth surface ω outgrows σ, and nodes keep what was
+//! measured there.
 
 use crate::Value;
 use crate::fit::Fit;
 use camrig_base::Result;
 
-/// Largest degree of the polynomial. A fourth power of the cosine, over 36° to the corner, leaves 0.005 % beyond the sixth
-/// degree, but 0.15 % beyond the fourth.
+/// Largest degree of the polynomial. A fourth power of the cosine, over 36° to the corner, leaves
+/// 0.005 % beyond the sixth degree, but 0.15 % beyond the fourth.
 const DEGREE: usize = 6;
 
 /// A place where something was measured, and what.
@@ -27,7 +29,8 @@ pub struct Surface {
     departure: f64,
 }
 
-/// What is known of one place: a value that is a known mixture of the surface and the place's own measurement.
+/// What is known of one place: a value that is a known mixture of the surface and the place's own
+/// measurement.
 pub struct Estimate {
     /// Where.
     pub x: f64,
@@ -136,8 +139,8 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
 
-    /// Ratios to the centre of the paper's grid, measured with errors of 0.25 %; root mean square of what is off, and
-    /// the share of nodes within two stated errors, over many draws.
+    /// Ratios to the centre of the paper's grid, measured with errors of 0.25 %; root mean square
+    /// of what is off, and the share of nodes within two stated errors, over many draws.
     fn recovered(truth: impl Fn(f64, f64, &mut Xoshiro256PlusPlus) -> f64) -> (f64, f64) {
         let (mut square, mut inside, mut count) = (0.0, 0, 0);
         for seed in 0..60 {
@@ -168,8 +171,8 @@ mod tests {
         ((square / count as f64).sqrt(), inside as f64 / count as f64)
     }
 
-    /// 95.4 % is what two standard errors mean. All nodes of a draw share their surface: 60 draws of 28 terms
-    /// scatter by 0.5 %.
+    /// 95.4 % is what two standard errors mean. All nodes of a draw share their surface: 60 draws
+    /// of 28 terms scatter by 0.5 %.
     #[test]
     fn errors_cover_smooth_tables_and_rough_ones() {
         let (rms, share) = recovered(|x, y, _| 1.0 - 0.1 * x * x - 0.05 * y * y + 0.02 * x);

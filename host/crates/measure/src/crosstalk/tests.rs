@@ -4,8 +4,8 @@ use super::*;
 use camrig_camera::Camera;
 use camrig_capture::bench;
 
-/// A factor of a hidden table: falls with a power of the cosine of the tilt, differently per channel and wavelength, and
-/// leans to one side.
+/// A factor of a hidden table: falls with a power of the cosine of the tilt, differently per
+/// channel and wavelength, and leans to one side.
 fn truth(channel: &str, nm: f64, x: f64, y: f64) -> f64 {
     let steepness = match channel {
         "r" => 1.0,
@@ -60,8 +60,9 @@ fn hidden_table_comes_back() {
     let share = f64::from(inside) / f64::from(count);
     println!("worst {worst:.4}, within two errors {share:.3}, {:?}", result.consistency);
     assert!(worst < 0.01, "{worst}");
-    // A channel's nodes share their pixels at all wavelengths, and a surface's nodes its terms: some thirty independent
-    // figures, whose share scatters by 4 % about 95 %. `surface` has the coverage over many draws.
+    // A channel's nodes share their pixels at all wavelengths, and a surface's nodes its terms:
+    // some thirty independent figures, whose share scatters by 4 % about 95 %. `surface` has the
+    // coverage over many draws.
     assert!(share > 0.85, "{share}");
     assert!(result.consistency.iter().all(|c| c.chi2_per_sample < 1.5));
     // The table loads as a camera's.

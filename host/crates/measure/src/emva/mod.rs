@@ -6,13 +6,13 @@
 //! [`Checked::warnings`] says where the sensor breaks the standard's assumptions, and what the
 //! photon transfer without them ([`super::transfer`]) finds.
 //!
-//! Where the standard (release 4.0 linear) has what: noise model 2.4, SNR 2.6, threshold eq. 27, dark current 3,
-//! two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and 8; rows, columns and pixels
-//! apart as in its reference implementation, the package `emva1288`.
+//! Where the standard (release 4.0 linear) has what: noise model 2.4, SNR 2.6, threshold eq. 27,
+//! dark current 3, two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and
+//! 8; rows, columns and pixels apart as in its reference implementation, the package `emva1288`.
 //!
-//! Choice of captures: all flats of the gain and light with most levels make the ladder, except the
-//! pair of longest stacks nearest to half saturation (flat, and dark of that exposure), which give
-//! the spatial figures, when five or more levels remain without it.
+//! Choice of captures: all flats of the gain and light with most levels make the ladder, except
+//! the pair of longest stacks nearest to half saturation (flat, and dark of that exposure), which
+//! give the spatial figures, when five or more levels remain without it.
 
 mod figures;
 mod spatial;
@@ -100,7 +100,8 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     Ok(Checked { channels, warnings })
 }
 
-/// Stacks on their way to levels, of which the longest is kept: most often it is the one for the spatial figures.
+/// Stacks on their way to levels, of which the longest is kept: most often it is the one for the
+/// spatial figures.
 #[derive(Default)]
 struct Longest(Option<(String, Stack)>);
 

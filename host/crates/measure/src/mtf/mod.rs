@@ -132,13 +132,14 @@ pub struct Response {
     pub levels: [(f64, f64); 2],
 }
 
-/// The response of one channel (by letter, upper case) of a frame, or of a mean of frames, at `frequencies`
-/// (cycles per pixel), relative to the difference of the two sides' means: less noise than [`measure`] has from
-/// the step's ends, and the same for edges that share lens and light.
+/// The response of one channel (by letter, upper case) of a frame, or of a mean of frames, at
+/// `frequencies` (cycles per pixel), relative to the difference of the two sides' means: less
+/// noise than [`measure`] has from the step's ends, and the same for edges that share lens and
+/// light.
 ///
-/// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over ±h, gives the
-/// transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) = σ²/2ρ·(π²/4h + 3π²f²h).
-/// Samples of defective pixels are left out.
+/// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over
+/// ±h, gives the transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) =
+/// σ²/2ρ·(π²/4h + 3π²f²h). Samples of defective pixels are left out.
 ///
 /// # Errors
 /// Those of [`measure`].
@@ -171,8 +172,8 @@ pub fn response<T: Copy + Into<f64>>(
     })
 }
 
-/// Leaves out samples that stand out from those as far from the edge as they are, by more than [`DEFECT`] robust standard
-/// deviations of such differences.
+/// Leaves out samples that stand out from those as far from the edge as they are, by more than
+/// [`DEFECT`] robust standard deviations of such differences.
 fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
     let mut sorted: Vec<(f64, f64)> =
@@ -188,7 +189,8 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     }
     let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
     let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
-    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than twice.
+    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than
+    // twice.
     let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(1e-9);
     let expected = |d: f64| {
         let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
@@ -235,7 +237,8 @@ fn find<T: Copy + Into<f64>>(
             "region {},{},{},{} is not inside the frame of {} x {}",
             roi.x, roi.y, roi.width, roi.height, frame.width, frame.height
         ))
-        .help("--roi is X,Y,WIDTH,HEIGHT in pixels"));
+        .help("give column, row, width and height in pixels")
+        .with_code("region-outside"));
     }
     if roi.width.min(roi.height) < 20 {
         return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))

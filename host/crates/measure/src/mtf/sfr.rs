@@ -72,7 +72,8 @@ impl Sfr {
                 break;
             }
             let correction = sinc(2.0 * f * bin) * sinc(f * bin);
-            // The window takes from the tails at f = 0 only; there the response is 1 by definition.
+            // The window takes from the tails at f = 0 only; there the response is 1 by
+            // definition.
             curve.push([f, if k == 0 { 1.0 } else { value.norm() / correction }]);
         }
         Ok(Self { curve, height, half: side as f64 * bin })

@@ -129,8 +129,8 @@ fn error_covers_the_noise() {
     assert!(inside >= 34, "{inside} of {runs}");
 }
 
-/// Response and levels are those of theory, and scatter as they say: of 60 draws the sample's standard deviation itself
-/// scatters by 9 %, four of these are allowed.
+/// Response and levels are those of theory, and scatter as they say: of 60 draws the sample's
+/// standard deviation itself scatters by 9 %, four of these are allowed.
 #[test]
 fn response_scatters_as_it_says() {
     let clean = edge(100, 120, 4.0, 2.2, 4.0);

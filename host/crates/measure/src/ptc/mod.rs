@@ -329,8 +329,8 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
     f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
 }
 
-/// Takes back patterns of the dark that rounding to whole DN changes: offsets at zero exposure by its noise, the
-/// dark current's by the noise of the longest stack (`variance`, DN²).
+/// Takes back patterns of the dark that rounding to whole DN changes: offsets at zero exposure by
+/// its noise, the dark current's by the noise of the longest stack (`variance`, DN²).
 fn hide_what_rounding_hides(
     f: &mut Figures,
     k: f64,

@@ -115,7 +115,8 @@ fn bent_random_cameras_come_back() {
     hits.check();
 }
 
-/// The same cameras at four gains: what is added before and after the gain stage, and the gains themselves.
+/// The same cameras at four gains: what is added before and after the gain stage, and the gains
+/// themselves.
 #[test]
 fn random_cameras_come_back_over_gains() {
     let mut hits = Hits::default();

@@ -1,8 +1,8 @@
 //! The 24-patch ColorChecker.
 //!
 //! Patches in 4 rows of 6 at a pitch of one unit, each 0.86 units square, on a card of reflectance
-//! 0.035 that reaches a quarter of a unit beyond the outer cells (6.5 x 4.5 units), on a grey ground
-//! (0.18). The card is 0.8 sensor widths wide unless `width=` says otherwise, and centred.
+//! 0.035 that reaches a quarter of a unit beyond the outer cells (6.5 x 4.5 units), on a grey
+//! ground (0.18). The card is 0.8 sensor widths wide unless `width=` says otherwise, and centred.
 
 use super::{BANDS, Options};
 use crate::painting::Painting;
@@ -11,7 +11,8 @@ use camrig_base::Result;
 use camrig_base::table::{SpectralTable, built_in};
 use camrig_base::{Bands, Spectrum};
 
-/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 1068 nm.
+/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 1068
+/// nm.
 pub fn reflectances() -> SpectralTable {
     built_in(include_str!("../data/colorchecker.csv"))
 }
@@ -68,8 +69,8 @@ mod tests {
     use crate::photometry::{chromaticity, xyz};
     use crate::{Grid, Illuminant, Scene};
 
-    /// Every patch is nearest to the published colour of its own name (xyY under D50, average of 30
-    /// charts, D. Pascale, babelcolor.com), so none is out of order.
+    /// Every patch is nearest to the published colour of its own name (xyY under D50, average of
+    /// 30 charts, D. Pascale, babelcolor.com), so none is out of order.
     #[test]
     fn patches_have_the_colours_of_their_names() {
         let light = Illuminant::parse("D50").unwrap().power;

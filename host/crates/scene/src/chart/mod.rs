@@ -55,7 +55,8 @@ pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
 /// Where things lie in a chart that measurements know.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// An edge through the centre, degrees from the vertical (from the horizontal where it lies down).
+    /// An edge through the centre, degrees from the vertical (from the horizontal where it lies
+    /// down).
     Edge {
         /// Turn, clockwise.
         angle_deg: f64,

@@ -1,5 +1,5 @@
-//! A resolution chart with the elements of ISO 12233: slanted squares, hyperbolic wedges, bar groups
-//! and a Siemens star. Dark (0.04) on bright (0.8); it fits frames from 4:3 to 16:9.
+//! A resolution chart with the elements of ISO 12233: slanted squares, hyperbolic wedges, bar
+//! groups and a Siemens star. Dark (0.04) on bright (0.8); it fits frames from 4:3 to 16:9.
 //!
 //! | element | place | content |
 //! | --- | --- | --- |

@@ -6,9 +6,9 @@ use crate::shape::Shape;
 use camrig_base::Result;
 use camrig_base::Spectrum;
 
-/// `slanted-edge[:angle=5,contrast=4,bright=0.8,edge=vertical]`: dark left (or above), bright right
-/// (or below). `angle` is in degrees from the vertical (or horizontal), positive turns the edge
-/// clockwise; `contrast` is bright over dark (ISO 12233:2017 asks for 4).
+/// `slanted-edge[:angle=5,contrast=4,bright=0.8,edge=vertical]`: dark left (or above), bright
+/// right (or below). `angle` is in degrees from the vertical (or horizontal), positive turns the
+/// edge clockwise; `contrast` is bright over dark (ISO 12233:2017 asks for 4).
 pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
     let (angle, horizontal) = turn(options)?;
     let contrast = options.number("contrast", 4.0, 1.0..=1e6)?;

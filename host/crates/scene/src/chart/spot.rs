@@ -16,8 +16,8 @@ pub(super) fn bright_spot(options: &mut Options) -> Result<Painting> {
     spot(options, 0.05, 0.02)
 }
 
-/// `size` is the diameter in sensor widths; `level` the radiance in units of a perfect white's under
-/// the scene's light: above 1 the spot is a lamp, not a surface.
+/// `size` is the diameter in sensor widths; `level` the radiance in units of a perfect white's
+/// under the scene's light: above 1 the spot is a lamp, not a surface.
 fn spot(options: &mut Options, size: f64, ground: f64) -> Result<Painting> {
     let radius = options.number("size", size, 1e-6..=10.0)? / 2.0;
     let level = options.number("level", 1.0, 0.0..=1e9)?;
