@@ -1,16 +1,16 @@
-//! The sensor stage as the host runs it: rows in parallel, compiled for the vector units at hand.
+//! The sensor stage of the product, over light in memory.
 
-use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float};
-use camrig_sensor_core::collect::{Collector, Sums};
+use camrig::Plane;
+use camrig::exposure::rows::{self as product, BandSums, Vector};
+use camrig::exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_sensor_core::arith::{BLOCK, Block, Float};
 use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
 use camrig_sensor_core::crosstalk::Crosstalk;
 use camrig_sensor_core::effects::{
     Effect, dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
-use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
-use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
-use multiversion::multiversion;
+use camrig_sensor_core::pipeline::MeanRows;
 
 /// Settings of all frames here.
 pub const SETTINGS: FrameSettings =
@@ -62,7 +62,6 @@ struct Stored<'a> {
 }
 
 impl MeanRows<Float> for Stored<'_> {
-    #[inline(always)]
     fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
         let start = (row - self.first_row) as usize * self.width;
         let row = &self.means[start..start + self.width];
@@ -75,23 +74,11 @@ impl MeanRows<Float> for Stored<'_> {
     }
 }
 
-/// Rows from `first_row` on, compiled for the vector units at hand.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+/// Rows from `first_row` on, as `camrig expose` computes them.
 pub fn rows(config: &SensorConfig, first_row: u32, means: &[f32], dn: &mut [u16]) {
-    rows_plain(config, first_row, means, dn);
-}
-
-/// Rows from `first_row` on, compiled for the build's target only.
-#[inline(always)]
-pub fn rows_plain(config: &SensorConfig, first_row: u32, means: &[f32], dn: &mut [u16]) {
-    let width = config.width as usize;
-    let mut memory = vec![[0.0; BLOCK]; memory_blocks(config)];
-    let mut pipeline =
-        Pipeline::<Float>::new(config, &SETTINGS, &mut memory).expect("valid configuration");
-    let mut source = Stored { means, width, first_row };
-    for (row, dn) in (first_row..).zip(dn.chunks_mut(width)) {
-        pipeline.row(row, &mut source, dn);
-    }
+    let mut source = Stored { means, width: config.width as usize, first_row };
+    product::rows::<Float>(config, &SETTINGS, &mut source, first_row as usize, dn)
+        .expect("valid configuration");
 }
 
 /// A frame on some threads.
@@ -104,13 +91,6 @@ pub fn frame(config: &SensorConfig, means: &[f32], dn: &mut [u16], threads: usiz
             scope.spawn(move || rows(config, (i * per_thread) as u32, means, dn));
         }
     });
-}
-
-/// An irradiance cube in memory: `[row][band]` of 16-bit mantissas with an exponent for 16 pixels.
-pub struct Cube {
-    /// One mantissa per pixel and band.
-    pub mantissas: Vec<u16>,
-    exponents: Vec<i8>,
 }
 
 /// Bands of [`spectral_config`] and [`cube`].
@@ -131,82 +111,55 @@ pub fn spectral_config(width: u32, height: u32, effects: &[Effect]) -> SensorCon
 }
 
 /// Light for some 4000 e⁻ in the brightest column.
-pub fn cube(width: usize, height: usize, bands: usize) -> Cube {
-    let values: Vec<f32> = (0..width).map(|x| 6.4e-3 * x as f32 / width as f32).collect();
-    let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);
-    encode(&values, &mut exponents, &mut mantissas);
-    Cube {
-        mantissas: mantissas.repeat(height * bands),
-        exponents: exponents.repeat(height * bands),
-    }
+pub fn cube(width: usize, height: usize) -> IrradianceCube {
+    let header = CubeHeader {
+        width,
+        height,
+        first_band_nm: 400.0,
+        band_step_nm: 10.0,
+        bands: BANDS,
+        level: 1.0,
+        lux: None,
+        illuminant: None,
+        made_of: "ramp".into(),
+    };
+    let ramp = Plane::from_fn(width, height, |x, _| 6.4e-3 * x as f32 / width as f32);
+    let mut writer = IrradianceWriter::new(header).expect("valid header");
+    (0..BANDS).for_each(|_| writer.push(&ramp).expect("a plane of the header's size"));
+    writer.finish().expect("all bands")
 }
 
 /// Mean electrons from a cube.
 struct FromCube<'a> {
-    cube: &'a Cube,
-    collector: Collector<'a, Float>,
-    width: usize,
-    sums: Vec<Sums<f32>>,
+    sums: BandSums<'a, Float>,
+    bands: Vec<Chunk<'a>>,
 }
 
 impl MeanRows<Float> for FromCube<'_> {
-    #[inline(always)]
     fn mean_row(&mut self, y: u32, out: &mut [Block<f32>]) {
-        self.sums.fill([0.0; GROUP]);
-        let (width, groups) = (self.width, groups(self.width));
-        for band in 0..BANDS {
-            let at = y as usize * BANDS + band;
-            let row = BandRow {
-                exponents: &self.cube.exponents[at * groups..(at + 1) * groups],
-                mantissas: &self.cube.mantissas[at * width..(at + 1) * width],
-            };
-            self.collector.add_band(y, band, row, &mut self.sums);
-        }
-        for (out, sum) in out.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
-            *out = Float::collected(*sum);
-        }
+        Float::COLLECT(&mut self.sums, &self.bands, y, out);
     }
 }
 
-/// The whole way from a cube to DN with positional crosstalk factors, compiled for the vector units at hand.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
-pub fn collected_rows(config: &SensorConfig, cube: &Cube, dn: &mut [u16]) {
-    let width = config.width as usize;
+/// The whole way from a cube to DN with positional crosstalk factors, as `camrig expose` goes it.
+pub fn collected_rows(config: &SensorConfig, cube: &IrradianceCube, dn: &mut [u16]) {
     let nodes =
         |n: usize| (0..n).map(|i| i as f32 / (n - 1) as f32 * 2.0 - 1.0).collect::<Vec<_>>();
     let (x, y, nm) = (nodes(NODES.0), nodes(NODES.1), [400.0, 500.0, 600.0, 700.0]);
     let factors: Vec<f32> =
         (0..3 * nm.len() * x.len() * y.len()).map(|i| 0.9 + 0.2 * (i % 7) as f32 / 7.0).collect();
     let crosstalk = Crosstalk { x: &x, y: &y, wavelength_nm: &nm, factors: &factors };
-    let collector = Collector::new(config, &SETTINGS, Some(crosstalk)).expect("valid table");
-    let mut source = FromCube { cube, collector, width, sums: vec![[0.0; GROUP]; groups(width)] };
-    let mut memory = vec![[0.0; BLOCK]; memory_blocks(config)];
-    let mut pipeline =
-        Pipeline::<Float>::new(config, &SETTINGS, &mut memory).expect("valid configuration");
-    for (row, dn) in (0..).zip(dn.chunks_mut(width)) {
-        pipeline.row(row, &mut source, dn);
-    }
+    let bands = (0..BANDS).map(|b| cube.chunk(b, 0, cube.header.height).expect("in memory"));
+    let mut source = FromCube {
+        bands: bands.collect(),
+        sums: BandSums::new(config, &SETTINGS, Some(crosstalk)).expect("valid table"),
+    };
+    product::rows::<Float>(config, &SETTINGS, &mut source, 0, dn).expect("valid configuration");
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_sensor_core::effects::charge_coupling::ChargeCoupling;
-
-    #[test]
-    fn every_instruction_set_gives_the_same_bytes() {
-        let mut effects = chain();
-        effects.push(ChargeCoupling { side: 0.01, vertical: 0.02, diagonal: 0.001 }.into());
-        for (width, height) in [(1000, 20), (64, 5), (33, 3)] {
-            let config = config(width as u32, height as u32, &effects);
-            let means = means(width, height);
-            let (mut plain, mut vector) = (vec![0; means.len()], vec![0; means.len()]);
-            rows_plain(&config, 0, &means, &mut plain);
-            rows(&config, 0, &means, &mut vector);
-            assert_eq!(plain, vector);
-            assert!(plain.iter().any(|&dn| dn > 100));
-        }
-    }
 
     #[test]
     fn threads_give_the_same_bytes() {

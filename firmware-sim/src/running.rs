@@ -22,6 +22,9 @@ use camrig_sensor_core::spectral::{BandRow, GROUP, groups};
 /// Most rows of the ring: two effects that read their neighbours.
 pub(crate) const MAX_RING: usize = 5;
 
+/// One row of a chain: as [`Pipeline::row`], compiled for other instructions than the rest.
+pub type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);
+
 /// What a frame is: enough to take it up again after other business.
 #[derive(Clone, Debug)]
 pub struct Frame {
@@ -170,11 +173,16 @@ impl<'r, A: Arith> Running<'r, A> {
     }
 
     #[inline(always)]
-    fn raw_row(&mut self, row: u16, out: &mut [u8]) {
+    fn raw_row(
+        &mut self,
+        row: u16,
+        out: &mut [u8],
+        chain: impl FnOnce(&mut Pipeline<'r, A>, u32, &mut Ring<'r, A::Signal>, &mut [u16]),
+    ) {
         // Between rows no band is half received, so its memory is free.
         let dn = &mut *self.mantissas;
         if self.frame.test_pattern == 0 {
-            self.pipeline.row(row.into(), &mut self.ring, dn);
+            chain(&mut self.pipeline, row.into(), &mut self.ring, dn);
         } else {
             let max = self.config.max_dn();
             test_pattern(self.frame.test_pattern, self.frame.test_data.min(max), max, row, dn);
@@ -295,9 +303,28 @@ impl<'r> AnyRunning<'r> {
     pub fn raw_row(&mut self, row: u16, out: &mut [u8]) {
         match self {
             #[cfg(feature = "float")]
-            Self::Float(running) => running.raw_row(row, out),
+            Self::Float(running) => running.raw_row(row, out, |p, r, ring, dn| p.row(r, ring, dn)),
             #[cfg(feature = "fixed")]
-            Self::Fixed(running) => running.raw_row(row, out),
+            Self::Fixed(running) => running.raw_row(row, out, |p, r, ring, dn| p.row(r, ring, dn)),
+        }
+    }
+
+    /// [`Self::raw_row`] with row functions that the caller has compiled.
+    #[cfg(all(feature = "float", feature = "fixed"))]
+    #[inline(always)]
+    pub fn raw_row_by(
+        &mut self,
+        row: u16,
+        out: &mut [u8],
+        (float, fixed): (RowFn<Float>, RowFn<Fixed>),
+    ) {
+        match self {
+            Self::Float(running) => {
+                running.raw_row(row, out, |p, r, ring, dn| float(p, r, ring, dn))
+            }
+            Self::Fixed(running) => {
+                running.raw_row(row, out, |p, r, ring, dn| fixed(p, r, ring, dn))
+            }
         }
     }
 }

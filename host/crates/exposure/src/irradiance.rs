@@ -173,7 +173,8 @@ impl IrradianceCube {
         let size = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
         let no_cube = |what: &str| {
             Error::input(format!("not an irradiance cube: {what}"))
-                .help("make one with camrig simulate --save-irradiance FILE")
+                .help("give a file in which irradiance was saved")
+                .with_code("no-irradiance")
         };
         let mut start = [0; 12];
         read_at(&file, &mut start, 0).map_err(|_| no_cube("the file is too short"))?;

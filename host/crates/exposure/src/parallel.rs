@@ -4,11 +4,13 @@
 //! as it may; then each rig takes a run of raw rows and the spectral rows around it. Raw rows depend on
 //! nothing else, so they are the same whoever computes them.
 
+use crate::rows::Vector;
 use camrig_firmware_sim::Rig;
 use camrig_firmware_sim::running::AnyRunning;
 use camrig_rig_link::device::{Begun, Model};
 use camrig_rig_link::message::{Capabilities, Exposure, FrameBegin, FrameShape, Refusal};
 use camrig_rig_link::registers::Registers;
+use camrig_sensor_core::arith::{Fixed, Float};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -98,7 +100,8 @@ fn rows<'a>(
     }
 }
 
-// The row functions compiled for the vector instructions of this machine, as `camrig expose` has them.
+// Sums of bands and packing, compiled for the vector instructions of this machine; the chain itself is that of
+// `rows`.
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 fn units(running: &mut AnyRunning<'_>, row: u16, bytes: &[u8]) {
@@ -107,7 +110,7 @@ fn units(running: &mut AnyRunning<'_>, row: u16, bytes: &[u8]) {
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
 fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
-    running.raw_row(row, out);
+    running.raw_row_by(row, out, (Float::ROW, Fixed::ROW));
 }
 
 impl Model for Parallel<'_> {

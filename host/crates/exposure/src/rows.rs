@@ -5,6 +5,7 @@
 
 use super::irradiance::Chunk;
 use camrig_base::{Error, Result};
+use camrig_firmware_sim::running::RowFn;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
 use camrig_sensor_core::collect::{Collector, Sums};
 use camrig_sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
@@ -13,8 +14,6 @@ use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 use camrig_sensor_core::spectral::{GROUP, groups};
 use multiversion::multiversion;
 
-/// One row of a frame.
-type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);
 /// Mean photo-electrons of a row from its bands.
 type CollectFn<A> = fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
 
@@ -131,5 +130,76 @@ pub fn refused(e: ConfigError) -> Error {
         ConfigError::Settings => Error::input("exposure, gain or temperature is out of range")
             .help("exposure and gain are positive numbers"),
         e => Error::input(format!("the sensor model refuses this configuration: {e:?}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_sensor_core::config::Pattern;
+    use camrig_sensor_core::effects::charge_coupling::ChargeCoupling;
+    use camrig_sensor_core::effects::{Effect, prnu::Prnu, read_noise::ReadNoise};
+    use camrig_sensor_core::effects::{row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise};
+
+    /// A monochrome 12-bit sensor with effects of every domain, one of which reads its neighbours.
+    fn sensor(width: u32, height: u32) -> SensorConfig {
+        let effects: [Effect; 5] = [
+            ShotNoise {}.into(),
+            Prnu { sigma: 0.008 }.into(),
+            ChargeCoupling { side: 0.01, vertical: 0.02, diagonal: 0.001 }.into(),
+            RowOffsetFpn { sigma_e: 0.8 }.into(),
+            ReadNoise { read_e: 3.0, read_e_post: 1.0 }.into(),
+        ];
+        SensorConfig {
+            width,
+            height,
+            pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
+            channels: 1,
+            bands: 1,
+            first_band_nm: 550.0,
+            band_step_nm: 10.0,
+            response: [1e6].into_iter().collect(),
+            full_well_e: 10_000.0,
+            bits: 12,
+            black_level_dn: 64.0,
+            seed: 1,
+            effects: effects.into_iter().collect(),
+        }
+    }
+
+    /// Rows by the functions for this machine's vector units and by those of the build's target.
+    fn by_both<A: Vector>(
+        config: &SensorConfig,
+        light: impl Fn(f32) -> A::Signal,
+    ) -> [Vec<u16>; 2] {
+        let settings =
+            FrameSettings { frame: 3, exposure_s: 0.02, analog_gain: 1.0, temperature_c: 25.0 };
+        let mut ramp = |_: u32, out: &mut [Block<A::Signal>]| {
+            let pixels = out.as_flattened_mut().iter_mut().enumerate();
+            pixels.for_each(|(x, mean)| *mean = light(1.0 + 8000.0 * x as f32 / 1000.0));
+        };
+        let width = config.width as usize;
+        let mut vector = vec![0; width * config.height as usize];
+        let mut plain = vector.clone();
+        rows::<A>(config, &settings, &mut ramp, 0, &mut vector).unwrap();
+        let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];
+        let mut pipeline = Pipeline::<A>::new(config, &settings, &mut memory).unwrap();
+        for (y, out) in (0..).zip(plain.chunks_mut(width)) {
+            pipeline.row(y, &mut ramp, out);
+        }
+        [vector, plain]
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bytes() {
+        for (width, height) in [(1000, 20), (64, 5), (33, 3)] {
+            let config = sensor(width, height);
+            let [vector, plain] = by_both::<Float>(&config, |e| e);
+            assert_eq!(vector, plain, "f32, {width} x {height}");
+            assert!(plain.iter().any(|&dn| dn > 100));
+            let [vector, plain] = by_both::<Fixed>(&config, <Fixed as Arith>::signal);
+            assert_eq!(vector, plain, "fixed point, {width} x {height}");
+            assert!(plain.iter().any(|&dn| dn > 100));
+        }
     }
 }
