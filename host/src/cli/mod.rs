@@ -13,6 +13,7 @@ macro_rules! print {
     ($($what:tt)*) => { $crate::cli::stdout::print(format_args!($($what)*)) };
 }
 
+mod advice;
 pub mod arguments;
 mod batch;
 mod calibrate;
@@ -80,7 +81,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
     stdout::guard(|| run(command)).unwrap_or_else(|error| {
-        eprintln!("error: {error}");
+        eprintln!("error: {}", advice::advised(error));
         ExitCode::from(2)
     })
 }

@@ -1,4 +1,8 @@
-//! The one error type of the library and the program: of which kind, what, where, and what would be right.
+//! The error type of the library and the program: its kind, what is wrong, where, and what would be
+//! right.
+//!
+//! Messages are in terms of the library. A program that has other names for the same things, as a
+//! command line has its flags, finds out by the error's code what to add.
 
 use std::fmt;
 use std::path::Path;
@@ -24,7 +28,7 @@ pub enum ErrorKind {
     Internal,
 }
 
-/// Of which kind, what, where, and what would be right.
+/// What is wrong, of which kind it is, where, and what would be right.
 ///
 /// ```
 /// use camrig_base::{Error, ErrorKind};
@@ -39,13 +43,14 @@ pub struct Error {
     what: String,
     place: Option<String>,
     help: Option<String>,
+    code: Option<&'static str>,
     source: Option<Box<dyn std::error::Error + Send + Sync>>,
 }
 
 impl Error {
     /// An error of a kind. `what` names the value and what is wrong with it.
     pub fn new(kind: ErrorKind, what: impl Into<String>) -> Self {
-        Self { kind, what: what.into(), place: None, help: None, source: None }
+        Self { kind, what: what.into(), place: None, help: None, code: None, source: None }
     }
 
     /// Something supplied by a person is wrong.
@@ -98,6 +103,13 @@ impl Error {
         self
     }
 
+    /// Gives the error a code that does not change when its words do, such as `output-exists`.
+    #[must_use]
+    pub fn with_code(mut self, code: &'static str) -> Self {
+        self.code = Some(code);
+        self
+    }
+
     /// Of which kind it is.
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
@@ -114,6 +126,12 @@ impl Error {
     #[must_use]
     pub fn place(&self) -> Option<&str> {
         self.place.as_deref()
+    }
+
+    /// The error's code, if it has one.
+    #[must_use]
+    pub fn code(&self) -> Option<&'static str> {
+        self.code
     }
 
     /// What would be right.

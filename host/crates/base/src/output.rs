@@ -261,7 +261,8 @@ fn folder_of(path: &Path) -> &Path {
 
 fn exists(path: &Path) -> Error {
     Error::input(format!("{} exists", path.display()))
-        .help("give another name, or --force to replace it")
+        .help("give another name, or ask to replace it")
+        .with_code("output-exists")
 }
 
 fn cannot_create(path: &Path, error: io::Error) -> Error {
@@ -305,7 +306,7 @@ mod tests {
         let path = dir.path().join("a");
         write_file(&path, false, b"first").unwrap();
         let error = write_file(&path, false, b"second").unwrap_err().to_string();
-        assert!(error.contains("exists") && error.contains("--force"), "{error}");
+        assert!(error.contains("exists") && error.contains("replace it"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), b"first");
         write_file(&path, true, b"second").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"second");

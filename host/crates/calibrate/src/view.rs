@@ -90,7 +90,8 @@ impl View {
             return Ok(means);
         }
         Err(Error::input(format!("{what} is saturated"))
-            .help("merge in a shorter exposure with camrig scene hdr, or expose less"))
+            .help("merge in a shorter exposure, or expose less")
+            .with_code("saturated-capture"))
     }
 
     /// Means over the middle half of the 24 patches, within a rectangle drawn around them (outer

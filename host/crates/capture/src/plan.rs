@@ -162,7 +162,8 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
         }
         Role::Rotation => {
             return Err(Error::input("rotation stacks are not taken by plans")
-                .help("use camrig crosstalk bench"));
+                .help("simulate the bench that rotates the camera")
+                .with_code("rotation-stacks"));
         }
         _ => {}
     }

@@ -167,7 +167,8 @@ impl<'a> Aimed<'a> {
             (None, PsfMethod::Diffraction) => {
                 Err(Error::input("the wavefront is too strong for a diffraction PSF")
                     .at(format!("field {:.4}°, {nm} nm", self.beam.field_deg))
-                    .help("use --psf auto or geometric, or a smaller window"))
+                    .help("use the method auto or geometric, or a smaller window")
+                    .with_code("psf-method"))
             }
             (None, _) => {
                 let samples = PupilSamples::trace(&self.beam, &self.outline, 256);
@@ -208,9 +209,8 @@ pub fn characterise(
             "{} heights up to a field of {}°",
             plan.heights, plan.max_field_deg
         ))
-        .help(
-            "give two heights or more and a largest field between 0 and 90 degrees (--max-field)",
-        ));
+        .help("give two heights or more and a largest field between 0 and 90 degrees")
+        .with_code("largest-field"));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);
     let even: Vec<f64> =
@@ -237,7 +237,11 @@ pub fn characterise(
             let side_um = window.size as f64 * spacing_um;
             return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
                 .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
-                .help("the lens is out of focus there: give its wavelengths, or --psf-spacing, or --sensor-shift"));
+                .help(
+                    "the lens is out of focus there: give its wavelengths, the distance of PSF \
+                     samples or a shift of the sensor",
+                )
+                .with_code("psf-window"));
         }
         let samples = samples_outwards(&psf, window.size, flip);
         Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })

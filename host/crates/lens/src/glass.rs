@@ -242,10 +242,12 @@ impl Catalogue {
         if let Some(model) = model_from_name(name) {
             return model;
         }
-        Err(Error::input(format!("no glass called \"{name}\"")).help(format!(
-            "nearest known: {}; or give n_d:V_d in its place, or define it with --glass",
-            self.nearest(&wanted).join(", ")
-        )))
+        Err(Error::input(format!("no glass called \"{name}\""))
+            .help(format!(
+                "nearest known: {}; or give n_d:V_d in its place, or define it",
+                self.nearest(&wanted).join(", ")
+            ))
+            .with_code("unknown-glass"))
     }
 
     fn nearest(&self, wanted: &str) -> Vec<String> {
@@ -384,7 +386,7 @@ mod tests {
         let own = find("SF5", &["hikari"]).unwrap();
         assert_ne!(own.dispersion, find("SF5", &[]).unwrap().dispersion);
         let error = find("N-BK8", &[]).unwrap_err().to_string();
-        assert!(error.contains("N-BK7") && error.contains("--glass"), "{error}");
+        assert!(error.contains("N-BK7") && error.contains("define it"), "{error}");
     }
 
     #[test]

@@ -90,7 +90,8 @@ impl System {
         };
         if !(stop_radius_mm.is_finite() && stop_radius_mm > 0.0) {
             return Err(Error::input(format!("the stop radius comes out as {stop_radius_mm} mm"))
-                .help("give another aperture, or --stop-radius"));
+                .help("give another aperture, or the radius of the stop")
+                .with_code("stop-radius"));
         }
         let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
         let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };

@@ -3,7 +3,7 @@
 use super::feed::Feed;
 use super::transport::{MAX_PACKET, Transport};
 use super::{Url, emulator, hid, serial, tcp};
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Error, ErrorKind, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
@@ -153,7 +153,7 @@ impl Rig {
             .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
         let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * table];
         let n = camera::encode(&sensor.config, crosstalk, &mut bytes)
-            .ok_or_else(|| Error::input("the camera is too large for the link"))?;
+            .ok_or_else(|| Error::limit("the camera is too large for the link"))?;
         bytes.truncate(n);
         self.camera = bytes;
         let device = self.device();
@@ -165,7 +165,7 @@ impl Rig {
         if !lacking.is_empty() {
             let what =
                 format!("the rig's firmware lacks effects of the camera: {}", lacking.join(", "));
-            return Err(Error::input(what).at(&self.url).help(
+            return Err(Error::unsupported(what).at(&self.url).help(
                 "leave them out of the camera file, or give the rig the firmware with all effects \
                  (feature `catalogue`)",
             ));
@@ -217,11 +217,12 @@ impl Rig {
         let codec = feed.codec();
         let raw_bits = [8, 10, 12, 14, 16].into_iter().find(|&b| b >= config.bits).unwrap_or(16);
         let too_large = || {
-            Error::input(format!(
+            Error::limit(format!(
                 "a frame of {} x {} pixels in {} bands is too large for the link",
                 config.width, config.height, config.bands
             ))
-            .help("send fewer bands, or mean electrons (--collapse)")
+            .help("send fewer bands, or mean electrons")
+            .with_code("frame-too-large")
         };
         let shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
         let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
@@ -316,7 +317,7 @@ impl Rig {
     /// Runs the host's operation to its end.
     fn run(&mut self, transfer: &mut Option<Transfer<'_, '_>>) -> Result<Event> {
         let transport = (self.transport.as_mut())
-            .ok_or_else(|| Error::input("the link is closed").at(&self.url))?;
+            .ok_or_else(|| Error::new(ErrorKind::Io, "the link is closed").at(&self.url))?;
         loop {
             let now = self.since.elapsed().as_micros() as u64 + 1;
             let mut io = Io { transfer, camera: &self.camera, log: &mut self.log };
@@ -341,7 +342,7 @@ impl Rig {
     }
 
     fn unexpected(&self, answer: ToHost) -> Error {
-        Error::input(format!("the rig answered something else: {answer:?}")).at(&self.url)
+        Error::disagreement(format!("the rig answered something else: {answer:?}")).at(&self.url)
     }
 
     fn failed(&self, event: Event) -> Error {
@@ -354,20 +355,22 @@ impl Rig {
                 } else {
                     "update camrig"
                 };
-                Error::input(format!(
+                Error::disagreement(format!(
                     "the rig speaks versions {oldest} to {newest} of the protocol, camrig {ours_oldest} \
                      to {ours}"
                 ))
                 .help(advice)
             }
-            Event::NoProgress => Error::input(
+            Event::NoProgress => Error::new(
+                ErrorKind::Io,
                 "the link loses too much: the frame does not get through",
             )
             .help(
                 "use a shorter cable, a lower baud rate, or look for another program on the line",
             ),
-            _ => Error::input("no answer from the rig")
-                .help("is it switched on, and is this its address? `camrig rig list` shows rigs"),
+            _ => Error::new(ErrorKind::Io, "no answer from the rig")
+                .help("is it switched on, and is this its address?")
+                .with_code("rig-not-found"),
         };
         error.at(&self.url)
     }
@@ -388,7 +391,7 @@ impl Rig {
             ),
             Nack::Refused(Refusal::Arithmetic) => (
                 "the rig does not have this arithmetic".into(),
-                "choose the other one with --arith; `camrig rig info` shows what it has",
+                "choose the other one",
             ),
             Nack::Refused(Refusal::Effects) => (
                 "the camera's effects need more rows than the rig has memory for".into(),
@@ -399,11 +402,25 @@ impl Rig {
             }
             Nack::Register(address) => (
                 format!("the rig has no register {address:#06x} that takes this"),
-                "`camrig rig register --help` lists the registers",
+                "check the address and the value",
             ),
             nack => (format!("the rig refuses: {nack:?}"), "start again; it may have been reset"),
         };
-        Error::input(what).at(&self.url).help(help)
+        let error = match nack {
+            Nack::Refused(Refusal::Arithmetic) => {
+                Error::unsupported(what).with_code("rig-arithmetic")
+            }
+            Nack::Refused(Refusal::Effects) => Error::unsupported(what),
+            Nack::Refused(
+                Refusal::TooWide { .. }
+                | Refusal::TooManyBands { .. }
+                | Refusal::CameraTooLong { .. },
+            ) => Error::limit(what),
+            Nack::Refused(_) => Error::input(what),
+            Nack::Register(_) => Error::input(what).with_code("rig-register"),
+            _ => Error::disagreement(what),
+        };
+        error.at(&self.url).help(help)
     }
 }
 
@@ -436,7 +453,7 @@ impl RigFrame {
         let rows = self.packed.par_chunks(self.packing.row_bytes(width));
         data.par_chunks_mut(width).zip(rows).try_for_each(|(row, packed)| {
             unpack_row(self.packing, packed, row)
-                .map_err(|e| Error::input(format!("a raw row of {} bytes", e.found)))
+                .map_err(|e| Error::internal(format!("a raw row of {} bytes", e.found)))
         })?;
         Ok(sensor.raw_frame(data, self.start.exposure.analog_gain))
     }

@@ -27,7 +27,8 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
         let seen = if seen.is_empty() { "none".into() } else { seen.join(", ") };
         return Err(Error::input("no such HID device is connected")
             .at(name)
-            .help(format!("connected: {seen}; `camrig rig list` shows more")));
+            .help(format!("connected: {seen}"))
+            .with_code("rig-not-found"));
     }
     let device = match serial {
         Some(serial) => api.open_serial(vid, pid, serial),

@@ -32,7 +32,8 @@ pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
         };
         Error::input(what)
             .at(&name)
-            .help("`camrig rig list` shows the ports; close other programs that hold this one")
+            .help("check the name, and close other programs that use this port")
+            .with_code("rig-not-found")
     };
     let port = serialport::new(path, baud).timeout(Duration::from_millis(100)).open();
     let port = port.map_err(failed)?;

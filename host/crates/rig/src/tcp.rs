@@ -15,7 +15,8 @@ pub fn open(address: &str) -> Result<Box<dyn Transport>> {
     let failed = |e: std::io::Error| {
         Error::input(format!("no rig answers: {e}"))
             .at(&name)
-            .help("start one with `camrig rig serve --tcp HOST:PORT`, or mend the address")
+            .help("start one there, or correct the address")
+            .with_code("rig-unreachable")
     };
     let mut last = std::io::ErrorKind::NotFound.into();
     for candidate in address.to_socket_addrs().map_err(failed)? {

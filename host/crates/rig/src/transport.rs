@@ -107,7 +107,7 @@ impl<W: Write + Send> ByteLink<W> {
 
     fn closed(&self, why: &str) -> Error {
         Error::input(format!("the rig closed the link{why}")).at(&self.name).help(
-            "it may be busy with another host: `camrig rig serve` serves one at a time; else look at \
+            "it may be busy with another host: an emulator serves one at a time; otherwise check \
              the rig and its cable, and try again",
         )
     }

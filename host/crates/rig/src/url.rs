@@ -39,10 +39,12 @@ impl Url {
     /// (VID and PID in hexadecimal).
     pub fn parse(text: &str) -> Result<Self> {
         let wrong = || {
-            Error::input(format!("{text:?} is no address of a rig")).help(
-                "use emulator:, tcp://HOST:PORT, serial:///dev/ttyACM0?baud=3000000 or \
-                 hid://VID:PID[/SERIAL] (hexadecimal); `camrig rig list` shows what is connected",
-            )
+            Error::input(format!("{text:?} is not an address of a rig"))
+                .help(
+                    "use emulator:, tcp://HOST:PORT, serial:///dev/ttyACM0?baud=3000000 or \
+                     hid://VID:PID[/SERIAL] (hexadecimal)",
+                )
+                .with_code("rig-not-found")
         };
         if text == "emulator:" {
             return Ok(Url::Emulator);

@@ -197,7 +197,9 @@ pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
         Ok(out)
     };
     let edge = set.with_role(Role::Edge).next().ok_or_else(|| {
-        Error::input("no edge capture").help("camrig capture --plan paper shows what is needed")
+        Error::input("no edge capture")
+            .help("take the captures of the plan `paper`")
+            .with_code("no-edge-capture")
     })?;
     let lux = |c: &&camrig_captures::Capture| c.light.as_ref().and_then(|l| l.lux);
     let mut charts: Vec<_> = set.with_role(Role::Chart).filter(|c| lux(c).is_some()).collect();

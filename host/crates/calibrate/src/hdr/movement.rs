@@ -243,9 +243,10 @@ impl<'a> Samples<'a> {
                 libm::exp(factor)
             ))
             .help(
-                "correct the exposure_s that is wrong, or leave that capture out (--only); a camera that \
-                 is not linear needs --response",
-            ));
+                "correct the exposure_s that is wrong, or leave that capture out; a camera that is \
+                 not linear needs its response",
+            )
+            .with_code("exposure-time"));
         }
         Ok(())
     }

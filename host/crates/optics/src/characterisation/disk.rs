@@ -141,7 +141,8 @@ impl Characterisation {
         self.validate()?;
         if dir.exists() && !force {
             return Err(Error::input(format!("{} exists already", dir.display()))
-                .help("choose another name, or replace it with --force"));
+                .help("choose another name, or replace it")
+                .with_code("output-exists"));
         }
         if dir.exists() && !dir.join("lens.toml").exists() {
             return Err(Error::input(format!("{} is not a lens directory", dir.display()))
@@ -262,7 +263,7 @@ mod tests {
         let lens = Characterisation::example(8, 0.25);
         lens.write(&path, false).unwrap();
         assert_eq!(Characterisation::read(&path).unwrap(), lens);
-        assert!(lens.write(&path, false).unwrap_err().to_string().contains("--force"));
+        assert!(lens.write(&path, false).unwrap_err().to_string().contains("replace it"));
         lens.write(&path, true).unwrap();
     }
 

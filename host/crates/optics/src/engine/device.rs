@@ -34,7 +34,7 @@ impl DeviceChoice {
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Cpu => Ok(Device::Cpu),
-            Self::Gpu => Gpu::open(true).map(Device::Gpu).map_err(|e| e.at("--device gpu")),
+            Self::Gpu => Gpu::open(true).map(Device::Gpu).map_err(|e| e.at("device gpu")),
             Self::Auto => Ok(Gpu::open(false).map_or(Device::Cpu, Device::Gpu)),
         }
     }

@@ -13,9 +13,9 @@ impl Gpu {
     /// # Errors
     /// Always.
     pub fn open(_any: bool) -> Result<&'static Self> {
-        Err(Error::input("this camrig was built without graphics processors").help(
-            "build it with them (cargo build --release --features gpu), or give --device cpu",
-        ))
+        Err(Error::unsupported("this camrig was built without graphics processors")
+            .help("build it with the feature `gpu`, or use the processor")
+            .with_code("graphics-processor"))
     }
 
     pub fn name(&self) -> &str {

@@ -6,7 +6,7 @@
 mod blur;
 
 pub use blur::Blurrer;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorKind, Result};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{Adapter, Backends, Buffer, BufferDescriptor, BufferUsages, DeviceType};
 
@@ -49,9 +49,9 @@ impl Gpu {
         let found = pollster::block_on(instance.enumerate_adapters(backends));
         let adapter = found.into_iter().filter(|a| wanted(a.get_info().device_type));
         let adapter = adapter.min_by_key(|a| rank(a.get_info().device_type)).ok_or_else(|| {
-            Error::input("no graphics processor: no driver of Vulkan, Metal or Direct3D 12 has one").help(
-                "install its driver, or mesa-vulkan-drivers for one in software, or give --device cpu",
-            )
+            Error::unsupported("no graphics processor: no driver of Vulkan, Metal or Direct3D 12 has one")
+                .help("install its driver, or mesa-vulkan-drivers for one in software, or use the processor")
+                .with_code("graphics-processor")
         })?;
         Self::of(&adapter)
     }
@@ -61,7 +61,9 @@ impl Gpu {
         let wanted =
             wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&wanted)).map_err(|e| {
-            Error::input(format!("{} cannot be opened: {e}", info.name)).help("give --device cpu")
+            Error::new(ErrorKind::Io, format!("{} cannot be opened: {e}", info.name))
+                .help("use the processor")
+                .with_code("graphics-processor")
         })?;
         let trouble = Arc::new(Mutex::new(None));
         let note = |trouble: &Mutex<Option<String>>, what: String| {
@@ -100,7 +102,9 @@ impl Gpu {
     }
 
     fn failed(&self, what: impl std::fmt::Display) -> Error {
-        Error::input(format!("{} gave up: {what}", self.name)).help("give --device cpu")
+        Error::new(ErrorKind::Io, format!("{} gave up: {what}", self.name))
+            .help("use the processor")
+            .with_code("graphics-processor")
     }
 }
 
