@@ -4,7 +4,7 @@
 //! absolute difference of ln signal over whole cells, less what the exposures differ by as a whole, refined
 //! by a parabola. Only pixels that are usable in both exposures count, so different exposures compare.
 
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// Largest shift searched, cells in each direction.
@@ -86,7 +86,7 @@ pub fn shift(
 }
 
 /// Sum of the absolute differences of a row's values that are usable in both, and how many these are.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn difference([a, b]: [&[f32]; 2]) -> (f64, f64) {
     const LANES: usize = 32;
     let (mut sum, mut count) = ([0.0f32; LANES], [0.0f32; LANES]);

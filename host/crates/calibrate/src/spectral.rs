@@ -16,7 +16,7 @@ use camrig_base::{Error, Result};
 use camrig_scene::Illuminant;
 use camrig_scene::delta_e::{delta_e_2000, lab};
 use camrig_scene::photometry::observer_in_bands;
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -115,7 +115,7 @@ impl Estimator {
 }
 
 /// The offset and the weighted channels, kept within 0..=1: every value is read once and written once.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn weigh(offset: f32, channels: &[(f32, &[f32])], out: &mut [f32]) {
     const SIDE: usize = 64;
     let (whole, rest) = out.as_chunks_mut::<SIDE>();

@@ -11,7 +11,7 @@ use camrig_rig_link::device::{Begun, Model};
 use camrig_rig_link::message::{Capabilities, Exposure, FrameBegin, FrameShape, Refusal};
 use camrig_rig_link::registers::Registers;
 use camrig_sensor_core::arith::{Fixed, Float};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -103,12 +103,12 @@ fn rows<'a>(
 // Sums of bands and packing, compiled for the vector instructions of this machine; the chain itself is that of
 // `rows`.
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn units(running: &mut AnyRunning<'_>, row: u16, bytes: &[u8]) {
     running.units(row, 0, bytes);
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
     running.raw_row_by(row, out, (Float::ROW, Fixed::ROW));
 }

@@ -12,7 +12,7 @@ use camrig_sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
 use camrig_sensor_core::crosstalk::Crosstalk;
 use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 use camrig_sensor_core::spectral::{GROUP, groups};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 
 /// Mean photo-electrons of a row from its bands.
 type CollectFn<A> = fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
@@ -27,10 +27,7 @@ pub trait Vector: Arith {
 
 macro_rules! vector {
     ($arith:ty, $row:ident, $collect:ident) => {
-        #[multiversion(targets(
-            "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-            "x86_64+avx2"
-        ))]
+        #[vectorised]
         fn $row(
             pipeline: &mut Pipeline<'_, $arith>,
             row: u32,
@@ -40,10 +37,7 @@ macro_rules! vector {
             pipeline.row(row, source, out);
         }
 
-        #[multiversion(targets(
-            "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-            "x86_64+avx2"
-        ))]
+        #[vectorised]
         fn $collect(
             sums: &mut BandSums<'_, $arith>,
             bands: &[Chunk<'_>],

@@ -10,6 +10,7 @@
 
 use super::pupil::{Beam, Outline};
 use super::samples::PupilSamples;
+use camrig_vector::vectorised;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
@@ -194,7 +195,7 @@ fn scaled_to_unit_sum(mut data: Vec<f64>, sum: f64, captured: f64) -> Psf {
 }
 
 /// |Σ w·(re + i·im)|² of the rows x inner factors `waves` and the inner x columns matrices.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn squared_field(
     waves: &[[f64; 2]],
     real: &[f64],
@@ -219,7 +220,7 @@ fn squared_field(
 }
 
 /// Row-major matrix product of [rows x inner] and [inner x columns].
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn product(a: &[f64], b: &[f64], [rows, inner, columns]: [usize; 3]) -> Vec<f64> {
     let mut out = vec![0.0; rows * columns];
     for (line, a_row) in out.chunks_exact_mut(columns).zip(a.chunks_exact(inner)) {

@@ -8,6 +8,7 @@
 //! operations and square roots are used, without contraction: the same bits on every machine.
 
 use super::prescription::Clip;
+use camrig_vector::vectorised;
 
 /// A surface ready to trace at one wavelength, in its own vertex coordinates.
 #[derive(Clone, Debug)]
@@ -231,7 +232,7 @@ fn through_all<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
 pub const LANES: usize = 8;
 
 /// Traces [`LANES`] rays from the first surface to the image plane, vectorised where the processor can.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 pub fn trace_lanes(surfaces: &[TrainSurface], rays: &mut Rays<LANES>) {
     through_all(surfaces, rays);
 }

@@ -10,7 +10,7 @@ use super::strips;
 use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Batches, Capture, CaptureSet, StoredFrame};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// Correlation of the temporal noise of pixels and their neighbours.
@@ -124,7 +124,7 @@ impl Sums {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn deviate(before: &[u16], after: &[u16], drift: &[f32], out: &mut [f32]) {
     for (((d, &a), &b), &m) in out.iter_mut().zip(before).zip(after).zip(drift) {
         *d = f32::from(b) - f32::from(a) - m;
@@ -133,7 +133,7 @@ fn deviate(before: &[u16], after: &[u16], drift: &[f32], out: &mut [f32]) {
 
 /// Sum of the products of as many values as both have. Sixteen partial sums of a row lose less
 /// than 1e-5 to rounding.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     let n = a.len().min(b.len());
     let ((a, a_rest), (b, b_rest)) = (a[..n].as_chunks::<16>(), b[..n].as_chunks::<16>());

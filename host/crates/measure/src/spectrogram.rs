@@ -3,7 +3,7 @@
 use super::stack::Site;
 use camrig_base::{Error, Result};
 use camrig_fourier::plans::{Complex, Sample};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -121,7 +121,7 @@ fn total(values: &[u32], step: usize) -> u64 {
 }
 
 /// Adds every `step`th of the sums, times a factor.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn add_scaled(sums: &[u32], step: usize, factor: f64, out: &mut [f64]) {
     if step == 1 {
         out.iter_mut().zip(sums).for_each(|(o, &s)| *o += factor * f64::from(s));
@@ -132,13 +132,13 @@ fn add_scaled(sums: &[u32], step: usize, factor: f64, out: &mut [f64]) {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn narrow(values: &[f64], out: &mut [f32]) {
     out.iter_mut().zip(values).for_each(|(out, &v)| *out = v as f32);
 }
 
 /// The middle one of five rows less the means of 5 x 5. `sums` is room for a row.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn without_mean([a, b, c, d, e]: [&[f32]; 5], sums: &mut [f32], out: &mut [f32]) {
     let n = c.len();
     let (a, b, d, e, sums) = (&a[..n], &b[..n], &d[..n], &e[..n], &mut sums[..n]);
@@ -182,7 +182,7 @@ fn mean_power(
     Ok(power)
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn add_power(spectrum: &[Complex<f32>], power: &mut [f64]) {
     power.iter_mut().zip(spectrum).for_each(|(p, v)| *p += f64::from(v.norm_sqr()));
 }
@@ -286,7 +286,7 @@ impl Scale {
 }
 
 /// Smallest and largest.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn range(values: &[f32]) -> (f32, f32) {
     let (mut low, mut high) = ([f32::INFINITY; SIDE], [f32::NEG_INFINITY; SIDE]);
     for chunk in values.chunks(SIDE) {
@@ -300,7 +300,7 @@ fn range(values: &[f32]) -> (f32, f32) {
 }
 
 /// Counts values per part.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn count(values: &[f32], scale: Scale, counts: &mut [u32]) {
     let mut parts = [0; SIDE];
     for chunk in values.chunks(SIDE) {
@@ -310,7 +310,7 @@ fn count(values: &[f32], scale: Scale, counts: &mut [u32]) {
 }
 
 /// The values of three parts.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn of_parts(values: &[f32], scale: Scale, [a, b, c]: [u16; 3]) -> Vec<f32> {
     let mut found = Vec::new();
     for chunk in values.chunks(SIDE) {
@@ -333,7 +333,7 @@ fn of_parts(values: &[f32], scale: Scale, [a, b, c]: [u16; 3]) -> Vec<f32> {
 }
 
 /// Values that lie farther than `reach` from the middle.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn beyond(values: &[f32], middle: f32, reach: f32) -> u64 {
     values.iter().map(|v| u32::from((v - middle).abs() > reach)).sum::<u32>().into()
 }

@@ -5,7 +5,7 @@
 //! every pattern's width: one piece of code serves every colour filter pattern, and what belongs
 //! to one site is picked from the lanes' sums at the end. Samples are summed as integers, exactly.
 
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 
 /// Pixels of a strip: with sums and four frames' samples, 640 KiB. The longer the pieces, the
 /// faster they are read.
@@ -30,7 +30,7 @@ pub fn rows(width: usize, step_y: usize) -> usize {
 
 /// Adds up to [`TOGETHER`] frames' samples to the sums and sums of squares per pixel, or puts them
 /// there if they are the `first`. Samples above [`SMALL_SQUARES`] come one frame at a time.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 pub fn add(frames: &[&[u16]], first: bool, sum: &mut [u32], sum_sq: &mut [u64]) {
     match (frames, first) {
         (&[a], true) => add_frames::<1, true>([a], sum, sum_sq),
@@ -96,7 +96,7 @@ fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<It
 }
 
 /// Adds rows to the lanes of their row of the pattern. A strip's samples do not overflow a lane.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16) {
     let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
     let step_y = sums.len();
@@ -120,7 +120,7 @@ fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) ->
     (low, high.iter().fold(0, |a, &b| a.max(b)))
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn count_lanes(
     samples: &[u16],
     width: usize,
@@ -219,7 +219,7 @@ impl StripMoments {
 
 /// Adds a row of pixels to the lanes of its row of the pattern and to its columns; the sums of its
 /// lanes.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn add_row(
     frames: f64,
     (sum, sum_sq): (&[u32], &[u64]),

@@ -9,7 +9,7 @@ use camrig_sensor_core::arith::{Arith, Float};
 use camrig_sensor_core::collect::Collector;
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// Rows made at a time.
@@ -105,7 +105,7 @@ fn spectral_rows(bands: &[Chunk<'_>], width: usize, first: usize, out: &mut [u8]
 }
 
 /// Rows from `first` on, integrated over the bands.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl", "x86_64+avx2"))]
+#[vectorised]
 fn collapsed_rows(
     sensor: &SimulatedSensor,
     bands: &[Chunk<'_>],

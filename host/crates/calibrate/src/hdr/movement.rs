@@ -7,7 +7,7 @@ use super::{Flag, Shots};
 use camrig_base::Cfa;
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -103,7 +103,7 @@ impl Around<'_> {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn flag_moved(chi: &[&[f32]], free: &[&[f32]], flags: &mut [u8]) {
     for first in (0..flags.len()).step_by(SIDE) {
         let (mut sum, mut freedom) = ([0.0f32; SIDE], [0.0f32; SIDE]);
@@ -127,7 +127,7 @@ fn flag_moved(chi: &[&[f32]], free: &[&[f32]], flags: &mut [u8]) {
 }
 
 /// Per pixel Σ (x − what the exposure sees of E t)² / variance, and the exposures less one.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn disagreement(
     noise: Noise,
     seen: &[Seen<'_>],
@@ -162,7 +162,7 @@ fn disagreement(
 }
 
 /// Sums over the columns about each; `padded` has [`AROUND`] zeros more on either side.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn sum_columns(padded: &[f32], out: &mut [f32]) {
     for first in (0..out.len()).step_by(SIDE) {
         let mut sum = [0.0f32; SIDE];

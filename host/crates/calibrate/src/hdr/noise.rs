@@ -3,7 +3,7 @@
 use super::Shots;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Error, Result};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// Variance of a pixel of one frame: read² + K · signal, DN.
@@ -135,7 +135,7 @@ impl Noise {
 }
 
 /// See [`Noise::merge`].
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 fn merge(noise: Noise, seen: &[Seen<'_>], value: &mut [f32], sigma: &mut [f32]) {
     for first in (0..value.len()).step_by(SIDE) {
         let (mut signal, mut time) = ([0.0f32; SIDE], [0.0f32; SIDE]);

@@ -17,7 +17,7 @@ use super::source::Source;
 use super::{Otf, SensorGrid};
 use camrig_base::{Error, Plane, Result};
 use camrig_fourier::lanes::{Fft, LANES, Lanes, Split};
-use multiversion::multiversion;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -320,7 +320,7 @@ fn load_columns(spectrum: &Spectrum, alias: &Alias, data: &mut Split) {
 const TOGETHER: usize = 4;
 
 /// Multiplies sixteen columns by the transfer function and adds them to the pixel grid's.
-#[multiversion(targets("x86_64+avx+avx2+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx+avx2"))]
+#[vectorised]
 fn fold(data: &Split, alias: &Alias, x: &Axis, y: &Axis, transfer: &Transfer, folded: &mut Split) {
     let at = |values: &dyn Fn(usize) -> f32| {
         let mut out = Lanes::ZERO;

@@ -10,6 +10,7 @@
 //! runs once per step that occurs, and lanes that are on another step add 0: all loads are contiguous.
 
 use camrig_base::Plane;
+use camrig_vector::vectorised;
 
 /// Cells between exact evaluations of the mapping. A distortion of 10 % at the end of 1000 cells bends by some
 /// 1e-4 cells per cell², which leaves (16/2)²/2 of that: 0.003 cells.
@@ -27,7 +28,7 @@ pub const RIGHT: usize = COLUMNS;
 
 /// Fills `values` from the places that `mesh` gives every [`BLOCK`] values, columns and rows of `plane`, sample
 /// centres at whole numbers.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "aarch64+neon"))]
+#[vectorised]
 pub fn resample(plane: &Plane<f32>, mesh: &[(f64, f64)], values: &mut [f32]) {
     for (ends, block) in mesh.windows(2).zip(values.chunks_mut(BLOCK)) {
         let step = |a: f64, b: f64| (b - a) / BLOCK as f64;
