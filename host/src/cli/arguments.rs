@@ -10,10 +10,12 @@ use camrig_render::hdr::Hdr;
 use camrig_report::page::Page;
 use camrig_report::simulation;
 use camrig_sensor_core::config::FrameSettings;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
 pub fn duration(text: &str) -> Result<f64, String> {
@@ -39,6 +41,39 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Reads one of the choices that the library offers by its name; the help lists them all.
+pub fn choice<T>(
+    all: &[T],
+    name: fn(T) -> &'static str,
+    about: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> + use<T>
+where
+    T: FromStr<Err = Error> + Copy + Send + Sync + 'static,
+{
+    let listed = all.iter().map(|&value| PossibleValue::new(name(value)).help(about(value)));
+    PossibleValuesParser::new(listed).try_map(|name| name.parse::<T>())
+}
+
+/// Reads what the optics run on.
+pub fn device() -> impl TypedValueParser<Value = DeviceChoice> {
+    choice(&DeviceChoice::ALL, DeviceChoice::name, |device| match device {
+        DeviceChoice::Cpu => "The processor: the same bytes on any machine",
+        DeviceChoice::Gpu => {
+            "A graphics processor of any kind, a stand-in in software too: the same within 32-bit \
+             rounding"
+        }
+        DeviceChoice::Auto => "A dedicated graphics processor where there is one, else the processor",
+    })
+}
+
+/// Reads the arithmetic of the sensor stage.
+pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
+    choice(&Arithmetic::ALL, Arithmetic::name, |arithmetic| match arithmetic {
+        Arithmetic::F32 => "32-bit floating point",
+        Arithmetic::Fixed => "32-bit fixed point, as on parts without a floating-point unit",
+    })
+}
+
 /// A progress bar on standard error, hidden when that is no terminal.
 pub fn progress(label: &'static str, total: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:>12} {wide_bar} {pos}/{len} {eta}")
@@ -50,7 +85,7 @@ pub fn progress(label: &'static str, total: u64) -> ProgressBar {
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct DeviceArgs {
     /// What a lens's blur that varies over the field runs on
-    #[arg(long, value_enum, default_value_t, value_name = "D")]
+    #[arg(long, value_parser = device(), default_value_t, value_name = "D")]
     pub device: DeviceChoice,
 }
 
@@ -78,7 +113,7 @@ pub struct FrameArgs {
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame_seed: u32,
     /// Arithmetic of the sensor stage
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
     pub arith: Arithmetic,
     /// Run the sensor stage on a rig: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
     #[arg(long, value_name = "URL")]

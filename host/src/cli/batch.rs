@@ -1,6 +1,6 @@
 //! `camrig batch`: a sweep rendered to a data set.
 
-use super::arguments::progress;
+use super::arguments::{device, progress};
 use camrig_base::Result;
 use camrig_batch::{self as batch, Dataset, Shard, Sweep};
 use camrig_optics::{DeviceChoice, content};
@@ -44,7 +44,7 @@ pub struct Args {
     dry_run: bool,
     /// What a lens's blur that varies over the field runs on. Not chosen by the machine: the shards of a data set may run
     /// on different ones
-    #[arg(long, value_enum, default_value_t = DeviceChoice::Cpu, value_name = "D")]
+    #[arg(long, value_parser = device(), default_value_t = DeviceChoice::Cpu, value_name = "D")]
     device: DeviceChoice,
     /// Keep nothing of the optics stage (~/.cache/camrig/optics)
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! `camrig capture`: a whole capture set, simulated.
 
-use super::arguments::progress;
+use super::arguments::{arithmetic, progress};
 use camrig_base::Result;
 use camrig_camera::{Camera, is_preset};
 use camrig_capture::{plan, take};
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "W,H", value_parser = side_lengths)]
     size: Option<(u32, u32)>,
     /// Arithmetic of the sensor stage
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
     /// Let a rig take the frames: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
     #[arg(long, value_name = "URL")]

@@ -1,6 +1,6 @@
 //! `camrig rig`: talk to rigs, or be one.
 
-use super::arguments::{self, DeviceArgs, duration, positive};
+use super::arguments::{self, DeviceArgs, arithmetic, duration, positive};
 use super::simulate::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, RawFrame, Result};
@@ -120,7 +120,7 @@ struct StreamArgs {
     #[arg(long, default_value_t = 0, value_name = "K")]
     frame_seed: u32,
     /// Arithmetic of the rig's sensor stage
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
     /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
     #[arg(long)]
@@ -256,10 +256,10 @@ fn info(args: &InfoArgs) -> Result<()> {
         .filter(|entry| d.effects >> entry.id & 1 == 1)
         .map(|entry| entry.kind)
         .collect();
-    let arithmetics: Vec<&str> = [(Arithmetic::F32, "f32"), (Arithmetic::Fixed, "fixed")]
+    let arithmetics: Vec<&str> = Arithmetic::ALL
         .into_iter()
-        .filter(|(a, _)| d.arithmetics >> (*a as u8) & 1 == 1)
-        .map(|(_, name)| name)
+        .filter(|&a| d.arithmetics >> (a as u8) & 1 == 1)
+        .map(Arithmetic::name)
         .collect();
     let codecs: Vec<&str> = [(Codec::Bfp16, "bfp16"), (Codec::Electrons16, "electrons16")]
         .into_iter()

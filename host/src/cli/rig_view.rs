@@ -1,6 +1,6 @@
 //! `camrig rig view`: a live page of a rig.
 
-use super::arguments::{duration, positive};
+use super::arguments::{arithmetic, duration, positive};
 use super::simulate::ViewArgs;
 use crate::view::{Control, State, Told, View};
 use camrig_base::Result;
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_parser = positive, value_name = "F", default_value_t = 15.0)]
     fps: f64,
     /// Arithmetic of the rig's sensor stage
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
     /// End after this many frames
     #[arg(long, value_name = "N")]

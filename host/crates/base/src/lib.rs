@@ -3,6 +3,7 @@
 
 pub mod alternatives;
 mod cfa;
+pub mod choice;
 mod error;
 mod frame;
 pub mod median;

@@ -41,7 +41,7 @@ pub struct FieldPoint {
 }
 
 /// How point-spread functions are made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PsfMethod {
     /// Diffraction; geometry where the wavefront is too strong for it.
     #[default]
@@ -50,6 +50,35 @@ pub enum PsfMethod {
     Diffraction,
     /// Ray positions.
     Geometric,
+}
+
+impl PsfMethod {
+    /// All choices, in the order of a list for people.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Diffraction, Self::Geometric];
+
+    /// The name in files and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Diffraction => "diffraction",
+            Self::Geometric => "geometric",
+        }
+    }
+}
+
+impl std::fmt::Display for PsfMethod {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for PsfMethod {
+    type Err = camrig_base::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        camrig_base::choice::by_name("method of PSFs", text, &Self::ALL, Self::name)
+    }
 }
 
 /// What a characterisation is to hold.

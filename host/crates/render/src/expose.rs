@@ -11,7 +11,7 @@ use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
 
 /// Arithmetic of the sensor stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Arithmetic {
     /// 32-bit floating point.
@@ -21,12 +21,31 @@ pub enum Arithmetic {
     Fixed,
 }
 
-impl std::fmt::Display for Arithmetic {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
+impl Arithmetic {
+    /// All choices, in the order of a list for people.
+    pub const ALL: [Self; 2] = [Self::F32, Self::Fixed];
+
+    /// The name in files and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
             Self::F32 => "f32",
             Self::Fixed => "fixed",
-        })
+        }
+    }
+}
+
+impl std::fmt::Display for Arithmetic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Arithmetic {
+    type Err = camrig_base::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        camrig_base::choice::by_name("arithmetic", text, &Self::ALL, Self::name)
     }
 }
 

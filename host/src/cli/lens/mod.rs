@@ -10,6 +10,7 @@ use camrig_lens::heights::Density;
 use camrig_lens::{Catalogue, Conditions, Glass, Prescription, System, import, read_prescription};
 use camrig_optics::{Characterisation, Options};
 use camrig_report::lens as report;
+use clap::builder::TypedValueParser;
 use show::{figures, info, info_of_directory, point_json, print_points, summary};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -62,7 +63,7 @@ struct TraceArgs {
     #[arg(long, value_name = "UM", value_parser = arguments::positive)]
     psf_spacing: Option<f64>,
     /// How PSFs are made
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = psf_method(), default_value_t)]
     psf: PsfMethod,
     /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no more than this
     /// part of their light
@@ -117,6 +118,14 @@ impl LensArgs {
         }
         Ok(system)
     }
+}
+
+fn psf_method() -> impl TypedValueParser<Value = PsfMethod> {
+    arguments::choice(&PsfMethod::ALL, PsfMethod::name, |method| match method {
+        PsfMethod::Auto => "Diffraction; geometry where the wavefront is too strong for it",
+        PsfMethod::Diffraction => "Sum of plane waves",
+        PsfMethod::Geometric => "Ray positions",
+    })
 }
 
 fn glass(text: &str) -> Result<(String, Glass), String> {

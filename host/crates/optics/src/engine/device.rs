@@ -4,16 +4,45 @@ use super::gpu::{self, Gpu};
 use super::varying::{self, Kernels, Rows, Tiling};
 use camrig_base::{Plane, Result};
 
-/// What a person asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+/// What the blur that varies over the field is to run on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// The processor: the same bytes on any machine
+    /// The processor: the same bytes on any machine.
     Cpu,
-    /// A graphics processor of any kind, a stand-in in software too: the same within 32-bit rounding
+    /// A graphics processor of any kind, a stand-in in software too: the same within 32-bit rounding.
     Gpu,
-    /// A dedicated graphics processor where there is one, else the processor
+    /// A dedicated graphics processor where there is one, else the processor.
     #[default]
     Auto,
+}
+
+impl DeviceChoice {
+    /// All choices, in the order of a list for people.
+    pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
+
+    /// The name in files and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+            Self::Auto => "auto",
+        }
+    }
+}
+
+impl std::fmt::Display for DeviceChoice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for DeviceChoice {
+    type Err = camrig_base::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        camrig_base::choice::by_name("device", text, &Self::ALL, Self::name)
+    }
 }
 
 /// What there is to run on.
