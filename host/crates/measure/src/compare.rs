@@ -1,7 +1,8 @@
 //! Two capture sets, capture by capture: where do their statistics differ by more than chance?
 
 use super::ladder::Level;
-use super::stack::{Moments, Stack};
+use super::moments::Moments;
+use super::stack::Stack;
 use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;

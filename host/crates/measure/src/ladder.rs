@@ -1,9 +1,7 @@
 //! The dark and flat stacks of a capture set, reduced to moments and put in order.
 
-use super::fit::Fit;
-use super::stack::{Moments, Stack};
-use super::transfer::DarkLine;
-use super::value::Value;
+use super::moments::Moments;
+use super::stack::Stack;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Light, Role, Uniformity};
 use camrig_scene::photometry::HC;
@@ -141,38 +139,6 @@ pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     };
     let same = flats.iter().all(|f| known(f) && f.light == flats[0].light);
     same.then(|| flats.iter().map(|f| f.exposure_s).collect())
-}
-
-/// The temperature step that doubles the dark current: a line through ln(dark current) over
-/// temperature, one point per temperature with two or more exposure times.
-pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
-    let mut groups: Vec<Vec<Level>> = Vec::new();
-    for level in darks.iter().chain(others) {
-        let t = level.temperature_c?;
-        let near = |g: &&mut Vec<Level>| {
-            g[0].temperature_c.is_some_and(|u| (u - t).abs() <= SAME_TEMPERATURE_C)
-        };
-        match groups.iter_mut().find(near) {
-            Some(group) => group.push(level.clone()),
-            None => groups.push(vec![level.clone()]),
-        }
-    }
-    let mut design = Vec::new();
-    let mut logs = Vec::new();
-    let mut errors = Vec::new();
-    for group in &groups {
-        let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
-        if rate.value > 3.0 * rate.std_error {
-            let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
-            design.push(vec![1.0, sum / group.len() as f64]);
-            logs.push(rate.value.ln());
-            errors.push(rate.std_error / rate.value);
-        }
-    }
-    let fit = Fit::new(&design, &logs, &errors).ok()?;
-    let slope = fit.coefficients[1];
-    let step = std::f64::consts::LN_2 / slope;
-    (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
 }
 
 /// Variance over pixels of the dark's mean at the shortest exposure, DN².

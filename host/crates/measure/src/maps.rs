@@ -1,7 +1,8 @@
 //! Straight-line fits of every pixel over a ladder of stacks, accumulated one stack at a time.
 
+use super::site::Site;
 use super::spatial::{PlaneMoments, SpatialVariance};
-use super::stack::{Site, Stack};
+use super::stack::Stack;
 use rayon::prelude::*;
 
 /// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal)

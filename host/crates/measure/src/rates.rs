@@ -4,7 +4,8 @@
 //! time. The means over the pixels of each position give a camera's channel ratios under each
 //! narrow-band filter (the product of quantum efficiency and crosstalk).
 
-use super::stack::{Site, Stack};
+use super::site::Site;
+use super::stack::Stack;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! Variance over the pixels of a plane, split into rows, columns and single pixels.
 
-use super::stack::Site;
+use super::site::Site;
 use super::value::Value;
 use rayon::prelude::*;
 

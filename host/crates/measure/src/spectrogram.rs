@@ -1,6 +1,6 @@
 //! Spectrograms and histograms of a mean frame (EMVA 1288 R4, sections 8.3 to 8.5).
 
-use super::stack::Site;
+use super::site::Site;
 use camrig_base::{Error, Result};
 use camrig_fourier::plans::{Complex, Sample};
 use camrig_vector::vectorised;

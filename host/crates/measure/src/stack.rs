@@ -5,50 +5,11 @@
 //! Frames whose samples lie in their files as they are need the memory of the strips being worked
 //! on, whatever the length of the stack.
 
-use super::spatial::{PlaneMoments, SpatialVariance};
+use super::moments::Moments;
+use super::site::Site;
 use super::sums::Sums;
-use camrig_base::Cfa;
 use camrig_base::{Error, Result};
 use camrig_captures::{Batches, Capture, CaptureSet};
-
-/// One position of the colour filter pattern: the pixels at `(x0 + i step_x, y0 + j step_y)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Site {
-    /// First column.
-    pub x0: usize,
-    /// First row.
-    pub y0: usize,
-    /// Columns from one pixel to the next.
-    pub step_x: usize,
-    /// Rows from one pixel to the next.
-    pub step_y: usize,
-    /// Channel number (see [`Cfa`]).
-    pub channel: usize,
-}
-
-impl Site {
-    /// The sites of a pattern, row-major.
-    pub fn all(cfa: &Cfa) -> Vec<Site> {
-        let mut sites = Vec::with_capacity(cfa.width * cfa.height);
-        for y0 in 0..cfa.height {
-            for x0 in 0..cfa.width {
-                let channel = cfa.channel(x0, y0);
-                sites.push(Site { x0, y0, step_x: cfa.width, step_y: cfa.height, channel });
-            }
-        }
-        sites
-    }
-
-    /// Columns of the site's plane in a frame `width` wide.
-    pub fn columns(&self, width: usize) -> usize {
-        (width + self.step_x - 1 - self.x0) / self.step_x
-    }
-
-    /// Rows of the site's plane in a frame `height` high.
-    pub fn rows(&self, height: usize) -> usize {
-        (height + self.step_y - 1 - self.y0) / self.step_y
-    }
-}
 
 /// A stack of frames: its moments and, where asked for, its mean frame.
 #[derive(Clone, Debug)]
@@ -95,13 +56,23 @@ impl Stack {
         }
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let mut batches = Batches::new(&set.sensor, capture);
-        let mut sums = Sums::new(width, height, Site::all(&cfa), set.sensor.white_level_dn);
+        let sites = Site::all(&cfa);
+        let mut sums = Sums::new(width, height, sites.clone(), set.sensor.white_level_dn);
         while !batches.is_empty() {
             let frames = batches.next_batch().map_err(place)?;
             let whole = batches.is_empty() && sums.frames == 0;
             sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
-        Ok(sums.finish(keep))
+        let moments = sums.moments();
+        Ok(Self {
+            width,
+            height,
+            frames: sums.frames,
+            frame_means: sums.frame_means(),
+            moments,
+            sites,
+            sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
+        })
     }
 
     /// Mean over the frames at a pixel, DN.
@@ -116,69 +87,5 @@ impl Stack {
             .map(|i| self.moments[i])
             .collect();
         Moments::pool(&of)
-    }
-}
-
-/// Temporal and spatial moments of the pixels of a site or channel, in DN and DN².
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moments {
-    /// The mean frame's moments over the pixels of one site (their mean over a channel's sites).
-    pub plane: PlaneMoments,
-    /// Sites taken together.
-    pub sites: usize,
-    /// Frames.
-    pub frames: usize,
-    /// Variance of the frames' means: temporal noise of the mean and drift of the light.
-    pub drift: f64,
-    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4, eq.
-    /// 18, for two frames: half the mean square difference less half the squared difference of the
-    /// means; this is the same for any number of frames). 0 for one frame.
-    pub temporal: f64,
-    /// Standard error of `temporal` for Gaussian noise whose variance may differ over pixels.
-    pub temporal_error: f64,
-    /// Share of samples at 0 DN.
-    pub zeros: f64,
-    /// Share of samples at or above the white level.
-    pub whites: f64,
-}
-
-impl Moments {
-    /// Mean over pixels and frames, DN.
-    pub fn mean(&self) -> f64 {
-        self.plane.mean
-    }
-
-    /// Pixels.
-    pub fn pixels(&self) -> f64 {
-        self.plane.pixels() * self.sites as f64
-    }
-
-    /// Standard error of the mean from the noise of the frames: temporal noise, or the scatter of
-    /// the frames' means where that is larger.
-    pub fn mean_error(&self) -> f64 {
-        let l = self.frames as f64;
-        (self.temporal / (self.pixels() * l)).max(self.drift / l).sqrt()
-    }
-
-    /// Variance over pixels of the true pixel means: the temporal remainder taken out.
-    pub fn spatial(&self) -> SpatialVariance {
-        self.plane.split(self.temporal / self.frames as f64, self.sites)
-    }
-
-    /// Sites of one channel taken together: means of the sites' moments. Spatial variances are
-    /// those within each site, so a difference between two greens is not non-uniformity.
-    pub fn pool(sites: &[Moments]) -> Moments {
-        let k = sites.len() as f64;
-        let mean_of = |f: fn(&Moments) -> f64| sites.iter().map(f).sum::<f64>() / k;
-        Moments {
-            plane: PlaneMoments::pool(&sites.iter().map(|m| m.plane).collect::<Vec<_>>()),
-            sites: sites.len(),
-            frames: sites[0].frames,
-            drift: mean_of(|m| m.drift),
-            temporal: mean_of(|m| m.temporal),
-            temporal_error: sites.iter().map(|m| m.temporal_error.powi(2)).sum::<f64>().sqrt() / k,
-            zeros: mean_of(|m| m.zeros),
-            whites: mean_of(|m| m.whites),
-        }
     }
 }

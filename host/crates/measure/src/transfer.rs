@@ -1,101 +1,14 @@
 //! The photon transfer fit of one channel: K, the dark noise and the dark current from moments.
 
+use super::dark::{DarkLine, spans};
 use super::fit::Fit;
 use super::ladder::{Level, exposures};
+use super::moments::Moments;
 use super::response::Response;
-use super::stack::Moments;
+use super::rounding::{QUANTISATION, rounding};
 use super::value::Value;
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
-
-/// Variance of rounding to whole DN, DN² (uniform over one DN).
-pub const QUANTISATION: f64 = 1.0 / 12.0;
-
-/// What rounding to whole DN adds to the variance of Gaussian noise of `variance` around `mean`
-/// that itself varies over pixels by `spread` (all DN, DN²): 1/12 and the first harmonic of the
-/// characteristic function, -cos(2πµ) exp(-2π² (σ² + s²)) (1/π² + 4 σ²) (Widrow and Kollár,
-/// *Quantization Noise*, 2008, ch. 4); the second is below 1e-4 DN² for σ > 0.3 DN.
-pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
-    use std::f64::consts::PI;
-    let fall = (-2.0 * PI * PI * (variance + spread)).exp();
-    QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
-}
-
-/// Largest relative change that rounding to whole DN makes to differences of means much smaller
-/// than a DN, under Gaussian noise of `variance` (DN², before rounding).
-///
-/// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár
-/// 2008, ch. 4): its slope differs from 1 by up to 2 exp(−2π²σ²).
-pub fn rounding_of_patterns(variance: f64) -> f64 {
-    2.0 * (-2.0 * std::f64::consts::PI.powi(2) * variance).exp()
-}
-
-/// Exposure times that agree to this fraction are one exposure time.
-const SAME_EXPOSURE: f64 = 1e-6;
-
-/// Mean of the dark over exposure time.
-#[derive(Clone, Debug)]
-pub struct DarkLine {
-    /// Exposure time s, mean DN, its error.
-    points: Vec<[f64; 3]>,
-    /// Line through the means, where the exposure times span enough for one.
-    line: Option<Fit>,
-}
-
-impl DarkLine {
-    /// The dark of one channel.
-    pub fn of(darks: &[Level], channel: usize) -> Self {
-        let points: Vec<[f64; 3]> = darks
-            .iter()
-            .map(|d| {
-                let m = &d.channels[channel];
-                // A constant frame has no scatter; it is still known only to a DN's rounding.
-                let floor = (QUANTISATION / (m.pixels() * m.frames as f64)).sqrt();
-                [d.exposure_s, m.mean(), m.mean_error().max(floor)]
-            })
-            .collect();
-        let column = |k: usize| -> Vec<f64> { points.iter().map(|p| p[k]).collect() };
-        let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p[0]]).collect();
-        let line = Fit::new(&design, &column(1), &column(2)).ok();
-        Self { line: line.filter(|_| spans(&column(0))), points }
-    }
-
-    /// Mean of the dark at an exposure time: of the darks of that exposure, else on the line
-    /// through all, else of the only dark there is. DN, with its error.
-    pub fn mean_at(&self, exposure_s: f64) -> Value {
-        let same: Vec<Value> = self
-            .points
-            .iter()
-            .filter(|p| (p[0] - exposure_s).abs() <= SAME_EXPOSURE * exposure_s)
-            .map(|p| Value::new(p[1], p[2]))
-            .collect();
-        if let Some(mean) = Value::combine(&same) {
-            return mean;
-        }
-        match &self.line {
-            Some(fit) => {
-                let c = &fit.coefficients;
-                let variance = fit.covariance(0, 0)
-                    + 2.0 * exposure_s * fit.covariance(0, 1)
-                    + exposure_s * exposure_s * fit.covariance(1, 1);
-                let error = (variance * fit.reduced_chi2().max(1.0)).sqrt();
-                Value::new(c[0] + c[1] * exposure_s, error)
-            }
-            None => Value::new(self.points[0][1], self.points[0][2]),
-        }
-    }
-
-    /// DN at zero exposure, and DN per second; the latter `None` with one exposure time.
-    pub fn offset_and_rate(&self) -> (Value, Option<Value>) {
-        match &self.line {
-            Some(fit) => {
-                let of = |j| Value::new(fit.coefficients[j], fit.std_error(j));
-                (of(0), Some(of(1)))
-            }
-            None => (self.mean_at(self.points[0][0]), None),
-        }
-    }
-}
 
 /// Whether flats, taken in the order of their light, still follow the straight part of the photon
 /// transfer curve. The rule is stated in [`super::ptc`].
@@ -415,12 +328,6 @@ fn variance_error(m: &Moments) -> f64 {
     m.temporal_error.max(QUANTISATION * (2.0 / samples).sqrt())
 }
 
-/// Whether exposure times span enough (a factor of 1.5) to carry a line back to zero exposure.
-fn spans(exposures: &[f64]) -> bool {
-    let longest = exposures.iter().copied().fold(0.0, f64::max);
-    exposures.iter().any(|t| longest >= 1.5 * t)
-}
-
 /// x g'(x)²: what multiplies K in the variance of a flat with signal `s`.
 fn abscissa(s: f64, response: Option<&Response>) -> f64 {
     match response {
@@ -438,47 +345,4 @@ fn abscissa_slope(s: f64, response: &Response) -> f64 {
     let step = 1e-4 / s.abs().max(1.0);
     let at = |q: f64| abscissa(s, Some(&response.with_quadratic(Value::new(q, 0.0))));
     (at(q + step) - at(q - step)) / (2.0 * step)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rounding_of_small_patterns() {
-        // Slope of the mean of rounded Gaussian samples at a whole DN, where it is least, by
-        // summing codes.
-        for sigma in [0.3, 0.45, 0.6] {
-            let mean = |mu: f64| {
-                let density = |k: i32| (-0.5 * ((f64::from(k) * 1e-4 - mu) / sigma).powi(2)).exp();
-                let all = -60_000..60_000;
-                let sum: f64 =
-                    all.clone().map(|k| density(k) * (f64::from(k) * 1e-4).round()).sum();
-                sum / all.map(density).sum::<f64>()
-            };
-            let slope = (mean(0.01) - mean(-0.01)) / 0.02;
-            let found = 1.0 - rounding_of_patterns(sigma * sigma);
-            assert!((slope - found).abs() < 0.02, "{sigma}: {slope} {found}");
-        }
-    }
-
-    #[test]
-    fn rounding_of_little_noise() {
-        // Variance of rounded Gaussian noise by summing over codes, against the formula.
-        for (sigma, mean) in [(0.53, 64.0), (0.5, 10.5), (0.4, 3.25), (1.5, 7.0)] {
-            let density = |x: f64| (-0.5 * ((x - mean) / sigma).powi(2)).exp();
-            let (mut n, mut sum, mut square) = (0.0, 0.0, 0.0);
-            for k in -200_000..200_000 {
-                let x = mean + f64::from(k) * 1e-4;
-                let (w, code) = (density(x), x.round());
-                n += w;
-                sum += w * (code - mean);
-                square += w * (code - mean).powi(2);
-            }
-            let exact = square / n - (sum / n).powi(2);
-            let found = sigma * sigma + rounding(sigma * sigma, mean, 0.0);
-            // The squared shift of the mean and the second harmonic are left out.
-            assert!((exact - found).abs() < 4e-3, "{sigma} {mean}: {exact} {found}");
-        }
-    }
 }

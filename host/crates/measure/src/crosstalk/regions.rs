@@ -1,8 +1,8 @@
 //! The regions of 11 x 11 pixels that the experiment reads.
 
 use crate::Value;
+use crate::rounding::QUANTISATION;
 use crate::stack::Stack;
-use crate::transfer::QUANTISATION;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role, Rotation};
 

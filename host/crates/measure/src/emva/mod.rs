@@ -22,11 +22,13 @@ pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow, StdErrors};
 
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
+use super::dark::{self, DarkLine};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
 use super::ptc::QUANTISATION_LIMITED;
+use super::rounding::QUANTISATION;
 use super::stack::Stack;
-use super::transfer::{DarkLine, Knee, QUANTISATION, Transfer};
+use super::transfer::{Knee, Transfer};
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 
@@ -91,7 +93,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         let mut channel = ladder_figures(set, &darks, &levels, c, &name, &mut warnings)
             .map_err(|e| e.at(format!("channel {name}")))?;
         channel.figures.dark_current_doubling_c =
-            ladder::doubling(&darks, &other_darks, c).map(|v| v.value);
+            dark::doubling(&darks, &other_darks, c).map(|v| v.value);
         if let Some((dark, flat)) = &stacks {
             spatial_figures(&mut channel, dark, flat, c)?;
         }

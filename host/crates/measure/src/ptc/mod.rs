@@ -20,11 +20,15 @@
 mod notes;
 
 use self::notes::{channel_notes, sensor_notes};
+use super::dark::{self, DarkLine};
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
+use super::moments::Moments;
+use super::rounding::{QUANTISATION, rounding_of_patterns};
+use super::site::Site;
 use super::spatial::SpatialVariance;
-use super::stack::{Site, Stack};
-use super::transfer::{DarkLine, Knee, QUANTISATION, Transfer, rounding_of_patterns};
+use super::stack::Stack;
+use super::transfer::{Knee, Transfer};
 use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
@@ -162,7 +166,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
             &name,
             &mut notes,
         );
-        figures.dark_doubling_c = ladder::doubling(&darks, &other_darks, c);
+        figures.dark_doubling_c = dark::doubling(&darks, &other_darks, c);
         channels.push(ChannelPtc {
             channel: name,
             figures,
@@ -186,7 +190,7 @@ fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, Li
     for capture in captures {
         let stack = Stack::read(set, capture)?;
         let level = Level::new(set, capture, &stack);
-        let point = |m: &super::stack::Moments| Point {
+        let point = |m: &Moments| Point {
             x: level.exposure_s,
             z: 0.0,
             weight: m.frames as f64 / m.temporal.max(QUANTISATION),

@@ -1,8 +1,9 @@
 //! What a reader of a photon transfer must know: levels left out, assumptions that do not hold.
 
 use super::QUANTISATION_LIMITED;
+use crate::dark::DarkLine;
 use crate::ladder::{Level, Selection};
-use crate::transfer::{DarkLine, Transfer};
+use crate::transfer::Transfer;
 use camrig_captures::CaptureSet;
 
 /// Notes on the set as a whole.

@@ -1,0 +1,111 @@
+//! The mean of the dark over exposure time and temperature: dark current in DN per second.
+
+use super::fit::Fit;
+use super::ladder::{Level, SAME_TEMPERATURE_C};
+use super::rounding::QUANTISATION;
+use super::value::Value;
+
+/// Exposure times that agree to this fraction are one exposure time.
+const SAME_EXPOSURE: f64 = 1e-6;
+
+/// Mean of the dark over exposure time.
+#[derive(Clone, Debug)]
+pub struct DarkLine {
+    /// Exposure time s, mean DN, its error.
+    points: Vec<[f64; 3]>,
+    /// Line through the means, where the exposure times span enough for one.
+    line: Option<Fit>,
+}
+
+impl DarkLine {
+    /// The dark of one channel.
+    pub fn of(darks: &[Level], channel: usize) -> Self {
+        let points: Vec<[f64; 3]> = darks
+            .iter()
+            .map(|d| {
+                let m = &d.channels[channel];
+                // A constant frame has no scatter; it is still known only to a DN's rounding.
+                let floor = (QUANTISATION / (m.pixels() * m.frames as f64)).sqrt();
+                [d.exposure_s, m.mean(), m.mean_error().max(floor)]
+            })
+            .collect();
+        let column = |k: usize| -> Vec<f64> { points.iter().map(|p| p[k]).collect() };
+        let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p[0]]).collect();
+        let line = Fit::new(&design, &column(1), &column(2)).ok();
+        Self { line: line.filter(|_| spans(&column(0))), points }
+    }
+
+    /// Mean of the dark at an exposure time: of the darks of that exposure, else on the line
+    /// through all, else of the only dark there is. DN, with its error.
+    pub fn mean_at(&self, exposure_s: f64) -> Value {
+        let same: Vec<Value> = self
+            .points
+            .iter()
+            .filter(|p| (p[0] - exposure_s).abs() <= SAME_EXPOSURE * exposure_s)
+            .map(|p| Value::new(p[1], p[2]))
+            .collect();
+        if let Some(mean) = Value::combine(&same) {
+            return mean;
+        }
+        match &self.line {
+            Some(fit) => {
+                let c = &fit.coefficients;
+                let variance = fit.covariance(0, 0)
+                    + 2.0 * exposure_s * fit.covariance(0, 1)
+                    + exposure_s * exposure_s * fit.covariance(1, 1);
+                let error = (variance * fit.reduced_chi2().max(1.0)).sqrt();
+                Value::new(c[0] + c[1] * exposure_s, error)
+            }
+            None => Value::new(self.points[0][1], self.points[0][2]),
+        }
+    }
+
+    /// DN at zero exposure, and DN per second; the latter `None` with one exposure time.
+    pub fn offset_and_rate(&self) -> (Value, Option<Value>) {
+        match &self.line {
+            Some(fit) => {
+                let of = |j| Value::new(fit.coefficients[j], fit.std_error(j));
+                (of(0), Some(of(1)))
+            }
+            None => (self.mean_at(self.points[0][0]), None),
+        }
+    }
+}
+
+/// The temperature step that doubles the dark current: a line through ln(dark current) over
+/// temperature, one point per temperature with two or more exposure times.
+pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
+    let mut groups: Vec<Vec<Level>> = Vec::new();
+    for level in darks.iter().chain(others) {
+        let t = level.temperature_c?;
+        let near = |g: &&mut Vec<Level>| {
+            g[0].temperature_c.is_some_and(|u| (u - t).abs() <= SAME_TEMPERATURE_C)
+        };
+        match groups.iter_mut().find(near) {
+            Some(group) => group.push(level.clone()),
+            None => groups.push(vec![level.clone()]),
+        }
+    }
+    let mut design = Vec::new();
+    let mut logs = Vec::new();
+    let mut errors = Vec::new();
+    for group in &groups {
+        let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
+        if rate.value > 3.0 * rate.std_error {
+            let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
+            design.push(vec![1.0, sum / group.len() as f64]);
+            logs.push(rate.value.ln());
+            errors.push(rate.std_error / rate.value);
+        }
+    }
+    let fit = Fit::new(&design, &logs, &errors).ok()?;
+    let slope = fit.coefficients[1];
+    let step = std::f64::consts::LN_2 / slope;
+    (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
+}
+
+/// Whether exposure times span enough (a factor of 1.5) to carry a line back to zero exposure.
+pub(crate) fn spans(exposures: &[f64]) -> bool {
+    let longest = exposures.iter().copied().fold(0.0, f64::max);
+    exposures.iter().any(|t| longest >= 1.5 * t)
+}
