@@ -10,10 +10,10 @@ use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, SimulatedSensor};
+use camrig_render::{Arithmetic, SceneInLight, SceneLight, SimulatedSensor, scene_irradiance};
 use camrig_rig::SensorStage;
+use camrig_scene::LightLevel;
 use camrig_scene::photometry::HC;
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, Quantity, photometry};
 use camrig_sensor_core::config::FrameSettings;
 use std::path::Path;
 
@@ -45,33 +45,38 @@ pub fn take(
     options: &TakeOptions<'_>,
     mut progress: impl FnMut(),
 ) -> Result<()> {
+    check_targets(camera, plan)?;
     let mut stage = SensorStage::open(options.rig, options.arithmetic)?;
     let output = OutputDir::create(directory, options.force)?;
     let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
     let mut frame_number = options.first_frame;
-    let mut lit: Option<(String, IrradianceCube)> = None;
+    let mut lit: Option<((String, SceneLight<'_>), IrradianceCube)> = None;
     for shot in plan {
-        let place = |e: Error| e.at(format!("stack {:?}", shot.id));
         let mut light = None;
-        let flat;
+        let even;
         let cube = match shot.role {
             Role::Dark => {
-                flat = uniform(camera, 550.0, 10.0, 0.0)?;
-                &flat
+                even = uniform(camera, 550.0, 10.0, 0.0)?;
+                &even
             }
             Role::Flat => {
-                let (cube, of) = narrow_band(camera, shot).map_err(place)?;
+                let (cube, of) = narrow_band(camera, shot).map_err(|e| e.at(place(shot)))?;
                 light = Some(of);
-                flat = cube;
-                &flat
+                even = cube;
+                &even
             }
             _ => {
-                let (key, of) = scene_key(shot);
-                light = of;
-                if lit.as_ref().is_none_or(|l| l.0 != key) {
-                    lit = Some((key, look_at(camera, shot).map_err(place)?));
+                light = Some(shot.light.clone());
+                let seen = target(shot);
+                if lit.as_ref().is_none_or(|(of, _)| *of != seen) {
+                    let (scene, light) = &seen;
+                    let cube =
+                        scene_irradiance(camera, scene, light, &Options::default(), |_, _| ())
+                            .map_err(|e| e.at(place(shot)))?
+                            .0;
+                    lit = Some((seen, cube));
                 }
-                &lit.as_ref().ok_or_else(|| Error::input("nothing to look at"))?.1
+                &lit.as_ref().ok_or_else(|| Error::internal("no irradiance of a target"))?.1
             }
         };
         let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
@@ -90,10 +95,11 @@ pub fn take(
             progress();
         }
         if !shot.saturates && saturated as f64 > 1e-3 * samples as f64 {
-            return Err(place(Error::input(format!(
+            return Err(Error::input(format!(
                 "{:.1} % of the samples are saturated",
                 100.0 * saturated as f64 / samples as f64
-            )))
+            ))
+            .at(place(shot))
             .help("lower the light or the exposure, or say saturates = true if that is meant"));
         }
         let settings = settings(camera, shot, 0);
@@ -205,44 +211,27 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
     Ok((uniform(camera, centre, width, irradiance)?, light))
 }
 
-/// What tells two looks apart: scene and light.
-fn scene_key(shot: &Shot) -> (String, Option<Light>) {
-    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
-    let key = format!("{name} {:?} {:?}", shot.light.illuminant, shot.light.lux);
-    (key, Some(shot.light.clone()))
+/// Scene and light of a shot of a target, which is what tells their irradiance apart.
+fn target(shot: &Shot) -> (String, SceneLight<'_>) {
+    let scene = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+    let illuminant = shot.light.illuminant.as_deref();
+    (scene, SceneLight { illuminant, level: shot.light.lux.map(LightLevel::Lux) })
 }
 
-fn look_at(camera: &Camera, shot: &Shot) -> Result<IrradianceCube> {
-    let name = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
-    look(camera, &name, shot.light.illuminant.as_deref(), shot.light.lux)
-}
-
-/// What falls on the sensor when the camera looks at a scene; reflectances under D65 at 300 lx unless given.
-pub fn look(
-    camera: &Camera,
-    name: &str,
-    illuminant: Option<&str>,
-    lux: Option<f64>,
-) -> Result<IrradianceCube> {
+/// Refuses scenes and lights that cannot be rendered before the first frame is taken.
+fn check_targets(camera: &Camera, plan: &[Shot]) -> Result<()> {
     let aspect = f64::from(camera.sensor.width) / f64::from(camera.sensor.height);
-    let scene = scene::open_filling(name, aspect)?;
-    let bands = scene.bands();
-    let (white, about) = match scene.quantity() {
-        Quantity::Reflectance => {
-            let light = Illuminant::parse(illuminant.unwrap_or("D65"))?;
-            let lux = lux.unwrap_or(300.0);
-            let white = photometry::white_radiance(&light, LightLevel::Lux(lux), &bands)?;
-            (
-                white,
-                render::About {
-                    lux: Some(lux),
-                    illuminant: Some(light.name),
-                    made_of: format!("scene {name}, lens of {}", camera.name),
-                },
-            )
+    let mut last = None;
+    for shot in plan.iter().filter(|shot| !matches!(shot.role, Role::Dark | Role::Flat)) {
+        let (scene, light) = target(shot);
+        if last.as_ref() != Some(&(scene.clone(), light)) {
+            SceneInLight::open(&scene, aspect, &light).map_err(|e| e.at(place(shot)))?;
+            last = Some((scene, light));
         }
-        Quantity::Radiance => (vec![1.0; bands.count], render::About::default()),
-    };
-    let lit = LitScene { scene: &*scene, white };
-    Ok(render::irradiance(camera, &lit, &Options::default(), about, |_, _| ())?.0)
+    }
+    Ok(())
+}
+
+fn place(shot: &Shot) -> String {
+    format!("stack {:?}", shot.id)
 }

@@ -8,16 +8,19 @@ mod corrections;
 mod expose;
 pub mod hdr;
 mod lens;
+mod lighting;
 mod metadata;
+mod optics_stage;
 mod traced;
-mod view;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, SimulatedSensor};
 pub use lens::{lens, sensor_grid};
+pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX};
+pub use lighting::{SceneInLight, SceneLight, scene_irradiance};
 pub use metadata::{dng_info, frame_info};
-pub use view::{Motion, Sight, View};
+pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 
 use camrig_base::Result;
 use camrig_camera::Camera;

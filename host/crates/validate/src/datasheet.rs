@@ -11,8 +11,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::stack::Stack;
 use camrig_measure::{Value, emva};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, SimulatedSensor};
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
+use camrig_render::{Arithmetic, SceneLight, SimulatedSensor, scene_irradiance};
 use std::path::Path;
 
 /// The figures.
@@ -33,6 +32,9 @@ pub struct Datasheet {
 /// across it: far from the edge there is only noise.
 const EDGE_FRAME: (u32, u32) = (96, 320);
 const EDGE_REGION: (usize, usize) = (64, 288);
+
+/// Illuminance of the edge, lx; the exposure is searched for, so it only sets where the search starts.
+const EDGE_LUX: f64 = 300.0;
 
 /// Frames per point of the crosstalk bench.
 const BENCH_FRAMES: u32 = 16;
@@ -122,12 +124,9 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Va
 /// The edge under D65 in the middle of the image, every channel; exposed to half of saturation.
 fn edges(camera: &Camera) -> Result<Vec<Edge>> {
     let camera = cropped(camera, EDGE_FRAME);
-    let scene = scene::open("slanted-edge")?;
-    let light = Illuminant::parse("D65")?;
-    let white = photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands())?;
-    let lit = LitScene { scene: &*scene, white };
-    let about = render::About::default();
-    let cube = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?.0;
+    let light = SceneLight::lux("D65", EDGE_LUX);
+    let options = Options::default();
+    let cube = scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?.0;
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let frame = |seconds: f64| -> Result<RawFrame> {
         let settings = camera.settings(0, seconds, Some(1.0));

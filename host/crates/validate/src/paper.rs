@@ -14,8 +14,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, Profile};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, SimulatedSensor};
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
+use camrig_render::{self as render, Arithmetic, SceneLight, SimulatedSensor, scene_irradiance};
 use serde::Serialize;
 use std::path::Path;
 
@@ -128,7 +127,7 @@ fn share_optics(a: &Camera, b: &Camera) -> bool {
 /// The frames of cameras that share their optics.
 fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Taken>> {
     let [bright, dim] = *levels;
-    let cube = look(cameras[0], "colorchecker", bright.lux)?;
+    let cube = under_d65(cameras[0], "colorchecker", bright.lux)?;
     let mut charts = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let stack = |level: Level, first: u32| -> Result<Vec<RawFrame>> {
@@ -150,7 +149,7 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
         middle.sensor.height = camera.sensor.height.div_ceil(4);
         middle
     };
-    let cube = look(&middle(cameras[0]), "slanted-edge", bright.lux)?;
+    let cube = under_d65(&middle(cameras[0]), "slanted-edge", bright.lux)?;
     let with_edge = |(camera, chart): (&&Camera, [Vec<RawFrame>; 2])| {
         let camera = middle(camera);
         let settings = camera.settings(EDGE_FRAME, bright.exposure_s, Some(bright.analog_gain));
@@ -160,15 +159,10 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     cameras.iter().zip(charts).map(with_edge).collect()
 }
 
-/// What falls on the sensor when the camera looks at a scene under D65.
-fn look(camera: &Camera, name: &str, lux: f64) -> Result<IrradianceCube> {
-    let light = Illuminant::parse("D65")?;
-    let scene = scene::open(name)?;
-    let white = photometry::white_radiance(&light, LightLevel::Lux(lux), &scene.bands())?;
-    let lit = LitScene { scene: &*scene, white };
-    let about =
-        render::About { lux: Some(lux), illuminant: Some(light.name), made_of: name.into() };
-    Ok(render::irradiance(camera, &lit, &Options::default(), about, |_, _| ())?.0)
+/// What falls on the sensor when the camera looks at a scene under D65, W m⁻² nm⁻¹.
+fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<IrradianceCube> {
+    let light = SceneLight::lux("D65", lux);
+    Ok(scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())?.0)
 }
 
 /// The frames of a capture set, and how they were taken: the first edge, and the charts of most and of least

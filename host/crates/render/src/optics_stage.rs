@@ -1,29 +1,28 @@
-//! A camera pointed at a scene: from what a person names to irradiance on the sensor.
+//! The optics stage as a person asks for it: a scene by name, its light, its movement, and whether
+//! results are kept on disk. It gives irradiance on the sensor, W m⁻² nm⁻¹ per band and pixel.
 
-use super::{About, cache};
+use super::cache;
+use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Options, Report};
 use camrig_scene::moving::Moving;
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, Quantity, photometry};
+use camrig_scene::{self as scene, Illuminant, LightLevel, Quantity, photometry};
 use std::path::PathBuf;
 
-/// Scene illuminance where none is asked for, lx.
-const DEFAULT_LUX: f64 = 300.0;
-
-/// What is looked at, in which light.
+/// A scene and its light, ready to be seen by a camera.
 #[derive(Clone, Debug)]
-pub struct Sight {
+pub struct OpticsStage {
     /// A chart, a spectral cube or a scene directory.
     pub scene: String,
-    /// The light on a scene of reflectances.
+    /// The light on a scene of reflectances; one of radiance has its own.
     pub illuminant: String,
-    /// How much of it; 300 lx unless given. A scene of radiance has its own light and takes none.
+    /// How much of it; 300 lx unless given. A scene of radiance takes none.
     pub level: Option<LightLevel>,
-    /// Options of the optics stage.
+    /// Options of the optics engine.
     pub options: Options,
-    /// Where results of the optics stage are kept, if anywhere.
+    /// Directory in which results are kept, if any.
     pub cache: Option<PathBuf>,
     /// How the scene moves, if it does.
     pub motion: Option<Motion>,
@@ -39,12 +38,12 @@ pub struct Motion {
 }
 
 /// What the optics stage gave, and what it was made from.
-pub struct View {
+pub struct OpticsOutput {
     /// The light, where the scene is one of reflectances.
     pub light: Option<Illuminant>,
     /// Irradiance on the sensor.
     pub cube: IrradianceCube,
-    /// Figures of the optics stage.
+    /// Figures of the optics engine.
     pub optics: Report,
     /// Whether they came from the cache.
     pub cached: bool,
@@ -54,68 +53,54 @@ pub struct View {
     pub notes: Vec<String>,
 }
 
-impl Sight {
-    /// Runs the optics stage; `progress` hears of bands done and bands in all.
+impl OpticsStage {
+    /// What falls on the sensor of `camera`; `progress` hears of bands done and bands in all.
     ///
     /// # Errors
-    /// A scene, light or lens that cannot be.
-    pub fn view(&self, camera: &Camera, progress: impl FnMut(usize, usize)) -> Result<View> {
-        self.view_at(camera, 0, progress)
+    /// A scene, light or lens that cannot be read; a light level for a scene that holds radiance.
+    pub fn run(&self, camera: &Camera, progress: impl FnMut(usize, usize)) -> Result<OpticsOutput> {
+        self.run_frame(camera, 0, progress)
     }
 
     /// The same at frame `frame` of a sequence in which the scene moves.
     ///
     /// # Errors
-    /// Those of [`Sight::view`].
-    pub fn view_at(
+    /// Those of [`OpticsStage::run`].
+    pub fn run_frame(
         &self,
         camera: &Camera,
         frame: u32,
         progress: impl FnMut(usize, usize),
-    ) -> Result<View> {
-        let [width, height] = [camera.sensor.width, camera.sensor.height].map(f64::from);
-        let mut scene = scene::open_filling(&self.scene, width / height)?;
+    ) -> Result<OpticsOutput> {
+        let mut scene = scene::open_filling(&self.scene, frame_aspect(camera))?;
+        let reflects = scene.quantity() == Quantity::Reflectance;
         if let Some(Motion { velocity_pixels, rolling }) = self.motion {
+            let [width, height] = [camera.sensor.width, camera.sensor.height].map(f64::from);
             let velocity = velocity_pixels.map(|v| v / width);
             let (start, height) = (f64::from(frame), height / width);
             scene = Box::new(Moving { scene, velocity, start, rolling, height });
         }
-        let bands = scene.bands();
-        let (light, lux, white) = match scene.quantity() {
-            Quantity::Reflectance => {
-                let light = Illuminant::parse(&self.illuminant)?;
-                let level = self.level.unwrap_or(LightLevel::Lux(DEFAULT_LUX));
-                let white = photometry::white_radiance(&light, level, &bands)?;
-                (Some(light), Some(level.white_luminance() * std::f64::consts::PI), white)
-            }
-            Quantity::Radiance if self.level.is_some() => {
-                return Err(Error::input(format!("a light level for {:?}", self.scene)).help(
-                    "this scene holds radiance, light included; leave lux and luminance out",
-                ));
-            }
-            Quantity::Radiance => (None, None, vec![1.0; bands.count]),
-        };
-        let about = About {
-            lux,
-            illuminant: light.as_ref().map(|l| l.name.clone()),
-            made_of: format!("scene {}, lens of {}", self.scene, camera.name),
-        };
-        let lit = LitScene { scene: &*scene, white };
+        // A light level is asked for; an illuminant is always named and counts where it is needed.
+        let illuminant = reflects.then_some(self.illuminant.as_str());
+        let light = SceneLight { illuminant, level: self.level };
+        let opened = SceneInLight::new(scene, &self.scene, &light)?;
         // A moving scene is seen once in each place: nothing to keep.
         let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
+        let about = opened.about(camera);
         let cache::Rendered { cube, report, hit, traced } =
-            cache::irradiance(camera, &lit, &self.options, about, directory, progress)
+            cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)
                 .map_err(|e| e.at(&self.scene))?;
-        let notes = scene.notes();
-        Ok(View { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
+        let notes = opened.scene.notes();
+        let light = opened.illuminant;
+        Ok(OpticsOutput { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
     }
 }
 
-impl View {
+impl OpticsOutput {
     /// The cube's header for another level of the same light: the samples serve them all.
     ///
     /// # Errors
-    /// A view of a scene that has its own light.
+    /// A scene that has its own light.
     pub fn header_at(&self, lux: f64) -> Result<CubeHeader> {
         let header = &self.cube.header;
         let light =
