@@ -5,7 +5,7 @@ use camrig_base::Result;
 use camrig_camera::{Camera, changes};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
-use camrig_render::{self as render, Motion, Sight, SimulatedSensor, View};
+use camrig_render::{self as render, Motion, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
 use camrig_scene::{Illuminant, LightLevel};
@@ -89,7 +89,7 @@ fn part(text: &str) -> Result<f64, String> {
 
 impl ViewArgs {
     /// What is looked at.
-    fn sight(&self) -> Result<Sight> {
+    fn optics_stage(&self) -> Result<OpticsStage> {
         let level = match (self.lux, self.luminance) {
             (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
             (lux, None) => lux.map(LightLevel::Lux),
@@ -97,7 +97,7 @@ impl ViewArgs {
         let cache = if self.no_cache { None } else { content::directory() };
         let motion =
             self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });
-        Ok(Sight {
+        Ok(OpticsStage {
             scene: self.scene.clone(),
             illuminant: self.illuminant.clone(),
             level,
@@ -113,11 +113,11 @@ impl ViewArgs {
     }
 
     /// Loads the camera and runs the optics stage.
-    pub fn view(&self) -> Result<(Camera, View)> {
+    pub fn view(&self) -> Result<(Camera, OpticsOutput)> {
         let camera = Camera::load_with(&self.camera, &self.set)?;
-        let sight = self.sight()?;
+        let optics_stage = self.optics_stage()?;
         let bar = arguments::progress("optics", 0);
-        let view = sight.view(&camera, |done, bands| {
+        let view = optics_stage.run(&camera, |done, bands| {
             bar.set_length(bands as u64);
             bar.set_position(done as u64);
         })?;
@@ -139,14 +139,16 @@ impl ViewArgs {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let (camera, View { light, cube, optics, cached, lens_traced, .. }) = args.view.view()?;
+    let (camera, OpticsOutput { light, cube, optics, cached, lens_traced, .. }) =
+        args.view.view()?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
-    let sight = args.view.sight()?;
-    let mut moved = |frame: u32| Ok(sight.view_at(&camera, frame, |_, _| ())?.cube);
-    let next: Option<&mut Cubes<'_>> = if sight.motion.is_some() { Some(&mut moved) } else { None };
+    let optics_stage = args.view.optics_stage()?;
+    let mut moved = |frame: u32| Ok(optics_stage.run_frame(&camera, frame, |_, _| ())?.cube);
+    let next: Option<&mut Cubes<'_>> =
+        if optics_stage.motion.is_some() { Some(&mut moved) } else { None };
     expose_frames(&args.frames, &camera, &sensor, (&cube, next), light.as_ref(), &mut sink)?;
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),

@@ -14,7 +14,7 @@ use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_optics::{Device, Options};
-use camrig_render::{self as render, Sight, SimulatedSensor, View};
+use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_scene::LightLevel;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -79,7 +79,7 @@ pub fn run(
         let Some(first) = missing.first() else { continue };
         let variant = &sweep.variants[first.variant];
         let camera = Camera::load_with(&variant.spec, &variant.changes)?;
-        let sight = Sight {
+        let optics_stage = OpticsStage {
             scene: first.scene.spec.clone(),
             illuminant: first.illuminant.spec.clone(),
             level: sweep.base_lux().map(LightLevel::Lux),
@@ -87,7 +87,7 @@ pub fn run(
             cache: cache.clone(),
             motion: None,
         };
-        let view = sight.view(&camera, |_, _| ())?;
+        let view = optics_stage.run(&camera, |_, _| ())?;
         missing.par_iter().try_for_each(|picture| {
             take(sweep, dataset, &camera, &view, picture)
                 .map_err(|e| e.at(format!("picture {}", picture.index)))?;
@@ -102,7 +102,7 @@ fn take(
     sweep: &Sweep,
     dataset: &Dataset,
     camera: &Camera,
-    view: &View,
+    view: &OpticsOutput,
     picture: &Picture<'_>,
 ) -> Result<()> {
     let mut camera = camera.clone();
