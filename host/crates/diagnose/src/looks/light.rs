@@ -3,13 +3,14 @@
 use super::Look;
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
-use camrig_capture::take::look;
-use camrig_render::SimulatedSensor;
+use camrig_optics::Options;
+use camrig_render::{DEFAULT_LUX, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_scene::LightLevel;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 /// Illuminance for which electrons are kept, lx: what irradiance has beyond it is in proportion.
-const LUX: f64 = 300.0;
+const LUX: f64 = DEFAULT_LUX;
 /// Samples kept in all: 256 MiB.
 const MOST: usize = 64 << 20;
 
@@ -45,8 +46,12 @@ impl Lights {
                 return Ok(entry.1.clone());
             }
         }
-        let cube = look(camera, &of.scene, of.illuminant.as_deref(), Some(LUX))
-            .map_err(|e| e.at(format!("capture {:?}", of.id)))?;
+        // A scene of radiance has its own light; one of reflectances has LUX unless told otherwise.
+        let level = of.lux.map(|_| LightLevel::Lux(LUX));
+        let light = SceneLight { illuminant: of.illuminant.as_deref(), level };
+        let (cube, _) =
+            scene_irradiance(camera, &of.scene, &light, &Options::default(), |_, _| ())
+                .map_err(|e| e.at(format!("capture {:?}", of.id)))?;
         let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
         let electrons = Arc::new(sensor.electrons(&cube, &camera.settings(0, 1.0, Some(1.0)))?);
         if let Ok(mut kept) = self.kept.lock() {
