@@ -162,7 +162,7 @@ fn sensor_stage() {
             width: WIDTH as u16,
             bands: bands as u16,
             codec: Codec::Bfp16,
-            arithmetic: camrig_rig_link::message::Arithmetic::F32,
+            arithmetic: camrig_rig_link::message::NumberFormat::F32,
             raw_bits: BITS,
             temperature_c: settings.temperature_c,
             lit_before: false,

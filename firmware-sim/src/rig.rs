@@ -32,10 +32,10 @@ pub struct RowMemory<'m, A: Arith> {
 
 /// Memory of a rig: its sizes are the rig's limits.
 pub struct Memory<'m> {
-    /// Rows for [`Arithmetic::F32`].
+    /// Rows for [`NumberFormat::F32`].
     #[cfg(feature = "float")]
     pub float: RowMemory<'m, Float>,
-    /// Rows for [`Arithmetic::Fixed`].
+    /// Rows for [`NumberFormat::Fixed`].
     #[cfg(feature = "fixed")]
     pub fixed: RowMemory<'m, Fixed>,
     /// Mantissas of the band that arrives; also the DN of the row that leaves. One per pixel.
@@ -79,12 +79,12 @@ impl<'m> Rig<'m> {
         bands.min(usize::from(u16::MAX))
     }
 
-    fn row_blocks(&self, arithmetic: Arithmetic) -> Option<usize> {
+    fn row_blocks(&self, arithmetic: NumberFormat) -> Option<usize> {
         match arithmetic {
             #[cfg(feature = "float")]
-            Arithmetic::F32 => Some(self.memory.float.rows.len()),
+            NumberFormat::F32 => Some(self.memory.float.rows.len()),
             #[cfg(feature = "fixed")]
-            Arithmetic::Fixed => Some(self.memory.fixed.rows.len()),
+            NumberFormat::Fixed => Some(self.memory.fixed.rows.len()),
             #[allow(unreachable_patterns, reason = "with both arithmetics compiled in")]
             _ => None,
         }
@@ -135,7 +135,7 @@ impl Model for Rig<'_> {
             max_width: self.max_width() as u16,
             max_bands: self.memory.max_bands,
             max_camera: self.camera.max_bytes(),
-            arithmetics: bit(Arithmetic::F32) | bit(Arithmetic::Fixed),
+            arithmetics: bit(NumberFormat::F32) | bit(NumberFormat::Fixed),
             codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8,
             memory_bytes: memory_bytes as u32,
             effects: Effect::AVAILABLE,

@@ -273,12 +273,12 @@ impl<'r> AnyRunning<'r> {
         let (mantissas, exponents) = (&mut *memory.mantissas, &mut *memory.exponents);
         match frame.begin.arithmetic {
             #[cfg(feature = "float")]
-            Arithmetic::F32 => {
+            NumberFormat::F32 => {
                 let rows = &mut memory.float;
                 Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Float)
             }
             #[cfg(feature = "fixed")]
-            Arithmetic::Fixed => {
+            NumberFormat::Fixed => {
                 let rows = &mut memory.fixed;
                 Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Fixed)
             }

@@ -39,7 +39,7 @@ fn begin() -> FrameBegin {
         width: 10,
         bands: 4,
         codec: Codec::Bfp16,
-        arithmetic: Arithmetic::F32,
+        arithmetic: NumberFormat::F32,
         raw_bits: 16,
         temperature_c: 25.0,
         lit_before: false,

@@ -58,7 +58,7 @@ pub struct Capabilities {
     pub max_bands: u16,
     /// Longest camera, bytes.
     pub max_camera: u32,
-    /// Arithmetics as a bit set of `1 <<` [`Arithmetic`].
+    /// Arithmetics as a bit set of `1 <<` [`NumberFormat`].
     pub arithmetics: u8,
     /// Row codecs as a bit set of `1 <<` [`Codec`].
     pub codecs: u8,
@@ -72,7 +72,7 @@ pub struct Capabilities {
 
 /// Number format of the device's sensor model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Arithmetic {
+pub enum NumberFormat {
     /// IEEE 754 single precision.
     F32,
     /// Fixed point.
@@ -110,7 +110,7 @@ pub struct FrameBegin {
     /// How the spectral rows are coded.
     pub codec: Codec,
     /// Which arithmetic computes them.
-    pub arithmetic: Arithmetic,
+    pub arithmetic: NumberFormat,
     /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`].
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.

@@ -281,7 +281,7 @@ pub fn begin(frame: u32) -> FrameBegin {
         width: WIDTH as u16,
         bands: BANDS as u16,
         codec: Codec::Bfp16,
-        arithmetic: Arithmetic::F32,
+        arithmetic: NumberFormat::F32,
         raw_bits: 16,
         temperature_c: 25.0,
         lit_before: false,

@@ -11,8 +11,8 @@ use camrig_formats::csi2;
 use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
-    Arithmetic as LinkArithmetic, Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack,
-    Refusal, Statistics, ToDevice, ToHost, camera_id,
+    Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack, NumberFormat, Refusal, Statistics,
+    ToDevice, ToHost, camera_id,
 };
 use camrig_rig_link::packing::{Packing, unpack_row};
 use camrig_sensor_core::config::FrameSettings;
@@ -234,8 +234,8 @@ impl Rig {
             bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
             codec,
             arithmetic: match request.arithmetic {
-                Arithmetic::F32 => LinkArithmetic::F32,
-                Arithmetic::Fixed => LinkArithmetic::Fixed,
+                Arithmetic::F32 => NumberFormat::F32,
+                Arithmetic::Fixed => NumberFormat::Fixed,
             },
             raw_bits,
             temperature_c: request.settings.temperature_c,
@@ -389,10 +389,9 @@ impl Rig {
                 format!("the camera is too large for the rig, which takes {max} bytes"),
                 "use a coarser crosstalk table, or a rig with more memory",
             ),
-            Nack::Refused(Refusal::Arithmetic) => (
-                "the rig does not have this arithmetic".into(),
-                "choose the other one",
-            ),
+            Nack::Refused(Refusal::Arithmetic) => {
+                ("the rig does not have this arithmetic".into(), "choose the other one")
+            }
             Nack::Refused(Refusal::Effects) => (
                 "the camera's effects need more rows than the rig has memory for".into(),
                 "leave out effects that read neighbouring rows, or use a rig with more memory",
