@@ -7,8 +7,7 @@
 //! specification 1.4, chapter 6) would find a wrong one. Both are scaled to white: Y = 1 and the
 //! largest channel 1. All in f64.
 
-use camrig_base::Spectrum;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, Spectrum};
 
 /// Rows of a 3 x 3 matrix.
 pub type Matrix = [[f64; 3]; 3];
@@ -18,21 +17,38 @@ const FIRST_NM: i32 = 380;
 const LAST_NM: i32 = 780;
 const STEP_NM: usize = 10;
 
-/// What the camera makes of light: a matrix and the neutral it implies.
+/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ (Y of white = 1), from the primaries and the white
+/// of IEC 61966-2-1.
+pub const XYZ_FROM_SRGB: Matrix = [
+    [0.412_390_8, 0.357_584_3, 0.180_480_8],
+    [0.212_639_0, 0.715_168_7, 0.072_192_3],
+    [0.019_330_8, 0.119_194_8, 0.950_532_2],
+];
+
+/// Smallest determinant of the normal equations, relative to the product of their diagonal, for
+/// which reflectances count as different colours. Colours on one line through white leave only the
+/// rounding of f64 sums, below 1e-14; this is well above it and loses no usable set.
+const LEAST_DETERMINANT: f64 = 1e-12;
+
+/// A camera's colour under one illuminant: the matrix from XYZ, and the camera's neutral.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColorFit {
     /// XYZ (white: Y = 1) to camera (white: largest channel 1).
     pub camera_from_xyz: Matrix,
-    /// Camera R, G, B of the illuminant itself, largest 1: what AsShotNeutral is in this light.
+    /// Camera R, G, B of a white in this light, the largest 1: DNG's AsShotNeutral.
     pub neutral: [f64; 3],
-    /// Root-mean-square residual over training set and channels, as a fraction of white.
+    /// Root-mean-square residual over the training set and the channels, as a fraction of white.
     pub rms: f64,
 }
 
-/// Camera R, G, B of a white of this light, the largest 1.
+/// Camera R, G, B of a white in this light, the largest 1.
 ///
 /// `sensitivity` is per channel, in units proportional to electrons per **energy** (quantum
-/// efficiency times wavelength, filters and lens included); `light` is spectral power per nm.
+/// efficiency times wavelength, filters and lens included); `light` is spectral power per nm, up
+/// to a factor.
+///
+/// # Errors
+/// A camera without a response to this light between 380 and 780 nm.
 pub fn neutral(sensitivity: &[Spectrum; 3], light: &Spectrum) -> Result<[f64; 3]> {
     let white = respond(sensitivity, light, &Spectrum::constant(1.0));
     let top = white.iter().copied().fold(0.0, f64::max);
@@ -43,11 +59,14 @@ pub fn neutral(sensitivity: &[Spectrum; 3], light: &Spectrum) -> Result<[f64; 3]
     Ok(white.map(|v| v / top))
 }
 
-/// Fits XYZ → camera for one illuminant.
+/// Fits the matrix from XYZ to camera R, G, B for one illuminant.
 ///
 /// `sensitivity` and `light` as in [`neutral`]; `xyz` are the colour-matching functions;
 /// `reflectances` is the training set (the 24 ColorChecker patches, say), at least three that are
 /// not grey.
+///
+/// # Errors
+/// Those of [`neutral`], light without visible power, reflectances that do not span the colours.
 pub fn fit(
     sensitivity: &[Spectrum; 3],
     light: &Spectrum,
@@ -64,7 +83,8 @@ pub fn fit(
     }
     let white = xyz_white.map(|v| v / xyz_white[1]);
 
-    // Coordinates of XYZ along white and across it; only the part across is free to fit.
+    // XYZ split along white and perpendicular to it: the condition fixes the first part, the fit
+    // is free in the second.
     let (u, v) = across(&white);
     let length = dot(&white, &white);
     let (mut uu, mut uv, mut vv) = (0.0, 0.0, 0.0);
@@ -89,7 +109,7 @@ pub fn fit(
         }
     }
     let determinant = uu * vv - uv * uv;
-    if determinant <= 1e-12 * uu * vv {
+    if determinant <= LEAST_DETERMINANT * uu * vv {
         return Err(Error::input("reflectances that do not span the colours")
             .help("give at least three different colours besides grey"));
     }
@@ -122,7 +142,7 @@ fn respond(curves: &[Spectrum; 3], light: &Spectrum, reflectance: &Spectrum) -> 
     sum
 }
 
-/// Two orthonormal vectors across `w`.
+/// Two orthonormal vectors perpendicular to `w`.
 fn across(w: &[f64; 3]) -> ([f64; 3], [f64; 3]) {
     let unit = |a: [f64; 3]| {
         let n = dot(&a, &a).sqrt();

@@ -1,28 +1,28 @@
-//! MIPI CSI-2 packets as bytes: what a receiver hands on after merging the lanes of a D-PHY link.
+//! MIPI CSI-2 packets as bytes: what a receiver delivers after merging the lanes of a D-PHY link.
 //!
-//! A frame is Frame Start, embedded data lines, image lines (one long packet each, between Line
-//! Start and Line End where asked for), Frame End. Source: MIPI CSI-2 v1.3, chapter 9 (packet
-//! header, ECC, CRC) and 11 (data types); 2-bit virtual channels.
+//! A frame consists of Frame Start, embedded data lines, image lines (one long packet each, on
+//! request between Line Start and Line End) and Frame End. Source: MIPI CSI-2 v1.3, chapter 9
+//! (packet header, ECC, CRC) and 11 (data types); 2-bit virtual channels.
 //!
-//! Reading corrects single-bit errors of packet headers, as the ECC allows, and refuses worse ones
-//! and payloads whose CRC does not hold.
+//! The reader corrects single-bit errors of packet headers, as the ECC allows, and refuses worse
+//! ones and payloads with a wrong CRC.
 
 use super::{Facts, Frames, check_range, truncated};
 use camrig_base::{Error, Plane, Result};
 use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 
-/// Data types (the low six bits of the first byte).
+/// Data types: the low six bits of a packet's first byte.
 mod data_type {
     pub const FRAME_START: u8 = 0x00;
     pub const FRAME_END: u8 = 0x01;
     pub const LINE_START: u8 = 0x02;
     pub const LINE_END: u8 = 0x03;
-    /// Below this, packets are short.
+    /// Packets of lower data types are short.
     pub const FIRST_LONG: u8 = 0x10;
     pub const EMBEDDED: u8 = 0x12;
 }
 
-/// RAW8, RAW10, RAW12, RAW14, RAW16.
+/// Data types of RAW8, RAW10, RAW12, RAW14 and RAW16, and their packing.
 const RAW: [(u8, Packing); 5] = [
     (0x2A, Packing::Raw8),
     (0x2B, Packing::Raw10),
@@ -31,27 +31,27 @@ const RAW: [(u8, Packing); 5] = [
     (0x2E, Packing::Raw16),
 ];
 
-/// How frames are put into packets.
+/// How frames are written as packets.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     /// Virtual channel, 0 to 3.
     pub virtual_channel: u8,
-    /// Whether every image line stands between Line Start and Line End.
+    /// Whether Line Start and Line End packets enclose every image line.
     pub line_packets: bool,
-    /// Payloads of embedded data lines, per frame; frames beyond the list have none.
+    /// Payloads of the embedded data lines of each frame; frames beyond the list have none.
     pub embedded: Vec<Vec<Vec<u8>>>,
 }
 
 /// What a packet stream holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stream {
-    /// The image lines, put together.
+    /// The image lines, assembled to frames.
     pub frames: Frames,
-    /// Frame numbers as the stream counts them: from 1, 65535 before 1 again; 0 where not in use.
+    /// Frame numbers as the stream gives them: 1 to 65535, then 1 again; 0 where not in use.
     pub frame_numbers: Vec<u16>,
-    /// Payloads of embedded data lines, per frame.
+    /// Payloads of the embedded data lines of each frame.
     pub embedded: Vec<Vec<Vec<u8>>>,
-    /// Packet headers that had one bit wrong.
+    /// Number of packet headers with a corrected bit.
     pub corrected_headers: usize,
 }
 
@@ -62,11 +62,11 @@ pub struct Packet<'a> {
     pub virtual_channel: u8,
     /// Data type, 6 bits.
     pub data_type: u8,
-    /// Frame or line number of a short packet, bytes of payload of a long one.
+    /// Frame or line number of a short packet, payload length in bytes of a long one.
     pub value: u16,
     /// Payload of a long packet, empty for a short one.
     pub payload: &'a [u8],
-    /// Whether a bit of the header was wrong.
+    /// Whether a bit of the header was corrected.
     pub corrected: bool,
 }
 
@@ -80,12 +80,12 @@ pub fn ecc(data_identifier: u8, value: u16) -> u8 {
     ECC_MASKS.iter().enumerate().fold(0, |ecc, (bit, &mask)| ecc | parity(mask) << bit)
 }
 
-/// Checksum of a payload, sent least significant byte first.
+/// Checksum (CRC-16) of a payload, sent least significant byte first.
 pub fn checksum(payload: &[u8]) -> u16 {
     crc::Crc::<u16>::new(&crc::CRC_16_MCRF4XX).checksum(payload)
 }
 
-/// A header with its single-bit error corrected, and whether it had one. `None` for more errors.
+/// A header with a single-bit error corrected, and whether it had one. `None` for more errors.
 fn correct(header: [u8; 4]) -> Option<([u8; 3], bool)> {
     let [id, low, high, found] = header;
     let syndrome = (ecc(id, u16::from_le_bytes([low, high])) ^ found) & 0x3F;
@@ -102,7 +102,7 @@ fn correct(header: [u8; 4]) -> Option<([u8; 3], bool)> {
     Some((fixed, true))
 }
 
-/// The packets of a stream, in order; ends after the first error.
+/// Iterator over the packets of a stream; ends after the first error.
 pub struct Packets<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -155,7 +155,7 @@ impl<'a> Iterator for Packets<'a> {
     }
 }
 
-/// Whether bytes begin with a Frame Start and another packet that holds.
+/// Whether bytes begin with a Frame Start and another packet, both without an error.
 pub(super) fn is_stream(bytes: &[u8]) -> bool {
     let mut packets = Packets::new(bytes);
     let starts = |p: Option<Result<Packet>>, first: bool| {
@@ -167,12 +167,18 @@ pub(super) fn is_stream(bytes: &[u8]) -> bool {
 }
 
 /// Frames as packets on virtual channel 0, without line packets and embedded data.
+///
+/// # Errors
+/// Those of [`encode_with`].
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     encode_with(frames, &Options::default())
 }
 
-/// Frames as packets. The number of bits must be 8, 10, 12, 14 or 16, and a line whole groups of
-/// samples of at most 65535 bytes, as CSI-2 demands.
+/// Frames as packets.
+///
+/// # Errors
+/// Bits per sample other than 8, 10, 12, 14 or 16; lines that are not whole groups of samples or
+/// exceed 65535 bytes, as CSI-2 demands; a virtual channel above 3; samples beyond the bits.
 pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let raw = RAW.iter().find(|(_, packing)| packing.bits() == bits);
@@ -244,12 +250,19 @@ impl Writer {
 }
 
 /// Reads the frames of a packet stream.
+///
+/// # Errors
+/// Those of [`decode_stream`].
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(decode_stream(bytes)?.frames)
 }
 
-/// Reads a packet stream whole. Packets of other data types (blanking, user-defined) are passed
-/// over; lines of several virtual channels are an error, as frames of one stack are of one kind.
+/// Reads a whole packet stream: frames, frame numbers and embedded data. Packets of other data
+/// types (blanking, user-defined) are skipped.
+///
+/// # Errors
+/// Damaged packets, packets of several virtual channels, frames without image lines or of
+/// different sizes or data types, a stream without a complete frame.
 pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
     let mut stream = Stream {
         frames: Frames { planes: Vec::new(), facts: Facts::default() },
@@ -304,7 +317,7 @@ pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
     Ok(stream)
 }
 
-/// Appends an image line to the frame that is open.
+/// Appends an image line to the frame being read.
 fn line(plane: &mut Plane<u16>, packing: Packing, payload: &[u8]) -> Result<()> {
     let (samples, bytes) = packing.group();
     let width = payload.len() / bytes * samples;
@@ -335,11 +348,10 @@ impl Stream {
 }
 
 /// An embedded data line in the tagged format of MIPI CCS (chapter "Embedded data"; SMIA's
-/// simplified 2-byte tags): register values, as drivers parse them to learn what each frame was
-/// taken with.
+/// simplified 2-byte tags): the register values from which drivers learn the settings of a frame.
 ///
-/// `registers` are (address, value), `bits` those of the image's samples: for 10 and 12 bits a
-/// filler byte 0x55 follows every 4th or 2nd byte, where low bits of pixels would be.
+/// `registers` are pairs of address and value; `bits` are those of the image's samples. For 10 and
+/// 12 bits a filler byte 0x55 follows every 4th or 2nd byte, in place of the low bits of pixels.
 pub fn ccs_line(registers: &[(u16, u8)], bits: u32) -> Vec<u8> {
     const FORMAT: u8 = 0x0A;
     const ADDRESS_HIGH: u8 = 0xAA;

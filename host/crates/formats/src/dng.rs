@@ -1,9 +1,9 @@
 //! DNG writer: IFD 0 with an RGB thumbnail and the camera's colour, a SubIFD with the raw, an Exif
 //! IFD with the exposure.
 //!
-//! Source: Adobe Digital Negative Specification 1.4. The structure is the one that every client of
-//! the test suite reads right: tools that look for the white level only in a SubIFD, or for the
-//! ISO only in an Exif IFD, are common. Pixels are stored as they are, uncompressed 16-bit words.
+//! Source: Adobe Digital Negative Specification 1.4. Every client of the test suite reads this
+//! structure correctly; tools that look for the white level only in a SubIFD, or for the ISO speed
+//! only in an Exif IFD, are common. Samples are stored as uncompressed 16-bit words.
 
 use super::opcodes::{self, Opcode};
 use super::{Facts, check_range, preview};
@@ -18,10 +18,16 @@ use tiff::tags::Tag;
 const ILLUMINANT_A: u16 = 17;
 /// CIE illuminant D65.
 const ILLUMINANT_D65: u16 = 21;
-/// Longest side of the thumbnail, pixels.
+/// Longest side of the thumbnail, pixels: enough for a file browser, at most 197 kB in the file.
 const THUMBNAIL: usize = 256;
+/// Bytes that dcraw reads of a description, whatever its length; it fails where the file ends
+/// before.
+const DCRAW_DESCRIPTION: usize = 512;
+/// Denominator of the fractions that decimal values are written as.
+const DENOMINATOR: u32 = 1_000_000_000;
 
-/// What a DNG says about a frame beyond its samples. What is `None` or empty is not written.
+/// What a DNG says about a frame beyond its samples. Fields that are `None` or empty are not
+/// written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DngInfo {
     /// Maker of the camera.
@@ -30,8 +36,8 @@ pub struct DngInfo {
     pub model: String,
     /// Free text: scene, seed, frame number.
     pub description: String,
-    /// Time of capture, `YYYY:MM:DD HH:MM:SS`. Never the clock: a simulated frame has none of its
-    /// own.
+    /// Time of capture, `YYYY:MM:DD HH:MM:SS`. Never taken from the clock: a simulated frame has
+    /// no time of capture.
     pub datetime: Option<String>,
     /// Exposure time, s.
     pub exposure_s: Option<f64>,
@@ -47,14 +53,14 @@ pub struct DngInfo {
     pub color_matrix_d65: Option<[[f64; 3]; 3]>,
     /// Camera R, G, B of a white in the scene's light, the largest 1.
     pub as_shot_neutral: Option<[f64; 3]>,
-    /// Per channel (S, O): variance of a signal x (0 at black, 1 at white) is `S x + O`.
+    /// (S, O) of each channel: the variance of a signal x (0 at black, 1 at white) is `S x + O`.
     pub noise_profile: Vec<(f64, f64)>,
     /// Black levels of the cells of the colour filter pattern, row-major, DN; empty: the frame's
     /// own black level everywhere.
     pub black_levels_dn: Vec<f64>,
-    /// Corrections on stored values (bad pixels).
+    /// Corrections of stored values (bad pixels).
     pub opcode_list1: Vec<Opcode>,
-    /// Corrections on linear values before demosaicing (gain maps).
+    /// Corrections of linear values before demosaicing (gain maps).
     pub opcode_list2: Vec<Opcode>,
 }
 
@@ -84,6 +90,10 @@ type Directory<'a, 'b> = DirectoryEncoder<'a, &'b mut Cursor<Vec<u8>>, TiffKindS
 type Written = std::result::Result<(), tiff::TiffError>;
 
 /// One frame as DNG bytes.
+///
+/// # Errors
+/// Samples beyond the bits, black levels that are not one per cell of the pattern, sizes that a
+/// classic TIFF cannot express.
 pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
     check_range(&frame.data, frame.bits)?;
     let cells = frame.cfa.width * frame.cfa.height;
@@ -94,8 +104,7 @@ pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
     let mut bytes = Cursor::new(Vec::new());
     write(&mut bytes, frame, info).map_err(|e| Error::input(format!("DNG: {e}")))?;
     let mut bytes = bytes.into_inner();
-    // dcraw reads 512 bytes of a description, whatever its length, and fails at the file's end.
-    bytes.resize(bytes.len() + 512, 0);
+    bytes.resize(bytes.len() + DCRAW_DESCRIPTION, 0);
     Ok(bytes)
 }
 
@@ -258,7 +267,8 @@ pub(super) fn black_levels(frame: &RawFrame, info: &DngInfo) -> Vec<f64> {
 /// CFA colour codes of TIFF/EP and DNG.
 const COLOR_CODES: [char; 7] = ['R', 'G', 'B', 'C', 'M', 'Y', 'W'];
 
-/// A letter that has no code of its own is called white, the least wrong of them.
+/// The CFA colour code of a letter; a letter without a code of its own is written as white, the
+/// least misleading of them.
 fn color_code(letter: char) -> u8 {
     COLOR_CODES.iter().position(|&c| c == letter).unwrap_or(6) as u8
 }
@@ -272,7 +282,8 @@ fn put(d: &mut Directory, tag: u16, value: impl TiffValue) -> Written {
     d.write_tag(Tag::from_u16_exhaustive(tag), value)
 }
 
-/// The closest fraction with a decimal denominator that fits, in lowest terms; 0 for less.
+/// The closest fraction with a power of ten as denominator that fits, in lowest terms; 0 for
+/// negative values.
 fn rational(value: f64) -> Rational {
     let (n, d) = fraction(value.max(0.0), u32::MAX);
     Rational { n, d }
@@ -284,7 +295,7 @@ fn srational(value: f64) -> SRational {
 }
 
 fn fraction(value: f64, top: u32) -> (u32, u32) {
-    let mut d = 1_000_000_000u32;
+    let mut d = DENOMINATOR;
     while d > 1 && (value * f64::from(d)).round() > f64::from(top) {
         d /= 10;
     }

@@ -1,18 +1,23 @@
-//! DNG reader: ours and other uncompressed colour-filter-array DNGs, in strips or tiles, 8 to 16
+//! DNG reader: uncompressed colour-filter-array and linear raw DNGs, in strips or tiles, 8 to 16
 //! bits per sample, packed or in words.
 //!
-//! Samples come back after the linearization table, cropped to the active area (to which pattern
-//! and black levels refer). Row and column black-level deltas are not applied.
+//! The linearization table is applied to the samples, and the frame is cropped to the active area,
+//! to which pattern and black levels refer. Row and column black-level deltas are not applied.
 
 use super::dng::{DngInfo, color_letter};
 use super::ifd::{Ifd, Tiff};
 use super::{Facts, Frames, area, full_scale, opcodes, truncated};
-use camrig_base::Cfa;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Cfa, Error, Plane, Result};
 
+/// PhotometricInterpretation of a colour filter array.
 const CFA: u64 = 32803;
+/// PhotometricInterpretation of linear raw samples without a colour filter array.
 const LINEAR_RAW: u64 = 34892;
-const NONE: u64 = 1;
+/// Compression: none.
+const UNCOMPRESSED: u64 = 1;
+/// SubIFDs that are read: the raw image and a few previews are usual; the limit bounds the work
+/// that a damaged file can ask for.
+const MAX_SUB_IFDS: usize = 64;
 
 /// Reads DNG bytes.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
@@ -20,10 +25,10 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let main = file.ifd(file.first()?)?;
     let offsets = main.uints(330).unwrap_or_default();
     let mut images = Vec::new();
-    for offset in offsets.iter().take(64) {
+    for offset in offsets.iter().take(MAX_SUB_IFDS) {
         images.push(file.ifd(*offset as usize)?);
     }
-    // The raw of full size is the one with the most pixels.
+    // The full-size raw image is the one with the most pixels.
     let raw = images
         .iter()
         .chain([&main])
@@ -38,8 +43,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let black = black_levels(raw, cfa.width, cfa.height)?;
     let white = raw.uint(50717).and_then(|w| u16::try_from(w).ok());
     let white = white.unwrap_or_else(|| full_scale(raw.uint(258).unwrap_or(16) as u32));
-    // The fields are the truth; a note of ours adds the bits, which a white level below full scale
-    // does not tell.
+    // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
+    // not tell.
     let mut note = Facts::default();
     note.merge_note(&raw.text(270).unwrap_or_default());
     let mut facts = Facts {
@@ -65,8 +70,8 @@ fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     };
     let (width, height) = (need(256, "ImageWidth")? as usize, need(257, "ImageLength")? as usize);
     let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
-    let compression = raw.uint(259).unwrap_or(NONE);
-    if compression != NONE {
+    let compression = raw.uint(259).unwrap_or(UNCOMPRESSED);
+    if compression != UNCOMPRESSED {
         return Err(Error::input(format!("a DNG with compression {compression}"))
             .help("only uncompressed DNGs are read; convert it to uncompressed first"));
     }
@@ -104,7 +109,8 @@ fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     Ok(plane)
 }
 
-/// Words of 16 bits in the file's byte order; anything narrower most significant bit first.
+/// Unpacks a row: words of 16 bits in the file's byte order, narrower samples most significant bit
+/// first.
 fn unpack(file: &Tiff, bits: usize, bytes: &[u8], row: &mut [u16]) {
     if bits == 16 {
         row.iter_mut().zip(bytes.chunks_exact(2)).for_each(|(s, b)| *s = file.sample([b[0], b[1]]));

@@ -1,9 +1,8 @@
-//! What a file says about its samples, and the one-line note that carries it in formats without
-//! fields of their own for it (TIFF, PNG, PGM, FITS).
+//! What a file says about its samples, and the one-line note that carries it in formats that have
+//! no fields for it (TIFF, PNG, PGM, FITS).
 
 use super::DngInfo;
-use camrig_base::Cfa;
-use camrig_base::RawFrame;
+use camrig_base::{Cfa, RawFrame};
 
 /// What is known about the samples of a file; `None` where the file does not say.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -12,16 +11,16 @@ pub struct Facts {
     pub bits: Option<u32>,
     /// Colour filter pattern.
     pub cfa: Option<Cfa>,
-    /// Mean DN of no light.
+    /// Black level: mean of no light, DN.
     pub black_level_dn: Option<f64>,
-    /// DN of saturation.
+    /// White level: value at which a sample saturates, DN.
     pub white_level_dn: Option<u16>,
-    /// Camera, exposure and colour, as a DNG carries them.
+    /// Camera, exposure and colour, where the file is a DNG.
     pub dng: Option<DngInfo>,
 }
 
 impl Facts {
-    /// What a raw frame knows.
+    /// The facts of a raw frame.
     pub fn of(frame: &RawFrame) -> Self {
         Self {
             bits: Some(frame.bits),
@@ -32,7 +31,7 @@ impl Facts {
         }
     }
 
-    /// `camrig bits=10 cfa=GRBG black=42 white=1023`, without what is not known.
+    /// The note `camrig bits=10 cfa=GRBG black=42 white=1023`, without facts that are not known.
     pub(super) fn note(&self) -> String {
         let mut text = String::from("camrig");
         let mut add = |key: &str, value: Option<String>| {
@@ -47,7 +46,8 @@ impl Facts {
         text
     }
 
-    /// Takes what a note says; a note of another program is no note, a malformed value is unknown.
+    /// Takes over the facts of a note. Notes of other programs are ignored, malformed values are
+    /// taken as not known.
     pub(super) fn merge_note(&mut self, note: &str) {
         let mut words = note.split_ascii_whitespace();
         if words.next() != Some("camrig") {

@@ -1,13 +1,15 @@
-//! FITS: the primary image, 16 bits, as the FITS Standard 4.0 has it. Unsigned samples are stored
+//! FITS: the primary image, 16 bits, after the FITS Standard 4.0. Unsigned samples are stored
 //! as signed ones with BZERO = 32768 (section 5.2.5). Several frames are a third axis.
 //!
-//! Rows are stored as they are, top row first: the standard leaves the direction open (viewers of
-//! astronomy show the first row at the bottom), and pixel values keep their place.
+//! The top row is stored first. The standard leaves the direction open; astronomical viewers show
+//! the first row at the bottom.
 
 use super::{Facts, Frames, area, truncated};
 use camrig_base::{Error, Plane, Result};
 
+/// Bytes of a header card (section 3.3.1).
 const CARD: usize = 80;
+/// Bytes of a block, to which header and data are padded (section 3.1).
 const BLOCK: usize = 2880;
 
 /// Frames as FITS bytes.
@@ -37,7 +39,11 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the primary image of FITS bytes.
+/// Reads the primary image of FITS bytes, of 8 or 16 bits, with BZERO and BSCALE applied.
+///
+/// # Errors
+/// A header without END, other types of samples, values that are not DN from 0 to 65535, data that
+/// are shorter than the header says.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut header = Header::default();
     let mut facts = Facts::default();
@@ -94,7 +100,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(Frames { planes, facts })
 }
 
-/// The keywords that say how to read the data.
+/// The keywords that describe the data.
 struct Header {
     bitpix: i64,
     naxis: i64,

@@ -1,9 +1,8 @@
-//! The directory structure of classic TIFF, over bytes in memory.
+//! The directories of a classic TIFF file in memory.
 //!
 //! The `tiff` crate opens a file only if it knows the photometric interpretation of its first
-//! image, which for many DNG files is a colour filter array; this walker reads any directory and
-//! leaves the meaning to the caller. Every offset and count is checked against the bytes that are
-//! there.
+//! image, which for many DNG files is a colour filter array; this reader takes any directory and
+//! leaves its meaning to the caller. Every offset and count is checked against the bytes present.
 
 use super::truncated;
 use camrig_base::{Error, Result};
@@ -11,7 +10,7 @@ use std::collections::BTreeMap;
 
 /// A TIFF file in memory.
 pub(super) struct Tiff<'a> {
-    /// All of the file.
+    /// The whole file.
     pub bytes: &'a [u8],
     big_endian: bool,
 }
@@ -28,14 +27,15 @@ struct Field<'a> {
     big_endian: bool,
 }
 
-/// Whether the first directory says DNG, or the photometric interpretation a colour filter array.
+/// Whether the first directory has a DNG version, or is a colour filter array by its photometric
+/// interpretation.
 pub(super) fn is_dng(bytes: &[u8]) -> bool {
     let first = Tiff::open(bytes).and_then(|t| t.ifd(t.first()?));
     first.is_ok_and(|ifd| ifd.uints(50706).is_some() || ifd.uint(262) == Some(32803))
 }
 
 impl<'a> Tiff<'a> {
-    /// Checks the byte order mark and the version.
+    /// Checks byte order mark and version.
     pub fn open(bytes: &'a [u8]) -> Result<Self> {
         let big_endian = bytes.starts_with(b"MM");
         let file = Self { bytes, big_endian };
@@ -72,7 +72,7 @@ impl<'a> Tiff<'a> {
         Ok(Ifd { fields })
     }
 
-    /// `length` bytes at `start`, if they are there.
+    /// `length` bytes from `start` on, checked.
     pub fn slice(&self, start: usize, length: usize) -> Result<&'a [u8]> {
         let end = start.saturating_add(length);
         self.bytes.get(start..end).ok_or_else(|| truncated(end, self.bytes.len()))
@@ -116,7 +116,7 @@ impl Ifd<'_> {
         self.uints(tag)?.first().copied()
     }
 
-    /// All values of a numeric field; one that is not finite (a zero denominator) voids the field.
+    /// All values of a numeric field; `None` where one is not finite (a zero denominator).
     pub fn floats(&self, tag: u16) -> Option<Vec<f64>> {
         let f = self.fields.get(&tag)?;
         let halves = |b: &[u8]| (u32_of(b, f.big_endian), u32_of(&b[4..], f.big_endian));

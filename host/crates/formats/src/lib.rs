@@ -1,11 +1,49 @@
-//! File formats of raw frames: readers and writers, one file per format.
+//! File formats of raw frames: readers and writers, one module per format.
 //!
-//! Readers and writers are pure functions between bytes and [`Frames`]; [`output`] puts bytes on
-//! the disk whole or not at all. Reading dispatches on content, never on the name, except for
-//! headerless packed raw, which has no content to go by ([`pixel_format`]).
+//! Readers and writers are pure functions between bytes and [`Frames`], which holds samples in
+//! digital numbers (DN) and what the file says about them ([`Facts`]: bits per sample, colour
+//! filter pattern, black and white level in DN). [`camrig_base::output`] writes the bytes to disk.
+//! The format of a file is recognised by its content, never by its name, except for headerless
+//! packed raw, which has no header to go by ([`pixel_format`]).
 //!
-//! Every writer is deterministic (no clock, no host name), and no reader trusts a length it finds:
-//! sizes are checked against the bytes that are there before anything is allocated.
+//! Every writer is deterministic: it reads no clock and no host name. No reader trusts a length
+//! it finds: sizes are checked against the bytes present before anything is allocated.
+//!
+//! | format | module | frames | facts it carries |
+//! | --- | --- | --- | --- |
+//! | DNG | [`dng`] | one | all, with colour matrices and corrections |
+//! | 16-bit TIFF | [`tiff16`] | any number | all |
+//! | NumPy array | [`npy`] | any number | none |
+//! | PGM | [`pgm`] | any number | all |
+//! | PNG | [`mod@png`] | one | all |
+//! | FITS | [`fits`] | any number | all |
+//! | CSI-2 packets | [`csi2`] | any number | bits |
+//! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
+//!
+//! # Example
+//! A frame of 4 x 2 pixels, 10 bits, as a TIFF file's bytes and back:
+//! ```
+//! use camrig_base::{Cfa, RawFrame};
+//! use camrig_formats::{Format, Frames, decode};
+//!
+//! let frame = RawFrame {
+//!     width: 4,
+//!     height: 2,
+//!     bits: 10,
+//!     cfa: Cfa::parse("RGGB")?,
+//!     black_level_dn: 64.0,
+//!     white_level_dn: 1023,
+//!     data: vec![64, 70, 500, 1023, 65, 71, 501, 1022], // DN, row by row
+//! };
+//! let bytes = Format::Tiff.encode(&Frames::from_raw(&frame))?;
+//! assert_eq!(Format::sniff(&bytes), Some(Format::Tiff));
+//! assert_eq!(decode(&bytes)?.raw(0)?, frame);
+//!
+//! // The same samples packed as MIPI CSI-2 sends 10 bits: four pixels in five bytes.
+//! let packed = Format::parse("SRGGB10P")?.encode(&Frames::from_raw(&frame))?;
+//! assert_eq!(packed.len(), 10);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 pub mod color;
 pub mod csi2;
@@ -44,40 +82,45 @@ pub struct Frames {
 pub enum Format {
     /// Digital negative: one frame with its colour metadata.
     Dng,
-    /// 16-bit grey TIFF, a page per frame.
+    /// 16-bit grey TIFF, one page per frame.
     Tiff,
     /// NumPy array, H x W or N x H x W, `<u2`.
     Npy,
-    /// Portable grey map (`P5`), images back to back.
+    /// Portable grey map (`P5`), one image after another.
     Pgm,
     /// 16-bit grey PNG, one frame.
     Png,
-    /// FITS primary image, 16 bits with BZERO, NAXIS3 frames.
+    /// FITS primary image, 16 bits with BZERO; several frames along the third axis.
     Fits,
-    /// MIPI CSI-2 packet stream as it leaves the lane merger.
+    /// MIPI CSI-2 packet stream as it leaves the receiver's lane merger.
     Csi2,
-    /// Headerless pixels in a V4L2 format, frames back to back.
+    /// Headerless pixels in a V4L2 format, one frame after another.
     Raw(PixelFormat),
 }
 
 impl Frames {
-    /// One frame with all that is known about it.
+    /// A stack of one frame, with everything the frame says about itself.
     pub fn from_raw(frame: &RawFrame) -> Self {
         let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
         Self { planes: vec![plane], facts: Facts::of(frame) }
     }
 
-    /// Columns.
+    /// Width of the frames, pixels.
     pub fn width(&self) -> usize {
         self.planes[0].width
     }
 
-    /// Rows.
+    /// Height of the frames, pixels.
     pub fn height(&self) -> usize {
         self.planes[0].height
     }
 
-    /// Frame `index` as a raw frame; an error names the facts that the file does not carry.
+    /// Frame `index`, counted from 0, as a raw frame. A white level that the file does not say is
+    /// full scale.
+    ///
+    /// # Errors
+    /// No frame of that index; bits, colour filter pattern or black level that the file does not
+    /// carry; samples beyond the bits.
     pub fn raw(&self, index: usize) -> Result<RawFrame> {
         let plane = self.planes.get(index).ok_or_else(|| {
             Error::input(format!("frame {index}"))
@@ -106,6 +149,9 @@ impl Frames {
 
 impl Format {
     /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format.
+    ///
+    /// # Errors
+    /// A name that is none of these.
     pub fn parse(name: &str) -> Result<Self> {
         Ok(match name.to_ascii_lowercase().as_str() {
             "dng" => Self::Dng,
@@ -123,8 +169,11 @@ impl Format {
         })
     }
 
-    /// The format that a file name asks for. Headerless pixels (`.raw`, `.bin`) say their layout
-    /// in the name (`flat_640x480_SGRBG10P.raw`).
+    /// The format that a file name asks for by its extension. Headerless pixels (`.raw`, `.bin`)
+    /// say their layout in the name (`flat_640x480_SGRBG10P.raw`).
+    ///
+    /// # Errors
+    /// An extension that is not known, or headerless pixels without a pixel format in the name.
     pub fn from_path(path: &Path) -> Result<Self> {
         if PixelFormat::is_headerless(path) {
             return Ok(Self::Raw(PixelFormat::from_file_name(path)?.0));
@@ -137,7 +186,8 @@ impl Format {
         })
     }
 
-    /// The format that bytes are in, as far as they tell (headerless raw never does).
+    /// The format of some bytes, by their first bytes; `None` where these do not tell (headerless
+    /// raw never does).
     pub fn sniff(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Some(Self::Npy),
@@ -152,7 +202,11 @@ impl Format {
         }
     }
 
-    /// Frames in this format's bytes. A format of one frame refuses several.
+    /// The bytes of a file of this format.
+    ///
+    /// # Errors
+    /// Several frames for a format that holds one, facts that the format needs and the frames do
+    /// not carry, samples beyond the bits, sizes that the format cannot express.
     pub fn encode(&self, frames: &Frames) -> Result<Vec<u8>> {
         if matches!(self, Self::Dng | Self::Png) && frames.planes.len() != 1 {
             return Err(Error::input(format!(
@@ -178,7 +232,10 @@ impl Format {
     }
 }
 
-/// Reads frames from bytes in any self-describing format.
+/// Reads frames from the bytes of any self-describing format.
+///
+/// # Errors
+/// Bytes of no known format, or a file that is damaged or uses what the reader does not support.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let frames = match Format::sniff(bytes) {
         Some(Format::Dng) => dng_read::decode(bytes),
@@ -197,7 +254,10 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(frames)
 }
 
-/// Reads frames from a file: by content, or headerless raw by its name.
+/// Reads frames from a file: by its content, or headerless raw by its name.
+///
+/// # Errors
+/// A file that cannot be read; those of [`decode`]; headerless pixels whose name has no size.
 pub fn read(path: &Path) -> Result<Frames> {
     let bytes = read_bytes(path)?;
     let frames = if PixelFormat::is_headerless(path) {
@@ -215,6 +275,9 @@ pub fn read(path: &Path) -> Result<Frames> {
 }
 
 /// The bytes of a file, or of standard input for `-`.
+///
+/// # Errors
+/// What the operating system says.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     if path.as_os_str() == "-" {
         let mut bytes = Vec::new();
@@ -225,12 +288,12 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| Error::io("read", path, e))
 }
 
-/// The largest DN of `bits` bits.
+/// The largest DN that `bits` bits express.
 pub(crate) fn full_scale(bits: u32) -> u16 {
     ((1u32 << bits.clamp(1, 16)) - 1) as u16
 }
 
-/// Refuses bits that no sample here can have, and DN beyond them.
+/// Refuses a number of bits outside 1 to 16, and samples beyond the bits.
 pub(crate) fn check_range(data: &[u16], bits: u32) -> Result<()> {
     if !(1..=16).contains(&bits) {
         return Err(Error::input(format!("{bits} bits per sample")).help("use 1 to 16"));
@@ -244,15 +307,22 @@ pub(crate) fn check_range(data: &[u16], bits: u32) -> Result<()> {
     }
 }
 
-/// The number of samples of a frame, refused where it would overflow or is nothing.
+/// Bytes that a reader or writer may need per sample at most: an `f64` in a conversion. Bounds the
+/// size of a frame, so that no product of sizes overflows.
+const MAX_BYTES_PER_SAMPLE: usize = 8;
+
+/// The number of samples of a frame; refuses a frame that is empty or too large to address.
 pub(crate) fn area(width: usize, height: usize) -> Result<usize> {
-    width.checked_mul(height).filter(|&n| n > 0 && n <= isize::MAX as usize / 8).ok_or_else(|| {
-        Error::input(format!("a frame of {width} x {height} pixels"))
-            .help("width and height must be at least 1 and fit in memory")
-    })
+    width
+        .checked_mul(height)
+        .filter(|&n| n > 0 && n <= isize::MAX as usize / MAX_BYTES_PER_SAMPLE)
+        .ok_or_else(|| {
+            Error::input(format!("a frame of {width} x {height} pixels"))
+                .help("width and height must be at least 1 and fit in memory")
+        })
 }
 
-/// The error for a file that ends before what it promised.
+/// The error for a file that ends before the bytes its header announces.
 pub(crate) fn truncated(needed: usize, found: usize) -> Error {
     Error::input(format!("truncated: {needed} bytes needed, {found} there"))
         .help("the file is incomplete or its header is damaged; get it again")

@@ -1,7 +1,8 @@
 //! NumPy `.npy` arrays: H x W, or N x H x W for a stack.
 //!
-//! Written as version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. Read: unsigned and
-//! signed integers of 1 to 8 bytes whose values fit in 16 bits, in C or Fortran order.
+//! The writer makes version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. The reader
+//! takes unsigned and signed integers of 1 to 8 bytes whose values fit in 16 bits, in C or Fortran
+//! order.
 
 use super::{Facts, Frames, area, truncated};
 use camrig_base::{Error, Plane, Result};
@@ -21,8 +22,10 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Magic, version and dictionary, padded with spaces so that the data begin at a multiple of 64.
-fn header(descr: &str, shape: &str) -> Vec<u8> {
+/// The header of an array in C order: magic, version 1.0 and dictionary, padded with spaces so
+/// that the data begin at a multiple of 64 bytes. `descr` is NumPy's name of the samples' type
+/// (`<u2`), `shape` a tuple of the axes' lengths (`(2, 480, 640)`).
+pub fn header(descr: &str, shape: &str) -> Vec<u8> {
     let mut text =
         format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}").into_bytes();
     let padded = (10 + text.len() + 1).next_multiple_of(64) - 10;
@@ -34,37 +37,37 @@ fn header(descr: &str, shape: &str) -> Vec<u8> {
     bytes
 }
 
-/// What a header says, checked against the bytes that follow it.
+/// The content of a header, checked against the length of the file.
 pub struct Layout {
-    /// Frames.
+    /// Number of frames.
     pub count: usize,
     /// Rows.
     pub height: usize,
     /// Columns.
     pub width: usize,
-    /// Whether the first index runs fastest.
+    /// Whether the first index runs fastest (Fortran order).
     pub fortran: bool,
-    /// What a sample is.
+    /// Type of the samples.
     pub sample: Sample,
-    /// Where the samples begin.
+    /// Position of the first sample in the file, bytes.
     pub offset: u64,
 }
 
 /// A type of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sample {
-    /// Unsigned bytes.
+    /// 8-bit unsigned.
     U8,
-    /// 16-bit unsigned, little end first.
+    /// 16-bit unsigned, little-endian.
     U16,
-    /// 16-bit unsigned, big end first.
+    /// 16-bit unsigned, big-endian.
     U16Big,
-    /// Other integers, of so many bytes, little end first; signed or not.
+    /// Other little-endian integers: number of bytes, and whether they are signed.
     Wide(usize, bool),
 }
 
 impl Sample {
-    /// Bytes.
+    /// Bytes per sample.
     pub fn size(self) -> usize {
         match self {
             Self::U8 => 1,
@@ -73,7 +76,7 @@ impl Sample {
         }
     }
 
-    /// DN of these bytes.
+    /// The samples in some bytes, DN.
     fn read(self, bytes: &[u8]) -> Result<Vec<u16>> {
         Ok(match self {
             Self::U8 => bytes.iter().map(|&b| b.into()).collect(),
@@ -99,7 +102,11 @@ impl Sample {
 }
 
 impl Layout {
-    /// Reads a header; `length` is that of the whole file.
+    /// Reads a header; `length` is that of the whole file, bytes.
+    ///
+    /// # Errors
+    /// A damaged header, an array of other than two or three axes or of other samples, a file
+    /// shorter than its header says.
     pub fn read(file: &mut (impl Read + Seek), length: u64) -> Result<Self> {
         let broken = |e: std::io::Error| Error::input(format!("NPY header: {e}"));
         // npyz allocates the length that versions 2 and 3 state before it reads.
@@ -153,6 +160,9 @@ impl Layout {
 }
 
 /// Reads `.npy` bytes.
+///
+/// # Errors
+/// Those of [`Layout::read`], and values that are not DN from 0 to 65535.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let layout = Layout::read(&mut Cursor::new(bytes), bytes.len() as u64)?;
     let Layout { width, height, count, sample, .. } = layout;

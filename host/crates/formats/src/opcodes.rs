@@ -1,16 +1,18 @@
 //! DNG opcode lists: corrections that a raw converter is asked to make.
 //!
 //! Source: Adobe Digital Negative Specification 1.4, chapter 7. Lists are big-endian whatever the
-//! byte order of the file. Only what a sensor simulation has to say is here: known bad pixels
-//! (list 1, on stored values) and lens shading (list 2, on linear values before demosaicing).
+//! byte order of the file. Only the opcodes that a simulated sensor needs are here: known
+//! bad pixels (list 1, on stored values) and lens shading (list 2, on linear values before
+//! demosaicing).
 
 use super::truncated;
-use camrig_base::Cfa;
-use camrig_base::{Error, Result};
+use camrig_base::{Cfa, Error, Result};
 
 /// Version 1.3.0.0, in which both opcodes appeared.
 const VERSION: u32 = 0x0103_0000;
+/// Opcode of a list of bad pixels.
 const FIX_BAD_PIXELS_LIST: u32 = 5;
+/// Opcode of a gain map.
 const GAIN_MAP: u32 = 9;
 
 /// One correction.
@@ -18,7 +20,8 @@ const GAIN_MAP: u32 = 9;
 pub enum Opcode {
     /// Pixels to interpolate from their neighbours of the same colour.
     FixBadPixelsList {
-        /// What the top-left pixel is: 0 red, 1 green in a red row, 2 green in a blue row, 3 blue.
+        /// Colour of the top-left pixel: 0 red, 1 green in a red row, 2 green in a blue row, 3
+        /// blue.
         bayer_phase: u32,
         /// (row, column) of each bad pixel.
         points: Vec<(u32, u32)>,
@@ -33,28 +36,29 @@ pub struct GainMap {
     /// Top, left, bottom, right of the area in pixels (bottom and right excluded); top and left
     /// choose the phase.
     pub area: [u32; 4],
-    /// Distance between pixels that it applies to: rows, columns.
+    /// Distance between the pixels that the map applies to: rows, columns.
     pub pitch: [u32; 2],
-    /// Grid nodes: vertical, horizontal.
+    /// Number of grid nodes: vertical, horizontal.
     pub points: [u32; 2],
-    /// Distance of nodes, relative to the image's height and width.
+    /// Distance between nodes, relative to the image's height and width.
     pub spacing: [f64; 2],
-    /// Place of the first node, relative to the image's height and width.
+    /// Position of the first node, relative to the image's height and width.
     pub origin: [f64; 2],
     /// Gains, row-major, `points[0] * points[1]` of them.
     pub gains: Vec<f32>,
 }
 
-/// The list of bad pixels, (row, column), of a Bayer sensor; `None` for another pattern, for which
-/// the opcode is not defined, and for no pixels.
+/// The opcode for the bad pixels of a Bayer sensor, given as (row, column); `None` for other
+/// patterns, for which it is not defined, and for an empty list.
 pub fn bad_pixels(cfa: &Cfa, points: Vec<(u32, u32)>) -> Option<Opcode> {
     let phases = ["RGGB", "GRBG", "GBRG", "BGGR"];
     let bayer_phase = phases.iter().position(|p| *p == cfa.to_string())? as u32;
     (!points.is_empty()).then_some(Opcode::FixBadPixelsList { bayer_phase, points })
 }
 
-/// The same gain map for every cell of the pattern. `nodes` (rows, columns, at least 2 each) span
-/// the image from edge to edge; `gain` is asked at (x, y) from 0 to 1 over width and height.
+/// The same gain map for every cell of the pattern, as one opcode per cell. `nodes` (rows,
+/// columns, at least 2 each) span the image from edge to edge; `gain` takes (x, y) from 0 to 1
+/// over width and height.
 pub fn gain_maps(
     cfa: &Cfa,
     [width, height]: [usize; 2],
@@ -79,7 +83,7 @@ pub fn gain_maps(
     cells.map(|(y, x)| Opcode::GainMap(map(y, x))).collect()
 }
 
-/// The bytes of a list.
+/// The bytes of an opcode list.
 pub fn encode(opcodes: &[Opcode]) -> Vec<u8> {
     let mut bytes = (opcodes.len() as u32).to_be_bytes().to_vec();
     for opcode in opcodes {
@@ -112,7 +116,10 @@ fn put(bytes: &mut Vec<u8>, values: &[u32]) {
     values.iter().for_each(|v| bytes.extend(v.to_be_bytes()));
 }
 
-/// Reads a list; opcodes of other kinds are passed over.
+/// Reads an opcode list; opcodes of other kinds are skipped.
+///
+/// # Errors
+/// A list that is cut off, or a gain map of several planes.
 pub fn decode(bytes: &[u8]) -> Result<Vec<Opcode>> {
     let mut rest = Reader(bytes);
     let count = rest.u32()?;

@@ -1,10 +1,13 @@
-//! Portable grey map `P5`, as netpbm's pgm(5) has it: samples over 255 take two bytes, big-endian.
-//! Several images may follow one another. The bits are those of the maximum value.
+//! Portable grey map `P5`, after netpbm's pgm(5): with a maximum above 255 samples take two bytes,
+//! big-endian. Several images may follow one another. The bits are those of the maximum value.
 
 use super::{Facts, Frames, area, check_range, full_scale, truncated};
 use camrig_base::{Error, Plane, Result};
 
 /// Frames as PGM bytes, one image after another.
+///
+/// # Errors
+/// Samples beyond the bits.
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let top = full_scale(bits);
@@ -24,6 +27,9 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
 }
 
 /// Reads PGM bytes.
+///
+/// # Errors
+/// A damaged header, images of different sizes, a file shorter than its headers say.
 pub fn decode(mut bytes: &[u8]) -> Result<Frames> {
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     while !bytes.is_empty() {
@@ -73,7 +79,7 @@ impl Header<'_, '_> {
         Ok(())
     }
 
-    /// The next number after white space and comments; camrig's own comment says its facts.
+    /// The next number after white space and comments; camrig's own comment carries the facts.
     fn number(&mut self) -> Result<usize> {
         loop {
             match self.bytes {

@@ -2,11 +2,10 @@
 //!
 //! `SGRBG10P` is a GRBG Bayer pattern, 10 bits packed as MIPI sends them; without the `P` each
 //! sample is a little-endian 16-bit word (8 bits: a byte). `Y10P`, `Y12`, ... are without colour
-//! filters. The file name carries what the bytes cannot: `flat_640x480_SGRBG10P.raw`.
+//! filters. The file name carries pixel format and size: `flat_640x480_SGRBG10P.raw`.
 
 use super::{Facts, Frames, area, check_range, truncated};
-use camrig_base::Cfa;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Cfa, Error, Plane, Result};
 use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 use std::fmt;
 use std::path::Path;
@@ -18,12 +17,15 @@ pub struct PixelFormat {
     pub cfa: Cfa,
     /// Bits per sample: 8, 10, 12, 14 or 16.
     pub bits: u32,
-    /// Packed as MIPI sends it, instead of in 16-bit words.
+    /// Whether samples are packed as MIPI CSI-2 sends them, instead of in 16-bit words.
     pub packed: bool,
 }
 
 impl PixelFormat {
     /// Reads a V4L2 name: `SRGGB8`, `SGRBG10`, `SBGGR12P`, `Y16`, `GREY`, ...
+    ///
+    /// # Errors
+    /// A name that V4L2 does not have.
     pub fn parse(name: &str) -> Result<Self> {
         let bad = || {
             Error::input(format!("pixel format {name:?}")).help(
@@ -44,20 +46,23 @@ impl PixelFormat {
             "SBGGR" => "BGGR",
             _ => return Err(bad()),
         };
-        // There is nothing to pack in 8 or 16 bits; V4L2 has no such names.
+        // 8 and 16 bits fill their bytes: V4L2 has no packed names for them.
         if Packing::of_bits(bits).is_none() || (packed && matches!(bits, 8 | 16)) {
             return Err(bad());
         }
         Ok(Self { cfa: Cfa::parse(cfa)?, bits, packed })
     }
 
-    /// Whether a file of this name has no header: `.raw` and `.bin`.
+    /// Whether a file of this name is headerless: `.raw` and `.bin`.
     pub fn is_headerless(path: &Path) -> bool {
         path.extension().is_some_and(|e| e == "raw" || e == "bin")
     }
 
-    /// Pixel format, and width and height if they are there, from the words of a file name, which
-    /// are separated by `_`.
+    /// Pixel format, and width and height in pixels where given, from the words of a file name,
+    /// separated by `_`.
+    ///
+    /// # Errors
+    /// No word that is a pixel format.
     pub fn from_file_name(path: &Path) -> Result<(Self, Option<(usize, usize)>)> {
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
         let size = |word: &str| {
@@ -67,12 +72,12 @@ impl PixelFormat {
         let words = || stem.split('_');
         let pixels = words().rev().find_map(|w| Self::parse(w).ok()).ok_or_else(|| {
             Error::input(format!("no pixel format in the name {path:?}"))
-                .help("name it like NAME_640x480_SGRBG10P.raw, or say the pixel format by option")
+                .help("name it like NAME_640x480_SGRBG10P.raw, or give the pixel format")
         })?;
         Ok((pixels, words().rev().find_map(size)))
     }
 
-    /// How a row is laid out.
+    /// The layout of a row.
     pub fn packing(&self) -> Packing {
         match (self.packed, self.bits) {
             (_, 8) => Packing::Raw8,
@@ -83,7 +88,10 @@ impl PixelFormat {
         }
     }
 
-    /// Frames as pixels back to back, rows without padding.
+    /// Frames as pixels one after another, rows without padding.
+    ///
+    /// # Errors
+    /// Frames of another colour filter pattern, samples beyond the bits.
     pub fn encode(&self, frames: &Frames) -> Result<Vec<u8>> {
         self.check(&frames.facts)?;
         let packing = self.packing();
@@ -99,7 +107,7 @@ impl PixelFormat {
         Ok(bytes)
     }
 
-    /// A file of another pattern or with more bits must not be relabelled silently.
+    /// Refuses frames of another pattern, which must not be relabelled silently.
     fn check(&self, facts: &Facts) -> Result<()> {
         if let Some(cfa) = facts.cfa.as_ref().filter(|c| **c != self.cfa) {
             return Err(Error::input(format!("a frame with pattern {cfa} as {self}"))
@@ -108,8 +116,11 @@ impl PixelFormat {
         Ok(())
     }
 
-    /// Frames from pixels back to back. `stride` is the bytes from row to row, at least those of a
-    /// row and the default when `None`; bytes beyond the row are passed over.
+    /// Frames from pixels one after another, `width` x `height` each. `stride` is the distance
+    /// from row to row in bytes, by default the bytes of a row; bytes beyond the row are skipped.
+    ///
+    /// # Errors
+    /// A stride shorter than a row, bytes that are not whole frames, samples beyond the bits.
     pub fn decode(
         &self,
         bytes: &[u8],
@@ -149,7 +160,7 @@ impl PixelFormat {
         Ok(Frames { planes, facts })
     }
 
-    /// Commands that show the pixels of `path`, to copy and paste.
+    /// Commands of ffmpeg, GStreamer and V4L2 that show the pixels of `path`, to copy and paste.
     pub fn hints(&self, path: &Path, width: usize, height: usize) -> Vec<String> {
         let path = path.display();
         let order = self.cfa.to_string().to_ascii_lowercase();

@@ -1,14 +1,17 @@
-//! PNG: 16-bit grey for raw DN (or 8-bit for 8 bits), and 8-bit RGB for pictures.
+//! PNG: grey of 16 bits for raw DN (of 8 bits for up to 8 bits), and 8-bit RGB for pictures.
 
 use super::{Facts, Frames, area, check_range};
 use ::png as codec;
 use camrig_base::{Error, Plane, Result};
 use std::io::Cursor;
 
-/// The text chunk that carries the facts.
+/// Keyword of the text chunk that carries the facts.
 const KEYWORD: &str = "Description";
 
-/// One frame as a grey PNG of 8 or 16 bits.
+/// The first frame as a grey PNG of 8 or 16 bits.
+///
+/// # Errors
+/// Samples beyond the bits, sides that PNG cannot express.
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     let plane = &frames.planes[0];
     let bits = frames.facts.bits.unwrap_or(16);
@@ -23,7 +26,10 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     write(plane.width, plane.height, codec::ColorType::Grayscale, depth, Some(note), &data)
 }
 
-/// A picture of 8-bit sRGB triples.
+/// A picture of 8-bit sRGB triples as a PNG.
+///
+/// # Errors
+/// Sides that PNG cannot express.
 pub fn encode_rgb(picture: &Plane<[u8; 3]>) -> Result<Vec<u8>> {
     let data = picture.data.as_flattened();
     let (width, height) = (picture.width, picture.height);
@@ -58,6 +64,9 @@ fn write(
 }
 
 /// Reads a grey PNG of 8 or 16 bits.
+///
+/// # Errors
+/// Other colour types, interlacing, a damaged or truncated file.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let failed = |e: codec::DecodingError| Error::input(format!("PNG: {e}"));
     let mut reader = codec::Decoder::new(Cursor::new(bytes)).read_info().map_err(failed)?;
@@ -81,7 +90,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         }
     }
     area(width, height)?;
-    // The buffer grows with the rows that are really there: a forged size costs no memory.
+    // The buffer grows with the rows present: a forged size costs no memory.
     let mut data = Vec::new();
     while let Some(row) = reader.next_row().map_err(failed)? {
         match depth {

@@ -1,29 +1,25 @@
 //! A quick picture of a raw frame: black and white level, white balance, bilinear demosaicing,
-//! camera colour to sRGB. For looking at; a real raw converter does better.
+//! camera colour to sRGB. A preview only; a raw converter does better.
 //!
-//! Brightness is as captured: white level maps to white, no automatic exposure.
+//! Brightness is as captured: the white level becomes white, without automatic exposure.
 
 use super::DngInfo;
-use super::color::{Matrix, inverse, multiply};
+use super::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use super::dng::black_levels;
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
 
-/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ. Source: IEC 61966-2-1, from its primaries and
-/// white.
-const XYZ_FROM_SRGB: Matrix = [
-    [0.412_390_8, 0.357_584_3, 0.180_480_8],
-    [0.212_639_0, 0.715_168_7, 0.072_192_3],
-    [0.019_330_8, 0.119_194_8, 0.950_532_2],
-];
+/// Smallest share of white that a channel's neutral counts as: bounds the white-balance gain of a
+/// channel that sees almost nothing.
+const LEAST_NEUTRAL: f64 = 1e-6;
 
-/// The frame in full size, 8-bit sRGB.
+/// The frame in full size, 8-bit sRGB, demosaiced bilinearly.
 pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
-    let look = Look::new(frame, info);
+    let to_srgb = ToSrgb::new(frame, info);
     let signal: Vec<f32> = (0..frame.data.len())
-        .map(|i| look.signal(frame, i % frame.width, i / frame.width))
+        .map(|i| to_srgb.signal(frame, i % frame.width, i / frame.width))
         .collect();
-    // Reach at which every channel of the pattern is seen from every pixel.
+    // Distance within which every pixel has neighbours of every channel.
     let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
     let mut picture = Plane::filled(frame.width, frame.height, [0; 3]);
     picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
@@ -34,20 +30,20 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
             for v in rows.clone() {
                 for u in columns.clone() {
                     let weight = (reach + 1 - u.abs_diff(x)) * (reach + 1 - v.abs_diff(y));
-                    mean.add(look.channel(u, v), weight as f32, signal[v * frame.width + u]);
+                    mean.add(to_srgb.channel(u, v), weight as f32, signal[v * frame.width + u]);
                 }
             }
-            *pixel = look.encode(mean.rgb());
+            *pixel = to_srgb.encode(mean.rgb());
         }
     });
     picture
 }
 
-/// The frame averaged over squares of whole pattern cells, so that no side is longer than
-/// `longest`, and always smaller than the frame: readers take the larger of two images for the
-/// raw.
+/// The frame averaged over squares of whole pattern cells, 8-bit sRGB, no side longer than
+/// `longest` pixels. It is always smaller than the frame: DNG readers take the larger of two
+/// images for the raw.
 pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8; 3]> {
-    let look = Look::new(frame, info);
+    let to_srgb = ToSrgb::new(frame, info);
     let cell = frame.cfa.width.max(frame.cfa.height);
     let longer = frame.width.max(frame.height);
     let step = longer.div_ceil(longest).max(2).next_multiple_of(cell);
@@ -56,10 +52,10 @@ pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8;
         let mut mean = Mean::default();
         for v in y * step..((y + 1) * step).min(frame.height) {
             for u in x * step..((x + 1) * step).min(frame.width) {
-                mean.add(look.channel(u, v), 1.0, look.signal(frame, u, v));
+                mean.add(to_srgb.channel(u, v), 1.0, to_srgb.signal(frame, u, v));
             }
         }
-        look.encode(mean.rgb())
+        to_srgb.encode(mean.rgb())
     })
 }
 
@@ -71,7 +67,7 @@ struct Mean {
 }
 
 impl Mean {
-    /// Adds a signal of channel R, G or B; one of no colour counts for all three.
+    /// Adds a signal of channel R, G or B; a signal without colour counts for all three.
     fn add(&mut self, channel: Option<usize>, weight: f32, signal: f32) {
         for c in 0..3 {
             if channel.is_none_or(|own| own == c) {
@@ -88,24 +84,24 @@ impl Mean {
     }
 }
 
-/// What turns DN into sRGB.
-struct Look {
+/// Conversion of a frame's DN to sRGB.
+struct ToSrgb {
     cfa_width: usize,
     cfa_height: usize,
     channel: Vec<Option<usize>>,
     black: Vec<f64>,
-    /// White-balance gain over (white - black), per cell of the pattern.
+    /// White-balance gain over (white - black) of each cell of the pattern, 1/DN.
     scale: Vec<f64>,
     srgb_from_camera: Matrix,
     gamma: Vec<u8>,
 }
 
-impl Look {
+impl ToSrgb {
     fn new(frame: &RawFrame, info: &DngInfo) -> Self {
         let channel: Vec<_> = frame.cfa.letters.iter().map(|&c| "RGB".find(c)).collect();
         let black = black_levels(frame, info);
         let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
-        let gain = |c: &Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(1e-6));
+        let gain = |c: &Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(LEAST_NEUTRAL));
         let white = f64::from(frame.white_level_dn);
         let scale =
             channel.iter().zip(&black).map(|(c, b)| gain(c) / (white - b).max(1.0)).collect();

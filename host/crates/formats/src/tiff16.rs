@@ -1,7 +1,7 @@
 //! Grey TIFF: 16-bit words, uncompressed, one page per frame.
 //!
-//! Read: grey pages of 8 or 16 bits, classic or BigTIFF, uncompressed or with one of the
-//! compressions of the `tiff` crate (LZW, Deflate, PackBits).
+//! The reader takes grey pages of 8 or 16 bits, classic or BigTIFF, uncompressed or with one of
+//! the compressions of the `tiff` crate (LZW, Deflate, PackBits).
 
 use super::{Facts, Frames, check_range};
 use camrig_base::{Error, Plane, Result};
@@ -10,14 +10,20 @@ use tiff::decoder::{Decoder, DecodingResult};
 use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray16};
 use tiff::tags::Tag;
 
+/// Bytes reserved per page for its directory when choosing between TIFF and BigTIFF: twice what a
+/// directory of a dozen tags and the note take.
+const DIRECTORY: usize = 1024;
+
 /// Frames as TIFF bytes; BigTIFF where 4 GiB are not enough.
+///
+/// # Errors
+/// Samples beyond the bits.
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     if let Some(bits) = frames.facts.bits {
         frames.planes.iter().try_for_each(|p| check_range(&p.data, bits))?;
     }
     let pixels: usize = frames.planes.iter().map(|p| p.data.len()).sum();
-    // A margin of 1 KiB per page for its directory.
-    let big = pixels * 2 + frames.planes.len() * 1024 >= u32::MAX as usize;
+    let big = pixels * 2 + frames.planes.len() * DIRECTORY >= u32::MAX as usize;
     let written =
         if big { write::<TiffKindBig>(frames) } else { write::<TiffKindStandard>(frames) };
     written.map_err(|e| Error::input(format!("TIFF: {e}")))
@@ -37,6 +43,9 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 }
 
 /// Reads TIFF bytes.
+///
+/// # Errors
+/// Pages that are not grey of 8 or 16 bits or differ in size, a damaged or truncated file.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let failed = |e: tiff::TiffError| match e {
         tiff::TiffError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
@@ -54,7 +63,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             return Err(Error::input(format!("a TIFF of colour type {color:?}"))
                 .help("raw frames are grey, 8 or 16 bits"));
         };
-        // Before the pixels, so that a forged size is refused without memory for it.
+        // Checked before the pixels are read, so that a forged size costs no memory.
         if file
             .find_tag(Tag::Compression)
             .is_ok_and(|c| c.is_none_or(|c| c.into_u16().is_ok_and(|c| c == 1)))
