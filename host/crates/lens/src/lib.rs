@@ -1,7 +1,7 @@
 //! Real lenses: prescriptions and the programs' files that hold them, our sequential ray tracer, and
 //! importers of what other lens programs computed.
 //!
-//! [`read_prescription`] → [`System`] (paraxial figures, stop) → [`system::Train`] (one wavelength) →
+//! [`read_prescription`] → [`System`] (paraxial figures, stop) → [`train::Train`] (one wavelength) →
 //! [`pupil::Beam`] (one field point, chief ray) → [`pupil::Outline`] (what the apertures let through) →
 //! [`samples::PupilSamples`] (traced rays) → [`psf`]; [`characterise`] runs them over field and
 //! wavelength.
@@ -37,6 +37,7 @@ pub mod system;
 mod text;
 pub mod toml;
 pub mod trace;
+pub mod train;
 pub mod zmx;
 
 #[cfg(test)]

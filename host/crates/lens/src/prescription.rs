@@ -152,11 +152,6 @@ impl Surface {
             clips: Vec::new(),
         }
     }
-
-    /// Curvature of the osculating sphere at the vertex: the r² term bends as the conic does.
-    pub fn paraxial_curvature(&self) -> f64 {
-        self.curvature + 2.0 * self.even.first().copied().unwrap_or(0.0)
-    }
 }
 
 impl Prescription {

@@ -8,8 +8,8 @@
 //! a positive lens).
 
 use super::prescription::Object;
-use super::system::Train;
 use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
+use super::train::Train;
 use camrig_base::{Error, Result};
 use std::f64::consts::PI;
 

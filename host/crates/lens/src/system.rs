@@ -5,6 +5,7 @@ use super::paraxial::{self, Paraxial};
 use super::prescription::{Clip, FieldKind, Medium, Object, Prescription};
 use super::pupil::Beam;
 use super::trace::TrainSurface;
+use super::train::Train;
 use camrig_base::{Error, Result};
 
 /// How a lens is used, where that differs from its prescription.
@@ -30,27 +31,6 @@ pub struct System {
     /// spherical aberration).
     pub stop_radius_mm: f64,
     /// Diameter of the paraxial entrance pupil, mm.
-    pub entrance_pupil_mm: f64,
-}
-
-/// The lens at one wavelength.
-#[derive(Clone, Debug)]
-pub struct Train {
-    /// The wavelength, nm.
-    pub nm: f64,
-    /// Its surfaces.
-    pub surfaces: Vec<TrainSurface>,
-    /// Index of the stop.
-    pub stop: usize,
-    /// Radius of the stop, mm.
-    pub stop_radius_mm: f64,
-    /// Paraxial figures at this wavelength.
-    pub paraxial: Paraxial,
-    /// The object.
-    pub object: Object,
-    /// Paraxial entrance pupil at the *reference* wavelength: where beams are aimed from.
-    pub entrance_z_mm: f64,
-    /// Diameter of that pupil, mm.
     pub entrance_pupil_mm: f64,
 }
 

@@ -1,0 +1,26 @@
+//! A lens at one wavelength, ready to trace.
+
+use super::paraxial::Paraxial;
+use super::prescription::Object;
+use super::trace::TrainSurface;
+
+/// The lens at one wavelength.
+#[derive(Clone, Debug)]
+pub struct Train {
+    /// The wavelength, nm.
+    pub nm: f64,
+    /// Its surfaces.
+    pub surfaces: Vec<TrainSurface>,
+    /// Index of the stop.
+    pub stop: usize,
+    /// Radius of the stop, mm.
+    pub stop_radius_mm: f64,
+    /// Paraxial figures at this wavelength.
+    pub paraxial: Paraxial,
+    /// The object.
+    pub object: Object,
+    /// Paraxial entrance pupil at the *reference* wavelength: where beams are aimed from.
+    pub entrance_z_mm: f64,
+    /// Diameter of that pupil, mm.
+    pub entrance_pupil_mm: f64,
+}
