@@ -156,6 +156,19 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
             return Err(Error::input("a flat whose light is not determined")
                 .help("give light = { wavelength_nm = ... } and either fill or irradiance_w_m2"));
         }
+        // What is not applied must not be written down as if it were.
+        Role::Flat if light.as_ref().is_some_and(|l| l.illuminant.is_some() || l.lux.is_some()) => {
+            return Err(Error::input("a flat under an illuminant")
+                .help("flats have narrow-band light: wavelength_nm with fill or irradiance_w_m2"));
+        }
+        Role::Edge | Role::Chart | Role::Dots | Role::Scene
+            if light.as_ref().is_some_and(|l| l.wavelength_nm.is_some())
+                || amount.is_some()
+                || stack.fill.is_some() =>
+        {
+            return Err(Error::input("a scene in narrow-band light")
+                .help("scenes take light = { illuminant = \"D65\", lux = 300.0 }"));
+        }
         Role::Edge | Role::Chart | Role::Dots | Role::Scene if stack.scene.is_none() => {
             return Err(Error::input("no scene to look at")
                 .help("add scene = { scene = \"slanted-edge\" }"));
@@ -236,6 +249,12 @@ mod tests {
         assert!(said(&format!("{base}role='flat'")).contains("light is not determined"));
         assert!(said(&format!("{base}role='dark'\nfill=0.5")).contains("with light"));
         assert!(said(&format!("{base}role='edge'")).contains("no scene"));
+        let scene = "scene={scene='dots'}\nrole='dots'";
+        for light in ["light={wavelength_nm=550.0}", "light={irradiance_w_m2=1.0}", "fill=0.5"] {
+            assert!(said(&format!("{base}{scene}\n{light}")).contains("narrow-band"), "{light}");
+        }
+        let flat = "role='flat'\nfill=0.5\nlight={wavelength_nm=550.0, illuminant='A'}";
+        assert!(said(&format!("{base}{flat}")).contains("under an illuminant"));
         assert!(said(&format!("{base}role='dark'\nfrmaes=2")).contains("frmaes"));
         assert!(said("id='../a'\nframes=2\nexposure_s=0.1\nrole='dark'").contains("id"));
         assert!(said("id='a'\nframes=2\nexposure_s=-1\nrole='dark'").contains("above zero"));

@@ -235,3 +235,50 @@ fn check_targets(camera: &Camera, plan: &[Shot]) -> Result<()> {
 fn place(shot: &Shot) -> String {
     format!("stack {:?}", shot.id)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan;
+
+    /// A scene of radiance, 0.01 W m⁻² sr⁻¹ nm⁻¹ in three bands, and a plan that looks at it.
+    fn street(folder: &Path, light: &str) -> Vec<Shot> {
+        let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+        let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, 3), }";
+        bytes.extend(format!("{header:<117}\n").bytes());
+        bytes.extend([0.01f32; 12].iter().flat_map(|v| v.to_le_bytes()));
+        let file = folder.join("street.npy");
+        std::fs::write(&file, bytes).unwrap();
+        plan::parse(&format!(
+            "format = \"plan/1\"\n[[stack]]\nid = \"street\"\nrole = \"scene\"\nframes = 1\n\
+             exposure_s = 0.01\n{light}\n\
+             scene = {{ scene = '{}:quantity=radiance,start_nm=500,step_nm=50' }}\n",
+            file.display()
+        ))
+        .unwrap()
+    }
+
+    #[test]
+    fn light_for_a_scene_of_radiance_is_refused_before_a_frame_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut camera = Camera::load("mt9v024").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (16, 12);
+        let out = folder.path().join("set");
+        let taken = |light: &str| {
+            let plan = street(folder.path(), light);
+            take(&camera, &plan, &out, &TakeOptions::default(), || ())
+        };
+        for light in [
+            "light = { illuminant = \"A\", lux = 20.0 }",
+            "light = { lux = 2000.0 }",
+            "light = { illuminant = \"A\" }",
+        ] {
+            let said = taken(light).unwrap_err().to_string();
+            assert!(said.contains("stack \"street\"") && said.contains("holds radiance"), "{said}");
+            assert!(!out.exists(), "{light}");
+        }
+        taken("").unwrap();
+        let manifest = std::fs::read_to_string(out.join("captures.toml")).unwrap();
+        assert!(!manifest.contains("lux") && !manifest.contains("illuminant"), "{manifest}");
+    }
+}
