@@ -5,7 +5,7 @@
 //! (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file systems without
 //! that, it has a hidden temporary name. What already exists is replaced only when asked to.
 
-use crate::{Error, Result};
+use crate::{Error, Result, platform};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -28,7 +28,6 @@ pub struct OutputFile {
 
 enum Target {
     /// A file without a name, linked to one on completion.
-    #[cfg(target_os = "linux")]
     Link(io::BufWriter<fs::File>),
     /// A file with a temporary name, renamed on completion.
     Rename(io::BufWriter<NamedTempFile>),
@@ -59,8 +58,7 @@ impl OutputFile {
             Ok(_) if !force => return Err(exists(&path)),
             _ => {}
         }
-        #[cfg(target_os = "linux")]
-        if let Ok(file) = nameless::create(folder_of(&path)) {
+        if let Ok(file) = platform::create_nameless(folder_of(&path)) {
             let target = Target::Link(io::BufWriter::with_capacity(BUFFER, file));
             return Ok(Self { path, target, force });
         }
@@ -75,8 +73,7 @@ impl OutputFile {
         self.flush().map_err(|e| Error::io("write", &self.path, e))?;
         let outcome = match self.target {
             Target::Stream(_) => Ok(()),
-            #[cfg(target_os = "linux")]
-            Target::Link(writer) => nameless::give_name(writer.get_ref(), &self.path, self.force),
+            Target::Link(writer) => name_file(writer.get_ref(), &self.path, self.force),
             Target::Rename(writer) => {
                 writer.into_inner().map_err(io::IntoInnerError::into_error).and_then(|temporary| {
                     let persisted = if self.force {
@@ -95,46 +92,23 @@ impl OutputFile {
     }
 }
 
-/// Files without a name.
-#[cfg(target_os = "linux")]
-mod nameless {
-    use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, open};
-    use std::os::fd::AsRawFd;
-    use std::path::Path;
-    use std::{fs, io};
-
-    /// Fails on file systems that cannot.
-    pub fn create(folder: &Path) -> io::Result<fs::File> {
-        let mode = Mode::from_raw_mode(0o666); // less the umask
-        let file = open(folder, OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC, mode)?;
-        Ok(file.into())
-    }
-
-    /// A name can be given only where there is none; to replace, a temporary one is given first.
-    pub fn give_name(file: &fs::File, path: &Path, force: bool) -> io::Result<()> {
-        let link = |name: &Path| {
-            let open_file = format!("/proc/self/fd/{}", file.as_raw_fd());
-            linkat(CWD, open_file, CWD, name, AtFlags::SYMLINK_FOLLOW).map_err(io::Error::from)
-        };
-        match link(path) {
-            Err(e) if force && e.kind() == io::ErrorKind::AlreadyExists => {
-                let folder = tempfile::Builder::new()
-                    .prefix(super::PREFIX)
-                    .suffix(super::SUFFIX)
-                    .tempdir_in(super::folder_of(path))?;
-                let temporary = folder.path().join("file");
-                link(&temporary)?;
-                fs::rename(temporary, path)
-            }
-            outcome => outcome,
+/// Names a nameless file. A name can be given only where there is none; to replace, a temporary one
+/// is given first.
+fn name_file(file: &fs::File, path: &Path, force: bool) -> io::Result<()> {
+    match platform::give_name(file, path) {
+        Err(e) if force && e.kind() == io::ErrorKind::AlreadyExists => {
+            let folder = builder(true).tempdir_in(folder_of(path))?;
+            let temporary = folder.path().join("file");
+            platform::give_name(file, &temporary)?;
+            fs::rename(temporary, path)
         }
+        outcome => outcome,
     }
 }
 
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
-            #[cfg(target_os = "linux")]
             Target::Link(writer) => writer.write(bytes),
             Target::Rename(writer) => writer.write(bytes),
             Target::Stream(writer) => writer.write(bytes),
@@ -143,7 +117,6 @@ impl Write for OutputFile {
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
-            #[cfg(target_os = "linux")]
             Target::Link(writer) => writer.flush(),
             Target::Rename(writer) => writer.flush(),
             Target::Stream(writer) => writer.flush(),
@@ -241,14 +214,9 @@ fn check_replaceable(path: &Path, force: bool) -> Result<()> {
 fn builder(directory: bool) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).suffix(SUFFIX);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        let mode = if directory { 0o777 } else { 0o666 }; // less the umask
-        builder.permissions(fs::Permissions::from_mode(mode));
+    if let Some(permissions) = platform::default_permissions(directory) {
+        builder.permissions(permissions);
     }
-    #[cfg(not(unix))]
-    let _ = directory;
     builder
 }
 
@@ -291,7 +259,7 @@ mod tests {
         output.flush().unwrap();
         assert!(!path.exists());
         let names = || fs::read_dir(dir.path()).unwrap().count();
-        if cfg!(target_os = "linux") {
+        if platform::create_nameless(dir.path()).is_ok() {
             assert_eq!(names(), 0, "a kill now would leave nothing behind");
         }
         drop(output);
@@ -326,13 +294,6 @@ mod tests {
         assert!(error.contains("folder does not exist"), "{error}");
         let error = write_file(dir.path(), true, b"").unwrap_err().to_string();
         assert!(error.contains("is a directory"), "{error}");
-    }
-
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn a_full_disk_is_an_error() {
-        let error = write_file(Path::new("/dev/full"), false, b"x").unwrap_err().to_string();
-        assert!(error.contains("No space left on device"), "{error}");
     }
 
     #[test]

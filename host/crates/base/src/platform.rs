@@ -1,21 +1,98 @@
-//! What operating systems do differently: nothing else in camrig names one.
+//! What operating systems do differently. Pseudo-terminals of the rig's emulator apart, nothing else in
+//! camrig names an operating system.
+
+use std::fs::{File, Permissions};
+use std::io;
+use std::path::Path;
 
 /// Fills `bytes` from `offset` of a file on, without moving where others read.
+///
+/// # Errors
+/// A file that ends before, and what the operating system refuses.
 #[cfg(unix)]
-pub fn read_at(file: &std::fs::File, bytes: &mut [u8], offset: u64) -> std::io::Result<()> {
+pub fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
 }
 
-/// Fills `bytes` from `offset` of a file on.
+/// Fills `bytes` from `offset` of a file on. Moves the file's position, which nothing here relies on.
+///
+/// # Errors
+/// A file that ends before, and what the operating system refuses.
 #[cfg(windows)]
-pub fn read_at(file: &std::fs::File, mut bytes: &mut [u8], mut offset: u64) -> std::io::Result<()> {
+pub fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
     while !bytes.is_empty() {
         let n = std::os::windows::fs::FileExt::seek_read(file, bytes, offset)?;
         if n == 0 {
-            return Err(std::io::ErrorKind::UnexpectedEof.into());
+            return Err(io::ErrorKind::UnexpectedEof.into());
         }
         bytes = &mut bytes[n..];
         offset += n as u64;
     }
     Ok(())
+}
+
+/// The permissions of any new file or directory, less the user's mask; `None` where the operating
+/// system has no such thing.
+pub(crate) fn default_permissions(directory: bool) -> Option<Permissions> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        Some(Permissions::from_mode(if directory { 0o777 } else { 0o666 }))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = directory;
+        None
+    }
+}
+
+/// Opens a new file without a name for writing (`O_TMPFILE`): it is gone when it is closed, or its process
+/// killed, unless [`give_name`] was called.
+///
+/// # Errors
+/// File systems and operating systems without such files.
+pub(crate) fn create_nameless(folder: &Path) -> io::Result<File> {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{Mode, OFlags, open};
+        let mode = Mode::from_raw_mode(0o666); // less the user's mask
+        let file = open(folder, OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC, mode)?;
+        Ok(file.into())
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = folder;
+        Err(io::ErrorKind::Unsupported.into())
+    }
+}
+
+/// Gives a file of [`create_nameless`] a name.
+///
+/// # Errors
+/// A name that is taken, and what the operating system refuses.
+pub(crate) fn give_name(file: &File, path: &Path) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{AtFlags, CWD, linkat};
+        use std::os::fd::AsRawFd;
+        let open_file = format!("/proc/self/fd/{}", file.as_raw_fd());
+        Ok(linkat(CWD, open_file, CWD, path, AtFlags::SYMLINK_FOLLOW)?)
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = (file, path);
+        Err(io::ErrorKind::Unsupported.into())
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use crate::output::write_file;
+    use std::path::Path;
+
+    #[test]
+    fn a_full_disk_is_an_error() {
+        let error = write_file(Path::new("/dev/full"), false, b"x").unwrap_err().to_string();
+        assert!(error.contains("No space left on device"), "{error}");
+    }
 }

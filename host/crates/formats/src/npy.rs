@@ -79,7 +79,7 @@ impl Sample {
     /// The samples in some bytes, DN.
     fn read(self, bytes: &[u8]) -> Result<Vec<u16>> {
         Ok(match self {
-            Self::U8 => bytes.iter().map(|&b| b.into()).collect(),
+            Self::U8 => bytes.iter().map(|&b| u16::from(b)).collect(),
             Self::U16 => bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect(),
             Self::U16Big => {
                 bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect()

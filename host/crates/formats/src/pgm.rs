@@ -49,7 +49,7 @@ pub fn decode(mut bytes: &[u8]) -> Result<Frames> {
         }
         let (samples, rest) = data.split_at(needed);
         let data = match sample_size {
-            1 => samples.iter().map(|&b| b.into()).collect(),
+            1 => samples.iter().map(|&b| u16::from(b)).collect(),
             _ => samples.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect(),
         };
         if frames.planes.first().is_some_and(|p| (p.width, p.height) != (width, height)) {
