@@ -4,13 +4,12 @@
 //! it); outside it repeats its edge. Pixels are squares of constant value, so a cell's value is
 //! the area-weighted mean of the pixels under it. Only one band is held at a time.
 //!
-//! Bands of equal distance of 5 nm or more are kept; others are turned into 10 nm bands, each the
+//! Equally spaced bands of 5 to 50 nm are kept; others are converted to bands of 10 nm, each the
 //! mean of the spectrum over the band (linear between source bands). A cube that does not reach
-//! 400 or 700 nm is extended by its end value, which [`Scene::notes`] tells.
+//! 400 or 700 nm is extended by its end values, which [`Scene::notes`] says.
 
 use super::{Grid, Quantity, Scene};
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 
 /// Where a cube's planes come from.
 pub trait BandSource: Send + Sync {
@@ -18,13 +17,31 @@ pub trait BandSource: Send + Sync {
     fn size(&self) -> (usize, usize);
     /// Number of bands.
     fn bands(&self) -> usize;
-    /// One band, as it is.
+    /// One band as stored, in the source's unit.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
     fn read(&self, band: usize) -> Result<Plane<f32>>;
 }
 
-/// Reflectances up to here are taken as they are: highlights and noise exceed 1. Above, the data
-/// are percent, counts, or radiance.
+/// Largest value that is accepted as a reflectance: highlights and noise of measured cubes exceed
+/// 1, while per cent, counts and radiance exceed 2 almost everywhere.
 const MAX_REFLECTANCE: f32 = 2.0;
+/// Wavelengths that band centres may have, nm: from the ultraviolet to the shortwave infrared. A
+/// list in µm or in Å lies outside.
+const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
+/// The visible range that every cube has to cover or is extended to, nm: that of
+/// [`Bands::VISIBLE`].
+const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
+/// Steps of equally spaced bands that are kept, nm. Below, a scene would cost many bands for
+/// little gain in colour; above, bands are too coarse for spectra of light sources.
+const KEPT_STEPS_NM: std::ops::RangeInclusive<f64> = 5.0..=50.0;
+/// Step of the bands that all other cubes are converted to, nm: that of [`Bands::VISIBLE`].
+const STEP_NM: f64 = 10.0;
+/// Deviation from equal spacing, in steps, that counts as rounding of the wavelengths.
+const EQUAL_SPACING: f64 = 1e-3;
+/// Weights of source bands closer than this to 0 or 1 differ from it by rounding only.
+const WEIGHT_ROUNDING: f64 = 1e-6;
 
 /// A spectral image as a scene.
 pub struct Cube {
@@ -32,13 +49,16 @@ pub struct Cube {
     wavelength_nm: Vec<f64>,
     quantity: Quantity,
     bands: Bands,
-    /// For each band its source bands with their weights.
+    /// For each band the source bands and their weights.
     mix: Vec<Vec<(usize, f32)>>,
     notes: Vec<String>,
 }
 
 impl Cube {
     /// A cube whose source bands are centred at `wavelength_nm`, strictly rising.
+    ///
+    /// # Errors
+    /// Wavelengths that are not one per band, do not rise, or lie outside 200 to 2500 nm.
     pub fn new(
         source: Box<dyn BandSource>,
         wavelength_nm: Vec<f64>,
@@ -55,15 +75,17 @@ impl Cube {
         // Spectrum::new checks that the wavelengths rise.
         Spectrum::new(wavelength_nm.clone(), vec![0.0; wavelength_nm.len()])?;
         let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
-        if !(200.0..=2500.0).contains(&first) || !(200.0..=2500.0).contains(&last) {
+        if !WAVELENGTHS_NM.contains(&first) || !WAVELENGTHS_NM.contains(&last) {
             return Err(Error::input(format!("bands from {first} to {last} nm"))
                 .help("wavelengths are in nanometres, 200 to 2500"));
         }
         let bands = scene_bands(&wavelength_nm);
         let mut notes = Vec::new();
-        if first > 400.0 + bands.step_nm / 2.0 || last < 700.0 - bands.step_nm / 2.0 {
+        let [blue, red] = VISIBLE_NM;
+        if first > blue + bands.step_nm / 2.0 || last < red - bands.step_nm / 2.0 {
             notes.push(format!(
-                "bands from {first} to {last} nm do not cover 400 to 700 nm: extrapolated by the end values"
+                "bands from {first} to {last} nm do not cover {blue} to {red} nm: extrapolated by the \
+                 end values"
             ));
         }
         let mix = mix(&wavelength_nm, &bands);
@@ -75,19 +97,14 @@ impl Cube {
         self.source.size()
     }
 
-    /// Centres of the bands as stored, nm.
-    pub fn stored_nm(&self) -> &[f64] {
-        &self.wavelength_nm
-    }
-
-    /// One band as stored, checked: finite, not negative, a reflectance not far above 1.
-    pub fn stored_band(&self, band: usize) -> Result<Plane<f32>> {
+    /// One source band, checked: finite, not negative, a reflectance not far above 1.
+    fn stored_band(&self, band: usize) -> Result<Plane<f32>> {
         let plane = self.source.read(band)?;
         let limit = match self.quantity {
             Quantity::Reflectance => MAX_REFLECTANCE,
             Quantity::Radiance => f32::MAX,
         };
-        // One comparison finds everything wrong, NaN included.
+        // The range excludes NaN, infinite and negative values as well.
         if let Some(i) = plane.data.iter().position(|v| !(0.0..=limit).contains(v)) {
             return Err(self.wrong_value(plane.data[i], i % plane.width, i / plane.width, band));
         }
@@ -112,6 +129,10 @@ impl Cube {
     }
 
     /// One band of the scene in the cube's own pixels.
+    ///
+    /// # Errors
+    /// A file that cannot be read; values that are not finite, negative, or too large for a
+    /// reflectance.
     pub fn band(&self, band: usize) -> Result<Plane<f32>> {
         if let [(only, weight)] = self.mix[band][..]
             && weight == 1.0
@@ -151,21 +172,23 @@ impl Scene for Cube {
     }
 }
 
-/// The bands in which a cube with these source bands is shown.
+/// The bands of the scene for these source bands.
 fn scene_bands(wavelength_nm: &[f64]) -> Bands {
     let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
     let spaces = wavelength_nm.len() - 1;
     let step = (last - first) / spaces.max(1) as f64;
     let equal = spaces > 0
-        && (0..=spaces).all(|i| (wavelength_nm[i] - first - i as f64 * step).abs() < 1e-3 * step);
-    let (start, end, step_nm) = if equal && (5.0..=50.0).contains(&step) {
+        && (0..=spaces)
+            .all(|i| (wavelength_nm[i] - first - i as f64 * step).abs() < EQUAL_SPACING * step);
+    let (start, end, step_nm) = if equal && KEPT_STEPS_NM.contains(&step) {
         (first, last, step)
     } else {
-        ((first / 10.0).ceil() * 10.0, (last / 10.0).floor() * 10.0, 10.0)
+        ((first / STEP_NM).ceil() * STEP_NM, (last / STEP_NM).floor() * STEP_NM, STEP_NM)
     };
-    // Whole steps further where the visible range is not covered (to half a band).
-    let before = ((start - 400.0) / step_nm - 0.5).ceil().max(0.0);
-    let after = ((700.0 - end) / step_nm - 0.5).ceil().max(0.0);
+    // Whole steps are added where the visible range is not covered to half a band.
+    let [blue, red] = VISIBLE_NM;
+    let before = ((start - blue) / step_nm - 0.5).ceil().max(0.0);
+    let after = ((red - end) / step_nm - 0.5).ceil().max(0.0);
     let inside = ((end - start) / step_nm).round();
     let count = (before + inside + after) as usize + 1;
     Bands { start_nm: start - before * step_nm, step_nm, count }
@@ -180,9 +203,8 @@ fn mix(wavelength_nm: &[f64], bands: &Bands) -> Vec<Vec<(usize, f32)>> {
         unit[stored] = 1.0;
         let Ok(unit) = Spectrum::new(wavelength_nm.to_vec(), unit) else { continue };
         for (band, weight) in unit.in_bands(bands).into_iter().enumerate() {
-            // Equal centres can differ by rounding of their arithmetic.
-            let weight = if (weight - 1.0).abs() < 1e-6 { 1.0 } else { weight };
-            if weight > 1e-6 {
+            let weight = if (weight - 1.0).abs() < WEIGHT_ROUNDING { 1.0 } else { weight };
+            if weight > WEIGHT_ROUNDING {
                 mix[band].push((stored, weight as f32));
             }
         }
@@ -198,7 +220,7 @@ pub(crate) fn resample(image: &Plane<f32>, grid: &Grid) -> Plane<f32> {
     let rows = weights(top, grid.cell * scale, grid.height, image.height);
     let mut result = Plane::filled(grid.width, grid.height, 0.0f32);
     let mut across = vec![0.0f32; grid.width];
-    let mut held = None; // the image row that `across` is of
+    let mut held = None; // the image row whose means over the columns `across` holds
     for (y, (first, row_weights)) in rows.iter().enumerate() {
         for (i, &down) in row_weights.iter().enumerate() {
             let source = first + i;
@@ -215,9 +237,9 @@ pub(crate) fn resample(image: &Plane<f32>, grid: &Grid) -> Plane<f32> {
     result
 }
 
-/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under it
-/// and the parts of the cell over it and the following ones. What lies outside counts for the
-/// edge.
+/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under the
+/// cell, and the shares of the cell that lie over this pixel and the following ones. A share
+/// outside the image counts for its edge pixel.
 fn weights(start: f64, cell: f64, cells: usize, pixels: usize) -> Vec<(usize, Vec<f32>)> {
     let end = pixels as f64;
     (0..cells)

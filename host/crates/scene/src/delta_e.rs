@@ -1,6 +1,6 @@
 //! CIEDE2000 colour difference (ISO/CIE 11664-6), with CIELAB (ISO/CIE 11664-4).
 
-/// CIELAB of a colour relative to a white, both XYZ.
+/// CIELAB (L*, a*, b*) of a colour relative to a white, both as CIE XYZ in the same unit.
 pub fn lab(xyz: [f64; 3], white: [f64; 3]) -> [f64; 3] {
     let f = |t: f64| {
         if t > (6.0f64 / 29.0).powi(3) {
@@ -13,7 +13,7 @@ pub fn lab(xyz: [f64; 3], white: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// ΔE00 of two CIELAB colours, all weights 1.
+/// ΔE00 of two CIELAB colours with unit weights kL = kC = kH = 1.
 pub fn delta_e_2000(one: [f64; 3], two: [f64; 3]) -> f64 {
     let [l1, a1, b1] = one;
     let [l2, a2, b2] = two;

@@ -2,15 +2,15 @@
 //!
 //! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`, `data
 //! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
-//! `reflectance scale factor`). Read: interleave bsq, bil and bip, both byte orders, data types 1,
-//! 2, 3, 4, 5, 12 and 13. Written: bsq, little-endian float, with the further key `quantity`.
+//! `reflectance scale factor`). The reader takes interleave bsq, bil and bip, both byte orders and
+//! data types 1, 2, 3, 4, 5, 12 and 13. The writer makes bsq of little-endian floats, with the
+//! additional key `quantity`.
 
 use super::Quantity;
 use super::cube::Cube;
 use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Sample, Strided};
-use camrig_base::Bands;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     Cube::new(Box::new(cube), nm, sidecar.quantity(own))
 }
 
-/// The data file of a header: the same name without `.hdr`, or with one of the usual endings.
+/// The data file of a header: its name without `.hdr`, or with one of the usual extensions.
 fn data_file(header: &Path) -> Result<PathBuf> {
     let bare = header.with_extension("");
     let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
@@ -124,14 +124,18 @@ impl Header {
             .map(|n| n.parse().map_err(|_| Error::input(format!("wavelength {n:?} is no number"))))
             .collect::<Result<_>>()?;
         let units = self.text("wavelength units").unwrap_or("").to_ascii_lowercase();
-        // Without units, numbers below 100 cannot be nanometres of light.
+        // Where the unit is missing, numbers below 100 cannot be nanometres of light.
         let micrometres = units.starts_with("micro") || units == "um" || list[0] < 100.0;
         let to_nm = if micrometres { 1000.0 } else { 1.0 };
         Ok(Some(list.into_iter().map(|w| w * to_nm).collect()))
     }
 }
 
-/// Writes a cube as `STEM.hdr` and `STEM.img`, band by band.
+/// Writes a cube as `STEM.hdr` and `STEM.img`, band by band, in the unit of the quantity. `size`
+/// is width and height in pixels.
+///
+/// # Errors
+/// Those of `band`, and files that cannot be written.
 pub fn write(
     header: &Path,
     size: (usize, usize),

@@ -3,7 +3,7 @@
 //! Layout: A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT
 //! 10(3), 2021: radiance in channels `S0.550,000000nm`, reflectance in `T.550,000000nm`, with a
 //! decimal comma (a point is read as well) and units nm, um or m. Channels are decoded one at a
-//! time.
+//! time, so a cube needs the memory of one band.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};

@@ -1,4 +1,5 @@
-//! MATLAB files of version 7.3, which are HDF5: arrays and structs (groups), through `hdf5-pure`.
+//! MATLAB files of version 7.3, which are HDF5 files: arrays and structs (groups), read with
+//! `hdf5-pure`.
 
 use super::cube::BandSource;
 use super::matlab::{Array, Value};
@@ -11,14 +12,16 @@ fn refused(error: hdf5_pure::Error) -> Error {
         .help("a .mat file is read in versions 5 (save -v6, -v7) and 7.3")
 }
 
-/// Reads the named variables, but for three-dimensional arrays (see [`large`]).
+/// Groups within groups that are read; ISETCam's scenes have three levels.
+const MAX_DEPTH: usize = 8;
+
+/// Reads the named variables except three-dimensional arrays (see [`large`]).
 pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
     let file = File::open_streaming(path).map_err(refused)?;
-    let fields = struct_of(&file.root(), 0, Some(wanted))?;
-    Ok(fields)
+    struct_of(&file.root(), 0, Some(wanted))
 }
 
-/// The three-dimensional arrays among the named variables, to be read plane by plane.
+/// The three-dimensional arrays among the named variables, which are read plane by plane.
 pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSource>)>> {
     let file = File::open_streaming(path).map_err(refused)?;
     let names = file.root().datasets().map_err(refused)?;
@@ -74,14 +77,14 @@ fn struct_of(group: &Group, depth: usize, wanted: Option<&[&str]>) -> Result<Vec
             continue;
         }
         shape.reverse();
-        // Text and references do not read as numbers.
+        // Text and references are not numbers.
         let value = match dataset.read_f64() {
             Ok(numbers) => Value::Array(Array::doubles(shape, numbers)),
             Err(_) => Value::Other,
         };
         fields.push((name, value));
     }
-    if depth < 8 {
+    if depth < MAX_DEPTH {
         for name in group.groups().map_err(refused)?.into_iter().filter(keep) {
             let inner = group.group(&name).map_err(refused)?;
             fields.push((name, Value::Struct(struct_of(&inner, depth + 1, None)?)));

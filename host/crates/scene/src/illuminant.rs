@@ -1,4 +1,4 @@
-//! Illuminants: relative spectral power, W nm⁻¹ up to a factor.
+//! Illuminants: relative spectral power per wavelength (W nm⁻¹ up to a factor).
 //!
 //! | name | source |
 //! | --- | --- |
@@ -14,28 +14,35 @@
 //! Outside its table an illuminant keeps its end value.
 
 use camrig_base::table::{SpectralTable, built_in};
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result, Spectrum};
 use std::path::Path;
 
 const DAYLIGHT: &str = include_str!("data/daylight.csv");
 const FLUORESCENT: &str = include_str!("data/fluorescent.csv");
 const LED: &str = include_str!("data/led.csv");
 
-/// Wavelengths at which illuminants given by a formula are tabulated, nm.
+/// Wavelengths at which illuminants given by a formula are tabulated, nm: the response of silicon.
 const FORMULA_NM: std::ops::RangeInclusive<u32> = 300..=1100;
+/// Step of that table, nm.
+const FORMULA_STEP_NM: usize = 5;
+/// Wavelength at which relative spectral powers are 100, nm (ISO/CIE 11664-2).
+const REFERENCE_NM: f64 = 560.0;
 
-/// A light with a name.
+/// A named illuminant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Illuminant {
-    /// What it was asked for as.
+    /// The name it was parsed from.
     pub name: String,
-    /// Relative power per wavelength.
+    /// Relative power per wavelength, 100 at 560 nm for the built-in ones.
     pub power: Spectrum,
 }
 
 impl Illuminant {
-    /// Finds a built-in illuminant (see the module) or reads a CSV file.
+    /// Finds a built-in illuminant (see the module's table) or reads a CSV file.
+    ///
+    /// # Errors
+    /// An unknown name, temperatures out of range, a file that is not a table of
+    /// `wavelength_nm,power` or has negative values.
     pub fn parse(text: &str) -> Result<Self> {
         let power = match text.to_ascii_uppercase().as_str() {
             "A" => standard_a(),
@@ -77,18 +84,22 @@ impl Illuminant {
     }
 }
 
-/// CIE standard illuminant A (ISO/CIE 11664-2): S = 100 (560/λ)^5 (e^(c2/(2848·560)) − 1) /
-/// (e^(c2/(2848 λ)) − 1), c2 = 1.435e7 nm K, 2848 K.
+/// CIE standard illuminant A (ISO/CIE 11664-2): Planck's law at 2848 K with the constant c2 =
+/// 1.435e7 nm K of that standard.
 fn standard_a() -> Spectrum {
-    let planck = |nm: f64| libm::pow(560.0 / nm, 5.0) / libm::expm1(1.435e7 / (2848.0 * nm));
-    from_formula(|nm| 100.0 * planck(nm) / planck(560.0))
+    planck(1.435e7, 2848.0)
 }
 
-/// Planck's law at a temperature in kelvin, 100 at 560 nm.
+/// Planck's law at a temperature in kelvin with the second radiation constant of CODATA 2018.
 fn blackbody(kelvin: f64) -> Spectrum {
-    const C2_NM_K: f64 = 1.438_776_877e7;
-    let planck = |nm: f64| libm::pow(560.0 / nm, 5.0) / libm::expm1(C2_NM_K / (kelvin * nm));
-    from_formula(|nm| 100.0 * planck(nm) / planck(560.0))
+    planck(1.438_776_877e7, kelvin)
+}
+
+/// Planck's law, 100 at 560 nm: S = 100 (560/λ)^5 (e^(c2/(T·560)) − 1) / (e^(c2/(T λ)) − 1).
+fn planck(c2_nm_k: f64, kelvin: f64) -> Spectrum {
+    let relative =
+        |nm: f64| libm::pow(REFERENCE_NM / nm, 5.0) / libm::expm1(c2_nm_k / (kelvin * nm));
+    from_formula(|nm| 100.0 * relative(nm) / relative(REFERENCE_NM))
 }
 
 fn blackbody_of(kelvin: &str) -> Result<Spectrum> {
@@ -101,7 +112,7 @@ fn blackbody_of(kelvin: &str) -> Result<Spectrum> {
 }
 
 fn from_formula(f: impl Fn(f64) -> f64) -> Spectrum {
-    let nm: Vec<f64> = FORMULA_NM.step_by(5).map(f64::from).collect();
+    let nm: Vec<f64> = FORMULA_NM.step_by(FORMULA_STEP_NM).map(f64::from).collect();
     let power = nm.iter().map(|&nm| f(nm)).collect();
     Spectrum::new(nm, power).expect("rising wavelengths and finite values by construction")
 }

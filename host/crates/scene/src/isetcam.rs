@@ -8,8 +8,8 @@
 //! | `illuminant` | `data.photons` with `spectrum.wave`, or (older) `data` in energy units with `wavelength` |
 //!
 //! With an illuminant that is the same for the whole scene the cube is the reflectance photons /
-//! illuminant; without one it is the radiance. A linear model can fall below zero in dark places:
-//! such values are set to 0.
+//! illuminant; otherwise it is the radiance. A linear model can be negative in dark places: such
+//! values are set to 0.
 
 use super::cube::{BandSource, Cube};
 use super::matlab::{self, Array, Value};
@@ -17,19 +17,21 @@ use super::photometry::photons_to_energy;
 use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Strided};
 use super::{Quantity, hdf5};
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use std::io::Read;
 use std::path::Path;
 
 const VARIABLES: &[&str] =
     &["photons", "mcCOEF", "basis", "imgMean", "wave", "spectrum", "illuminant"];
 
+/// Bytes of a MATLAB file that tell its version.
+const VERSION_BYTES: u64 = 128;
+
 /// Opens a scene file.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let mut start = Vec::new();
     std::fs::File::open(path)
-        .and_then(|file| file.take(128).read_to_end(&mut start))
+        .and_then(|file| file.take(VERSION_BYTES).read_to_end(&mut start))
         .map_err(|e| Error::io("read", path, e))?;
     let mut file = if matlab::is_version_5(&start) {
         Variables::of(matlab::read(path, VARIABLES)?)
@@ -52,7 +54,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     Cube::new(Box::new(Scaled { planes, factor }), nm, sidecar.quantity(Some(quantity)))
 }
 
-/// Planes of photons, turned into light by a factor per band.
+/// Planes of photons, converted to reflectance or radiance by one factor per band.
 struct Scaled {
     planes: Box<dyn BandSource>,
     factor: Vec<f32>,
@@ -97,13 +99,13 @@ impl BandSource for LinearModel {
             let plane = self.coefficients.read(index)?;
             sum.data.iter_mut().zip(&plane.data).for_each(|(s, c)| *s += *weight as f32 * c);
         }
-        // NaN stays NaN, to be found by the cube.
+        // NaN is kept: the cube refuses it.
         sum.data.iter_mut().filter(|v| **v < 0.0).for_each(|v| *v = 0.0);
         Ok(sum)
     }
 }
 
-/// The variables of a file; arrays that can be large may instead be sources read band by band.
+/// The variables of a file; large arrays are sources that are read band by band.
 struct Variables {
     small: Vec<(String, Value)>,
     large: Vec<(String, Box<dyn BandSource>)>,
@@ -118,7 +120,7 @@ impl Variables {
         self.small.iter().find(|(n, _)| n == name).map(|(_, v)| v)
     }
 
-    /// The image named so: rows x columns x planes.
+    /// The image of a name: rows x columns x planes.
     fn image(&mut self, name: &str) -> Result<Option<Box<dyn BandSource>>> {
         if let Some(index) = self.large.iter().position(|(n, _)| n == name) {
             return Ok(Some(self.large.remove(index).1));
@@ -166,7 +168,8 @@ impl Variables {
         wave.array().map(Array::numbers)
     }
 
-    /// The illuminant in photons at these wavelengths, where there is one for the whole scene.
+    /// The illuminant in photons at these wavelengths, `None` unless it is the same for the whole
+    /// scene and positive everywhere.
     fn illuminant_photons(&self, nm: &[f64]) -> Option<Vec<f64>> {
         let light = self.get("illuminant")?;
         let wave = light
@@ -187,8 +190,10 @@ impl Variables {
 }
 
 /// Writes a scene as `sceneToFile` does without compression. `white` is the radiance of a perfect
-/// white per band, W m⁻² sr⁻¹ nm⁻¹, under which a reflectance scene is shown; a radiance scene has
-/// none.
+/// white per band, W m⁻² sr⁻¹ nm⁻¹, for a reflectance scene; a radiance scene has none.
+///
+/// # Errors
+/// Those of `band`, and a file that cannot be written.
 pub fn write(
     path: &Path,
     name: &str,
@@ -223,8 +228,8 @@ pub fn write(
         ("comment", text("Scene exported by camrig")),
         ("name", text(name)),
         ("type", text("scene")),
-        // Field of view in degrees and distance in metres do not belong to our scenes: ISETCam's
-        // own.
+        // Field of view in degrees and distance in metres: ISETCam's defaults, as scenes here have
+        // neither.
         ("fov", row(vec![10.0])),
         ("dist", row(vec![1.2])),
     ];

@@ -1,10 +1,38 @@
-//! Scenes: what is in front of the lens, as spectral reflectance or spectral radiance.
+//! Scenes: what is in front of the lens, as spectral reflectance (0 to 1) or spectral radiance
+//! (W m⁻² sr⁻¹ nm⁻¹) in bands of equal width.
+//!
+//! A [`Scene`] gives one plane per band on any [`Grid`]; each value is the area average over a
+//! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]) and stored
+//! scenes ([`stored`]). An [`Illuminant`] with a [`LightLevel`] in lux or cd/m² turns reflectance
+//! into radiance ([`photometry::white_radiance`], [`LitScene`]).
 //!
 //! # Coordinates
-//! Scenes are asked for in *frame coordinates*: the sensor's width is 1, the image centre (0, 0),
-//! u to the right, v **down**, both in units of the sensor's width (so v runs over
-//! ±height/(2·width)). They are those of the ideal (paraxial, upright) image; the lens maps them
-//! to where light lands.
+//! Scenes use *frame coordinates*: the sensor's width is 1, the image centre (0, 0), u points to
+//! the right, v **down**, both in units of the sensor's width (so v runs over ±height/(2·width)).
+//! They are those of the ideal (paraxial, upright) image; the lens maps them to where light lands.
+//!
+//! # Example
+//! Luminance of the white and the black patch of a ColorChecker under D65 at 1000 lx, cd/m²:
+//! ```
+//! use camrig_base::Spectrum;
+//! use camrig_scene::chart::colorchecker;
+//! use camrig_scene::photometry::{KM, xyz};
+//! use camrig_scene::{Bands, Illuminant, LightLevel, photometry::white_radiance};
+//!
+//! let light = Illuminant::parse("D65")?;
+//! let bands = Bands::VISIBLE;
+//! let white = white_radiance(&light, LightLevel::Lux(1000.0), &bands)?; // W m⁻² sr⁻¹ nm⁻¹
+//! let patches = colorchecker::reflectances();
+//! let luminance = |patch: usize| -> camrig_base::Result<f64> {
+//!     let reflectance = patches.spectrum(patch - 1)?.in_bands(&bands);
+//!     let radiance = reflectance.iter().zip(&white).map(|(r, w)| r * w).collect();
+//!     Ok(KM * xyz(&Spectrum::new(bands.centres().collect(), radiance)?)[1])
+//! };
+//! // A perfect white has 1000/π = 318 cd/m².
+//! assert!((luminance(19)? / 318.3 - 0.9).abs() < 0.03);
+//! assert!((luminance(24)? / 318.3 - 0.03).abs() < 0.01);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 pub mod chart;
 pub mod cube;
@@ -48,8 +76,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid laid over content of that aspect (width over height) so that the content covers a
-    /// frame of `frame_aspect`, its aspect kept, centred, excess cut off.
+    /// The grid for content of some aspect (width over height) that is to cover a frame of
+    /// `frame_aspect`: the content keeps its aspect, is centred, and its excess is cut off.
     #[must_use]
     pub fn over_content(&self, aspect: Option<f64>, frame_aspect: f64) -> Grid {
         // Content flatter than the frame would leave bars above and below: enlarge it.
@@ -62,7 +90,7 @@ impl Grid {
 /// What the values of a scene are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// Lambertian reflectance, 0..=1: lit by an illuminant.
+    /// Lambertian reflectance, 0 to 1, lit by an illuminant.
     Reflectance,
     /// Spectral radiance, W m⁻² sr⁻¹ nm⁻¹.
     Radiance,
@@ -70,33 +98,40 @@ pub enum Quantity {
 
 /// Something that can be put in front of the lens.
 pub trait Scene: Send + Sync {
-    /// The bands in which it is held.
+    /// The bands in which the scene is given.
     fn bands(&self) -> Bands;
-    /// What its values are.
+    /// What the scene's values are.
     fn quantity(&self) -> Quantity;
-    /// Width over height of its content; `None` when it fills any frame (charts, uniform).
+    /// Width over height of the scene's content; `None` for a scene that fills any frame, such as
+    /// a chart.
     fn aspect(&self) -> Option<f64>;
     /// The **area average** over each cell of `grid` of the scene in one band. Defined for every
     /// (u, v): outside its own content a scene repeats its edge or shows its background.
+    ///
+    /// # Errors
+    /// A file that cannot be read or holds values that are not those of the quantity.
     fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>>;
-    /// What a user should know about the scene, such as bands that were extrapolated.
+    /// Remarks for the user, such as bands that were extrapolated.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
 }
 
-/// A scene with its light: spectral radiance is what comes out.
+/// A scene with its light, which gives spectral radiance.
 pub struct LitScene<'a> {
     /// The scene.
     pub scene: &'a dyn Scene,
     /// Radiance of a perfect white (reflectance 1), W m⁻² sr⁻¹ nm⁻¹, one value per band of the
-    /// scene; for a radiance scene the factor by which it is multiplied (1 everywhere, or a new
-    /// level).
+    /// scene. For a radiance scene, the factor by which each band is multiplied: 1, or the ratio
+    /// of a new light level to its own.
     pub white: Vec<f64>,
 }
 
 impl LitScene<'_> {
     /// Spectral radiance in one band, W m⁻² sr⁻¹ nm⁻¹, averaged over the cells of `grid`.
+    ///
+    /// # Errors
+    /// Those of [`Scene::plane`].
     pub fn radiance(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
         let mut plane = self.scene.plane(band, grid)?;
         let white = self.white[band] as f32;
@@ -105,27 +140,38 @@ impl LitScene<'_> {
     }
 }
 
-/// Opens what `--scene` names: a built-in chart (`NAME[:OPTIONS]`), a spectral cube
-/// (`FILE[:OPTIONS]`) or the directory of a stored scene, options as `KEY=VALUE,...`.
+/// Opens a scene by its name: a built-in chart (`NAME[:OPTIONS]`), a spectral cube
+/// (`FILE[:OPTIONS]`) or the directory of a stored scene, with options as `KEY=VALUE,...`.
+///
+/// # Errors
+/// A name that is none of these, options that the scene does not have, a file that cannot be read.
 pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
     Ok(open_with_size(spec)?.0)
 }
 
-/// Whether a scene is one of a file or directory rather than a built-in chart.
+/// Whether a scene's name is that of a file or directory rather than of a built-in chart.
 pub fn is_file(spec: &str) -> bool {
     let (name, _) = spec.split_once(':').unwrap_or((spec, ""));
     !chart::NAMES.contains(&name)
 }
 
-/// Opens a scene to be seen in a frame of that aspect (width over height): content with an aspect
-/// of its own fills the frame, see [`Grid::over_content`].
+/// Opens a scene for a frame of some aspect (width over height): content with an aspect of its own
+/// fills the frame, see [`Grid::over_content`].
+///
+/// # Errors
+/// Those of [`open`].
 pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
     Ok(Box::new(Filling { scene: open(spec)?, frame_aspect }))
 }
 
-/// Opens a scene with its width and height in pixels, `None` for charts.
-#[allow(clippy::type_complexity, reason = "a pair, named by the sentence above")]
-pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, Option<(usize, usize)>)> {
+/// A scene's own width and height in pixels; charts have none.
+pub type PixelSize = Option<(usize, usize)>;
+
+/// Opens a scene together with its size.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, PixelSize)> {
     let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
     if let Some(chart) = chart::open(name, options) {
         return Ok((chart.map_err(|e| e.at(format!("scene {spec:?}")))?, None));
@@ -136,6 +182,9 @@ pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, Option<(usize, usiz
 }
 
 /// Opens a spectral cube or the directory of a stored scene.
+///
+/// # Errors
+/// The name of a chart, which has no pixels of its own; otherwise those of [`open`].
 pub fn open_file(spec: &str) -> Result<cube::Cube> {
     let (path, options) = match spec.rsplit_once(':') {
         Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
@@ -156,7 +205,7 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
     open(path, &sidecar).map_err(|e| e.at(path.display()))
 }
 
-/// A scene enlarged to fill a frame.
+/// A scene that is scaled to fill a frame.
 struct Filling {
     scene: Box<dyn Scene>,
     frame_aspect: f64,

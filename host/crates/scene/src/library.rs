@@ -1,5 +1,5 @@
-//! A library: a directory of stored scenes with a manifest `library.toml` that lists them in
-//! order.
+//! A library of scenes: a directory of stored scenes with a manifest `library.toml` that lists
+//! them in order.
 //! ```toml
 //! format = "scene-library/1"
 //! scenes = ["fruit", "street-at-night"]   # sub-directories, each a stored scene
@@ -27,7 +27,7 @@ struct Manifest {
     scenes: Vec<String>,
 }
 
-/// A directory of scenes.
+/// A library of stored scenes.
 #[derive(Debug)]
 pub struct Library {
     directory: PathBuf,
@@ -36,6 +36,9 @@ pub struct Library {
 
 impl Library {
     /// Opens a library.
+    ///
+    /// # Errors
+    /// No manifest, or one that cannot be read.
     pub fn open(directory: &Path) -> Result<Self> {
         let path = directory.join(MANIFEST);
         let text = std::fs::read_to_string(&path).map_err(|e| {
@@ -51,7 +54,11 @@ impl Library {
         Ok(Self { directory: directory.into(), scenes: manifest.scenes })
     }
 
-    /// Opens a library, or makes an empty one in memory where there is none yet.
+    /// Opens a library, or starts an empty one where there is none yet; nothing is written before
+    /// the first scene is added.
+    ///
+    /// # Errors
+    /// A manifest that cannot be read.
     pub fn open_or_new(directory: &Path) -> Result<Self> {
         if directory.join(MANIFEST).exists() {
             return Self::open(directory);
@@ -60,13 +67,20 @@ impl Library {
     }
 
     /// The descriptions of the scenes with their directories, in the manifest's order.
+    ///
+    /// # Errors
+    /// A description that cannot be read.
     pub fn scenes(&self) -> Result<Vec<(PathBuf, Description)>> {
         let directories = self.scenes.iter().map(|name| self.directory.join(name));
         directories.map(|d| Ok((d.clone(), Description::read(&d)?))).collect()
     }
 
-    /// Stores a cube under a name with its preview and lists it; `progress` is told of bands done.
-    /// A scene of that name is replaced only with `force`.
+    /// Stores a cube with its preview and lists it in the manifest; returns the scene's directory.
+    /// `progress` is called with the index of each band before it is written.
+    ///
+    /// # Errors
+    /// A name that is no file name, a scene of that name unless `force`, values that the cube
+    /// refuses, files that cannot be written.
     pub fn add(
         &mut self,
         cube: &Cube,
@@ -103,7 +117,7 @@ impl Library {
     }
 }
 
-/// The description of a cube to be stored.
+/// A description for a cube, with empty texts.
 pub fn describe(cube: &Cube, name: &str) -> Description {
     Description::new(name, cube.quantity(), cube.size(), &cube.bands())
 }

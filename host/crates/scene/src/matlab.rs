@@ -1,9 +1,9 @@
 //! MATLAB files of version 5 (`save -v6`, `-v7`, and `scipy.io.savemat`): arrays, text and
 //! structs.
 //!
-//! Format: MathWorks, "MAT-File Format", level 5. What scenes do not need (sparse arrays, objects,
-//! imaginary parts) is skipped. Lengths in the file are never trusted: every read is bounded by
-//! what is there, nesting by [`MAX_DEPTH`].
+//! Format: MathWorks, "MAT-File Format", level 5. Sparse arrays, objects and imaginary parts,
+//! which scenes do not have, are skipped. Lengths in the file are never trusted: every read is
+//! bounded by the bytes present, nesting by [`MAX_DEPTH`].
 
 use super::strided::Sample;
 use camrig_base::{Error, Result};
@@ -14,6 +14,8 @@ use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
+/// Structs within structs that are parsed; deeper ones are skipped. ISETCam's scenes have three
+/// levels.
 const MAX_DEPTH: usize = 16;
 
 /// A value of a MATLAB file.
@@ -25,7 +27,7 @@ pub enum Value {
     Text(String),
     /// The first element of a struct array: field names and values.
     Struct(Vec<(String, Value)>),
-    /// Something else.
+    /// A value of another class.
     Other,
 }
 
@@ -41,7 +43,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// All samples.
+    /// All samples as numbers.
     pub fn numbers(&self) -> Vec<f64> {
         self.bytes.chunks_exact(self.sample.bytes()).map(|raw| self.sample.number(raw)).collect()
     }
@@ -62,7 +64,7 @@ impl Value {
         }
     }
 
-    /// The array that this is.
+    /// The array, where the value is one.
     pub fn array(&self) -> Option<&Array> {
         match self {
             Value::Array(array) => Some(array),
@@ -106,7 +108,7 @@ pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
         let left = element.limit();
         let matrix = match kind {
             COMPRESSED => {
-                // Whatever the stream leaves of its element belongs to no variable.
+                // Bytes of the element behind the zlib stream belong to no variable.
                 std::io::copy(&mut element, &mut std::io::sink()).map_err(cut_off)?;
                 Cursor(&bytes).element()?.1
             }
@@ -124,14 +126,16 @@ pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
     }
 }
 
+/// Element type of a variable.
 const MATRIX: u32 = 14;
+/// Element type of a variable compressed by zlib.
 const COMPRESSED: u32 = 15;
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
-/// What is left to read of an element.
+/// The unread rest of an element.
 struct Cursor<'a>(&'a [u8]);
 
 impl<'a> Cursor<'a> {

@@ -1,21 +1,20 @@
-//! A scene that moves as a whole while a sensor reads it.
+//! A scene that moves as a whole while the sensor reads a frame.
 
 use super::{Grid, Quantity, Scene};
-use camrig_base::Bands;
-use camrig_base::{Plane, Result};
+use camrig_base::{Bands, Plane, Result};
 
 /// A scene displaced by `velocity` times time; time is counted in frame periods.
 ///
 /// A rolling shutter reads row v at time `start + rolling · (v/h + ½)`, with h the frame's height:
 /// the scene is displaced row by row. Displacement is constant over a row of cells and over the
-/// exposure: motion blur is not part of it. What lies beyond the scene's own edge comes in as the
-/// scene shows it there.
+/// exposure: motion blur is not modelled. Content from beyond the scene's edge is what the scene
+/// itself gives there.
 pub struct Moving<'a> {
     /// The scene at time 0.
     pub scene: Box<dyn Scene + 'a>,
     /// To the right and down, sensor widths per frame period.
     pub velocity: [f64; 2],
-    /// When the first row is read, frame periods.
+    /// Time at which the first row is read, frame periods.
     pub start: f64,
     /// Part of the frame period in which the rows are read one after the other; 0 for a global
     /// shutter.
@@ -50,7 +49,8 @@ impl Scene for Moving<'_> {
         for row in 0..grid.height {
             let top = grid.top + row as f64 * grid.cell;
             let middle = top + 0.5 * grid.cell;
-            // Rows outside the frame give light to rows inside: they go with the nearest.
+            // Blur brings light from rows outside the frame into it: they move with the nearest
+            // row inside.
             let read = (middle / self.height + 0.5).clamp(0.0, 1.0);
             let strip = Grid { height: 1, top, ..*grid };
             let strip = self.scene.plane(band, &at(self.start + self.rolling * read, strip))?;

@@ -1,5 +1,4 @@
-//! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with names.
-//!
+//! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with named arrays.
 //!
 //! In an `.npz` the cube is the three-dimensional array with most bands, its quantity is in its
 //! name if that is `reflectance` or `radiance`, and its wavelengths are the one-dimensional array
@@ -10,30 +9,31 @@ use super::cube::{BandSource, Cube};
 use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
+use camrig_formats::npy;
 use std::fs::File;
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
 
-/// A plane as an NPY file of version 1: H x W samples of type `kind`, each made of bytes by
-/// `to_bytes`.
+/// A plane as an NPY file of version 1: H x W samples of NumPy's type `kind` (`<f4`), each
+/// converted to bytes by `to_bytes`.
 pub fn encode<T: Copy, const N: usize>(
     plane: &Plane<T>,
     kind: &str,
     to_bytes: impl Fn(T) -> [u8; N],
 ) -> Vec<u8> {
-    let text = format!(
-        "{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}, {}), }}",
-        plane.height, plane.width
-    );
-    let padded = (10 + text.len() + 1).next_multiple_of(64) - 10;
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((padded as u16).to_le_bytes());
-    bytes.extend(format!("{text:<width$}\n", width = padded - 1).bytes());
+    let mut bytes = npy::header(kind, &format!("({}, {})", plane.height, plane.width));
     plane.data.iter().for_each(|&v| bytes.extend(to_bytes(v)));
     bytes
 }
 
+/// Bytes of a member of an archive that are read for its header. A header of version 1 is shorter
+/// than 64 KiB; longer ones exist only for structured types, which no cube has.
+const HEADER_BYTES: u64 = 1 << 16;
+
 /// Reads a two-dimensional NPY file.
+///
+/// # Errors
+/// A file that cannot be read, arrays of other than two axes, samples that are not numbers.
 pub fn read_plane(path: &Path) -> Result<Plane<f32>> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let read = || {
@@ -144,8 +144,11 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         let mut member = archive.by_index(index).map_err(malformed)?;
         let name = member.name().map_err(malformed)?.trim_end_matches(".npy").to_string();
         let mut start = Vec::new();
-        // A header is below 64 KiB in version 1 and never larger in practice.
-        member.by_ref().take(1 << 16).read_to_end(&mut start).map_err(|e| malformed(e.into()))?;
+        member
+            .by_ref()
+            .take(HEADER_BYTES)
+            .read_to_end(&mut start)
+            .map_err(|e| malformed(e.into()))?;
         if let Ok(array) = Array::read(Cursor::new(start)) {
             members.push((index, name, array));
         }

@@ -1,16 +1,15 @@
-//! A scene of plane shapes, each of one material.
+//! A scene of flat shapes, each of one material.
 
 use super::shape::Shape;
 use super::{Grid, Quantity, Scene};
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Plane, Result};
+use camrig_base::{Bands, Plane, Result, Spectrum};
 
 /// Shapes laid on a ground. A shape lies wholly within one material beneath it, so that
 /// value = ground + Σ coverage · (material − beneath) is the exact area average of every cell.
 #[derive(Clone, Debug)]
 pub struct Painting {
     bands: Bands,
-    /// Per material its value in each band.
+    /// Reflectance of each material in each band.
     materials: Vec<Vec<f64>>,
     marks: Vec<Mark>,
 }
@@ -35,13 +34,13 @@ impl Painting {
         Self { bands, materials: vec![ground.in_bands(&bands)], marks: Vec::new() }
     }
 
-    /// A further material.
+    /// Adds a material.
     pub fn material(&mut self, reflectance: &Spectrum) -> Material {
         self.materials.push(reflectance.in_bands(&self.bands));
         Material(self.materials.len() - 1)
     }
 
-    /// Lays a shape of `material` on a place that is all of the material `beneath`.
+    /// Lays a shape of `material` on an area that consists of the material `beneath` alone.
     pub fn lay(&mut self, shape: Shape, material: Material, beneath: Material) {
         self.marks.push(Mark { shape, material, beneath });
     }
@@ -67,7 +66,7 @@ impl Scene for Painting {
             let change = value(mark.material) - value(mark.beneath);
             mark.shape.paint(grid, change as f32, &mut plane);
         }
-        // Rounding of the sum can leave −1e-9 where a material is 0.
+        // Rounding of the sum can leave a tiny negative value where a material is 0.
         plane.data.iter_mut().for_each(|v| *v = v.max(0.0));
         Ok(plane)
     }

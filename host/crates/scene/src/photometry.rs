@@ -1,13 +1,13 @@
-//! From relative spectra to absolute light, and to colour.
+//! Absolute light from relative spectra, and CIE 1931 colour.
 //!
 //! Luminance L_v = Km ∫ L(λ) V(λ) dλ with Km = 683 lm/W (CIE 018), taken as the sum over 360 to
 //! 830 nm in steps of 1 nm, the spectrum linear between its samples. A perfect white diffuser
-//! under E_v lux has L_v = E_v / π, and so has its spectral radiance in every band.
+//! under an illuminance of E_v lx has the luminance L_v = E_v / π; its spectral radiance is scaled
+//! to it.
 
 use super::Illuminant;
 use camrig_base::table::built_in;
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result, Spectrum};
 use std::sync::LazyLock;
 
 /// Luminous efficacy of radiation at 555 nm, lm/W (CIE 018; 683.002 divided by V(555.016 nm)).
@@ -19,10 +19,10 @@ static OBSERVER: LazyLock<[Vec<f64>; 3]> = LazyLock::new(|| {
     [0, 1, 2].map(|i| table.curves[i].1.clone())
 });
 
-/// How much light there is.
+/// The light level of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightLevel {
-    /// Scene illuminance, lx.
+    /// Illuminance on the scene, lx.
     Lux(f64),
     /// Luminance of a perfect white, cd/m².
     Luminance(f64),
@@ -41,16 +41,20 @@ impl LightLevel {
 /// Planck's constant times the speed of light, J m (exact by the SI's definition of both).
 pub const HC: f64 = 6.626_070_15e-34 * 299_792_458.0;
 
-/// Energy of a photon, h c / λ, J.
+/// Energy of a photon of wavelength `nm` (nm), h c / λ, J.
 pub fn photons_to_energy(nm: f64) -> f64 {
     HC / (nm * 1e-9)
 }
 
-/// CIE 1931 tristimulus values: Σ S(λ) x̄(λ) · 1 nm and so on, without a factor.
+/// First wavelength of the observer's table, nm; its step is 1 nm.
+const OBSERVER_START_NM: f64 = 360.0;
+
+/// CIE 1931 tristimulus values X, Y, Z: Σ S(λ) x̄(λ) · 1 nm and so on, without a factor. [`KM`]
+/// times Y of a spectral radiance (W m⁻² sr⁻¹ nm⁻¹) is its luminance, cd/m².
 pub fn xyz(spectrum: &Spectrum) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for i in 0..OBSERVER[0].len() {
-        let value = spectrum.at(360.0 + i as f64);
+        let value = spectrum.at(OBSERVER_START_NM + i as f64);
         for (sum, curve) in sums.iter_mut().zip(OBSERVER.iter()) {
             *sum += value * curve[i];
         }
@@ -66,20 +70,24 @@ pub fn chromaticity(spectrum: &Spectrum) -> [f64; 2] {
 
 /// The CIE 1931 colour-matching functions in 1 nm steps.
 pub fn observer() -> [Spectrum; 3] {
-    let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(|i| 360.0 + i as f64).collect();
+    let nm = |i: usize| OBSERVER_START_NM + i as f64;
+    let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(nm).collect();
     [0, 1, 2].map(|i| {
         Spectrum::new(wavelengths.clone(), OBSERVER[i].clone()).expect("the observer's table rises")
     })
 }
 
-/// The colour-matching functions as means over bands, for spectra held in bands:
-/// `X = Σ value[b] · observer[0][b] · step_nm`. A part of the observer that lies outside the bands
-/// belongs to no band.
+/// The colour-matching functions as means over bands, for spectra given in bands:
+/// `X = Σ value[b] · observer[0][b] · step_nm`. The parts of the functions outside the bands are
+/// left out.
 pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
     observer().map(|curve| curve.in_bands(bands))
 }
 
-/// Spectral radiance of a perfect white under an illuminant, W m⁻² sr⁻¹ nm⁻¹ per band.
+/// Spectral radiance of a perfect white under an illuminant, W m⁻² sr⁻¹ nm⁻¹, one value per band.
+///
+/// # Errors
+/// A negative or infinite level, an illuminant without power between 360 and 830 nm.
 pub fn white_radiance(light: &Illuminant, level: LightLevel, bands: &Bands) -> Result<Vec<f64>> {
     let luminance = level.white_luminance();
     if !luminance.is_finite() || luminance < 0.0 {

@@ -1,4 +1,4 @@
-//! What a scene looks like: CIE 1931 colour under a light, in sRGB.
+//! Previews of scenes: CIE 1931 colour under an illuminant, as sRGB.
 
 use super::photometry::observer_in_bands;
 use super::{Grid, Illuminant, Quantity, Scene};
@@ -11,12 +11,19 @@ const SRGB_FROM_XYZ: [[f64; 3]; 3] = [
     [0.055_630_1, -0.203_977_0, 1.056_971_5],
 ];
 
+/// Share of the pixels of a radiance scene that its white leaves below: the brightest per cent,
+/// light sources and highlights, are clipped.
+const WHITE_PERCENTILE: usize = 99;
+
 /// CIE XYZ of D65, Y = 1.
 const D65: [f64; 3] = [0.950_456, 1.0, 1.089_058];
 
-/// The scene in pixels of sRGB, its longer side `longest` pixels, 4:3 where it fills any frame. A
-/// reflectance scene is lit by `light`, whose white is shown as sRGB white (per-channel scaling of
-/// XYZ); a radiance scene is scaled so that its 99th percentile of luminance is white.
+/// The scene as 8-bit sRGB, its longer side `longest` pixels, 4:3 where it fills any frame. A
+/// reflectance scene is lit by `light`, whose white becomes sRGB white (X, Y and Z are scaled
+/// separately); a radiance scene is scaled so that the 99th percentile of luminance is white.
+///
+/// # Errors
+/// Those of [`Scene::plane`].
 pub fn render(scene: &dyn Scene, light: &Illuminant, longest: usize) -> Result<Plane<[u8; 3]>> {
     let aspect = scene.aspect().unwrap_or(4.0 / 3.0);
     let (width, height) = if aspect >= 1.0 {
@@ -51,7 +58,8 @@ pub fn render(scene: &dyn Scene, light: &Illuminant, longest: usize) -> Result<P
         Quantity::Radiance => {
             let mut luminance: Vec<f64> = xyz.iter().map(|v| v[1]).collect();
             luminance.sort_by(f64::total_cmp);
-            let white = luminance[(luminance.len() - 1) * 99 / 100].max(f64::MIN_POSITIVE);
+            let white =
+                luminance[(luminance.len() - 1) * WHITE_PERCENTILE / 100].max(f64::MIN_POSITIVE);
             [1.0 / white; 3]
         }
     };

@@ -1,4 +1,4 @@
-//! Plane shapes and the exact part of each grid cell that they cover.
+//! Flat shapes and the exact share of each grid cell that they cover.
 //!
 //! Coverage is computed in closed form, never by sampling, so a chart has the same light at any
 //! resolution: the sum over cells of coverage times cell area is the shape's area.
@@ -42,7 +42,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Adds `value` times the covered part of each cell to `plane`, whose size is that of `grid`.
+    /// Adds `value` times the covered share of each cell to `plane`, whose size is that of `grid`.
     pub fn paint(&self, grid: &Grid, value: f32, plane: &mut Plane<f32>) {
         match self {
             Shape::Rect { left, top, width, height } => {
@@ -67,14 +67,14 @@ impl Shape {
     }
 }
 
-/// The cells that the interval `from..to` touches, of `count` cells from `start`.
+/// Indices of the cells that the interval `from..to` touches, out of `count` cells from `start`.
 fn touched(from: f64, to: f64, start: f64, cell: f64, count: usize) -> std::ops::Range<usize> {
     let first = ((from - start) / cell).floor().clamp(0.0, count as f64) as usize;
     let last = ((to - start) / cell).ceil().clamp(0.0, count as f64) as usize;
     first..last.max(first)
 }
 
-/// The part of cell `index` that lies in `from..to`, 0..=1.
+/// The share of cell `index` that lies in `from..to`, 0 to 1.
 fn overlap(index: usize, from: f64, to: f64, start: f64, cell: f64) -> f64 {
     let a = (from - start) / cell - index as f64;
     let b = (to - start) / cell - index as f64;
@@ -117,14 +117,15 @@ fn paint_disc(centre: Point, radius: f64, grid: &Grid, value: f32, plane: &mut P
 }
 
 /// Area of the disc of radius r about the origin within the rectangle from the origin to (x, y),
-/// counted negative where one of x and y is.
+/// negative where one of x and y is.
 fn disc_quadrant(x: f64, y: f64, r: f64) -> f64 {
     let sign = x.signum() * y.signum();
     let (x, y) = (x.abs().min(r), y.abs().min(r));
     if x * x + y * y <= r * r {
         return sign * x * y;
     }
-    // Up to `flat` the rectangle's edge y is below the circle; beyond, the circle bounds.
+    // Up to `flat` the rectangle's edge y lies below the circle; beyond it the circle is the
+    // bound.
     let flat = (r * r - y * y).max(0.0).sqrt();
     let under_circle =
         |t: f64| 0.5 * (t * (r * r - t * t).max(0.0).sqrt() + r * r * libm::asin(t / r));

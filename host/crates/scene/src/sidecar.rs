@@ -1,6 +1,6 @@
-//! What a person adds to a cube's file: a sidecar beside it (`cube.toml` for `cube.npy`), or the
-//! same keys on the command line (`cube.npy:quantity=radiance,scale=0.01`), which count first. All
-//! keys are optional where the file says it itself:
+//! What the user adds to a cube's file: a sidecar beside it (`cube.toml` for `cube.npy`), or the
+//! same keys as options of its name (`cube.npy:quantity=radiance,scale=0.01`), which take
+//! precedence. A key is optional where the file itself has its value:
 //! ```toml
 //! quantity = "reflectance"     # or "radiance", W m⁻² sr⁻¹ nm⁻¹
 //! wavelength_nm = [400, 410]   # band centres, or start_nm and step_nm
@@ -16,7 +16,7 @@ use camrig_base::{Error, Result};
 use serde::Deserialize;
 use std::path::Path;
 
-/// What the sidecar may say.
+/// The content of a sidecar.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sidecar {
@@ -37,7 +37,7 @@ enum QuantityName {
 }
 
 impl Sidecar {
-    /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) laid over it.
+    /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) taking precedence.
     pub fn read(path: &Path, options: &str) -> Result<Self> {
         let place = path.with_extension("toml");
         let mut text = match std::fs::read_to_string(&place) {
@@ -67,7 +67,8 @@ impl Sidecar {
         })
     }
 
-    /// The wavelengths of the bands: said here, else the file's own, else 31 bands from 400 nm.
+    /// The wavelengths of the bands, nm: the sidecar's, else the file's own, else for 31 bands 400
+    /// to 700 nm.
     pub fn wavelengths(&self, bands: usize, own: Option<Vec<f64>>) -> Result<Vec<f64>> {
         let regular = |start: f64, step: f64| {
             (0..bands).map(|b| start + step * b as f64).collect::<Vec<f64>>()
@@ -82,7 +83,7 @@ impl Sidecar {
         }
     }
 
-    /// The quantity: said here, else the file's own, else reflectance.
+    /// The quantity: the sidecar's, else the file's own, else reflectance.
     pub fn quantity(&self, own: Option<Quantity>) -> Quantity {
         match self.quantity {
             Some(QuantityName::Radiance) => Quantity::Radiance,

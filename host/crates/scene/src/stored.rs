@@ -1,19 +1,17 @@
-//! Scenes as this program stores them: a directory with
+//! Stored scenes: a directory with
 //!
 //! - `scene.toml`: name, origin, quantity, size and bands,
 //! - `bands.tiff`: one 32-bit float page per band, in order of wavelength,
-//! - `preview.png`: what it looks like under D65.
+//! - `preview.png`: a preview under D65.
 //!
-//! The bands are a BigTIFF because it is the most widely read format that can be chunked (strips),
-//! compressed (deflate), larger than 4 GiB and opened band by band, and because any image viewer
-//! and tool reads it; Zarr and HDF5 would need a young or foreign-language library for the same.
-//! Values are rounded to 13 significant bits before compression (relative error 1.2e-4, far below
-//! the noise of measured scenes), which lets deflate halve the size.
+//! BigTIFF is the most widely read format that can be chunked (strips), compressed (deflate),
+//! larger than 4 GiB and read band by band. Values are rounded to 13 significant bits before
+//! compression (relative error 1.2e-4, far below the noise of measured scenes), which lets deflate
+//! halve the size.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
-use camrig_base::Bands;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
@@ -26,10 +24,11 @@ use tiff::encoder::{Compression, TiffEncoder, colortype};
 pub const DESCRIPTION: &str = "scene.toml";
 const DATA: &str = "bands.tiff";
 const FORMAT: &str = "scene/1";
-/// Rows per strip: 64 rows of a 16 Mpixel scene are 1.2 MB.
+/// Rows per strip: 64 rows of a 16-megapixel scene are 1.2 MB, enough for deflate to compress well
+/// and little enough to hold in memory.
 const STRIP_ROWS: usize = 64;
 
-/// What `scene.toml` holds.
+/// The content of `scene.toml`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
@@ -61,7 +60,8 @@ pub struct Description {
 }
 
 impl Description {
-    /// A description of content; who and whence are to be filled in.
+    /// A description of a scene's content, `size` being width and height in pixels; description,
+    /// source and licence are left empty.
     pub fn new(name: &str, quantity: Quantity, size: (usize, usize), bands: &Bands) -> Self {
         Self {
             format: FORMAT.into(),
@@ -82,6 +82,9 @@ impl Description {
     }
 
     /// Reads the description in a scene's directory.
+    ///
+    /// # Errors
+    /// A file that cannot be read or has another format.
     pub fn read(directory: &Path) -> Result<Self> {
         let path = directory.join(DESCRIPTION);
         let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
@@ -96,8 +99,11 @@ impl Description {
     }
 }
 
-/// Writes description and bands into a directory that is there. `band` fills the plane that is
-/// given to it, which is one and the same for all bands.
+/// Writes description and bands into an existing directory. `band` fills the plane of each band;
+/// the same plane is used for all of them.
+///
+/// # Errors
+/// Those of `band`, and files that cannot be written.
 pub fn write(
     directory: &Path,
     description: &Description,
@@ -178,7 +184,7 @@ impl BandSource for Pages {
         };
         let failed = |e: tiff::TiffError| damaged(e.to_string());
         let file = File::open(&self.path).map_err(|e| Error::io("open", &self.path, e))?;
-        // The size is that of scene.toml; a page may take what such a plane takes, no more.
+        // A page may take the memory of a plane of the size in scene.toml, and no more.
         let mut limits = Limits::default();
         limits.decoding_buffer_size = self.size.0.saturating_mul(self.size.1).saturating_mul(4);
         limits.intermediate_buffer_size = limits.decoding_buffer_size;

@@ -1,4 +1,5 @@
-//! Cubes laid out regularly in a file or in memory: NPY, NPZ, ENVI, uncompressed parts of others.
+//! Cubes whose samples lie at regular distances in a file or in memory: NPY, NPZ, ENVI and
+//! uncompressed parts of other formats.
 
 use super::cube::BandSource;
 use camrig_base::{Error, Plane, Result};
@@ -82,7 +83,7 @@ fn half_to_f32(bits: u16) -> f32 {
     if bits & 0x8000 == 0 { value } else { -value }
 }
 
-/// Where the bytes are.
+/// The bytes of a cube.
 #[derive(Clone, Debug)]
 pub enum Bytes {
     /// In a file, read as needed.
@@ -111,6 +112,9 @@ pub struct Layout {
 impl Layout {
     /// The layout of a packed array whose axes are named from the slowest to the fastest by the
     /// letters `y`, `x` and `b` (band), with their lengths.
+    ///
+    /// # Errors
+    /// Axes that are not these three letters.
     pub fn packed(axes: &str, lengths: [usize; 3]) -> Result<Self> {
         let place = |axis: char| axes.find(axis).filter(|_| axes.len() == 3);
         let (Some(y), Some(x), Some(b)) = (place('y'), place('x'), place('b')) else {
@@ -129,7 +133,7 @@ impl Layout {
     }
 }
 
-/// A regularly laid out cube.
+/// A cube of samples at regular distances.
 #[derive(Clone, Debug)]
 pub struct Strided {
     bytes: Bytes,
@@ -141,8 +145,10 @@ pub struct Strided {
 }
 
 impl Strided {
-    /// Checks that the bytes hold the whole cube, which begins `offset` bytes into them; samples
-    /// are multiplied by `scale`.
+    /// A cube that begins `offset` bytes into `bytes`; samples are multiplied by `scale`.
+    ///
+    /// # Errors
+    /// An empty cube, or fewer bytes than it takes.
     pub fn new(
         bytes: Bytes,
         offset: u64,
@@ -189,7 +195,7 @@ impl BandSource for Strided {
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         let Layout { width, height, column, row, .. } = self.layout;
         let mut plane = Plane::filled(width, height, 0.0f32);
-        // Runs along the axis whose samples lie closer together.
+        // Reads along the axis whose samples lie closer together.
         let transposed = column > row;
         let (lines, line_step, count, step) =
             if transposed { (width, column, height, row) } else { (height, row, width, column) };

@@ -2,8 +2,7 @@
 
 use super::{BANDS, Options};
 use crate::{Grid, Quantity, Scene};
-use camrig_base::Bands;
-use camrig_base::{Plane, Result};
+use camrig_base::{Bands, Plane, Result};
 
 /// Squares alternating in both directions; a corner is at the frame's centre.
 #[derive(Clone, Debug)]
@@ -25,7 +24,7 @@ pub(super) fn from_options(options: &mut Options) -> Result<Checkerboard> {
 }
 
 impl Checkerboard {
-    /// Mean over each of `count` cells of the square wave that is +1 on 0..square, −1 on the next.
+    /// Means over `count` cells of the square wave that is +1 on 0..square and −1 on the next.
     fn wave(&self, start: f64, cell: f64, count: usize) -> Vec<f64> {
         // The wave's integral is a triangle of period 2 squares.
         let integral = |t: f64| {

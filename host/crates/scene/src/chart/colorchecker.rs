@@ -7,9 +7,8 @@
 use super::{BANDS, Options};
 use crate::painting::Painting;
 use crate::shape::Shape;
-use camrig_base::Result;
 use camrig_base::table::{SpectralTable, built_in};
-use camrig_base::{Bands, Spectrum};
+use camrig_base::{Bands, Result, Spectrum};
 
 /// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 1068
 /// nm.
@@ -25,12 +24,14 @@ pub const ROWS: usize = 4;
 const PATCH: f64 = 0.86;
 /// Card edge beyond the outer cells, over patch pitch.
 const BORDER: f64 = 0.25;
-/// Default width of the card in sensor widths.
+/// Default width of the card in sensor widths: the whole card fits frames from 4:3 to 16:9.
 const WIDTH: f64 = 0.8;
+/// Reflectance of the card, that of its black border.
 const CARD: f64 = 0.035;
+/// Reflectance of the ground: middle grey.
 const GROUND: f64 = 0.18;
 
-/// Place of a patch (0 to 23) on a card of that width: left, top and edge length in sensor widths.
+/// Left, top and edge length of a patch (0 to 23) on a card of some width, all in sensor widths.
 pub fn patch(index: usize, card_width: f64) -> [f64; 3] {
     let pitch = card_width / (COLUMNS as f64 + 2.0 * BORDER);
     let cell =
@@ -38,7 +39,10 @@ pub fn patch(index: usize, card_width: f64) -> [f64; 3] {
     [cell(index % COLUMNS, COLUMNS), cell(index / COLUMNS, ROWS), PATCH * pitch]
 }
 
-/// The chart, in bands, the card `width` sensor widths wide.
+/// The chart in some bands, the card `width` sensor widths wide.
+///
+/// # Errors
+/// None: the built-in table is complete.
 pub fn chart(bands: Bands, width: f64) -> Result<Painting> {
     let mut painting = Painting::new(bands, &Spectrum::constant(GROUND));
     let card = painting.material(&Spectrum::constant(CARD));

@@ -1,16 +1,14 @@
 //! A square grid of dots, for distortion and lateral colour.
 
-use super::BANDS;
-use super::Options;
+use super::{BANDS, Options};
 use crate::shape::Shape;
 use crate::{Grid, Quantity, Scene};
-use camrig_base::Bands;
-use camrig_base::{Plane, Result};
+use camrig_base::{Bands, Plane, Result};
 
 /// Dots on a ground over the whole plane; one dot is centred in the frame.
 #[derive(Clone, Debug)]
 pub struct Dots {
-    /// Distance of the dots' centres, sensor widths.
+    /// Distance between the dots' centres, sensor widths.
     pub pitch: f64,
     /// Diameter of a dot, sensor widths.
     pub diameter: f64,

@@ -1,4 +1,4 @@
-//! Built-in charts, exact at any resolution: `NAME[:KEY=VALUE,...]`.
+//! Built-in charts, named `NAME[:KEY=VALUE,...]`. Their area averages are exact at any resolution.
 
 pub mod checkerboard;
 pub mod colorchecker;
@@ -11,11 +11,10 @@ pub mod spot;
 
 use super::Scene;
 use super::painting::Painting;
-use camrig_base::Result;
-use camrig_base::{Bands, Spectrum};
+use camrig_base::{Bands, Result, Spectrum};
 use options::Options;
 
-/// The bands in which charts are held.
+/// The bands in which charts are given.
 pub const BANDS: Bands = Bands::VISIBLE;
 
 /// Names of the charts.
@@ -31,7 +30,7 @@ pub const NAMES: &[&str] = &[
     "bright-spot",
 ];
 
-/// The chart of that name, `None` when there is none.
+/// The chart of a name, `None` where no chart has it.
 pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
     let open: fn(&mut Options) -> Result<Box<dyn Scene>> = match name {
         "colorchecker" => |o| Ok(Box::new(colorchecker::from_options(o)?)),
@@ -52,15 +51,14 @@ pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
     }))
 }
 
-/// Where things lie in a chart that measurements know.
+/// Where the targets of a chart lie, for measurements.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// An edge through the centre, degrees from the vertical (from the horizontal where it lies
-    /// down).
+    /// An edge through the centre, near the vertical or the horizontal.
     Edge {
-        /// Turn, clockwise.
+        /// Rotation, clockwise, degrees.
         angle_deg: f64,
-        /// Whether it lies down.
+        /// Whether the edge is nearly horizontal.
         horizontal: bool,
     },
     /// A ColorChecker.

@@ -1,9 +1,9 @@
-//! The options of a chart: `KEY=VALUE,...`, the first one without its key where a chart allows it.
+//! The options of a chart: `KEY=VALUE,...`. Some charts take the first value without its key.
 
 use camrig_base::{Error, Result};
 use std::ops::RangeInclusive;
 
-/// Options as typed, those not yet asked for by the chart, and the keys it knows.
+/// Options that the chart has not read yet, and the keys that it has asked for.
 pub struct Options {
     given: Vec<(String, String)>,
     known: Vec<&'static str>,
@@ -60,7 +60,7 @@ impl Options {
         }
     }
 
-    /// One of several words; the first is the default.
+    /// One of several words, the first of which is the default.
     pub fn word(&mut self, key: &'static str, words: &[&'static str]) -> Result<&'static str> {
         self.known.push(key);
         let Some(text) = self.take(key) else { return Ok(words[0]) };
@@ -69,7 +69,7 @@ impl Options {
         })
     }
 
-    /// Refuses what the chart did not ask for.
+    /// Refuses options that the chart did not read.
     pub fn finish(self) -> Result<()> {
         let Some((key, value)) = self.given.first() else { return Ok(()) };
         let known = self.known.join(", ");

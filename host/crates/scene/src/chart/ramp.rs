@@ -2,10 +2,9 @@
 
 use super::{BANDS, Options};
 use crate::{Grid, Quantity, Scene};
-use camrig_base::Bands;
-use camrig_base::{Plane, Result};
+use camrig_base::{Bands, Plane, Result};
 
-/// Reflectance as a function of u only, rising over the frame's width.
+/// Reflectance that depends on u alone and changes linearly over the frame's width.
 #[derive(Clone, Debug)]
 pub struct Ramp {
     /// Reflectance at the left edge of the frame and beyond.
@@ -28,7 +27,7 @@ impl Ramp {
     /// The integral over t of the rise 0..=1, where t is u counted from the frame's left edge.
     fn integral(&self, t: f64) -> f64 {
         let inside = t.clamp(0.0, 1.0);
-        let beyond = t - inside; // 0 before the ramp counts for nothing, 1 beyond it for all
+        let beyond = t - inside; // the rise is 0 before the ramp and 1 beyond it
         let rise = match self.steps {
             0 => inside * inside / 2.0,
             1 => 0.0,

@@ -3,12 +3,11 @@
 use super::{BANDS, Geometry, Options};
 use crate::painting::Painting;
 use crate::shape::Shape;
-use camrig_base::Result;
-use camrig_base::Spectrum;
+use camrig_base::{Result, Spectrum};
 
 /// `slanted-edge[:angle=5,contrast=4,bright=0.8,edge=vertical]`: dark left (or above), bright
-/// right (or below). `angle` is in degrees from the vertical (or horizontal), positive turns the
-/// edge clockwise; `contrast` is bright over dark (ISO 12233:2017 asks for 4).
+/// right (or below). `angle` is in degrees from the vertical (or horizontal), positive clockwise;
+/// `contrast` is bright over dark (ISO 12233:2017 asks for 4).
 pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
     let (angle, horizontal) = turn(options)?;
     let contrast = options.number("contrast", 4.0, 1.0..=1e6)?;
@@ -21,7 +20,7 @@ pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
     Ok(painting)
 }
 
-/// Angle in degrees, and whether the edge lies down.
+/// Angle in degrees, and whether the edge is nearly horizontal.
 fn turn(options: &mut Options) -> Result<(f64, bool)> {
     let angle = options.number("angle", 5.0, -45.0..=45.0)?;
     Ok((angle, options.word("edge", &["vertical", "horizontal"])? == "horizontal"))

@@ -1,10 +1,9 @@
-//! A point of light, or a bright disc, in the dark: for point spreads, flare and blooming.
+//! A point of light, or a bright disc, on a dark ground: for PSFs, flare and blooming.
 
 use super::{BANDS, Options};
 use crate::painting::Painting;
 use crate::shape::Shape;
-use camrig_base::Result;
-use camrig_base::Spectrum;
+use camrig_base::{Result, Spectrum};
 
 /// `point[:size=0.0002,level=1,x=0,y=0,ground=0]`: a disc far smaller than a pixel.
 pub(super) fn point(options: &mut Options) -> Result<Painting> {
@@ -16,8 +15,8 @@ pub(super) fn bright_spot(options: &mut Options) -> Result<Painting> {
     spot(options, 0.05, 0.02)
 }
 
-/// `size` is the diameter in sensor widths; `level` the radiance in units of a perfect white's
-/// under the scene's light: above 1 the spot is a lamp, not a surface.
+/// `size` is the diameter in sensor widths; `level` the radiance relative to a perfect white in
+/// the scene's light. Above 1 the spot is a light source, not a surface.
 fn spot(options: &mut Options, size: f64, ground: f64) -> Result<Painting> {
     let radius = options.number("size", size, 1e-6..=10.0)? / 2.0;
     let level = options.number("level", 1.0, 0.0..=1e9)?;
