@@ -1,9 +1,12 @@
-//! Keys of a camera file set from outside: `--set` of commands and the grid of a sweep.
+//! Changes of a camera file's keys: single changes by the user, and the grid of a sweep.
 
 use super::{Camera, Folder};
 use camrig_base::{Error, Result, toml_text};
 
-/// Reads one `KEY=VALUE`: the value as TOML writes it, or a bare word as a string.
+/// Reads one `KEY=VALUE`: the value in TOML's syntax, or a bare word as a string.
+///
+/// # Errors
+/// A message for text without `=`.
 pub fn read(text: &str) -> Result<(String, toml::Value), String> {
     let (key, value) = text.split_once('=').ok_or_else(|| {
         format!("{text:?}: write KEY=VALUE, for instance sensor.noise.read_e=2.5")
@@ -14,7 +17,7 @@ pub fn read(text: &str) -> Result<(String, toml::Value), String> {
     Ok((key.to_string(), parsed.unwrap_or_else(|| toml::Value::String(value.to_string()))))
 }
 
-/// The camera of a file's text with its keys changed.
+/// The camera of a file's text with some of its keys changed.
 pub(super) fn parse(
     text: &str,
     changes: &[(String, toml::Value)],
@@ -37,7 +40,7 @@ pub(super) fn parse(
 
 fn set(file: &mut toml::Table, key: &str, value: &toml::Value) -> Result<()> {
     let wrong = || {
-        Error::input(format!("{key:?} is no key of a camera file")).help(
+        Error::input(format!("{key:?} is not a key of a camera file")).help(
             "name it with its table, for instance sensor.noise.read_e, or effect.KIND.KEY; \
              `camrig explain` lists them",
         )
@@ -56,7 +59,7 @@ fn set(file: &mut toml::Table, key: &str, value: &toml::Value) -> Result<()> {
     Ok(())
 }
 
-/// The first effect of that kind, added where there is none.
+/// The first effect of a kind, added where there is none.
 fn effect<'a>(file: &'a mut toml::Table, kind: &str) -> Option<&'a mut toml::Table> {
     let effects = file.entry("effect").or_insert_with(|| toml::Value::Array(Vec::new()));
     let effects = effects.as_array_mut()?;

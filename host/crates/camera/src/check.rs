@@ -1,15 +1,27 @@
-//! From the raw shape of a camera file to checked values.
+//! Checks the content of a camera file and converts it to values with units.
 
 use super::effects::{AnyEffect, read_effect};
 use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
-use super::{Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise};
-use super::{RelativeIllumination, SensorModel};
-use camrig_base::Cfa;
-use camrig_base::Spectrum;
+use super::{
+    Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise, RelativeIllumination, SensorModel,
+    csv_reader,
+};
 use camrig_base::table::SpectralTable;
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Cfa, Error, Result, Spectrum, toml_text};
 
-/// Names the place of a key in the file's text.
+/// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
+/// within 30 nm, so that a straight line over a wider gap would miss their edges.
+const WIDEST_GAP_NM: f64 = 25.0;
+/// The visible range that every curve must cover, nm: the bands of built-in scenes.
+const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
+/// Range of fields and ratios in a table of relative illumination. Both are 1 at most by
+/// definition; beyond the corner and for lenses that brighten off the axis there is some room.
+const FIELD_TABLE: std::ops::RangeInclusive<f64> = 0.0..=1.5;
+/// Default of `row_fpn_e` over `read_e` (Chen et al. 2009: half of the largest read noise, which
+/// is that at unity gain).
+const ROW_FPN_OVER_READ: f64 = 0.5;
+
+/// Finds the keys of one table in the file's text, for messages.
 struct Keys<'a> {
     text: &'a str,
     table: &'static str,
@@ -23,7 +35,7 @@ impl Keys<'_> {
         }
     }
 
-    /// A value within limits; `range` in words says what would be right.
+    /// A value, if it lies within its limits; `unit` is for the message.
     fn within(
         &self,
         key: &str,
@@ -251,17 +263,16 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
         )?,
         dsnu_e_per_s: dark("dsnu_e_per_s", file.dsnu_e_per_s)?,
         prnu: keys.within("prnu", file.prnu, 0.0..=0.14, "(relative standard deviation)")?,
-        // The paper's magnitude: half of the largest read noise, which is that at unity gain.
         row_fpn_e: keys.within(
             "row_fpn_e",
-            file.row_fpn_e.unwrap_or(0.5 * read_e),
+            file.row_fpn_e.unwrap_or(ROW_FPN_OVER_READ * read_e),
             0.0..=1e5,
             "e-",
         )?,
     })
 }
 
-/// A curve of values in 0..=1 over wavelength: one column.
+/// A curve of fractions over wavelength: a table of one column.
 fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
     let table = spectral_table(name, folder)?;
     if table.curves.len() != 1 {
@@ -272,8 +283,8 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
     table.spectrum(0)
 }
 
-/// Reads a table and checks that its values are fractions and that no part of the visible range is
-/// left out.
+/// Reads a table and checks that its values are fractions and that it covers the visible range
+/// without wide gaps.
 fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     for (column, values) in &table.curves {
@@ -286,7 +297,6 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
             .help("values are fractions, 0 to 1"));
         }
     }
-    const WIDEST_GAP_NM: f64 = 25.0;
     if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > WIDEST_GAP_NM) {
         return Err(Error::input(format!("no values between {} and {} nm", gap[0], gap[1]))
             .at(name)
@@ -294,16 +304,17 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     }
     let (first, last) =
         (table.wavelength_nm[0], table.wavelength_nm[table.wavelength_nm.len() - 1]);
-    if first > 400.0 || last < 700.0 {
+    let [blue, red] = VISIBLE_NM;
+    if first > blue || last < red {
         return Err(Error::input(format!("the table covers {first} to {last} nm"))
             .at(name)
-            .help("it must cover at least 400 to 700 nm"));
+            .help(format!("it must cover at least {blue} to {red} nm")));
     }
     Ok(table)
 }
 
-/// Channel names and curves: r,g,b or r,gr,gb,b for Bayer patterns, one column for mono, else a
-/// column per letter of the pattern.
+/// Channel names and curves. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one
+/// column for mono, else one column per letter of the pattern.
 fn quantum_efficiency(
     name: &str,
     cfa: &Cfa,
@@ -334,13 +345,10 @@ fn quantum_efficiency(
     Ok((names, curves))
 }
 
-/// `field,ratio`: field 0 at the axis, 1 at the sensor's corner.
+/// A table of `field,ratio`, with field 0 at the axis and 1 at the sensor's corner.
 fn field_table(name: &str, folder: &Folder<'_>) -> Result<Vec<(f64, f64)>> {
     let text = folder.read(name)?;
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
+    let mut reader = csv_reader(&text);
     let mut table: Vec<(f64, f64)> = Vec::new();
     for line in reader.deserialize() {
         let (field, ratio): (f64, f64) = line.map_err(|e| {
@@ -349,7 +357,7 @@ fn field_table(name: &str, folder: &Folder<'_>) -> Result<Vec<(f64, f64)>> {
                 .help("two numbers in each line below the header field,ratio")
         })?;
         let rises = table.last().is_none_or(|&(before, _)| field > before);
-        if !(0.0..=1.5).contains(&field) || !(0.0..=1.5).contains(&ratio) || !rises {
+        if !FIELD_TABLE.contains(&field) || !FIELD_TABLE.contains(&ratio) || !rises {
             return Err(Error::input(format!("field {field}, ratio {ratio}")).at(name).help(
                 "fields rise from 0 (axis) to 1 (corner); ratios to the axis lie in 0 to 1.5",
             ));

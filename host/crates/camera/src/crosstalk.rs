@@ -1,24 +1,25 @@
 //! The positional crosstalk table: `channel,wavelength_nm,x,y,factor`.
 //!
-//! Factors relative to the sensor's centre on a rectangular grid, x and y in -1..1 over the
-//! sensor's half width and half height; bilinear in position, linear in wavelength (section IV-C
-//! of Chen et al. 2009).
+//! Factors are relative to the sensor's centre and lie on a rectangular grid, x and y from -1 to 1
+//! over the sensor's half width and half height. They are interpolated bilinearly in position and
+//! linearly in wavelength (section IV-C of Chen et al. 2009).
 
+use super::csv_reader;
 use camrig_base::{Error, Result};
-use std::path::Path;
 
-/// A whole table: every channel at every node and wavelength.
+/// A complete table: every channel at every node and wavelength.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrosstalkTable {
     /// Channel letters in the order of the factors.
     pub channels: Vec<String>,
-    /// Columns of the grid, rising.
+    /// Columns of the grid, rising, -1 to 1.
     pub x: Vec<f32>,
-    /// Rows of the grid, rising.
+    /// Rows of the grid, rising, -1 to 1.
     pub y: Vec<f32>,
     /// Wavelengths, nm, rising.
     pub wavelength_nm: Vec<f32>,
-    /// `[((channel * wavelengths + wavelength) * rows + row) * columns + column]`.
+    /// Factors in the order
+    /// `((channel * wavelengths + wavelength) * rows + row) * columns + column`.
     pub factors: Vec<f32>,
 }
 
@@ -32,18 +33,13 @@ struct Line {
 }
 
 impl CrosstalkTable {
-    /// Reads a file.
-    pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
-        Self::parse(&text).map_err(|e| e.at(path.display()))
-    }
-
-    /// Parses the text of a file. Errors name the line.
+    /// Parses the text of a file.
+    ///
+    /// # Errors
+    /// Lines that are not five columns, positions outside -1 to 1, negative factors (with the
+    /// number of the line); nodes that are missing or listed twice.
     pub fn parse(text: &str) -> Result<Self> {
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
+        let mut reader = csv_reader(text);
         let mut lines = Vec::new();
         let mut headers = reader.headers().cloned().unwrap_or_default();
         headers.trim();
@@ -121,11 +117,14 @@ impl CrosstalkTable {
     }
 
     /// The table with its channels in the sensor's order, named by `letters`.
+    ///
+    /// # Errors
+    /// A channel that the table does not have.
     pub fn for_channels(&self, letters: &[String]) -> Result<Self> {
         let per_channel = self.factors.len() / self.channels.len();
         let mut factors = Vec::with_capacity(per_channel * letters.len());
         for letter in letters {
-            // A table of plain greens serves gr and gb alike.
+            // The factors of g serve for gr and gb.
             let wanted = letter.to_lowercase();
             let plain = wanted.get(..1).unwrap_or("");
             let channel = self
@@ -142,7 +141,7 @@ impl CrosstalkTable {
         Ok(Self { channels: letters.to_vec(), factors, ..self.clone() })
     }
 
-    /// As the sensor takes it.
+    /// The table in the form that `camrig-sensor-core` takes.
     pub fn as_core(&self) -> camrig_sensor_core::crosstalk::Crosstalk<'_> {
         camrig_sensor_core::crosstalk::Crosstalk {
             x: &self.x,

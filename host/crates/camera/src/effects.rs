@@ -1,33 +1,33 @@
-//! `[[effect]]` tables: from keys and values to effects of the sensor or of the optics.
+//! `[[effect]]` tables of a camera file as effects of the sensor or of the optics.
 
 use camrig_base::{Error, Result, toml_text};
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 
-/// What an `[[effect]]` table names.
+/// The effect that an `[[effect]]` table describes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum AnyEffect {
     /// A stage of the sensor's signal chain.
     Sensor(Effect),
-    /// Something before the irradiance; a rig never sees it.
+    /// An effect of the optics, which acts before the irradiance and thus before a rig.
     Optical(OpticalEffect),
 }
 
-/// An entry of the whole catalogue, optics and sensor.
+/// An entry of the complete catalogue, optics and sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct EffectKind {
     /// Name in camera files.
     pub kind: &'static str,
-    /// Where it acts: `optics`, or the sensor's domain.
+    /// Where the effect acts: `optics`, or a domain of the sensor.
     pub acts: &'static str,
-    /// What it is, equation, source.
+    /// Meaning, equation and source.
     pub doc: &'static str,
-    /// Its parameters in order.
+    /// Parameters in order.
     pub parameters: &'static [Parameter],
 }
 
 impl EffectKind {
-    /// Every kind that a camera file may name, in the order of the signal chain's two halves.
+    /// Every kind that a camera file may name, those of the optics first.
     pub fn all() -> impl Iterator<Item = Self> {
         use camrig_sensor_core::effects::Domain;
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {
@@ -51,7 +51,10 @@ impl EffectKind {
     }
 }
 
-/// Reads one `[[effect]]` table. Errors name the key.
+/// Reads one `[[effect]]` table.
+///
+/// # Errors
+/// An unknown kind, unknown or missing keys, values out of range; the message names the key.
 pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     let kind = table.get("kind").and_then(toml::Value::as_str).ok_or_else(|| {
         Error::input("key \"kind\" is missing").help("kind = \"row-temporal-noise\", for instance")

@@ -1,4 +1,4 @@
-//! The raw shape of a camera file, as TOML has it. [`super::Camera`] is what it means.
+//! The structure of a camera file in TOML, unchecked. [`super::Camera`] has the checked values.
 
 use serde::Deserialize;
 

@@ -1,8 +1,8 @@
-//! The keys of a camera file, for people and editors: what each means, its unit, its range.
+//! The keys of a camera file with meaning, unit and range, for documentation and editors.
 //!
-//! Keys of effects are not here: the catalogue of effects has them.
+//! Keys of effects are in the catalogue of effects ([`super::EffectKind`]).
 
-/// What a key holds.
+/// The type of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Holds {
     /// A number within limits.
@@ -28,20 +28,20 @@ pub struct Key {
     pub table: &'static str,
     /// Its name.
     pub name: &'static str,
-    /// What it holds.
+    /// Type and range of its value.
     pub holds: Holds,
     /// Unit; empty where it has none.
     pub unit: &'static str,
-    /// What is meant.
+    /// Meaning.
     pub doc: &'static str,
-    /// What real cameras have; empty where that says nothing.
+    /// Usual values of real cameras; empty where there are none.
     pub usual: &'static str,
-    /// Value when left out; `None`: must be given.
+    /// Value where the key is left out; `None` for a key that must be given.
     pub default: Option<&'static str>,
 }
 
 impl Key {
-    /// Table and name: `sensor.noise.read_e`.
+    /// Table and name, such as `sensor.noise.read_e`.
     pub fn path(&self) -> String {
         match self.table {
             "" => self.name.to_string(),
@@ -66,10 +66,10 @@ use Holds::{File, Number, NumberOrFile, Text, Whole, Word, WordOrFile};
 
 const SIDE: u64 = camrig_sensor_core::config::MAX_SIDE as u64;
 const SIGNAL_E: f64 = camrig_sensor_core::arith::MAX_SIGNAL_E as f64;
-/// The default says that only some kinds of lens need the key.
+/// Default of keys that only some kinds of lens need.
 const BY_KIND: Option<&str> = Some("needed or not after lens.kind");
 
-/// Every key, in the order in which a camera file is written.
+/// Every key, in the order of a camera file.
 pub const KEYS: &[Key] = &[
     key(
         "",
@@ -87,8 +87,8 @@ pub const KEYS: &[Key] = &[
         "",
         None,
         "",
-        "How the lens is described: key parameters of an aberration-free lens, a measured or exported grid \
-         of figures and PSFs, or a prescription that is ray-traced.",
+        "How the lens is described: key parameters of an aberration-free lens, a measured or \
+         exported grid of figures and PSFs, or a prescription that is ray-traced.",
     ),
     key(
         "lens",
@@ -97,7 +97,8 @@ pub const KEYS: &[Key] = &[
         "",
         BY_KIND,
         "1.4 to 16",
-        "Focal length over entrance pupil diameter; sets exposure and diffraction (diffraction-limited).",
+        "Focal length over entrance pupil diameter; sets exposure and diffraction \
+         (diffraction-limited).",
     ),
     key(
         "lens",
@@ -134,8 +135,8 @@ pub const KEYS: &[Key] = &[
         "",
         Some("cos4"),
         "",
-        "Fall-off towards the corner: the cos⁴ law, none, or a CSV of field,ratio with field 0 at the axis \
-         and 1 at the corner (diffraction-limited).",
+        "Fall-off towards the corner: the cos⁴ law, none, or a CSV of field,ratio with field 0 at the \
+         axis and 1 at the corner (diffraction-limited).",
     ),
     key("lens", "data", File, "", BY_KIND, "", "Directory or file of a characterised lens."),
     key("lens", "file", File, "", BY_KIND, "", "Prescription: .zmx, CODE V .seq, or .toml."),
@@ -166,8 +167,8 @@ pub const KEYS: &[Key] = &[
         "",
         None,
         "RGGB, GRBG, GBRG, BGGR, mono",
-        "Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters parted by \
-         slashes.",
+        "Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters \
+         parted by slashes.",
     ),
     key(
         "sensor",
@@ -195,8 +196,8 @@ pub const KEYS: &[Key] = &[
         "",
         Some("none"),
         "",
-        "Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over the sensor and \
-         factors relative to the centre.",
+        "Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over the \
+         sensor and factors relative to the centre.",
     ),
     key(
         "sensor",
@@ -205,7 +206,8 @@ pub const KEYS: &[Key] = &[
         "µV per electron",
         None,
         "20 to 200",
-        "Voltage per electron at the sense node. Cancels in the DN: full well and bits set the scale.",
+        "Voltage per electron at the sense node. Cancels in the DN: full well and bits set the \
+         scale.",
     ),
     key(
         "sensor",
@@ -269,8 +271,8 @@ pub const KEYS: &[Key] = &[
         "e-",
         Some("0"),
         "0 to all of read_e",
-        "The part of it that comes after the gain stage; referred to the input it falls as 1/gain. At most \
-         read_e.",
+        "The part of it that comes after the gain stage; referred to the input it falls as 1/gain. At \
+         most read_e.",
     ),
     key(
         "sensor.noise",

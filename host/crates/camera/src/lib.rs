@@ -1,7 +1,28 @@
-//! The camera file and the checked values made of it.
+//! Camera files: one physical camera as checked values with units.
 //!
-//! A camera file (TOML) describes one physical camera: lens, sensor, effects. [`Camera::load`]
-//! reads a file or a built-in preset, checks every value and names the line of what is wrong.
+//! A camera file (TOML) describes lens, sensor and effects of one camera. [`Camera::load`] reads a
+//! file or a built-in preset ([`presets`]), checks every value against its range ([`keys`]) and
+//! names the line of what is wrong. [`Camera::sensor_config`] and [`Camera::settings`] convert the
+//! result to what `camrig-sensor-core` takes; [`schema::schema`] describes the file for editors.
+//!
+//! # Example
+//! The built-in camera of Chen et al. 2009, with another read noise:
+//! ```
+//! use camrig_base::Bands;
+//! use camrig_camera::{Camera, LensKind};
+//!
+//! let change = ("sensor.noise.read_e".to_string(), 6.0.into());
+//! let camera = Camera::load_with("mt9t012", &[change])?;
+//! let sensor = &camera.sensor;
+//! assert_eq!((sensor.width, sensor.height, sensor.pitch_um), (2048, 1536, 2.2));
+//! assert_eq!(sensor.noise.read_e, 6.0); // e⁻
+//! assert!(matches!(camera.lens.kind, LensKind::DiffractionLimited { f_number: 2.8, .. }));
+//!
+//! // Electrons per second and W m⁻² nm⁻¹ of irradiance, per channel and band of 10 nm.
+//! let response = sensor.response(&Bands::VISIBLE);
+//! assert_eq!((response.len(), response[0].len()), (3, 31));
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 pub mod changes;
 mod check;
@@ -20,24 +41,23 @@ pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
-use camrig_base::Spectrum;
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Error, Result, Spectrum, toml_text};
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
 #[derive(Clone, Debug)]
 pub struct Camera {
-    /// Its name.
+    /// Name in raw files and reports.
     pub name: String,
     /// The lens.
     pub lens: LensModel,
     /// The sensor with its noise.
     pub sensor: SensorModel,
-    /// Effects of the sensor beyond the base model, in the order of the file.
+    /// Effects of the sensor beyond the base model, in the file's order.
     pub effects: Vec<camrig_sensor_core::effects::Effect>,
-    /// Effects of the optics beyond the lens's description, in the order of the file.
+    /// Effects of the optics beyond the description of the lens, in the file's order.
     pub optical_effects: Vec<camrig_optics::OpticalEffect>,
-    /// The file's text, for reports.
+    /// Text of the file, for reports.
     pub text: String,
 }
 
@@ -46,7 +66,7 @@ pub struct Camera {
 pub struct LensModel {
     /// How the lens is described.
     pub kind: LensKind,
-    /// Transmittance over wavelength, 0..=1.
+    /// Transmittance over wavelength, 0 to 1.
     pub transmittance: Spectrum,
 }
 
@@ -59,29 +79,30 @@ pub enum LensKind {
         f_number: f64,
         /// Focal length, mm.
         focal_length_mm: f64,
-        /// |m| of eq. 7; 0 for an object at infinity.
+        /// Image size over object size, |m| of eq. 7 of Chen et al. 2009; 0 for an object at
+        /// infinity.
         magnification: f64,
-        /// Fall-off towards the corner.
+        /// Fall-off of illumination towards the corner.
         relative_illumination: RelativeIllumination,
     },
-    /// Measured or exported over a field grid: a directory.
+    /// Measured, or exported by a lens program, over a grid of field heights: a directory.
     Characterised(PathBuf),
     /// Traced from a prescription: a file.
     Prescription(PathBuf),
 }
 
-/// Fall-off of illumination over the field.
+/// Relative illumination over the field.
 #[derive(Clone, Debug)]
 pub enum RelativeIllumination {
     /// cos⁴ of the field angle.
     Cos4,
-    /// None.
+    /// No fall-off.
     Flat,
-    /// Ratio to the axis over field (0 at the axis, 1 at the sensor's corner).
+    /// Pairs of field (0 at the axis, 1 at the sensor's corner) and ratio to the axis.
     Table(Vec<(f64, f64)>),
 }
 
-/// Where the files named by a camera file are looked for.
+/// Where files that a camera file names are found.
 pub(crate) enum Folder<'a> {
     Directory(&'a Path),
     BuiltIn,
@@ -109,6 +130,12 @@ impl Folder<'_> {
     }
 }
 
+/// Lines of a table in CSV, without remarks (`#`) and blanks.
+pub(crate) fn csv_reader(text: &str) -> csv::Reader<&[u8]> {
+    let mut builder = csv::ReaderBuilder::new();
+    builder.comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes())
+}
+
 /// Whether a camera's name is that of a preset rather than of a file.
 pub fn is_preset(spec: &str) -> bool {
     !spec.contains(['/', '\\', '.'])
@@ -117,6 +144,10 @@ pub fn is_preset(spec: &str) -> bool {
 impl Camera {
     /// Loads a camera file, or a built-in preset where `spec` has no path separator and no
     /// extension.
+    ///
+    /// # Errors
+    /// An unknown preset, a file that cannot be read, unknown or missing keys, values out of
+    /// range.
     pub fn load(spec: &str) -> Result<Self> {
         Self::load_with(spec, &[])
     }
@@ -124,6 +155,9 @@ impl Camera {
     /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY`
     /// for the effect of that kind, which is added where the file has none. [`Camera::text`] is
     /// the changed file.
+    ///
+    /// # Errors
+    /// Those of [`Camera::load`], and keys that a camera file does not have.
     pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
         if is_preset(spec) {
             let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {

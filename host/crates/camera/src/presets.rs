@@ -1,4 +1,5 @@
-//! Cameras that come with the program.
+//! Built-in cameras: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, an automotive camera,
+//! and `mobile`, a phone camera.
 
 /// Names of the built-in cameras.
 pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
@@ -13,7 +14,7 @@ const FILES: [(&str, &str); 7] = [
     ("ir-cut-690.csv", include_str!("../presets/ir-cut-690.csv")),
 ];
 
-/// The text of a built-in file.
+/// The text of a built-in file, `None` for a name that is not built in.
 pub fn file(name: &str) -> Option<&'static str> {
     FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
 }

@@ -1,10 +1,10 @@
-//! The camera file's JSON schema, for editors that complete and check TOML by one.
+//! The JSON schema of a camera file, for editors that complete and check TOML by a schema.
 
 use super::EffectKind;
 use super::keys::{Holds, KEYS, Key};
 use serde_json::{Map, Value, json};
 
-/// The schema (draft 2020-12).
+/// The schema (JSON Schema draft 2020-12).
 pub fn schema() -> Value {
     let mut sensor = table("sensor");
     sensor["properties"]["noise"] = table("sensor.noise");
@@ -25,7 +25,7 @@ pub fn schema() -> Value {
     all
 }
 
-/// A table with its own keys.
+/// The schema of a table without the tables in it.
 fn table(name: &str) -> Value {
     let keys = || KEYS.iter().filter(|k| k.table == name);
     let properties: Map<String, Value> =

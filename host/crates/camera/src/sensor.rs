@@ -1,9 +1,7 @@
-//! The sensor of a camera as checked values, and as `sensor-core` takes it.
+//! The sensor of a camera as checked values, and its conversion for `camrig-sensor-core`.
 
 use super::{Camera, CrosstalkTable};
-use camrig_base::Cfa;
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Cfa, Error, Result, Spectrum};
 use camrig_scene::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
@@ -29,38 +27,38 @@ pub struct SensorModel {
     pub channel_names: Vec<String>,
     /// Quantum efficiency with colour filter per channel, electrons per photon.
     pub qe: Vec<Spectrum>,
-    /// Infrared cut filter.
+    /// Transmittance of the infrared cut filter, 0 to 1.
     pub ir_cut: Option<Spectrum>,
     /// Positional crosstalk.
     pub crosstalk: Option<CrosstalkTable>,
     /// Conversion gain, µV per electron.
     pub conversion_gain_uv_per_e: f64,
-    /// Linear full well, e⁻.
+    /// Linear full well, e⁻: the charge at which the converter's range ends at unity gain.
     pub full_well_e: f64,
     /// Bits of the converter.
     pub bits: u8,
-    /// DN of no signal.
+    /// Mean of no signal, DN.
     pub black_level_dn: f64,
-    /// Analog gain unless asked otherwise.
+    /// Analog gain unless a frame sets another.
     pub analog_gain: f64,
     /// Sensor temperature, °C.
     pub temperature_c: f64,
-    /// Seed of this physical sensor.
+    /// Seed of this physical sensor, which fixes its fixed patterns.
     pub seed: u64,
-    /// Noise.
+    /// Noise and fixed patterns.
     pub noise: Noise,
 }
 
 /// `[sensor.noise]` of a camera file, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Read noise at unity gain, e⁻.
+    /// Read noise at unity gain, input-referred, standard deviation, e⁻.
     pub read_e: f64,
-    /// The part of it after the gain stage, e⁻.
+    /// The part of the read noise that comes after the gain stage, e⁻ at unity gain.
     pub read_e_post: f64,
     /// Mean dark current at the reference temperature, e⁻/s.
     pub dark_current_e_per_s: f64,
-    /// Rise of temperature that doubles it, K.
+    /// Rise of temperature that doubles the dark current, K.
     pub dark_doubling_c: f64,
     /// Reference temperature, °C.
     pub temperature_ref_c: f64,
@@ -74,7 +72,8 @@ pub struct Noise {
 
 impl SensorModel {
     /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band:
-    /// A QE(λ) S(λ) λ/(hc) Δλ (eq. 8 and 9), A = pitch² x fill factor.
+    /// A QE(λ) S(λ) λ/(hc) Δλ (eq. 8 and 9 of Chen et al. 2009), with A = pitch² x fill factor and
+    /// the infrared cut filter S.
     pub fn response(&self, bands: &Bands) -> Vec<Vec<f64>> {
         let area_m2 = self.pitch_um * self.pitch_um * 1e-12 * self.fill_factor;
         self.qe
@@ -97,7 +96,7 @@ impl SensorModel {
         let cfa = &self.cfa;
         let channel = |x: usize, y: usize| {
             let letter = cfa.letter(x, y).to_ascii_lowercase();
-            // A green in a row with reds is gr, one in a row with blues gb.
+            // A green pixel in a row with red ones is gr, in a row with blue ones gb.
             let row_has_red = (0..cfa.width).any(|x| cfa.letter(x, y) == 'R');
             let apart = if row_has_red { "gr" } else { "gb" };
             let index = self
@@ -116,7 +115,8 @@ impl SensorModel {
 }
 
 impl Camera {
-    /// The signal chain: the base model of eq. 10 with the file's effects put in by domain.
+    /// The signal chain: the base model (eq. 10 of Chen et al. 2009) with the file's effects
+    /// inserted by domain.
     pub fn chain(&self) -> Vec<Effect> {
         let noise = &self.sensor.noise;
         let of = |domain| self.effects.iter().filter(move |e| e.entry().domain == domain).copied();
@@ -143,11 +143,14 @@ impl Camera {
         chain
     }
 
-    /// The sensor for bands of these wavelengths, as `sensor-core` takes it.
+    /// The sensor for some bands, in the form that `camrig-sensor-core` takes.
+    ///
+    /// # Errors
+    /// More bands than a sensor takes, and what `SensorConfig::check` refuses.
     pub fn sensor_config(&self, bands: &Bands) -> Result<SensorConfig> {
         let sensor = &self.sensor;
         if bands.count > camrig_sensor_core::config::MAX_BANDS {
-            return Err(Error::input(format!("{} spectral bands", bands.count)).help(format!(
+            return Err(Error::limit(format!("{} spectral bands", bands.count)).help(format!(
                 "use at most {}; resample the scene",
                 camrig_sensor_core::config::MAX_BANDS
             )));
@@ -171,7 +174,8 @@ impl Camera {
         Ok(config)
     }
 
-    /// Settings of a frame; gain and temperature from the camera file unless given.
+    /// Settings of a frame, exposure in seconds; gain as in the camera file unless given,
+    /// temperature as in the camera file.
     pub fn settings(&self, frame: u32, exposure_s: f64, analog_gain: Option<f64>) -> FrameSettings {
         FrameSettings {
             frame,
@@ -191,7 +195,7 @@ impl Camera {
         let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
         let most = camrig_sensor_core::pipeline::MAX_WINDOWS;
         if chain.len() > MAX_EFFECTS || windows > most {
-            return Err(Error::input(format!("{} effects", self.effects.len())).help(format!(
+            return Err(Error::limit(format!("{} effects", self.effects.len())).help(format!(
                 "use at most {} effects, of which {most} read neighbouring pixels",
                 MAX_EFFECTS - (chain.len() - self.effects.len())
             )));
