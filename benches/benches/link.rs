@@ -82,7 +82,7 @@ fn tcp_server() -> String {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let ready = |address: &str| sender.send(format!("tcp://{address}")).unwrap();
-        serve::tcp("127.0.0.1:0", Emulator::new(None), ready).unwrap();
+        serve::tcp("127.0.0.1:0", Emulator::new(None), ready, drop).unwrap();
     });
     receiver.recv().unwrap()
 }
@@ -91,7 +91,8 @@ fn tcp_server() -> String {
 fn pty_server() -> String {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
-        serve::pty(Emulator::new(None), |path| sender.send(path.to_string()).unwrap()).unwrap();
+        serve::pty(Emulator::new(None), |path| sender.send(path.to_string()).unwrap(), drop)
+            .unwrap();
     });
     format!("serial://{}", receiver.recv().unwrap())
 }

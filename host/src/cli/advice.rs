@@ -16,6 +16,7 @@ const ADVICE: &[(&str, &str)] = &[
     ("no-edge-capture", "camrig capture --plan paper shows what is needed"),
     ("no-irradiance", "camrig simulate --save-irradiance FILE makes one"),
     ("no-library", "camrig scene add --library DIR"),
+    ("no-pseudo-terminals", "--tcp HOST:PORT"),
     ("output-exists", "--force"),
     ("patch-outside", "--corners X1,Y1,...,X4,Y4"),
     ("psf-method", "--psf auto, --psf geometric"),

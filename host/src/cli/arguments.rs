@@ -62,7 +62,9 @@ pub fn device() -> impl TypedValueParser<Value = DeviceChoice> {
             "A graphics processor of any kind, a stand-in in software too: the same within 32-bit \
              rounding"
         }
-        DeviceChoice::Auto => "A dedicated graphics processor where there is one, else the processor",
+        DeviceChoice::Auto => {
+            "A dedicated graphics processor where there is one, else the processor"
+        }
     })
 }
 
@@ -72,6 +74,12 @@ pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
         Arithmetic::F32 => "32-bit floating point",
         Arithmetic::Fixed => "32-bit fixed point, as on parts without a floating-point unit",
     })
+}
+
+/// Says that the link to a rig broke and is opened again.
+pub fn broken_link(error: &Error) {
+    let rig = error.place().unwrap_or("the rig");
+    eprintln!("the link broke; taking the frame up again at {rig}");
 }
 
 /// A progress bar on standard error, hidden when that is no terminal.
@@ -222,7 +230,7 @@ impl FrameArgs {
                 (kind, Place::Stream(OutputFile::create(&self.output, self.force)?))
             }
             Some(_) if several => {
-                return Err(Error::input(format!(
+                return Err(Error::unsupported(format!(
                     "{} frames into {}",
                     self.count(),
                     self.output.display()

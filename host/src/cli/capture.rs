@@ -1,6 +1,6 @@
 //! `camrig capture`: a whole capture set, simulated.
 
-use super::arguments::{arithmetic, progress};
+use super::arguments::{arithmetic, broken_link, progress};
 use camrig_base::Result;
 use camrig_camera::{Camera, is_preset};
 use camrig_capture::{plan, take};
@@ -74,6 +74,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         first_frame: args.frame_seed,
         arithmetic: args.arith,
         rig: args.rig.as_deref(),
+        link_broken: Some(broken_link),
     };
     take::take(&camera, &shots, &args.output, &options, || bar.inc(1))?;
     bar.finish_and_clear();

@@ -107,7 +107,7 @@ fn run_fit(args: &FitArgs) -> Result<ExitCode> {
     }
     if args.json {
         let mut object = serde_json::to_value(&result)
-            .map_err(|e| Error::input(format!("figures as JSON: {e}")))?;
+            .map_err(|e| Error::internal(format!("figures as JSON: {e}")))?;
         object["neighbour_coupling"] = json!(coupling);
         println!("{object}");
         return Ok(ExitCode::SUCCESS);

@@ -191,7 +191,7 @@ fn develop(converter: &Converter, folder: &Path, raw: &Path) -> Result<Option<Pi
     };
     let bytes = std::fs::read(&output).map_err(|_| {
         let said = String::from_utf8_lossy(&done.stderr).trim().to_string();
-        Error::input(format!("made no picture: {said}"))
+        Error::device(format!("made no picture: {said}"))
     })?;
     std::fs::remove_file(&output).map_err(|e| Error::io("remove", &output, e))?;
     (converter.read)(&bytes).map(Some)
@@ -199,7 +199,7 @@ fn develop(converter: &Converter, folder: &Path, raw: &Path) -> Result<Option<Pi
 
 /// A 16-bit P6 picture of linear values.
 fn linear_ppm(bytes: &[u8]) -> Result<Picture> {
-    let wrong = || Error::input("not a 16-bit PPM picture");
+    let wrong = || Error::disagreement("not a 16-bit PPM picture");
     let mut at = 0;
     let mut word = || {
         let rest = bytes.get(at..)?;
@@ -225,18 +225,20 @@ fn linear_ppm(bytes: &[u8]) -> Result<Picture> {
 
 /// An sRGB PNG of 8 or 16 bits.
 fn srgb_png(bytes: &[u8]) -> Result<Picture> {
-    let wrong = |e: png::DecodingError| Error::input(format!("not a PNG picture: {e}"));
+    let wrong = |e: png::DecodingError| Error::disagreement(format!("not a PNG picture: {e}"));
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(wrong)?;
-    let size = reader.output_buffer_size().ok_or_else(|| Error::input("a PNG too large"))?;
+    let size = reader.output_buffer_size().ok_or_else(|| Error::limit("a PNG too large"))?;
     let mut samples = vec![0; size];
     let info = reader.next_frame(&mut samples).map_err(wrong)?;
     let channels = match info.color_type {
         png::ColorType::Rgb => 3,
         png::ColorType::Rgba => 4,
         other => {
-            return Err(Error::input(format!("a PNG of {other:?}")).help("use a colour picture"));
+            return Err(
+                Error::unsupported(format!("a PNG of {other:?}")).help("use a colour picture")
+            );
         }
     };
     let values: Vec<f64> = match info.bit_depth {

@@ -11,6 +11,7 @@ use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig::script::Script;
 use camrig_rig::{
     self as rig, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
+    serve::ServeError,
 };
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::effects::Effect;
@@ -347,9 +348,11 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
             == (b.width, b.height, b.spectral_bands(), b.level)
     });
     if cubes.is_empty() || !same {
-        return Err(Error::input("irradiance files of different sizes, bands or light, or none")
-            .at(path.display())
-            .help(format!("give files made for {} at one light level", camera.name)));
+        return Err(Error::disagreement(
+            "irradiance files of different sizes, bands or light, or none",
+        )
+        .at(path.display())
+        .help(format!("give files made for {} at one light level", camera.name)));
     }
     Ok(cubes)
 }
@@ -370,6 +373,7 @@ fn stream(args: &StreamArgs) -> Result<()> {
         .map(|path| output::OutputFile::create(path, args.force))
         .transpose()?;
     let mut rig = Rig::open(&args.url)?;
+    rig.on_broken_link(arguments::broken_link);
     let cubes = cubes(args, &camera)?;
     let sensor = SimulatedSensor::new(&camera, &cubes[0].header, 1.0)?;
     rig.set_camera(&sensor)?;
@@ -504,16 +508,21 @@ fn serve(args: &ServeArgs) -> Result<()> {
         let _ = std::io::stdout().flush();
     };
     if let Some(address) = &args.tcp {
-        return rig::serve::tcp(address, emulator, |address| ready(format!("tcp://{address}")));
+        let listening = |address: &str| ready(format!("tcp://{address}"));
+        return rig::serve::tcp(address, emulator, listening, link_failed);
     }
     if let Some(path) = &args.device {
         ready(path.display().to_string());
-        return rig::serve::device(path, args.report, emulator);
+        return rig::serve::device(path, args.report, emulator, link_failed);
     }
-    #[cfg(unix)]
-    return rig::serve::pty(emulator, |path| ready(format!("serial://{path}")));
-    #[cfg(not(unix))]
-    Err(Error::input("no pseudo-terminals on this system").help("use --tcp"))
+    rig::serve::pty(emulator, |path| ready(format!("serial://{path}")), link_failed)
+}
+
+fn link_failed(why: ServeError<std::io::Error>) {
+    match why {
+        ServeError::Link(e) => eprintln!("the link ended: {e}"),
+        ServeError::OutOfStep => eprintln!("the link ended: what came is not the protocol"),
+    }
 }
 
 fn log(args: &LogArgs) -> Result<()> {

@@ -1,6 +1,6 @@
 //! `camrig rig view`: a live page of a rig.
 
-use super::arguments::{arithmetic, duration, positive};
+use super::arguments::{arithmetic, broken_link, duration, positive};
 use super::simulate::ViewArgs;
 use crate::view::{Control, State, Told, View};
 use camrig_base::Result;
@@ -48,6 +48,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
+    rig.on_broken_link(broken_link);
     let (camera, view) = args.view.view()?;
     let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
     rig.set_camera(&sensor)?;

@@ -286,7 +286,7 @@ fn export(args: &ExportArgs) -> Result<()> {
     let (scene, size) = scene::open_with_size(&args.scene)?;
     let width = args.width.or(size.map(|s| s.0)).unwrap_or(CHART_WIDTH);
     if !(1..=100_000).contains(&width) {
-        return Err(Error::input(format!("--width {width}")).help("give 1 to 100000 pixels"));
+        return Err(Error::limit(format!("--width {width}")).help("give 1 to 100000 pixels"));
     }
     let grid = whole(&*scene, width);
     let bands = scene.bands();

@@ -227,6 +227,7 @@ pub fn expose_frames(
     sink: &mut arguments::FrameSink,
 ) -> Result<()> {
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
+    stage.on_broken_link(arguments::broken_link);
     stage.set_camera(sensor)?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.

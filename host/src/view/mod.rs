@@ -56,7 +56,7 @@ impl View {
     /// An address that cannot be had.
     pub fn listen(address: &str) -> Result<Self> {
         let failed = |why: String| {
-            Error::input(format!("cannot listen: {why}"))
+            Error::device(format!("cannot listen: {why}"))
                 .at(address)
                 .help("give an address of this machine and a free port, for instance 127.0.0.1:0")
         };
@@ -212,6 +212,6 @@ fn same(a: &[u8], b: &[u8]) -> bool {
 fn token() -> Result<String> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes)
-        .map_err(|e| Error::input(format!("no random numbers for the token: {e}")))?;
+        .map_err(|e| Error::device(format!("no random numbers for the token: {e}")))?;
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
 }

@@ -15,7 +15,7 @@ pub fn tcp_server(versions: Option<(u8, u8)>) -> String {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let ready = |address: &str| sender.send(format!("tcp://{address}")).unwrap();
-        serve::tcp("127.0.0.1:0", Emulator::new(versions), ready).unwrap();
+        serve::tcp("127.0.0.1:0", Emulator::new(versions), ready, drop).unwrap();
     });
     receiver.recv().unwrap()
 }
@@ -35,7 +35,8 @@ fn frames_over_tcp_are_those_of_the_host() {
 fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
-        serve::pty(Emulator::new(None), |path| sender.send(path.to_string()).unwrap()).unwrap();
+        serve::pty(Emulator::new(None), |path| sender.send(path.to_string()).unwrap(), drop)
+            .unwrap();
     });
     let url = format!("serial://{}", receiver.recv().unwrap());
     common::compare(&mut Rig::open(&url).unwrap(), &BOTH);

@@ -78,6 +78,11 @@ impl Error {
         Self::new(ErrorKind::Internal, what).help("this is a fault of camrig: please report it")
     }
 
+    /// A device, a link or the operating system failed in something that concerns no file.
+    pub fn device(what: impl Into<String>) -> Self {
+        Self::new(ErrorKind::Io, what)
+    }
+
     /// The operating system refused an operation on `path`. `doing` reads like "write".
     pub fn io(doing: &str, path: &Path, source: std::io::Error) -> Self {
         let what = format!("cannot {doing} {}: {source}", path.display());

@@ -201,7 +201,7 @@ fn check_replaceable(path: &Path, force: bool) -> Result<()> {
         Ok(_) if !is_occupied(path) => Ok(()),
         Ok(_) if !force => Err(exists(path)),
         Ok(_) if !path.join(DIRECTORY_MARK).exists() => {
-            Err(Error::input(format!("{} was not written by camrig", path.display())).help(
+            Err(Error::unsupported(format!("{} was not written by camrig", path.display())).help(
                 "only directories that camrig wrote are replaced; remove it yourself or give \
                  another name",
             ))

@@ -172,7 +172,7 @@ impl Sweep {
     fn parse(text: String, folder: &Path) -> Result<Self> {
         let file: File = toml::from_str(&text).map_err(|e| toml_text::error(&text, &e))?;
         if file.format != "sweep/1" {
-            return Err(Error::input(format!("sweep format {:?}", file.format))
+            return Err(Error::unsupported(format!("sweep format {:?}", file.format))
                 .help("this program reads format = \"sweep/1\""));
         }
         if !FILES.contains(&file.files.as_str()) {
@@ -246,7 +246,7 @@ impl Sweep {
         self.inputs.dedup();
         let total = self.radices().iter().try_fold(1u64, |n, &r| n.checked_mul(r as u64));
         if total.is_none_or(|n| n > MOST) {
-            return Err(Error::input("a grid of too many pictures")
+            return Err(Error::limit("a grid of too many pictures")
                 .help(format!("at most {MOST}; split it into several sweeps")));
         }
         Ok(())
@@ -330,7 +330,7 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
         }
         .map_err(|e| e.at(format!("camera key {key:?}")))?;
         if variants.len().saturating_mul(values.len()) > 100_000 {
-            return Err(Error::input("more than 100000 cameras").help("split the sweep"));
+            return Err(Error::limit("more than 100000 cameras").help("split the sweep"));
         }
         let with = |variant: &Variant, value: &toml::Value| {
             let mut variant = variant.clone();

@@ -17,6 +17,15 @@ use camrig_scene::photometry::HC;
 use camrig_sensor_core::config::FrameSettings;
 use std::path::Path;
 
+/// Mean signal of a flat as a fraction of saturation where the plan does not say: the point at which
+/// EMVA 1288 measures non-uniformity.
+const DEFAULT_FILL: f64 = 0.5;
+
+/// Share of saturated samples beyond which a stack that is not said to saturate is refused. A trade:
+/// clipping bends means and variances from the first clipped sample on, but hot pixels saturate in any
+/// light, and a stack must not be refused for them.
+const MOST_SATURATED: f64 = 1e-3;
+
 /// How a plan is taken.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TakeOptions<'a> {
@@ -30,6 +39,8 @@ pub struct TakeOptions<'a> {
     pub arithmetic: Arithmetic,
     /// Address of the rig that takes the frames; this process unless given.
     pub rig: Option<&'a str>,
+    /// Hears of links to the rig that broke and are opened again.
+    pub link_broken: Option<fn(&Error)>,
 }
 
 /// Takes every stack of a plan and writes a capture set. Frames are numbered through from
@@ -37,7 +48,8 @@ pub struct TakeOptions<'a> {
 /// frame done.
 ///
 /// # Errors
-/// A plan that saturates where it does not say so, what rendering refuses, and a rig that does not answer.
+/// A plan that saturates where it does not say so, what rendering refuses, and a rig that does not
+/// answer.
 pub fn take(
     camera: &Camera,
     plan: &[Shot],
@@ -47,6 +59,9 @@ pub fn take(
 ) -> Result<()> {
     check_targets(camera, plan)?;
     let mut stage = SensorStage::open(options.rig, options.arithmetic)?;
+    if let Some(tell) = options.link_broken {
+        stage.on_broken_link(tell);
+    }
     let output = OutputDir::create(directory, options.force)?;
     let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
     let mut frame_number = options.first_frame;
@@ -94,8 +109,8 @@ pub fn take(
             output.write(format!("{}/{i:04}.npy", shot.id), &bytes)?;
             progress();
         }
-        if !shot.saturates && saturated as f64 > 1e-3 * samples as f64 {
-            return Err(Error::input(format!(
+        if !shot.saturates && saturated as f64 > MOST_SATURATED * samples as f64 {
+            return Err(Error::limit(format!(
                 "{:.1} % of the samples are saturated",
                 100.0 * saturated as f64 / samples as f64
             ))
@@ -192,10 +207,10 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
         (None, fill) => {
             let per_s = electrons_per_second(camera, centre, width);
             if per_s <= 0.0 {
-                return Err(Error::input(format!("the camera is blind at {centre} nm"))
+                return Err(Error::disagreement(format!("the camera is blind at {centre} nm"))
                     .help("choose a wavelength within its quantum efficiency"));
             }
-            fill.unwrap_or(0.5) * saturation_e(camera, gain) / (per_s * shot.exposure_s)
+            fill.unwrap_or(DEFAULT_FILL) * saturation_e(camera, gain) / (per_s * shot.exposure_s)
         }
     };
     // The irradiance that the cube holds, not the one asked for: it goes into the manifest.

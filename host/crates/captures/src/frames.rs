@@ -16,7 +16,8 @@ use std::sync::Arc;
 /// Frames of one batch whose samples still lie in their files: what may be open at a time.
 const OPEN_FILES: usize = 128;
 
-/// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read when asked for.
+/// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read
+/// when asked for.
 pub struct StoredFrame {
     /// Columns.
     pub width: usize,
@@ -79,14 +80,14 @@ impl StoredFrame {
         if u32::from(largest) >> sensor.bits == 0 {
             return Ok(());
         }
-        Err(Error::input(format!("a sample of {largest} DN in {} bits", sensor.bits))
+        Err(Error::disagreement(format!("a sample of {largest} DN in {} bits", sensor.bits))
             .at(self.path.display())
             .help("set bits in [sensor] to the samples' true range"))
     }
 }
 
-/// Opens a file of one or more frames. Samples of NPY files stay where they are until they are asked for; every other
-/// format of [`formats`](camrig_formats) is decoded whole.
+/// Opens a file of one or more frames. Samples of NPY files stay where they are until they are
+/// asked for; every other format of [`formats`](camrig_formats) is decoded whole.
 ///
 /// # Errors
 /// Files that cannot be read, formats that are not known, and samples that are not raw DN.
@@ -148,7 +149,8 @@ impl<'a> Batches<'a> {
         self.waiting.is_empty() && self.files.is_empty()
     }
 
-    /// The next frames, none at the end. Files are opened in parallel; those that must be decoded few at a time.
+    /// The next frames, none at the end. Files are opened in parallel; those that must be decoded
+    /// few at a time.
     ///
     /// # Errors
     /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.
@@ -176,7 +178,7 @@ impl<'a> Batches<'a> {
         if (frame.width, frame.height) == (sensor.width, sensor.height) {
             return Ok(());
         }
-        Err(Error::input(format!(
+        Err(Error::disagreement(format!(
             "a frame of {} x {} in a set of {} x {}",
             frame.width, frame.height, sensor.width, sensor.height
         ))

@@ -98,7 +98,8 @@ impl ManifestWriter {
         Self { head, captures: Vec::new() }
     }
 
-    /// Adds a capture; its one file is taken as the pattern. Files of its scene and light are named from the root.
+    /// Adds a capture; its one file is taken as the pattern. Files of its scene and light are
+    /// named from the root.
     pub fn push(&mut self, c: &Capture) {
         let (mut light, mut seen) = (c.light.clone(), c.scene.clone());
         name_files_from(&std::env::current_dir().unwrap_or_default(), &mut light, &mut seen);
@@ -123,7 +124,8 @@ impl ManifestWriter {
     }
 }
 
-/// Makes relative names of files in a capture's light and scene paths from `folder`; what is built in keeps its name.
+/// Makes relative names of files in a capture's light and scene paths from `folder`; what is built
+/// in keeps its name.
 fn name_files_from(folder: &Path, light: &mut Option<Light>, seen: &mut Option<SceneSeen>) {
     let from = |name: &str| folder.join(name).to_string_lossy().into_owned();
     if let Some(illuminant) = light.as_mut().and_then(|l| l.illuminant.as_mut())
@@ -152,7 +154,7 @@ pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
 
 fn check(raw: File, root: PathBuf) -> Result<CaptureSet> {
     if raw.format != "captures/1" {
-        return Err(Error::input(format!("capture format {:?}", raw.format))
+        return Err(Error::unsupported(format!("capture format {:?}", raw.format))
             .at("key \"format\"")
             .help("this program reads format = \"captures/1\""));
     }

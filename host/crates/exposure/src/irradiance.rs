@@ -76,7 +76,7 @@ impl CubeHeader {
             || !(self.band_step_nm > 0.0)
             || !(self.level > 0.0 && self.level.is_finite())
         {
-            return Err(Error::input(format!(
+            return Err(Error::limit(format!(
                 "an irradiance cube of {} x {} pixels in {} bands of {} nm",
                 self.width, self.height, self.bands, self.band_step_nm
             ))

@@ -183,12 +183,12 @@ pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let raw = RAW.iter().find(|(_, packing)| packing.bits() == bits);
     let &(image, packing) = raw.ok_or_else(|| {
-        Error::input(format!("{bits} bits per sample for CSI-2")).help("8, 10, 12, 14 or 16")
+        Error::unsupported(format!("{bits} bits per sample for CSI-2")).help("8, 10, 12, 14 or 16")
     })?;
     let width = frames.width();
     let row_bytes = packing.row_bytes(width);
     if !width.is_multiple_of(packing.group().0) || row_bytes > usize::from(u16::MAX) {
-        return Err(Error::input(format!("lines of {width} samples of {bits} bits for CSI-2"))
+        return Err(Error::limit(format!("lines of {width} samples of {bits} bits for CSI-2"))
             .help(format!(
                 "a line is a multiple of {} samples and at most 65535 bytes",
                 packing.group().0
@@ -211,7 +211,7 @@ pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
         for (y, row) in plane.data.chunks_exact(width).enumerate() {
             let line_number = (y % 65535 + 1) as u16;
             pack_row(packing, row, &mut line)
-                .map_err(|e| Error::input(format!("a line of {} bytes", e.needed)))?;
+                .map_err(|e| Error::internal(format!("a line of {} bytes", e.needed)))?;
             if options.line_packets {
                 writer.short(data_type::LINE_START, line_number);
             }
@@ -239,7 +239,7 @@ impl Writer {
 
     fn long(&mut self, data_type: u8, payload: &[u8]) -> Result<()> {
         let length = u16::try_from(payload.len()).map_err(|_| {
-            Error::input(format!("a CSI-2 payload of {} bytes", payload.len()))
+            Error::limit(format!("a CSI-2 payload of {} bytes", payload.len()))
                 .help("65535 at most")
         })?;
         self.short(data_type, length);
@@ -276,7 +276,7 @@ pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
         let packet = packet?;
         stream.corrected_headers += usize::from(packet.corrected);
         if *channel.get_or_insert(packet.virtual_channel) != packet.virtual_channel {
-            return Err(Error::input("several virtual channels in one CSI-2 stream")
+            return Err(Error::unsupported("several virtual channels in one CSI-2 stream")
                 .help("take them apart first"));
         }
         match packet.data_type {
@@ -305,7 +305,7 @@ pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
                     line(plane, packing, packet.payload)?;
                     let bits = stream.frames.facts.bits.get_or_insert(packing.bits());
                     if *bits != packing.bits() {
-                        return Err(Error::input("CSI-2 image lines of different data types"));
+                        return Err(Error::unsupported("CSI-2 image lines of different data types"));
                     }
                 }
             }
@@ -333,14 +333,14 @@ fn line(plane: &mut Plane<u16>, packing: Packing, payload: &[u8]) -> Result<()> 
     plane.width = width;
     plane.height += 1;
     unpack_row(packing, payload, &mut plane.data[start..])
-        .map_err(|e| Error::input(format!("a line of {} bytes", e.found)))
+        .map_err(|e| Error::internal(format!("a line of {} bytes", e.found)))
 }
 
 impl Stream {
     fn push(&mut self, plane: Plane<u16>) -> Result<()> {
         let planes = &mut self.frames.planes;
         if planes.first().is_some_and(|p| (p.width, p.height) != (plane.width, plane.height)) {
-            return Err(Error::input("CSI-2 frames of different sizes in one stream"));
+            return Err(Error::unsupported("CSI-2 frames of different sizes in one stream"));
         }
         planes.push(plane);
         Ok(())

@@ -102,7 +102,7 @@ pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
             .help(format!("give one for each of the pattern's {cells} cells, row by row")));
     }
     let mut bytes = Cursor::new(Vec::new());
-    write(&mut bytes, frame, info).map_err(|e| Error::input(format!("DNG: {e}")))?;
+    write(&mut bytes, frame, info).map_err(|e| Error::internal(format!("DNG: {e}")))?;
     let mut bytes = bytes.into_inner();
     bytes.resize(bytes.len() + DCRAW_DESCRIPTION, 0);
     Ok(bytes)

@@ -72,11 +72,11 @@ fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
     let compression = raw.uint(259).unwrap_or(UNCOMPRESSED);
     if compression != UNCOMPRESSED {
-        return Err(Error::input(format!("a DNG with compression {compression}"))
+        return Err(Error::unsupported(format!("a DNG with compression {compression}"))
             .help("only uncompressed DNGs are read; convert it to uncompressed first"));
     }
     if !(8..=16).contains(&bits) || per_pixel != 1 {
-        return Err(Error::input(format!("a DNG of {per_pixel} samples of {bits} bits per pixel"))
+        return Err(Error::unsupported(format!("a DNG of {per_pixel} samples of {bits} bits per pixel"))
             .help("one sample of 8 to 16 bits is read"));
     }
     let tiled = raw.uint(322).is_some();
@@ -168,7 +168,7 @@ fn pattern(raw: &Ifd) -> Result<Cfa> {
             let rows: Vec<String> = letters.chunks(width).map(|r| r.iter().collect()).collect();
             Cfa::parse(&rows.join("/"))
         }
-        _ => Err(Error::input(format!("colour filter pattern {codes:?}, {height} x {width}"))
+        _ => Err(Error::unsupported(format!("colour filter pattern {codes:?}, {height} x {width}"))
             .help("codes are 0 to 6, one per cell")),
     }
 }
@@ -181,7 +181,7 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
         _ => (1, 1),
     };
     if levels.is_empty() || rows.checked_mul(columns) != Some(levels.len()) {
-        return Err(Error::input(format!("{} black levels for {rows} x {columns}", levels.len())));
+        return Err(Error::unsupported(format!("{} black levels for {rows} x {columns}", levels.len())));
     }
     let cell = |i: usize| levels[(i / width % rows) * columns + i % width % columns];
     Ok((0..width * height).map(cell).collect())

@@ -67,7 +67,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         8 => 1,
         16 => 2,
         other => {
-            return Err(Error::input(format!("FITS BITPIX {other}"))
+            return Err(Error::unsupported(format!("FITS BITPIX {other}"))
                 .help("images of 8 or 16 bits are read"));
         }
     };

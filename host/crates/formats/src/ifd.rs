@@ -40,7 +40,7 @@ impl<'a> Tiff<'a> {
         let big_endian = bytes.starts_with(b"MM");
         let file = Self { bytes, big_endian };
         if !(big_endian || bytes.starts_with(b"II")) || file.u16(2)? != 42 {
-            return Err(Error::input("not a classic TIFF file"));
+            return Err(Error::unsupported("not a classic TIFF file"));
         }
         Ok(file)
     }

@@ -162,7 +162,7 @@ impl Format {
             "fits" | "fit" => Self::Fits,
             "csi2" => Self::Csi2,
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
-                Error::input(format!("raw format {name:?}")).help(
+                Error::unsupported(format!("raw format {name:?}")).help(
                     "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format like SGRBG10P",
                 )
             })?),
@@ -179,7 +179,7 @@ impl Format {
             return Ok(Self::Raw(PixelFormat::from_file_name(path)?.0));
         }
         Self::parse(path.extension().and_then(|e| e.to_str()).unwrap_or("")).map_err(|_| {
-            Error::input(format!("no raw format is known by the name {}", path.display())).help(
+            Error::unsupported(format!("no raw format is known by the name {}", path.display())).help(
                 "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, like \
                  NAME_640x480_SGRBG10P.raw",
             )
@@ -209,7 +209,7 @@ impl Format {
     /// not carry, samples beyond the bits, sizes that the format cannot express.
     pub fn encode(&self, frames: &Frames) -> Result<Vec<u8>> {
         if matches!(self, Self::Dng | Self::Png) && frames.planes.len() != 1 {
-            return Err(Error::input(format!(
+            return Err(Error::unsupported(format!(
                 "{} frames for a format that holds one",
                 frames.planes.len()
             ))
@@ -245,7 +245,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Png) => png::decode(bytes),
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
-        Some(Format::Raw(_)) | None => Err(Error::input("not in a known raw format").help(
+        Some(Format::Raw(_)) | None => Err(Error::unsupported("not in a known raw format").help(
             "known by content: DNG, TIFF, NPY, PGM (P5), PNG, FITS, CSI-2 packets; headerless raw \
              needs a name like NAME_640x480_SGRBG10P.raw",
         )),
@@ -296,7 +296,7 @@ pub(crate) fn full_scale(bits: u32) -> u16 {
 /// Refuses a number of bits outside 1 to 16, and samples beyond the bits.
 pub(crate) fn check_range(data: &[u16], bits: u32) -> Result<()> {
     if !(1..=16).contains(&bits) {
-        return Err(Error::input(format!("{bits} bits per sample")).help("use 1 to 16"));
+        return Err(Error::unsupported(format!("{bits} bits per sample")).help("use 1 to 16"));
     }
     let top = full_scale(bits);
     match data.iter().position(|&dn| dn > top) {
@@ -317,7 +317,7 @@ pub(crate) fn area(width: usize, height: usize) -> Result<usize> {
         .checked_mul(height)
         .filter(|&n| n > 0 && n <= isize::MAX as usize / MAX_BYTES_PER_SAMPLE)
         .ok_or_else(|| {
-            Error::input(format!("a frame of {width} x {height} pixels"))
+            Error::limit(format!("a frame of {width} x {height} pixels"))
                 .help("width and height must be at least 1 and fit in memory")
         })
 }

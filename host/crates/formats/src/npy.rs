@@ -125,7 +125,7 @@ impl Layout {
             [height, width] => (1, height, width),
             [count, height, width] => (count, height, width),
             _ => {
-                return Err(Error::input(format!("an array of shape {:?}", header.shape()))
+                return Err(Error::unsupported(format!("an array of shape {:?}", header.shape()))
                     .help("frames are H x W or N x H x W"));
             }
         };
@@ -140,7 +140,7 @@ impl Layout {
             "<u8" => Sample::Wide(8, false),
             "<i8" => Sample::Wide(8, true),
             other => {
-                return Err(Error::input(format!("an array of type {other}"))
+                return Err(Error::unsupported(format!("an array of type {other}"))
                     .help("raw DN are 16-bit unsigned: array.astype('<u2')"));
             }
         };

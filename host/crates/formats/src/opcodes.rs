@@ -143,7 +143,7 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Opcode>> {
                 let count = points[0] as usize * points[1] as usize;
                 let gains = body.take(count.saturating_mul(4 * planes as usize))?;
                 if planes != 1 {
-                    return Err(Error::input(format!("a gain map of {planes} planes"))
+                    return Err(Error::unsupported(format!("a gain map of {planes} planes"))
                         .help("gain maps for colour filter arrays have one"));
                 }
                 let gains =

@@ -53,7 +53,7 @@ pub fn decode(mut bytes: &[u8]) -> Result<Frames> {
             _ => samples.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect(),
         };
         if frames.planes.first().is_some_and(|p| (p.width, p.height) != (width, height)) {
-            return Err(Error::input("images of different sizes in one PGM file"));
+            return Err(Error::unsupported("images of different sizes in one PGM file"));
         }
         frames.planes.push(Plane { width, height, data });
         frames.facts.bits = frames.facts.bits.or(Some(usize::BITS - top.leading_zeros()));

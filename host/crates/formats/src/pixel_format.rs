@@ -28,7 +28,7 @@ impl PixelFormat {
     /// A name that V4L2 does not have.
     pub fn parse(name: &str) -> Result<Self> {
         let bad = || {
-            Error::input(format!("pixel format {name:?}")).help(
+            Error::unsupported(format!("pixel format {name:?}")).help(
                 "use V4L2's names: S + RGGB, GRBG, GBRG or BGGR, or Y, + 8, 10, 12, 14 or 16, + P \
                  for MIPI-packed; for instance SGRBG10P",
             )
@@ -110,7 +110,7 @@ impl PixelFormat {
     /// Refuses frames of another pattern, which must not be relabelled silently.
     fn check(&self, facts: &Facts) -> Result<()> {
         if let Some(cfa) = facts.cfa.as_ref().filter(|c| **c != self.cfa) {
-            return Err(Error::input(format!("a frame with pattern {cfa} as {self}"))
+            return Err(Error::unsupported(format!("a frame with pattern {cfa} as {self}"))
                 .help("choose the pixel format of the frame's own pattern"));
         }
         Ok(())

@@ -46,7 +46,7 @@ fn write(
 ) -> Result<Vec<u8>> {
     let failed = |e: codec::EncodingError| Error::input(format!("PNG: {e}"));
     let side =
-        |n: usize| u32::try_from(n).map_err(|_| Error::input(format!("PNG: a side of {n} pixels")));
+        |n: usize| u32::try_from(n).map_err(|_| Error::limit(format!("PNG: a side of {n} pixels")));
     let mut bytes = Vec::new();
     let mut encoder = codec::Encoder::new(&mut bytes, side(width)?, side(height)?);
     encoder.set_color(color);
@@ -73,7 +73,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let info = reader.info();
     let grey = info.color_type == codec::ColorType::Grayscale && info.bit_depth as u8 >= 8;
     if !grey || info.interlaced {
-        return Err(Error::input(format!(
+        return Err(Error::unsupported(format!(
             "a PNG of type {:?}, {} bits{}",
             info.color_type,
             info.bit_depth as u8,

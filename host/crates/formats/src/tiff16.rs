@@ -60,7 +60,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let (width, height) = (width as usize, height as usize);
         let color = file.colortype().map_err(failed)?;
         let tiff::ColorType::Gray(depth @ (8 | 16)) = color else {
-            return Err(Error::input(format!("a TIFF of colour type {color:?}"))
+            return Err(Error::unsupported(format!("a TIFF of colour type {color:?}"))
                 .help("raw frames are grey, 8 or 16 bits"));
         };
         // Checked before the pixels are read, so that a forged size costs no memory.
@@ -76,7 +76,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let data = match file.read_image().map_err(failed)? {
             DecodingResult::U8(data) => data.into_iter().map(u16::from).collect(),
             DecodingResult::U16(data) => data,
-            _ => return Err(Error::input("a TIFF of samples that are not unsigned integers")),
+            _ => return Err(Error::unsupported("a TIFF of samples that are not unsigned integers")),
         };
         if data.len() != width * height {
             return Err(Error::input(format!("TIFF: {} of {} pixels", data.len(), width * height)));
@@ -87,7 +87,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
                 frames.facts.merge_note(&note);
             }
         } else if (frames.width(), frames.height()) != (width, height) {
-            return Err(Error::input("pages of different sizes in one TIFF file"));
+            return Err(Error::unsupported("pages of different sizes in one TIFF file"));
         }
         frames.planes.push(Plane { width, height, data });
         if !file.more_images() {

@@ -50,7 +50,7 @@ fn statistics(m: &Moments) -> [(&'static str, Value); 5] {
 pub fn compare(first: &CaptureSet, second: &CaptureSet) -> Result<Vec<Row>> {
     let (a, b) = (&first.sensor, &second.sensor);
     if (a.width, a.height) != (b.width, b.height) || first.cfa() != second.cfa() {
-        return Err(Error::input(format!(
+        return Err(Error::disagreement(format!(
             "frames of {} x {} {} against {} x {} {}",
             a.width,
             a.height,
@@ -86,7 +86,7 @@ pub fn compare(first: &CaptureSet, second: &CaptureSet) -> Result<Vec<Row>> {
         }
     }
     if rows.is_empty() {
-        return Err(Error::input("the two sets have no capture id in common")
+        return Err(Error::disagreement("the two sets have no capture id in common")
             .help("captures are matched by id"));
     }
     Ok(rows)

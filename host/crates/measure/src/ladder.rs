@@ -167,7 +167,7 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
             let spread = (m.temporal + m.plane.measured).sqrt();
             let dark_signal = m.mean() - black;
             if dark_signal < -(6.0 * spread + 1.0) {
-                return Err(Error::input(format!(
+                return Err(Error::disagreement(format!(
                     "black_level_dn = {black} but the dark frames' mean is {:.2} DN with a \
                      standard deviation of {spread:.2} DN",
                     m.mean()

@@ -100,7 +100,7 @@ pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> 
     let same = profile.points.len() == reference.points.len()
         && profile.points.iter().zip(&reference.points).all(|(a, b)| a[0] == b[0]);
     if !same {
-        return Err(Error::input("the two frames differ in size or filter pattern")
+        return Err(Error::disagreement("the two frames differ in size or filter pattern")
             .help("compare frames of one format"));
     }
     let values = |p: &Profile| -> Vec<f64> { p.points.iter().map(|v| v[1]).collect() };

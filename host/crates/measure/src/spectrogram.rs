@@ -169,7 +169,7 @@ fn mean_power(
             let mut power = vec![0.0; length / 2 + 1];
             for line in values.chunks_exact_mut(length) {
                 plan.process_with_scratch(line, out, scratch)
-                    .map_err(|e| Error::input(format!("Fourier transform: {e}")))?;
+                    .map_err(|e| Error::internal(format!("Fourier transform: {e}")))?;
                 add_power(out, &mut power);
             }
             Ok(power)

@@ -51,7 +51,7 @@ impl Stack {
         let (width, height) = (set.sensor.width, set.sensor.height);
         let cfa = set.cfa();
         if width < 2 * cfa.width || height < 2 * cfa.height {
-            return Err(Error::input(format!("frames of {width} x {height} are too small"))
+            return Err(Error::limit(format!("frames of {width} x {height} are too small"))
                 .help("measuring needs at least two periods of the filter pattern each way"));
         }
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));

@@ -80,7 +80,7 @@ impl Sums {
         whole: bool,
     ) -> Result<()> {
         if self.frames + batch.len() > MOST_FRAMES {
-            return Err(Error::input(format!("more than {MOST_FRAMES} frames in one capture")));
+            return Err(Error::limit(format!("more than {MOST_FRAMES} frames in one capture")));
         }
         let none_yet = self.frames == 0;
         self.frames += batch.len();

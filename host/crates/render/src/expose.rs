@@ -61,12 +61,12 @@ pub struct SimulatedSensor {
 }
 
 impl SimulatedSensor {
-    /// The sensor of `camera` in front of irradiance of these bands; `light` multiplies the irradiance
-    /// (another light level than the cube was made for).
+    /// The sensor of `camera` in front of irradiance of these bands; `light` multiplies the
+    /// irradiance (another light level than the cube was made for).
     pub fn new(camera: &Camera, header: &super::CubeHeader, light: f64) -> Result<Self> {
         let sensor = &camera.sensor;
         if (header.width, header.height) != (sensor.width as usize, sensor.height as usize) {
-            return Err(Error::input(format!(
+            return Err(Error::disagreement(format!(
                 "irradiance of {} x {} pixels for a sensor of {} x {}",
                 header.width, header.height, sensor.width, sensor.height
             ))
@@ -79,7 +79,8 @@ impl SimulatedSensor {
         Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })
     }
 
-    /// One frame of `cube`. `before` is what the sensor saw in the frame before (for effects with a memory).
+    /// One frame of `cube`. `before` is what the sensor saw in the frame before (for effects with
+    /// a memory).
     pub fn frame(
         &self,
         cube: &IrradianceCube,

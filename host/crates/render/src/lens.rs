@@ -22,8 +22,8 @@ pub fn sensor_grid(camera: &Camera) -> SensorGrid {
     }
 }
 
-/// The lens with the optical effects of the camera file. A prescription is traced at the wavelengths of `bands`, at as
-/// many heights as [`Options::misplaced_light`] asks.
+/// The lens with the optical effects of the camera file. A prescription is traced at the
+/// wavelengths of `bands`, at as many heights as [`Options::misplaced_light`] asks.
 ///
 /// # Errors
 /// Lens data that cannot be read or traced; a defocus of a lens whose wavefront is not known.
@@ -130,7 +130,7 @@ fn characterised(
     defocus_um: f64,
 ) -> Result<Characterisation> {
     if defocus_um != 0.0 {
-        return Err(Error::input("defocus of a characterised lens: its tables hold no wavefront")
+        return Err(Error::unsupported("defocus of a characterised lens: its tables hold no wavefront")
             .at("[[effect]] kind = \"defocus\"")
             .help(
                 "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \

@@ -3,7 +3,7 @@
 use super::feed::Feed;
 use super::transport::{MAX_PACKET, Transport};
 use super::{Url, emulator, hid, serial, tcp};
-use camrig_base::{Error, ErrorKind, RawFrame, Result};
+use camrig_base::{Error, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
@@ -65,6 +65,8 @@ pub struct Rig {
     since: Instant,
     /// Log bytes that came over the link.
     log: Vec<u8>,
+    /// Hears of links that broke and are opened again.
+    link_broken: Option<Box<dyn FnMut(&Error) + Send>>,
 }
 
 fn open(url: &Url) -> Result<Box<dyn Transport>> {
@@ -100,9 +102,16 @@ impl Rig {
             out: vec![0; MAX_PACKET],
             since: Instant::now(),
             log: Vec::new(),
+            link_broken: None,
         };
         rig.connect()?;
         Ok(rig)
+    }
+
+    /// Calls `tell` with the fault whenever the link breaks in a frame, before it is opened again and the
+    /// frame taken up where it was.
+    pub fn on_broken_link(&mut self, tell: impl FnMut(&Error) + Send + 'static) {
+        self.link_broken = Some(Box::new(tell));
     }
 
     /// What the rig can do.
@@ -275,7 +284,9 @@ impl Rig {
             if breaks > RECONNECTS || self.url == Url::Emulator {
                 return Err(broken);
             }
-            eprintln!("the link broke; taking the frame up again at {}", self.url);
+            if let Some(tell) = &mut self.link_broken {
+                tell(&broken);
+            }
             self.reopen()?;
             self.send_camera()?;
         }
@@ -317,7 +328,7 @@ impl Rig {
     /// Runs the host's operation to its end.
     fn run(&mut self, transfer: &mut Option<Transfer<'_, '_>>) -> Result<Event> {
         let transport = (self.transport.as_mut())
-            .ok_or_else(|| Error::new(ErrorKind::Io, "the link is closed").at(&self.url))?;
+            .ok_or_else(|| Error::device("the link is closed").at(&self.url))?;
         loop {
             let now = self.since.elapsed().as_micros() as u64 + 1;
             let mut io = Io { transfer, camera: &self.camera, log: &mut self.log };
@@ -361,14 +372,13 @@ impl Rig {
                 ))
                 .help(advice)
             }
-            Event::NoProgress => Error::new(
-                ErrorKind::Io,
+            Event::NoProgress => Error::device(
                 "the link loses too much: the frame does not get through",
             )
             .help(
                 "use a shorter cable, a lower baud rate, or look for another program on the line",
             ),
-            _ => Error::new(ErrorKind::Io, "no answer from the rig")
+            _ => Error::device("no answer from the rig")
                 .help("is it switched on, and is this its address?")
                 .with_code("rig-not-found"),
         };

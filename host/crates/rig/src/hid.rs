@@ -14,7 +14,7 @@ const REPORTS_UNDER_WAY: u16 = 16;
 /// Opens a device. Its report size is taken from its report descriptor.
 pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transport>> {
     let name = format!("hid://{vid:04x}:{pid:04x}");
-    let api = HidApi::new().map_err(|e| Error::input(format!("no access to HID: {e}")))?;
+    let api = HidApi::new().map_err(|e| Error::device(format!("no access to HID: {e}")))?;
     let there = api.device_list().any(|d| {
         (d.vendor_id(), d.product_id()) == (vid, pid)
             && serial.is_none_or(|s| d.serial_number() == Some(s))
@@ -25,7 +25,7 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
             .map(|d| format!("{:04x}:{:04x}", d.vendor_id(), d.product_id()))
             .collect();
         let seen = if seen.is_empty() { "none".into() } else { seen.join(", ") };
-        return Err(Error::input("no such HID device is connected")
+        return Err(Error::device("no such HID device is connected")
             .at(name)
             .help(format!("connected: {seen}"))
             .with_code("rig-not-found"));
@@ -35,7 +35,7 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
         None => api.open(vid, pid),
     };
     let device = device.map_err(|e| {
-        Error::input(format!("cannot open the HID device: {e}"))
+        Error::device(format!("cannot open the HID device: {e}"))
             .at(&name)
             .help("close other programs that use it, and check the rights on /dev/hidraw*")
     })?;
@@ -111,7 +111,7 @@ struct HidLink {
 }
 
 fn gone(name: &str, e: hidapi::HidError) -> Error {
-    Error::input(format!("the HID device is gone: {e}"))
+    Error::device(format!("the HID device is gone: {e}"))
         .at(name)
         .help("look at the rig and its cable, and try again")
 }

@@ -13,6 +13,7 @@ pub mod feed;
 pub mod hid;
 mod list;
 pub mod log;
+mod platform;
 pub mod script;
 pub mod serial;
 pub mod serve;

@@ -70,7 +70,7 @@ impl Script {
     fn parse(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
         if file.format != "rig-script/1" {
-            return Err(Error::input(format!("script format {:?}", file.format))
+            return Err(Error::unsupported(format!("script format {:?}", file.format))
                 .help("this program reads format = \"rig-script/1\""));
         }
         let mut writes: Vec<(u32, Write)> = Vec::new();

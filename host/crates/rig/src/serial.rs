@@ -30,7 +30,7 @@ pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
             serialport::ErrorKind::NoDevice => format!("cannot open {path}: {e}; it may be in use"),
             _ => format!("cannot open {path}: {e}"),
         };
-        Error::input(what)
+        Error::device(what)
             .at(&name)
             .help("check the name, and close other programs that use this port")
             .with_code("rig-not-found")

@@ -1,8 +1,9 @@
 //! The emulator as a server: on TCP, on a pseudo-terminal, or as the device side of a USB gadget.
 
 use super::emulator::Emulator;
+use super::platform::PseudoTerminal;
 use camrig_base::{Error, Result};
-use camrig_firmware_sim::ServeError;
+pub use camrig_firmware_sim::ServeError;
 use camrig_rig_link::framing::Framing;
 use std::fs::File;
 use std::io;
@@ -53,19 +54,27 @@ impl<T> Drop for Link<T> {
     }
 }
 
-fn report(outcome: Result<(), ServeError<io::Error>>) {
-    match outcome {
-        Ok(()) => {}
-        Err(ServeError::Link(e)) => eprintln!("the link ended: {e}"),
-        Err(ServeError::OutOfStep) => eprintln!("the link ended: what came is not the protocol"),
-    }
+/// Passes on why a link ended, where it did not end in good order.
+fn failures(
+    mut failed: impl FnMut(ServeError<io::Error>),
+) -> impl FnMut(Result<(), ServeError<io::Error>>) {
+    move |outcome| outcome.unwrap_or_else(&mut failed)
 }
 
 /// Serves hosts on a TCP address, one at a time; others are turned away at once. Calls `ready` with the
-/// address in force (a port 0 has become a number).
-pub fn tcp(address: &str, mut emulator: Emulator, ready: impl FnOnce(&str)) -> Result<()> {
+/// address in force (a port 0 has become a number), and `link_failed` from another thread with each
+/// fault that ends a link.
+///
+/// # Errors
+/// An address at which this machine cannot listen.
+pub fn tcp(
+    address: &str,
+    mut emulator: Emulator,
+    ready: impl FnOnce(&str),
+    link_failed: impl FnMut(ServeError<io::Error>) + Send + 'static,
+) -> Result<()> {
     let failed = |e: io::Error| {
-        Error::input(format!("cannot listen: {e}"))
+        Error::device(format!("cannot listen: {e}"))
             .at(address)
             .help("give an address of this machine and a free port, for instance 127.0.0.1:7420")
     };
@@ -83,7 +92,7 @@ pub fn tcp(address: &str, mut emulator: Emulator, ready: impl FnOnce(&str)) -> R
                     .ok()
                     .map(|stream: TcpStream| Link { stream, busy: Some(served.clone()) })
             },
-            report,
+            failures(link_failed),
         );
     });
     for stream in listener.incoming() {
@@ -102,28 +111,39 @@ pub fn tcp(address: &str, mut emulator: Emulator, ready: impl FnOnce(&str)) -> R
     Ok(())
 }
 
-/// Serves a device file: the gadget side of a USB device (`/dev/hidg0` with its report size, `/dev/ttyGS0`), or
-/// any raw line.
-pub fn device(path: &Path, report_bytes: Option<u16>, mut emulator: Emulator) -> Result<()> {
+/// Serves a device file: the gadget side of a USB device (`/dev/hidg0` with the bytes of its reports,
+/// `/dev/ttyGS0`), or any raw line. Calls `link_failed` with each fault that ends a link.
+///
+/// # Errors
+/// A device file that cannot be opened.
+pub fn device(
+    path: &Path,
+    report_bytes: Option<u16>,
+    mut emulator: Emulator,
+    link_failed: impl FnMut(ServeError<io::Error>),
+) -> Result<()> {
     let framing = report_bytes.map_or(Framing::Cobs, Framing::Report);
     let open = || File::options().read(true).write(true).open(path);
     let mut first = Some(open().map_err(|e| Error::io("open", path, e))?);
     let next = || first.take().or_else(|| open().ok()).map(|stream| Link { stream, busy: None });
-    emulator.run(framing, next, report);
+    emulator.run(framing, next, failures(link_failed));
     Ok(())
 }
 
-/// Serves a pseudo-terminal; calls `ready` with its name.
-#[cfg(unix)]
-pub fn pty(mut emulator: Emulator, ready: impl FnOnce(&str)) -> Result<()> {
-    use serialport::{SerialPort, TTYPort};
-    let failed = |e: serialport::Error| Error::input(format!("cannot make a pseudo-terminal: {e}"));
-    // The terminal lives as long as this end holds it open too.
-    let (mut master, terminal) = TTYPort::pair().map_err(failed)?;
-    master.set_timeout(std::time::Duration::from_secs(3600)).map_err(failed)?;
-    ready(&terminal.name().unwrap_or_default());
-    let mut link = Some(Link { stream: master, busy: None });
-    emulator.run(Framing::Cobs, || link.take(), report);
-    drop(terminal);
+/// Serves a pseudo-terminal. Calls `ready` with its name, and `link_failed` with the fault that ended the
+/// link, if one did.
+///
+/// # Errors
+/// An operating system without pseudo-terminals, or with none left.
+pub fn pty(
+    mut emulator: Emulator,
+    ready: impl FnOnce(&str),
+    link_failed: impl FnMut(ServeError<io::Error>),
+) -> Result<()> {
+    let terminal = PseudoTerminal::open()?;
+    ready(&terminal.name);
+    let PseudoTerminal { end, .. } = terminal;
+    let mut link = Some(Link { stream: end, busy: None });
+    emulator.run(Framing::Cobs, || link.take(), failures(link_failed));
     Ok(())
 }

@@ -1,8 +1,7 @@
 //! The sensor stage, in this process or on a rig: the same bytes.
 
 use super::{FrameRequest, Rig};
-use camrig_base::RawFrame;
-use camrig_base::Result;
+use camrig_base::{Error, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_sensor_core::config::FrameSettings;
@@ -20,6 +19,13 @@ impl SensorStage {
     /// Those of [`Rig::open`].
     pub fn open(rig: Option<&str>, arithmetic: Arithmetic) -> Result<Self> {
         Ok(Self { rig: rig.map(Rig::open).transpose()?, arithmetic })
+    }
+
+    /// See [`Rig::on_broken_link`]; in this process there is no link.
+    pub fn on_broken_link(&mut self, tell: impl FnMut(&Error) + Send + 'static) {
+        if let Some(rig) = &mut self.rig {
+            rig.on_broken_link(tell);
+        }
     }
 
     /// Makes the camera of an exposure the one whose frames follow.

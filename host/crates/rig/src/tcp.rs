@@ -13,7 +13,7 @@ const CONNECT: Duration = Duration::from_secs(5);
 pub fn open(address: &str) -> Result<Box<dyn Transport>> {
     let name = format!("tcp://{address}");
     let failed = |e: std::io::Error| {
-        Error::input(format!("no rig answers: {e}"))
+        Error::device(format!("no rig answers: {e}"))
             .at(&name)
             .help("start one there, or correct the address")
             .with_code("rig-unreachable")

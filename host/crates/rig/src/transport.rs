@@ -106,7 +106,7 @@ impl<W: Write + Send> ByteLink<W> {
     }
 
     fn closed(&self, why: &str) -> Error {
-        Error::input(format!("the rig closed the link{why}")).at(&self.name).help(
+        Error::device(format!("the rig closed the link{why}")).at(&self.name).help(
             "it may be busy with another host: an emulator serves one at a time; otherwise check \
              the rig and its cable, and try again",
         )
@@ -139,7 +139,7 @@ impl<W: Write + Send> Transport for ByteLink<W> {
         loop {
             let mut bytes = &self.chunk[self.used..];
             let whole = self.receiver.push(&mut bytes).map_err(|_| {
-                Error::input("what came is not the rig's protocol")
+                Error::disagreement("what came is not the rig's protocol")
                     .at(&self.name)
                     .help("give the address of a rig; serial lines take serial://, not tcp://")
             })?;

@@ -41,7 +41,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         12 => Sample::U16,
         13 => Sample::U32,
         other => {
-            return Err(Error::input(format!("data type = {other}"))
+            return Err(Error::unsupported(format!("data type = {other}"))
                 .help("read are 1, 2, 3, 4, 5, 12 and 13 (real numbers of up to 64 bits)"));
         }
     };

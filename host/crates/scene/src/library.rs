@@ -47,7 +47,7 @@ impl Library {
         let manifest: Manifest = toml::from_str(&text)
             .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;
         if manifest.format != FORMAT {
-            return Err(Error::input(format!("format = {:?}", manifest.format))
+            return Err(Error::unsupported(format!("format = {:?}", manifest.format))
                 .at(path.display())
                 .help(format!("this program reads {FORMAT}")));
         }
@@ -110,7 +110,7 @@ impl Library {
             self.scenes.push(name.clone());
             let manifest = Manifest { format: FORMAT.into(), scenes: self.scenes.clone() };
             let text = toml::to_string(&manifest)
-                .map_err(|e| Error::input(format!("cannot write {MANIFEST}: {e}")))?;
+                .map_err(|e| Error::internal(format!("cannot write {MANIFEST}: {e}")))?;
             write_file(&self.directory.join(MANIFEST), true, text.as_bytes())?;
         }
         Ok(place)

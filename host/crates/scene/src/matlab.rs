@@ -87,7 +87,7 @@ pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
     file.read_exact(&mut header).map_err(cut_off)?;
     if header[124..128] == [1, 0, b'M', b'I'] {
         return Err(
-            Error::input("a big-endian MATLAB file").help("save it again with -v7 or -v7.3")
+            Error::unsupported("a big-endian MATLAB file").help("save it again with -v7 or -v7.3")
         );
     }
     let mut variables = Vec::new();
@@ -245,7 +245,7 @@ fn sample_of(kind: u32) -> Result<Sample> {
         7 => Sample::F32,
         9 => Sample::F64,
         _ => {
-            return Err(Error::input(format!("MATLAB samples of type {kind}"))
+            return Err(Error::unsupported(format!("MATLAB samples of type {kind}"))
                 .help("use single, double, or integers of up to 32 bits"));
         }
     })
@@ -266,7 +266,7 @@ pub fn write(path: &Path, variables: &[(&str, Value)]) -> Result<()> {
         packed.write_all(&matrix(name, value)).map_err(failed)?;
         let packed = packed.finish().map_err(failed)?;
         let length = u32::try_from(packed.len()).map_err(|_| {
-            Error::input(format!("variable {name:?} is larger than a version 5 file can hold"))
+            Error::limit(format!("variable {name:?} is larger than a version 5 file can hold"))
                 .help("export a scene of fewer pixels, or to ENVI")
         })?;
         out.write_all(&COMPRESSED.to_le_bytes()).map_err(failed)?;

@@ -122,7 +122,7 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
         "f4" => Sample::F32,
         "f8" => Sample::F64,
         _ => {
-            return Err(Error::input(format!("samples of type {kind}"))
+            return Err(Error::unsupported(format!("samples of type {kind}"))
                 .help("save as float32, float16, float64, uint8, uint16, int16, uint32 or int32"));
         }
     };

@@ -91,7 +91,7 @@ impl Description {
         let description: Self = toml::from_str(&text)
             .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;
         if description.format != FORMAT {
-            return Err(Error::input(format!("format = {:?}", description.format))
+            return Err(Error::unsupported(format!("format = {:?}", description.format))
                 .at(path.display())
                 .help(format!("this program reads {FORMAT}")));
         }
@@ -111,7 +111,7 @@ pub fn write(
 ) -> Result<()> {
     let path = directory.join(DATA);
     let file = File::create(&path).map_err(|e| Error::io("write", &path, e))?;
-    let failed = |e: tiff::TiffError| Error::input(format!("cannot write {}: {e}", path.display()));
+    let failed = |e: tiff::TiffError| Error::device(format!("cannot write {}: {e}", path.display()));
     let mut encoder = TiffEncoder::new_big(BufWriter::new(file))
         .map_err(failed)?
         .with_compression(Compression::Deflate(DeflateLevel::Fast));

@@ -163,7 +163,7 @@ impl Strided {
             .try_fold(sample.bytes() as u64, |product, &n| product.checked_mul(n as u64));
         let Some(needed) = count.filter(|&n| n > 0).and_then(|n| n.checked_add(offset)) else {
             let [w, h, b] = sizes;
-            return Err(Error::input(format!("a cube of {w} x {h} pixels and {b} bands")));
+            return Err(Error::limit(format!("a cube of {w} x {h} pixels and {b} bands")));
         };
         let present = match &bytes {
             Bytes::File(path) => {

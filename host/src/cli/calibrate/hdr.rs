@@ -87,7 +87,7 @@ pub fn hdr(args: &HdrArgs) -> Result<()> {
     output.write("radiance.npy", &numpy::encode(&merged.radiance, "<f4", f32::to_le_bytes))?;
     output.write("sigma.npy", &numpy::encode(&merged.sigma, "<f4", f32::to_le_bytes))?;
     output.write("flags.npy", &numpy::encode(&merged.flags, "|u1", u8::to_le_bytes))?;
-    let text = toml::to_string(&about).map_err(|e| Error::input(format!("hdr.toml: {e}")))?;
+    let text = toml::to_string(&about).map_err(|e| Error::internal(format!("hdr.toml: {e}")))?;
     output.write("hdr.toml", text.as_bytes())?;
     output.finish()?;
     for (id, shift) in about.exposures.iter().zip(&about.shifts).filter(|(_, s)| **s != [0, 0]) {

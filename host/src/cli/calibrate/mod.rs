@@ -44,8 +44,8 @@ impl Source {
         let ends = ends.fold(full_scale, f64::min);
         if ends < full_scale {
             eprintln!(
-                "note: signals end at {ends:.0} DN above black, below the white level ({full_scale:.0}): \
-                 saturation is taken from there"
+                "note: signals end at {ends:.0} DN above black, below the white level \
+                 ({full_scale:.0}): saturation is taken from there"
             );
         }
         Ok((series, cfa, ends))

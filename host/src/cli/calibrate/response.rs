@@ -33,7 +33,8 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
     let responses = response::fit(&series, &cfa, full_scale)?;
     let spread = response::spread(&responses);
     let file = ResponseFile { format: "response/1".into(), response: responses.clone() };
-    let text = toml::to_string(&file).map_err(|e| Error::input(format!("response.toml: {e}")))?;
+    let text =
+        toml::to_string(&file).map_err(|e| Error::internal(format!("response.toml: {e}")))?;
     output.write("response.toml", text.as_bytes())?;
     let mut plot =
         Plot::new("Camera response", "log10 exposure (DN of a linear camera)", "DN above black");
@@ -63,7 +64,8 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
     } else {
         for r in &responses {
             println!(
-                "{}: {} samples from {:.1} to {:.1} DN, residual {:.2} %, departs from linear by {:.2} %",
+                "{}: {} samples from {:.1} to {:.1} DN, residual {:.2} %, departs from linear by \
+                 {:.2} %",
                 channel_name(r.channel),
                 r.samples,
                 r.range_dn[0],

@@ -92,7 +92,7 @@ pub fn plus_minus(v: Value) -> String {
 }
 
 fn to_json(value: &impl serde::Serialize) -> Result<serde_json::Value> {
-    serde_json::to_value(value).map_err(|e| Error::input(format!("figures as JSON: {e}")))
+    serde_json::to_value(value).map_err(|e| Error::internal(format!("figures as JSON: {e}")))
 }
 
 fn object(value: &impl serde::Serialize) -> Result<Map<String, serde_json::Value>> {

@@ -63,7 +63,7 @@ impl Sfr {
         let plan = f64::real_forward(padded);
         let mut spectrum = plan.make_output_vec();
         plan.process(&mut lsf, &mut spectrum)
-            .map_err(|e| Error::input(format!("Fourier transform: {e}")))?;
+            .map_err(|e| Error::internal(format!("Fourier transform: {e}")))?;
         let mut curve = Vec::new();
         for (k, value) in spectrum.iter().enumerate() {
             let f = k as f64 / (padded as f64 * bin);

@@ -90,7 +90,7 @@ impl Characterisation {
         let path = dir.join("lens.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
         let head: LensToml =
-            toml::from_str(&text).map_err(|e| Error::input(e.to_string()).at(path.display()))?;
+            toml::from_str(&text).map_err(|e| Error::internal(e.to_string()).at(path.display()))?;
         if head.format != FORMAT {
             return Err(Error::input(format!("format \"{}\"", head.format))
                 .at(path.display())
@@ -183,7 +183,7 @@ impl Characterisation {
             },
         };
         let path = dir.join("lens.toml");
-        let text = toml::to_string(&head).map_err(|e| Error::input(e.to_string()))?;
+        let text = toml::to_string(&head).map_err(|e| Error::internal(e.to_string()))?;
         std::fs::write(&path, text).map_err(|e| Error::io("write", &path, e))?;
         let tables = [self.heights_mm.len() as u64, self.wavelengths_nm.len() as u64];
         write_npy(&dir.join("distortion.npy"), &tables, &self.real_height_mm)?;

@@ -167,7 +167,7 @@ pub fn irradiance(
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))
         .build()
-        .map_err(|e| Error::input(format!("cannot start worker threads: {e}")))?;
+        .map_err(|e| Error::device(format!("cannot start worker threads: {e}")))?;
     let bands = scene.scene.bands();
     let mut report = Report::default();
     let mut field_state = FieldState::default();
@@ -357,16 +357,19 @@ struct FieldState {
 
 impl SensorGrid {
     /// Side of the photosensitive square, µm.
+    #[must_use]
     pub fn aperture_um(&self) -> f64 {
         self.pitch_um * self.fill_factor.sqrt()
     }
 
     /// Half the frame's diagonal: the image height of the corners, mm.
+    #[must_use]
     pub fn corner_mm(&self) -> f64 {
         f64::hypot(self.width as f64, self.height as f64) * self.pitch_um * 5e-4
     }
 
     /// The frame's width, mm.
+    #[must_use]
     pub fn width_mm(&self) -> f64 {
         self.width as f64 * self.pitch_um * 1e-3
     }

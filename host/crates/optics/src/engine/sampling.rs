@@ -17,6 +17,7 @@ use camrig_fourier::lanes::good_length;
 use std::f64::consts::PI;
 
 /// sin(πx)/(πx).
+#[must_use]
 pub fn sinc(x: f64) -> f64 {
     if x.abs() < 1e-9 { 1.0 } else { (PI * x).sin() / (PI * x) }
 }
@@ -63,7 +64,7 @@ pub fn oversample(
         .map(|s| (s, step_error(s, pitch_um, aperture_um, cutoff_per_mm, otf)))
         .find(|&(_, error)| error <= tolerance)
         .ok_or_else(|| {
-            Error::input(format!(
+            Error::limit(format!(
                 "no grid up to 16 cells per pixel keeps a step error of {tolerance}"
             ))
             .help("allow a larger step error, or set the oversampling by hand")
@@ -89,6 +90,7 @@ pub struct Layout {
 
 impl Layout {
     /// A margin of `spread_um` on each side, enlarged to lengths that transform fast.
+    #[must_use]
     pub fn new(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Self {
         // The transform wraps around. No kernel reaches further than the margin, so what wraps comes out of one
         // margin into the other, never into the frame.
@@ -104,27 +106,32 @@ impl Layout {
     }
 
     /// Cells across the largest kernel about a pixel's centre that the margin holds on each side.
+    #[must_use]
     pub fn support(&self) -> usize {
         // The centre is a cell's where their number in a pixel is odd, else it lies between two.
         2 * self.margin * self.oversample + self.oversample % 2
     }
 
     /// Pixels between the padded frame's left edge and the frame's.
+    #[must_use]
     pub fn left(&self) -> usize {
         (self.padded_width - self.width) / 2
     }
 
     /// Pixels between the padded frame's top edge and the frame's.
+    #[must_use]
     pub fn top(&self) -> usize {
         (self.padded_height - self.height) / 2
     }
 
     /// Cells across the padded frame.
+    #[must_use]
     pub fn cells_across(&self) -> usize {
         self.padded_width * self.oversample
     }
 
     /// Cells down the padded frame.
+    #[must_use]
     pub fn cells_down(&self) -> usize {
         self.padded_height * self.oversample
     }

@@ -74,7 +74,7 @@ impl Blurrer {
         let columns = room.saturating_sub((BLOCK.0 - 1) * tiling.oversample).min(tiling.kernel);
         if columns == 0 {
             let what = format!("{} cells per pixel on {}", tiling.oversample, gpu.name);
-            return Err(Error::input(what).help("use at most 16, or the processor")
+            return Err(Error::limit(what).help("use at most 16, or the processor")
                 .with_code("graphics-processor"));
         }
         let constants = [
@@ -162,7 +162,7 @@ impl Blurrer {
             if rows < BLOCK.1 {
                 let what =
                     format!("kernels of {0} x {0} entries on {1}", tiling.kernel, self.gpu.name);
-                return Err(Error::input(format!("{what}: they do not fit into its buffers"))
+                return Err(Error::limit(format!("{what}: they do not fit into its buffers"))
                     .help("use the processor")
                     .with_code("graphics-processor"));
             }

@@ -6,7 +6,7 @@
 mod blur;
 
 pub use blur::Blurrer;
-use camrig_base::{Error, ErrorKind, Result};
+use camrig_base::{Error, Result};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{Adapter, Backends, Buffer, BufferDescriptor, BufferUsages, DeviceType};
 
@@ -61,7 +61,7 @@ impl Gpu {
         let wanted =
             wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&wanted)).map_err(|e| {
-            Error::new(ErrorKind::Io, format!("{} cannot be opened: {e}", info.name))
+            Error::device(format!("{} cannot be opened: {e}", info.name))
                 .help("use the processor")
                 .with_code("graphics-processor")
         })?;
@@ -102,7 +102,7 @@ impl Gpu {
     }
 
     fn failed(&self, what: impl std::fmt::Display) -> Error {
-        Error::new(ErrorKind::Io, format!("{} gave up: {what}", self.name))
+        Error::device(format!("{} gave up: {what}", self.name))
             .help("use the processor")
             .with_code("graphics-processor")
     }
