@@ -1,6 +1,41 @@
-//! Fourier transforms: [`lanes`] transforms sixteen sequences side by side with the same bits on every
-//! machine (blurs); [`plans`] hands out double-precision plans of `rustfft` and `realfft` (analysis),
-//! which are compiled here once for all crates.
+//! Fourier transforms: of many short sequences with the same bits on every machine, and plans of
+//! established libraries for analysis.
+//!
+//! - [`lanes`] transforms sixteen sequences of f32 side by side. Blurs use it, because their bytes
+//!   must not depend on the processor. Lengths are products of 2, 3 and 5.
+//! - [`plans`] hands out f32 and f64 plans of `rustfft` and `realfft` for any length. They are
+//!   compiled once, here, for all crates; their last bits depend on the processor's instruction
+//!   set.
+//!
+//! Transforms are unscaled: forward X(k) = Σ x(i)·e^(−2πi·ik/n), backward with the opposite sign,
+//! so that there and back multiplies by n. Frequencies are in cycles per n samples.
+//!
+//! ```
+//! use camrig_fourier::lanes::{Fft, LANES, Split, good_length};
+//!
+//! // A cosine of 3 cycles in lane 5; the other fifteen sequences are 0.
+//! let n = good_length(13);
+//! assert_eq!(n, 15);
+//! let (mut data, mut scratch) = (Split::zeros(n), Split::zeros(n));
+//! for i in 0..n {
+//!     data.re[i].0[5] = (std::f32::consts::TAU * (3 * i) as f32 / n as f32).cos();
+//! }
+//! Fft::new(n).forward(&mut data, &mut scratch);
+//! // Half of the n samples' amplitude at frequency 3, half at its mirror image.
+//! assert!((data.re[3].0[5] - 7.5).abs() < 1e-5);
+//! assert!((data.re[n - 3].0[5] - 7.5).abs() < 1e-5);
+//! assert!(data.re[4].0[5].abs() < 1e-5 && LANES == 16);
+//! ```
+//!
+//! ```
+//! use camrig_fourier::plans::{Complex, Sample};
+//!
+//! let plan = f64::real_forward(8);
+//! let mut input = [1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0];
+//! let mut spectrum = vec![Complex::default(); 5];
+//! plan.process(&mut input, &mut spectrum).expect("buffers of the planned lengths");
+//! assert!((spectrum[2].re - 4.0).abs() < 1e-12);
+//! ```
 
 pub mod lanes;
 pub mod plans;

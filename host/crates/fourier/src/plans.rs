@@ -1,4 +1,5 @@
-//! Transforms of single sequences by `rustfft` and `realfft`; nothing is scaled in either direction.
+//! Transforms of single sequences by `rustfft` and `realfft`; nothing is scaled in either
+//! direction.
 
 pub use realfft::RealToComplex;
 pub use realfft::num_complex::Complex;
@@ -9,9 +10,9 @@ use std::sync::Arc;
 
 /// A floating-point type whose transforms are compiled in this crate.
 pub trait Sample: FftNum {
-    /// A forward transform of `length` complex numbers.
+    /// A plan for forward transforms of `length` complex numbers.
     fn forward(length: usize) -> Arc<dyn Fft<Self>>;
-    /// A forward transform of `length` real numbers into `length / 2 + 1` complex ones.
+    /// A plan for forward transforms of `length` real numbers into `length / 2 + 1` complex ones.
     fn real_forward(length: usize) -> Arc<dyn RealToComplex<Self>>;
 }
 

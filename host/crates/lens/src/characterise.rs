@@ -13,9 +13,21 @@ use camrig_optics::{Characterisation, PsfGrid};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Azimuths of a half pupil's outline: the polygon's area errs by (π/255)²/6 = 2.5e-5 of itself, the ratio to
-/// that on the axis by the difference of two such errors.
+/// Azimuths over half of the pupil's outline. The inscribed polygon's area is too small by
+/// (π/255)²/6 = 2.5e-5 of itself; the ratio to the area on the axis errs by the difference of two
+/// such errors.
 const AZIMUTHS: usize = 256;
+/// Cells across the pupil for the wavefront error and spot size of a field point: the rim's cells,
+/// where the wavefront is steepest, then hold 3 % of the light.
+const WAVEFRONT_CELLS: usize = 128;
+/// Cells across the pupil for a geometric PSF: 5e4 rays, some tens for each sample of a spot that
+/// fills half of a 64 x 64 window.
+const GEOMETRIC_CELLS: usize = 256;
+/// Side of the PSF window over the largest spot radius when the spacing is chosen: the spot's
+/// diameter and a tenth more.
+const WINDOW_OVER_SPOT_RADIUS: f64 = 2.2;
+/// Fields at which the largest spot is looked for, about.
+const SPOT_FIELDS: usize = 5;
 
 /// Figures of one field point at one wavelength.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,14 +36,16 @@ pub struct FieldPoint {
     pub field_deg: f64,
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// Height of the real chief ray on the image plane, mm, positive on the side of the paraxial image.
+    /// Height of the real chief ray on the image plane, mm, positive on the side of the paraxial
+    /// image.
     pub chief_ray_height_mm: f64,
     /// Angle of the chief ray with the axis at the image, degrees, positive when it runs outwards.
     pub cra_deg: f64,
-    /// Projected solid angle of the clipped pupil over that on the axis at the same wavelength: the
-    /// irradiance ratio for a uniform Lambertian scene.
+    /// Projected solid angle of the clipped pupil over that on the axis at the same wavelength:
+    /// the irradiance ratio for a uniform Lambertian scene.
     pub relative_illumination: f64,
-    /// Real height over paraxial height ([`System::paraxial_height_mm`]) − 1, percent; 0 on the axis.
+    /// Real height over paraxial height ([`System::paraxial_height_mm`]) − 1, percent; 0 on the
+    /// axis.
     pub distortion_percent: f64,
     /// Projected solid angle of the pupil seen from the image point, sr.
     pub projected_solid_angle_sr: f64,
@@ -41,7 +55,7 @@ pub struct FieldPoint {
     pub spot_rms_mm: f64,
 }
 
-/// How point-spread functions are made.
+/// How point-spread functions are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PsfMethod {
     /// Diffraction; geometry where the wavefront is too strong for it.
@@ -82,26 +96,30 @@ impl std::str::FromStr for PsfMethod {
     }
 }
 
-/// What a characterisation is to hold.
+/// What a characterisation is to contain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Image heights, evenly spaced from the axis to the largest field, before more are added between.
+    /// Image heights, evenly spaced from the axis to the largest field, before more are added
+    /// between them.
     pub heights: usize,
-    /// Where more are added; `None` takes them as they are and does not look between.
+    /// How heights are added; `None` keeps the even heights and does not measure the error between
+    /// them.
     pub density: Option<Density>,
     /// Largest field, degrees.
     pub max_field_deg: f64,
     /// Wavelengths, nm, strictly rising.
     pub wavelengths_nm: Vec<f64>,
-    /// PSF samples per side.
+    /// Samples per side of a PSF.
     pub psf_size: usize,
-    /// Distance of PSF samples, µm; `None` to choose it so that spots fit and fringes are resolved.
+    /// Distance between PSF samples, µm; `None` chooses it so that the spots fit into the window
+    /// and diffraction is resolved.
     pub psf_spacing_um: Option<f64>,
-    /// How PSFs are made.
+    /// How PSFs are computed.
     pub method: PsfMethod,
 }
 
-/// Sign of the paraxial image height for a field in our launch convention.
+/// Sign of the paraxial image height of a positive field angle (launch coordinates: see
+/// [`super::pupil`]).
 fn side(system: &System) -> f64 {
     match system.prescription.object {
         Object::Infinity => system.paraxial.efl_mm.signum(),
@@ -112,7 +130,7 @@ fn side(system: &System) -> f64 {
 /// Figures at every field (degrees) and wavelength (nm), fields outermost.
 ///
 /// # Errors
-/// Rays that are lost, glasses without data; says where.
+/// Rays that are lost and glasses without data; the error names the field and the wavelength.
 pub fn field_points(
     system: &System,
     fields: &[f64],
@@ -128,7 +146,8 @@ pub fn field_points(
     Ok(points?.concat())
 }
 
-/// The lens at each wavelength with the solid angle of its pupil on the axis.
+/// The lens at each wavelength, with the solid angle of its pupil as seen from the axial image
+/// point.
 fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
     wavelengths
         .iter()
@@ -168,7 +187,7 @@ impl<'a> Aimed<'a> {
         let height = side * beam.height_mm();
         let ideal = self.system.paraxial_height_mm(beam.field_deg);
         let solid_angle = self.outline.projected_solid_angle();
-        let samples = wavefront.then(|| PupilSamples::trace(beam, &self.outline, 128));
+        let samples = wavefront.then(|| PupilSamples::trace(beam, &self.outline, WAVEFRONT_CELLS));
         let figure = |f: &dyn Fn(&PupilSamples) -> f64| samples.as_ref().map_or(f64::NAN, f);
         FieldPoint {
             field_deg: beam.field_deg,
@@ -195,13 +214,13 @@ impl<'a> Aimed<'a> {
                 Ok(psf::diffraction(&samples, nm, window))
             }
             (None, PsfMethod::Diffraction) => {
-                Err(Error::input("the wavefront is too strong for a diffraction PSF")
+                Err(Error::unsupported("the wavefront is too strong for a diffraction PSF")
                     .at(format!("field {:.4}°, {nm} nm", self.beam.field_deg))
                     .help("use the method auto or geometric, or a smaller window")
                     .with_code("psf-method"))
             }
             (None, _) => {
-                let samples = PupilSamples::trace(&self.beam, &self.outline, 256);
+                let samples = PupilSamples::trace(&self.beam, &self.outline, GEOMETRIC_CELLS);
                 Ok(psf::geometric(&samples, window))
             }
         }
@@ -224,11 +243,43 @@ impl Probe for Traced {
     }
 }
 
-/// Characterises a lens. Heights are chosen at the first, middle and last wavelength; then `progress` hears of PSFs
-/// done and PSFs in all, from any thread.
+/// Traces the PSFs of a characterisation.
+struct Tracer<'a> {
+    system: &'a System,
+    plan: &'a Plan,
+    trains: &'a [AxisTrain],
+    window: Window,
+}
+
+impl Tracer<'_> {
+    /// The PSF and figures at a paraxial image height, mm, and the wavelength with this index.
+    fn trace(&self, height_mm: f64, wavelength: usize) -> Result<Traced> {
+        let Self { system, plan, trains, window } = self;
+        let field_deg = system.field_of_paraxial_height(height_mm);
+        let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
+        let psf = aimed.psf(window, plan.method)?;
+        if !(psf.captured > 0.0) {
+            let side_um = window.size as f64 * window.spacing_mm * 1e3;
+            return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
+                .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
+                .help(
+                    "the lens is out of focus there: give its wavelengths, the distance of PSF \
+                     samples or a shift of the sensor",
+                )
+                .with_code("psf-window"));
+        }
+        let samples = samples_outwards(&psf, window.size, side(system) < 0.0);
+        Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
+    }
+}
+
+/// Characterises a lens: figures and PSFs over image height and wavelength.
+///
+/// Heights are chosen by the PSFs at the first, middle and last wavelength. Then
+/// `progress(done, total)` is called after each PSF, from any thread.
 ///
 /// # Errors
-/// As [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
+/// Those of [`field_points`]; distortion that folds the image; a PSF window that no light reaches.
 pub fn characterise(
     system: &System,
     plan: &Plan,
@@ -258,31 +309,14 @@ pub fn characterise(
         }
     };
     let window = Window { size: plan.psf_size, spacing_mm: spacing_um * 1e-3 };
-    let flip = side(system) < 0.0;
-    let trace = |height: f64, wavelength: usize| -> Result<Traced> {
-        let field_deg = system.field_of_paraxial_height(height);
-        let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
-        let psf = aimed.psf(&window, plan.method)?;
-        if !(psf.captured > 0.0) {
-            let side_um = window.size as f64 * spacing_um;
-            return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
-                .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
-                .help(
-                    "the lens is out of focus there: give its wavelengths, the distance of PSF \
-                     samples or a shift of the sensor",
-                )
-                .with_code("psf-window"));
-        }
-        let samples = samples_outwards(&psf, window.size, flip);
-        Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
-    };
+    let tracer = Tracer { system, plan, trains: &trains, window };
     let last = trains.len() - 1;
-    // The wavelengths that stand for all, as in the engine.
+    // The engine judges interpolation at the same three bands.
     let mut probes = vec![0, last / 2, last];
     probes.dedup();
     let (stations, between) = match &plan.density {
         Some(density) => {
-            let trace = |height| probes.par_iter().map(|&w| trace(height, w)).collect();
+            let trace = |height| probes.par_iter().map(|&w| tracer.trace(height, w)).collect();
             let window = (window.size, spacing_um);
             let (stations, between) = heights::choose(&even, density, window, trace)?;
             (stations, Some(between))
@@ -304,7 +338,7 @@ pub fn characterise(
                 .map(|w| match probes.contains(&w).then(|| probed.next()).flatten() {
                     Some(traced) => Ok(traced),
                     None => {
-                        let traced = trace(station.height_mm, w)?;
+                        let traced = tracer.trace(station.height_mm, w)?;
                         progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);
                         Ok(traced)
                     }
@@ -346,7 +380,8 @@ pub fn characterise(
     Ok(lens)
 }
 
-/// The samples with rows rising away from the axis; the row that has no mirror image keeps its place.
+/// The samples with rows rising away from the axis. With an even number of rows, one has no mirror
+/// image and keeps its place.
 fn samples_outwards(psf: &Psf, size: usize, flip: bool) -> Vec<f32> {
     let row = |i: usize| match flip {
         false => i,
@@ -355,28 +390,29 @@ fn samples_outwards(psf: &Psf, size: usize, flip: bool) -> Vec<f32> {
     (0..size).flat_map(|i| &psf.data[row(i) * size..][..size]).map(|&v| v as f32).collect()
 }
 
-/// A sample distance (µm) between λN/4 and λN/2 of the shortest wavelength (the latter is Nyquist's for an
-/// aberration-free image), in that range such that the largest spot fits into the window.
+/// Distance between PSF samples, µm: the one at which the largest spot fits into the window, but
+/// between λN/4 and λN/2 of the shortest wavelength (λN/2 is the Nyquist limit of an
+/// aberration-free image).
 fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usize) -> Result<f64> {
     let (first, last) = (&trains[0], &trains[trains.len() - 1]);
     let mut reach = 0.0_f64;
-    for deg in fields.iter().step_by((fields.len() / 5).max(1)) {
+    for deg in fields.iter().step_by((fields.len() / SPOT_FIELDS).max(1)) {
         for train in [first, last] {
             let aimed = Aimed::new(system, train, *deg)?;
-            let probe = PupilSamples::trace(&aimed.beam, &aimed.outline, 16);
+            let probe = PupilSamples::trace(&aimed.beam, &aimed.outline, psf::PROBE_CELLS);
             let far = probe.rays.iter().map(|r| r.landing[0].abs().max(r.landing[1].abs()));
             reach = far.fold(reach, f64::max);
         }
     }
     let slope = (first.axis_sr / std::f64::consts::PI).sqrt();
     let nyquist_um = first.train.nm * 1e-3 / (4.0 * slope);
-    let wanted = 2.2e3 * reach / size as f64;
-    // Two digits are enough, and are nicer to read.
+    let wanted = WINDOW_OVER_SPOT_RADIUS * 1e3 * reach / size as f64;
+    // Rounded to 0.01 µm, so that a lens file reads well.
     Ok((wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0)
 }
 
-/// Where rays spread over the pupil (`across` of them over its diameter) land on the image plane, x and y in mm; the
-/// chief ray comes first.
+/// Where rays land on the image plane, (x, y) in mm. The chief ray comes first; `across` rays span
+/// the pupil's diameter.
 ///
 /// # Errors
 /// A chief ray that is lost.

@@ -1,7 +1,8 @@
-//! Optical glasses: refractive index over wavelength, by catalogue name, formula, table or n_d, V_d.
+//! Optical glasses: refractive index over wavelength, by catalogue name, formula, table or n_d,
+//! V_d.
 //!
-//! Indices are relative to air at 20 °C and 1 atm, as catalogues give them; the tracer takes air as 1.
-//! Wavelengths are in air, nm at the interface and µm inside the formulas.
+//! Indices are relative to air at 20 °C and 1 atm, as catalogues give them; the tracer takes air
+//! as 1. Wavelengths are in air, nm at the interface and µm inside the formulas.
 
 use super::text::number;
 use camrig_base::{Error, Result};
@@ -44,10 +45,10 @@ pub enum Dispersion {
     /// Indices at wavelengths (nm, strictly rising): between them a cubic through the four nearest
     /// in 1/λ², which is exact for n = A + B/λ² + C/λ⁴ + D/λ⁶.
     Table(Vec<[f64; 2]>),
-    /// n = n_d + ν₁ω + ν₂ω², ω = (λ − λ_d)/(1 + 2.5·(λ − λ_d)) (Buchdahl 1954). n_d and V_d give one
-    /// equation for the two coefficients; the other is the line on which Schott's glasses lie,
-    /// ν₁ = −0.064667 − 1.604048·ν₂ (Reardon and Chipman, Appl. Opt. 28, 3520 (1989); constants
-    /// as in the `opticalglass` library). A real glass differs by up to 1e-3 in the far blue.
+    /// n = n_d + ν₁ω + ν₂ω², ω = (λ − λ_d)/(1 + 2.5·(λ − λ_d)) (Buchdahl 1954). n_d and V_d give
+    /// one equation for the two coefficients; the other is the line on which Schott's glasses lie,
+    /// ν₁ = −0.064667 − 1.604048·ν₂ (Reardon and Chipman, Appl. Opt. 28, 3520 (1989); constants as
+    /// in the `opticalglass` library). A real glass differs by up to 1e-3 in the far blue.
     Model {
         /// Index at 587.5618 nm.
         nd: f64,
@@ -61,9 +62,19 @@ const D_LINE: f64 = 0.587_561_8;
 const F_LINE: f64 = 0.486_132_7;
 const C_LINE: f64 = 0.656_272_5;
 
-/// How far beyond its range a formula is still believed (fraction of the limit): covers 400 nm for
-/// plastics measured from 436 nm, keeps far ultraviolet and infrared out.
+/// How far beyond its range a formula is still used, as a fraction of the limit: enough for 400 nm
+/// with plastics measured from 436 nm, too little for the far ultraviolet and infrared, where
+/// formulas diverge.
 const BEYOND: f64 = 0.15;
+/// Refractive indices that are accepted; germanium, the highest of common infrared materials, has
+/// 4.
+const INDICES: std::ops::RangeInclusive<f64> = 1.0..=5.0;
+/// Abbe numbers that are accepted; glasses and plastics have 15 to 100.
+const ABBE_NUMBERS: std::ops::RangeInclusive<f64> = 5.0..=200.0;
+/// Wavelengths for which a model glass is used, nm: where optical glasses transmit.
+const MODEL_RANGE_NM: [f64; 2] = [300.0, 2500.0];
+/// Least index that a formula may give: below it the wavelength lies in an absorption band.
+const LEAST_INDEX: f64 = 0.5;
 
 impl Glass {
     /// A model glass from n_d and V_d ([`Dispersion::Model`]).
@@ -71,12 +82,12 @@ impl Glass {
     /// # Errors
     /// An index outside 1..=5 or an Abbe number outside 5..=200.
     pub fn model(nd: f64, vd: f64) -> Result<Self> {
-        if !(1.0..=5.0).contains(&nd) || !(5.0..=200.0).contains(&vd) {
+        if !INDICES.contains(&nd) || !ABBE_NUMBERS.contains(&vd) {
             return Err(Error::input(format!("model glass with n_d {nd}, V_d {vd}"))
                 .help("n_d lies in 1..5, V_d in 5..200"));
         }
         let name = format!("{nd}:{vd}");
-        Ok(Self { name, dispersion: Dispersion::Model { nd, vd }, range_nm: [300.0, 2500.0] })
+        Ok(Self { name, dispersion: Dispersion::Model { nd, vd }, range_nm: MODEL_RANGE_NM })
     }
 
     /// A medium of constant index.
@@ -84,7 +95,7 @@ impl Glass {
     /// # Errors
     /// An index outside 1..=5.
     pub fn constant(n: f64) -> Result<Self> {
-        if !(1.0..=5.0).contains(&n) {
+        if !INDICES.contains(&n) {
             return Err(Error::input(format!("refractive index {n}")).help("it lies in 1..5"));
         }
         let range_nm = [1.0, 1e6];
@@ -97,7 +108,7 @@ impl Glass {
     /// Fewer than one row, wavelengths that do not rise, indices outside 1..=5.
     pub fn table(name: &str, rows: Vec<[f64; 2]>) -> Result<Self> {
         let rising = rows.windows(2).all(|w| w[1][0] > w[0][0]);
-        let sane = rows.iter().all(|r| r[0] > 0.0 && (1.0..=5.0).contains(&r[1]));
+        let sane = rows.iter().all(|r| r[0] > 0.0 && INDICES.contains(&r[1]));
         match (rows.first(), rows.last()) {
             (Some(first), Some(last)) if rising && sane => {
                 let range_nm = [first[0], last[0]];
@@ -122,7 +133,7 @@ impl Glass {
             .help(format!("its index is known from {low} to {high} nm")));
         }
         let n = self.dispersion.index(nm * 1e-3);
-        if n.is_finite() && n > 0.5 {
+        if n.is_finite() && n > LEAST_INDEX {
             return Ok(n);
         }
         Err(Error::input(format!("glass {} has no real index at {nm} nm", self.name))
@@ -130,6 +141,7 @@ impl Glass {
     }
 
     /// n_d and V_d, for display.
+    #[must_use]
     pub fn nd_vd(&self) -> (f64, f64) {
         let n = |um| self.dispersion.index(um);
         (n(D_LINE), (n(D_LINE) - 1.0) / (n(F_LINE) - n(C_LINE)))
@@ -154,6 +166,7 @@ impl Dispersion {
             Self::Model { nd, vd } => {
                 let omega = |um: f64| (um - D_LINE) / (1.0 + 2.5 * (um - D_LINE));
                 let (f, c, w) = (omega(F_LINE), omega(C_LINE), omega(um));
+                // Reardon and Chipman's line, see the variant's documentation.
                 let (b, m) = (-0.064667, -1.604048);
                 let nu2 = ((nd - 1.0) / vd - b * (f - c)) / (m * (f - c) + (f * f - c * c));
                 nd + (b + m * nu2) * w + nu2 * w * w
@@ -176,14 +189,15 @@ fn cubic(rows: &[[f64; 2]], nm: f64) -> f64 {
     near.iter().enumerate().map(|(i, r)| weight(i) * r[1]).sum()
 }
 
-/// A set of glasses that names are looked up in: the built-in table, and what a file defines itself.
+/// The glasses that a name may refer to: the built-in table, and those that a file defines itself.
 #[derive(Clone, Debug, Default)]
 pub struct Catalogue {
     own: BTreeMap<String, Glass>,
 }
 
-/// Names that other programs use for a glass of the built-in table, and what the table calls it.
-/// The Chinese catalogue renamed its lead-free glasses H-…; the `C` names are those older files use.
+/// Names that other programs use for glasses of the built-in table, and their names in the table.
+/// The Chinese catalogue renamed its lead-free glasses H-…; the `C` names are those older files
+/// use.
 const ALIASES: &[(&str, &str)] = &[
     ("BK7", "N-BK7"),
     ("F_SILICA", "SILICA"),
@@ -199,17 +213,17 @@ const ALIASES: &[(&str, &str)] = &[
 ];
 
 impl Catalogue {
-    /// Adds a glass under a name; it goes before the built-in ones.
+    /// Adds a glass under a name; it takes precedence over built-in glasses.
     pub fn insert(&mut self, name: &str, glass: Glass) {
         self.own.insert(key(name), glass);
     }
 
-    /// The glass called `name`; of two makers' glasses of that name the one whose maker comes first
-    /// in `makers`. Case, dashes and spaces do not matter. Also understood: `1.5168:64.17` (n_d:V_d),
-    /// six digits `517642` or `517.642` (n_d − 1 and V_d), `NAME_MAKER`.
+    /// The glass called `name`; of two makers' glasses of that name the one whose maker comes
+    /// first in `makers`. Case, dashes and spaces do not matter. Also understood: `1.5168:64.17`
+    /// (n_d:V_d), six digits `517642` or `517.642` (n_d − 1 and V_d), `NAME_MAKER`.
     ///
     /// # Errors
-    /// A glass nobody knows; the message names the nearest known ones.
+    /// An unknown glass; the message names the most similar known ones.
     pub fn find(&self, name: &str, makers: &[String]) -> Result<Glass> {
         let wanted = key(name);
         if let Some(glass) = self.own.get(&wanted) {

@@ -1,9 +1,9 @@
-//! Image heights at which PSFs are given, as dense as a tolerance asks.
+//! Image heights at which PSFs are tabulated, chosen by a tolerance.
 //!
-//! Between two heights PSFs are blended linearly. So halfway between, where the blend is worst, the PSF is traced
-//! as well, and the two are compared after integration over pixels, which is all a sensor sees. Where they differ
-//! most the traced one becomes a height of its own and both halves are looked at again, until the mean over the
-//! field keeps the tolerance.
+//! Between two heights PSFs are blended linearly. Halfway between them, where the blend is worst,
+//! the PSF is traced too, and the two are compared after integration over pixels, which is all
+//! that a sensor sees. Where they differ most, the traced PSF is added to the table and both
+//! halves are examined in turn, until the mean error over the field keeps the tolerance.
 
 use camrig_base::Result;
 use camrig_optics::Between;
@@ -11,32 +11,34 @@ use camrig_optics::engine::nodes::{Misplaced, misplaced};
 use camrig_optics::engine::psf::{KernelGrid, PsfField};
 use rayon::prelude::*;
 
-/// How dense heights are to be.
+/// The tolerance that heights are chosen by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Density {
-    /// Largest fraction of misplaced light halfway between two heights, mean over the field's area; infinite to
-    /// measure it at the heights as they are.
+    /// Largest fraction of misplaced light halfway between two heights, as a mean over the area of
+    /// the field. Infinite: no heights are added, and the error is only measured.
     pub tolerance: f64,
     /// Side of the pixels over which PSFs are compared, µm.
     pub pixel_um: f64,
 }
 
-/// Halvings of the distance of heights; the last ones are measured, whatever they come to.
+/// Most halvings of the distance between heights: sixteen times the heights asked for. What is
+/// left after the last one is reported.
 pub const ROUNDS: usize = 4;
 
-/// What halving a distance is expected to leave of the error: a quarter where PSFs are smooth between heights, half
-/// where their detail moves by its own size. Only how many rounds it takes depends on it.
+/// Share of the error that halving a distance is expected to leave: a quarter where PSFs change
+/// smoothly between heights, a half where their detail moves by its own size. Only the number of
+/// rounds depends on it.
 const HALVING: f64 = 1.0 / 3.0;
 
-/// PSFs at one height, one for each wavelength that is looked at.
+/// The PSFs at one height, one for each probed wavelength.
 pub struct Station<T> {
     /// Paraxial image height, mm.
     pub height_mm: f64,
-    /// What was traced, in the order of the wavelengths.
+    /// The traced PSFs, in the order of the wavelengths.
     pub traced: Vec<T>,
 }
 
-/// A PSF with its place.
+/// A traced PSF and its real image height.
 pub trait Probe: Send + Sync {
     /// Real height of its chief ray, mm.
     fn real_height_mm(&self) -> f64;
@@ -44,8 +46,8 @@ pub trait Probe: Send + Sync {
     fn samples(&self) -> &[f32];
 }
 
-/// Stations from `heights_mm`, evenly spaced from 0, and more between; `trace` gives the PSFs of a height, `size`
-/// samples a side, `spacing_um` apart.
+/// Stations at `heights_mm`, which are evenly spaced from 0, and at the heights added between
+/// them. `trace` returns the PSFs at a height: `size` samples per side, `spacing_um` apart.
 ///
 /// # Errors
 /// Those of `trace`.
@@ -96,19 +98,19 @@ pub fn choose<T: Probe>(
     Ok((stations, between))
 }
 
-/// What lies halfway between two stations, and how wrong their blend is there.
+/// The station halfway between two others, and the error of their blend there.
 struct Gap<T> {
     middle: Station<T>,
     error: f64,
 }
 
-/// The areas of the rings between stations, in units that do not matter.
+/// Areas of the rings between stations, up to a common factor.
 fn areas<T>(stations: &[Station<T>]) -> Vec<f64> {
     stations.windows(2).map(|w| w[1].height_mm.powi(2) - w[0].height_mm.powi(2)).collect()
 }
 
-/// The gaps with the largest errors above `tolerance`, as many as it takes until halving them should bring the mean
-/// below it.
+/// The gaps with the largest errors above `tolerance`, as many as it takes until halving them
+/// should bring the mean below it.
 fn worst_gaps(areas: &[f64], errors: &[f64], tolerance: f64) -> Vec<usize> {
     let allowed = tolerance * areas.iter().sum::<f64>();
     let mut sum: f64 = areas.iter().zip(errors).map(|(a, e)| a * e).sum();
@@ -123,7 +125,7 @@ fn worst_gaps(areas: &[f64], errors: &[f64], tolerance: f64) -> Vec<usize> {
         .collect()
 }
 
-/// PSFs to kernels of whole pixels.
+/// Integrates PSFs over pixels.
 struct Window {
     empty: PsfField,
     kernel: KernelGrid,
@@ -136,8 +138,8 @@ impl Window {
         Self { empty, kernel: KernelGrid::new(1, pixel_um, pixel_um, radius_um) }
     }
 
-    /// The largest share of light, over the wavelengths, that the blend of two stations puts elsewhere than the
-    /// station between them has it.
+    /// The largest share of the light, over the wavelengths, that the blend of two stations
+    /// misplaces compared with the station between them.
     fn error<T: Probe>(&self, left: &Station<T>, middle: &Station<T>, right: &Station<T>) -> f64 {
         let kernel = |psf: &[f32]| self.empty.projected(psf, (0.0, 1.0), &self.kernel);
         let each = left.traced.iter().zip(&middle.traced).zip(&right.traced);
@@ -198,7 +200,7 @@ mod tests {
         assert!(found.len() > 6 && before.misplaced_mean > 0.01, "{found:?}, {before:?}");
         assert!(after.misplaced_mean <= 0.003, "{after:?}");
         assert!(after.misplaced_largest < before.misplaced_largest, "{after:?}");
-        // What cannot be kept is said, not tried for ever.
+        // A tolerance that cannot be kept ends the search, and the error is reported.
         let (most, never) = run(0.0);
         assert!(most.len() <= 4 * (1 << ROUNDS) + 1 && never.misplaced_mean > 0.0);
     }

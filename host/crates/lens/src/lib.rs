@@ -1,27 +1,64 @@
-//! Real lenses: prescriptions and the programs' files that hold them, our sequential ray tracer, and
-//! importers of what other lens programs computed.
+//! Real lenses: prescriptions and their files, a sequential ray tracer, and importers for the results of
+//! other lens programs.
 //!
-//! [`read_prescription`] → [`System`] (paraxial figures, stop) → [`train::Train`] (one wavelength) →
-//! [`pupil::Beam`] (one field point, chief ray) → [`pupil::Outline`] (what the apertures let through) →
-//! [`samples::PupilSamples`] (traced rays) → [`psf`]; [`characterise`] runs them over field and
-//! wavelength.
+//! A prescription (surfaces, glasses, stop, fields) is traced with exact rays to the figures and
+//! point-spread functions over field and wavelength that the optics engine renders through, a
+//! [`camrig_optics::Characterisation`]. Lengths are in mm (PSF spacings in µm), wavelengths in nm,
+//! angles in degrees, optical path differences in waves.
+//!
+//! ```
+//! use camrig_lens::{Catalogue, Conditions, System, characterise, toml};
+//!
+//! let singlet = r#"
+//!     format = "camrig-prescription/1"
+//!     wavelengths_nm = [486.1, 587.6, 656.3]
+//!     fields_deg = [0.0, 10.0]
+//!     [aperture]
+//!     f_number = 8.0
+//!     [[surface]]
+//!     radius_mm = 50.0
+//!     thickness_mm = 4.0
+//!     glass = "N-BK7"
+//!     stop = true
+//!     [[surface]]
+//!     radius_mm = -50.0
+//!     thickness_mm = 47.3
+//! "#;
+//! let lens = toml::read(singlet, &Catalogue::default())?;
+//! let system = System::new(lens, Conditions::default())?;
+//! println!("focal length {:.2} mm at f/{:.1}", system.paraxial.efl_mm, system.f_number());
+//! assert!((system.paraxial.efl_mm - 49.04).abs() < 0.01);
+//!
+//! let points = characterise::field_points(&system, &[0.0, 10.0], &[587.6])?;
+//! println!("rms spot radius on the axis {:.1} µm", 1e3 * points[0].spot_rms_mm);
+//! println!("chief ray at 10° lands at {:.3} mm", points[1].chief_ray_height_mm);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
+//!
+//! The stages, each a module: [`read_prescription`] → [`System`] (paraxial figures, stop) →
+//! [`train::Train`] (one wavelength) → [`pupil::Beam`] (one field point, chief ray) →
+//! [`pupil::Outline`] (the part of the pupil that the apertures pass) → [`samples::PupilSamples`]
+//! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`] reads
+//! what other programs computed.
 //!
 //! # Conventions
-//! - Rotationally symmetric sequential lenses: spheres, conics, even and odd polynomials, mirrors; no
-//!   tilts, no gradient index. Lengths in mm, wavelengths in nm, angles in degrees.
+//! - Lenses are sequential and rotationally symmetric: spheres, conics, even and odd polynomials,
+//!   mirrors; neither tilts nor gradient-index media.
 //! - Stop: its real radius is the paraxial image of the entrance pupil in the stop at the reference
-//!   wavelength ([`System::stop_radius_mm`]), the same for all fields and wavelengths; it is stored.
-//! - Chief ray: the real ray through the centre of the stop, aimed per field and wavelength.
-//! - Field angle: of the chief ray at the paraxial entrance pupil. For a finite object it names the
-//!   object point (distance to the pupil)·tan θ off the axis.
-//! - Distortion: real chief-ray height over EFL·tan θ (finite object: |m|·object height), EFL and m
-//!   paraxial at the reference wavelength. A defocused sensor therefore shows some at small fields.
-//! - Relative illumination: projected solid angle of the clipped pupil seen from the image point over that
-//!   on the axis, at the same wavelength. cos⁴, vignetting and pupil aberration are all in it.
-//! - PSF: centred on the chief ray of its own wavelength (lateral colour is in the distortion), on the
-//!   image plane, irradiance per area; amplitude √(dE/dL dM) per plane wave.
-//! - Optical path difference: to the chief ray, on the sphere around its image point through the place where it
-//!   meets the paraxial exit pupil's plane.
+//!   wavelength ([`System::stop_radius_mm`]). It is the same for all fields and wavelengths, and is
+//!   stored.
+//! - Chief ray: the real ray through the centre of the stop, aimed anew for each field and wavelength.
+//! - Field angle: that of the chief ray at the paraxial entrance pupil. For a finite object it names
+//!   the object point at (distance to the pupil)·tan θ off the axis.
+//! - Distortion: real chief-ray height over EFL·tan θ (finite object: |m|·object height), with EFL and
+//!   m paraxial at the reference wavelength. A defocused sensor therefore shows some distortion even
+//!   at small fields.
+//! - Relative illumination: projected solid angle of the clipped pupil as seen from the image point
+//!   over that on the axis, at the same wavelength. It includes cos⁴, vignetting and pupil aberration.
+//! - PSF: centred on the chief ray of its own wavelength (lateral colour is part of the distortion),
+//!   on the image plane, as irradiance per area; each plane wave has the amplitude √(dE/dL dM).
+//! - Optical path difference: to the chief ray, on the sphere around its image point through the place
+//!   where it meets the plane of the paraxial exit pupil.
 
 pub mod characterise;
 pub mod glass;
@@ -61,7 +98,7 @@ pub fn read_prescription(path: &Path, glasses: &Catalogue) -> Result<Prescriptio
         Some("seq") => seq::read,
         Some("toml") => toml::read,
         _ => {
-            return Err(Error::input(format!("{} is no lens prescription", path.display()))
+            return Err(Error::unsupported(format!("{} is no lens prescription", path.display()))
                 .help("known are .zmx (Zemax), .seq (CODE V) and .toml"));
         }
     };

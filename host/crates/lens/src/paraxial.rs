@@ -1,11 +1,12 @@
-//! First-order figures by the y-nu trace (Welford 1986, ch. 3). Signed quantities: behind a mirror the
-//! index counts negative, so the same equations hold.
+//! First-order figures by the y-nu trace (Welford 1986, ch. 3). Signed quantities: behind a mirror
+//! the index counts negative, so the same equations hold.
 
 use super::prescription::{Aperture, Object, Prescription};
 use super::trace::TrainSurface;
 use camrig_base::{Error, Result};
 
-/// First-order figures at one wavelength, mm; z from the first vertex, or from the last where said.
+/// First-order figures at one wavelength, mm; z from the first vertex, or from the last where
+/// said.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Paraxial {
     /// Effective focal length in air.
@@ -18,13 +19,21 @@ pub struct Paraxial {
     pub magnification: f64,
     /// The entrance pupil's z from the first vertex.
     pub entrance_z_mm: f64,
-    /// Entrance pupil over stop.
+    /// Diameter of the entrance pupil over that of the stop.
     pub entrance_magnification: f64,
     /// The exit pupil's z from the **last** vertex.
     pub exit_z_mm: f64,
-    /// Exit pupil over stop.
+    /// Diameter of the exit pupil over that of the stop.
     pub exit_magnification: f64,
 }
+
+/// Power below which a lens counts as afocal, 1/mm: a focal length of 1000 km. Rounding leaves
+/// some 1e-16 of a surface's power in an afocal system.
+const AFOCAL_PER_MM: f64 = 1e-12;
+/// Magnification from the entrance pupil to the stop below which the pupil counts as at infinity.
+const TELECENTRIC: f64 = 1e-9;
+/// Reciprocal magnification below which the object counts as in the front focus.
+const AT_FOCUS: f64 = 1e-12;
 
 /// A 2x2 system matrix on (y, n·u): heights and reduced slopes.
 #[derive(Clone, Copy)]
@@ -38,19 +47,19 @@ struct Matrix {
 impl Matrix {
     const UNIT: Self = Self { a: 1.0, b: 0.0, c: 0.0, d: 1.0 };
 
-    /// This, and then refraction with power `phi`.
+    /// Followed by refraction with power `phi`, 1/mm.
     fn refract(self, phi: f64) -> Self {
         Self { c: self.c - phi * self.a, d: self.d - phi * self.b, ..self }
     }
 
-    /// This, and then transfer over the reduced distance t/n.
+    /// Followed by transfer over the reduced distance t/n, mm.
     fn transfer(self, reduced: f64) -> Self {
         Self { a: self.a + reduced * self.c, b: self.b + reduced * self.d, ..self }
     }
 }
 
-/// Matrices from just in front of the first surface to the stop surface (not yet refracted there), and
-/// from just in front of the stop surface to just behind the last; the signed last index.
+/// Matrices from just in front of the first surface to the stop surface (not yet refracted there),
+/// and from just in front of the stop surface to just behind the last; the signed last index.
 fn halves(surfaces: &[TrainSurface], stop: usize) -> (Matrix, Matrix, f64) {
     let (mut front, mut rear) = (Matrix::UNIT, Matrix::UNIT);
     let mut sign = 1.0;
@@ -74,7 +83,8 @@ impl Paraxial {
     /// The figures of a train of surfaces.
     ///
     /// # Errors
-    /// A lens without power, a pupil at infinity (object-side telecentric), an object in the front focus.
+    /// A lens without power, a pupil at infinity (object-side telecentric), an object in the front
+    /// focus.
     pub fn of(surfaces: &[TrainSurface], stop: usize, object: Object) -> Result<Self> {
         let (front, rear, index) = halves(surfaces, stop);
         // The rear matrix starts at the stop's own plane, before its refraction.
@@ -85,12 +95,12 @@ impl Paraxial {
             d: rear.c * front.b + rear.d * front.d,
         };
         let power = -whole.c;
-        if !(power.is_finite() && power.abs() > 1e-12) {
-            return Err(Error::input("the lens has no focal length (it is afocal)")
+        if !(power.is_finite() && power.abs() > AFOCAL_PER_MM) {
+            return Err(Error::unsupported("the lens has no focal length (it is afocal)")
                 .help("only lenses that form an image are traced"));
         }
-        if front.a.abs() < 1e-9 {
-            return Err(Error::input(
+        if front.a.abs() < TELECENTRIC {
+            return Err(Error::unsupported(
                 "the entrance pupil is at infinity (telecentric in object space)",
             )
             .help("object-side telecentric lenses are not supported"));
@@ -100,7 +110,7 @@ impl Paraxial {
             Object::Distance(d) => {
                 let slope = whole.c * d + whole.d;
                 let height = whole.a * d + whole.b;
-                if slope.abs() < 1e-12 {
+                if slope.abs() < AT_FOCUS {
                     return Err(Error::input(format!(
                         "the object at {d} mm is in the front focus"
                     ))

@@ -1,4 +1,4 @@
-//! A lens prescription: what a designer's table says, checked, in mm.
+//! A lens prescription: surfaces, glasses, stop, fields and wavelengths, checked, in mm.
 //!
 //! # Conventions
 //! Light travels along +z. A surface with positive curvature has its centre on the +z side; its
@@ -12,7 +12,7 @@ use camrig_base::{Error, Result};
 /// A rotationally symmetric sequential lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prescription {
-    /// What the lens is called.
+    /// Name of the lens.
     pub name: String,
     /// Surfaces in the order light meets them, the stop among them.
     pub surfaces: Vec<Surface>,
@@ -24,11 +24,11 @@ pub struct Prescription {
     pub aperture: Aperture,
     /// Design wavelengths, nm, in the file's order.
     pub wavelengths_nm: Vec<f64>,
-    /// The one paraxial figures and the stop radius refer to, nm.
+    /// The wavelength that paraxial figures and the stop radius refer to, nm.
     pub reference_nm: f64,
     /// Design fields.
     pub fields: Fields,
-    /// What the reader passed over or took for granted, for people to see.
+    /// What the reader ignored or assumed, as messages for the user.
     pub notes: Vec<String>,
 }
 
@@ -45,41 +45,45 @@ pub struct Surface {
     pub odd: Vec<f64>,
     /// Distance to the next vertex (after the last surface: to the image), mm.
     pub thickness: f64,
-    /// What is behind it.
+    /// The medium behind it.
     pub medium: Medium,
-    /// What light must pass here, besides the stop.
+    /// Apertures here, the stop excepted.
     pub clips: Vec<Clip>,
 }
 
-/// What is behind a surface.
+/// The medium behind a surface.
+
 #[derive(Clone, Debug, PartialEq)]
 pub enum Medium {
     /// Air, index 1.
     Air,
     /// A glass.
     Glass(Glass),
-    /// The surface reflects; the medium is the one light came from.
+    /// The surface reflects; the medium stays the one in front of it.
     Mirror,
 }
 
-/// What a surface lets pass: `inner` ≤ r ≤ `outer`, mm; `outer` may be infinite (a central
-/// obscuration).
+/// An aperture: it passes `inner` ≤ r ≤ `outer`, mm. An infinite `outer` makes it a central
+/// obscuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip {
-    /// Inner radius.
+    /// Inner radius, mm.
     pub inner: f64,
-    /// Outer radius.
+    /// Outer radius, mm.
     pub outer: f64,
 }
 
 impl Clip {
-    /// A clear aperture of this radius.
+    /// A clear aperture of this radius, mm.
+    #[must_use]
     pub fn circle(radius: f64) -> Self {
         Self { inner: 0.0, outer: radius }
     }
 
-    /// How far (x, y) is from passing: negative inside, 0 on the edge, smooth in x and y.
+    /// Relative excess of (x, y), mm, over the aperture: negative inside, 0 on the edge, smooth in
+    /// x and y.
     #[inline(always)]
+    #[must_use]
     pub fn excess(&self, x: f64, y: f64) -> f64 {
         let r2 = x * x + y * y;
         let out = r2 / (self.outer * self.outer) - 1.0;
@@ -96,8 +100,8 @@ pub enum Object {
     Distance(f64),
 }
 
-/// What fixes the size of the stop. All but the first are paraxial, at the reference wavelength; the
-/// *real* stop radius follows from them and is what is traced to and stored.
+/// What fixes the size of the stop. All but the first are paraxial, at the reference wavelength;
+/// the *real* stop radius follows from them and is what is traced to and stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aperture {
     /// Radius of the stop itself, mm.
@@ -121,8 +125,8 @@ pub struct Fields {
     pub kind: FieldKind,
     /// Field values, not negative.
     pub values: Vec<f64>,
-    /// Vignetting factors per field in CODE V's sense, [upper x, lower x, upper y, lower y]: the part of
-    /// the pupil's half width that is lost on that side. Empty where there are none.
+    /// Vignetting factors per field in CODE V's sense, [upper x, lower x, upper y, lower y]: the
+    /// part of the pupil's half width that is lost on that side. Empty where there are none.
     pub vignetting: Vec<[f64; 4]>,
 }
 
@@ -140,7 +144,9 @@ pub enum FieldKind {
 }
 
 impl Surface {
-    /// A plane in air.
+    /// A plane in air; `thickness` in mm.
+
+    #[must_use]
     pub fn plane(thickness: f64) -> Self {
         Self {
             curvature: 0.0,
@@ -155,11 +161,12 @@ impl Surface {
 }
 
 impl Prescription {
-    /// Checks what a trace relies on.
+    /// Checks what ray tracing relies on.
+
     ///
     /// # Errors
-    /// No surface, a stop that is none, values that are not finite or have the wrong sign, no
-    /// wavelength, no field.
+    /// No surface, a stop that is not among them, values that are not finite or have the wrong
+    /// sign, no wavelength, no field.
     pub fn validate(&self) -> Result<()> {
         if self.surfaces.is_empty() {
             return Err(Error::input("the prescription has no surface between object and image")

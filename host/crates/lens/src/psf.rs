@@ -1,12 +1,13 @@
 //! Point-spread functions from the rays of a pupil.
 //!
-//! Diffraction: every ray is a plane wave of its own direction; they are summed with their phases on the
-//! image plane around the chief ray (what Zemax calls the Huygens PSF). [`direct`] does just that;
-//! [`diffraction`] gives the same sum through a regular grid of directions: rays are spread onto it with a
-//! short kernel whose transform is divided out afterwards (non-uniform Fourier transform of type 1,
-//! Dutt and Rokhlin 1993; kernel of Barnett, Magland and af Klinteberg 2019), and the grid goes to the image
-//! by two matrix products, so that only the samples asked for are computed.
-//! Geometric: power of the rays where they land.
+//! - Diffraction: every ray stands for a plane wave of its own direction. The waves are summed
+//!   with their phases on the image plane around the chief ray (Zemax calls this the Huygens PSF).
+//!   [`direct`] computes that sum; [`diffraction`] computes it through a regular grid of
+//!   directions: rays are spread onto the grid with a short kernel whose transform is divided out
+//!   afterwards (non-uniform Fourier transform of type 1, Dutt and Rokhlin 1993; kernel of
+//!   Barnett, Magland and af Klinteberg 2019), and two matrix products take the grid to the image,
+//!   so that only the samples asked for are computed.
+//! - Geometric: the power of the rays where they land.
 
 use super::pupil::{Beam, Outline};
 use super::samples::PupilSamples;
@@ -14,16 +15,17 @@ use camrig_vector::vectorised;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-/// The samples a PSF is wanted on: `size` x `size`, the chief ray at sample `size / 2`.
+/// The samples on which a PSF is computed: `size` x `size`, the chief ray at sample `size / 2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     /// Samples per side.
     pub size: usize,
-    /// Distance of samples, mm.
+    /// Distance between samples, mm.
     pub spacing_mm: f64,
 }
 
-/// A PSF of unit sum (`size`², rows along +y) and the fraction of the light that falls in its window.
+/// A PSF of unit sum (`size`², rows along +y) and the fraction of the light that falls in its
+/// window.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Psf {
     /// Samples, row-major.
@@ -32,17 +34,23 @@ pub struct Psf {
     pub captured: f64,
 }
 
-/// Largest number of cells across the pupil; a wavefront that needs more is left to geometry.
+/// Largest number of cells across the pupil. Tracing and summing grow with its square (a million
+/// rays here); a wavefront that needs more blurs so far that geometric optics describes it.
 const FINEST: usize = 1024;
-/// Fewest cells across the pupil: enough for its rim, which is sharp, whatever the wavefront.
+/// Fewest cells across the pupil, whatever the wavefront: the rim is sharp, and the cells that it
+/// crosses are weighted by their share inside.
 const COARSEST: usize = 64;
+/// Cells across the pupil when only the extent of the spot and of the cone of rays is wanted: a
+/// coarse bound, which [`cells_across`] doubles.
+pub const PROBE_CELLS: usize = 16;
 
-/// Cells across the pupil that a diffraction PSF over `window` needs; `None` where that is too many.
+/// Cells across the pupil that a diffraction PSF over `window` needs; `None` where that is too
+/// many.
 ///
-/// Sampled directions repeat the PSF at a distance λ/ΔM. The repeats stay clear of the window when that
-/// exceeds half the window and the radius of the spot; twice that is taken.
+/// Sampled directions repeat the PSF at a distance λ/ΔM. The repeats stay clear of the window when
+/// that distance exceeds half the window plus the radius of the spot; twice that sum is taken.
 pub fn cells_across(beam: &Beam, outline: &Outline, window: &Window) -> Option<usize> {
-    let probe = PupilSamples::trace(beam, outline, 16);
+    let probe = PupilSamples::trace(beam, outline, PROBE_CELLS);
     let extent = |pick: &dyn Fn(&super::samples::Sample) -> f64| {
         probe
             .rays
@@ -60,7 +68,9 @@ pub fn cells_across(beam: &Beam, outline: &Outline, window: &Window) -> Option<u
     (cells <= FINEST as f64).then(|| (cells as usize).max(COARSEST))
 }
 
-/// The diffraction PSF as a plain sum over rays and samples: the reference, slow.
+/// The diffraction PSF as a plain sum over rays and samples. Slow; the reference for
+/// [`diffraction`].
+#[must_use]
 pub fn direct(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let Window { size, spacing_mm } = *window;
     let per_mm = 1e6 / nm;
@@ -83,11 +93,12 @@ pub fn direct(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
 }
 
 /// The diffraction PSF; equals [`direct`] within 1e-6 of the peak.
+#[must_use]
 pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let Window { size, spacing_mm } = *window;
     let kernel = Kernel::get();
-    // A direction cosine d advances by d·spacing/λ cycles per sample; the grid has 2·size nodes per
-    // cycle, so that node k at sample j is the root of unity number k·j of 2·size.
+    // A direction cosine d advances by d·spacing/λ cycles per sample; the grid has 2·size nodes
+    // per cycle, so that node k at sample j is the root of unity number k·j of 2·size.
     let turns = 2 * size;
     let scale = spacing_mm * 1e6 / nm * turns as f64;
     let nodes = |pick: &dyn Fn(&super::samples::Sample) -> f64| {
@@ -124,7 +135,7 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
         })
         .collect();
     let root = |node: i64, sample: i64| roots[(node * sample).rem_euclid(turns as i64) as usize];
-    // Over L: mirror pairs leave a cosine, and samples −j and j are alike.
+    // Along x: mirror pairs leave a cosine, and samples −j and j are equal.
     let half = size / 2 + 1;
     let cosines: Vec<f64> = (0..count_l)
         .flat_map(|k| (0..half).map(move |j| (k, j)))
@@ -150,7 +161,9 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     normalised(intensity, samples, nm, window)
 }
 
-/// The geometric PSF: every ray's power, shared among the four samples around its landing place.
+/// The geometric PSF: the power of each ray, shared bilinearly among the four samples around the
+/// place where it lands.
+#[must_use]
 pub fn geometric(samples: &PupilSamples, window: &Window) -> Psf {
     let Window { size, spacing_mm } = *window;
     let mut data = vec![0.0; size * size];
@@ -178,7 +191,8 @@ pub fn geometric(samples: &PupilSamples, window: &Window) -> Psf {
     scaled_to_unit_sum(data, sum, captured)
 }
 
-/// Unit sum; the captured fraction by Parseval's theorem, ∫|U|² dx dy = λ²·(power through the pupil).
+/// Unit sum; the captured fraction by Parseval's theorem, ∫|U|² dx dy = λ²·(power through the
+/// pupil).
 fn normalised(intensity: Vec<f64>, samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let sum: f64 = intensity.iter().sum();
     let wavelength_mm = nm * 1e-6;
@@ -231,13 +245,16 @@ fn product(a: &[f64], b: &[f64], [rows, inner, columns]: [usize; 3]) -> Vec<f64>
     out
 }
 
-/// Nodes a ray is spread over per axis.
+/// Grid nodes per axis over which a ray is spread.
 const WIDTH: usize = 8;
 /// Rows of the kernel's table per node distance: linear interpolation errs by 1.5e-7.
 const FINE: usize = 1024;
+/// Shape parameter β of the kernel over its width, for twofold oversampling (Barnett, Magland and
+/// af Klinteberg 2019, SIAM J. Sci. Comput. 41, C479).
+const BETA_PER_WIDTH: f64 = 2.3;
 
-/// The spreading kernel exp(β(√(1 − (2t/w)²) − 1)), |t| ≤ w/2, tabulated; with twofold oversampling and
-/// w = 8 its aliases are below 1e-7.
+/// The spreading kernel exp(β(√(1 − (2t/w)²) − 1)), |t| ≤ w/2, tabulated; with twofold
+/// oversampling and w = 8 its aliases are below 1e-7.
 struct Kernel {
     table: Vec<[f64; WIDTH]>,
 }
@@ -246,11 +263,12 @@ impl Kernel {
     fn value(t: f64) -> f64 {
         let z = 2.0 * t / WIDTH as f64;
         let inside = 1.0 - z * z;
-        let beta = 2.3 * WIDTH as f64;
+        let beta = BETA_PER_WIDTH * WIDTH as f64;
         if inside <= 0.0 { 0.0 } else { libm::exp(beta * (inside.sqrt() - 1.0)) }
     }
 
-    /// The one kernel.
+    /// The table, computed once for the process.
+
     fn get() -> &'static Self {
         static KERNEL: OnceLock<Kernel> = OnceLock::new();
         KERNEL.get_or_init(Self::new)
@@ -278,8 +296,8 @@ impl Kernel {
         (below as i64 - (WIDTH as i64 / 2 - 1), weights)
     }
 
-    /// ∫ kernel(t)·cos(2πνt) dt, by the trapezoid rule, exact but for what the kernel has beyond
-    /// 8 cycles per node distance.
+    /// ∫ kernel(t)·cos(2πνt) dt by the trapezoid rule, which neglects only what the kernel's
+    /// spectrum holds beyond 8 cycles per node distance.
     fn transform(&self, nu: f64) -> f64 {
         const STEPS: usize = 64;
         let step = WIDTH as f64 / STEPS as f64;

@@ -1,11 +1,12 @@
-//! Beams: the real chief ray through the stop's centre, and the part of the pupil light gets through.
+//! Beams: the real chief ray through the centre of the stop, and the part of the pupil that light
+//! passes.
 //!
 //! # Launch coordinates
-//! For an object at infinity (px, py) is the place, in mm, where a ray pierces the plane through the
-//! centre of the paraxial entrance pupil perpendicular to the field direction; for a finite object the
-//! place in that plane (perpendicular to the line from the object point to the pupil's centre) the
-//! ray is aimed at. The field lies on +y: the object point is below the axis, the image above it (for
-//! a positive lens).
+//! For an object at infinity (px, py) is the place, in mm, where a ray pierces the plane through
+//! the centre of the paraxial entrance pupil perpendicular to the field direction; for a finite
+//! object it is the place at which the ray is aimed, in the plane through the pupil's centre
+//! perpendicular to the line from the object point. The field lies on +y: the object point is
+//! below the axis, the image above it (for a positive lens).
 
 use super::prescription::Object;
 use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
@@ -13,7 +14,8 @@ use super::train::Train;
 use camrig_base::{Error, Result};
 use std::f64::consts::PI;
 
-/// The beam from one field point at one wavelength, aimed.
+/// The beam from one field point at one wavelength, aimed through the centre of the stop.
+
 #[derive(Clone, Debug)]
 pub struct Beam<'a> {
     /// The lens.
@@ -27,7 +29,8 @@ pub struct Beam<'a> {
     launcher: Launcher,
 }
 
-/// Where rays of a field point start and how.
+/// Start points and directions of the rays of a field point.
+
 #[derive(Clone, Copy, Debug)]
 struct Launcher {
     sine: f64,
@@ -72,8 +75,8 @@ impl Launcher {
         }
     }
 
-    /// Radiant power per launch area, relative to that at the pupil's centre on the axis of the beam: 1
-    /// for a plane wave; for a Lambertian object point its projected solid angle.
+    /// Radiant power per launch area, relative to that at the pupil's centre on the axis of the
+    /// beam: 1 for a plane wave; for a Lambertian object point its projected solid angle.
     fn power(&self, px: f64, py: f64) -> f64 {
         match self.object {
             None => 1.0,
@@ -93,14 +96,19 @@ impl<'a> Beam<'a> {
     /// secant method, so that it is the one continuously connected with the axis.
     ///
     /// # Errors
-    /// A field beyond 90°, or a chief ray that is lost on its way; says at which surface.
+    /// A field angle of 90° or more, or a chief ray that is lost on its way; the error names the
+    /// surface.
     pub fn aim(train: &'a Train, field_deg: f64) -> Result<Self> {
         if field_deg.is_nan() || field_deg.abs() >= 90.0 {
             return Err(Error::input(format!("field angle {field_deg}°"))
                 .help("field angles lie between -90° and 90°"));
         }
+        // Degrees. A step that fails is divided by SHRINK; where one of SMALLEST fails, the ray
+        // counts as lost.
         const STEP: f64 = 4.0;
         const SMALLEST: f64 = 0.01;
+        const SHRINK: f64 = 4.0;
+
         let sign = field_deg.signum();
         let goal = field_deg.abs();
         let (mut done, mut launch, mut slope, mut step) = (0.0, 0.0, 0.0, STEP);
@@ -112,7 +120,7 @@ impl<'a> Beam<'a> {
                     slope = (found - launch) / (next - done);
                     (done, launch, step) = (next, found, STEP);
                 }
-                None if step > SMALLEST => step /= 4.0,
+                None if step > SMALLEST => step /= SHRINK,
                 None => return Err(chief_lost(train, sign * next, guess)),
             }
         }
@@ -128,18 +136,20 @@ impl<'a> Beam<'a> {
     }
 
     /// Height of the chief ray on the image plane, mm, signed.
+    #[must_use]
     pub fn height_mm(&self) -> f64 {
         self.chief.position[1][0]
     }
 
     /// Angle of the chief ray with the axis at the image plane, degrees, signed.
+    #[must_use]
     pub fn chief_ray_angle_deg(&self) -> f64 {
         let (_, d) = self.chief.get(0);
         libm::atan2(d[1], d[2].abs()).to_degrees()
     }
 
-    /// Heights at which a ray meets the surfaces, mm; aimed at (x, y) in the plane of the paraxial
-    /// entrance pupil, in units of its radius from its centre.
+    /// Heights at which a ray meets the surfaces, mm. The ray is aimed at (x, y) in the plane of
+    /// the paraxial entrance pupil, in units of the pupil's radius from its centre.
     ///
     /// # Errors
     /// A ray that is lost on its way.
@@ -164,10 +174,11 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Whether the ray to the rim of the pupil arrives or is stopped by an aperture.
+    /// Checks that the ray to the rim of the pupil arrives or is stopped by an aperture.
     ///
     /// # Errors
-    /// It is lost at a surface: the lens cannot have the aperture it is said to have.
+    /// The ray is lost at a surface: the lens cannot have the aperture that its prescription
+    /// gives.
     pub(super) fn check_rim(&self) -> Result<()> {
         let radius = 0.5 * self.train.entrance_pupil_mm;
         let (position, direction) = self.launcher.ray(0.0, radius * self.launcher.cosine);
@@ -181,15 +192,15 @@ impl<'a> Beam<'a> {
         match lost_at(&self.train.surfaces, &start) {
             Some((surface, how)) if ray.excess[0] <= 0.0 => {
                 Err(lost(self.field_deg, self.train.nm, surface, how).help(
-                    "the aperture is larger than this surface takes: give a smaller one, or check radius, \
-                     conic and polynomial of the surface",
+                    "the aperture is larger than this surface takes: give a smaller one, or check \
+                     radius, conic and polynomial of the surface",
                 ))
             }
             _ => Ok(()),
         }
     }
 
-    /// Traces rays at launch places relative to the chief ray; [`LANES`] at a time.
+    /// Traces [`LANES`] rays from launch coordinates relative to the chief ray, mm.
     #[inline]
     pub(super) fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
         let mut rays = Rays::nowhere();
@@ -217,6 +228,7 @@ impl<'a> Beam<'a> {
     }
 
     /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves.
+    #[must_use]
     pub fn opd_waves<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
         let (p, d) = rays.get(i);
         let (q, _) = self.chief.get(0);
@@ -228,15 +240,18 @@ impl<'a> Beam<'a> {
         (rays.path[i] - back - (self.chief.path[0] - r)) * 1e6 / self.train.nm
     }
 
-    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the place
-    /// where the chief ray meets the plane of the paraxial exit pupil (of this wavelength). Negative
-    /// where that lies behind the image.
+    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the
+    /// place where the chief ray meets the plane of the paraxial exit pupil (of this wavelength).
+    /// Negative where that lies behind the image.
+    #[must_use]
     pub fn reference_sphere_mm(&self) -> f64 {
         let thickness = self.train.surfaces.last().map_or(0.0, |s| s.thickness);
         (thickness - self.train.paraxial.exit_z_mm) / self.chief.direction[2][0]
     }
 
-    /// The outline of the pupil ([`Outline`]).
+    /// The outline of the pupil along `azimuths` directions (at least 8, and a multiple of
+    /// [`LANES`]).
+
     ///
     /// # Errors
     /// A field point from which no light reaches the image.
@@ -245,7 +260,8 @@ impl<'a> Beam<'a> {
     }
 }
 
-/// The launch coordinate at which a ray meets the centre of the stop; `None` when the search fails.
+/// The launch coordinate at which a ray meets the centre of the stop; `None` when the search
+/// fails.
 fn centre_of_stop(train: &Train, field_deg: f64, guess: f64) -> Result<Option<f64>> {
     let launcher = Launcher::new(train, field_deg)?;
     let miss = |py: f64| {
@@ -259,14 +275,20 @@ fn centre_of_stop(train: &Train, field_deg: f64, guess: f64) -> Result<Option<f6
         train.surfaces[train.stop].meet(&mut ray);
         if ray.path[0].is_finite() { ray.position[1][0] } else { f64::NAN }
     };
-    // A few rounding errors of a height at the stop.
+    // The search ends at a few rounding errors of a height at the stop, and has succeeded
+    // within 1e-9
+    // of the stop's radius: far below what any figure of a lens is compared to, far above
+    // rounding.
     let enough = 4.0 * f64::EPSILON * train.stop_radius_mm;
     let good = 1e-9 * train.stop_radius_mm;
+    // The second start of the secant method: a small part of the pupil away, where the ray's
+    // height at the stop still grows linearly.
     let (mut a, mut b) = (guess, guess + 1e-3 * train.entrance_pupil_mm);
     let (mut fa, mut fb) = (miss(a), miss(b));
     if fa.abs() < fb.abs() {
         (a, b, fa, fb) = (b, a, fb, fa);
     }
+    // A bound only: the secant method multiplies the number of correct digits by 1.6 per step.
     for _ in 0..30 {
         if fb.abs() <= enough || fa == fb {
             break;
@@ -301,13 +323,13 @@ fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
     error.help("the field is larger than the lens takes: give smaller fields, or check the surface")
 }
 
-/// The part of the pupil that light gets through, as seen along azimuths around the chief ray.
+/// The part of the pupil that light passes, along azimuths around the chief ray.
 ///
 /// Mirror-symmetric in x: azimuths run over the half x ≥ 0, from −y to +y.
 #[derive(Clone, Debug)]
 pub struct Outline {
-    /// Per azimuth the inner and the outer edge; `None` where nothing passes. The inner edge is the
-    /// chief ray itself where the middle is open.
+    /// Per azimuth the inner and the outer edge; `None` where nothing passes. The inner edge is
+    /// the chief ray itself where the middle is open.
     pub edges: Vec<Option<[EdgePoint; 2]>>,
 }
 
@@ -346,6 +368,7 @@ impl Outline {
     }
 
     /// Area of the pupil in image-side direction cosines: its projected solid angle, sr.
+    #[must_use]
     pub fn projected_solid_angle(&self) -> f64 {
         2.0 * self.area(|point| point.direction)
     }
@@ -368,6 +391,7 @@ impl Outline {
     }
 
     /// The least and largest launch y, and the largest launch x.
+    #[must_use]
     pub fn bounds(&self) -> ([f64; 2], f64) {
         let points = self.edges.iter().flatten().flatten();
         points.fold(([f64::INFINITY, f64::NEG_INFINITY], 0.0), |([low, high], x), p| {
@@ -383,10 +407,12 @@ fn edges_along(
     excess_in_middle: f64,
     middle: EdgePoint,
 ) -> [Option<[EdgePoint; 2]>; LANES] {
-    // Steps of a sixth of the pupil's radius, to four times the radius: obstacles thinner than a
-    // step are overlooked, pupils that grow more with field cut off.
-    let step = beam.train.entrance_pupil_mm / 12.0;
+    // Steps of a sixth of the pupil's radius, up to four times the radius: an obstacle thinner
+    // than a
+    // step is missed, and a pupil that grows by more with the field is cut off.
+    const STEPS_PER_DIAMETER: f64 = 12.0;
     const STEPS: usize = 24;
+    let step = beam.train.entrance_pupil_mm / STEPS_PER_DIAMETER;
     let at = |distance: &[f64; LANES]| {
         beam.trace(&std::array::from_fn(|i| ways[i].map(|w| w * distance[i])))
     };
@@ -426,9 +452,15 @@ fn edges_along(
     })
 }
 
-/// Where the excess changes sign between `inside` and `outside`, per lane: regula falsi (Illinois),
-/// bisection next to rays that are lost.
+/// Where the excess changes sign between `inside` and `outside`, in each lane: regula falsi
+/// (Illinois variant), and bisection next to rays that are lost.
+
 fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]) -> [f64; LANES] {
+    // An excess is relative to a squared radius, a width to a launch coordinate: both end some
+    // rounding errors above what f64 resolves. Bisection alone needs 44 rounds for that.
+    const ENOUGH_EXCESS: f64 = 1e-12;
+    const ENOUGH_WIDTH: f64 = 1e-13;
+    const ROUNDS: usize = 60;
     let mut inside = bracket.map(|b| b[0]);
     let mut outside = bracket.map(|b| b[1]);
     let value = |rays: &Rays<LANES>, i: usize| match rays.alive(i) {
@@ -439,7 +471,7 @@ fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]
     let mut f_in: [f64; LANES] = std::array::from_fn(|i| value(&low, i));
     let mut f_out: [f64; LANES] = std::array::from_fn(|i| value(&high, i));
     let mut last_inside = [None; LANES];
-    for _ in 0..60 {
+    for _ in 0..ROUNDS {
         let guess: [f64; LANES] = std::array::from_fn(|i| {
             let secant = inside[i] - f_in[i] * (outside[i] - inside[i]) / (f_out[i] - f_in[i]);
             if secant.is_finite() { secant } else { 0.5 * (inside[i] + outside[i]) }
@@ -454,14 +486,14 @@ fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]
             } else {
                 (outside[i], f_out[i]) = (guess[i], f);
             }
-            // Illinois: an end that stays twice counts half.
+            // Illinois variant: an end that stays twice in a row has its value halved.
             if last_inside[i] == Some(passes) {
                 *(if passes { &mut f_out[i] } else { &mut f_in[i] }) *= 0.5;
             }
             last_inside[i] = Some(passes);
             let width = (outside[i] - inside[i]).abs();
-            settled &= f.abs() < 1e-12 || width <= 1e-13 * outside[i].abs();
-            if f.abs() < 1e-12 {
+            settled &= f.abs() < ENOUGH_EXCESS || width <= ENOUGH_WIDTH * outside[i].abs();
+            if f.abs() < ENOUGH_EXCESS {
                 (inside[i], outside[i], f_in[i]) = (guess[i], guess[i], 0.0);
             }
         }

@@ -1,4 +1,4 @@
-//! The pupil as a grid of traced rays, each with the share of its cell that light gets through.
+//! The pupil as a grid of traced rays, each with the share of its cell that light passes.
 
 use super::pupil::{Beam, Outline};
 use super::trace::LANES;
@@ -27,13 +27,13 @@ pub struct Sample {
     pub opd: f64,
     /// Radiant power through its cell.
     pub power: f64,
-    /// Amplitude of its plane wave times the solid angle it stands for: √(power · dL dM). With it the
-    /// squared modulus of the summed waves is the irradiance on the image plane (Parseval), whatever
-    /// the spacing of directions.
+    /// Amplitude of its plane wave times the solid angle it stands for: √(power · dL dM). With it
+    /// the squared modulus of the summed waves is the irradiance on the image plane (Parseval),
+    /// whatever the spacing of directions.
     pub amplitude: f64,
 }
 
-/// What is kept of every node of the grid, one entry per node.
+/// The traced rays, one entry per node of the grid.
 struct Nodes {
     columns: usize,
     rows: usize,
@@ -47,6 +47,7 @@ struct Nodes {
 
 impl PupilSamples {
     /// Traces a grid with `across` square cells over the pupil's extent in y.
+    #[must_use]
     pub fn trace(beam: &Beam, outline: &Outline, across: usize) -> Self {
         let ([low, high], widest) = outline.bounds();
         let cell = (high - low) / across as f64;
@@ -104,7 +105,7 @@ impl PupilSamples {
                     power: area * through,
                     amplitude: area * share * (jacobian.abs() * through / share).sqrt(),
                 };
-                // A cell on the rim whose own ray is lost stands for nothing.
+                // A cell on the rim whose own ray is lost is left out.
                 if sample.phase.is_finite() && sample.amplitude.is_finite() {
                     rays.push(sample);
                 }
@@ -113,8 +114,9 @@ impl PupilSamples {
         Self { rays, power, cell_mm2: area }
     }
 
-    /// Root mean square and peak-to-valley of the optical path difference, waves; the mean over the
-    /// pupil, weighted by power, is taken off first.
+    /// Root mean square and peak-to-valley of the optical path difference, waves, after the mean
+    /// over the pupil, weighted by power, is subtracted.
+    #[must_use]
     pub fn opd_rms_pv(&self) -> (f64, f64) {
         let total: f64 = self.rays.iter().map(|r| r.power).sum();
         let mean = self.rays.iter().map(|r| r.power * r.opd).sum::<f64>() / total;
@@ -127,6 +129,7 @@ impl PupilSamples {
     }
 
     /// Root-mean-square distance of the landing places from their centroid, mm.
+    #[must_use]
     pub fn spot_rms_mm(&self) -> f64 {
         let total: f64 = self.rays.iter().map(|r| r.power).sum();
         let centre = self.rays.iter().map(|r| r.power * r.landing[1]).sum::<f64>() / total;
@@ -166,8 +169,9 @@ impl Nodes {
 
 /// The share of every cell inside the outline: exact areas of the polygon through its points.
 fn coverage(outline: &Outline, [columns, rows]: [usize; 2], low: f64, cell: f64) -> Vec<f64> {
-    // Signed-area accumulation: every edge adds what lies to its right, a running sum along the row
-    // gives the area (Levien's font rasteriser). One column more takes what passes the right end.
+    // Signed-area accumulation: every edge adds what lies to its right, a running sum along the
+    // row gives the area (Levien's font rasteriser). One column more takes what passes the right
+    // end.
     let mut sums = vec![0.0; (columns + 1) * rows];
     let mut edge = |a: [f64; 2], b: [f64; 2]| {
         let scaled = |p: [f64; 2]| [(p[0] / cell).max(0.0), (p[1] - low) / cell];
@@ -198,8 +202,10 @@ fn coverage(outline: &Outline, [columns, rows]: [usize; 2], low: f64, cell: f64)
             shares.push(f64::abs(sum).min(1.0));
         }
     }
-    // Rounding leaves crumbs of area in empty cells.
-    shares.iter_mut().filter(|v| **v < 1e-9).for_each(|v| *v = 0.0);
+    // Rounding in the running sum leaves a little in empty cells. A share below this limit carries
+    // no light that a PSF in f32 shows.
+    const LEAST_SHARE: f64 = 1e-9;
+    shares.iter_mut().filter(|v| **v < LEAST_SHARE).for_each(|v| *v = 0.0);
     shares
 }
 

@@ -1,11 +1,11 @@
 //! CODE V lens files (`.seq`).
 //!
-//! Read: spherical, conic and aspheric surfaces (`ASP` with K, A to J; odd polynomials `SPS ODD`), mirrors,
-//! catalogue, fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO, angular and height fields, vignetting
-//! factors, circular apertures. Refused: tilts and decentres, other special surfaces, apertures that are
-//! not circular, zoom. `RDM` says that surfaces are given by radius, `RDM N` or nothing by curvature;
-//! where nothing is said and curvatures would make spheres smaller than the beam, they are taken as radii,
-//! with a note.
+//! Read: spherical, conic and aspheric surfaces (`ASP` with K, A to J; odd polynomials `SPS ODD`),
+//! mirrors, catalogue, fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO, angular and height fields,
+//! vignetting factors, circular apertures. Refused: tilts and decentres, other special surfaces,
+//! apertures that are not circular, zoom. `RDM` says that surfaces are given by radius, `RDM N` or
+//! nothing by curvature; where nothing is said and curvatures would make spheres smaller than the
+//! beam, they are taken as radii, with a note.
 
 use super::glass::Catalogue;
 use super::prescription::{
@@ -14,7 +14,7 @@ use super::prescription::{
 use super::text::{number, numbers};
 use camrig_base::{Error, Result};
 
-/// Distances from which on CODE V means infinity (its own default is 1e13).
+/// Distances that CODE V takes for infinity, in the file's unit (its own default is 1e13).
 const INFINITE: f64 = 1e10;
 
 #[derive(Default)]
@@ -51,7 +51,7 @@ struct Draft {
 /// A prescription from the text of a `.seq` file.
 ///
 /// # Errors
-/// What is refused or wrong, with its line.
+/// What is unsupported or wrong, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
     let mut file = File { scale: 1.0, reference: 1, ..File::default() };
     for (i, line) in text.lines().enumerate() {
@@ -96,7 +96,7 @@ fn first(rest: &[&str], keyword: &str) -> Result<f64> {
 }
 
 fn refuse(what: &str) -> Result<()> {
-    Err(Error::input(format!("{what} cannot be traced"))
+    Err(Error::unsupported(format!("{what} cannot be traced"))
         .help("only lenses that are rotationally symmetric about one axis are supported"))
 }
 
@@ -117,7 +117,7 @@ impl File {
                     Some("C") => 10.0,
                     Some("I") => 25.4,
                     other => {
-                        return Err(Error::input(format!("DIM {}", other.unwrap_or("")))
+                        return Err(Error::unsupported(format!("DIM {}", other.unwrap_or("")))
                             .help("known are M (millimetre), C (centimetre) and I (inch)"));
                     }
                 };
@@ -245,7 +245,7 @@ impl File {
     }
 }
 
-/// Commands that say nothing about the path of light: labels, weights, solves, tolerances, buffers.
+/// Commands that do not concern the path of light: labels, weights, solves, tolerances, buffers.
 const ADMINISTRATIVE: &[&str] = &[
     "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "TEM", "PRE", "SLB", "CCY", "THC", "GLC", "KC", "AC",
     "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA", "DDM",
@@ -273,12 +273,11 @@ impl File {
             return Err(Error::input("no image (SI)").help("the file ends before its last surface"));
         };
         if self.image_bent {
-            return Err(Error::input("the image surface is curved").help("sensors are flat"));
+            return Err(Error::unsupported("the image surface is curved").help("sensors are flat"));
         }
         if object_bend != 0.0 && object.abs() < INFINITE {
-            return Err(
-                Error::input("the object surface is curved").help("only flat objects are traced")
-            );
+            return Err(Error::unsupported("the object surface is curved")
+                .help("only flat objects are traced"));
         }
         let stop = self.stop.unwrap_or_else(|| {
             self.notes.push("STO is not given: the first surface is the stop, as in CODE V".into());

@@ -1,4 +1,5 @@
-//! A prescription made ready to trace: paraxial figures, the real stop radius, trains per wavelength.
+//! A prescription prepared for tracing: paraxial figures, the real radius of the stop, and the
+//! lens at each wavelength.
 
 use super::glass::Glass;
 use super::paraxial::{self, Paraxial};
@@ -22,7 +23,7 @@ pub struct Conditions {
 /// A lens ready to trace.
 #[derive(Clone, Debug)]
 pub struct System {
-    /// What it was made from; its object and last thickness are those of the [`Conditions`].
+    /// The prescription, with the object distance and last thickness of the [`Conditions`].
     pub prescription: Prescription,
     /// Paraxial figures at the reference wavelength.
     pub paraxial: Paraxial,
@@ -101,12 +102,14 @@ impl System {
     }
 
     /// Effective focal length over entrance-pupil diameter.
+    #[must_use]
     pub fn f_number(&self) -> f64 {
         self.paraxial.efl_mm.abs() / self.entrance_pupil_mm
     }
 
-    /// Height of the paraxial image of the field point at `field_deg`, mm, at the reference wavelength:
-    /// EFL·tan θ for an object at infinity, |m| times the object's height otherwise.
+    /// Height of the paraxial image of the field point at `field_deg`, mm, at the reference
+    /// wavelength: EFL·tan θ for an object at infinity, |m| times the object's height otherwise.
+    #[must_use]
     pub fn paraxial_height_mm(&self, field_deg: f64) -> f64 {
         let tangent = libm::tan(field_deg.to_radians());
         match self.prescription.object {
@@ -118,6 +121,7 @@ impl System {
     }
 
     /// The field angle (degrees) of the field point with this paraxial image height.
+    #[must_use]
     pub fn field_of_paraxial_height(&self, mm: f64) -> f64 {
         libm::atan(mm / self.paraxial_height_mm(45.0)).to_degrees()
     }
@@ -155,16 +159,24 @@ impl System {
         let train = self.at(self.prescription.reference_nm)?;
         let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
         let mut low = 0.0;
-        let mut high = self.field_of_paraxial_height(mm).min(80.0);
-        // Barrel distortion: the paraxial angle falls short; walk out as far as rays go.
+        // Degrees: the search starts at 80° at most, and each step goes a fifth of the way to
+        // 89.9°.
+        const START: f64 = 80.0;
+        const END: f64 = 89.5;
+        const LIMIT: f64 = 89.9;
+        const STEP: f64 = 0.2;
+        let mut high = self.field_of_paraxial_height(mm).min(START);
+        // With barrel distortion the paraxial angle falls short: go outwards as far as rays
+        // arrive.
         while height(high)? < mm {
             low = high;
-            high += (89.9 - high) * 0.2;
-            if high > 89.5 {
+            high += (LIMIT - high) * STEP;
+            if high > END {
                 return Err(Error::input(format!("no chief ray reaches the image height {mm} mm"))
                     .help("give smaller fields"));
             }
         }
+        // 50 halvings of at most 90° reach the last bits of f64.
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
             if height(middle)? < mm { low = middle } else { high = middle }
@@ -172,9 +184,9 @@ impl System {
         Ok(0.5 * (low + high))
     }
 
-    /// A file with vignetting factors and no clear apertures: as CODE V does, every surface gets the
-    /// smallest aperture that passes the reference rays (upper, lower and side rim of each field's
-    /// vignetted pupil, at every design wavelength).
+    /// Derives clear apertures where a file gives vignetting factors instead: as in CODE V, every
+    /// surface gets the smallest aperture that passes the reference rays (upper, lower and side
+    /// rim of each field's vignetted pupil, at every design wavelength).
     fn clear_apertures_from_vignetting(&mut self) -> Result<()> {
         let p = &self.prescription;
         let vignetted = p.fields.vignetting.iter().flatten().any(|v| *v != 0.0);

@@ -144,8 +144,9 @@ fn real_files_load() {
     assert_eq!(seen, 16);
 }
 
-/// PSFs of the golden lenses after binning to pixels of 8 samples; OPD; and the fast PSF against the plain
-/// sum. 1 % of the peak is what the golden data's own convergence allows, for spots below 20 µm rms.
+/// PSFs of the golden lenses after binning to pixels of 8 samples; OPD; and the fast PSF against
+/// the plain sum. 1 % of the peak is what the golden data's own convergence allows, for spots
+/// below 20 µm rms.
 #[test]
 fn golden_lenses_psfs_and_wavefronts() {
     use super::{psf, samples::PupilSamples};
@@ -179,8 +180,8 @@ fn golden_lenses_psfs_and_wavefronts() {
             let peak = b.iter().copied().fold(0.0, f64::max);
             let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak;
             let at = |key: &str| oracle[key][f][w].as_f64().unwrap();
-            // The golden grid is a set of whole cells, ours ends at the rim: of 30 waves' slope there
-            // little remains in the mean square.
+            // The golden grid is a set of whole cells, ours ends at the rim: of 30 waves' slope
+            // there little remains in the mean square.
             assert!((rms - at("opd_rms_waves")).abs() < 1e-3, "{name} {deg}° {nm} nm: OPD");
             assert!(worst < 0.01 || samples.spot_rms_mm() > 0.02, "{name} {deg}° {nm} nm: {worst}");
             if f == 5 {
@@ -229,7 +230,8 @@ fn edmund_54852_first_order() {
     assert!((p.magnification + 0.023954).abs() < 1e-6);
 }
 
-/// Clear apertures from vignetting factors, against those ray-optics 0.9.8 derives from the same file.
+/// Clear apertures from vignetting factors, against those ray-optics 0.9.8 derives from the same
+/// file.
 #[test]
 fn vignetting_factors_give_the_apertures_ray_optics_finds() {
     let Some(file) = shared("data/lenses/rayoptics/ag_dblgauss.seq") else { return };
@@ -247,8 +249,8 @@ fn vignetting_factors_give_the_apertures_ray_optics_finds() {
     }
 }
 
-/// A phone lens with odd and even powers of r (US 7,535,658), whose chief rays two programs traced: the
-/// reference's own figures are met, and optiland's within the tolerance of its aiming.
+/// A phone lens with odd and even powers of r (US 7,535,658), whose chief rays two programs
+/// traced: the reference's own figures are met, and optiland's within the tolerance of its aiming.
 #[test]
 fn odd_polynomials_agree_with_two_other_programs() {
     let Some(dir) = shared("golden/lenses") else { return };
@@ -268,9 +270,9 @@ fn odd_polynomials_agree_with_two_other_programs() {
     }
 }
 
-/// A paraboloid mirror images an axial point without aberration: its PSF is the Airy pattern, or the
-/// ring pattern of an obscured pupil (Born and Wolf, 8.5.2 and 8.6.2), and the outline's solid angle is
-/// that of the ring.
+/// A paraboloid mirror images an axial point without aberration: its PSF is the Airy pattern, or
+/// the ring pattern of an obscured pupil (Born and Wolf, 8.5.2 and 8.6.2), and the outline's solid
+/// angle is that of the ring.
 #[test]
 fn a_perfect_mirror_gives_the_airy_pattern() {
     use super::{psf, samples::PupilSamples};
@@ -312,7 +314,8 @@ fn a_perfect_mirror_gives_the_airy_pattern() {
             let r = (x * x + y * y).sqrt() * 1e-3;
             let q = std::f64::consts::TAU * r * outer / 550e-6;
             let field = (airy(q) - part * part * airy(part * q)) / (1.0 - part * part);
-            // The mirror is no aplanat: amplitudes differ from uniform by (y/2f)² = 1.6e-4 at the rim.
+            // The mirror is no aplanat: amplitudes differ from uniform by (y/2f)² = 1.6e-4 at the
+            // rim.
             assert!((v / peak - field * field).abs() < 5e-4, "{obscured} {x} {y}: {}", v / peak);
         }
         assert!((0.85..1.0).contains(&psf.captured));
@@ -341,8 +344,8 @@ fn a_window_without_light_is_refused_in_words() {
     assert!(error.contains("550 nm"), "{error}");
 }
 
-/// Prescriptions and listings with bytes changed, dropped or doubled: an error or a lens, never a panic, and
-/// no lens that panics when traced.
+/// Prescriptions and listings with bytes changed, dropped or doubled: an error or a lens, never a
+/// panic, and no lens that panics when traced.
 mod fuzz {
     use super::*;
     use proptest::prelude::*;

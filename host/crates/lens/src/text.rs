@@ -1,4 +1,4 @@
-//! What the text readers share: decoding of the encodings lens programs write, and numbers.
+//! Shared by the text readers: the encodings that lens programs write, and numbers.
 
 use camrig_base::{Error, Result};
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 /// Reads a text file written as UTF-8, UTF-16 (with or without byte-order mark) or Latin-1.
 ///
 /// # Errors
-/// The operating system's refusal.
+/// The file cannot be read.
 pub(crate) fn read_text(path: &Path) -> Result<String> {
     std::fs::read(path).map(|b| decode(&b)).map_err(|e| Error::io("read", path, e))
 }
@@ -36,7 +36,7 @@ pub(crate) fn decode(bytes: &[u8]) -> String {
 /// A finite number; accepts the comma-free forms lens programs write (`1.5E-002`, `.5`, `1D3`).
 ///
 /// # Errors
-/// Anything else; the message names `what`.
+/// Text that is no finite number; the message names `what`.
 pub(crate) fn number(what: &str, token: &str) -> Result<f64> {
     let wrong = || {
         Error::input(format!("{what}: \"{token}\" is not a number"))

@@ -1,4 +1,4 @@
-//! The plain TOML prescription: a lens table as a person writes it.
+//! Prescriptions in TOML: a lens table written by hand.
 //!
 //! ```toml
 //! format = "camrig-prescription/1"
@@ -43,7 +43,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// What the `format` key says.
+/// Value of the `format` key.
 const FORMAT: &str = "camrig-prescription/1";
 
 #[derive(Deserialize)]
@@ -93,7 +93,7 @@ struct OwnGlass {
 /// A prescription from the text of a TOML file.
 ///
 /// # Errors
-/// What is wrong, with its line.
+/// What is wrong in the file, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
     let file: File =
         ::toml::from_str(text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()))?;

@@ -1,11 +1,12 @@
-//! The ray-tracing kernel: exact rays through a train of surfaces, N side by side.
+//! The ray-tracing kernel: exact rays through a sequence of surfaces, N side by side.
 //!
-//! Rays are straight lines between surfaces, bent by the vector form of Snell's law
-//! n'(d'×s) = n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with
-//! s = r²: c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
+//! Rays are straight lines between surfaces, bent by the vector form of Snell's law n'(d'×s) =
+//! n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with s = r²:
+//! c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
 //! polynomial terms by Newton's iteration from there. A ray that misses a surface or is totally
-//! reflected becomes NaN and stays so: no branches, so N rays run as vector lanes. Only IEEE basic
-//! operations and square roots are used, without contraction: the same bits on every machine.
+//! reflected becomes NaN and stays NaN; without branches, N rays run as vector lanes. Only IEEE
+//! basic operations and square roots are used, without contraction: the same bits on every
+//! machine.
 
 use super::prescription::Clip;
 use camrig_vector::vectorised;
@@ -33,7 +34,8 @@ pub struct TrainSurface {
     pub clips: Vec<Clip>,
 }
 
-/// N rays: position relative to the vertex of the surface they are at, direction, and what they met.
+/// N rays: position relative to the vertex of the surface they are at, direction, optical path,
+/// and whether an aperture stops them.
 #[derive(Clone, Debug)]
 pub struct Rays<const N: usize> {
     /// x, y, z in mm.
@@ -47,7 +49,8 @@ pub struct Rays<const N: usize> {
 }
 
 impl<const N: usize> Rays<N> {
-    /// N rays without place or direction (NaN), to be filled.
+    /// N rays without position or direction (NaN), to be set.
+    #[must_use]
     pub fn nowhere() -> Self {
         Self {
             position: [[f64::NAN; N]; 3],
@@ -68,23 +71,27 @@ impl<const N: usize> Rays<N> {
     }
 
     /// Ray `i` as (position, direction).
+    #[must_use]
     pub fn get(&self, i: usize) -> ([f64; 3], [f64; 3]) {
         (self.position.map(|v| v[i]), self.direction.map(|v| v[i]))
     }
 
     /// Whether ray `i` went through every surface (whatever the apertures say).
+    #[must_use]
     pub fn alive(&self, i: usize) -> bool {
         self.path[i].is_finite() && self.direction[2][i].is_finite()
     }
 
     /// Whether ray `i` went through every surface and every aperture.
+    #[must_use]
     pub fn passes(&self, i: usize) -> bool {
         self.alive(i) && self.excess[i] <= 0.0
     }
 }
 
 impl TrainSurface {
-    /// Carries the rays from where they are onto this surface (coordinates: this surface's vertex).
+    /// Carries the rays from where they are onto this surface (coordinates: this surface's
+    /// vertex).
     // Lanes index several arrays at once, here and below.
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
@@ -128,7 +135,8 @@ impl TrainSurface {
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
     fn refine<const N: usize>(&self, rays: &mut Rays<N>, length: &mut [f64; N]) {
-        // Newton doubles the digits: a step below 1e-9 mm leaves an error below rounding.
+        // Newton's method doubles the number of correct digits: a step below 1e-9 mm leaves an
+        // error below rounding. STEPS only ends an iteration that does not converge.
         const ENOUGH: f64 = 1e-9;
         const STEPS: usize = 40;
         for step in 0..STEPS {
@@ -157,6 +165,7 @@ impl TrainSurface {
 
     /// Sag at s = r², and g with ∂z/∂x = g·x, ∂z/∂y = g·y.
     #[inline(always)]
+    #[must_use]
     pub fn sag(&self, s: f64) -> (f64, f64) {
         let c = self.curvature;
         let root = (1.0 - (1.0 + self.conic) * c * c * s).sqrt();
@@ -175,7 +184,7 @@ impl TrainSurface {
                 slope = slope * s + value;
                 value = value * s + b;
             }
-            // A term in r has a point at the vertex; its direction there is taken as flat.
+            // A term in r makes the vertex a cone's tip; the surface is taken as flat there.
             let r = s.sqrt();
             sag += r * value;
             gradient += value / r.max(1e-12) + 2.0 * r * slope;
@@ -183,7 +192,8 @@ impl TrainSurface {
         (sag, gradient)
     }
 
-    /// Bends the rays, which lie on this surface, and moves to the vertex of the next one.
+    /// Refracts or reflects the rays, which lie on this surface, and moves the origin to the
+    /// vertex of the next surface.
     #[inline(always)]
     pub fn bend<const N: usize>(&self, rays: &mut Rays<N>) {
         let ratio = self.before / self.after;
@@ -211,7 +221,7 @@ impl TrainSurface {
     }
 }
 
-/// Traces rays through surfaces and on to the plane z = 0 behind the last one, in an index `last`.
+/// Traces rays through the surfaces and on to the plane z = 0 of the image.
 #[inline(always)]
 fn through_all<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
     for surface in surfaces {
@@ -231,7 +241,8 @@ fn through_all<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
 /// Rays traced side by side.
 pub const LANES: usize = 8;
 
-/// Traces [`LANES`] rays from the first surface to the image plane, vectorised where the processor can.
+/// Traces [`LANES`] rays from the first surface to the image plane, vectorised where the processor
+/// can.
 #[vectorised]
 pub fn trace_lanes(surfaces: &[TrainSurface], rays: &mut Rays<LANES>) {
     through_all(surfaces, rays);
@@ -243,6 +254,7 @@ pub fn trace_one(surfaces: &[TrainSurface], rays: &mut Rays<1>) {
 }
 
 /// Index of the surface at which a ray is lost, and how; `None` for a ray that arrives.
+#[must_use]
 pub fn lost_at(surfaces: &[TrainSurface], start: &Rays<1>) -> Option<(usize, &'static str)> {
     let mut ray = start.clone();
     for (i, surface) in surfaces.iter().enumerate() {

@@ -1,9 +1,9 @@
 //! Zemax lens files (`.zmx`), in any of their encodings.
 //!
-//! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and model
-//! glasses, all aperture and field kinds, circular apertures and obscurations, configuration 1. Refused:
-//! tilts and decentres, other surface types, apertures that are not circular. Keywords of editing,
-//! drawing, tolerancing and merit functions are passed over.
+//! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and
+//! model glasses, all aperture and field kinds, circular apertures and obscurations, configuration
+//! 1. Refused: tilts and decentres, other surface types, apertures that are not circular. Keywords
+//! of editing, drawing, tolerancing and merit functions are ignored.
 
 use super::glass::{Catalogue, Glass};
 use super::prescription::{
@@ -12,7 +12,11 @@ use super::prescription::{
 use super::text::{number, numbers};
 use camrig_base::{Error, Result};
 
-/// A surface as the file tells it.
+/// Object distances from which on the object counts as at infinity, in the file's unit: programs
+/// write 1e10 where they do not write INFINITY.
+const INFINITE: f64 = 1e10;
+
+/// A surface as the file describes it.
 #[derive(Default)]
 struct Draft {
     line: usize,
@@ -49,7 +53,7 @@ struct File {
 /// A prescription from the text of a `.zmx` file.
 ///
 /// # Errors
-/// What is refused or wrong, with its line.
+/// What is unsupported or wrong, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
     let mut file = File { primary: 1, ..File::default() };
     for (i, line) in text.lines().enumerate() {
@@ -84,13 +88,13 @@ fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
     Err(Error::input(format!("{keyword}: {v}")).help("a small whole number is expected"))
 }
 
-/// Nanometres from micrometres, without the dust that binary multiplication leaves (to 1e-6 nm).
+/// Nanometres from micrometres, rounded to 1e-6 nm, so that 0.55 µm is 550 nm exactly.
 fn nanometres(um: f64) -> f64 {
     (um * 1e9).round() / 1e6
 }
 
 fn refuse(what: &str) -> Result<()> {
-    Err(Error::input(format!("{what} cannot be traced"))
+    Err(Error::unsupported(format!("{what} cannot be traced"))
         .help("only lenses that are rotationally symmetric about one axis are supported"))
 }
 
@@ -106,7 +110,7 @@ impl File {
                     "IN" => 25.4,
                     "M" | "METER" => 1000.0,
                     unit => {
-                        return Err(Error::input(format!("unit \"{unit}\""))
+                        return Err(Error::unsupported(format!("unit \"{unit}\""))
                             .help("known units are MM, CM, IN and METER"));
                     }
                 });
@@ -194,7 +198,7 @@ impl Draft {
             "OBSC" => {
                 let (inner, outer) = (value(rest, 0, keyword)?, value(rest, 1, keyword)?);
                 if inner > 0.0 {
-                    return Err(Error::input("a ring-shaped obscuration cannot be traced")
+                    return Err(Error::unsupported("a ring-shaped obscuration cannot be traced")
                         .help("only obscurations that start at the axis are supported"));
                 }
                 self.clips.push(Clip { inner: outer, outer: f64::INFINITY });
@@ -292,7 +296,7 @@ fn medium(words: &[String], file: &File, glasses: &Catalogue) -> Result<Medium> 
     let model = words.get(1) == Some(&"1") || name.starts_with("___BLANK");
     if model {
         let (nd, vd) = (value(&words, 3, "GLAS")?, value(&words, 4, "GLAS")?);
-        // V_d 0 is how Zemax writes "no dispersion".
+        // Zemax writes V_d = 0 for "no dispersion".
         let glass = if vd == 0.0 { Glass::constant(nd)? } else { Glass::model(nd, vd)? };
         return Ok(Medium::Glass(glass));
     }
@@ -312,7 +316,7 @@ impl File {
         let lens = &drafts[1..image];
         let object = match drafts[0].thickness {
             None => Object::Infinity,
-            Some(d) if d.abs() >= 1e10 => Object::Infinity,
+            Some(d) if d.abs() >= INFINITE => Object::Infinity,
             Some(d) => Object::Distance(d * scale),
         };
         if let Some(thickness) = drafts[image].thickness.filter(|d| *d != 0.0) {
@@ -321,7 +325,7 @@ impl File {
                 .help("the last surface is the image, with DISZ 0: is the file cut short?"));
         }
         if drafts[image].curvature != 0.0 {
-            return Err(Error::input("the image surface is curved")
+            return Err(Error::unsupported("the image surface is curved")
                 .at(format!("line {}", drafts[image].line))
                 .help("sensors are flat: set its curvature to 0"));
         }
@@ -331,8 +335,8 @@ impl File {
             let mut surface = draft
                 .surface(scale, &self, glasses)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
-            // A fixed semi-diameter of a refracting surface is an aperture too (the program makes it
-            // a "floating" one); a plane in air with one is only drawn so.
+            // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
+            // it a "floating" one); a plane in air with one is only drawn so.
             let refracts = !(open && surface.medium == Medium::Air);
             open = surface.medium == Medium::Air;
             if let (false, true, Some((radius, true))) = (draft.clear, refracts, draft.diameter)

@@ -1,11 +1,13 @@
-//! What an optics result depends on, as a key: two runs with the same key give the same planes.
+//! Cache keys: a digest of everything that an optics result depends on. Two runs with the same key
+//! give the same planes.
 //!
-//! The key covers everything the engine asks for — the scene's cell averages, each figure of the lens in
-//! every band, grid, options, version of this program — rather than names of files, so a file that was
-//! touched but not changed keeps its results and a changed one never returns old ones. A lens that has to be traced
-//! first stands with what it is traced from instead ([`LensContent`]). Scenes are read
-//! on a grid of one cell per pixel over the frame and an eighth of its width around it: two scenes that
-//! differ only in detail below a pixel which leaves *every* pixel's average as it is share a key.
+//! The key covers everything the engine asks for — the scene's cell averages, each figure of the
+//! lens in every band, grid, options, version of this program — rather than names of files, so a
+//! file that was touched but not changed keeps its results and a changed one never returns old
+//! ones. A lens that has to be traced first is represented by what it is traced from
+//! ([`LensContent`]). Scenes are read on a grid of one cell per pixel over the frame and an eighth
+//! of its width around it: two scenes that differ only in detail below a pixel which leaves
+//! *every* pixel's average as it is share a key.
 //!
 //! 64-bit SipHash of the standard library: by accident, two of a million results collide with a
 //! probability of 3e-8. It may change with the compiler, which costs a recomputation.
@@ -17,29 +19,31 @@ use camrig_scene::{Grid, Scene};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::PathBuf;
 
-/// Samples of a radial curve that stand for it.
+/// Samples by which a radial curve enters a key. Two curves that agree at all of them count as
+/// one.
 const CURVE_SAMPLES: usize = 1025;
 
-/// Raised whenever the same input gives other planes or another lens than before.
+/// To be raised whenever the same input gives other planes or another lens than before.
 const REVISION: u32 = 1;
 
-/// What stands for a lens in a key.
+/// What represents a lens in a key.
 pub enum LensContent<'a> {
     /// Every figure that the engine would ask for.
     Figures(&'a dyn Lens),
-    /// A description from which those follow.
+    /// A description from which those figures follow.
     Description(String),
 }
 
-/// The key of what follows from a description, 16 hexadecimal digits.
+/// The key of a result that follows from a description alone: 16 hexadecimal digits.
+#[must_use]
 pub fn key_of_description(description: &str) -> String {
     let mut content = Content::new();
     content.0.write(description.as_bytes());
     content.key()
 }
 
-/// The key of the planes that `scene`, its `white` per band, lens, grid and options give, 16 hexadecimal
-/// digits.
+/// The key of the planes that `scene`, its `white` per band, lens, grid and options give, 16
+/// hexadecimal digits.
 ///
 /// # Errors
 /// A scene that cannot be rendered.
@@ -63,8 +67,9 @@ pub fn key(
     Ok(content.key())
 }
 
-/// Where results are kept: `$XDG_CACHE_HOME/camrig/optics`, else `~/.cache/camrig/optics`; `None` where
-/// neither variable is set to an absolute path.
+/// Where results are kept: `$XDG_CACHE_HOME/camrig/optics`, else `~/.cache/camrig/optics`; `None`
+/// where neither variable is set to an absolute path.
+#[must_use]
 pub fn directory() -> Option<PathBuf> {
     let absolute =
         |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());

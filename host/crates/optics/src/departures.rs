@@ -1,12 +1,12 @@
-//! Departures of a lens from its description: what any lens may have on top of what its model says.
+//! Departures of a lens from its description: aberrations and losses added to those of its model.
 //!
 //! [`Departed`] wraps a lens; [`super::effects`] makes departures of what a camera file names.
 
 use super::engine::{Blur, Lens, RadialCurve};
 use camrig_base::Spectrum;
 
-/// What makes a lens another than its description; nothing by default. Defocus is not among them: it is a
-/// matter of each lens's own wavefront.
+/// Departures of a lens from its description; none by default. Defocus is not among them: it
+/// changes the wavefront, which each lens model treats on its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Departures {
     /// Factor on the transmittance over wavelength.
@@ -53,8 +53,12 @@ impl Default for Distortion {
 }
 
 impl Distortion {
-    /// Smallest slope at which the mapping counts as one that can be inverted.
+    /// Least slope of real over undistorted height at which the mapping still counts as
+    /// invertible: the inverse is then at most twenty times as steep as the image.
     const LEAST_SLOPE: f64 = 0.05;
+    /// Largest r that is examined: four times the height at which the coefficients are given,
+    /// which no margin of a blur reaches.
+    const LARGEST_R: f64 = 4.0;
 
     /// Whether it changes anything.
     fn is_none(&self) -> bool {
@@ -67,19 +71,23 @@ impl Distortion {
     }
 
     /// Real height over undistorted height, mm.
+    #[must_use]
     pub fn real(&self, ideal_mm: f64) -> f64 {
         let r2 = (ideal_mm / self.unit_mm).powi(2);
         ideal_mm * (self.size + r2 * (self.k1 + r2 * self.k2))
     }
 
-    /// Largest r, at most 4, up to which the image does not fold.
+    /// Largest r, at most [`Self::LARGEST_R`], up to which the image does not fold.
     fn fold(&self) -> f64 {
         const STEPS: u32 = 400;
-        let at = |i: u32| 4.0 * f64::from(i) / f64::from(STEPS);
-        (1..=STEPS).find(|&i| self.slope(at(i)) < Self::LEAST_SLOPE).map_or(4.0, |i| at(i - 1))
+        let at = |i: u32| Self::LARGEST_R * f64::from(i) / f64::from(STEPS);
+        (1..=STEPS)
+            .find(|&i| self.slope(at(i)) < Self::LEAST_SLOPE)
+            .map_or(Self::LARGEST_R, |i| at(i - 1))
     }
 
-    /// Undistorted height over real height, mm; where the image would fold, on from there as in the centre.
+    /// Undistorted height over real height, mm. Beyond the height at which the image would fold,
+    /// it continues with the slope of the centre.
     pub fn inverse(&self) -> impl Fn(f64) -> f64 + Send + Sync + use<> {
         let this = *self;
         let fold_mm = this.fold() * this.unit_mm;
@@ -88,7 +96,8 @@ impl Distortion {
             if real.abs() >= fold_real {
                 return (fold_mm + (real.abs() - fold_real) / this.size).copysign(real);
             }
-            // Newton from the undistorted height, kept inside the part that rises.
+            // Newton's method from the undistorted height, kept inside the rising part. It doubles
+            // the digits per step; fifty bound it where the slope is least.
             let mut ideal = (real / this.size).clamp(-fold_mm, fold_mm);
             for _ in 0..50 {
                 let step = (this.real(ideal) - real) / this.slope(ideal / this.unit_mm);
@@ -106,7 +115,7 @@ impl Distortion {
 pub struct Departed {
     /// The lens as described.
     pub lens: Box<dyn Lens>,
-    /// What it has on top.
+    /// Departures from it.
     pub departures: Departures,
 }
 

@@ -1,4 +1,4 @@
-//! The diffraction-limited lens of which only key parameters are known, in focus or out of it.
+//! A diffraction-limited lens given by its key parameters, in focus or out of focus.
 //!
 //! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus.
 //! Circular pupil without obscuration, incoherent light, scalar diffraction.
@@ -8,10 +8,10 @@ use super::interpolate::MonotoneCubic;
 use camrig_base::Spectrum;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// A perfect lens of given f-number.
+/// A lens without aberrations, of given f-number.
 #[derive(Clone, Debug)]
 pub struct Diffraction {
-    /// N: focal length over entrance-pupil diameter.
+    /// f-number N: focal length over entrance-pupil diameter.
     pub f_number: f64,
     /// Focal length, mm.
     pub focal_length_mm: f64,
@@ -21,7 +21,7 @@ pub struct Diffraction {
     pub transmittance: Spectrum,
     /// Fall-off of illumination towards the corners.
     pub illumination: Illumination,
-    /// Displacement of the sensor from the focus along the axis, µm; sign without effect.
+    /// Displacement of the sensor from the focus along the axis, µm; its sign has no effect.
     pub defocus_um: f64,
 }
 
@@ -30,30 +30,35 @@ pub struct Diffraction {
 pub enum Illumination {
     /// cos⁴ of the field angle atan(height / image distance).
     Cos4,
-    /// None.
+    /// No fall-off.
     Uniform,
     /// Ratio over real image height in mm.
     Table(MonotoneCubic),
 }
 
 impl Diffraction {
-    /// Image-side f-number N(1+|m|): the cone that converges on the sensor (pupil magnification 1).
+    /// Image-side f-number N(1+|m|): the cone that converges on the sensor (pupil magnification
+    /// 1).
+    #[must_use]
     pub fn working_f_number(&self) -> f64 {
         self.f_number * (1.0 + self.magnification)
     }
 
     /// Distance of the image plane from the rear principal plane, f(1+|m|), mm.
+    #[must_use]
     pub fn image_distance_mm(&self) -> f64 {
         self.focal_length_mm * (1.0 + self.magnification)
     }
 
     /// Highest frequency that passes, 1/(λ·N(1+|m|)), cycles/mm (eq. 6 on the image side).
+    #[must_use]
     pub fn cutoff_per_mm(&self, nm: f64) -> f64 {
         1e6 / (nm * self.working_f_number())
     }
 
     /// The optical transfer function at a frequency in cycles/mm: eqs. 4-5 in focus, Hopkins' with
     /// defocus. Real, since the pupil is symmetric.
+    #[must_use]
     pub fn otf(&self, nm: f64, cycles_per_mm: f64) -> f64 {
         // W020 = δ/(8 Nw²), the wavefront error at the pupil's edge, in waves.
         let waves = self.defocus_um.abs() * 1e3 / (8.0 * self.working_f_number().powi(2) * nm);
@@ -65,6 +70,7 @@ impl Diffraction {
 ///
 /// Autocorrelation of the pupil e^(2πi·W020·ρ²): (4/π)∫ cos²θ·cos(8π·W020·x·(sin θ − x)) dθ from
 /// asin x to π/2, which without defocus is eq. 5, (2/π)(acos x − x√(1−x²)).
+#[must_use]
 pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
     if x >= 1.0 {
         return 0.0;
@@ -74,7 +80,7 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
     }
     let rate = 8.0 * PI * waves * x;
     let (low, high) = (x.asin(), FRAC_PI_2);
-    // Simpson's rule; 16 intervals per radian of phase keep its error below 1e-8.
+    // Simpson's rule with at least 64 intervals; 16 per radian of phase keep its error below 1e-8.
     let intervals = 2 * (32 + (8.0 * rate * (1.0 - x)).ceil() as usize);
     let h = (high - low) / intervals as f64;
     let value = |i: usize| {
@@ -85,13 +91,23 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
     4.0 / PI * h / 3.0 * (value(0) + inner + value(intervals))
 }
 
+/// Reach of the core in λN: 0.2 % of a line's light lies beyond on each side ([`Wings`]), of which
+/// a tenth stays with the core.
+const CORE_REACH: f64 = 32.0;
+/// Reach of the wings over that of the core: light beyond it is a sixteenth of what leaves the
+/// core.
+const WINGS_REACH: f64 = 16.0;
+/// Reciprocal of the share of the light beyond the frequency up to which the wings are followed.
+const WINGS_CUTOFF: f64 = 1e5;
+
 /// The part of the light that diffraction at the pupil's edge spreads far.
 ///
-/// Whatever its defocus, a circular pupil's OTF starts as 1 − (4/π)·λN·f, and that kink at 0 is a point-spread
-/// function that falls as r⁻³: of a line's light 2λN/(π³X) lies beyond X on each side, 0.2 % beyond 32 λN. A·(e^(−2πaf) −
-/// e^(−2πbf)) with 2πA·(a − b) = (4/π)·λN has the kink too: it is the transform of A·(p(r, a) − p(r, b)), p(r, a) =
-/// a/(2π(r² + a²)^(3/2)). What the OTF is beside that ends early: with b = X/4 and a = 3X/8 it has
-/// (a² + ab + b²)/(3X²) = 10 % of the OTF's light beyond X.
+/// Whatever the defocus, the OTF of a circular pupil starts as 1 − (4/π)·λN·f. That kink at 0 is
+/// the transform of a point-spread function that falls as r⁻³: of a line's light, 2λN/(π³X) lies
+/// beyond X on each side, 0.2 % beyond 32 λN. A·(e^(−2πaf) − e^(−2πbf)) with 2πA·(a − b) =
+/// (4/π)·λN has the kink too: it is the transform of A·(p(r, a) − p(r, b)), p(r, a) = a/(2π(r² +
+/// a²)^(3/2)). The rest of the OTF belongs to a PSF that ends early: with b = X/4 and a = 3X/8 it
+/// has (a² + ab + b²)/(3X²) = 10 % of the OTF's light beyond X.
 #[derive(Clone, Copy)]
 struct Wings {
     strength: f64,
@@ -101,7 +117,7 @@ struct Wings {
 }
 
 impl Wings {
-    /// For a λN and the distance X that the rest shall keep within, µm.
+    /// For λN and the distance X within which the rest of the light is to stay, both µm.
     fn new(lambda_n_um: f64, spread_um: f64) -> Self {
         let (wide, narrow) = (0.375e-3 * TAU * spread_um, 0.25e-3 * TAU * spread_um);
         Self { strength: 4e-3 / PI * lambda_n_um / (wide - narrow), wide, narrow }
@@ -111,9 +127,9 @@ impl Wings {
         self.strength * ((-self.wide * cycles_per_mm).exp() - (-self.narrow * cycles_per_mm).exp())
     }
 
-    /// Frequency beyond which 1e-5 of the light passes at most, cycles/mm.
+    /// Frequency beyond which at most 1/[`WINGS_CUTOFF`] of the light passes, cycles/mm.
     fn cutoff_per_mm(&self) -> f64 {
-        (self.strength * 1e5).ln().max(1.0) / self.narrow
+        (self.strength * WINGS_CUTOFF).ln().max(1.0) / self.narrow
     }
 }
 
@@ -141,7 +157,7 @@ impl Lens for Diffraction {
         let lambda_n_um = 1e-3 * nm * self.working_f_number();
         // The geometric blur circle of defocus comes on top.
         let spread_um =
-            32.0 * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
+            CORE_REACH * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
         let wings = Wings::new(lambda_n_um, spread_um);
         Blur::Otf {
             core: Otf {
@@ -151,7 +167,7 @@ impl Lens for Diffraction {
             },
             wings: Some(Otf {
                 cutoff_per_mm: wings.cutoff_per_mm(),
-                spread_um: 16.0 * spread_um,
+                spread_um: WINGS_REACH * spread_um,
                 at: Box::new(move |f| wings.otf(f)),
             }),
         }

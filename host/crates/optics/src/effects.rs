@@ -1,9 +1,11 @@
-//! Effects of the optics that a camera file may name in `[[effect]]`: the catalogue, and what they change.
+//! Optical effects that a camera file may name in `[[effect]]`: the catalogue, and what each
+//! changes.
 //!
 //! They act before the irradiance, so a rig never sees them; the sensor's effects are
-//! [`camrig_sensor_core::effects`]. Each is a declared [`OpticalEntry`] like those: kind, description, parameters with
-//! unit and range. `relative-illumination` is among the sensor's: a factor over the field that is the same for
-//! all wavelengths gives the same electrons on either side of the irradiance, and so needs no second name.
+//! [`camrig_sensor_core::effects`]. Each is a declared [`OpticalEntry`] like those: kind,
+//! description, parameters with unit and range. `relative-illumination` is among the sensor's: a
+//! factor over the field that is the same for all wavelengths gives the same electrons on either
+//! side of the irradiance, and so needs no second name.
 //!
 //! # Adding an effect
 //! One entry in [`OpticalEffect::CATALOGUE`] with its `apply`; one line in its test.
@@ -18,11 +20,11 @@ use camrig_sensor_core::effects::Parameter;
 pub struct OpticalEntry {
     /// Name in camera files.
     pub kind: &'static str,
-    /// What it is, equation, source.
+    /// Description, equation and source.
     pub doc: &'static str,
     /// Its parameters in order.
     pub parameters: &'static [Parameter],
-    /// Adds the effect to what the lens has already: lengths and coefficients add, factors multiply.
+    /// Adds the effect to those before it: lengths and coefficients add, factors multiply.
     apply: fn(&[f64], &SensorGrid, &mut Optics) -> Result<()>,
 }
 
@@ -39,12 +41,12 @@ pub struct OpticalEffect {
     values: Vec<f32>,
 }
 
-/// What the optical effects of a camera come to.
+/// The optical effects of a camera, combined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Optics {
     /// Displacement of the sensor from the focus, away from the lens, µm.
     pub defocus_um: f64,
-    /// Everything that does not ask for the lens's wavefront.
+    /// All effects that need no knowledge of the wavefront.
     pub departures: Departures,
 }
 
@@ -58,7 +60,9 @@ const fn parameter(
     Parameter { key, unit, doc, min: range.0, max: range.1, default }
 }
 
-/// Wavelengths of the lateral colour's figures, nm.
+/// Wavelengths at which lateral colour is given, nm: near the peaks of a camera's blue, green and
+/// red channels.
+
 const BLUE_NM: f64 = 450.0;
 const GREEN_NM: f64 = 550.0;
 const RED_NM: f64 = 650.0;
@@ -188,6 +192,7 @@ impl OpticalEffect {
     ];
 
     /// The effect of this kind; `None` when there is none, or a value is missing or out of range.
+    #[must_use]
     pub fn new(kind: &str, values: &[f32]) -> Option<Self> {
         let entry = Self::CATALOGUE.iter().find(|e| e.kind == kind)?;
         let fits = values.len() == entry.parameters.len()
@@ -196,18 +201,20 @@ impl OpticalEffect {
     }
 
     /// Its entry.
+    #[must_use]
     pub fn entry(&self) -> &'static OpticalEntry {
         self.entry
     }
 
     /// Its parameters in the order of the entry.
+    #[must_use]
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 }
 
 impl Optics {
-    /// What `effects` come to on a sensor of this grid.
+    /// Combines `effects` on a sensor with this grid.
     ///
     /// # Errors
     /// None for effects within their ranges.

@@ -13,10 +13,12 @@ pub struct MonotoneCubic {
 }
 
 impl MonotoneCubic {
-    /// The curve through `(x[i], y[i])`; `x` strictly rising, both of the same length, at least one.
+    /// The curve through `(x[i], y[i])`; `x` strictly rising, both of the same length, at least
+    /// one.
     ///
     /// # Panics
     /// When the lengths differ or are 0: callers hold validated tables.
+    #[must_use]
     pub fn new(x: Vec<f64>, y: Vec<f64>) -> Self {
         assert!(!x.is_empty() && x.len() == y.len(), "a curve needs one y per x, at least one");
         let n = x.len();
@@ -37,6 +39,7 @@ impl MonotoneCubic {
     }
 
     /// The value at `x`.
+    #[must_use]
     pub fn at(&self, x: f64) -> f64 {
         let last = self.x.len() - 1;
         if x <= self.x[0] {
@@ -54,8 +57,9 @@ impl MonotoneCubic {
             + h * (self.slope[i] * (t3 - 2.0 * t2 + t) + self.slope[i + 1] * (t3 - t2))
     }
 
-    /// The x at which a strictly rising curve has the value `y`, by bisection to the last bit or so;
-    /// beyond the table along the end slopes.
+    /// The x at which a strictly rising curve has the value `y`, by bisection to the last bit or
+    /// so; beyond the table along the end slopes.
+    #[must_use]
     pub fn inverse(&self, y: f64) -> f64 {
         let last = self.x.len() - 1;
         for end in [0, last] {
@@ -66,6 +70,7 @@ impl MonotoneCubic {
         }
         let i = self.y.partition_point(|&v| v <= y) - 1;
         let (mut low, mut high) = (self.x[i], self.x[i + 1]);
+        // 60 halvings exhaust the 53 bits of f64.
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if self.at(middle) <= y { low = middle } else { high = middle }
@@ -74,7 +79,8 @@ impl MonotoneCubic {
     }
 }
 
-/// Parabolic slope at an inner point, limited so that the curve stays monotone.
+/// Parabolic slope at an inner point, limited to three times the smaller secant so that the curve
+/// stays monotone (Fritsch and Carlson 1980).
 fn inner_slope(before: f64, after: f64, h_before: f64, h_after: f64) -> f64 {
     if before * after <= 0.0 {
         return 0.0;
@@ -89,8 +95,8 @@ fn end_slope(secant: f64, next: Option<&f64>, x: &[f64]) -> f64 {
     let Some(&next) = next else { return secant };
     let (h0, h1) = (x[1] - x[0], x[2] - x[1]);
     let slope = secant + (secant - next) * h0 / (h0 + h1);
-    // In units of the secant: above 0, so that a rising curve goes on rising beyond its table; at
-    // most 3, so that it is monotone inside.
+    // In units of the secant: at least a tenth, so that a rising curve keeps rising beyond its
+    // table; at most 3, so that it is monotone inside (Fritsch and Carlson 1980).
     if secant == 0.0 { 0.0 } else { (slope / secant).clamp(0.1, 3.0) * secant }
 }
 

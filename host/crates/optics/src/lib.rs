@@ -1,8 +1,8 @@
 //! Lens descriptions and the engine that turns scene radiance into sensor irradiance.
 //!
-//! [`engine`] renders any [`Lens`]: [`Diffraction`] (key parameters only) or [`Characterisation`] (tables
-//! over field and wavelength, exported by a lens program or traced from a prescription by [`lens`]), with
-//! [`departures`] from its description where a camera file names [`effects`].
+//! [`engine`] renders any [`Lens`]: [`Diffraction`] (key parameters only) or [`Characterisation`]
+//! (tables over field and wavelength, exported by a lens program or traced from a prescription by
+//! [`lens`]), with [`departures`] from its description where a camera file names [`effects`].
 //! [`mod@reference`] is the same physics by direct sums; [`content`] keys results for the cache.
 //!
 //! # Conventions

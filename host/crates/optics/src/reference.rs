@@ -1,9 +1,10 @@
-//! The exact path: the same physics as the engine by direct sums in f64, for small images.
+//! The reference: the physics of the engine by direct sums in f64, for small images.
 //!
-//! It shares with the engine what is data — the padded cell grid, the scene on it and the PSF tables — and
-//! nothing of how the engine computes: no fast transform, no folding, no tiles. Every cell scatters through the
-//! PSF of its own place, or, to tell the engine's arithmetic from its interpolation, through the blend of the nodes
-//! around it ([`Psfs`]). Cost grows with the square of the number of cells: keep images below some 64 x 64 pixels.
+//! It shares with the engine what is data — the padded cell grid, the scene on it and the PSF
+//! tables — and nothing of how the engine computes: no fast transform, no folding, no tiles. Every
+//! cell scatters through the PSF of its own place, or, to tell the engine's arithmetic from its
+//! interpolation, through the blend of the nodes around it ([`Psfs`]). Cost grows with the square
+//! of the number of cells: keep images below some 64 x 64 pixels.
 
 use super::engine::FieldGrids;
 use super::engine::fourier;
@@ -20,13 +21,14 @@ use std::f64::consts::TAU;
 /// Which PSF a cell of the scene has where PSFs vary over the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Psfs {
-    /// That of its own place.
+    /// The PSF of its own place.
     OwnPlace,
-    /// The bilinear blend of those at the corners of its square of this many cells.
+    /// The bilinear blend of the PSFs at the corners of its square of this many cells.
     Nodes(usize),
 }
 
-/// Irradiance in one band, W m⁻² nm⁻¹, as [`super::irradiance`] gives it with `oversample` cells per pixel.
+/// Irradiance in one band, W m⁻² nm⁻¹, as [`super::irradiance`] gives it with `oversample` cells
+/// per pixel.
 ///
 /// # Errors
 /// Those of the scene.
@@ -88,7 +90,8 @@ pub fn irradiance(
     Ok(plane)
 }
 
-/// The kernel whose transform at the multiples of 1/(its side) is OTF times aperture over the cells' own average.
+/// The kernel whose transform, at multiples of 1/(its side), is the OTF times the aperture's sinc
+/// over the cell's sinc.
 fn otf_kernel(
     layout: &Layout,
     grid: &SensorGrid,
@@ -138,7 +141,8 @@ fn scatter<'a>(
 ) -> Plane<f64> {
     let s = layout.oversample;
     let mut out = Plane::filled(layout.width, layout.height, 0.0);
-    // Pixel p of the frame lies `before` kernel entries from cell c where s·(p + edge) = c + i − before.
+    // Pixel p of the frame lies `before` kernel entries from cell c where s·(p + edge) = c + i −
+    // before.
     let pixel = |c: usize, i: usize, edge: usize, n: usize| {
         let place = (c + i).checked_sub(grid.before + s * edge)?;
         (place.is_multiple_of(s) && place / s < n).then_some(place / s)
@@ -248,7 +252,8 @@ mod tests {
         (plane, report.unwrap())
     }
 
-    /// Largest difference of a plane and the reference over the irradiance of the scene's brightest place.
+    /// Largest difference of a plane and the reference over the irradiance of the scene's
+    /// brightest place.
     fn difference(
         plane: &Plane<f32>,
         lens: &dyn Lens,
@@ -297,7 +302,8 @@ mod tests {
         }
     }
 
-    /// A lens whose PSFs, distortion and fall-off vary over the field, and its axis off the sensor's centre.
+    /// A lens whose PSFs, distortion and fall-off vary over the field, and its axis off the
+    /// sensor's centre.
     fn varying(axis_mm: (f64, f64)) -> Departed {
         let lens = Characterisation::example(17, 0.5);
         Departed {
@@ -308,7 +314,8 @@ mod tests {
 
     #[test]
     fn the_engine_agrees_through_a_varying_field_with_the_same_nodes_everywhere() {
-        // Odd and even sizes, nodes few and many, every border, the axis inside and outside the frame.
+        // Odd and even sizes, nodes few and many, every border, the axis inside and outside the
+        // frame.
         for (width, height, pitch_um, oversample, border, axis_mm) in [
             (40, 30, 8.0, 2, Beyond, (0.0, 0.0)),
             (37, 29, 8.0, 1, Black, (0.02, -0.01)),
@@ -346,8 +353,9 @@ mod tests {
         let nodes = report.nodes.unwrap();
         let worst = difference(&plane, &lens, &grid, 2, &options, Psfs::OwnPlace);
         println!("field, s 2: {worst:.1e}, {nodes:?}");
-        // A pixel's error is at most the brightest radiance times Σ|ΔK|, twice the misplaced light; the report's
-        // sample of the field finds its largest value to some tens of per cent.
+        // A pixel's error is at most the brightest radiance times Σ|ΔK|, twice the misplaced
+        // light; the report's sample of the field finds its largest value to some tens of per
+        // cent.
         assert!(worst < 3.0 * nodes.nodes.largest, "{worst}, {nodes:?}");
         assert!(worst > 1e-5, "else the test above says the same: {worst}");
     }

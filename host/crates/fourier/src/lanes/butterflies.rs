@@ -1,27 +1,27 @@
-//! Transforms of few neighbours, in registers.
+//! Butterflies: transforms of two to nine elements in registers.
 
-use super::lanes::Complex;
+use super::vector::Complex;
 use pulp::Simd;
 
-/// The transform of R neighbours.
+/// The transform of R elements.
 pub trait Butterfly<const R: usize> {
-    /// Of one sequence in every lane.
+    /// Transforms one sequence in every lane.
     fn apply<S: Simd>(simd: S, x: [Complex<S>; R]) -> [Complex<S>; R];
 }
 
-/// Two neighbours.
+/// Radix 2.
 pub struct Dft2;
-/// Three neighbours.
+/// Radix 3.
 pub struct Dft3;
-/// Four neighbours.
+/// Radix 4.
 pub struct Dft4;
-/// Five neighbours.
+/// Radix 5.
 pub struct Dft5;
-/// Six neighbours.
+/// Radix 6.
 pub struct Dft6;
-/// Eight neighbours.
+/// Radix 8.
 pub struct Dft8;
-/// Nine neighbours.
+/// Radix 9.
 pub struct Dft9;
 
 impl Butterfly<2> for Dft2 {
@@ -79,7 +79,7 @@ impl Butterfly<5> for Dft5 {
 }
 
 impl Butterfly<6> for Dft6 {
-    /// 2 x 3, coprime: no factors between (Good 1958).
+    /// 2 x 3 with coprime factors, so no twiddle factors between them (Good 1958).
     #[inline(always)]
     fn apply<S: Simd>(simd: S, x: [Complex<S>; 6]) -> [Complex<S>; 6] {
         let even = Dft3::apply(simd, [x[0], x[2], x[4]]);
@@ -96,7 +96,7 @@ impl Butterfly<8> for Dft8 {
     fn apply<S: Simd>(simd: S, x: [Complex<S>; 8]) -> [Complex<S>; 8] {
         let even = Dft4::apply(simd, [x[0], x[2], x[4], x[6]]);
         let odd = Dft4::apply(simd, [x[1], x[3], x[5], x[7]]);
-        // Turned by multiples of 45 degrees.
+        // Multiplied by e^(−2πi·k/8), k = 1, 3, 2.
         let Complex { re, im } = odd[1];
         let first = Complex { re: simd.add_f32s(re, im), im: simd.sub_f32s(im, re) }
             .scale(simd, std::f32::consts::FRAC_1_SQRT_2);

@@ -1,24 +1,26 @@
 //! Fourier transforms, sixteen side by side.
 //!
-//! A [`Fft`] transforms sixteen sequences at once: element i of all sixteen sits in one [`Lanes`], so
-//! every butterfly is plain arithmetic on whole vector registers, of whichever width the machine has.
-//! The operations and their order are the same on
-//! every machine (no fused multiply-add, no library kernel chosen by processor), so the bits are too.
+//! A [`Fft`] transforms sixteen sequences at once: element i of all sixteen sits in one [`Lanes`],
+//! so every butterfly is plain arithmetic on whole vector registers, of whichever width the
+//! machine has. The operations and their order are the same on every machine (no fused
+//! multiply-add, no library kernel chosen by processor), and so are the bits of the result.
 //!
-//! Stockham autosort, decimation in frequency, mixed radix 2, 3, 4, 5, 6, 8, 9; lengths 2^a·3^b·5^c. A transform is bound
-//! by its passes over memory, so radices are large and few; the first pass may weigh what it reads (`Input`), the last
-//! multiply and add up what it would write (`Output`).
-//! Forward: X(k) = Σ x(i) e^(−2πi·ik/n); nothing is scaled in either direction.
+//! Stockham autosort, decimation in frequency, mixed radix 2, 3, 4, 5, 6, 8, 9; lengths
+//! 2^a·3^b·5^c. Passes over memory limit the speed of a transform, so radices are large and few.
+//! The first pass may weight what it reads (`Input`), and the last may multiply by kernels and
+//! accumulate instead of writing (`Output`).
+//!
+//! Forward: X(k) = Σ x(i)·e^(−2πi·ik/n); nothing is scaled in either direction.
 
 mod butterflies;
-mod lanes;
 mod pass;
+mod vector;
 
-pub use lanes::{LANES, Lanes, registers, vectors, vectors_mut};
 use pass::{Input, Output, Reader, Writer, pass};
 pub use pass::{KernelPart, Products, Weighted};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
+pub use vector::{LANES, Lanes, registers, vectors, vectors_mut};
 
 struct Stage {
     radix: usize,
@@ -30,13 +32,14 @@ struct Stage {
     twiddles: Vec<(f32, f32)>,
 }
 
-/// A transform of one length; see the module documentation.
+/// A plan for transforms of one length; see the module documentation.
 pub struct Fft {
     length: usize,
     stages: Vec<Stage>,
 }
 
 /// Smallest length of at least `n` that [`Fft`] can transform.
+#[must_use]
 pub fn good_length(n: usize) -> usize {
     let smooth = |m: &usize| {
         let without = |m: usize, prime: usize| {
@@ -47,7 +50,7 @@ pub fn good_length(n: usize) -> usize {
     (n.max(1)..).find(smooth).unwrap_or(n)
 }
 
-/// Lengths of the transforms that a stage makes at once.
+/// Radices of the stages, largest first.
 const RADICES: [usize; 7] = [9, 8, 6, 5, 4, 3, 2];
 
 /// The fewest radices whose product is `n`, large ones first.
@@ -66,16 +69,18 @@ fn factors(n: usize) -> Option<Vec<usize>> {
     Some(fewest)
 }
 
-/// Passes over memory that a transform of length `n`, which [`good_length`] gives, takes.
+/// Passes over memory of a transform of length `n`; `n` is a length that [`good_length`] returns.
+#[must_use]
 pub fn passes(n: usize) -> usize {
     factors(n).map_or(0, |radices| radices.len())
 }
 
 impl Fft {
-    /// Plans transforms of `length`, which [`good_length`] gives.
+    /// Plans transforms of `length`, a length that [`good_length`] returns.
     ///
     /// # Panics
     /// When the length has a prime factor above 5 or is 0.
+    #[must_use]
     pub fn new(length: usize) -> Self {
         let radices = factors(length);
         assert!(length > 0 && radices.is_some(), "no transform of length {length}");
@@ -97,6 +102,7 @@ impl Fft {
     }
 
     /// Number of elements of each of the sixteen sequences.
+    #[must_use]
     pub fn length(&self) -> usize {
         self.length
     }
@@ -133,7 +139,8 @@ impl Fft {
         }
     }
 
-    /// Forward transform of `input`, multiplied and added to what `output` says.
+    /// Forward transform of `input`; its spectrum goes into the products and sums of `output`.
+    /// `data` and `scratch` are overwritten.
     #[inline(always)]
     pub fn forward_into<S: Simd>(
         &self,
@@ -171,6 +178,7 @@ pub struct Split {
 
 impl Split {
     /// Sequences of `length` zeros.
+    #[must_use]
     pub fn zeros(length: usize) -> Self {
         Self { re: vec![Lanes::ZERO; length], im: vec![Lanes::ZERO; length] }
     }
@@ -208,7 +216,8 @@ impl WithSimd for Transform<'_> {
     }
 }
 
-/// Stages in memory.
+/// Stages that read and write memory, with `data` and `scratch` in turn.
+
 #[inline(always)]
 fn middle<S: Simd>(simd: S, stages: &[Stage], data: &mut Split, scratch: &mut Split) {
     for stage in stages {

@@ -1,17 +1,17 @@
-//! One pass over memory: reading, a butterfly of each R neighbours, turning, writing.
+//! One pass over memory: read R elements, apply a butterfly, multiply by twiddle factors, write.
 
 use super::butterflies::{Butterfly, Dft2, Dft3, Dft4, Dft5, Dft6, Dft8, Dft9};
-use super::lanes::{Complex, Lanes, registers, vectors};
+use super::vector::{Complex, Lanes, registers, vectors};
 use super::{Split, Stage};
 use pulp::Simd;
 
-/// What a stage reads; indices count registers.
+/// Source of a stage's input; indices count registers.
 pub trait Input<S: Simd>: Copy {
     /// The value of a register.
     fn read(&self, simd: S, i: usize) -> Complex<S>;
 }
 
-/// Where a stage leaves its values.
+/// Destination of a stage's output; indices count registers.
 pub trait Output<S: Simd> {
     /// Takes the values of registers `first`, `first + step`, ...
     fn write<const R: usize>(
@@ -23,7 +23,7 @@ pub trait Output<S: Simd> {
     );
 }
 
-/// A buffer to read.
+/// A buffer that a stage reads.
 #[derive(Clone, Copy)]
 pub struct Reader<'a, S: Simd> {
     /// Real parts.
@@ -32,7 +32,7 @@ pub struct Reader<'a, S: Simd> {
     pub im: &'a [S::f32s],
 }
 
-/// A buffer to write.
+/// A buffer that a stage writes.
 pub struct Writer<'a, S: Simd> {
     /// Real parts.
     pub re: &'a mut [S::f32s],
@@ -40,7 +40,7 @@ pub struct Writer<'a, S: Simd> {
     pub im: &'a mut [S::f32s],
 }
 
-/// Real and imaginary parts times weights of their own, 0 beyond their end.
+/// Real and imaginary parts, each times weights of its own; 0 beyond the end of the data.
 #[derive(Clone, Copy)]
 pub struct Weighted<'a, S: Simd> {
     /// Real parts.
@@ -54,6 +54,7 @@ pub struct Weighted<'a, S: Simd> {
 impl<'a, S: Simd> Weighted<'a, S> {
     /// Parts and their weights, as many of each.
     #[inline(always)]
+    #[must_use]
     pub fn new(re: (&'a [Lanes], &'a [f32]), im: (&'a [Lanes], &'a [f32])) -> Self {
         let n = re.0.len();
         Self {
@@ -65,13 +66,13 @@ impl<'a, S: Simd> Weighted<'a, S> {
     }
 }
 
-/// Puts a spectrum times each of several kernels into sums of their own.
+/// Multiplies a spectrum by each of several kernels and accumulates each product in its own sum.
 pub struct Products<'a> {
     /// The kernels.
     pub kernels: &'a [KernelPart<'a>],
     /// The sums.
     pub sums: &'a mut [Split],
-    /// Whether the sums start with this one; else it is added.
+    /// Whether the products replace the sums; otherwise they are added.
     pub first: bool,
 }
 
@@ -140,7 +141,8 @@ impl<S: Simd> Output<S> for Products<'_> {
     }
 }
 
-/// One stage.
+/// Runs one stage.
+
 #[inline(always)]
 pub fn pass<S: Simd, I: Input<S>, O: Output<S>>(simd: S, stage: &Stage, input: I, output: O) {
     match stage.radix {

@@ -1,8 +1,9 @@
-//! ISETCam ray-trace sets: what its Zemax (`ISET_RT_ZEMAX*.ZPL`) and CODE V (`ISET_RT_CODEV.SEQ`) macros write.
+//! ISETCam ray-trace sets: what its Zemax (`ISET_RT_ZEMAX*.ZPL`) and CODE V (`ISET_RT_CODEV.SEQ`)
+//! macros write.
 //!
-//! `ISETPARMS.TXT` holds MATLAB assignments; `_DI_`, `_RI_`, `_CRA_` hold heights x wavelengths values (real
-//! height in mm, ratio, radians), `_PSF_h_w` or `_2D_PSF_Fldh_Wavew` one PSF each. PSFs may cover a part
-//! of heights and wavelengths, but all combinations of that part.
+//! `ISETPARMS.TXT` holds MATLAB assignments; `_DI_`, `_RI_`, `_CRA_` hold heights x wavelengths
+//! values (real height in mm, ratio, radians), `_PSF_h_w` or `_2D_PSF_Fldh_Wavew` one PSF each.
+//! PSFs may cover a part of heights and wavelengths, but all combinations of that part.
 
 use super::super::text::{number, read_text};
 use super::listing::{self, PsfListing};
@@ -12,10 +13,11 @@ use camrig_optics::{Characterisation, PsfGrid};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The parameter file of a set: `path` itself, or the one `*ISETPARMS.TXT` in the directory `path`.
+/// The parameter file of a set: `path` itself, or the one `*ISETPARMS.TXT` in the directory
+/// `path`.
 ///
 /// # Errors
-/// None, or several.
+/// No such file in the directory, or more than one.
 pub fn parameter_file(path: &Path) -> Result<PathBuf> {
     if path.is_file() {
         return Ok(path.to_owned());
@@ -111,7 +113,8 @@ impl Parameters {
 /// Imports the set of a parameter file.
 ///
 /// # Errors
-/// Missing files and parameters, tables of another size, a PSF grid with gaps; says which file.
+/// Missing files and parameters, tables of another size, a PSF grid with gaps; the error names the
+/// file.
 pub fn read(parameter_file: &Path) -> Result<Characterisation> {
     let parameters = Parameters::parse(&read_text(parameter_file)?);
     read_set(parameter_file, &parameters).map_err(|e| e.at(parameter_file.display()))
@@ -226,7 +229,10 @@ fn psf_grid(
                     wavelengths[w - 1]
                 ))
                 .at(dir.display())
-                .help(format!("{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that height or wavelength")));
+                .help(format!(
+                    "{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that height \
+                     or wavelength"
+                )));
             };
             let text = read_text(path)?;
             let listing = listing::psf(&text).map_err(|e| e.at(path.display()))?;
@@ -244,7 +250,8 @@ fn psf_grid(
             }
             size = n;
             captured.push(kept);
-            // A PSF without light stays one, and is refused with its place.
+            // A PSF without light stays without light; the check of the lens then refuses it by
+            // its place.
             let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
             data.extend(samples.iter().map(|v| (v / sum) as f32));
         }
@@ -260,16 +267,23 @@ fn psf_grid(
     })
 }
 
-/// Whether a listing is what the parameters announce.
+/// Largest difference of a listing's wavelength from that of the parameters, nm: listings print
+/// four decimals of a micrometre, and parameter files may round to whole nanometres.
+const WAVELENGTH_TOLERANCE_NM: f64 = 0.5;
+/// Largest relative difference of the sample distance: listings print few digits.
+const SPACING_TOLERANCE: f64 = 0.02;
+
+/// Checks that a listing is the one that the parameters announce.
+
 fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
     if let Some(own) = listing.wavelength_nm
-        && (own - nm).abs() > 0.5
+        && (own - nm).abs() > WAVELENGTH_TOLERANCE_NM
     {
         return Err(Error::input(format!("a PSF of {own} nm where {nm} nm is expected"))
             .help("the files do not belong together, or their numbers are mixed up"));
     }
     if let Some(own) = listing.spacing_um
-        && (own - spacing_um).abs() > 0.02 * spacing_um
+        && (own - spacing_um).abs() > SPACING_TOLERANCE * spacing_um
     {
         return Err(Error::input(format!(
             "PSF samples {own} µm apart where {spacing_um} µm are expected"

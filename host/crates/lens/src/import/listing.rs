@@ -1,20 +1,21 @@
-//! Zemax OpticStudio text listings: Huygens and FFT PSF, grid distortion, relative illumination; and bare
-//! grids of numbers (CODE V PSFs, CSV).
+//! Zemax OpticStudio text listings: Huygens and FFT PSF, grid distortion, relative illumination;
+//! and bare grids of numbers (CODE V PSFs, CSV).
 
 use super::super::text::number;
 use super::{rows_of_numbers, words};
 use camrig_base::{Error, Result};
 
-/// A PSF as a file holds it.
+/// A PSF as a file stores it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PsfListing {
-    /// Wavelength, nm, where the file says.
+    /// Wavelength, nm, where the file states it.
     pub wavelength_nm: Option<f64>,
-    /// Field as printed (degrees or mm, signed), where the file says.
+    /// Field as printed (degrees or mm, signed), where the file states it.
     pub field: Option<f64>,
-    /// Height y of the chief ray in the image, signed, in the file's unit, where the file says.
+    /// Height y of the chief ray in the image, signed, in the file's unit, where the file states
+    /// it.
     pub image_y: Option<f64>,
-    /// Distance of samples, µm, where the file says.
+    /// Distance between samples, µm, where the file states it.
     pub spacing_um: Option<f64>,
     /// Rows and columns.
     pub shape: [usize; 2],
@@ -168,8 +169,9 @@ fn two(text: &str, between: &str) -> Result<[usize; 2]> {
 
 impl PsfListing {
     /// Whether the rows, which run from +y to −y, run away from the axis: where the image lies at
-    /// negative y. On the axis, or where the listing does not say, so that the chief ray's row comes to
-    /// n/2 without losing one.
+    /// negative y. On the axis, or where the listing does not say, so that the chief ray's row
+    /// comes to n/2 without losing one.
+    #[must_use]
     pub fn runs_outwards(&self) -> bool {
         match self.image_y.or(self.field) {
             Some(y) if y != 0.0 => y < 0.0,
@@ -177,10 +179,11 @@ impl PsfListing {
         }
     }
 
-    /// Of a PSF on the axis: whether its centre row is meant from the last row upwards.
+    /// Whether the centre row of a PSF on the axis is counted from the last row upwards.
     ///
-    /// The programs print "centre 65, 65" of 128; some writers count y from the bottom. On the axis the
-    /// PSF is symmetric about the chief ray, which decides.
+    /// The programs print "centre 65, 65" of 128; some writers count y from the bottom. On the
+    /// axis the PSF is symmetric about the chief ray, which decides.
+    #[must_use]
     pub fn counts_rows_from_below(&self) -> bool {
         let [rows, columns] = self.shape;
         let asymmetry = |centre: usize| {
@@ -202,10 +205,12 @@ impl PsfListing {
         self
     }
 
-    /// The samples on a square grid of the listing's (even or odd) size with the chief ray at sample n/2 and
-    /// rows rising away from the axis, and the fraction of the light that stays inside.
+    /// The samples on a square grid of the listing's (even or odd) size with the chief ray at
+    /// sample n/2 and rows rising away from the axis, and the fraction of the light that stays
+    /// inside.
     ///
     /// `outwards`: whether the file's rows run away from the axis already.
+    #[must_use]
     pub fn oriented(&self, outwards: bool) -> (usize, Vec<f64>, f64) {
         let [rows, columns] = self.shape;
         let n = rows.min(columns);
@@ -271,7 +276,8 @@ pub fn grid_distortion(text: &str) -> Result<Vec<[f64; 2]>> {
     Ok(pairs)
 }
 
-/// Reads a relative-illumination listing into pairs of field (as printed) and relative illumination.
+/// Reads a relative-illumination listing into pairs of field (as printed) and relative
+/// illumination.
 ///
 /// # Errors
 /// A listing without its rows.

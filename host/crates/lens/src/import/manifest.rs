@@ -1,4 +1,4 @@
-//! The import manifest: a TOML file that names the files a lens's data are in.
+//! The import manifest: a TOML file that names the files with the data of a lens.
 //!
 //! ```toml
 //! format = "camrig-lens-import/1"
@@ -9,8 +9,8 @@
 //!
 //! # Tables over paraxial image height: CSV with a first column of heights in mm and a header row
 //! # of wavelengths (height_mm,450,500,...), or per wavelength a Zemax listing.
-//! distortion = ["real_height.csv"]              # real chief-ray height, mm; or grid-distortion listings
-//! relative_illumination = ["illumination.csv"]  # ratio; or relative-illumination listings (fields in degrees)
+//! distortion = ["real_height.csv"]              # real chief-ray height, mm; or grid distortion
+//! relative_illumination = ["illumination.csv"]  # ratio; or listings over the field in degrees
 //! chief_ray_angle = ["cra.csv"]                 # degrees; optional
 //!
 //! # Point-spread functions: every height with every wavelength. Zemax listing, CODE V listing, CSV
@@ -24,8 +24,8 @@
 //!                                               #   says unless given, true where it says nothing
 //! ```
 //!
-//! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`; without a
-//! wavelength they stand for all.
+//! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`;
+//! without a wavelength they stand for all.
 
 use super::super::text::{number, read_text};
 use super::listing::{self, PsfListing};
@@ -71,7 +71,7 @@ struct PsfEntry {
     outwards: Option<bool>,
 }
 
-/// Imports what a manifest names.
+/// Imports the lens that a manifest describes.
 ///
 /// # Errors
 /// What is wrong in the manifest or a file it names, with the line.
@@ -80,7 +80,7 @@ pub fn read(path: &Path) -> Result<Characterisation> {
     let manifest: Manifest = ::toml::from_str(&text)
         .map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
     if manifest.format != FORMAT {
-        return Err(Error::input(format!("format \"{}\"", manifest.format))
+        return Err(Error::unsupported(format!("format \"{}\"", manifest.format))
             .at(path.display())
             .help(format!("an import manifest has format = \"{FORMAT}\"")));
     }
@@ -123,7 +123,8 @@ pub fn read(path: &Path) -> Result<Characterisation> {
     })
 }
 
-/// One table from its sources: a CSV of all wavelengths, or a file per wavelength on the heights of the first.
+/// One table from its sources: a CSV of all wavelengths, or a file per wavelength on the heights
+/// of the first.
 fn tables(dir: &Path, sources: &[Source], efl_mm: f64) -> Result<Table> {
     let mut all: Vec<Table> = Vec::with_capacity(sources.len());
     for source in sources {
@@ -191,7 +192,8 @@ fn thinned(pairs: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     (0..=keep).map(|i| pairs[i * last / keep]).collect()
 }
 
-/// `height_mm,450,500,...` and rows of values; without a header row one column for the wavelength `nm`.
+/// `height_mm,450,500,...` and rows of values; without a header row one column for the wavelength
+/// `nm`.
 fn csv(text: &str, nm: f64) -> Result<Table> {
     let mut lines = text
         .lines()
@@ -232,7 +234,8 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
     Ok(Table { heights, wavelengths, values })
 }
 
-/// A PSF with its height (mm), wavelength (nm), sample distance (µm), and what [`PsfListing::oriented`] gave.
+/// A PSF with its height (mm), wavelength (nm), sample distance (µm), and what
+/// [`PsfListing::oriented`] gave.
 type LoadedPsf = (f64, f64, f64, (usize, Vec<f64>, f64));
 
 fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
@@ -276,12 +279,14 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
                     .help("give every height at every wavelength"));
             };
             if *n != size || *spacing != spacing_um {
-                return Err(Error::input(format!(
-                    "PSF of {n} samples {spacing} µm apart at height {h} mm, {nm} nm; the first has {size}, {spacing_um} µm"
+                return Err(Error::unsupported(format!(
+                    "PSF of {n} samples {spacing} µm apart at height {h} mm, {nm} nm; \
+                     the first has {size}, {spacing_um} µm"
                 ))
                 .help("export all PSFs on the same grid"));
             }
-            // A PSF without light stays one, and is refused with its place.
+            // A PSF without light stays without light; the check of the lens then refuses it by
+            // its place.
             let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
             data.extend(samples.iter().map(|v| (v / sum) as f32));
             captured.push(*kept);

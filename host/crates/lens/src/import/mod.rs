@@ -1,12 +1,13 @@
-//! Characterisations from what lens programs write.
+//! Characterisations from the files of lens programs.
 //!
-//! | source | read by |
-//! |---|---|
-//! | ISETCam ray-trace set: `ISETPARMS.TXT` with `_DI_`, `_RI_`, `_CRA_` and `_PSF_` files, as its Zemax and CODE V macros write them | [`iset`] |
-//! | a manifest (`.toml`) that names tables (CSV, NPY), Zemax listings and CODE V PSFs | [`manifest`] |
-//!
-//! PSFs are normalised to unit sum whatever they came with (Strehl, peak, 100 at the peak), and turned so
-//! that rows rise away from the axis with the chief ray at sample n/2.
+//! - [`iset`]: ISETCam ray-trace sets, `ISETPARMS.TXT` with `_DI_`, `_RI_`, `_CRA_` and `_PSF_`
+//!   files, as the Zemax and CODE V macros of ISETCam write them.
+//! - [`manifest`]: a manifest (`.toml`) that names tables (CSV, NPY), Zemax listings and CODE V
+//!   PSFs.
+
+//! PSFs are normalised to unit sum, whatever their normalisation in the file (Strehl ratio, 1 or
+//! 100 at the peak), and turned so that rows rise away from the axis with the chief ray at sample
+//! n/2.
 
 pub mod iset;
 pub mod listing;
@@ -40,14 +41,15 @@ pub fn import(source: &Path) -> Result<Characterisation> {
 pub(super) struct Table {
     /// Heights, mm, strictly rising.
     pub heights: Vec<f64>,
-    /// Wavelengths, nm; one that is 0 stands for all.
+    /// Wavelengths, nm; a wavelength of 0 stands for all.
     pub wavelengths: Vec<f64>,
     /// `[height][wavelength]`.
     pub values: Vec<f64>,
 }
 
 impl Table {
-    /// The table at other heights and wavelengths: monotone cubic in height, wavelengths must be there.
+    /// The table at other heights and wavelengths: monotone cubic in height, wavelengths must be
+    /// there.
     pub fn onto(&self, heights: &[f64], wavelengths: &[f64]) -> Result<Vec<f64>> {
         let columns = self.wavelengths.len();
         let curve = |nm: f64| {
@@ -67,8 +69,8 @@ impl Table {
     }
 }
 
-/// Rows of numbers: words separated by blanks, tabs, commas or semicolons; lines that start with `#` or `%`
-/// are comments. Every row has the same length.
+/// Rows of numbers: words separated by blanks, tabs, commas or semicolons; lines that start with
+/// `#` or `%` are comments. Every row has the same length.
 pub(super) fn rows_of_numbers(text: &str) -> Result<Vec<Vec<f64>>> {
     let mut rows: Vec<Vec<f64>> = Vec::new();
     for (i, line) in text.lines().enumerate() {

@@ -28,8 +28,9 @@ fn golden_iset_sets_come_in() {
             assert!((angle - at("cra_deg")).abs() < 1e-4);
             assert!((lens.relative_illumination[4 * 7 + w] - at("rel_illum")).abs() < 1e-6);
         }
-        // Heights 1 and 5 are fields 0 and 10; wavelengths 2, 4, 7. The files were written from another
-        // sampling of the pupil: up to 3 % of the peak apart; a shift by a row makes 18 % and more.
+        // Heights 1 and 5 are fields 0 and 10; wavelengths 2, 4, 7. The files were written from
+        // another sampling of the pupil: up to 3 % of the peak apart; a shift by a row makes 18 %
+        // and more.
         let golden = golden_psfs(&dir.join(format!("oracle_{name}_psf.npz")));
         for (h, field) in [(0, 0), (2, 10)] {
             for (w, wave) in [(0, 1), (1, 3), (2, 6)] {

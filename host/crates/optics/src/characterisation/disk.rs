@@ -25,7 +25,7 @@
 //! wavelengths_nm = [400.0, 550.0, 700.0]
 //! heights_mm = [0.0, 2.0]
 //! captured = [0.99, 0.99, 0.98, 0.97, 0.96, 0.95] # optional, [height][wavelength]
-//! [psf.between]                            # optional: error of PSFs halfway between heights, as measured
+//! [psf.between]                            # optional: measured error of PSFs halfway between heights
 //! misplaced_mean = 0.004                   # share of the light, mean over the field
 //! misplaced_largest = 0.009
 //! pixel_um = 1.4                           # after integration over pixels of this side
@@ -136,7 +136,7 @@ impl Characterisation {
     /// Writes a lens directory, whole or not at all; an existing one only with `force`.
     ///
     /// # Errors
-    /// Invalid data, an existing directory, or the operating system's refusal.
+    /// Invalid data, an existing directory, or a failure to write.
     pub fn write(&self, dir: &Path, force: bool) -> Result<()> {
         self.validate()?;
         if dir.exists() && !force {
@@ -212,7 +212,8 @@ where
     write().map_err(|e| Error::io("write", path, e))
 }
 
-/// Opens an array, checks shape and order before anything is allocated by its header's word.
+/// Opens an array and checks its shape and order before anything is allocated on the strength of
+/// its header.
 fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
     let bytes = file.metadata().map_err(|e| Error::io("read", path, e))?.len();

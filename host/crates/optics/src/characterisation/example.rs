@@ -4,8 +4,10 @@ use super::{Characterisation, PsfGrid};
 use camrig_base::Spectrum;
 
 impl Characterisation {
-    /// A small made-up lens: barrel distortion with lateral colour, fall-off, Gaussian PSFs that grow
-    /// along the radius and with wavelength.
+    /// A small invented lens of 1 mm focal length at f/2.8: barrel distortion with lateral colour,
+    /// fall-off, and Gaussian PSFs of `size` x `size` samples, `spacing_um` apart, that grow with
+    /// image height and wavelength.
+    #[must_use]
     pub fn example(size: usize, spacing_um: f64) -> Self {
         let heights_mm: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.1).collect();
         let wavelengths_nm = vec![400.0, 550.0, 700.0];

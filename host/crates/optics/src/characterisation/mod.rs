@@ -1,21 +1,24 @@
-//! A lens as data: what a lens program exports or our tracer computes, over image height and
-//! wavelength. The engine renders through it; `disk` keeps it in a directory.
+//! A lens as tables over image height and wavelength, as a lens program exports them or
+//! `camrig-lens` computes them. The engine renders through them; `disk` stores them in a
+//! directory.
 //!
 //! # Conventions
 //! - The lens is rotationally symmetric about the optical axis. Every table is indexed by the
-//!   **paraxial image height** h of the field point (EFL·tan θ for an object at infinity), mm, from 0.
+//!   **paraxial image height** h of the field point (EFL·tan θ for an object at infinity), mm,
+//!   from 0.
 //! - Distortion is stored forward: the *real* height at which the chief ray of **that wavelength**
-//!   lands, so lateral colour is in it; a PSF is centred on that same chief ray, so lateral colour is
-//!   **not** in the PSF.
+//!   lands, so lateral colour is in it; a PSF is centred on that same chief ray, so lateral colour
+//!   is **not** in the PSF.
 //! - PSF sample (row i, column j) of an n x n grid lies at ((i − n/2)·spacing) along the radial
-//!   direction, positive away from the axis, and ((j − n/2)·spacing) across it: the chief ray is at
-//!   sample n/2 (integer division), for even and odd n. Each PSF sums to 1 over its window; what the
-//!   window cut off is kept as a number in [`PsfGrid::captured`].
+//!   direction, positive away from the axis, and ((j − n/2)·spacing) across it: the chief ray is
+//!   at sample n/2 (integer division), for even and odd n. Each PSF sums to 1 over its window;
+//!   what the window cut off is kept as a number in [`PsfGrid::captured`].
 //! - Relative illumination is the irradiance of a uniform Lambertian scene at the field point over
-//!   that on the axis (1 at h = 0). It already holds cos⁴, vignetting, pupil aberration and the effect
-//!   of distortion on the solid angle: the engine applies it once, and no Jacobian.
-//! - Between heights: monotone cubic; between wavelengths: linear. Outside the table: distortion goes
-//!   on along its end slope, illumination and angle keep their end values, PSFs are those of the end.
+//!   that on the axis (1 at h = 0). It already holds cos⁴, vignetting, pupil aberration and the
+//!   effect of distortion on the solid angle: the engine applies it once, and no Jacobian.
+//! - Between heights: monotone cubic; between wavelengths: linear. Outside the table: distortion
+//!   goes on along its end slope, illumination and angle keep their end values, PSFs are those of
+//!   the end.
 
 mod disk;
 mod example;
@@ -29,7 +32,7 @@ use camrig_base::{Error, Result};
 /// A lens as tables over paraxial image height and wavelength (module documentation: conventions).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Characterisation {
-    /// What the lens is called.
+    /// Name of the lens.
     pub name: String,
     /// Where the figures come from: program, file, method; free text.
     pub source: String,
@@ -70,11 +73,13 @@ pub struct PsfGrid {
     pub size: usize,
     /// Distance of samples, µm.
     pub spacing_um: f64,
-    /// `[height][wavelength][row][column]`, each n x n block of unit sum; rows rise away from the axis.
+    /// `[height][wavelength][row][column]`, each n x n block of unit sum; rows rise away from the
+    /// axis.
     pub data: Vec<f32>,
-    /// Fraction of the PSF's energy inside its window, `[height][wavelength]`; `None` where unknown.
+    /// Fraction of the PSF's energy inside its window, `[height][wavelength]`; `None` where
+    /// unknown.
     pub captured: Option<Vec<f64>>,
-    /// How wrong PSFs between the heights are, where that was measured.
+    /// Error of PSFs between the heights, where it was measured.
     pub between: Option<Between>,
 }
 
@@ -82,7 +87,8 @@ pub struct PsfGrid {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Between {
-    /// Light that blending misplaces halfway between heights, as a fraction: mean over the field's area.
+    /// Light that blending misplaces halfway between heights, as a fraction: mean over the field's
+    /// area.
     pub misplaced_mean: f64,
     /// The same at the worst place.
     pub misplaced_largest: f64,
@@ -92,6 +98,7 @@ pub struct Between {
 
 impl PsfGrid {
     /// The PSF of height index `height` and wavelength index `wavelength`, row-major.
+    #[must_use]
     pub fn psf(&self, height: usize, wavelength: usize) -> &[f32] {
         let n2 = self.size * self.size;
         let at = (height * self.wavelengths_nm.len() + wavelength) * n2;
@@ -99,6 +106,7 @@ impl PsfGrid {
     }
 
     /// The PSFs of all heights at a wavelength: linear between tabulated wavelengths.
+    #[must_use]
     pub fn at_wavelength(&self, nm: f64) -> Vec<Vec<f32>> {
         let (i, t) = bracket(&self.wavelengths_nm, nm);
         (0..self.heights_mm.len())
@@ -227,22 +235,26 @@ impl Characterisation {
     }
 
     /// Image-side f-number N(1+|m|/P) with pupil magnification P.
+    #[must_use]
     pub fn working_f_number(&self) -> f64 {
         self.f_number * (1.0 + self.magnification / self.pupil_magnification)
     }
 
-    /// Real height (mm) over paraxial height (mm) at a wavelength: the forward distortion curve. Its
-    /// `inverse` takes a place on the sensor to where the ideal lens would have put the light.
+    /// Real height (mm) over paraxial height (mm) at a wavelength: the forward distortion curve.
+    /// Its `inverse` takes a place on the sensor to where the ideal lens would have put the light.
+    #[must_use]
     pub fn distortion(&self, nm: f64) -> MonotoneCubic {
         MonotoneCubic::new(self.heights_mm.clone(), self.column(&self.real_height_mm, nm))
     }
 
     /// Relative illumination over paraxial height (mm) at a wavelength.
+    #[must_use]
     pub fn illumination(&self, nm: f64) -> MonotoneCubic {
         MonotoneCubic::new(self.heights_mm.clone(), self.column(&self.relative_illumination, nm))
     }
 
     /// Chief-ray angle (degrees) over paraxial height (mm) at a wavelength, where known.
+    #[must_use]
     pub fn chief_ray_angle(&self, nm: f64) -> Option<MonotoneCubic> {
         let table = self.chief_ray_angle_deg.as_ref()?;
         Some(MonotoneCubic::new(self.heights_mm.clone(), self.column(table, nm)))

@@ -1,15 +1,17 @@
-//! What the blur that varies over the field runs on. (The other one is a transform per band and stays where it is.)
+//! The device that runs the blur that varies over the field. (The blur that is the same everywhere
+//! is one transform per band, and always runs on the processor.)
 
 use super::gpu::{self, Gpu};
 use super::varying::{self, Kernels, Rows, Tiling};
 use camrig_base::{Plane, Result};
 
-/// What the blur that varies over the field is to run on.
+/// Choice of the device for the blur that varies over the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// The processor: the same bytes on any machine.
     Cpu,
-    /// A graphics processor of any kind, a stand-in in software too: the same within 32-bit rounding.
+    /// A graphics processor of any kind, including one emulated in software: the same within
+    /// 32-bit rounding.
     Gpu,
     /// A dedicated graphics processor where there is one, else the processor.
     #[default]
@@ -45,7 +47,7 @@ impl std::str::FromStr for DeviceChoice {
     }
 }
 
-/// What there is to run on.
+/// An opened device.
 #[derive(Clone, Copy, Debug, Default)]
 pub enum Device {
     /// The processor.
@@ -56,10 +58,10 @@ pub enum Device {
 }
 
 impl DeviceChoice {
-    /// Opens what was asked for.
+    /// Opens the chosen device.
     ///
     /// # Errors
-    /// A graphics processor that is not there.
+    /// A graphics processor was asked for and there is none.
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Cpu => Ok(Device::Cpu),
@@ -71,6 +73,7 @@ impl DeviceChoice {
 
 impl Device {
     /// The graphics processor's name; `None` for the processor.
+    #[must_use]
     pub fn name(self) -> Option<&'static str> {
         match self {
             Self::Cpu => None,

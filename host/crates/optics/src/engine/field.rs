@@ -1,11 +1,12 @@
-//! What depends only on where in the field a pixel lies: eq. 7, relative illumination, veiling glare.
+//! Factors that depend only on the place of a pixel in the field: eq. 7, relative illumination,
+//! veiling glare.
 
 use super::{Lens, SensorGrid};
 use camrig_base::Plane;
 use rayon::prelude::*;
 
-/// A curve of image height sampled so finely that linear interpolation in r² is exact to 1e-7 for
-/// curves smooth in r².
+/// A curve over image height, sampled so finely that linear interpolation in r² errs by at most
+/// 1e-7 for curves smooth in r².
 pub struct RadialTable {
     per_square_mm: f64,
     values: Vec<f64>,
@@ -36,9 +37,10 @@ pub fn largest_height_mm(grid: &SensorGrid, axis_mm: (f64, f64), margin_mm: f64)
     half(grid.width, axis_mm.0).hypot(half(grid.height, axis_mm.1))
 }
 
-/// Multiplies by steradians and relative illumination at the pixel centres, then spreads the veiling
-/// glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist frequency can leave
-/// values just below 0 beside bright points; irradiance is not negative, so they become 0.
+/// Multiplies by steradians and relative illumination at the pixel centres, then spreads the
+/// veiling glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist
+/// frequency can leave values just below 0 beside bright points; irradiance is not negative, so
+/// they become 0.
 pub fn apply(plane: &mut Plane<f32>, lens: &dyn Lens, nm: f64, grid: &SensorGrid) {
     let factor = lens.steradians(nm);
     let axis = lens.axis_mm();

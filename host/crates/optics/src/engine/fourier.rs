@@ -1,14 +1,17 @@
 //! Blur by one optical transfer function, pixel aperture and decimation, in the Fourier domain.
 //!
-//! The padded cell grid is transformed (rows, then columns), multiplied by a transfer function and by the phase that
-//! moves from cell centres to pixel centres, folded onto the pixel grid's frequencies (sampling at pixel centres *is*
-//! folding, so the real pixel's aliasing is kept) and transformed back at pixel size.
+//! The padded cell grid is transformed (rows, then columns), multiplied by a transfer function and
+//! by the phase that moves from cell centres to pixel centres, folded onto the pixel grid's
+//! frequencies (sampling at pixel centres *is* folding, so the real pixel's aliasing is kept) and
+//! transformed back at pixel size.
 //!
-//! The transfer function is that of a kernel of finite support, so that nothing wraps around: the margin holds the
-//! whole kernel, which makes the cyclic convolution a linear one. A band-limited PSF has no support of its own. What is
-//! used is H(f) = OTF(|f|)·sinc(a·fx)/sinc(h·fx)·sinc(a·fy)/sinc(h·fy) at the multiples of 1/(L·h), L the cells across the
-//! support: the transform of the one kernel of L x L cells that has exactly these values there. Its light is all of
-//! the light; what the PSF has beyond the support is folded back into it. Between the multiples it is
+//! The transfer function is that of a kernel of finite support, so that nothing wraps around: the
+//! margin holds the whole kernel, which makes the cyclic convolution a linear one. A band-limited
+//! PSF has no support of its own. What is used is H(f) =
+//! OTF(|f|)·sinc(a·fx)/sinc(h·fx)·sinc(a·fy)/sinc(h·fy) at the multiples of 1/(L·h), L the cells
+//! across the support: the transform of the one kernel of L x L cells that has exactly these
+//! values there. Its light is all of the light; what the PSF has beyond the support is folded back
+//! into it. Between the multiples it is
 //!
 //! T(f) = Σ_k H(k/(L·h))·D(h·f − k/L), D(u) = sin(πLu)/(L·sin(πu)), along x and along y.
 
@@ -23,9 +26,10 @@ use std::f64::consts::PI;
 
 /// Two rows share one complex transform: the first sixteen as real parts, the next as imaginary.
 const BLOCK: usize = 2 * LANES;
-/// Bound on the error at a sharp step that the cells under the wings of an OTF may cause, relative to the step.
+/// Bound on the error at a sharp step that the cells under the wings of an OTF may cause, relative
+/// to the step.
 const WINGS_ERROR: f64 = 2e-4;
-/// Rows asked of the scene at once.
+/// Rows requested from the scene at once.
 const STRIP: usize = 4 * BLOCK;
 
 /// The spatial side of one band: sizes in µm, frequencies in cycles/mm.
@@ -40,14 +44,16 @@ pub struct Geometry<'a> {
     pub cutoff_per_mm: f64,
 }
 
-/// The padded frame for an OTF whose light falls within `spread_um`, but for little.
+/// The padded frame for an OTF, nearly all of whose light falls within `spread_um`.
 pub fn layout(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Layout {
-    // Four more pixels hold the ringing that dividing by the cell's sinc up to the cell grid's Nyquist frequency causes.
-    Layout::new(grid, oversample, spread_um + 4.0 * grid.pitch_um)
+    // Room for the ringing that division by the cell's sinc, up to the cell grid's Nyquist
+    // frequency, causes.
+    const RINGING_PIXELS: f64 = 4.0;
+    Layout::new(grid, oversample, spread_um + RINGING_PIXELS * grid.pitch_um)
 }
 
-/// The padded frame for the wings of an OTF. The light that they move across a pixel's cells may be wrong by
-/// `WINGS_ERROR` of a step in the scene.
+/// The padded frame for the wings of an OTF. The light that they move across a pixel's cells may
+/// be wrong by `WINGS_ERROR` of a step in the scene.
 ///
 /// # Errors
 /// When no grid keeps that.
@@ -59,7 +65,8 @@ pub fn wide_layout(grid: &SensorGrid, wings: &Otf) -> Result<Layout> {
     Ok(layout(grid, oversample, wings.spread_um.min(furthest)))
 }
 
-/// Spectrum of the padded cell grid: `stride` horizontal frequencies for each row, then each column.
+/// Spectrum of the padded cell grid: `stride` horizontal frequencies for each row, then each
+/// column.
 struct Spectrum {
     stride: usize,
     re: Vec<f32>,
@@ -84,8 +91,8 @@ pub fn blur(source: &Source, geometry: &Geometry, otf: &dyn Fn(f64) -> f64) -> R
 struct Axis {
     /// Cells.
     cells: usize,
-    /// Frequencies kept, from 0: all, but without the last of an even number of cells per pixel, whose pixel centres
-    /// it has its zeros on.
+    /// Frequencies kept, from 0: all, but without the last of an even number of cells per pixel,
+    /// whose pixel centres it has its zeros on.
     kept: usize,
     /// Per kept frequency cos and sin of the phase towards the pixel centre.
     phase: Vec<(f32, f32)>,
@@ -102,9 +109,12 @@ impl Axis {
         Self { cells, kept, phase: (0..kept).map(phase).collect() }
     }
 
-    /// What each of `terms` samples of a transfer function, 1/`support` apart, adds to its value at every kept
-    /// frequency, the sample at the negative frequency included.
+    /// What each of `terms` samples of a transfer function, 1/`support` apart, adds to its value
+    /// at every kept frequency, the sample at the negative frequency included.
     fn weights(&self, support: usize, terms: usize) -> Vec<Vec<f64>> {
+        // sin πu below which u counts as a whole number, where the kernel is 1; neighbours are
+        // 1e-6 away.
+        const POLE: f64 = 1e-12;
         let turn = |n: usize, of: usize| libm::sincos(PI * (n % (2 * of)) as f64 / of as f64);
         let frequencies: Vec<(f64, f64)> = (0..self.kept).map(|k| turn(k, self.cells)).collect();
         // sin(πLu)/L at u = f, and but for the sign at f ± j/L.
@@ -113,7 +123,7 @@ impl Axis {
         let weight = |k: usize, j: usize, (sin_j, cos_j): (f64, f64)| {
             let (sin, cos) = frequencies[k];
             let wave = if j.is_multiple_of(2) { waves[k] } else { -waves[k] };
-            let dirichlet = |sine: f64| if sine.abs() < 1e-12 { 1.0 } else { wave / sine };
+            let dirichlet = |sine: f64| if sine.abs() < POLE { 1.0 } else { wave / sine };
             let mirrored = if j == 0 { 0.0 } else { dirichlet(sin * cos_j + cos * sin_j) };
             // The grid's Nyquist frequency is met twice, as positive and as negative one.
             let part = if 2 * k == self.cells { 0.5 } else { 1.0 };

@@ -1,15 +1,15 @@
 //! The optics engine: scene radiance in, spectral irradiance on the sensor grid out, band by band.
 //!
-//! Per band, E(x, y) = L(ideal(x, y)) ⊗ blur ⊗ pixel · π·T(λ)/(1+4(N(1+|m|))²) · RI(x, y)  (eq. 7):
-//! 1. the scene is rendered, **area averaged**, on cells s times finer than the pixels ([`sampling`]
-//!    says how s is chosen), with a margin around the frame;
+//! Per band, E(x, y) = L(ideal(x, y)) ⊗ blur ⊗ pixel · π·T(λ)/(1+4(N(1+|m|))²) · RI(x, y) (eq. 7):
+//! 1. the scene is rendered, **area averaged**, on cells s times finer than the pixels
+//!    ([`sampling`] says how s is chosen), with a margin around the frame;
 //! 2. where the lens distorts, it is resampled at the *ideal* place of every real cell (inverse
 //!    mapping; radiance is resampled, so no Jacobian);
-//! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier domain,
-//!    and the result is taken at the pixel centres. Aliasing of the real pixel grid stays; that of the
-//!    cell grid is bounded by the choice of s. Kernels are finite and the margin holds them whole, so convolution
-//!    is linear: nothing wraps around. (On a graphics processor a blur that varies over the field is summed directly:
-//!    [`Device`]);
+//! 3. the blur and the pixel's photosensitive square, integrated exactly, act in the Fourier
+//!    domain, and the result is taken at the pixel centres. Aliasing of the real pixel grid stays;
+//!    that of the cell grid is bounded by the choice of s. Kernels are finite and the margin holds
+//!    them whole, so convolution is linear: nothing wraps around. (On a graphics processor a blur
+//!    that varies over the field is summed directly: [`Device`]);
 //! 4. relative illumination at the pixel centre and eq. 7 are applied, once.
 
 pub mod sampling;
@@ -45,19 +45,21 @@ pub struct SensorGrid {
     pub height: usize,
     /// Distance of pixel centres, µm.
     pub pitch_um: f64,
-    /// Photosensitive area over pitch²; a square of side pitch·√fill factor about the pixel's centre.
+    /// Photosensitive area over pitch²; a square of side pitch·√fill factor about the pixel's
+    /// centre.
     pub fill_factor: f64,
 }
 
 /// How a lens blurs.
 pub enum Blur<'a> {
-    /// The same everywhere: a real, rotationally symmetric optical transfer function, as the sum of one that keeps
-    /// the light close and one for the little light that goes far. Wide margins and fine cells are so never needed at once.
+    /// The same everywhere: a real, rotationally symmetric optical transfer function. It is the
+    /// sum of a part that keeps the light close and a part for the little light that goes far, so
+    /// that wide margins and fine cells are never needed at once.
     Otf {
         /// Nearly all of the light; 1 at frequency 0.
         core: Otf<'a>,
-        /// What `core` lacks, smooth over a pixel or wider; 0 at frequency 0. It is followed for half of the frame's longer
-        /// side at most.
+        /// What `core` lacks, smooth over a pixel or wider; 0 at frequency 0. It is followed for
+        /// half of the frame's longer side at most.
         wings: Option<Otf<'a>>,
     },
     /// Different over the field: point-spread functions by image height.
@@ -73,8 +75,8 @@ pub enum Blur<'a> {
 pub struct Otf<'a> {
     /// Frequency beyond which nothing passes, cycles/mm.
     pub cutoff_per_mm: f64,
-    /// Distance from the ideal place within which (nearly) all of the light falls, µm; what falls beyond is folded
-    /// back into it.
+    /// Distance from the ideal place within which (nearly) all of the light falls, µm; what falls
+    /// beyond is folded back into it.
     pub spread_um: f64,
     /// The value over frequency in cycles/mm.
     pub at: RadialCurve<'a>,
@@ -100,12 +102,14 @@ pub trait Lens: Send + Sync {
     fn blur(&self, nm: f64) -> Blur<'_>;
 }
 
-/// How to compute; the defaults suit any scene.
+/// Options of the computation; the defaults suit any scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Cells per pixel and direction; `None` takes the smallest that keeps [`Options::step_error`].
+    /// Cells per pixel and direction; `None` takes the smallest that keeps
+    /// [`Options::step_error`].
     pub oversample: Option<usize>,
-    /// Largest error at a sharp step of the scene, relative to the step, that the cell grid may cause.
+    /// Largest error at a sharp step of the scene, relative to the step, that the cell grid may
+    /// cause.
     pub step_error: f64,
     /// Largest mean fraction of light that interpolating PSFs between nodes may misplace.
     pub misplaced_light: f64,
@@ -113,16 +117,25 @@ pub struct Options {
     pub border: Border,
     /// Worker threads; `None` for one per processor. The result does not depend on it.
     pub threads: Option<usize>,
-    /// What a blur that varies over the field runs on. Graphics processors round otherwise, each kind in its own way.
+    /// Device of a blur that varies over the field. Graphics processors round differently, each
+    /// kind in its own way.
     pub device: Device,
 }
+
+/// Default bound on the error at a sharp step, relative to the step. It is a worst case over all
+/// phases and frequencies; halving it doubles the cells of a band.
+const STEP_ERROR: f64 = 0.025;
+/// Default bound on the mean share of light that interpolation of PSFs misplaces, chosen as a
+/// trade of time against error: nodes twice as close quarter the error and quadruple the
+/// transforms.
+const MISPLACED_LIGHT: f64 = 0.01;
 
 impl Default for Options {
     fn default() -> Self {
         Self {
             oversample: None,
-            step_error: 0.025,
-            misplaced_light: 0.01,
+            step_error: STEP_ERROR,
+            misplaced_light: MISPLACED_LIGHT,
             border: Border::Scene,
             threads: None,
             device: Device::Cpu,
@@ -130,18 +143,19 @@ impl Default for Options {
     }
 }
 
-/// What was done.
+/// What the engine did.
+
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Cells per pixel and direction, per band.
     pub oversample: Vec<usize>,
     /// Margin rendered around the frame, pixels, largest over the bands.
     pub margin_pixels: usize,
-    /// Bound on the error at a sharp step relative to the step, largest over the bands; the wings of an OTF add less
-    /// than 1e-3.
+    /// Bound on the error at a sharp step relative to the step, largest over the bands; the wings
+    /// of an OTF add less than 1e-3.
     pub step_error: f64,
-    /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are the worst of the
-    /// first, middle and last band.
+    /// Where the blur varies over the field: how PSFs are interpolated, and how well. Errors are
+    /// the worst of the first, middle and last band.
     pub nodes: Option<NodeReport>,
     /// The graphics processor that blurred, if one did.
     pub device: Option<String>,
@@ -301,7 +315,7 @@ impl Band<'_> {
         )
     }
 
-    /// The bands that stand for all where PSFs are looked at.
+    /// The bands at which the interpolation of PSFs is judged.
     fn probes(&self) -> [usize; 3] {
         let last = self.scene.scene.bands().count - 1;
         [0, last / 2, last]
@@ -328,7 +342,7 @@ impl Band<'_> {
     }
 }
 
-/// The grids of a band whose blur varies.
+/// The grids of a band whose blur varies over the field.
 pub(super) struct FieldGrids {
     /// The padded frame.
     pub layout: Layout,
@@ -346,7 +360,7 @@ impl FieldGrids {
     }
 }
 
-/// What field-varying blur keeps from band to band.
+/// State of field-varying blur that is kept from band to band.
 #[derive(Default)]
 struct FieldState {
     /// Distance of nodes.

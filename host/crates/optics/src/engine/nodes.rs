@@ -1,9 +1,9 @@
-//! Where kernels are computed, and how wrong interpolation between those places is.
+//! Nodes, the places where kernels are computed, and the error of interpolation between them.
 //!
-//! There are two interpolations. The engine blends the kernels of four nodes of a grid over the frame; how far the
-//! blend is from the kernel of a place is measured. The lens data hold PSFs at some heights, between which they are
-//! blended linearly; what lies between is not in the data, so that error is estimated from them: leave one height
-//! out, and interpolate over it.
+//! There are two interpolations. The engine blends the kernels of four nodes of a grid over the
+//! frame; how far the blend is from the kernel of a place is measured. The lens data hold PSFs at
+//! some heights, between which they are blended linearly; what lies between is not in the data, so
+//! that error is estimated from them: leave one height out, and interpolate over it.
 
 use super::psf::{KernelGrid, PsfField};
 use super::sampling::Layout;
@@ -11,7 +11,7 @@ use super::varying::{Kernels, Tiling};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// How PSFs are interpolated over the field, and how well.
+/// How PSFs are interpolated over the field, and with what error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeReport {
     /// Nodes across and down.
@@ -20,16 +20,17 @@ pub struct NodeReport {
     pub tile: usize,
     /// Side of the kernels, in cells.
     pub kernel: usize,
-    /// Largest mean error that was asked for.
+    /// Largest mean error that was allowed.
     pub tolerance: f64,
     /// Interpolation between nodes, at the centres of tiles, where it is worst.
     pub nodes: Misplaced,
-    /// Interpolation between the heights of the lens data, halfway between them, estimated from the data;
-    /// `None` where they are fewer than five.
+    /// Interpolation between the heights of the lens data, halfway between them, estimated from
+    /// the data; `None` where they are fewer than five.
     pub heights: Option<Misplaced>,
 }
 
-/// Light that interpolation puts elsewhere than the PSF itself would, as a fraction of the light.
+/// Light that interpolation misplaces compared with the PSF itself, as a fraction of all the
+/// light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Misplaced {
     /// Mean over the field.
@@ -44,7 +45,8 @@ impl Misplaced {
         Self { mean: self.mean.max(other.mean), largest: self.largest.max(other.largest) }
     }
 
-    /// Of values with weights.
+    /// The weighted mean and the maximum of (value, weight) pairs.
+    #[must_use]
     pub fn of(values: &[(f64, f64)]) -> Self {
         let (sum, weight) = values.iter().fold((0.0, 0.0), |(s, w), v| (s + v.0 * v.1, w + v.1));
         Self { mean: sum / weight, largest: values.iter().fold(0.0, |m, v| v.0.max(m)) }
@@ -52,7 +54,7 @@ impl Misplaced {
 }
 
 impl NodeReport {
-    /// Takes in another band's.
+    /// Joins the report of another band: errors become the larger of the two.
     pub fn join(&mut self, other: Self) {
         self.nodes = self.nodes.or_worse(other.nodes);
         self.heights = match (self.heights, other.heights) {
@@ -62,7 +64,8 @@ impl NodeReport {
         self.kernel = self.kernel.max(other.kernel);
     }
 
-    /// What a user should know: a tolerance that was not kept, or cannot be checked.
+    /// A warning for the user where a tolerance is not kept or cannot be checked.
+    #[must_use]
     pub fn warning(&self) -> Option<String> {
         let percent = |v: f64| match v < 1e-4 {
             true => format!("{:.1e} %", 100.0 * v),
@@ -92,18 +95,22 @@ impl NodeReport {
     }
 }
 
-/// Half the sum of absolute differences: the fraction of the light that one kernel puts elsewhere than
-/// the other.
+/// Half the sum of absolute differences: the fraction of the light that one kernel puts elsewhere
+/// than the other.
+#[must_use]
 pub fn misplaced(a: &[f32], b: &[f32]) -> f64 {
     0.5 * a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>()
 }
 
 impl PsfField {
-    /// Error of PSFs halfway between the heights of the data as far as `reach_mm`, after integration over pixels.
+    /// Error of PSFs halfway between the heights of the data as far as `reach_mm`, after
+    /// integration over pixels.
     ///
-    /// Interpolating over one left-out height spans twice the distance, over three four times. The ratio of
-    /// the two errors is what halving the distance gains once more: 4 where the data are smooth between heights,
-    /// 2 where PSFs move by more than their detail, 1 where they have nothing in common.
+    /// Interpolating over one left-out height spans twice the distance, over three four times. The
+    /// ratio of the two errors is what halving the distance gains once more: 4 where the data are
+    /// smooth between heights, 2 where PSFs move by more than their detail, 1 where they have
+    /// nothing in common.
+    #[must_use]
     pub fn height_error(&self, grid: &KernelGrid, reach_mm: f64) -> Option<Misplaced> {
         let used = self.heights_mm.partition_point(|&h| h < reach_mm) + 1;
         let last = used.min(self.heights_mm.len()) - 1;
@@ -111,10 +118,10 @@ impl PsfField {
             // One PSF serves the whole frame.
             return Some(Misplaced::default());
         }
-        if self.heights_mm.len() < 5 {
+        if self.heights_mm.len() < LEAST_HEIGHTS {
             return None;
         }
-        let last = last.max(4);
+        let last = last.max(LEAST_HEIGHTS - 1);
         let left_out = |span: usize| -> Vec<(f64, f64)> {
             (span..=last - span)
                 .into_par_iter()
@@ -138,6 +145,16 @@ impl PsfField {
     }
 }
 
+/// Heights of the data from which the error between them can be estimated: two left-out spans need
+/// five.
+const LEAST_HEIGHTS: usize = 5;
+/// Distances of nodes that are tried, pixels: steps of √2, so that each halves the number of
+/// nodes.
+const NODE_DISTANCES: [usize; 14] = [512, 362, 256, 181, 128, 90, 64, 45, 32, 23, 16, 11, 8, 6];
+/// Distance of nodes where none of those keeps the tolerance, pixels. Closer nodes would cost a
+/// transform of a kernel for a handful of pixels; the error that is left is reported.
+const LEAST_NODE_DISTANCE: usize = 4;
+
 /// Where cells of the padded grid lie from the optical axis.
 pub struct Place<'a> {
     /// Padded grids.
@@ -150,6 +167,7 @@ pub struct Place<'a> {
 
 impl Place<'_> {
     /// (x, y) mm from the optical axis of a point in cells from the padded grid's corner.
+    #[must_use]
     pub fn from_axis(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let cell = self.pitch_mm / self.layout.oversample as f64;
         let along = |cells: f64, edge: usize, pixels: usize, axis: f64| {
@@ -161,13 +179,17 @@ impl Place<'_> {
         )
     }
 
-    /// [`misplaced`] light at the centres of tiles of `tile` cells, where blending the corners' kernels is
-    /// worst, over a sample of the field.
+    /// [`misplaced`] light at the centres of tiles of `tile` cells, where blending the corners'
+    /// kernels is worst, over a sample of the field.
+    #[must_use]
     pub fn grid_error(&self, field: &PsfField, grid: &KernelGrid, tile: usize) -> Misplaced {
+        // Places each way: the error changes slowly over the field, and each costs five
+        // kernels.
         const SAMPLES: usize = 6;
         let t = tile as f64;
         let spread = |i: usize, cells: usize| {
-            // Tile centres over half of the frame: lenses are symmetric, sensors centred or nearly.
+            // Tile centres over half of the frame: lenses are symmetric, sensors centred or
+            // nearly.
             let tiles = (cells as f64 / t).ceil().max(1.0);
             ((tiles * i as f64 / (2 * SAMPLES) as f64).floor() + 0.5) * t
         };
@@ -193,16 +215,17 @@ impl Place<'_> {
 
     /// The largest distance of nodes, in pixels, at which the mean [`Place::grid_error`] keeps
     /// `tolerance`; at least 4 pixels.
+    #[must_use]
     pub fn node_distance(&self, field: &PsfField, grid: &KernelGrid, tolerance: f64) -> usize {
         let s = self.layout.oversample;
-        [512, 362, 256, 181, 128, 90, 64, 45, 32, 23, 16, 11, 8, 6]
+        NODE_DISTANCES
             .into_iter()
             .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
             .find(|&pixels| self.grid_error(field, grid, pixels * s).mean <= tolerance)
-            .unwrap_or(4)
+            .unwrap_or(LEAST_NODE_DISTANCE)
     }
 
-    /// How a tiling turned out.
+    /// The report on a tiling.
     pub fn report(
         &self,
         field: &PsfField,
@@ -227,6 +250,7 @@ impl Place<'_> {
     }
 
     /// Kernels at every node of a tiling.
+    #[must_use]
     pub fn kernels(&self, field: &PsfField, grid: &KernelGrid, tiling: &Tiling) -> Kernels {
         let across = tiling.across() + 1;
         let nodes = across * (tiling.down() + 1);

@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-/// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief ray at
-/// sample n/2, rows along the radius, rising away from the axis.
+/// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief
+/// ray at sample n/2, rows along the radius, rising away from the axis.
 pub struct PsfField {
     /// Real image heights, mm, rising from 0.
     pub heights_mm: Vec<f64>,
@@ -17,9 +17,9 @@ pub struct PsfField {
 
 /// The grid that kernels are sampled on.
 ///
-/// A kernel entry is the part of a cell's light that the photosensitive square of a pixel receives,
-/// per area of the square and times the cell's. The pixel's centre lies
-/// (i − before + (s−1)/2) cells from the cell's centre.
+/// A kernel entry is the part of a cell's light that the photosensitive square of a pixel
+/// receives, per area of the square and times the cell's. The pixel's centre lies (i − before +
+/// (s−1)/2) cells from the cell's centre.
 ///
 /// The cell holds an *average* of the scene, which the pixel's integral would blur a second time;
 /// five taps along x and y turn averages into point values, to sixth order.
@@ -37,16 +37,18 @@ pub struct KernelGrid {
     pub aperture_um: f64,
 }
 
-/// Fraction of a PSF's light that a kernel may leave out at its rim (it is normalised afterwards).
+/// Fraction of a PSF's light that a kernel may leave out at its rim; it is normalised afterwards.
+/// A kernel's side, and with it the cost of a blur, grows with every decade less.
 pub const TAIL: f64 = 1e-4;
 
-/// Point value at a cell's centre from the averages of it and two neighbours on each side; exact for
-/// polynomials up to degree 5.
+/// Point value at a cell's centre from the averages of it and two neighbours on each side; exact
+/// for polynomials up to degree 5.
 const POINT_FROM_AVERAGES: [f64; 5] =
     [3.0 / 640.0, -29.0 / 480.0, 1067.0 / 960.0, -29.0 / 480.0, 3.0 / 640.0];
 
 impl KernelGrid {
     /// The smallest grid that holds PSFs of radius `radius_um`.
+    #[must_use]
     pub fn new(oversample: usize, pitch_um: f64, aperture_um: f64, radius_um: f64) -> Self {
         let cell_um = pitch_um / oversample as f64;
         let reach = ((radius_um + 0.5 * aperture_um) / cell_um).ceil() as usize + 2;
@@ -57,6 +59,7 @@ impl KernelGrid {
 
 impl PsfField {
     /// Radius around the chief ray outside which no PSF has more than `tail` of its light, µm.
+    #[must_use]
     pub fn radius_um(&self, tail: f64) -> f64 {
         let centre = (self.size / 2) as f64;
         let largest = self.psfs.iter().map(|psf| {
@@ -111,8 +114,9 @@ impl PsfField {
         self.psfs[after - 1].iter().zip(&self.psfs[after]).map(|(a, b)| a + t * (b - a)).collect()
     }
 
-    /// The kernel for light whose chief ray lands at (x, y) mm from the optical axis, x right and y
-    /// down. Sums to 1.
+    /// The kernel for light whose chief ray lands at (x, y) mm from the optical axis, x right and
+    /// y down. Sums to 1.
+    #[must_use]
     pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
         let height = x_mm.hypot(y_mm);
         // On the axis "radial" is down, as in the tables.
@@ -122,8 +126,10 @@ impl PsfField {
 
     /// The kernel of a PSF whose rows rise along the unit vector `radial`.
     ///
-    /// Every PSF sample counts as a square of its spacing, kept parallel to the grid (a square's second
-    /// moments do not depend on its rotation), and is integrated exactly over the pixel's square.
+    /// Every PSF sample counts as a square of its spacing, kept parallel to the grid (a square's
+    /// second moments do not depend on its rotation), and is integrated exactly over the pixel's
+    /// square.
+    #[must_use]
     pub fn projected(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f32> {
         let n = grid.size;
         let sums = self.integrated(psf, radial, grid);
@@ -134,7 +140,8 @@ impl PsfField {
 
     /// The light of every PSF sample in the pixel squares of all kernel indices.
     fn integrated(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f64> {
-        // Along one axis a sample reaches so many squares; a loop of known length is twice as fast.
+        // The number of squares that a sample reaches along one axis; a loop of known length is
+        // twice as fast.
         match grid.reached(self.spacing_um) {
             2 => self.integrated_over(2, psf, radial, grid),
             3 => self.integrated_over(3, psf, radial, grid),
@@ -155,15 +162,18 @@ impl PsfField {
         // The unit vector across.
         let (tx, ty) = (ry, -rx);
         let (centre, side, n) = ((self.size / 2) as f64, self.spacing_um, grid.size);
-        let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * 1e-8;
-        // Two squares overlap along an axis by the sum of their halves less their distance, at most by the smaller.
+        // Below the rounding of f32 sums.
+        const NEGLIGIBLE: f32 = 1e-8;
+        let negligible = psf.iter().fold(0.0f32, |m, &v| m.max(v)) * NEGLIGIBLE;
+        // Two squares overlap along an axis by the sum of their halves less their distance, at
+        // most by the smaller.
         let (reach, most) = (0.5 * (side + grid.aperture_um), side.min(grid.aperture_um) / side);
         let share = |index: f64, place: f64| {
             let distance = (grid.offset_um(0) + index * grid.cell_um - place).abs();
             ((reach - distance) / side).clamp(0.0, most)
         };
         let first = |place: f64| ((place - reach - grid.offset_um(0)) / grid.cell_um).ceil();
-        // A rim takes what falls outside.
+        // A rim of `reached` entries takes what falls outside.
         let wide = n + 2 * reached;
         let mut sums = vec![0.0f64; wide * wide];
         let (mut across, mut down) = (vec![0.0f64; reached], vec![0.0f64; reached]);
@@ -205,7 +215,8 @@ impl KernelGrid {
         (index as f64 - self.before as f64 + (self.oversample as f64 - 1.0) / 2.0) * self.cell_um
     }
 
-    /// Most kernel indices, along one axis, whose pixel squares touch a PSF sample of side `side_um`.
+    /// Most kernel indices, along one axis, whose pixel squares touch a PSF sample of side
+    /// `side_um`.
     fn reached(&self, side_um: f64) -> usize {
         ((side_um + self.aperture_um) / self.cell_um).floor() as usize + 1
     }
@@ -264,7 +275,8 @@ mod tests {
             let grid = KernelGrid::new(oversample, 2.2, 1.9, field.radius_um(1e-6));
             let (sin, cos) = angle.sin_cos();
             let kernel = field.kernel(cos, sin, &grid);
-            // Variance: PSF's, sample square's, aperture's, less the cell average's that comes on top.
+            // Variance: PSF's, sample square's, aperture's, less the cell average's that comes on
+            // top.
             let extra = (0.25f64.powi(2) + 1.9f64.powi(2) - grid.cell_um.powi(2)) / 12.0;
             let (radial, across) = (1.6f64.powi(2), 1.1f64.powi(2));
             let expected = [
@@ -275,7 +287,8 @@ mod tests {
                 (radial - across) * sin * cos,
             ];
             let found = moments(&kernel, &grid);
-            // The window cuts 1e-6 of the light; sums over cells of half a sigma stand for integrals.
+            // The window cuts 1e-6 of the light; sums over cells of half a sigma stand for
+            // integrals.
             for (f, e) in found.iter().zip(expected) {
                 assert!((f - e).abs() < 2e-3, "{found:?} instead of {expected:?}");
             }

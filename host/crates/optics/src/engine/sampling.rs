@@ -1,10 +1,10 @@
-//! How finely the scene is sampled, and how far beyond the frame.
+//! The cell grid: how finely the scene is sampled, and how far beyond the frame.
 //!
 //! A scene averaged over cells of side h and sampled at their centres holds, beside its own
-//! spectrum, replicas shifted by multiples of 1/h. The engine divides out the cell's own sinc, so the
-//! baseband is exact, and what remains of the replicas is the error. For the hardest scene, a
-//! unit step (spectrum 1/(2πif)), replica k at frequency f has the size f/(f+k/h)² /(2π); summed over
-//! k and frequencies with all phases against us,
+//! spectrum, replicas shifted by multiples of 1/h. The engine divides out the cell's own sinc, so
+//! the baseband is exact, and what remains of the replicas is the error. For the hardest scene, a
+//! unit step (spectrum 1/(2πif)), replica k at frequency f has the size f/(f+k/h)² /(2π); summed
+//! over k and frequencies in the worst case of phases,
 //!
 //! error ≤ (1/π) ∫₀^{1/2h} A(f)·f·Σ_{k≠0} (f+k/h)⁻² df + (1/π) ∫_{1/2h}^{fc} A(f)/f df,
 //!
@@ -30,6 +30,8 @@ pub fn step_error(
     cutoff_per_mm: f64,
     otf: &dyn Fn(f64) -> f64,
 ) -> f64 {
+    // The integrands are smooth over the passband: the midpoint rule needs no more for a
+    // bound.
     const POINTS: usize = 256;
     let h = pitch_um * 1e-3 / oversample as f64;
     let passed = |f: f64| (otf(f) * sinc(aperture_um * 1e-3 * f)).abs();
@@ -47,6 +49,10 @@ pub fn step_error(
     inside + beyond
 }
 
+/// Cells per pixel that are tried: products of 2, 3 and 5, so that transforms of them are fast, up
+/// to 16, at which a cube of a band takes 256 cells per pixel.
+const CANDIDATES: [usize; 11] = [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16];
+
 /// The smallest number of cells per pixel whose bound is at most `tolerance`, and that bound.
 ///
 /// # Errors
@@ -58,8 +64,7 @@ pub fn oversample(
     cutoff_per_mm: f64,
     otf: &dyn Fn(f64) -> f64,
 ) -> Result<(usize, f64)> {
-    // Lengths must stay products of 2, 3 and 5.
-    [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16]
+    CANDIDATES
         .into_iter()
         .map(|s| (s, step_error(s, pitch_um, aperture_um, cutoff_per_mm, otf)))
         .find(|&(_, error)| error <= tolerance)
@@ -92,8 +97,8 @@ impl Layout {
     /// A margin of `spread_um` on each side, enlarged to lengths that transform fast.
     #[must_use]
     pub fn new(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Self {
-        // The transform wraps around. No kernel reaches further than the margin, so what wraps comes out of one
-        // margin into the other, never into the frame.
+        // The transform wraps around. No kernel reaches further than the margin, so what wraps
+        // comes out of one margin into the other, never into the frame.
         let margin = (spread_um / grid.pitch_um).ceil() as usize;
         Self {
             oversample,

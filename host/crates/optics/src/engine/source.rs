@@ -7,12 +7,12 @@ use super::{Lens, SensorGrid};
 use camrig_base::{Plane, Result};
 use camrig_scene::{Grid, LitScene};
 
-/// What lies beyond the frame, as far as blur brings its light in.
+/// What lies beyond the frame, from where the blur brings light in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Border {
-    /// The scene goes on, as a real scene does.
+    /// The scene continues, as a real scene does.
     Scene,
-    /// Nothing: light is lost over the frame's edges and none comes in.
+    /// Black: light is lost over the frame's edges and none comes in.
     Black,
     /// The frame's outermost cells repeat.
     Edge,
@@ -52,7 +52,7 @@ impl Warp {
 }
 
 impl<'a> Source<'a> {
-    /// The scene's band on the grid that `layout` lays over the sensor.
+    /// The band of the scene on the cell grid of `layout`.
     pub fn new(
         scene: &'a LitScene<'a>,
         band: usize,
@@ -162,7 +162,8 @@ impl<'a> Source<'a> {
         // One cell more for what the outline's sampling leaves out.
         let apron = (APRON + 1) as f64 * self.cell;
         let cells = |from: f64, to: f64| ((to - from) / self.cell).ceil() as usize + 2 * APRON + 4;
-        // On one lattice of cells whatever the rectangle, so that neighbouring strips see one scene.
+        // On one lattice of cells whatever the rectangle, so that neighbouring strips see one
+        // scene.
         let lattice = |edge: f64| ((edge - apron) / self.cell).floor() * self.cell;
         let grid = Grid {
             width: cells(low.0, high.0) + RIGHT,

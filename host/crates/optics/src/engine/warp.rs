@@ -1,33 +1,34 @@
 //! Resampling a plane along a smooth mapping, sixteen values at a time.
 //!
-//! The mapping is evaluated every [`BLOCK`] cells; between, places lie on a straight line through the source
-//! plane. Catmull-Rom interpolation (four taps, exact for quadratic polynomials) is done in two passes: down
-//! the columns, at the height where the line crosses each, then along the line (Catmull and Smith 1980,
-//! "3-D transformations of images in scanline order", SIGGRAPH 14, 279). That is a quarter of the loads of
-//! sixteen taps per value.
+//! The mapping is evaluated every [`BLOCK`] cells; between, places lie on a straight line through
+//! the source plane. Catmull-Rom interpolation (four taps, exact for quadratic polynomials) is
+//! done in two passes: down the columns, at the height where the line crosses each, then along the
+//! line (Catmull and Smith 1980, "3-D transformations of images in scanline order", SIGGRAPH 14,
+//! 279). That is a quarter of the loads of sixteen taps per value.
 //!
-//! In a block, neighbours come from neighbouring columns but where the line steps over a row or column. A pass
-//! runs once per step that occurs, and lanes that are on another step add 0: all loads are contiguous.
+//! Within a block, neighbouring values come from neighbouring columns except where the line steps
+//! over a row or column. A pass runs once for each step that occurs, and lanes on another step add
+//! 0, so that all loads are contiguous.
 
 use camrig_base::Plane;
 use camrig_vector::vectorised;
 
-/// Cells between exact evaluations of the mapping. A distortion of 10 % at the end of 1000 cells bends by some
-/// 1e-4 cells per cell², which leaves (16/2)²/2 of that: 0.003 cells.
+/// Cells between exact evaluations of the mapping. A distortion of 10 % at the end of 1000 cells
+/// bends by some 1e-4 cells per cell², which leaves (16/2)²/2 of that: 0.003 cells.
 pub const BLOCK: usize = 16;
 
 /// Source columns that one block reads, from the one before its first place on.
 const COLUMNS: usize = 32;
 
-/// Cells that a source plane needs beyond the outermost places, on every side: two for the taps, one row for the
-/// slope of a line over those columns, one of reserve.
+/// Cells that a source plane needs beyond the outermost places, on every side: two for the taps,
+/// one row for the slope of a line over those columns, one of reserve.
 pub const APRON: usize = 4;
 
-/// Cells that it needs on the right beside them: blocks read whole registers.
+/// Further cells that it needs on the right: blocks read whole registers.
 pub const RIGHT: usize = COLUMNS;
 
-/// Fills `values` from the places that `mesh` gives every [`BLOCK`] values, columns and rows of `plane`, sample
-/// centres at whole numbers.
+/// Fills `values` from the places that `mesh` gives every [`BLOCK`] values, columns and rows of
+/// `plane`, sample centres at whole numbers.
 #[vectorised]
 pub fn resample(plane: &Plane<f32>, mesh: &[(f64, f64)], values: &mut [f32]) {
     for (ends, block) in mesh.windows(2).zip(values.chunks_mut(BLOCK)) {
@@ -45,8 +46,8 @@ pub fn resample(plane: &Plane<f32>, mesh: &[(f64, f64)], values: &mut [f32]) {
     }
 }
 
-/// Whether the columns under `count` places can be held, and the line crosses them at a slope of at most 1/4: the
-/// second pass sees frequencies along the line, by that much higher.
+/// Whether the columns under `count` places can be held, and the line crosses them at a slope of
+/// at most 1/4: the second pass sees frequencies along the line, by that much higher.
 fn fits((dx, dy): (f64, f64), count: usize) -> bool {
     dx > 0.0 && dy.abs() <= 0.25 * dx && dx * count as f64 + 5.0 <= COLUMNS as f64
 }
@@ -111,8 +112,8 @@ mod tests {
 
     const SIDE: usize = 120;
 
-    /// Largest difference of resampled values from `f` over straight lines of many steps, that stay in the
-    /// plane.
+    /// Largest difference of resampled values from `f` over straight lines of many steps, that
+    /// stay in the plane.
     fn worst(f: impl Fn(f64, f64) -> f64) -> f64 {
         let plane = Plane::from_fn(SIDE, SIDE, |x, y| f(x as f64, y as f64) as f32);
         let inside = |(x, y): (f64, f64)| {
@@ -149,15 +150,16 @@ mod tests {
             let (x, y) = (x / 60.0 - 1.0, y / 60.0 - 1.0);
             0.3 + x - 0.5 * y + 0.8 * x * x - 0.6 * x * y + 0.4 * y * y
         });
-        // f32 places of up to 32 are good to 1e-6 cells, values of order 1 to 1e-7; slopes are 0.05 per cell.
+        // f32 places of up to 32 are good to 1e-6 cells, values of order 1 to 1e-7; slopes are
+        // 0.05 per cell.
         assert!(worst < 2e-6, "{worst}");
     }
 
     #[test]
     fn waves_lose_what_four_taps_each_way_take() {
-        // Halfway between samples Catmull-Rom passes (9cos(ω/2) − cos(3ω/2))/8 of a wave e^(iωx). The product of
-        // two waves loses that once down the columns, and along a line of slope 1/4, where it is the half sum of
-        // waves of frequencies ω(1 ± 1/4), as much as those lose.
+        // Halfway between samples Catmull-Rom passes (9cos(ω/2) − cos(3ω/2))/8 of a wave e^(iωx).
+        // The product of two waves loses that once down the columns, and along a line of slope
+        // 1/4, where it is the half sum of waves of frequencies ω(1 ± 1/4), as much as those lose.
         let loss = |omega: f64| 1.0 - (9.0 * (omega / 2.0).cos() - (1.5 * omega).cos()) / 8.0;
         let omega = std::f64::consts::TAU / 8.0;
         let bound = loss(omega) + 0.5 * (loss(1.25 * omega) + loss(0.75 * omega));

@@ -1,4 +1,4 @@
-//! What stands for graphics processors in a program built without them: none can be opened.
+//! Graphics processors in a program built without the feature `gpu`: none can be opened.
 
 use super::varying::{Kernels, Rows, Tiling};
 use camrig_base::{Error, Plane, Result};

@@ -11,32 +11,34 @@ use wgpu::{BufferUsages, PollType};
 
 /// Pixels that one workgroup blurs together, as in the shader.
 const BLOCK: (usize, usize) = (64, 4);
-/// Multiplications in the rows handed over at once, about. A dispatch has fewer: even where a device does but 1e10 a second,
-/// it ends well before the seconds after which drivers stop a program.
+/// Multiplications in the rows submitted at once, approximately. A dispatch has fewer: even on a
+/// device that performs only 1e10 per second it ends before the few seconds after which drivers
+/// stop a program.
 const WORK: usize = 1 << 33;
-/// Turns of all loops of one invocation together. Mesa's stand-in in software (llvmpipe) leaves every loop, without a
-/// word, after 65535.
+/// Iterations of all loops of one invocation together. Mesa's software driver (llvmpipe) leaves
+/// every loop silently after 65535.
 const TURNS: usize = 60_000;
-/// Rows of cells made at once by one thread, whatever the number of threads.
+/// Rows of cells that one thread renders at once, whatever the number of threads.
 const STRIP: usize = 32;
-/// Bytes in one buffer; every device of WebGPU takes as much.
+/// Largest buffer, bytes: every WebGPU device accepts storage buffers of this size.
 const LARGEST: u64 = 128 << 20;
 
 /// Blurs bands of one tiling.
 ///
-/// Memory: two runs of rows are on the device or on the way, each with its light, kernels and pixels, of 128 MiB each at
-/// most; some tens of MiB for frames of 16 Mpixel and kernels of 31 x 31.
+/// Memory: two runs of rows are on the device or on the way, each with its light, kernels and
+/// pixels, of 128 MiB each at most; some tens of MiB for frames of 16 Mpixel and kernels of 31 x
+/// 31.
 pub struct Blurrer {
     gpu: &'static Gpu,
     tiling: Tiling,
     pipeline: wgpu::ComputePipeline,
-    /// Kernel columns that a workgroup's fast memory serves at once.
+    /// Kernel columns whose cells fit into a workgroup's shared memory at once.
     columns: usize,
     /// Multiplications in the rows handed over at once.
     pub(super) work: usize,
 }
 
-/// Rows of the frame, and what they need.
+/// Rows of the frame, and the input that they need.
 struct Chunk {
     /// Rows of pixels of the frame.
     pixels: Range<usize>,
@@ -74,7 +76,8 @@ impl Blurrer {
         let columns = room.saturating_sub((BLOCK.0 - 1) * tiling.oversample).min(tiling.kernel);
         if columns == 0 {
             let what = format!("{} cells per pixel on {}", tiling.oversample, gpu.name);
-            return Err(Error::limit(what).help("use at most 16, or the processor")
+            return Err(Error::limit(what)
+                .help("use at most 16, or the processor")
                 .with_code("graphics-processor"));
         }
         let constants = [
@@ -170,7 +173,8 @@ impl Blurrer {
         Ok(rows)
     }
 
-    /// What dispatches add one after the other: which node of each block, across and down, and which kernel rows.
+    /// The parts that dispatches add one after the other: [node across, node down, first kernel
+    /// row, end of kernel rows].
     fn parts(&self) -> impl Iterator<Item = [usize; 4]> {
         let Tiling { oversample, tile, kernel, .. } = self.tiling;
         // Nodes that cells reach which reach the block, however it lies.
@@ -187,7 +191,7 @@ impl Blurrer {
         })
     }
 
-    /// Hands a chunk to the device.
+    /// Submits a chunk to the device.
     fn send(
         &self,
         chunk: &Chunk,
@@ -227,7 +231,7 @@ impl Blurrer {
         let submission = gpu.queue.submit([encoder.finish()]);
         gpu.check()?;
         let (tell, mapped) = mpsc::channel();
-        // Nobody listens any more only where an error ended the band.
+        // The receiver is gone only where an error ended the band.
         back.map_async(wgpu::MapMode::Read, .., move |result| drop(tell.send(result)));
         Ok(Pending { pixels: chunk.pixels.clone(), buffer: back, mapped, submission })
     }
@@ -275,7 +279,8 @@ struct Light {
 }
 
 impl Light {
-    /// Makes them rows `wanted`, which end no earlier than those before; what is there is kept.
+    /// Advances to rows `wanted`, which end no earlier than the present ones; rows in both are
+    /// kept.
     fn advance(&mut self, rows: &Rows<'_>, width: usize, wanted: &Range<usize>) -> Result<()> {
         let known = (self.first + self.cells.len() / width).max(wanted.start);
         let stale = (wanted.start - self.first) * width;

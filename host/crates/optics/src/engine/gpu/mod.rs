@@ -1,7 +1,9 @@
-//! The blur that varies over the field on a graphics processor, through wgpu: Vulkan, Metal or Direct3D 12.
+//! The blur that varies over the field on a graphics processor, through wgpu: Vulkan, Metal or
+//! Direct3D 12.
 //!
-//! The same sum as [`super::varying`], directly instead of by Fourier transforms ([`Blurrer`]): what a transform saves in
-//! multiplications a graphics processor has to spare, up to kernels of some hundred entries across.
+//! The same sum as [`super::varying`], directly instead of by Fourier transforms ([`Blurrer`]): a
+//! graphics processor can spare the multiplications that a transform saves, up to kernels of some
+//! hundred entries across.
 
 mod blur;
 
@@ -17,19 +19,19 @@ pub struct Gpu {
     kind: DeviceType,
     device: wgpu::Device,
     queue: wgpu::Queue,
-    /// What it said last when something went wrong, which it does in its own time.
+    /// The last error that the driver reported; it reports asynchronously.
     trouble: Arc<Mutex<Option<String>>>,
 }
 
-/// The one of this process.
+/// The graphics processor that this process opened.
 static OPENED: OnceLock<Gpu> = OnceLock::new();
 
 impl Gpu {
-    /// The best graphics processor of this machine: a dedicated one, or with `any` also one built into the processor or a
-    /// program that stands in for one.
+    /// The best graphics processor of this machine: a dedicated one, or with `any` also an
+    /// integrated one or one emulated in software.
     ///
     /// # Errors
-    /// None there, or the driver does not open it.
+    /// There is none, or the driver does not open it.
     pub fn open(any: bool) -> Result<&'static Self> {
         let wanted = |kind: DeviceType| any || is_dedicated(kind);
         if let Some(gpu) = OPENED.get().filter(|gpu| wanted(gpu.kind)) {
@@ -77,7 +79,7 @@ impl Gpu {
         Ok(Self { name, kind: info.device_type, device, queue, trouble })
     }
 
-    /// Its name, and by what it is driven.
+    /// Its name, backend and driver.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -93,7 +95,7 @@ impl Gpu {
         buffer
     }
 
-    /// What went wrong since the last call, if anything did.
+    /// Returns the error reported since the last call, if there is one.
     fn check(&self) -> Result<()> {
         match self.trouble.lock().unwrap_or_else(PoisonError::into_inner).take() {
             Some(what) => Err(self.failed(what)),
@@ -108,13 +110,13 @@ impl Gpu {
     }
 }
 
-/// Whether it is to be expected to sum faster than the processor transforms: by their multiplications per second, those
-/// built into processors are not.
+/// Whether it can be expected to sum faster than the processor transforms. Integrated ones cannot,
+/// judging by their multiplications per second.
 fn is_dedicated(kind: DeviceType) -> bool {
     matches!(kind, DeviceType::DiscreteGpu | DeviceType::VirtualGpu)
 }
 
-/// The fastest first.
+/// Order of preference, the fastest kind first.
 fn rank(kind: DeviceType) -> u8 {
     match kind {
         DeviceType::DiscreteGpu => 0,

@@ -1,5 +1,5 @@
-//! What is peculiar to graphics processors. That they blur as they should, the tests of the engine see, which run on
-//! every device.
+//! What is peculiar to graphics processors. That they blur as they should, the tests of the engine
+//! see, which run on every device.
 
 use super::super::varying::tests::{noise, rows_of};
 use super::super::varying::{Kernels, Tiling};

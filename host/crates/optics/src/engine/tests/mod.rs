@@ -101,8 +101,8 @@ fn cos4_agrees_with_another_program() {
 
 #[test]
 fn irradiance_agrees_with_another_program() {
-    // Radiance of the D65 scene of 100 cd/m² and its irradiance at f/4, m = -0.0033445, from the same
-    // run; the other program loses 0.06 % to diffraction tails at its frame's edge.
+    // Radiance of the D65 scene of 100 cd/m² and its irradiance at f/4, m = -0.0033445, from the
+    // same run; the other program loses 0.06 % to diffraction tails at its frame's edge.
     let Some(rows) = csv("golden/isetcam/a_scene_and_oi_spectrum_100cdm2_f4.csv") else { return };
     let lens = Diffraction { magnification: 0.0033445, ..perfect(4.0) };
     for row in rows {
@@ -138,8 +138,8 @@ fn uniform_scenes_come_out_as_equation_7_says() {
     }
 }
 
-/// Overlap of the cell with a square of side `side` about the origin, as a fraction of the cell, over
-/// side²: a point of unit flux.
+/// Overlap of the cell with a square of side `side` about the origin, as a fraction of the cell,
+/// over side²: a point of unit flux.
 fn point(side: f64) -> impl Fn(&Grid, usize, usize) -> f64 + Send + Sync {
     let overlap = move |from: f64, to: f64| (to.min(side / 2.0) - from.max(-side / 2.0)).max(0.0);
     move |g, x, y| {
@@ -150,9 +150,10 @@ fn point(side: f64) -> impl Fn(&Grid, usize, usize) -> f64 + Send + Sync {
 
 #[test]
 fn measured_otf_of_a_point_is_equation_4() {
-    // Pixels of λN/2.5 sample the whole pass band. Of the tolerance of 0.5 % of full scale, the frame of
-    // 512 of them takes 0.06 % on each of its four sides (2λN/(π³X) of the light falls beyond X), and
-    // cells of λN/12.5 take (πhf)²/6 < 0.1 %: a point is the one scene that cell averages cannot hold.
+    // Pixels of λN/2.5 sample the whole pass band. Of the tolerance of 0.5 % of full scale, the
+    // frame of 512 of them takes 0.06 % on each of its four sides (2λN/(π³X) of the light falls
+    // beyond X), and cells of λN/12.5 take (πhf)²/6 < 0.1 %: a point is the one scene that cell
+    // averages cannot hold.
     for nm in [400.0, 550.0, 700.0] {
         let lens = perfect(4.0);
         let pitch_um = nm * 1e-3 * 4.0 / 2.5;
@@ -250,9 +251,9 @@ fn the_two_ways_to_blur_agree() {
                     + passed
                         * (0.5 * (2.0 * PI * waves * u).cos() + 0.3 * (2.0 * PI * waves * v).sin());
                 let (a, b) = (f64::from(by_otf.at(x, y)), f64::from(by_psf.at(x, y)));
-                // The OTF route wraps a pattern that is not periodic in the padded frame: 5 sigma of
-                // margin. The PSF route adds the sample square (0.2 sigma) and cuts 1e-4 of the light;
-                // sharpening is sixth order in the cell.
+                // The OTF route wraps a pattern that is not periodic in the padded frame: 5 sigma
+                // of margin. The PSF route adds the sample square (0.2 sigma) and cuts 1e-4 of the
+                // light; sharpening is sixth order in the cell.
                 assert!(
                     (a - exact).abs() < 1e-4,
                     "s {oversample} ({x}, {y}): OTF {a}, exact {exact}"
@@ -269,8 +270,8 @@ fn the_two_ways_to_blur_agree() {
 
 #[test]
 fn no_light_is_lost_or_made_between_nodes() {
-    // A characterised lens without fall-off or distortion; a patch well inside a black frame keeps its
-    // light whatever the PSFs do, since each scatters its own cells' light.
+    // A characterised lens without fall-off or distortion; a patch well inside a black frame keeps
+    // its light whatever the PSFs do, since each scatters its own cells' light.
     let mut lens = crate::Characterisation::example(33, 0.25);
     lens.relative_illumination.fill(1.0);
     lens.real_height_mm = lens.heights_mm.iter().flat_map(|&h| std::iter::repeat_n(h, 3)).collect();
@@ -293,8 +294,9 @@ fn no_light_is_lost_or_made_between_nodes() {
     assert!((ratio - 1.0).abs() < 1e-5, "{ratio}");
 }
 
-/// MTF50 in cycles/mm of an edge with slope 1 in 12 through the middle of a plane of 12 rows: pixel
-/// (x, y) lies (12·x + y)/12·cos θ from the edge, so together the rows sample it evenly, unbinned.
+/// MTF50 in cycles/mm of an edge with slope 1 in 12 through the middle of a plane of 12 rows:
+/// pixel (x, y) lies (12·x + y)/12·cos θ from the edge, so together the rows sample it evenly,
+/// unbinned.
 fn mtf50(plane: &Plane<f64>, pitch_um: f64) -> f64 {
     assert_eq!(plane.height, 12);
     let edge: Vec<f64> = (0..12 * plane.width).map(|k| plane.at(k / 12, k % 12)).collect();
@@ -319,8 +321,8 @@ fn mtf50(plane: &Plane<f64>, pitch_um: f64) -> f64 {
 
 #[test]
 fn slanted_edges_have_the_mtf50_of_theory() {
-    // Photon-weighted diffraction OTF times pixel sinc, flat QE, D65, 400 to 700 nm in 50 nm steps;
-    // figures and the 1 % from golden/README.md.
+    // Photon-weighted diffraction OTF times pixel sinc, flat QE, D65, 400 to 700 nm in 50 nm
+    // steps; figures and the 1 % from golden/README.md.
     let Some(light) = csv("golden/isetcam/ref_V_lambda_and_D65.csv") else { return };
     let angle = (1.0f64 / 12.0).atan();
     let bands = Bands { start_nm: 400.0, step_nm: 50.0, count: 7 };
@@ -368,9 +370,10 @@ fn half_plane(right_of: bool, edge: f64) -> impl Fn(&Grid, usize, usize) -> f64 
 
 #[test]
 fn nothing_wraps_around_to_the_opposite_border() {
-    // Everything left of a line bright, the line at the frame's left border and a little inside or outside of it; then
-    // everything right of one at the right border. What lies further from the line than the margin is wide, which is
-    // what the kernel reaches, stays black; before its kernel was finite, 7e-4 of the peak came round.
+    // Everything left of a line bright, the line at the frame's left border and a little inside or
+    // outside of it; then everything right of one at the right border. What lies further from the
+    // line than the margin is wide, which is what the kernel reaches, stays black; before its
+    // kernel was finite, 7e-4 of the peak came round.
     let (width, height) = (90, 21);
     let grid = SensorGrid { width, height, pitch_um: 2.2, fill_factor: 0.7 };
     let field = GaussianOtf { sigma_um: 1.4, table: true };
@@ -413,8 +416,8 @@ fn nothing_wraps_around_to_the_opposite_border() {
 
 #[test]
 fn light_far_from_an_edge_is_what_diffraction_spreads() {
-    // Beside a bright half plane, at a distance d from its edge, the line-spread function's tail: 1/2 −
-    // (1/π)∫OTF(f)·sinc(af)·sin(2πfd)/f df. An error of the tail is glare or a lack of it.
+    // Beside a bright half plane, at a distance d from its edge, the line-spread function's tail:
+    // 1/2 − (1/π)∫OTF(f)·sinc(af)·sin(2πfd)/f df. An error of the tail is glare or a lack of it.
     let grid = SensorGrid { width: 400, height: 8, pitch_um: 5.2, fill_factor: 0.5 };
     let scene = Exact { bands: one_band(550.0), average: half_plane(false, 0.0) };
     for (f_number, defocus_um) in [(1.4, 0.0), (2.8, 0.0), (2.8, 60.0), (8.0, 0.0), (8.0, 200.0)] {
@@ -432,8 +435,8 @@ fn light_far_from_an_edge_is_what_diffraction_spreads() {
             let sum: f64 = table.iter().map(|(f, v)| v * (2.0 * PI * f * d_mm).sin()).sum();
             0.5 - sum / PI * cutoff / f64::from(steps)
         };
-        // What the core folds, a tenth of the tail beyond 32 λN, and all of the tail beyond where the wings end, half of
-        // the frame away or at 16 times as much.
+        // What the core folds, a tenth of the tail beyond 32 λN, and all of the tail beyond where
+        // the wings end, half of the frame away or at 16 times as much.
         let lambda_n_um = 0.55 * f_number;
         let core_um = 32.0 * lambda_n_um + defocus_um / (2.0 * f_number);
         let tail_beyond = |x_um: f64| 2.0 * lambda_n_um / (PI.powi(3) * x_um);

@@ -5,8 +5,9 @@ use crate::{Characterisation, Departed, Departures, Distortion};
 
 #[test]
 fn points_land_where_distortion_and_lateral_colour_say() {
-    // The example lens: 2 % lateral colour and barrel distortion over a 0.9 mm wide sensor. Points of
-    // half a pixel at ideal places; their centroids against the distortion table, per wavelength.
+    // The example lens: 2 % lateral colour and barrel distortion over a 0.9 mm wide sensor. Points
+    // of half a pixel at ideal places; their centroids against the distortion table, per
+    // wavelength.
     let lens = Characterisation::example(33, 0.25);
     let grid = SensorGrid { width: 400, height: 300, pitch_um: 2.2, fill_factor: 1.0 };
     let half = 0.25 / 400.0;
@@ -41,7 +42,8 @@ fn points_land_where_distortion_and_lateral_colour_say() {
                     cy += e * (j as f64 + 0.5);
                 }
             }
-            // The example's PSFs lean outwards beyond the axis: their own centroid is part of them.
+            // The example's PSFs lean outwards beyond the axis: their own centroid is part of
+            // them.
             let lean = lean_pixels(&lens, nm, x.hypot(y));
             let (ex, ey) = (px + lean * x / x.hypot(y), py + lean * y / x.hypot(y));
             let miss = (cx / sum - ex).hypot(cy / sum - ey);
@@ -64,7 +66,8 @@ fn lean_pixels(lens: &Characterisation, nm: f64, height: f64) -> f64 {
 
 #[test]
 fn lines_of_a_grid_bend_as_distortion_says() {
-    // Lines of 1.5 pixels at even ideal distances, read along rows (columns) between those that cross them.
+    // Lines of 1.5 pixels at even ideal distances, read along rows (columns) between those that
+    // cross them.
     let lens = Characterisation::example(33, 0.25);
     let grid = SensorGrid { width: 400, height: 300, pitch_um: 2.2, fill_factor: 1.0 };
     let (half, lines) = (0.75 / 400.0, [-0.33, -0.2, -0.07, 0.06, 0.19, 0.32]);
@@ -123,7 +126,8 @@ fn lines_of_a_grid_bend_as_distortion_says() {
 
 #[test]
 fn distortions_beyond_reason_keep_within_the_scene() {
-    // Half the frame of margin and an axis off the centre take the mapping far beyond where a strong barrel folds.
+    // Half the frame of margin and an axis off the centre take the mapping far beyond where a
+    // strong barrel folds.
     let grid = SensorGrid { width: 90, height: 60, pitch_um: 5.0, fill_factor: 1.0 };
     let scene = Exact { bands: one_band(550.0), average: |_: &Grid, _, _| 1.0 };
     for k1 in [-0.3, -0.2, -0.1, -0.05, 0.2] {

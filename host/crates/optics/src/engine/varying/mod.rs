@@ -1,7 +1,8 @@
 //! Blur that varies over the field, in the Fourier domain, tile by tile.
 //!
 //! The cell grid is cut into square tiles; a kernel sits at every tile corner (*node*). A cell at
-//! fraction (t, v) of its tile scatters its light with the bilinear blend of the tile's four kernels,
+//! fraction (t, v) of its tile scatters its light with the bilinear blend of the tile's four
+//! kernels,
 //!
 //! out(p) = Σ_c in(c)·[(1−v)(1−t)·K00 + (1−v)t·K01 + v(1−t)·K10 + v·t·K11](p − c),
 //!
@@ -10,13 +11,14 @@
 //! products and one inverse, at pixel size: sampling every s-th cell is folding the spectrum.
 //! (Denis et al. 2015, "Fast approximations of shift-variant blur", IJCV 115, 253.)
 //!
-//! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does not
-//! depend on the number of threads.
+//! Tiles of one row of tiles are summed in order, then rows of tiles in order, so the result does
+//! not depend on the number of threads.
 //!
-//! Several inputs may go into several outputs, each pair through kernels of its own ([`Blurrer::add`]): the forward
-//! transforms are shared by the outputs and the inverse one by the inputs. So a scene whose spectra are mixtures
-//! of a few components, E(λ) = Σ_k b_k(λ)·(c_k ⊗ psf(λ)), comes to channels of spectral response q without its bands:
-//! Σ_λ q(λ)·E(λ) = Σ_k c_k ⊗ [Σ_λ q(λ)·b_k(λ)·psf(λ)], exactly, with kernels as [`Kernels::combined`] makes them.
+//! Several inputs may go into several outputs, each pair through kernels of its own
+//! ([`Blurrer::add`]): the forward transforms are shared by the outputs and the inverse one by the
+//! inputs. So a scene whose spectra are mixtures of a few components, E(λ) = Σ_k b_k(λ)·(c_k ⊗
+//! psf(λ)), comes to channels of spectral response q without its bands: Σ_λ q(λ)·E(λ) = Σ_k c_k ⊗
+//! [Σ_λ q(λ)·b_k(λ)·psf(λ)], exactly, with kernels as [`Kernels::combined`] makes them.
 
 mod tile;
 
@@ -29,8 +31,8 @@ use tile::{BlurTile, Plan, Spectrum, TransformKernel};
 
 /// Kernels at the corners of square tiles.
 ///
-/// Entry (i, j) of a kernel is the fraction of a cell's light that a pixel receives whose centre lies
-/// i − [`Tiling::before`] (rows) and j − `before` (columns) cells from the cell, counted as
+/// Entry (i, j) of a kernel is the fraction of a cell's light that a pixel receives whose centre
+/// lies i − [`Tiling::before`] (rows) and j − `before` (columns) cells from the cell, counted as
 /// s·(pixel index) − (cell index).
 pub struct Kernels {
     /// Entries per side.
@@ -39,7 +41,7 @@ pub struct Kernels {
     pub data: Vec<f32>,
 }
 
-/// How a cell grid is cut into tiles.
+/// Division of a cell grid into tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tiling {
     /// Cells per pixel and direction, s.
@@ -60,6 +62,7 @@ pub struct Tiling {
 
 impl Tiling {
     /// The tiling that costs least with tiles of at most `largest_tile` cells.
+    #[must_use]
     pub fn new(
         oversample: usize,
         (width, height): (usize, usize),
@@ -71,8 +74,9 @@ impl Tiling {
         let most = largest_tile.max(s).min(width.max(height) + s);
         let candidate = |tile: usize| {
             let length = s * good_length((tile + kernel - 1).div_ceil(s));
-            // Transforms per tile, sixteen at once, and of a kernel per tile, times passes over memory: one more than
-            // stages, and dearer (measured) the less the first-level cache holds of a transform.
+            // Transforms per tile, sixteen at once, and of a kernel per tile, times passes over
+            // memory: one more than stages, and dearer (measured) the less the first-level cache
+            // holds of a transform.
             let batches = (length / 2 + 1).div_ceil(LANES);
             let transforms = 1.5 * tile as f64 / LANES as f64 + 6.0 * batches as f64;
             let pass = (passes(length) + 1) as f64 * (1.0 + length as f64 / 400.0);
@@ -88,16 +92,19 @@ impl Tiling {
     }
 
     /// Tiles across.
+    #[must_use]
     pub fn across(&self) -> usize {
         self.width.div_ceil(self.tile)
     }
 
     /// Tiles down.
+    #[must_use]
     pub fn down(&self) -> usize {
         self.height.div_ceil(self.tile)
     }
 
     /// Place of node (i across, j down) in cells from the top left corner of the padded grid.
+    #[must_use]
     pub fn node(&self, i: usize, j: usize) -> (f64, f64) {
         ((i * self.tile) as f64, (j * self.tile) as f64)
     }
@@ -108,6 +115,7 @@ impl Tiling {
     }
 
     /// Fraction of the way across its tile of the i-th cell: its centre.
+    #[must_use]
     pub fn fraction(&self, i: usize) -> f32 {
         ((i as f64 + 0.5) / self.tile as f64) as f32
     }
@@ -117,10 +125,11 @@ impl Tiling {
 pub type Rows<'a> = dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync + 'a;
 
 impl Kernels {
-    /// Σ weight · kernels: of several bands into one.
+    /// Σ weight · kernels: kernels of several bands combined into one set.
     ///
     /// # Panics
-    /// When there are none, or they differ in size.
+    /// When `parts` is empty or the kernels differ in size.
+    #[must_use]
     pub fn combined(parts: &[(f32, &Kernels)]) -> Self {
         let (_, first) = parts[0];
         let mut data = vec![0.0f32; first.data.len()];
@@ -136,33 +145,37 @@ impl Kernels {
 pub struct Blurrer {
     plan: Plan,
     spectra: Vec<Spectrum>,
-    /// Strips that are done with.
+    /// Buffers of finished strips, for reuse.
     spare: Vec<Vec<Plane<f32>>>,
 }
 
 /// The light of a row of tiles in every output.
 struct Strip {
-    /// Its first row and the one after its last, in pixels of the padded grid, from `before / s` pixels above it on.
+    /// Its first row and the one after its last, in pixels of the padded grid, from `before / s`
+    /// pixels above it on.
     rows: Range<usize>,
     light: Vec<Plane<f32>>,
 }
 
-/// Bytes that spectra of kernels may take before fewer rows of tiles are done at once.
+/// Bytes that the spectra of kernels may take; beyond that, fewer rows of tiles are processed at
+/// once.
 const SPECTRA: usize = 256 << 20;
 
 impl Blurrer {
     /// Plans a tiling.
+    #[must_use]
     pub fn new(tiling: &Tiling) -> Self {
         Self { plan: Plan::new(tiling), spectra: Vec::new(), spare: Vec::new() }
     }
 
     /// The tiling it was planned for.
+    #[must_use]
     pub fn tiling(&self) -> &Tiling {
         &self.plan.tiling
     }
 
-    /// Blurs the cell grid that `rows` gives with one kernel per node, and samples it at the pixel centres of the
-    /// frame, which starts `corner` (left, top) pixels into the padded grid.
+    /// Blurs the cell grid that `rows` gives with one kernel per node, and samples it at the pixel
+    /// centres of the frame, which starts `corner` (left, top) pixels into the padded grid.
     ///
     /// # Errors
     /// Those of `rows`.
@@ -179,8 +192,9 @@ impl Blurrer {
         Ok(plane)
     }
 
-    /// Blurs every input for every output and adds, output c getting input k through `kernels[c][k]`; then adds to
-    /// plane p every output c times `weights[p][c]`. The planes are as large as the frame.
+    /// Blurs every input for every output and adds, output c getting input k through
+    /// `kernels[c][k]`; then adds to plane p every output c times `weights[p][c]`. The planes are
+    /// as large as the frame.
     ///
     /// # Errors
     /// Those of the inputs.
@@ -246,7 +260,7 @@ impl Blurrer {
     }
 }
 
-/// How strips go into planes.
+/// Adds strips to planes.
 struct Merge<'a> {
     /// The frame's left and top edge, pixels of the strips.
     corner: (usize, usize),
@@ -285,8 +299,8 @@ impl Merge<'_> {
     }
 }
 
-/// The light of row j of tiles in every output, from `before / s` pixels left of and above its corner on; `nodes` are
-/// the spectra of its two rows of nodes.
+/// The light of row j of tiles in every output, from `before / s` pixels left of and above its
+/// corner on; `nodes` are the spectra of its two rows of nodes.
 fn fill(
     plan: &Plan,
     j: usize,

@@ -62,8 +62,8 @@ fn equals_the_defining_sum() {
         (1, 35, 17, 40, (64, 70)),
         (1, 81, 40, 50, (140, 128)),
         (2, 62, 30, 70, (150, 120)),
-        // A graphics processor's workgroup has as much fast memory as this takes, and a stand-in in software would
-        // leave its loops early.
+        // A graphics processor's workgroup has as much fast memory as this takes, and a stand-in
+        // in software would leave its loops early.
         (16, 40, 16, 48, (480, 320)),
         // Transforms of one stage and of none.
         (1, 1, 0, 2, (5, 4)),
@@ -88,8 +88,9 @@ fn equals_the_defining_sum() {
             let worst = worst.fold(0.0, f64::max) / peak;
             let name = device.name().unwrap_or("cpu");
             println!("s {s} kernel {size} tile {}, {name}: {worst:.2e}", t.tile);
-            // f32 arithmetic: a few 2⁻²⁴ over log2(n) stages of transforms; √(2n + 16)·2⁻²⁴ for sums over n entries
-            // of n rows and nine nodes, where roundings have random signs: 8e-7 for 81 entries.
+            // f32 arithmetic: a few 2⁻²⁴ over log2(n) stages of transforms; √(2n + 16)·2⁻²⁴ for
+            // sums over n entries of n rows and nine nodes, where roundings have random signs:
+            // 8e-7 for 81 entries.
             assert!(worst < 1e-6, "s {s}, kernel {size}, {name}: {worst}");
         }
     }
@@ -106,7 +107,8 @@ pub fn rows_of(source: &Plane<f32>) -> impl Fn(usize, usize) -> Result<Plane<f32
 
 #[test]
 fn spectral_components_give_what_the_bands_give() {
-    // Seven bands that are mixtures of three components, into two channels; kernels differ by band and node.
+    // Seven bands that are mixtures of three components, into two channels; kernels differ by band
+    // and node.
     let (bands, (w, h), size) = (7, (70, 50), 9);
     let t = Tiling::new(1, (w, h), size, 4, 24);
     let nodes = (t.across() + 1) * (t.down() + 1);

@@ -14,7 +14,7 @@ pub struct Spectrum(Vec<Split>);
 pub struct Scratch {
     cells: Split,
     cells_spare: Split,
-    /// Thirty-two columns of the result each.
+    /// Thirty-two columns of the result in each.
     pixels: Vec<Split>,
     pixels_spare: Split,
     /// The tile, sixteen columns after another.
@@ -68,7 +68,7 @@ impl Plan {
         self.pixels.length().next_multiple_of(2 * LANES)
     }
 
-    /// Buffers for so many inputs and outputs.
+    /// Buffers for this many inputs and outputs.
     pub fn scratch(&self, inputs: usize, outputs: usize) -> Scratch {
         let zeros = Split::zeros;
         let half = || zeros(self.batches * self.columns);
@@ -84,14 +84,14 @@ impl Plan {
         }
     }
 
-    /// Room for the light of a row of tiles.
+    /// An empty plane for the light of a row of tiles.
     pub fn empty_strip(&self) -> Plane<f32> {
         let Tiling { tile, oversample, .. } = self.tiling;
         let reach = self.tiling.reach();
         Plane::filled((self.tiling.across() - 1) * tile / oversample + reach, reach, 0.0)
     }
 
-    /// Room for the spectrum of a kernel.
+    /// An empty spectrum of a kernel.
     pub fn empty_spectrum(&self) -> Spectrum {
         Spectrum(vec![Split::zeros(self.tiling.length); self.batches])
     }
@@ -260,7 +260,8 @@ fn transpose(from: &[Lanes], to: &mut [Lanes]) {
     shuffle(&a, to);
 }
 
-/// Row r of the first half and its counterpart in the second become, value by value in turn, rows 2r and 2r + 1.
+/// Row r of the first half and its counterpart in the second become, value by value in turn, rows
+/// 2r and 2r + 1.
 #[inline(always)]
 fn shuffle(from: &[Lanes], to: &mut [Lanes]) {
     let (from, to) = (&from[..LANES], &mut to[..LANES]);
@@ -275,8 +276,9 @@ fn shuffle(from: &[Lanes], to: &mut [Lanes]) {
     }
 }
 
-/// Takes the transforms of two real inputs apart that shared one complex transform along y, and turns
-/// them: from sixteen columns (lanes) to sixteen vertical frequencies (lanes) by columns x to x + 15.
+/// Takes the transforms of two real inputs apart that shared one complex transform along y, and
+/// turns them: from sixteen columns (lanes) to sixteen vertical frequencies (lanes) by columns x
+/// to x + 15.
 #[inline(always)]
 fn split_columns<S: Simd>(
     simd: S,
@@ -347,7 +349,8 @@ fn join_columns<S: Simd>(simd: S, result: &[Split], plan: &Plan, x: usize, pixel
     }
 }
 
-/// Adds `parts` runs of `count` frequencies: those of the cell grid fall on those of the pixel grid.
+/// Adds `parts` runs of `count` frequencies: those of the cell grid fall on those of the pixel
+/// grid.
 #[inline(always)]
 fn fold<S: Simd>(simd: S, spectrum: &Split, parts: usize, count: usize, folded: &mut Split) {
     let run = count * registers::<S>();

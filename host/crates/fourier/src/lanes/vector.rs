@@ -1,9 +1,9 @@
-//! Sixteen values side by side, and as many of them at a time as a register holds.
+//! Sixteen values side by side, handled as many at a time as a vector register holds.
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use pulp::{Simd, bytemuck};
 
-/// Transforms done at once.
+/// Sequences transformed at once.
 pub const LANES: usize = 16;
 
 /// One element of sixteen sequences.
@@ -31,24 +31,28 @@ impl Lanes {
 
     /// Lane by lane sum.
     #[inline(always)]
+    #[must_use]
     pub fn plus(self, other: Self) -> Self {
         self.zip(other, |a, b| a + b)
     }
 
     /// Lane by lane difference.
     #[inline(always)]
+    #[must_use]
     pub fn minus(self, other: Self) -> Self {
         self.zip(other, |a, b| a - b)
     }
 
     /// Lane by lane product.
     #[inline(always)]
+    #[must_use]
     pub fn product(self, other: Self) -> Self {
         self.zip(other, |a, b| a * b)
     }
 
     /// Every lane times one factor.
     #[inline(always)]
+    #[must_use]
     pub fn times(mut self, factor: f32) -> Self {
         self.0.iter_mut().for_each(|a| *a *= factor);
         self
@@ -92,20 +96,20 @@ impl<S: Simd> Complex<S> {
         }
     }
 
-    /// A real factor times the value.
+    /// The value times a real factor.
     #[inline(always)]
     pub fn scale(self, simd: S, factor: f32) -> Self {
         let f = simd.splat_f32s(factor);
         Self { re: simd.mul_f32s(self.re, f), im: simd.mul_f32s(self.im, f) }
     }
 
-    /// Times cos + i·sin of one angle.
+    /// The value times cos + i·sin of an angle.
     #[inline(always)]
     pub fn turned(self, simd: S, (cos, sin): (f32, f32)) -> Self {
         self.mul(simd, Self { re: simd.splat_f32s(cos), im: simd.splat_f32s(sin) })
     }
 
-    /// x·(s·−i).
+    /// The value times −i·factor.
     #[inline(always)]
     pub fn minus_i_times(self, simd: S, factor: f32) -> Self {
         Self {
@@ -115,19 +119,22 @@ impl<S: Simd> Complex<S> {
     }
 }
 
-/// The registers that sixteen lanes take.
+/// Number of registers that hold sixteen lanes.
 #[inline(always)]
+#[must_use]
 pub fn registers<S: Simd>() -> usize {
     LANES / S::F32_LANES
 }
 
-/// Lanes as registers.
+/// Views lanes as registers.
+
 #[inline(always)]
+#[must_use]
 pub fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {
     S::as_simd_f32s(cast_slice(lanes)).0
 }
 
-/// Lanes as registers, to write.
+/// Views lanes as registers for writing.
 #[inline(always)]
 pub fn vectors_mut<S: Simd>(lanes: &mut [Lanes]) -> &mut [S::f32s] {
     S::as_mut_simd_f32s(cast_slice_mut(lanes)).0
