@@ -1,8 +1,9 @@
 //! The shift between two exposures of the same view.
 //!
 //! Found on one phase of the colour filter pattern in the middle of the frame, by the least mean
-//! absolute difference of ln signal over whole cells, less what the exposures differ by as a whole, refined
-//! by a parabola. Only pixels that are usable in both exposures count, so different exposures compare.
+//! absolute difference of ln signal over whole cells, less what the exposures differ by as a
+//! whole, refined by a parabola. Only pixels that are usable in both exposures count, so different
+//! exposures compare.
 
 use camrig_vector::vectorised;
 use rayon::prelude::*;
@@ -14,9 +15,9 @@ const DECISIVE: f64 = 0.8;
 /// Largest window compared, cells a side.
 const WINDOW: usize = 384;
 
-/// Shift of the second view against the first in pixels, by (x, y); `None` where too few pixels are usable in
-/// both. `rates` are linear signals per second at an index of a frame of that size, NaN where they do not count.
-/// `cell` is the edge of the colour filter pattern.
+/// Shift of the second view against the first in pixels, by (x, y); `None` where too few pixels
+/// are usable in both. `rates` are linear signals per second at an index of a frame of that size,
+/// NaN where they do not count. `cell` is the edge of the colour filter pattern.
 pub fn shift(
     (frame_width, frame_height): (usize, usize),
     rates: [&(dyn Fn(usize) -> f32 + Sync); 2],
@@ -85,7 +86,8 @@ pub fn shift(
     Some([(dx as f64 + x) * cell as f64, (dy as f64 + y) * cell as f64])
 }
 
-/// Sum of the absolute differences of a row's values that are usable in both, and how many these are.
+/// Sum of the absolute differences of a row's values that are usable in both, and how many these
+/// are.
 #[vectorised]
 fn difference([a, b]: [&[f32]; 2]) -> (f64, f64) {
     const LANES: usize = 32;

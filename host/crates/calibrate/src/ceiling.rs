@@ -1,8 +1,8 @@
 //! The level at which signals end, where that lies below the white level: a full well.
 //!
-//! A pixel has ended where a longer exposure gives it no more: less than its ratio of times to the power of 0.1. Even a
-//! tone curve (power 0.42) gives more. Signals that have ended pile up at one level, and none lie above: what
-//! moved, or a lamp that changed, does neither.
+//! A pixel has ended where a longer exposure gives it no more: less than its ratio of times to the
+//! power of 0.1. Even a tone curve (power 0.42) gives more. Signals that have ended pile up at one
+//! level, and none lie above: what moved, or a lamp that changed, does neither.
 
 use super::exposures::Series;
 use camrig_base::Cfa;
@@ -12,14 +12,14 @@ use rayon::prelude::*;
 const GROWTH: f64 = 0.1;
 /// Signals that are watched, of full scale: well above noise.
 const WATCHED: f64 = 0.1;
-/// Half of the signals that have ended lie this close to their median, and fewer than one in a hundred of their
-/// number above.
+/// Half of the signals that have ended lie this close to their median, and fewer than one in a
+/// hundred of their number above.
 const PILE: f64 = 0.02;
 /// Fewest samples that make a pile.
 const LEAST: usize = 100;
 
-/// Full scale above black: `stated`, or the lowest level at which the signals of a channel end, where that is more than
-/// `PILE` below.
+/// Full scale above black: `stated`, or the lowest level at which the signals of a channel end,
+/// where that is more than `PILE` below.
 pub fn full_scale(series: &Series, cfa: &Cfa, stated: f64) -> f64 {
     (0..cfa.channels().len())
         .into_par_iter()
@@ -74,7 +74,8 @@ mod tests {
 
     const WELL: f64 = 2800.0;
 
-    /// Light over 60 dB, seen by 12 bits with a response and uniform noise of 4 DN; `view` says where a pixel looks.
+    /// Light over 60 dB, seen by 12 bits with a response and uniform noise of 4 DN; `view` says
+    /// where a pixel looks.
     fn series(response: impl Fn(f64) -> f64, view: impl Fn(usize, usize) -> usize) -> Series {
         let exposures = [0.01, 0.04, 0.16].iter().enumerate().map(|(j, &seconds)| {
             let signal = Plane::from_fn(160, 120, |x, y| {
@@ -103,7 +104,8 @@ mod tests {
         let seen = series(bent, still);
         let found = full_scale(&seen, &mono, 4095.0);
         assert!((found / (0.98 * WELL) - 1.0).abs() < 0.005, "{found}");
-        // The brightest column is lit by 150 kDN/s: only the shortest exposure is below the well there.
+        // The brightest column is lit by 150 kDN/s: only the shortest exposure is below the well
+        // there.
         let merged = hdr::merge(&seen, &mono, found, &[]).unwrap();
         for x in 40..160 {
             let off = f64::from(merged.radiance.at(x, 60)) / light(x) - 1.0;

@@ -1,25 +1,25 @@
-//! The response curve of a camera from several exposures (P. E. Debevec, J. Malik, "Recovering High
-//! Dynamic Range Radiance Maps from Photographs", SIGGRAPH 1997), per channel.
+//! The response curve of a camera from several exposures (P. E. Debevec, J. Malik, "Recovering
+//! High Dynamic Range Radiance Maps from Photographs", SIGGRAPH 1997), per channel.
 //!
 //! A pixel that sees the irradiance E for a time t has the signal Z above black with
 //! g(ln Z) = ln E + ln t. The curve g and all ln E are found together by least squares:
 //!
 //! Σ w (g(ln Z) − ln E − ln t)² + Σ (Δ²g / h²)²
 //!
-//! g is piecewise linear over knots h = 0.1 apart in ln Z, so that a linear response and any power law
-//! have no second difference and the smoothness term does not bend them (over Z itself, as first
-//! published, it pulls the dark end off); the prior is a curvature of about 1 per e-fold². (It cannot be
-//! left to the likelihood: noise is in Z, so a staircase with a step between any two patches would fit best.)
-//! ln E is eliminated, which leaves one banded system of the size of the knots. Scale is free: the curve is
-//! set to g = ln Z at half of full scale.
+//! g is piecewise linear over knots h = 0.1 apart in ln Z, so that a linear response and any power
+//! law have no second difference and the smoothness term does not bend them (over Z itself, as
+//! first published, it pulls the dark end off); the prior is a curvature of about 1 per e-fold².
+//! (It cannot be left to the likelihood: noise is in Z, so a staircase with a step between any two
+//! patches would fit best.) ln E is eliminated, which leaves one banded system of the size of the
+//! knots. Scale is free: the curve is set to g = ln Z at half of full scale.
 //!
 //! Exposure times that are all powers of one factor leave a ripple of that period undetermined but
 //! for the smoothness; mixed factors (1, 2, 5, 10, ...) or steps of 2 determine it.
 //!
 //! Samples are means over square blocks of one channel in each exposure. Dropped are blocks with a
-//! pixel above 95 % of full scale, below 0.5 % of it or 1 DN in the mean, or uneven by more than 10 %
-//! (one standard deviation). w is the inverse variance of ln Z: that of the block's mean, of rounding
-//! to whole DN, and 0.5 % for the repeatability of light and shutter.
+//! pixel above 95 % of full scale, below 0.5 % of it or 1 DN in the mean, or uneven by more than
+//! 10 % (one standard deviation). w is the inverse variance of ln Z: that of the block's mean, of
+//! rounding to whole DN, and 0.5 % for the repeatability of light and shutter.
 
 use super::exposures::Series;
 use camrig_base::Cfa;
@@ -61,8 +61,8 @@ pub struct Response {
 }
 
 impl Response {
-    /// The signal that a linear camera of the same sensitivity at half scale would have, DN. Outside
-    /// the fitted range the curve goes on with its end slopes.
+    /// The signal that a linear camera of the same sensitivity at half scale would have, DN.
+    /// Outside the fitted range the curve goes on with its end slopes.
     pub fn linear_dn(&self, signal_dn: f64) -> f64 {
         if signal_dn <= 0.0 {
             return signal_dn;
@@ -224,7 +224,7 @@ fn fit_channel(
         && mean.abs() > CONTRADICTION
     {
         let factor = libm::exp(mean);
-        return Err(Error::input(format!(
+        return Err(Error::disagreement(format!(
             "channel {channel}: capture {name:?} has {factor:.2} times the light that its exposure \
              time and the other captures say"
         ))
@@ -446,9 +446,9 @@ mod tests {
         assert!((g[1] - 0.75).abs() < 0.01 && (g[4] - 1.9).abs() < 0.01);
     }
 
-    /// A real 8-bit camera: dots seen through seven filters at seven exposures. Its true response is not
-    /// known, so what is held is that its exposures fit one rising curve per channel, to the 2 % by which
-    /// the set's exposure times themselves agree.
+    /// A real 8-bit camera: dots seen through seven filters at seven exposures. Its true response
+    /// is not known, so what is held is that its exposures fit one rising curve per channel, to
+    /// the 2 % by which the set's exposure times themselves agree.
     #[test]
     fn a_real_camera() {
         let Some(path) = camrig_testing::shared("data/captures/bllanos_narrowband_7x7") else {

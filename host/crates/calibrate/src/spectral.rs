@@ -1,10 +1,12 @@
-//! Spectral reflectance from a camera's few channels (Chen et al. 2009, section II, equations 1 to 3).
+//! Spectral reflectance from a camera's few channels (Chen et al. 2009, section II, equations 1 to
+//! 3).
 //!
 //! Reflectances are written S = m + B w: m the mean of a training set, B its first k principal
 //! components, w weights of which the training set gives the covariance Λ. The channels of a
-//! camera, each relative to its own signal on a perfect white, see r = C S with `C[c][b]` the share of
-//! band b in channel c under the light. Three values do not determine six weights; the estimate is
-//! the linear one of least mean square error for the prior (m, Λ) and relative noise σ (Wiener):
+//! camera, each relative to its own signal on a perfect white, see r = C S with `C[c][b]` the
+//! share of band b in channel c under the light. Three values do not determine six weights; the
+//! estimate is the linear one of least mean square error for the prior (m, Λ) and relative noise σ
+//! (Wiener):
 //!
 //! w = Λ Aᵀ (A Λ Aᵀ + σ² 1)⁻¹ (r − C m), A = C B.
 //!
@@ -28,7 +30,8 @@ pub const NOISE: f64 = 0.01;
 pub struct Channels(DMatrix<f64>);
 
 impl Channels {
-    /// From sensitivities per channel and band (electrons per energy, any scale) and light per band.
+    /// From sensitivities per channel and band (electrons per energy, any scale) and light per
+    /// band.
     pub fn new(sensitivity: &[Vec<f64>], light: &[f64]) -> Result<Self> {
         let mut rows =
             DMatrix::from_fn(sensitivity.len(), light.len(), |c, b| sensitivity[c][b] * light[b]);
@@ -58,8 +61,8 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// The regularised estimate with the training set's prior, `components` components and relative
-    /// noise `noise`.
+    /// The regularised estimate with the training set's prior, `components` components and
+    /// relative noise `noise`.
     pub fn regularised(
         channels: &Channels,
         training: &[Vec<f64>],
@@ -114,7 +117,8 @@ impl Estimator {
     }
 }
 
-/// The offset and the weighted channels, kept within 0..=1: every value is read once and written once.
+/// The offset and the weighted channels, kept within 0..=1: every value is read once and written
+/// once.
 #[vectorised]
 fn weigh(offset: f32, channels: &[(f32, &[f32])], out: &mut [f32]) {
     const SIDE: usize = 64;
@@ -215,8 +219,8 @@ pub enum Method {
     PseudoInverse,
 }
 
-/// Estimates every patch by an estimator trained without it on the others and `more` spectra, from the
-/// signals that the channels see of it, or from measured ones.
+/// Estimates every patch by an estimator trained without it on the others and `more` spectra, from
+/// the signals that the channels see of it, or from measured ones.
 pub fn leave_one_out(
     channels: &Channels,
     patches: &[Vec<f64>],
@@ -303,8 +307,8 @@ mod tests {
         }
     }
 
-    /// The 24 patches, each estimated from the other 23: the prior beats the plain pseudo-inverse by
-    /// a wide margin, under daylight and tungsten.
+    /// The 24 patches, each estimated from the other 23: the prior beats the plain pseudo-inverse
+    /// by a wide margin, under daylight and tungsten.
     #[test]
     fn prior_beats_the_pseudo_inverse() {
         let (patches, bands) = (patches(), Bands::VISIBLE);

@@ -1,10 +1,11 @@
 //! The virtual crosstalk bench: the experiment of Chen et al. 2009, section IV-C, simulated.
 //!
-//! No lens; parallel light through a narrow-band filter, as strong on the sensor at every tilt (the
-//! beam is turned up by 1/cos θ); the sensor is turned so that the point looked at sees the light
-//! from where its chief ray would come. What a pixel makes of light from there is the camera's
-//! hidden crosstalk table, which the fit ([`camrig_measure::crosstalk`]) is to find. Read out are
-//! windows around the points, so one frame of the whole sensor serves all points of a scan.
+//! No lens; parallel light through a narrow-band filter, as strong on the sensor at every tilt
+//! (the beam is turned up by 1/cos θ); the sensor is turned so that the point looked at sees the
+//! light from where its chief ray would come. What a pixel makes of light from there is the
+//! camera's hidden crosstalk table, which the fit ([`camrig_measure::crosstalk`]) is to find. Read
+//! out are windows around the points, so one frame of the whole sensor serves all points of a
+//! scan.
 
 use super::take::{electrons_per_second, facts, saturation_e};
 use camrig_base::output::OutputDir;
@@ -32,10 +33,12 @@ const AXIS_POINTS: i32 = 61;
 /// Side of the windows: the paper's 11 x 11 regions in whole periods of a Bayer pattern.
 const WINDOW: usize = 12;
 
-/// Mean signal at the centre as a fraction of saturation.
+/// Mean signal at the centre as a fraction of saturation: little noise, and nothing saturates where
+/// crosstalk brightens a channel.
 const FILL: f64 = 0.5;
 
-/// Half field for lenses whose focal length the camera file does not give, degrees.
+/// Half field for lenses whose focal length the camera file does not give, degrees: that of a normal
+/// to moderately wide lens.
 const DEFAULT_CORNER_DEG: f64 = 30.0;
 
 /// A point looked at.
@@ -113,7 +116,7 @@ pub fn bench(
     for nm in FILTERS_NM {
         let per_s = electrons_per_second(camera, nm, FILTER_WIDTH_NM);
         if per_s <= 0.0 {
-            return Err(Error::input(format!("the camera is blind at {nm} nm")));
+            return Err(Error::disagreement(format!("the camera is blind at {nm} nm")));
         }
         let gain = camera.sensor.analog_gain;
         let irradiance = FILL * saturation_e(camera, gain) / (per_s * exposure_s);

@@ -1,10 +1,10 @@
 //! Capture plans: which stacks to take, for `camrig capture`.
 //!
 //! A plan is a TOML file (`format = "plan/1"`) of `[[stack]]` tables. `exposure_s`,
-//! `temperature_c`, `analog_gain` and `fill` take one number, a list, or
-//! `{ from, to, count }`; a stack is taken for every combination. Flats have narrow-band light
-//! whose amount is `irradiance_w_m2`, or `fill`: the mean signal as a fraction of saturation in the
-//! channel that gets most.
+//! `temperature_c`, `analog_gain` and `fill` take one number, a list, or `{ from, to, count }`; a
+//! stack is taken for every combination. Flats have narrow-band light whose amount is
+//! `irradiance_w_m2`, or `fill`: the mean signal as a fraction of saturation in the channel that
+//! gets most.
 
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, Result, toml_text};
@@ -75,15 +75,19 @@ struct Stack {
 #[serde(deny_unknown_fields)]
 struct PlanLight {
     wavelength_nm: Option<f64>,
-    #[serde(default = "ten")]
+    #[serde(default = "default_width_nm")]
     width_nm: f64,
     irradiance_w_m2: Option<f64>,
     illuminant: Option<String>,
     lux: Option<f64>,
 }
 
-fn ten() -> f64 {
-    10.0
+/// Bandwidth of narrow-band light unless a plan says otherwise, nm: that of the filters of Chen et al.
+/// 2009, section IV-C.
+const WIDTH_NM: f64 = 10.0;
+
+fn default_width_nm() -> f64 {
+    WIDTH_NM
 }
 
 /// The text of a built-in plan; empty for a name that is none.
@@ -114,7 +118,7 @@ pub fn load(spec: &str) -> Result<Vec<Shot>> {
 pub fn parse(text: &str) -> Result<Vec<Shot>> {
     let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
     if file.format != "plan/1" {
-        return Err(Error::input(format!("plan format {:?}", file.format))
+        return Err(Error::unsupported(format!("plan format {:?}", file.format))
             .help("this program reads format = \"plan/1\""));
     }
     let mut shots: Vec<Shot> = Vec::new();
@@ -174,7 +178,7 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
                 .help("add scene = { scene = \"slanted-edge\" }"));
         }
         Role::Rotation => {
-            return Err(Error::input("rotation stacks are not taken by plans")
+            return Err(Error::unsupported("rotation stacks are not taken by plans")
                 .help("simulate the bench that rotates the camera")
                 .with_code("rotation-stacks"));
         }
@@ -211,7 +215,7 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
                             lux: light.as_ref().and_then(|l| l.lux),
                             ..Light::default()
                         },
-                        width_nm: light.as_ref().map_or(10.0, |l| l.width_nm),
+                        width_nm: light.as_ref().map_or(WIDTH_NM, |l| l.width_nm),
                         fill,
                         scene: stack.scene.clone(),
                         saturates: stack.saturates,

@@ -4,6 +4,50 @@
 //! enter the program, and what `camrig capture` writes. [`CaptureSet::load`] reads and checks the
 //! manifest; frames are read one batch at a time by [`CaptureSet::for_each_batch`], so a stack of
 //! any length needs the memory of a few frames.
+//!
+//! Samples are DN; exposures are in s, temperatures in °C, irradiance in W m⁻² on the sensor,
+//! wavelengths in nm, illuminance in lx on the scene.
+//!
+//! ```
+//! use camrig_captures::{CaptureSet, Role};
+//! use camrig_base::Plane;
+//! use camrig_formats::{Facts, Format, Frames};
+//!
+//! let folder = tempfile::tempdir().unwrap();
+//! let planes = vec![Plane::filled(8, 6, 42u16), Plane::filled(8, 6, 44u16)];
+//! let facts = Facts { bits: Some(10), ..Facts::default() };
+//! let bytes = Format::Npy.encode(&Frames { planes, facts })?;
+//! std::fs::write(folder.path().join("dark.npy"), bytes).unwrap();
+//! let manifest = r#"
+//!     format = "captures/1"
+//!     [sensor]
+//!     width = 8
+//!     height = 6
+//!     bits = 10
+//!     cfa = "RGGB"
+//!     white_level_dn = 1023
+//!     [[capture]]
+//!     id = "dark"
+//!     role = "dark"
+//!     files = "dark.npy"
+//!     exposure_s = 0.01
+//!     analog_gain = 1.0
+//! "#;
+//! std::fs::write(folder.path().join("captures.toml"), manifest).unwrap();
+//!
+//! let set = CaptureSet::load(folder.path())?;
+//! let dark = set.with_role(Role::Dark).next().expect("a dark stack");
+//! let (mut sum, mut samples) = (0.0, 0.0);
+//! let frames = set.for_each_batch(dark, |batch| {
+//!     for value in batch.iter().flat_map(|frame| &frame.data) {
+//!         sum += f64::from(*value);
+//!         samples += 1.0;
+//!     }
+//!     Ok(())
+//! })?;
+//! assert_eq!((frames, sum / samples), (2, 43.0));
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 mod frames;
 pub mod manifest;
@@ -232,7 +276,7 @@ impl CaptureSet {
         self.captures.iter().filter(move |c| c.role == role)
     }
 
-    /// Frames of a capture.
+    /// Number of frames of a capture.
     ///
     /// # Errors
     /// A file that cannot be read.

@@ -1,12 +1,13 @@
-//! Optics results kept on disk by content, so that the same scene through the same lens onto the same
-//! grid is rendered once.
+//! Optics results kept on disk by content, so that the same scene through the same lens onto the
+//! same grid is rendered once.
 //!
-//! A result is a cube (`KEY.irr`) and what the engine reported (`KEY.json`) in one directory; beside them lie the lenses
-//! that were traced (`KEY.lens`, see `super::traced`), so that another scene does not trace a lens again, and a cube
-//! that is there takes none. Files appear whole; one that cannot be read counts as missing. The light level is not part of the key: cubes are
-//! rendered for a white whose largest band is 1 and carry the level as a factor in their header, with or
-//! without a cache, hit or miss. So a change of lux runs no optics, and the bytes never depend on what
-//! happened to be cached.
+//! A result is a cube (`KEY.irr`) and what the engine reported (`KEY.json`) in one directory;
+//! beside them lie the lenses that were traced (`KEY.lens`, see `super::traced`), so that another
+//! scene does not trace a lens again, and a cube that is there takes none. Files appear whole; one
+//! that cannot be read counts as missing. The light level is not part of the key: cubes are
+//! rendered for a white whose largest band is 1 and carry the level as a factor in their header,
+//! with or without a cache, hit or miss. So a change of lux runs no optics, and the bytes never
+//! depend on what happened to be cached.
 
 use super::lens::Described;
 use super::{About, sensor_grid};

@@ -1,5 +1,5 @@
-//! What a factory calibration would hand to the raw converter: lens shading and bad pixels of a camera, as
-//! DNG opcodes that undo them.
+//! What a factory calibration would hand to the raw converter: lens shading and bad pixels of a
+//! camera, as DNG opcodes that undo them.
 
 use super::{SimulatedSensor, lens};
 use camrig_base::Bands;
@@ -22,12 +22,19 @@ pub struct Corrections {
 
 /// Wavelength at which the shading is taken, nm: the peak of vision.
 const SHADING_NM: f64 = 555.0;
+/// Relative illumination below which the gain grows no further: where a lens vignettes to black there is
+/// only noise to amplify, and 100 is more gain than any raw converter is asked for.
+const LEAST_ILLUMINATION: f64 = 0.01;
 /// Rows and columns of nodes of the gain map: those of the crosstalk table of Chen et al. 2009.
 const NODES: [u32; 2] = [13, 17];
-/// Deviation from its neighbours' signal beyond which a pixel is bad.
+/// Deviation from the signal of a good pixel, relative to it, beyond which a pixel is listed as bad. It
+/// trades pixels left in the picture against pixels interpolated for nothing: a tenth lies above the
+/// pixel response non-uniformity of real sensors (a few per cent) and below what stands out in a
+/// converted picture.
 const BAD: f64 = 0.1;
 
-/// The corrections for frames taken with `settings` (hot pixels come and go with exposure and temperature).
+/// The corrections for frames taken with `settings` (hot pixels come and go with exposure and
+/// temperature).
 pub fn corrections(camera: &Camera, settings: &FrameSettings) -> Result<Corrections> {
     let list1 = bad_pixels(&camera.sensor.cfa, bad_points(camera, settings)?);
     Ok(Corrections { list1: list1.into_iter().collect(), list2: shading(camera)? })
@@ -44,13 +51,13 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
     let (axis_x, axis_y) = lens.axis_mm();
     let gain = |x: f64, y: f64| {
         let height = ((x - 0.5) * width_mm - axis_x).hypot((y - 0.5) * height_mm - axis_y);
-        1.0 / illumination(height).max(0.01) // a lens that vignettes to black gives nothing to amplify
+        1.0 / illumination(height).max(LEAST_ILLUMINATION)
     };
     Ok(gain_maps(&sensor.cfa, size, NODES, gain))
 }
 
-/// (row, column) of the pixels that the defect effects move by more than [`BAD`] in a frame without noise
-/// lit evenly to half the full well.
+/// (row, column) of the pixels that the defect effects move by more than [`BAD`] in a frame
+/// without noise lit evenly to half the full well.
 fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32)>> {
     let is_defect = |effect: &Effect| {
         matches!(effect, Effect::DefectivePixels(_) | Effect::StuckPixels(_) | Effect::HotPixels(_))
@@ -111,9 +118,9 @@ mod tests {
         camera
     }
 
-    /// Gain times illumination is 1 all over, to what bilinear interpolation leaves: h²/8 of the second
-    /// derivative of (1 + (r/f)²)² in each direction, at most 8/f² for r/f up to 1/√3, over gains of 1 to
-    /// 1.8, with h = 4.5 mm / 16 and f = 4.9 mm: 0.4 % at most.
+    /// Gain times illumination is 1 all over, to what bilinear interpolation leaves: h²/8 of the
+    /// second derivative of (1 + (r/f)²)² in each direction, at most 8/f² for r/f up to 1/√3, over
+    /// gains of 1 to 1.8, with h = 4.5 mm / 16 and f = 4.9 mm: 0.4 % at most.
     #[test]
     fn shading_is_undone() {
         let camera = camera();
@@ -144,7 +151,8 @@ mod tests {
         }
     }
 
-    /// The pixels listed are those, and only those, that are stuck white in a real frame of the dark.
+    /// The pixels listed are those, and only those, that are stuck white in a real frame of the
+    /// dark.
     #[test]
     fn bad_pixels_are_those_of_the_frame() {
         let mut camera = camera();

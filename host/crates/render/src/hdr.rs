@@ -3,19 +3,20 @@
 use camrig_base::Cfa;
 use camrig_base::{Error, RawFrame, Result};
 
-/// How long and short exposures share a frame. The long one is the frame's exposure, the short one a
-/// `ratio`-th of it.
+/// How long and short exposures share a frame. The long one is the frame's exposure, the short one
+/// a `ratio`-th of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Hdr {
-    /// Every pixel is exposed once: pairs of rows of the filter pattern are long and short in turn, the first
-    /// pair long (interleaved or "zigzag-free" row HDR). The frame keeps its size.
+    /// Every pixel is exposed once: pairs of rows of the filter pattern are long and short in
+    /// turn, the first pair long (interleaved or "zigzag-free" row HDR). The frame keeps its size.
     Rows {
         /// Long over short exposure.
         ratio: f64,
     },
-    /// Every pixel is exposed twice, one after the other, and rows leave the sensor in turn: long row y, then
-    /// short row y − `offset` (digital overlap, staggered HDR). The frame has twice the rows; rows of the short
-    /// exposure that are not there yet, or no more, hold the black level.
+    /// Every pixel is exposed twice, one after the other, and rows leave the sensor in turn: long
+    /// row y, then short row y − `offset` (digital overlap, staggered HDR). The frame has twice
+    /// the rows; rows of the short exposure that are not there yet, or no more, hold the black
+    /// level.
     Staggered {
         /// Long over short exposure.
         ratio: f64,
@@ -29,7 +30,8 @@ impl Hdr {
     pub fn parse(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!(
-                "{text:?}: use rows:RATIO, staggered:RATIO or staggered:RATIO:OFFSET, e.g. staggered:16:32"
+                "{text:?}: use rows:RATIO, staggered:RATIO or staggered:RATIO:OFFSET, e.g. \
+                 staggered:16:32"
             )
         };
         let mut parts = text.split(':');
@@ -54,8 +56,8 @@ impl Hdr {
         }
     }
 
-    /// Frame numbers of the long and the short exposure of frame `frame`: a pixel that is read twice has new
-    /// temporal noise the second time.
+    /// Frame numbers of the long and the short exposure of frame `frame`: a pixel that is read
+    /// twice has new temporal noise the second time.
     pub fn frames(&self, frame: u32) -> [u32; 2] {
         match self {
             Self::Rows { .. } => [frame, frame],

@@ -130,12 +130,14 @@ fn characterised(
     defocus_um: f64,
 ) -> Result<Characterisation> {
     if defocus_um != 0.0 {
-        return Err(Error::unsupported("defocus of a characterised lens: its tables hold no wavefront")
-            .at("[[effect]] kind = \"defocus\"")
-            .help(
-                "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \
+        return Err(Error::unsupported(
+            "defocus of a characterised lens: its tables hold no wavefront",
+        )
+        .at("[[effect]] kind = \"defocus\"")
+        .help(
+            "use a lens of kind \"prescription\" or \"diffraction-limited\", or a \
                  characterisation made out of focus (camrig lens trace --sensor-shift)",
-            ));
+        ));
     }
     let mut lens = Characterisation::read(path)?;
     lens.transmittance = lens.transmittance.times(transmittance)?;

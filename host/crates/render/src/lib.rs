@@ -1,7 +1,33 @@
 //! Rendering: scene + camera → irradiance cube → raw frames.
 //!
-//! The optics stage writes an [`IrradianceCube`] once; [`SimulatedSensor`] turns it into frames, so that another
-//! light level, exposure, gain, frame number or sensor seed never runs the optics again.
+//! The optics stage ([`scene_irradiance`], or [`OpticsStage`] with movement and results kept on disk)
+//! writes an [`IrradianceCube`] once: spectral irradiance per band and pixel on the sensor, W m⁻² nm⁻¹.
+//! [`SimulatedSensor`] turns it into raw frames in DN, so that another light level, exposure, gain,
+//! frame number or sensor seed never runs the optics again.
+//!
+//! ```
+//! use camrig_camera::Camera;
+//! use camrig_optics::Options;
+//! use camrig_render::{Arithmetic, SceneLight, SimulatedSensor, scene_irradiance};
+//!
+//! let mut camera = Camera::load("mt9v024")?;
+//! (camera.sensor.width, camera.sensor.height) = (32, 24);
+//! let light = SceneLight::lux("D65", 300.0);
+//! let options = Options::default();
+//! let (cube, _) = scene_irradiance(&camera, "uniform:0.18", &light, &options, |_, _| ())?;
+//!
+//! // Twice the exposure time is twice the signal above black, within noise.
+//! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+//! let signal_dn = |exposure_s: f64| -> Result<f64, camrig_base::Error> {
+//!     let settings = camera.settings(0, exposure_s, None);
+//!     let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+//!     let sum: f64 = frame.data.iter().map(|&dn| f64::from(dn)).sum();
+//!     Ok(sum / frame.data.len() as f64 - frame.black_level_dn)
+//! };
+//! let ratio = signal_dn(20e-3)? / signal_dn(10e-3)?;
+//! assert!((ratio - 2.0).abs() < 0.1, "{ratio}");
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 pub mod cache;
 mod corrections;

@@ -1,8 +1,8 @@
 //! A scene in its light: from what a person names to radiance in the scene's bands.
 //!
-//! A scene of reflectances takes an illuminant and a level; a scene of radiance holds its own light and
-//! takes neither. Whoever renders a scene opens it here, so that no program records a light that was
-//! not applied.
+//! A scene of reflectances takes an illuminant and a level; a scene of radiance holds its own
+//! light and takes neither. Whoever renders a scene opens it here, so that no program records a
+//! light that was not applied.
 
 use super::About;
 use camrig_base::{Error, Result};
@@ -16,11 +16,13 @@ use std::f64::consts::PI;
 /// Chen et al. 2009.
 pub const DEFAULT_ILLUMINANT: &str = "D65";
 
-/// Scene illuminance where none is asked for, lx: the brighter of the two levels of Chen et al. 2009.
+/// Scene illuminance where none is asked for, lx: the brighter of the two levels of Chen et al.
+/// 2009.
 pub const DEFAULT_LUX: f64 = 300.0;
 
 /// The light asked for on a scene of reflectances. The default asks for none, which is
-/// [`DEFAULT_ILLUMINANT`] at [`DEFAULT_LUX`] there, and the scene's own light where it holds radiance.
+/// [`DEFAULT_ILLUMINANT`] at [`DEFAULT_LUX`] there, and the scene's own light where it holds
+/// radiance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneLight<'a> {
     /// Name of a built-in illuminant, or a CSV file.
@@ -51,7 +53,8 @@ pub struct SceneInLight {
 }
 
 impl SceneInLight {
-    /// Opens what `spec` names for a frame of that aspect (width over height), in the light asked for.
+    /// Opens what `spec` names for a frame of that aspect (width over height), in the light asked
+    /// for.
     ///
     /// # Errors
     /// A scene or illuminant that cannot be read; light asked for on a scene that holds radiance.
@@ -117,8 +120,8 @@ pub(crate) fn frame_aspect(camera: &Camera) -> f64 {
 /// What falls on the sensor of `camera` when it looks at the scene that `spec` names: spectral
 /// irradiance per band and pixel, W m⁻² nm⁻¹, and the figures of the optics stage.
 ///
-/// Unlike [`super::OpticsStage`] it keeps no results on disk, and the cube's samples hold the light
-/// level themselves (its header's level is 1).
+/// Unlike [`super::OpticsStage`] it keeps no results on disk, and the cube's samples hold the
+/// light level themselves (its header's level is 1).
 ///
 /// ```
 /// use camrig_camera::Camera;

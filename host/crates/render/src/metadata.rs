@@ -10,8 +10,8 @@ use camrig_scene::chart::colorchecker;
 use camrig_scene::{Illuminant, photometry};
 use camrig_sensor_core::config::FrameSettings;
 
-/// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and D65, white
-/// of the scene's light, and the noise profile of the sensor model.
+/// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and
+/// D65, white of the scene's light, and the noise profile of the sensor model.
 pub fn dng_info(
     camera: &Camera,
     settings: &FrameSettings,
@@ -53,8 +53,8 @@ pub fn dng_info(
     Ok(info)
 }
 
-/// What the file of a frame says, [`dng_info`] with how the frame was made; with `opcodes` also how to
-/// correct lens shading and bad pixels.
+/// What the file of a frame says, [`dng_info`] with how the frame was made; with `opcodes` also
+/// how to correct lens shading and bad pixels.
 pub fn frame_info(
     camera: &Camera,
     settings: &FrameSettings,
@@ -93,8 +93,8 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
     Some([channel(&["r"])?, channel(&["g", "gr"])?, channel(&["b"])?])
 }
 
-/// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one electron,
-/// O the read noise with the converter's rounding, both as fractions of the range.
+/// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one
+/// electron, O the read noise with the converter's rounding, both as fractions of the range.
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);

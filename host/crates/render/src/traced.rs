@@ -1,5 +1,6 @@
-//! Lenses traced from prescriptions, kept on disk by content: `KEY.lens`, a lens directory as `camrig lens trace` writes
-//! it. The key covers the prescription as it was understood, glasses included, how it is used and what is traced of it.
+//! Lenses traced from prescriptions, kept on disk by content: `KEY.lens`, a lens directory as
+//! `camrig lens trace` writes it. The key covers the prescription as it was understood, glasses
+//! included, how it is used and what is traced of it.
 
 use super::sensor_grid;
 use camrig_base::Bands;
@@ -59,8 +60,8 @@ impl Tracing {
         &self.description
     }
 
-    /// The characterisation, and whether it had to be traced: what `directory` holds is taken from there, what it does
-    /// not hold is left there.
+    /// The characterisation, and whether it had to be traced: what `directory` holds is taken from
+    /// there, what it does not hold is left there.
     ///
     /// # Errors
     /// Rays that do not reach the image.
@@ -73,7 +74,8 @@ impl Tracing {
         let lens = characterise(&self.system, &self.plan, &|_, _| ())
             .map_err(|e| e.at(self.path.display()))?;
         if let (Some(kept), Some(directory)) = (&kept, directory) {
-            // What is there cannot be read. That the lens cannot be kept is no reason to fail: it is in hand.
+            // What is there cannot be read. That the lens cannot be kept is no reason to fail: it
+            // is in hand.
             let _ = std::fs::remove_dir_all(kept);
             if std::fs::create_dir_all(directory).is_ok() {
                 let _ = lens.write(kept, false);

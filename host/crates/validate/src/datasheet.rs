@@ -1,5 +1,5 @@
-//! What a data sheet of a camera says, measured on simulated captures as one would on real ones: EMVA 1288,
-//! quantum efficiency through narrow-band filters, MTF, positional crosstalk.
+//! What a data sheet of a camera says, measured on simulated captures as one would on real ones:
+//! EMVA 1288, quantum efficiency through narrow-band filters, MTF, positional crosstalk.
 
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
@@ -28,13 +28,25 @@ pub struct Datasheet {
     pub crosstalk: Option<Crosstalk>,
 }
 
-/// Columns and rows of the frame with the edge, and of the region measured. Long along the edge and narrow
-/// across it: far from the edge there is only noise.
+/// Columns and rows of the frame with the edge, and of the region measured. Long along the edge
+/// and narrow across it: far from the edge there is only noise.
 const EDGE_FRAME: (u32, u32) = (96, 320);
 const EDGE_REGION: (usize, usize) = (64, 288);
 
-/// Illuminance of the edge, lx; the exposure is searched for, so it only sets where the search starts.
+/// Illuminance of the edge, lx; the exposure is searched for, so it only sets where the search
+/// starts.
 const EDGE_LUX: f64 = 300.0;
+
+/// Where the search for the edge's exposure starts and ends, s.
+const FIRST_EXPOSURE_S: f64 = 1e-3;
+const LONGEST_EXPOSURE_S: f64 = 10.0;
+/// Signal of the edge's bright side as a fraction of the range: half, and what is near enough to it.
+/// Noise falls with light, and nothing saturates.
+const FILL: f64 = 0.5;
+const LEAST_FILL: f64 = 0.3;
+/// Least and largest factor between two exposures of the search: it must go on where the signal is that
+/// of rounding, and must not overshoot where a dark frame says next to nothing.
+const STEP: (f64, f64) = (1.5, 20.0);
 
 /// Frames per point of the crosstalk bench.
 const BENCH_FRAMES: u32 = 16;
@@ -83,18 +95,21 @@ fn taken(camera: &Camera, shots: &[plan::Shot], out: &Path) -> Result<CaptureSet
 /// A dark and flats through the filters of the crosstalk experiment.
 fn filters() -> String {
     let mut text = String::from(
-        "format = \"plan/1\"\n[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 16\nexposure_s = 0.01\n",
+        "format = \"plan/1\"\n[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 16\n\
+         exposure_s = 0.01\n",
     );
     for nm in bench::FILTERS_NM {
         text.push_str(&format!(
-            "[[stack]]\nid = \"flat-{nm}\"\nrole = \"flat\"\nframes = 16\nexposure_s = 0.01\nfill = 0.5\n\
+            "[[stack]]\nid = \"flat-{nm}\"\nrole = \"flat\"\nframes = 16\nexposure_s = 0.01\n\
+             fill = 0.5\n\
              light = {{ wavelength_nm = {nm:?}, width_nm = 10.0 }}\n"
         ));
     }
     text
 }
 
-/// Electrons per photon: signal above dark over K and photons; K is that of the small-signal photon transfer.
+/// Electrons per photon: signal above dark over K and photons; K is that of the small-signal
+/// photon transfer.
 fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Value>)>> {
     let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
     let none = || Error::input("no dark captures");
@@ -133,17 +148,17 @@ fn edges(camera: &Camera) -> Result<Vec<Edge>> {
         sensor.frame(&cube, None, &settings, Arithmetic::F32)
     };
     // Exposure by search: the brightest hundredth of the samples at half of the range.
-    let mut seconds = 1e-3;
+    let mut seconds = FIRST_EXPOSURE_S;
     let frame = loop {
         let frame = frame(seconds)?;
         let mut sorted = frame.data.clone();
         sorted.sort_unstable();
         let bright = f64::from(sorted[sorted.len() * 99 / 100]) - frame.black_level_dn;
         let range = f64::from(frame.white_level_dn) - frame.black_level_dn;
-        if bright > 0.3 * range || seconds > 10.0 {
+        if bright > LEAST_FILL * range || seconds > LONGEST_EXPOSURE_S {
             break frame;
         }
-        seconds *= (0.5 * range / bright.max(1.0)).clamp(1.5, 20.0);
+        seconds *= (FILL * range / bright.max(1.0)).clamp(STEP.0, STEP.1);
     };
     let (width, height) = (EDGE_REGION.0.min(frame.width), EDGE_REGION.1.min(frame.height));
     let (x, y) = ((frame.width - width) / 2, (frame.height - height) / 2);

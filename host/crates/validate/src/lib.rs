@@ -1,4 +1,26 @@
 //! A model's frames measured as real ones are: beside captured ones, and for its data sheet.
+//!
+//! - [`paper`] has the scenes, light levels (lx), exposures (s) and figures of section VI of Chen
+//!   et al. 2009: MTF (cycles per pixel), standard deviation of the luminance per ColorChecker
+//!   patch (DN), green along a row (DN), defects per million pixels.
+//! - [`comparison`] puts a model, captured frames and an improved model side by side in them.
+//! - [`datasheet`] measures a camera file as a laboratory measures a camera: EMVA 1288 (electrons,
+//!   DN, per cent), quantum efficiency (electrons per photon), MTF, positional crosstalk.
+//!
+//! ```
+//! use camrig_camera::Camera;
+//! use camrig_validate::datasheet::Datasheet;
+//!
+//! // The EMVA 1288 figures of a preset, on a small piece of its sensor.
+//! let mut camera = Camera::load("mt9v024")?;
+//! camera.sensor.noise.read_e = 12.0;
+//! let sheet = Datasheet::measure(&camera, (64, 48))?;
+//! let green = &sheet.emva.channels[1].figures;
+//! let dark_noise_e = green.temporal_dark_noise_e.expect("above the noise of rounding");
+//! assert!((dark_noise_e / 12.0 - 1.0).abs() < 0.1);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
+pub mod comparison;
 pub mod datasheet;
 pub mod paper;

@@ -1,9 +1,11 @@
-//! Section VI of Chen et al. 2009, repeated: D65 at 300 lx and 10 lx; system MTF, standard deviation of the
-//! luminance per ColorChecker patch (Table I), the green channel along row 510, defects.
+//! Section VI of Chen et al. 2009, repeated: D65 at 300 lx and 10 lx; system MTF, standard
+//! deviation of the luminance per ColorChecker patch (Table I), the green channel along row 510,
+//! defects.
 //!
 //! The captured side is a capture set, or a perturbed camera that stands for the real module
-//! ([`captured_camera`]): another physical sensor with the four causes that the paper names. The paper left
-//! them as differences; [`Figures::against`] shows them, and that they go once the model has the causes.
+//! ([`captured_camera`]): another physical sensor with the four causes that the paper names. The
+//! paper left them as differences; [`Figures::against`] shows them, and that they go once the
+//! model has the causes.
 
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, RawFrame, Result};
@@ -29,8 +31,8 @@ pub struct Level {
     pub analog_gain: f64,
 }
 
-/// The paper's two levels, bright and dim; it does not say exposures and gains. These keep the white patch
-/// below saturation, at 10 lx as long and with as much gain as phones of its time did.
+/// The paper's two levels, bright and dim; it does not say exposures and gains. These keep the
+/// white patch below saturation, at 10 lx as long and with as much gain as phones of its time did.
 pub const LEVELS: [Level; 2] = [
     Level { lux: 300.0, exposure_s: 0.040, analog_gain: 1.0 },
     Level { lux: 10.0, exposure_s: 0.200, analog_gain: 4.0 },
@@ -48,7 +50,8 @@ const ROW: (usize, usize) = (510, 1536);
 /// Card of the built-in chart, sensor widths.
 const CARD_WIDTH: f64 = 0.8;
 
-/// Robust standard deviations beyond which a pixel of a patch is a defect. One of 5e8 Gaussian values is.
+/// Robust standard deviations beyond which a pixel of a patch is a defect. One of 5e8 Gaussian
+/// values is.
 const DEFECT_SIGMAS: f64 = 6.0;
 
 /// The built-in differences between the model and the module.
@@ -60,7 +63,7 @@ pub const CAPTURED: &str = include_str!("captured.toml");
 /// A model with so many effects that these do not fit in.
 pub fn with_causes(model: &Camera) -> Result<Camera> {
     let causes: toml::Table =
-        toml::from_str(CAPTURED).map_err(|e| Error::input(format!("captured.toml: {e}")))?;
+        toml::from_str(CAPTURED).map_err(|e| Error::internal(format!("captured.toml: {e}")))?;
     let tables = causes.get("effect").and_then(toml::Value::as_array);
     let mut camera = model.clone();
     for table in tables.into_iter().flatten().filter_map(toml::Value::as_table) {
@@ -92,8 +95,8 @@ pub struct Taken {
     pub edge: RawFrame,
 }
 
-/// Takes the frames with simulated cameras. Those that give the same irradiance share the optics stage.
-/// `progress` hears of every camera done.
+/// Takes the frames with simulated cameras. Those that give the same irradiance share the optics
+/// stage. `progress` hears of every camera done.
 ///
 /// # Errors
 /// Those of rendering.
@@ -165,8 +168,8 @@ fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<IrradianceCube> {
     Ok(scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())?.0)
 }
 
-/// The frames of a capture set, and how they were taken: the first edge, and the charts of most and of least
-/// light.
+/// The frames of a capture set, and how they were taken: the first edge, and the charts of most
+/// and of least light.
 ///
 /// # Errors
 /// A set without an edge, or without charts at two light levels (lx) and a black level.
@@ -243,7 +246,8 @@ pub struct Figures {
     pub profile: Profile,
     /// The row.
     pub row: usize,
-    /// Pixels of the patches at the dim level that stand out by more than six standard deviations, per million.
+    /// Pixels of the patches at the dim level that stand out by more than six standard deviations,
+    /// per million.
     pub defects_per_million: f64,
 }
 
@@ -348,7 +352,8 @@ fn brightness(table: &[PatchNoise]) -> f64 {
     table.iter().map(|p| p.luminance_dn).sum()
 }
 
-/// Mean difference of the luminance's standard deviation, per cent of the model's: Table I in two figures.
+/// Mean difference of the luminance's standard deviation, per cent of the model's: Table I in two
+/// figures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scatter {
     /// Mean absolute difference over the 24 patches.
@@ -399,24 +404,44 @@ pub struct Differences {
 /// The sizes that the paper reports for Table I, per cent.
 pub const REPORTED: Scatter = Scatter { all_percent: 8.0, without_dark_percent: 5.0 };
 
+/// How far Table I may lie from [`REPORTED`], per cent: half a per cent of rounding in the paper's
+/// figures, and 1 % by which two sensors of one kind differ on average.
+const REPORTED_TOLERANCE_PERCENT: f64 = 0.5 + 1.0;
+
+/// Differences that are no more than noise and the luck of another sensor of the same kind. Each lies
+/// well below the difference that its cause in `captured.toml` makes and above what the same model with
+/// another seed gives; the test of this module has both.
+mod none_left {
+    /// MTF50 of the edge, per cent.
+    pub const MTF50_PERCENT: f64 = 2.0;
+    /// Standard deviation of the luminance, mean over the patches, per cent.
+    pub const LUMINANCE_STD_PERCENT: f64 = 4.0;
+    /// Brightness, relative.
+    pub const BRIGHTNESS: f64 = 0.02;
+    /// Displacement at the frame's side, pixels.
+    pub const DISPLACEMENT_PX: f64 = 0.5;
+    /// Defects, of the larger of the two counts.
+    pub const DEFECTS: f64 = 0.2;
+}
+
 impl Differences {
-    /// Whether Table I differs by what the paper reports, to the rounding of its figures and to what two
-    /// sensors of one kind differ by (1 % on average).
+    /// Whether Table I differs by what the paper reports, within 1.5 %.
     pub fn as_reported(&self) -> bool {
         let found = self.luminance_std[1];
-        (found.all_percent - REPORTED.all_percent).abs() < 1.5
-            && (found.without_dark_percent - REPORTED.without_dark_percent).abs() < 1.5
+        let near = |found: f64, said: f64| (found - said).abs() < REPORTED_TOLERANCE_PERCENT;
+        near(found.all_percent, REPORTED.all_percent)
+            && near(found.without_dark_percent, REPORTED.without_dark_percent)
     }
 
-    /// Whether nothing is left but noise and the luck of another sensor of the same kind: MTF50 and brightness
-    /// to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
+    /// Whether nothing is left but noise and the luck of another sensor of the same kind: MTF50
+    /// and brightness to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
     pub fn vanish(&self) -> bool {
         let [model, captured] = self.defects_per_million;
-        self.mtf50_percent.abs() < 2.0
-            && self.luminance_std.iter().all(|s| s.all_percent < 4.0)
-            && (self.brightness_ratio - 1.0).abs() < 0.02
-            && self.displacement_at_edge_px.abs() < 0.5
-            && (captured - model).abs() <= 0.2 * captured.max(model)
+        self.mtf50_percent.abs() < none_left::MTF50_PERCENT
+            && self.luminance_std.iter().all(|s| s.all_percent < none_left::LUMINANCE_STD_PERCENT)
+            && (self.brightness_ratio - 1.0).abs() < none_left::BRIGHTNESS
+            && self.displacement_at_edge_px.abs() < none_left::DISPLACEMENT_PX
+            && (captured - model).abs() <= none_left::DEFECTS * captured.max(model)
     }
 }
 
@@ -455,7 +480,7 @@ pub fn comparable(model: &[Vec<RawFrame>; 2], captured: &[Vec<RawFrame>; 2]) -> 
     if facts(a) == facts(b) {
         return Ok(());
     }
-    Err(Error::input(format!(
+    Err(Error::disagreement(format!(
         "model frames of {} x {} {} against captured ones of {} x {} {}",
         a.width, a.height, a.cfa, b.width, b.height, b.cfa
     ))
@@ -466,8 +491,9 @@ pub fn comparable(model: &[Vec<RawFrame>; 2], captured: &[Vec<RawFrame>; 2]) -> 
 mod tests {
     use super::*;
 
-    /// The demonstration itself, on a seventh of the pixels with the tolerances of the sampling: Table I has
-    /// 560 samples per patch and frame, so a patch scatters by 3 % and their mean absolute difference by 2 %.
+    /// The demonstration itself, on a seventh of the pixels with the tolerances of the sampling:
+    /// Table I has 560 samples per patch and frame, so a patch scatters by 3 % and their mean
+    /// absolute difference by 2 %.
     #[test]
     fn the_four_differences_show_and_go() {
         let mut model = Camera::load("mt9t012").unwrap();

@@ -1,16 +1,16 @@
 //! Several exposures of a static view to one linear radiance frame, per raw pixel.
 //!
 //! With the linearised signal x_j of exposure j (time t_j, n_j frames averaged) and its variance
-//! v_j = (read² + K E t_j) / n_j, the estimate of E in DN/s is the weighted mean
-//! E = Σ x_j t_j / v_j / Σ t_j² / v_j with standard deviation (Σ t_j² / v_j)^-½ over the exposures that
-//! are not saturated. The weights take E from a first pass with v ∝ t (the optimum of pure shot
-//! noise), not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are
-//! measured on the exposures themselves (`Noise::measure`).
+//! v_j = (read² + K E t_j) / n_j, the estimate of E in DN/s is the weighted mean E = Σ x_j t_j /
+//! v_j / Σ t_j² / v_j with standard deviation (Σ t_j² / v_j)^-½ over the exposures that are not
+//! saturated. The weights take E from a first pass with v ∝ t (the optimum of pure shot noise),
+//! not from the noisy x_j, which would pull the mean down. K (DN² per DN) and read² are measured
+//! on the exposures themselves (`Noise::measure`).
 //!
-//! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter that is
-//! not exact) is found first, see `movement`. A pixel whose neighbourhood (9 x 9) disagrees by more than
-//! that, its noise and 5 % shows something that moved: it is taken from one exposure instead, the
-//! reference, or the longest shorter one where that is saturated.
+//! What an exposure as a whole departs by from the merged frame (a black that is off, a shutter
+//! that is not exact) is found first, see `movement`. A pixel whose neighbourhood (9 x 9)
+//! disagrees by more than that, its noise and 5 % shows something that moved: it is taken from one
+//! exposure instead, the reference, or the longest shorter one where that is saturated.
 
 mod movement;
 mod noise;
@@ -59,11 +59,12 @@ pub struct Merged {
 /// Least signal that is compared to find shifts, of full scale: above noise.
 const DETAIL: f32 = 0.02;
 
-/// Rows that one task merges, with [`movement::AROUND`] more on either side for what moved: enough that these are few.
+/// Rows that one task merges, with [`movement::AROUND`] more on either side for what moved: enough
+/// that these are few.
 const STRIP_ROWS: usize = 64;
 
-/// Merges a series. `full_scale_dn` is the saturation level above black, `responses` the curves of the
-/// channels where the camera is not linear.
+/// Merges a series. `full_scale_dn` is the saturation level above black, `responses` the curves of
+/// the channels where the camera is not linear.
 ///
 /// Every strip of rows is read once and written once: merged, searched for what moved, flagged.
 pub fn merge(
@@ -137,7 +138,8 @@ fn mark_saturated(radiance: &mut [f32], sigma: &[f32], flags: &mut [u8], brighte
     }
 }
 
-/// Takes what moved from one exposure: the reference, or the longest shorter one where that is saturated.
+/// Takes what moved from one exposure: the reference, or the longest shorter one where that is
+/// saturated.
 fn take_one(
     shots: &Shots<'_>,
     noise: Noise,
@@ -161,7 +163,8 @@ fn take_one(
     );
 }
 
-/// The exposures of a series on the scale of a linear camera; those that are so already are not copied.
+/// The exposures of a series on the scale of a linear camera; those that are so already are not
+/// copied.
 struct Shots<'a> {
     exposures: Vec<Cow<'a, Exposure>>,
     /// Signals above are saturated.
@@ -197,8 +200,8 @@ impl<'a> Shots<'a> {
         self.exposures.iter().map(|e| self.pixels(e, e.signal.row(y))).collect()
     }
 
-    /// The exposure that a moving thing is taken from: the longest with less than 1 % saturated, else the
-    /// shortest.
+    /// The exposure that a moving thing is taken from: the longest with less than 1 % saturated,
+    /// else the shortest.
     fn reference(&self) -> usize {
         let few = |e: &Cow<'_, Exposure>| {
             let saturated = e.signal.data.par_iter().filter(|v| **v > self.top).count();
@@ -235,7 +238,7 @@ fn check_sizes(exposures: &[Exposure]) -> Result<()> {
     let size = |e: &Exposure| (e.signal.width, e.signal.height);
     let first = size(&exposures[0]);
     if let Some(other) = exposures.iter().find(|e| size(e) != first) {
-        return Err(Error::input(format!(
+        return Err(Error::disagreement(format!(
             "capture {:?} is {:?} pixels, {:?} is {first:?}",
             other.id,
             size(other),
@@ -279,8 +282,8 @@ fn align_all(shots: &mut Shots<'_>, cfa: &Cfa, least_dn: f32) -> Result<Vec<[isi
                 exposures[index].id, found[0], found[1], exposures[next].id
             ))
             .help(format!(
-                "only shifts of whole {cell}-pixel cells of the pattern can be corrected; use a tripod, \
-                 or leave the capture out"
+                "only shifts of whole {cell}-pixel cells of the pattern can be corrected; use a \
+                 tripod,                  or leave the capture out"
             )));
         }
         let by = cells.map(|c| c * cell as isize);
@@ -416,8 +419,8 @@ mod tests {
         assert!(flagged == 0, "{flagged} flagged");
     }
 
-    /// 8 bits without noise to hide their steps, and a black that lies a step below 0: a dark spot is 0 where the line
-    /// of the exposure says less, the same all over it.
+    /// 8 bits without noise to hide their steps, and a black that lies a step below 0: a dark spot
+    /// is 0 where the line of the exposure says less, the same all over it.
     #[test]
     fn steps_of_dark_spots_have_not_moved() {
         let mono = Cfa::parse("mono").unwrap();

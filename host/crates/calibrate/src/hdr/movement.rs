@@ -1,5 +1,5 @@
-//! What moved between exposures, and what only looks as if it had: an exposure whose black or time is a
-//! little off as a whole.
+//! What moved between exposures, and what only looks as if it had: an exposure whose black or time
+//! is a little off as a whole.
 
 use super::super::exposures::Exposure;
 use super::noise::{Noise, SIDE, Seen, load};
@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// A systematic difference between exposures that is no movement, relative: what differs over the field and
-/// over the curve is beyond a [`Departure`].
+/// A systematic difference between exposures that is no movement, relative: what differs over the
+/// field and over the curve is beyond a [`Departure`].
 const ALLOWANCE: f32 = 0.05;
 /// Codes are whole DN: half a DN of the exposure and half a DN of what it is compared with.
 const STEPS_DN: f32 = 1.0;
@@ -92,8 +92,8 @@ impl Around<'_> {
         sum_columns(&self.padded[1], &mut self.freedom[y % SPAN]);
     }
 
-    /// Flags where exposures disagree with the merged frame within 9 x 9 pixels about row `y`: the mean χ² per degree
-    /// of freedom is above 1.5 by six of its own standard deviations.
+    /// Flags where exposures disagree with the merged frame within 9 x 9 pixels about row `y`: the
+    /// mean χ² per degree of freedom is above 1.5 by six of its own standard deviations.
     pub(super) fn find_moved(&self, y: usize, flags: &mut [u8]) {
         let rows =
             || (y.saturating_sub(AROUND)..(y + AROUND + 1).min(self.height)).map(|y| y % SPAN);
@@ -198,8 +198,8 @@ impl<'a> Samples<'a> {
         Self { shots, cfa, step, signals: shots.exposures.par_iter().map(sample).collect() }
     }
 
-    /// Refuses an exposure whose light contradicts its time, and so the exposures next to it, by more than shutters and
-    /// lamps do.
+    /// Refuses an exposure whose light contradicts its time, and so the exposures next to it, by
+    /// more than shutters and lamps do.
     fn check_times(&self, limit: f32) -> Result<()> {
         const CONTRADICTION: f64 = 1.2;
         // A black that is off, of either exposure, is no contradiction: of full scale.
@@ -229,7 +229,8 @@ impl<'a> Samples<'a> {
             else {
                 continue;
             };
-            // The one of the two that contradicts its other neighbour the other way; at the ends there is none.
+            // The one of the two that contradicts its other neighbour the other way; at the ends
+            // there is none.
             let back = |other: Option<&(f64, bool)>| {
                 other.is_some_and(|&(d, _)| beyond(d) && d * most < 0.0)
             };
@@ -237,7 +238,7 @@ impl<'a> Samples<'a> {
             let earlier = first || (pair > 0 && back(apart.get(pair - 1)));
             let (wrong, factor) = if earlier { (pair, -most) } else { (pair + 1, most) };
             let Exposure { id, seconds, .. } = &*exposures[wrong];
-            return Err(Error::input(format!(
+            return Err(Error::disagreement(format!(
                 "capture {id:?} has {:.2} times the light that its exposure time of {seconds} s and the \
                  other captures say",
                 libm::exp(factor)
@@ -296,8 +297,9 @@ impl Departure {
         self.offset_dn + self.slope * self.bright_dn
     }
 
-    /// Slope from the brighter half of the pairs (s, signal), offset from the darker, each as a median: what moved
-    /// is a minority in both, and has no leverage. Fewer pairs than 200 tell nothing.
+    /// Slope from the brighter half of the pairs (s, signal), offset from the darker, each as a
+    /// median: what moved is a minority in both, and has no leverage. Fewer pairs than 200 tell
+    /// nothing.
     fn line(mut pairs: Vec<(f32, f32)>) -> Self {
         const LEAST: usize = 200;
         let mut line = Self { offset_dn: 0.0, slope: 1.0, bright_dn: 0.0 };

@@ -42,7 +42,8 @@ pub(super) fn load(values: &[f32], first: usize, fill: f32) -> [f32; SIDE] {
 }
 
 impl Seen<'_> {
-    /// The next [`SIDE`] signals, 0 where saturated, and 1 where they are not: sums need no branches.
+    /// The next [`SIDE`] signals, 0 where saturated, and 1 where they are not: sums need no
+    /// branches.
     #[inline(always)]
     pub(super) fn usable(&self, first: usize) -> ([f32; SIDE], [f32; SIDE]) {
         let mut signals = load(self.signals, first, f32::INFINITY);
@@ -74,14 +75,16 @@ impl Noise {
     /// (which what moved does not change), fitted by a line.
     pub(super) fn measure(shots: &Shots<'_>, limit_dn: f32) -> Result<Self> {
         const CLASSES: usize = 24;
-        // Of each pair and class: weight, and what the two unknowns and the variance are multiplied with.
+        // Of each pair and class: weight, and what the two unknowns and the variance are
+        // multiplied with.
         let pairs = shots.exposures.par_windows(2).map(|pair| {
             let (short, long) = (&pair[0], &pair[1]);
             let ratio = short.seconds / long.seconds;
             let mut classes: Vec<Vec<f32>> = vec![Vec::new(); CLASSES];
             let mut signals = [0.0f64; CLASSES];
             let top = (f64::from(limit_dn) * ratio) as f32;
-            // An odd step visits every column and channel; 250 000 differences tell the variance to 1 % per class.
+            // An odd step visits every column and channel; 250 000 differences tell the variance
+            // to 1 % per class.
             let step = (short.signal.data.len() >> 18) | 1;
             let both = short.signal.data.iter().zip(&long.signal.data).step_by(step);
             for (&x, &y) in both {

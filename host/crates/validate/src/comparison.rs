@@ -1,0 +1,140 @@
+//! Section VI of Chen et al. 2009 as one comparison: a model's frames beside captured ones, and an
+//! improved model's beside the same.
+
+use crate::paper::{
+    CAPTURED, Captured, Differences, Figures, LEVELS, Level, Places, Taken, captured_camera,
+    comparable, of_captures, take, with_causes,
+};
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+
+/// What is compared.
+#[derive(Default)]
+pub struct Sides {
+    /// Frames of the camera itself; the model with the causes that the paper names, as another
+    /// physical sensor, unless given ([`captured_camera`]).
+    pub captured: Option<Captured>,
+    /// A better model. Without captured frames of one's own it is the model with the paper's
+    /// causes ([`with_causes`]) unless given.
+    pub improved: Option<Camera>,
+    /// Where chart and edge lie in the captured frames.
+    pub places: Places,
+}
+
+/// Frames and figures of one side.
+pub struct Measured {
+    /// The frames.
+    pub taken: Taken,
+    /// What they measure.
+    pub figures: Figures,
+}
+
+impl Measured {
+    fn of(taken: Taken, places: &Places) -> Result<Self> {
+        Ok(Self { figures: Figures::of(&taken, places)?, taken })
+    }
+}
+
+/// The comparison.
+pub struct Comparison {
+    /// The light levels of the frames, bright and dim.
+    pub levels: [Level; 2],
+    /// The captured side.
+    pub captured: Measured,
+    /// The model.
+    pub model: Measured,
+    /// The improved model, if there is one.
+    pub improved: Option<Measured>,
+    /// Captured less model.
+    pub before: Differences,
+    /// Captured less improved model.
+    pub after: Option<Differences>,
+    /// The camera file with the causes of the differences, as text.
+    pub causes: String,
+    stands_in: bool,
+}
+
+impl Comparison {
+    /// Takes and measures the frames of `model` and of the other sides. `progress` hears of
+    /// cameras done and cameras in all.
+    ///
+    /// # Errors
+    /// A capture set without the captures of the paper, frames of another size or colour filter
+    /// pattern, a chart or an edge that is not where it should be, and what rendering refuses.
+    pub fn of(
+        model: &Camera,
+        sides: Sides,
+        mut progress: impl FnMut(usize, usize),
+    ) -> Result<Self> {
+        let Sides { captured, improved, places } = sides;
+        let stands_in = captured.is_none() && improved.is_none();
+        let improved = match improved {
+            None if stands_in => Some(with_causes(model)?),
+            given => given,
+        };
+        let captured = match captured {
+            Some(captured) => captured,
+            None => Captured::Camera(Box::new(captured_camera(model)?)),
+        };
+        let mut cameras = vec![model];
+        cameras.extend(&improved);
+        let from_set = match &captured {
+            Captured::Set(set) => Some(of_captures(set)?),
+            Captured::Camera(camera) => {
+                cameras.push(camera);
+                None
+            }
+        };
+        let levels = from_set.as_ref().map_or(LEVELS, |(_, levels)| *levels);
+        let (mut done, all) = (0, cameras.len());
+        progress(done, all);
+        let taken = take(&cameras, &levels, || {
+            done += 1;
+            progress(done, all);
+        })?;
+        // One for each camera, in their order.
+        let mut taken = taken.into_iter();
+        let nothing = || Error::internal("a camera took no frames");
+        let modelled = taken.next().ok_or_else(nothing)?;
+        let better = improved.as_ref().and_then(|_| taken.next());
+        let captured = match from_set {
+            Some((taken, _)) => taken,
+            None => taken.next().ok_or_else(nothing)?,
+        };
+        for simulated in [Some(&modelled), better.as_ref()].into_iter().flatten() {
+            comparable(&simulated.chart, &captured.chart)?;
+        }
+        let captured = Measured::of(captured, &places).map_err(|e| e.at("captured"))?;
+        // The places given are those of the captured frames; simulated ones have their own.
+        let model_side = Measured::of(modelled, &Places::default()).map_err(|e| e.at("model"))?;
+        let better = better.map(|t| Measured::of(t, &Places::default())).transpose()?;
+        let before = captured.figures.against(&model_side.figures)?;
+        let after = better.as_ref().map(|b| captured.figures.against(&b.figures)).transpose()?;
+        let causes = match (stands_in, improved) {
+            (true, _) => CAPTURED.to_owned(),
+            (false, improved) => improved.map_or_else(|| model.text.clone(), |c| c.text),
+        };
+        Ok(Self {
+            levels,
+            captured,
+            model: model_side,
+            improved: better,
+            before,
+            after,
+            causes,
+            stands_in,
+        })
+    }
+
+    /// Whether the comparison says what it should: with the stand-in of the paper's module, that
+    /// the differences have the sizes that the paper reports and go with their causes; with
+    /// captured frames or a better model of one's own, that none is left.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        match &self.after {
+            Some(after) if self.stands_in => self.before.as_reported() && after.vanish(),
+            Some(after) => after.vanish(),
+            None => self.before.vanish(),
+        }
+    }
+}
