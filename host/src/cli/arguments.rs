@@ -106,8 +106,8 @@ pub struct FrameArgs {
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
-    /// Frames to take; more than one go into a directory, or as a stream into - or headerless pixels
-    /// [default: 1, or as many as the bracket has]
+    /// Frames to take; more than one go into a directory, or as a stream into - or headerless
+    /// pixels [default: 1, or as many as the bracket has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
     /// Exposure bracket: steps in EV around the exposure, taken in turn
@@ -123,14 +123,16 @@ pub struct FrameArgs {
     /// Arithmetic of the sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     pub arith: Arithmetic,
-    /// Run the sensor stage on a rig: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
+    /// Run the sensor stage on a rig: emulator:, tcp://HOST:PORT, serial://..., hid://...; the
+    /// same bytes
     #[arg(long, value_name = "URL")]
     pub rig: Option<String>,
-    /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several frames
+    /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several
+    /// frames
     #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     pub output: PathBuf,
-    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, ..., or the V4L2 name of
-    /// headerless pixels
+    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, ..., or the
+    /// V4L2 name of headerless pixels
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<String>,
     /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
@@ -218,7 +220,8 @@ impl FrameArgs {
     /// Opens the output.
     pub fn sink(&self) -> Result<FrameSink> {
         if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
-            return Err(Error::input("--bracket").help("use steps of -32 to 32 EV, such as -2,0,2"));
+            let help = "use steps of -32 to 32 EV, such as -2,0,2";
+            return Err(Error::input("--bracket").help(help));
         }
         let several = self.count() > 1;
         let (kind, place) = match self.kind()? {
@@ -236,8 +239,9 @@ impl FrameArgs {
                     self.output.display()
                 ))
                 .help(
-                    "several frames go into a directory (a name without extension), or one after the \
-                     other as .pgm or headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
+                    "several frames go into a directory (a name without extension), or one after \
+                     the other as .pgm or headerless pixels (NAME_640x480_SGRBG10.raw, or - with \
+                     --to SGRBG10)",
                 ));
             }
             Some(kind) => {
@@ -296,7 +300,8 @@ impl FrameSink {
         Ok(())
     }
 
-    /// Completes the output; what was written, for `--json`. `page` is asked for the page about the frames.
+    /// Completes the output; what was written, for `--json`. `page` is asked for the page about
+    /// the frames.
     pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
         match self.place {
             Place::File => {}
@@ -329,8 +334,8 @@ pub fn report(written: &[Value], json_object: Value, as_json: bool) {
             let saturated = figures["saturated_fraction"].as_f64().unwrap_or(0.0);
             if saturated > 0.001 {
                 eprintln!(
-                    "warning: {}: {:.1} % of channel {channel} is saturated; shorten the exposure or \
-                     lower the light",
+                    "warning: {}: {:.1} % of channel {channel} is saturated; shorten the \
+                     exposure or lower the light",
                     frame["file"].as_str().unwrap_or(""),
                     100.0 * saturated
                 );

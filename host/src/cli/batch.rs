@@ -8,15 +8,17 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds) to a data set with a manifest
+/// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds) to a data set with a
+/// manifest
 ///
-/// Pictures that are there already are not made again: run the same command once more after a crash
-/// or a kill. The pictures do not depend on how the work was split.
+/// Pictures that are there already are not made again: run the same command once more after a
+/// crash or a kill. The pictures do not depend on how the work was split.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "A sweep file:\n  \
     format = \"sweep/1\"\n  \
     frames = 2                       # of each combination\n\n  \
-    [grid]                           # a value, a list, or { from, to, count, spacing = \"log\" }\n  \
+    [grid]                           # a value, a list, or \
+    { from, to, count, spacing = \"log\" }\n  \
     camera = \"mt9t012\"\n  \
     scene = [\"colorchecker\", \"slanted-edge:angle=5\"]\n  \
     illuminant = [\"D65\", \"A\"]\n  \
@@ -42,8 +44,8 @@ pub struct Args {
     /// Say what would be made, and how much of it is there
     #[arg(long)]
     dry_run: bool,
-    /// What a lens's blur that varies over the field runs on. Not chosen by the machine: the shards of a data set may run
-    /// on different ones
+    /// What a lens's blur that varies over the field runs on. Not chosen by the machine: the
+    /// shards of a data set may run on different ones
     #[arg(long, value_parser = device(), default_value_t = DeviceChoice::Cpu, value_name = "D")]
     device: DeviceChoice,
     /// Keep nothing of the optics stage (~/.cache/camrig/optics)

@@ -36,7 +36,8 @@ pub struct Args {
     /// Arithmetic of the sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
-    /// Let a rig take the frames: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same bytes
+    /// Let a rig take the frames: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same
+    /// bytes
     #[arg(long, value_name = "URL")]
     rig: Option<String>,
     /// Replace an existing set

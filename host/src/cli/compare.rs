@@ -27,37 +27,29 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let (camera, session) = open(&args.camera, &args.captures)?;
-    let found = session.compare(&camera)?;
-    let rows = verdict::rows(&session, &found);
-    let passes = verdict::passes(&session, &found.0, found.1);
+    let (state, gap) = session.compare(&camera)?;
+    let found = verdict::comparison(&session, &state, gap);
     if args.json {
-        let object = serde_json::json!({
-            "gap": found.1,
-            "gap_limit": found.0.limit(),
-            "agrees": passes,
-            "statistics": rows,
-        });
-        println!("{}", serde_json::to_string_pretty(&object).unwrap_or_default());
+        println!("{}", found.json());
     } else {
-        let most = if args.most == 0 { rows.len() } else { args.most };
+        let most = if args.most == 0 { found.statistics.len() } else { args.most };
         println!(
             "gap {:.3} on held-out frames (1: a replicate of the right model; passes below {:.2})",
-            found.1,
-            found.0.limit()
+            found.gap, found.gap_limit
         );
         println!("{:>8} {:>8}  {:>13} {:>13}  statistic", "z fit", "held-out", "measured", "model");
-        for row in rows.iter().take(most) {
-            let n = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+        for row in found.statistics.iter().take(most) {
+            let n = |value: Option<f64>| value.unwrap_or(f64::NAN);
             println!(
                 "{:>8.2} {:>8.2}  {:>13.6} {:>13.6}  {}: {}",
-                n("z_fit"),
-                n("z_held_out"),
-                n("measured"),
-                n("predicted"),
-                row["where"].as_str().unwrap_or(""),
-                row["statistic"].as_str().unwrap_or(""),
+                n(row.z_fit),
+                n(row.z_held_out),
+                n(row.measured),
+                n(row.predicted),
+                row.place,
+                row.statistic,
             );
         }
     }
-    Ok(if passes { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if found.agrees { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

@@ -35,7 +35,12 @@ struct BenchArgs {
     #[arg(long, value_name = "C")]
     camera: String,
     /// Frames per point
-    #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
+    #[arg(
+        long,
+        default_value_t = 100,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(2..)
+    )]
     frames: u32,
     /// Integration time
     #[arg(long, default_value = "10ms", value_parser = duration, value_name = "TIME")]

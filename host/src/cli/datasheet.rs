@@ -24,7 +24,8 @@ pub struct Args {
     force: bool,
 }
 
-/// Sensor on which the figures are measured: large enough for their sampling errors to be below a per cent.
+/// Sensor on which the figures are measured: large enough for their sampling errors to be below a
+/// per cent.
 const SIZE: (u32, u32) = (256, 192);
 
 /// Runs the command.

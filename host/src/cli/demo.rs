@@ -27,7 +27,8 @@ pub struct Args {
 
 const CAMERA: &str = "mt9t012";
 const SCENE: &str = "colorchecker";
-/// Scene illuminance (lx) and exposure (s) of the frames: the two light levels of Chen et al. 2009.
+/// Scene illuminance (lx) and exposure (s) of the frames: the two light levels of Chen et al.
+/// 2009.
 const SHOTS: [(f64, f64); 2] = [(300.0, 0.040), (10.0, 0.120)];
 
 /// Runs the command.
@@ -53,9 +54,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     bar.finish_and_clear();
     let mut page = Page::new("camrig demo");
     page.paragraph(
-        "A ColorChecker under D65, 31 spectral bands, through a diffraction-limited lens onto the sensor \
-         of Chen et al. 2009. The optics ran once; its irradiance was streamed row by row to the embedded rig's \
-         emulator, which sent the raw rows back.",
+        "A ColorChecker under D65, 31 spectral bands, through a diffraction-limited lens onto \
+         the sensor of Chen et al. 2009. The optics ran once; its irradiance was streamed row by \
+         row to the embedded rig's emulator, which sent the raw rows back.",
     );
     let mut rig = Rig::open("emulator:")?;
     let (mut same, mut link) = (true, Vec::new());

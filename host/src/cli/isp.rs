@@ -13,9 +13,10 @@ use std::process::{Command, ExitCode, Stdio};
 
 /// The ColorChecker through the camera and through real raw converters: ΔE2000 of each patch
 ///
-/// Runs the converters that are installed (dcraw, dcraw_emu of LibRaw, rawtherapee-cli, darktable-cli) on one
-/// simulated raw file and compares their pictures with the colours that the patches' reflectances have in
-/// D65. A picture of your own ISP, made from a raw of this camera, is judged with --picture.
+/// Runs the converters that are installed (dcraw, dcraw_emu of LibRaw, rawtherapee-cli,
+/// darktable-cli) on one simulated raw file and compares their pictures with the colours that the
+/// patches' reflectances have in D65. A picture of your own ISP, made from a raw of this camera,
+/// is judged with --picture.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig isp --camera mt9t012 --exposure 30ms\n  \
@@ -67,7 +68,8 @@ struct Converter {
     read: fn(&[u8]) -> Result<Picture>,
 }
 
-/// White balance as shot, sRGB primaries; dcraw and LibRaw linear, the others as they show pictures.
+/// White balance as shot, sRGB primaries; dcraw and LibRaw linear, the others as they show
+/// pictures.
 const CONVERTERS: [Converter; 4] = [
     Converter {
         program: "dcraw",
@@ -262,7 +264,9 @@ fn print_table(table: &[(String, Vec<Patch>)], as_json: bool) {
     if as_json {
         let isps = table.iter().map(|(name, patches)| {
             let figures = json!({
-                "delta_e_2000_mean": mean(patches), "delta_e_2000_max": worst(patches), "patches": patches,
+                "delta_e_2000_mean": mean(patches),
+                "delta_e_2000_max": worst(patches),
+                "patches": patches,
             });
             (name.clone(), figures)
         });

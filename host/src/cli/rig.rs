@@ -29,7 +29,8 @@ use std::time::{Duration, Instant};
     tcp://HOST:PORT                    an emulator elsewhere (camrig rig serve)\n  \
     serial:///dev/ttyACM0?baud=3000000 a serial port or a USB CDC-ACM device\n  \
     hid://VID:PID[/SERIAL]             a USB HID device\n\nExample:\n  \
-    camrig rig stream emulator: --camera mt9v024 --scene colorchecker --exposure 20ms --frames 10")]
+    camrig rig stream emulator: --camera mt9v024 --scene colorchecker --exposure 20ms \
+    --frames 10")]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
@@ -69,9 +70,13 @@ struct InfoArgs {
 /// Send frames of irradiance, take raw frames back
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
-    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms --frames 100\n  \
-    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 -o out.csi2\n  \
-    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 --json\n\nA script:\n  \
+    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms \
+    --frames 100\n  \
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 \
+    -o out.csi2\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 \
+    --json\n\n\
+    A script:\n  \
     format = \"rig-script/1\"\n  \
     [[write]]\n  \
     before_frame = 5\n  \
@@ -98,12 +103,17 @@ struct StreamArgs {
     lux: Option<f64>,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for each frame,
-    /// over and over
+    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
+    /// each frame, over and over
     #[arg(long, value_name = "FILE|DIR")]
     irradiance: Option<PathBuf>,
     /// Integration time; the rig's registers decide unless given
-    #[arg(long, value_parser = duration, value_name = "TIME", required_unless_present_any = ["by_registers", "script"])]
+    #[arg(
+        long,
+        value_parser = duration,
+        value_name = "TIME",
+        required_unless_present_any = ["by_registers", "script"]
+    )]
     exposure: Option<f64>,
     /// Take exposure and gain from the rig's registers
     #[arg(long, conflicts_with_all = ["exposure", "gain"])]
@@ -115,7 +125,12 @@ struct StreamArgs {
     #[arg(long, value_parser = positive, value_name = "G")]
     gain: Option<f64>,
     /// Frames to send
-    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(
+        long,
+        default_value_t = 10,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..)
+    )]
     frames: u32,
     /// Number of the first frame
     #[arg(long, default_value_t = 0, value_name = "K")]
@@ -158,7 +173,12 @@ struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
     /// Bytes of a HID report; without it the device file is a serial line
-    #[arg(long, value_name = "BYTES", requires = "device", value_parser = clap::value_parser!(u16).range(8..=4096))]
+    #[arg(
+        long,
+        value_name = "BYTES",
+        requires = "device",
+        value_parser = clap::value_parser!(u16).range(8..=4096)
+    )]
     report: Option<u16>,
     /// Pretend to speak only these versions of the protocol, to try a host's words
     #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
@@ -180,7 +200,8 @@ struct LogArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig register tcp://127.0.0.1:7420 0x0202           (exposure, lines)\n  \
-    camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)\n\nRegisters (addresses of MIPI CCS):\n  \
+    camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)\n\n\
+    Registers (addresses of MIPI CCS):\n  \
     0x0000 model id, read only          0x0005 frame counter, read only\n  \
     0x0100 1 streams, 0 stands by       0x0104 1 holds writes back, 0 lets them go\n  \
     0x0202 exposure, lines              0x0204 gain code, gain x 256\n  \
@@ -357,7 +378,8 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     Ok(cubes)
 }
 
-/// Memory for rows in their form on the link; what does not fit is made anew for each frame, bytes.
+/// Memory for rows in their form on the link; what does not fit is made anew for each frame,
+/// bytes.
 const KEPT_BYTES: usize = 1 << 30;
 
 fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &StreamArgs) -> Feed<'a> {

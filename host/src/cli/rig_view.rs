@@ -11,10 +11,11 @@ use std::io::Write as _;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-/// Show a rig's frames live on a page of this machine: picture, histogram, profiles, noise map, sliders
+/// Show a rig's frames live on a page of this machine: picture, histogram, profiles, noise map,
+/// sliders
 ///
-/// Prints the address of the page; it goes on until it is interrupted. The page needs the token in that
-/// address, and pages of other origins are turned away.
+/// Prints the address of the page; it goes on until it is interrupted. The page needs the token in
+/// that address, and pages of other origins are turned away.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
@@ -39,7 +40,8 @@ pub struct Args {
     /// End after this many frames
     #[arg(long, value_name = "N")]
     frames: Option<u32>,
-    /// Where the page is served; another interface than the loopback one shows the page to the network
+    /// Where the page is served; another interface than the loopback one shows the page to the
+    /// network
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0")]
     listen: String,
 }

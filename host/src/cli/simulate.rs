@@ -17,12 +17,17 @@ use std::process::ExitCode;
 /// Scene to raw: spectral scene, lens, sensor
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
-    camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms -o chart.dng\n  \
+    camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms \
+    -o chart.dng\n  \
     camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png\n  \
-    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy --report edge.html\n  \
-    camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 -o bracket\n  \
-    camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 --rolling 0.8 \\\n    \
-        -o - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le -video_size 752x480 -")]
+    camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o edge.npy \
+    --report edge.html\n  \
+    camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 \
+    -o bracket\n  \
+    camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 \
+    --rolling 0.8 \\\n    \
+        -o - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le \
+        -video_size 752x480 -")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
@@ -55,7 +60,8 @@ pub struct ViewArgs {
     /// Cells per pixel and direction in the optics stage; chosen by error otherwise
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
-    /// Part of the light that interpolating PSFs over the field may misplace, in the mean (0.01 unless given)
+    /// Part of the light that interpolating PSFs over the field may misplace, in the mean (0.01
+    /// unless given)
     #[arg(long, value_name = "PART", value_parser = positive)]
     pub psf_tolerance: Option<f64>,
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
@@ -65,7 +71,13 @@ pub struct ViewArgs {
     #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
     /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
-    #[arg(long, value_name = "PART", value_parser = part, default_value_t = 0.0, requires = "motion")]
+    #[arg(
+        long,
+        value_name = "PART",
+        value_parser = part,
+        default_value_t = 0.0,
+        requires = "motion"
+    )]
     pub rolling: f64,
     #[command(flatten)]
     pub device: DeviceArgs,
@@ -216,8 +228,8 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
 /// Irradiance at each frame of a sequence.
 pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
 
-/// Takes the frames and writes them. `light` is the irradiance, and what gives that of frames 1, 2, ... where
-/// it changes.
+/// Takes the frames and writes them. `light` is the irradiance, and what gives that of frames 1,
+/// 2, ... where it changes.
 pub fn expose_frames(
     args: &FrameArgs,
     camera: &Camera,

@@ -1,7 +1,8 @@
 //! Standard output whose reader may go away, or whose disk may be full.
 //!
-//! The standard library's `println!` panics then. Here it unwinds with the error as its payload, without the
-//! words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it an [`Error`] again.
+//! The standard library's `println!` panics then. Here it unwinds with the error as its payload,
+//! without the words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it
+//! an [`Error`] again.
 
 use camrig_base::{Error, Result};
 use std::any::Any;

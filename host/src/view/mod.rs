@@ -1,13 +1,14 @@
 //! A live page of a rig: a small HTTP server on this machine.
 //!
 //! # Who may use it
-//! Other pages in the same browser, and other programs' pages on this machine, must not drive the rig:
+//! Other pages in the same browser, and other programs' pages on this machine, must not drive the
+//! rig:
 //! - it listens on the loopback interface unless told otherwise;
-//! - every request must name this server in `Host` (a name rebound to 127.0.0.1 does not pass), and its
-//!   `Origin`, where a browser sends one, must be this page's;
-//! - everything but the page itself needs the token, in a header that other origins cannot send without
-//!   a permission that is never given. The token comes with the address that is printed, in its fragment,
-//!   which browsers do not send on.
+//! - every request must name this server in `Host` (a name rebound to 127.0.0.1 does not pass),
+//!   and its `Origin`, where a browser sends one, must be this page's;
+//! - everything but the page itself needs the token, in a header that other origins cannot send
+//!   without a permission that is never given. The token comes with the address that is printed,
+//!   in its fragment, which browsers do not send on.
 
 mod state;
 
@@ -70,8 +71,8 @@ impl View {
         format!("http://{}/#{}", self.address, self.token)
     }
 
-    /// Answers requests until the process ends, on a thread of its own. What the page asks of the rig goes to
-    /// `controls`.
+    /// Answers requests until the process ends, on a thread of its own. What the page asks of the
+    /// rig goes to `controls`.
     pub fn serve(self, state: Arc<Mutex<State>>, controls: mpsc::Sender<Control>) {
         std::thread::spawn(move || {
             for request in self.server.incoming_requests() {

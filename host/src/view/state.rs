@@ -120,8 +120,8 @@ impl State {
         self.frame.as_ref().map(of).transpose()
     }
 
-    /// Temporal noise as a PNG, black at 0 to white at three times its root mean square; `None` before two
-    /// frames.
+    /// Temporal noise as a PNG, black at 0 to white at three times its root mean square; `None`
+    /// before two frames.
     ///
     /// # Errors
     /// A picture that cannot be encoded.

@@ -5,9 +5,9 @@ use std::fmt;
 
 /// A colour filter pattern that repeats over the sensor: which channel each pixel belongs to.
 ///
-/// Channels are numbered in order R, G, B (0, 1, 2) for Bayer patterns, 0 for mono, and in order of
-/// first appearance of their letter for other patterns. `Gr` and `Gb` greens share channel 1 unless
-/// the quantum-efficiency table gives them apart.
+/// Channels are numbered in order R, G, B (0, 1, 2) for Bayer patterns, 0 for mono, and in order
+/// of first appearance of their letter for other patterns. `Gr` and `Gb` greens share channel 1
+/// unless the quantum-efficiency table gives them apart.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cfa {
     /// Columns of the repeating pattern.

@@ -1,5 +1,5 @@
-//! The error type of the library and the program: its kind, what is wrong, where, and what would be
-//! right.
+//! The error type of the library and the program: its kind, what is wrong, where, and what would
+//! be right.
 //!
 //! Messages are in terms of the library. A program that has other names for the same things, as a
 //! command line has its flags, finds out by the error's code what to add.

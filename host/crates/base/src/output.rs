@@ -1,9 +1,10 @@
 //! Outputs that are written whole or not at all.
 //!
-//! A file or directory is made beside its final place and gets its name when it is complete; dropping it
-//! unfinished (an error, a panic) removes it. On Linux an unfinished file has no name at all
-//! (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file systems without
-//! that, it has a hidden temporary name. What already exists is replaced only when asked to.
+//! A file or directory is made beside its final place and gets its name when it is complete;
+//! dropping it unfinished (an error, a panic) removes it. On Linux an unfinished file has no name
+//! at all (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file
+//! systems without that, it has a hidden temporary name. What already exists is replaced only when
+//! asked to.
 
 use crate::{Error, Result, platform};
 use std::fs;
@@ -36,8 +37,8 @@ enum Target {
 }
 
 impl OutputFile {
-    /// Opens an output. `-` is standard output. Fails at once, before any work, when the file exists
-    /// and `force` is false, or when its folder is missing or cannot be written.
+    /// Opens an output. `-` is standard output. Fails at once, before any work, when the file
+    /// exists and `force` is false, or when its folder is missing or cannot be written.
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         if path.as_os_str() == "-" {
             let target = Target::Stream(Box::new(io::stdout()));
@@ -92,8 +93,8 @@ impl OutputFile {
     }
 }
 
-/// Names a nameless file. A name can be given only where there is none; to replace, a temporary one
-/// is given first.
+/// Names a nameless file. A name can be given only where there is none; to replace, a temporary
+/// one is given first.
 fn name_file(file: &fs::File, path: &Path, force: bool) -> io::Result<()> {
     match platform::give_name(file, path) {
         Err(e) if force && e.kind() == io::ErrorKind::AlreadyExists => {
@@ -139,8 +140,8 @@ pub struct OutputDir {
 }
 
 impl OutputDir {
-    /// Opens a directory output. An empty directory may exist already. With `force`, one that camrig
-    /// wrote earlier is replaced as a whole; any other is left alone.
+    /// Opens a directory output. An empty directory may exist already. With `force`, one that
+    /// camrig wrote earlier is replaced as a whole; any other is left alone.
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         check_replaceable(&path, force)?;

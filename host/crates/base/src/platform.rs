@@ -1,5 +1,5 @@
-//! What operating systems do differently. Pseudo-terminals of the rig's emulator apart, nothing else in
-//! camrig names an operating system.
+//! What operating systems do differently. Pseudo-terminals of the rig's emulator apart, nothing
+//! else in camrig names an operating system.
 
 use std::fs::{File, Permissions};
 use std::io;
@@ -14,7 +14,8 @@ pub fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
 }
 
-/// Fills `bytes` from `offset` of a file on. Moves the file's position, which nothing here relies on.
+/// Fills `bytes` from `offset` of a file on. Moves the file's position, which nothing here relies
+/// on.
 ///
 /// # Errors
 /// A file that ends before, and what the operating system refuses.
@@ -46,8 +47,8 @@ pub(crate) fn default_permissions(directory: bool) -> Option<Permissions> {
     }
 }
 
-/// Opens a new file without a name for writing (`O_TMPFILE`): it is gone when it is closed, or its process
-/// killed, unless [`give_name`] was called.
+/// Opens a new file without a name for writing (`O_TMPFILE`): it is gone when it is closed, or its
+/// process killed, unless [`give_name`] was called.
 ///
 /// # Errors
 /// File systems and operating systems without such files.

@@ -2,8 +2,8 @@
 
 use crate::{Error, Result};
 
-/// Equally spaced spectral bands. A band's value is the mean over `step_nm` around its centre, so an
-/// integral over wavelength is `sum * step_nm`.
+/// Equally spaced spectral bands. A band's value is the mean over `step_nm` around its centre, so
+/// an integral over wavelength is `sum * step_nm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bands {
     /// Centre of band 0, nm.
@@ -110,8 +110,9 @@ impl Spectrum {
         bands.centres().map(|nm| self.at(nm)).collect()
     }
 
-    /// The value of each band: where the table is finer than the bands, the exact mean of the curve
-    /// over the band, so that emission lines keep their power; else the value at the band's centre.
+    /// The value of each band: where the table is finer than the bands, the exact mean of the
+    /// curve over the band, so that emission lines keep their power; else the value at the band's
+    /// centre.
     pub fn in_bands(&self, bands: &Bands) -> Vec<f64> {
         let (first, last) = self.range_nm();
         let spacing = (last - first) / (self.value.len() - 1).max(1) as f64;

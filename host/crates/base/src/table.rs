@@ -1,4 +1,5 @@
-//! Tables over wavelength in CSV: `wavelength_nm,NAME,NAME...`, lines that start with `#` are remarks.
+//! Tables over wavelength in CSV: `wavelength_nm,NAME,NAME...`, lines that start with `#` are
+//! remarks.
 
 use crate::{Error, Result, Spectrum};
 use std::path::Path;
@@ -85,8 +86,8 @@ impl SpectralTable {
     }
 }
 
-/// A table compiled into the program; its content is fixed, so a fault in it is a fault of the build
-/// that the tests of this module's users catch.
+/// A table compiled into the program; its content is fixed, so a fault in it is a fault of the
+/// build that the tests of this module's users catch.
 pub fn built_in(text: &'static str) -> SpectralTable {
     SpectralTable::parse(text).expect("tables of the program are checked by its tests")
 }

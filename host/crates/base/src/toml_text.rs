@@ -52,7 +52,8 @@ pub fn line_of(text: &str, offset: usize) -> usize {
     text.bytes().take(offset).filter(|&b| b == b'\n').count() + 1
 }
 
-/// The line of `key` in a table of the file (`""` for the top, `sensor.noise`, ...), if it is there.
+/// The line of `key` in a table of the file (`""` for the top, `sensor.noise`, ...), if it is
+/// there.
 pub fn line_of_key(text: &str, table: &str, key: &str) -> Option<usize> {
     let mut current = String::new();
     for (number, line) in text.lines().enumerate() {

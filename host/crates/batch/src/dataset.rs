@@ -8,8 +8,8 @@
 //! ```
 //!
 //! Files appear whole, a picture's record before the picture: where the picture is, both are. So a
-//! picture is done exactly if its file is there, a kill loses at most the work on pictures under way,
-//! and two processes that make the same picture make the same bytes.
+//! picture is done exactly if its file is there, a kill loses at most the work on pictures under
+//! way, and two processes that make the same picture make the same bytes.
 
 use super::Sweep;
 use camrig_base::output::write_file;
@@ -128,7 +128,8 @@ fn put_once(path: &Path, bytes: &[u8]) -> Result<()> {
     }
 }
 
-/// What a data set is made of. No date, no host name: the same from every process that works on it.
+/// What a data set is made of. No date, no host name: the same from every process that works on
+/// it.
 fn description(sweep: &Sweep) -> Result<Value> {
     let mut inputs = Vec::new();
     for path in &sweep.inputs {

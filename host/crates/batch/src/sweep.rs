@@ -5,7 +5,8 @@
 //! frames = 2                  # of each combination, each with temporal noise of its own
 //! files = "dng"               # or tiff, npy, pgm, fits
 //!
-//! [grid]                      # each key takes a value or a list; numbers also { from, to, count, spacing = "log" }
+//! [grid]                      # each key takes a value or a list; numbers also
+//!                             # { from, to, count, spacing = "log" }
 //! camera = "mt9t012"          # files are looked for beside the sweep file
 //! scene = ["colorchecker", "slanted-edge:angle=5"]
 //! illuminant = ["D65", "A"]

@@ -33,7 +33,8 @@ pub struct FrameRequest {
     pub settings: FrameSettings,
     /// Arithmetic of the rig's sensor.
     pub arithmetic: Arithmetic,
-    /// Integrate the bands here and send mean electrons: less to send, the last bit of accuracy lost.
+    /// Integrate the bands here and send mean electrons: less to send, the last bit of accuracy
+    /// lost.
     pub collapse: bool,
     /// The sensor saw the same light in the frame before.
     pub lit_before: bool,
@@ -108,8 +109,8 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Calls `tell` with the fault whenever the link breaks in a frame, before it is opened again and the
-    /// frame taken up where it was.
+    /// Calls `tell` with the fault whenever the link breaks in a frame, before it is opened again
+    /// and the frame taken up where it was.
     pub fn on_broken_link(&mut self, tell: impl FnMut(&Error) + Send + 'static) {
         self.link_broken = Some(Box::new(tell));
     }
@@ -214,8 +215,8 @@ impl Rig {
         self.frame_from(&mut feed, sensor, request)
     }
 
-    /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that breaks is
-    /// opened again and the frame goes on where it was.
+    /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that
+    /// breaks is opened again and the frame goes on where it was.
     pub fn frame_from(
         &mut self,
         feed: &mut Feed<'_>,
@@ -367,8 +368,8 @@ impl Rig {
                     "update camrig"
                 };
                 Error::disagreement(format!(
-                    "the rig speaks versions {oldest} to {newest} of the protocol, camrig {ours_oldest} \
-                     to {ours}"
+                    "the rig speaks versions {oldest} to {newest} of the protocol, camrig \
+                     {ours_oldest} to {ours}"
                 ))
                 .help(advice)
             }
@@ -434,10 +435,10 @@ impl Rig {
 }
 
 impl RigFrame {
-    /// The frame's embedded data line (CCS tagged data): what the sensor says about the frame. Exposure (s)
-    /// and gain as f32, frame number and seed as integers, most significant byte first, at the
-    /// manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the registers that CCS has at
-    /// its own.
+    /// The frame's embedded data line (CCS tagged data): what the sensor says about the frame.
+    /// Exposure (s) and gain as f32, frame number and seed as integers, most significant byte
+    /// first, at the manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the
+    /// registers that CCS has at its own.
     pub fn embedded_line(&self) -> Vec<u8> {
         use camrig_rig_link::registers::{MODEL_ID, address};
         let start = &self.start;

@@ -87,8 +87,8 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// An emulated rig that has just been switched on and computes rows in as many threads as `rayon` has.
-    /// `versions`: pretend to speak these versions of the protocol.
+    /// An emulated rig that has just been switched on and computes rows in as many threads as
+    /// `rayon` has. `versions`: pretend to speak these versions of the protocol.
     pub fn new(versions: Option<(u8, u8)>) -> Self {
         Self::with_threads(rayon::current_num_threads(), versions)
     }
@@ -103,8 +103,8 @@ impl Emulator {
         Parallel::new(self.workers.iter_mut().map(Worker::rig).collect())
     }
 
-    /// Serves link after link, as `next` gives them; its camera and registers outlast a link. Ends when
-    /// there is no next link.
+    /// Serves link after link, as `next` gives them; its camera and registers outlast a link. Ends
+    /// when there is no next link.
     pub fn run<L: embedded_io::Read + embedded_io::Write>(
         &mut self,
         framing: Framing,

@@ -15,7 +15,8 @@ use rayon::prelude::*;
 /// Rows made at a time.
 const ROWS: usize = 64;
 
-/// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the link.
+/// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the
+/// link.
 pub struct Feed<'a> {
     cube: &'a IrradianceCube,
     collapse: Option<&'a SimulatedSensor>,
@@ -32,8 +33,8 @@ impl<'a> Feed<'a> {
         Self { cube, collapse: None, at_once: ROWS, first: 0, bytes: Vec::new() }
     }
 
-    /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per group of
-    /// 16 pixels adds at most 2⁻¹⁷ of the group's largest value.
+    /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per
+    /// group of 16 pixels adds at most 2⁻¹⁷ of the group's largest value.
     pub fn collapsed(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor) -> Self {
         Self { collapse: Some(sensor), ..Self::spectral(cube) }
     }

@@ -7,8 +7,8 @@ use camrig_rig_link::host::Limits;
 use hidapi::{HidApi, HidDevice};
 use std::time::Duration;
 
-/// Reports that may be under way from the device: Linux drops unread ones beyond 63 without a word, other
-/// systems beyond 30.
+/// Reports that may be under way from the device: Linux drops unread ones beyond 63 without a
+/// word, other systems beyond 30.
 const REPORTS_UNDER_WAY: u16 = 16;
 
 /// Opens a device. Its report size is taken from its report descriptor.
@@ -55,8 +55,8 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
     }))
 }
 
-/// Bytes of an input report: report count x report size of the descriptor's only input (items 0x9x and
-/// 0x7x of the HID specification 1.11, section 6.2.2).
+/// Bytes of an input report: report count x report size of the descriptor's only input (items 0x9x
+/// and 0x7x of the HID specification 1.11, section 6.2.2).
 fn report_size(device: &HidDevice) -> Option<u16> {
     let mut descriptor = [0; hidapi::MAX_REPORT_DESCRIPTOR_SIZE];
     let n = device.get_report_descriptor(&mut descriptor).ok()?;
@@ -83,8 +83,9 @@ fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
     None
 }
 
-/// Packet sizes and credit for reports of this many bytes. Packets fill whole reports, and those that credit
-/// lets under way all but one of the reports that may be: an acknowledgement has room as well.
+/// Packet sizes and credit for reports of this many bytes. Packets fill whole reports, and those
+/// that credit lets under way all but one of the reports that may be: an acknowledgement has room
+/// as well.
 pub fn limits(report: u16) -> Limits {
     let reports = if report <= 255 { 7 } else { 3 };
     // A pointer of at most two bytes begins each report, a length of two each packet.

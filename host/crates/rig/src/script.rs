@@ -13,8 +13,8 @@
 //! registers = { "0x0202" = 800, "0x0204" = 512 }
 //! ```
 //!
-//! What is written before frame n shows with frame n only at the start of a stream: while it runs a write takes
-//! effect with the delay of the rig's sensor, see the rig's registers.
+//! What is written before frame n shows with frame n only at the start of a stream: while it runs
+//! a write takes effect with the delay of the rig's sensor, see the rig's registers.
 
 use super::Rig;
 use camrig_base::{Error, Result, toml_text};

@@ -9,8 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-/// Limits for a line of this rate. Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at all times, so
-/// credit need not be scarce. Patience is for what may be under way: 16 packets of 4400 bytes, ten bits each.
+/// Limits for a line of this rate. Short packets: 1 KiB is 3.4 ms at 3 Mbit/s. A thread reads at
+/// all times, so credit need not be scarce. Patience is for what may be under way: 16 packets of
+/// 4400 bytes, ten bits each.
 pub fn limits(baud: u32) -> Limits {
     Limits {
         packet_bytes: 1100,
@@ -54,9 +55,9 @@ impl io::Read for StoppableReader {
     }
 }
 
-/// Writes in a thread of its own. `serialport` waits for ever, whatever its time-out, when the other end
-/// stops reading (seen with 4.10 on Linux); here only that thread waits, and the packets that
-/// credit allows.
+/// Writes in a thread of its own. `serialport` waits for ever, whatever its time-out, when the
+/// other end stops reading (seen with 4.10 on Linux); here only that thread waits, and the packets
+/// that credit allows.
 struct QueuedWriter {
     queue: mpsc::Sender<Vec<u8>>,
     stop: Arc<AtomicBool>,

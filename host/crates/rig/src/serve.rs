@@ -61,9 +61,9 @@ fn failures(
     move |outcome| outcome.unwrap_or_else(&mut failed)
 }
 
-/// Serves hosts on a TCP address, one at a time; others are turned away at once. Calls `ready` with the
-/// address in force (a port 0 has become a number), and `link_failed` from another thread with each
-/// fault that ends a link.
+/// Serves hosts on a TCP address, one at a time; others are turned away at once. Calls `ready`
+/// with the address in force (a port 0 has become a number), and `link_failed` from another thread
+/// with each fault that ends a link.
 ///
 /// # Errors
 /// An address at which this machine cannot listen.
@@ -111,8 +111,8 @@ pub fn tcp(
     Ok(())
 }
 
-/// Serves a device file: the gadget side of a USB device (`/dev/hidg0` with the bytes of its reports,
-/// `/dev/ttyGS0`), or any raw line. Calls `link_failed` with each fault that ends a link.
+/// Serves a device file: the gadget side of a USB device (`/dev/hidg0` with the bytes of its
+/// reports, `/dev/ttyGS0`), or any raw line. Calls `link_failed` with each fault that ends a link.
 ///
 /// # Errors
 /// A device file that cannot be opened.
@@ -130,8 +130,8 @@ pub fn device(
     Ok(())
 }
 
-/// Serves a pseudo-terminal. Calls `ready` with its name, and `link_failed` with the fault that ended the
-/// link, if one did.
+/// Serves a pseudo-terminal. Calls `ready` with its name, and `link_failed` with the fault that
+/// ended the link, if one did.
 ///
 /// # Errors
 /// An operating system without pseudo-terminals, or with none left.

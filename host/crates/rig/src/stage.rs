@@ -36,8 +36,8 @@ impl SensorStage {
         self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(sensor))
     }
 
-    /// One frame under `cube`, after one under `before` (dark where none). A rig knows the light before a frame
-    /// only where it is that of the frame itself.
+    /// One frame under `cube`, after one under `before` (dark where none). A rig knows the light
+    /// before a frame only where it is that of the frame itself.
     ///
     /// # Errors
     /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`].

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 /// A link to a rig. Packets may get lost; those that arrive are checked by their receiver.
 pub trait Transport: Send {
-    /// Sends a packet, at the latest with the next [`Transport::flush`]. Does not wait for ever when the rig
-    /// stops reading.
+    /// Sends a packet, at the latest with the next [`Transport::flush`]. Does not wait for ever
+    /// when the rig stops reading.
     fn send(&mut self, packet: &[u8]) -> Result<()>;
 
     /// Sends what has been gathered.

@@ -35,8 +35,8 @@ pub enum Url {
 }
 
 impl Url {
-    /// Reads `emulator:`, `tcp://HOST:PORT`, `serial:///dev/ttyACM0?baud=N` or `hid://VID:PID[/SERIAL]`
-    /// (VID and PID in hexadecimal).
+    /// Reads `emulator:`, `tcp://HOST:PORT`, `serial:///dev/ttyACM0?baud=N` or
+    /// `hid://VID:PID[/SERIAL]` (VID and PID in hexadecimal).
     pub fn parse(text: &str) -> Result<Self> {
         let wrong = || {
             Error::input(format!("{text:?} is not an address of a rig"))

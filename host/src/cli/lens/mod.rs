@@ -30,7 +30,8 @@ enum Command {
     Plot(PlotArgs),
 }
 
-/// Trace a prescription (.zmx, .seq, .toml): figures per field and wavelength, or a whole characterisation
+/// Trace a prescription (.zmx, .seq, .toml): figures per field and wavelength, or a whole
+/// characterisation
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens trace triplet.zmx --fields 0,5,10 --wavelengths 450,550,650 --json\n  \
@@ -51,13 +52,23 @@ struct TraceArgs {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Image heights of the characterisation, before more are added between
-    #[arg(long, default_value_t = 21, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=512))]
+    #[arg(
+        long,
+        default_value_t = 21,
+        value_name = "N",
+        value_parser = clap::value_parser!(u16).range(2..=512)
+    )]
     heights: u16,
     /// Largest field of the characterisation, degrees; the file's own unless given
     #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
     max_field: Option<f64>,
     /// PSF samples per side
-    #[arg(long, default_value_t = 128, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=512))]
+    #[arg(
+        long,
+        default_value_t = 128,
+        value_name = "N",
+        value_parser = clap::value_parser!(u16).range(8..=512)
+    )]
     psf_size: u16,
     /// Distance of PSF samples, µm; chosen to fit the spots unless given
     #[arg(long, value_name = "UM", value_parser = arguments::positive)]
@@ -65,9 +76,14 @@ struct TraceArgs {
     /// How PSFs are made
     #[arg(long, value_parser = psf_method(), default_value_t)]
     psf: PsfMethod,
-    /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no more than this
-    /// part of their light
-    #[arg(long, default_value_t = Options::default().misplaced_light, value_name = "PART", value_parser = arguments::positive)]
+    /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no
+    /// more than this part of their light
+    #[arg(
+        long,
+        default_value_t = Options::default().misplaced_light,
+        value_name = "PART",
+        value_parser = arguments::positive
+    )]
     psf_tolerance: f64,
     /// Side of the pixels for which that is asked, µm
     #[arg(long, default_value_t = 1.4, value_name = "UM", value_parser = arguments::positive)]
@@ -171,10 +187,12 @@ struct InfoArgs {
 #[command(after_help = "Examples:\n  \
     camrig lens import exports/ISETPARMS.TXT -o my-lens\n  \
     camrig lens import listings.toml -o my-lens\n\n\
-    A manifest names tables (CSV or Zemax listings) and PSFs (Zemax or CODE V listings, CSV, NPY):\n  \
+    A manifest names tables (CSV or Zemax listings) and PSFs (Zemax or CODE V listings, CSV, \
+    NPY):\n  \
     format = \"camrig-lens-import/1\"\n  name = \"lens\"\n  efl_mm = 4.4\n  f_number = 2.0\n  \
     distortion = [\"real_height.csv\"]\n  relative_illumination = [\"illumination.csv\"]\n  \
-    [[psf]]\n  height_mm = 0.0\n  wavelength_nm = 550.0\n  file = \"psf.txt\"\n  spacing_um = 0.25")]
+    [[psf]]\n  height_mm = 0.0\n  wavelength_nm = 550.0\n  file = \"psf.txt\"\n  \
+    spacing_um = 0.25")]
 struct ImportArgs {
     /// Directory of an ISETCam set, its ISETPARMS.TXT, or a manifest (.toml)
     source: PathBuf,
@@ -186,11 +204,12 @@ struct ImportArgs {
     force: bool,
 }
 
-/// Draw distortion, illumination, chief-ray angle, MTF, PSFs and (of a prescription) spots as SVG files
+/// Draw distortion, illumination, chief-ray angle, MTF, PSFs and (of a prescription) spots as SVG
+/// files
 #[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Examples:\n  camrig lens plot triplet.zmx -o plots\n  camrig lens plot phone-lens -o plots"
-)]
+#[command(after_help = "Examples:\n  \
+    camrig lens plot triplet.zmx -o plots\n  \
+    camrig lens plot phone-lens -o plots")]
 struct PlotArgs {
     #[command(flatten)]
     lens: LensArgs,
@@ -338,8 +357,9 @@ fn write_characterisation(
     eprintln!("wrote {}: {}", dir.display(), summary(&lens));
     match lens.psf.between {
         Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
-            "warning: PSFs change so fast over the field that even 16 times the heights misplace {:.2} % of the \
-             light in the mean, more than the {:.2} % of --psf-tolerance; start with more --heights",
+            "warning: PSFs change so fast over the field that even 16 times the heights misplace \
+             {:.2} % of the light in the mean, more than the {:.2} % of --psf-tolerance; start \
+             with more --heights",
             100.0 * between.misplaced_mean,
             100.0 * args.psf_tolerance
         ),

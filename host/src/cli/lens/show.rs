@@ -13,7 +13,8 @@ pub(super) fn summary(lens: &Characterisation) -> String {
     let least = lens.psf.captured.iter().flatten().copied().fold(1.0, f64::min);
     let between = match lens.psf.between {
         Some(b) => format!(
-            ", blending between heights misplaces {:.2} % of it (mean; {:.2} % at worst) on pixels of {} µm",
+            ", blending between heights misplaces {:.2} % of it (mean; {:.2} % at worst) on \
+             pixels of {} µm",
             100.0 * b.misplaced_mean,
             100.0 * b.misplaced_largest,
             b.pixel_um
@@ -21,8 +22,8 @@ pub(super) fn summary(lens: &Characterisation) -> String {
         None => String::new(),
     };
     format!(
-        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of the light or \
-         more{between}",
+        "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of \
+         the light or more{between}",
         lens.heights_mm.len(),
         lens.heights_mm.last().copied().unwrap_or(0.0),
         lens.wavelengths_nm.len(),
