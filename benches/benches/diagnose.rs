@@ -8,8 +8,10 @@
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
 use camrig::captures::CaptureSet;
-use camrig::diagnose::session::Session;
-use camrig::diagnose::{design, replicate, verdict};
+use camrig::diagnose::data::design;
+use camrig::diagnose::model::replicate;
+use camrig::diagnose::search::{self, Session};
+use camrig::diagnose::verdict;
 use camrig_benches::cost::{Time, memory, peak_bytes};
 use camrig_benches::frames::read_all;
 use std::path::Path;
@@ -78,7 +80,7 @@ fn main() {
     });
     let whole = Time::of(|| {
         let session = Session::open(&model, &captures, halves(), &|_| ()).expect("as before");
-        let found = session.search(&model, &[], &|_| ()).expect("a diagnosis");
+        let found = search::run(&session, &model, &[], &|_| ()).expect("a diagnosis");
         names = found.steps.iter().map(|s| s.trial.proposal.kind).collect();
         word = verdict::judge(&session, &found).word();
     });

@@ -6,18 +6,20 @@ use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_capture::plan;
 use camrig_captures::CaptureSet;
-use camrig_diagnose::design::{self, Halves};
-use camrig_diagnose::session::Session;
-use camrig_diagnose::{improved, verdict};
-use camrig_report as report;
+use camrig_diagnose::data::design::{self, Halves};
+use camrig_diagnose::report::Report;
+use camrig_diagnose::search::{self, Session};
+use camrig_diagnose::verdict::{self, improved};
+use camrig_report as pages;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Find where captures and a camera file disagree, name the missing effects, add them, show the gap shrink
+/// Find where captures and a camera file disagree, name the missing effects, add them, show the
+/// gap shrink
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 where something \
-    stays unexplained. Example:\n  \
+    after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 \
+    where something stays unexplained. Example:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
     camrig diagnose mt9v024 captures -o diagnosis"
 )]
@@ -64,8 +66,8 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
 fn frames(halves: &Halves) -> usize {
     // The stacks of a set are read once for each half.
     let of = |d: &design::Design| {
-        let stacks = d.conditions.iter().map(|c| c.frames);
-        stacks.chain(d.looks.iter().map(|l| l.frames)).sum::<usize>()
+        let stacks = d.conditions.iter().map(|c| c.stack.frames);
+        stacks.chain(d.targets.iter().map(|t| t.stack.frames)).sum::<usize>()
     };
     of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
 }
@@ -82,7 +84,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let output = OutputDir::create(&args.output, args.force)?;
     let (camera, session) = open(&args.camera, &args.captures)?;
     let bar = indicatif::ProgressBar::new_spinner();
-    let outcome = session.search(&camera, &args.without, &|what| {
+    let outcome = search::run(&session, &camera, &args.without, &|what| {
         bar.set_message(format!("trying {what}"));
         bar.tick();
     })?;
@@ -90,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let found = verdict::report(&session, &outcome);
     let alone = improved::standalone(&camera.text, &args.camera)?;
     let text = improved::camera_file(&alone.text, &outcome.after.camera, &outcome.after.named)?;
-    let json = serde_json::to_string_pretty(&found).unwrap_or_default() + "\n";
+    let json = found.json() + "\n";
     output.write("diagnosis.json", json.as_bytes())?;
     output.write("camera-improved.toml", text.as_bytes())?;
     for (name, content) in &alone.tables {
@@ -102,12 +104,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         args.captures.display(),
         args.output.display()
     );
-    if !outcome.twins.is_empty() || !session.unexplained(&outcome.after).is_empty() {
+    if !outcome.confounded.is_empty() || !session.unexplained(&outcome.after).is_empty() {
         output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
     }
     output.write(
         "report.html",
-        report::diagnosis::page(&session, &outcome, &text, &command).as_bytes(),
+        pages::diagnosis::page(&session, &outcome, &found, &text, &command).as_bytes(),
     )?;
     output.finish()?;
     if args.json {
@@ -115,76 +117,60 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     } else {
         say(&found);
     }
-    let fine = matches!(
-        verdict::judge(&session, &outcome),
-        verdict::Verdict::Agrees | verdict::Verdict::Explained
-    );
-    Ok(if fine { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if found.verdict.is_explained() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The diagnosis in a few lines.
-fn say(found: &serde_json::Value) {
-    let number = |v: &serde_json::Value| v.as_f64().unwrap_or(f64::NAN);
+/// Prints the diagnosis in a few lines.
+fn say(found: &Report) {
     println!(
-        "{}: gap {:.2} → {:.2} on held-out frames (1.0: as good as the right model; passes below {:.2})",
-        found["verdict"].as_str().unwrap_or(""),
-        number(&found["gap_before"]),
-        number(&found["gap_after"]),
-        number(&found["gap_limit"]),
+        "{}: gap {:.2} → {:.2} on held-out frames (1.0: as good as the right model; passes below \
+         {:.2})",
+        found.verdict.word(),
+        found.gap_before,
+        found.gap_after,
+        found.gap_limit,
     );
-    for step in found["steps"].as_array().into_iter().flatten() {
+    for step in &found.steps {
         println!(
             "  {} ({}): gap {:.2} → {:.2}; {}",
-            step["effect"].as_str().unwrap_or(""),
-            step["status"].as_str().unwrap_or(""),
-            number(&step["gap_before"]),
-            number(&step["gap_after"]),
-            step["where"].as_str().unwrap_or(""),
+            step.effect,
+            step.status.word(),
+            step.gap_before,
+            step.gap_after,
+            step.place,
         );
-        for (key, p) in step["parameters"].as_object().into_iter().flatten() {
-            match p["std_error"].as_f64() {
-                Some(se) => println!("    {key} = {:.5} ± {se:.1e}", number(&p["value"])),
-                // A shape that was chosen, not fitted.
-                None => println!("    {key} = {:.5}", number(&p["value"])),
+        for (key, p) in &step.parameters {
+            match p.std_error {
+                Some(se) => println!("    {key} = {:.5} ± {se:.1e}", p.value),
+                // A value that was chosen, not fitted.
+                None => println!("    {key} = {:.5}", p.value),
             }
         }
     }
-    if let Some(doubted) = found["doubted"].as_str() {
-        println!("  {doubted} was named first; a search that begins without it explains more");
+    if let Some(first) = &found.doubted {
+        println!("  {first} was named first; a search that begins without it explains more");
     }
-    let measures = &found["measures"];
-    for m in measures["mtf_at_nyquist"].as_array().into_iter().flatten() {
+    for m in &found.measures.mtf_at_nyquist {
         println!(
             "  {}: MTF at Nyquist, channel {}: measured {:.3}, model {:.3} → {:.3}",
-            m["capture"].as_str().unwrap_or(""),
-            m["channel"].as_str().unwrap_or(""),
-            number(&m["measured"]),
-            number(&m["before"]),
-            number(&m["after"]),
+            m.capture, m.channel, m.measured, m.before, m.after,
         );
     }
-    for m in measures["luminance_scatter"].as_array().into_iter().flatten() {
+    for m in &found.measures.luminance_scatter {
+        let ([before, before_bright], [after, after_bright]) = (m.before, m.after);
         println!(
-            "  {}: scatter of the luminance off by {:.1} % → {:.1} %, without dark patches {:.1} % → {:.1} % (two sensors of one kind: {:.1} %)",
-            m["capture"].as_str().unwrap_or(""),
-            number(&m["before"][0]),
-            number(&m["after"][0]),
-            number(&m["before"][1]),
-            number(&m["after"][1]),
-            number(&m["expected"][1]),
+            "  {}: scatter of the luminance off by {before:.1} % → {after:.1} %, without dark \
+             patches {before_bright:.1} % → {after_bright:.1} % (two sensors of one kind: {:.1} %)",
+            m.capture, m.expected[1],
         );
     }
-    for left in found["unexplained"].as_array().into_iter().flatten() {
-        println!("  unexplained: {}", left["description"].as_str().unwrap_or(""));
+    for left in &found.unexplained {
+        println!("  unexplained: {}", left.description);
     }
-    if let Some(nearest) = verdict::nearest(found) {
+    if let Some(nearest) = found.nearest_in_words() {
         println!("  {nearest}");
     }
-    for twin in found["ambiguous"].as_array().into_iter().flatten() {
-        println!(
-            "  cannot be told apart: {}; {}",
-            twin["effects"],
-            twin["tie_breaker"].as_str().unwrap_or("")
-        );
+    for pair in &found.ambiguous {
+        println!("  cannot be told apart: {}; {}", pair.names(), pair.tie_breaker);
     }
 }

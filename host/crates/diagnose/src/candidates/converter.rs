@@ -1,40 +1,58 @@
-//! The converter: bits of the wrong weight.
+//! `adc-nonlinearity`: bits of the converter with a wrong weight.
+//!
+//! From the histograms h(c) of the stacks. A weight that is ε_b too large (DN) makes some codes wider
+//! and others narrower, by ε_b d_b(c); per width the codes with a bit are as many as those without:
+//!
+//!   Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0,
+//!
+//! summed over the stacks whose density is smooth over the codes that bit b divides, solved for all
+//! bits at once by Newton's method. Counts scatter as Poisson's do.
 
-use super::Proposal;
-use crate::channels::Channels;
+use super::proposal::{LEAST_STRENGTH, Proposal};
+use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence};
-use crate::model::current;
-use crate::temporal::Temporal;
+use crate::model::effects::current;
+use crate::statistics::temporal::Temporal;
 use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 use nalgebra::{DMatrix, DVector};
 
-/// Bits whose errors a camera file can name, from the lowest.
+/// Bits whose errors the effect has parameters for, from the lowest.
 const BITS: usize = 7;
-/// Their keys.
+/// Keys of these parameters.
 const KEYS: [&str; BITS] =
     ["bit_0_lsb", "bit_1_lsb", "bit_2_lsb", "bit_3_lsb", "bit_4_lsb", "bit_5_lsb", "bit_6_lsb"];
-/// Standard errors from which on a bit's error is believed.
-const BELIEVED: f64 = 4.0;
-
+/// Significance, standard errors, below which a bit is taken to be right. It is that from which
+/// candidates are simulated, so that no bit is named that would not be tried alone.
+const SIGNIFICANT: f64 = LEAST_STRENGTH;
 /// Steps of Newton's method: products of errors, 0.03 of one of 0.2, are gone after the second.
 const NEWTON: usize = 4;
+/// Standard deviation of the samples, in weights of a bit, from which their density is smooth over
+/// the codes that the bit divides: a normal law's wave of period 2h has the amplitude
+/// exp(−π²σ²/2h²), 2e-5 at σ = 1.5 h.
+const SMOOTH_FROM: f64 = 1.5;
+/// Least width of a code, DN: one that is missing altogether says no more than a very narrow one.
+const LEAST_WIDTH_DN: f64 = 0.05;
+/// Largest share of samples at the ends of the scale with which a stack is used: what is cut off
+/// bends the density near the ends.
+const MOST_AT_ENDS: f64 = 1e-4;
 
-/// How often each code came, and the standard deviation of the samples, DN.
+/// The samples of a stack.
 struct Codes<'a> {
+    /// How often each code came.
     histogram: &'a [u32],
+    /// Standard deviation of the samples, DN.
     sd: f64,
 }
 
 impl Codes<'_> {
-    /// Whether the density would be smooth over the codes that a bit divides: a normal law's wave of
-    /// period 2h has the amplitude exp(−π²σ²/2h²), 2e-5 at σ = 1.5 h.
+    /// Whether the density would be smooth over the codes that a bit divides.
     fn smooth_over(&self, bit: usize) -> bool {
-        self.sd > 1.5 * (1u32 << bit) as f64
+        self.sd > SMOOTH_FROM * (1u32 << bit) as f64
     }
 }
 
-/// By how much a bit's error widens a code: a weight that is ε too large makes the code before it is set ε wider, the
-/// last code with it set ε narrower.
+/// d_b(c), by how much an error of 1 DN of a bit widens a code, DN: a weight that is too large makes
+/// the last code without the bit wider, and the last code with it narrower.
 fn widening(bit: usize, code: usize) -> f64 {
     let half = 1usize << bit;
     match (code % half == half - 1, code & half == 0) {
@@ -44,11 +62,9 @@ fn widening(bit: usize, code: usize) -> f64 {
     }
 }
 
-/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one bit widens
-/// are not balanced by those it narrows, and would pass for another's.
-///
-/// Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0 over the stacks that are smooth over bit b, with d = [`widening`]: per
-/// width the codes are as many with the bit as without. By Newton's method; the sums scatter as Poisson counts do.
+/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one bit
+/// widens are not balanced by those it narrows, and would pass for another's. `None` where the
+/// stacks do not determine them.
 fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     let n = bits.len();
     let mut errors = DVector::<f64>::zeros(n);
@@ -61,8 +77,7 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
             for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
                 let widened: Vec<f64> = bits.iter().map(|&b| widening(b, code)).collect();
                 let width = 1.0 + widened.iter().zip(&errors).map(|(d, e)| d * e).sum::<f64>();
-                // A code that is missing altogether says no more than a very narrow one.
-                let density = f64::from(count) / width.max(0.05);
+                let density = f64::from(count) / width.max(LEAST_WIDTH_DN);
                 for i in (0..n).filter(|&i| smooth[i]) {
                     sums[i] += widened[i] * density;
                     for j in 0..n {
@@ -80,35 +95,35 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
 }
 
-/// The bits whose errors are believed: the weakest is left out until all are.
-fn errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
+/// The bits with a significant error, DN: the least significant one is left out until all are.
+fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
     let seen = |b: &usize| stacks.iter().any(|s| s.smooth_over(*b));
     let mut bits: Vec<usize> = (0..BITS).filter(seen).collect();
     while let Some(found) = solve(stacks, &bits) {
         let weakest =
             (0..bits.len()).min_by(|&a, &b| found[a].z().abs().total_cmp(&found[b].z().abs()));
         match weakest {
-            Some(i) if !(found[i].z().abs() > BELIEVED) => drop(bits.remove(i)),
+            Some(i) if !(found[i].z().abs() > SIGNIFICANT) => drop(bits.remove(i)),
             _ => return bits.into_iter().zip(found).collect(),
         }
     }
     Vec::new()
 }
 
-/// Codes of unequal width, from the histograms of all stacks that reach neither end of the scale.
-pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
+/// `adc-nonlinearity`: errors of the lowest bits, from the stacks that reach neither end of the scale.
+pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
     if current(e.camera, "adc-nonlinearity").is_some() {
-        return Vec::new();
+        return None;
     }
     let inside = |t: &&Temporal| {
         let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
         let ends: f64 = ends.map(|&h| f64::from(h)).sum();
-        ends <= 1e-4 * (t.mean.data.len() * t.frames) as f64
+        ends <= MOST_AT_ENDS * (t.mean.data.len() * t.frames) as f64
     };
     let channels = Channels::new(e.camera);
     let stacks: Vec<Codes<'_>> =
         e.stacks.iter().filter(inside).map(|t| codes(t, &channels)).collect();
-    let found = errors(&stacks);
+    let found = significant_errors(&stacks);
     let strength = found.iter().map(|(_, error)| error.z().abs()).fold(0.0, f64::max);
     let mut lsb = [0.0; BITS];
     found.iter().for_each(|(bit, error)| lsb[*bit] = error.value as f32);
@@ -125,10 +140,11 @@ pub fn adc_steps(e: &Evidence<'_>) -> Vec<Proposal> {
     };
     let mut proposal = Proposal::new("adc-nonlinearity", effect.into(), strength);
     proposal.parameters = found.into_iter().map(|(bit, error)| (KEYS[bit], error)).collect();
-    vec![proposal]
+    Some(proposal)
 }
 
-/// A mixture of channels is as smooth as the narrowest of their laws.
+/// The samples of a stack. A mixture of channels is as smooth as the narrowest of their laws, so `sd`
+/// is that of the channel with the least.
 fn codes<'a>(t: &'a Temporal, channels: &Channels) -> Codes<'a> {
     let means = channels.means(&t.mean.data);
     let mut squares = t.mean.data.clone();
@@ -148,7 +164,8 @@ mod tests {
         (0..256).map(|c| (1e6 * (below(begins(c + 1)) - below(begins(c)))) as u32).collect()
     }
 
-    /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well: only bit 2 has one.
+    /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well: only
+    /// bit 2 has one.
     #[test]
     fn a_wrong_bit_is_not_taken_for_another() {
         for error in [0.04, -0.04, 0.15, -0.15] {
@@ -158,8 +175,12 @@ mod tests {
             let stacks: Vec<Codes<'_>> =
                 all.iter().map(|(h, sd)| Codes { histogram: h, sd: *sd }).collect();
             let alone = solve(&stacks, &[0]).unwrap();
-            assert!(alone[0].z().abs() > BELIEVED, "the trap is none: {}", alone[0].z());
-            let found = errors(&stacks);
+            assert!(
+                alone[0].z().abs() > SIGNIFICANT,
+                "bit 0 alone does not look wrong: {}",
+                alone[0].z()
+            );
+            let found = significant_errors(&stacks);
             assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [2]);
             let (value, se) = (found[0].1.value, found[0].1.se);
             assert!((value - error).abs() < 2.0 * se, "{value} ± {se}, {error}");

@@ -1,59 +1,68 @@
-//! Noise of whole frames.
+//! Noise that a whole frame shares: `frame-offset-noise` and `light-flicker`.
+//!
+//! Both come from the variance V of frame means, DN², beside what the model predicts of it, V':
+//!
+//!   offset: σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻², over all stacks;
+//!   light:  σ² = σ₀² + ⟨(V − V')/s²⟩, without unit, over the flats,
+//!
+//! with K the system gain (DN/e⁻), s the signal of a flat above dark (DN), ⟨ ⟩ inverse-variance
+//! means and σ₀ what the model has already. The offset's correlation from one frame to the next is
+//! the likeliest one of a first-order autoregression beside white noise (Kalman's filter).
 
-use super::rows::{common, present_columns, present_rows};
-use super::{Proposal, deviation, list, lowest};
+use super::common::{LN_SIGMA_REACH, present};
+use super::proposal::{Proposal, deviation};
+use super::rows::{common_excess, present_columns, present_rows};
 use crate::evidence::{Estimated, Evidence, pooled};
-use crate::model::current;
-use crate::statistics::{Place, What};
-use crate::temporal::mean;
+use crate::numerics::minimise::lowest;
+use crate::statistics::statistic::{Place, What};
+use crate::statistics::temporal::mean;
 use camrig_sensor_core::effects::{
-    Effect, frame_offset_noise::FrameOffsetNoise, light_flicker::LightFlicker,
+    frame_offset_noise::FrameOffsetNoise, light_flicker::LightFlicker,
 };
+
+/// Correlations from one frame to the next that are searched. A drift closer to 1 is a trend over
+/// the frames of a stack, whose variance its own mean hides.
+const CORRELATIONS: [f64; 2] = [0.0, 0.98];
 
 /// Standard deviation of the light's factor in the model.
 fn present_flicker(e: &Evidence<'_>) -> f64 {
-    match current(e.camera, "light-flicker") {
-        Some(Effect::LightFlicker(x)) => f64::from(x.sigma),
-        _ => 0.0,
-    }
+    present(e.camera, "light-flicker", "sigma").unwrap_or(0.0)
 }
 
-/// Frame means that drift: likeliest standard deviation and correlation from frame to frame.
-pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let (w, h) = e.size();
-        let excess = common(e, What::FrameVariance, w * h)?;
-        let present = match current(e.camera, "frame-offset-noise") {
-            Some(Effect::FrameOffsetNoise(x)) => f64::from(x.sigma_e),
-            _ => 0.0,
-        };
-        let s = deviation(present, excess)?;
-        let series = series(e);
-        let around = s.value.ln();
-        let (ln_sigma, correlation) = lowest(
-            |ln_sigma, r| series.iter().map(|s| s.unlikeliness((2.0 * ln_sigma).exp(), r)).sum(),
-            [around - 1.5, around + 1.5],
-            [0.0, 0.98],
-        );
-        let sigma = ln_sigma.exp();
-        let effect = FrameOffsetNoise { sigma_e: sigma as f32, correlation: correlation as f32 };
-        let stacks = 0..e.stacks.len();
-        let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
-        let strength = e.stands_out(frames).abs().max(excess.z().abs());
-        Some(
-            Proposal::new("frame-offset-noise", effect.into(), strength)
-                .with("sigma_e", sigma, s.se)
-                .with("correlation", correlation, f64::NAN),
-        )
-    })())
+/// `frame-offset-noise`: standard deviation and correlation of the likeliest drift.
+pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
+    let (w, h) = e.size();
+    let excess = common_excess(e, What::FrameVariance, w * h)?;
+    let present = present(e.camera, "frame-offset-noise", "sigma_e").unwrap_or(0.0);
+    let s = deviation(present, excess)?;
+    let series = series(e);
+    let around = s.value.ln();
+    let (ln_sigma, correlation) = lowest(
+        |ln_sigma, r| series.iter().map(|s| s.deviance((2.0 * ln_sigma).exp(), r)).sum(),
+        [around - LN_SIGMA_REACH, around + LN_SIGMA_REACH],
+        CORRELATIONS,
+    );
+    let sigma = ln_sigma.exp();
+    let effect = FrameOffsetNoise { sigma_e: sigma as f32, correlation: correlation as f32 };
+    let stacks = 0..e.stacks.len();
+    let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
+    let strength = e.stands_out(frames).abs().max(excess.z().abs());
+    Some(
+        Proposal::new("frame-offset-noise", effect.into(), strength)
+            .with("sigma_e", sigma, s.se)
+            .with("correlation", correlation, f64::NAN),
+    )
 }
 
-/// Frame means of a stack, e⁻, and the variance that they have of what is white from frame to frame.
+/// Frame means of a stack.
 struct Series {
+    /// Mean of each frame, e⁻.
     means: Vec<f64>,
+    /// Variance of a mean by what is white from frame to frame (pixels, rows, columns, light), e⁻².
     white: f64,
 }
 
+/// The frame means of every stack.
 fn series(e: &Evidence<'_>) -> Vec<Series> {
     let (w, h) = e.size();
     let of_stack = |i: usize| {
@@ -72,13 +81,13 @@ fn series(e: &Evidence<'_>) -> Vec<Series> {
 }
 
 impl Series {
-    /// −2 ln of the likelihood of a stationary drift x_t = r x_(t−1) + √(1 − r²) σ z beside white noise about a mean that
-    /// nothing is known of: Kalman's innovations of the series and of a constant, whose weight is integrated out
-    /// (Harvey 1989, section 3.4).
-    fn unlikeliness(&self, variance: f64, r: f64) -> f64 {
+    /// −2 ln of the likelihood of a stationary drift x_t = r x_(t−1) + √(1 − r²) σ z of a variance σ²
+    /// (e⁻²) beside white noise, about an unknown mean: Kalman's innovations of the series and of
+    /// a constant, over whose factor the likelihood is integrated (Harvey 1989, section 3.4).
+    fn deviance(&self, variance: f64, r: f64) -> f64 {
         let (mut x, mut one, mut p) = (0.0, 0.0, variance);
         let (mut logs, mut yy, mut y1, mut s11) = (0.0, 0.0, 0.0, 0.0);
-        // The level itself would cost digits.
+        // Less the first value: the level itself would cost digits.
         let start = self.means.first().copied().unwrap_or(0.0);
         for y in &self.means {
             let f = p + self.white;
@@ -96,21 +105,19 @@ impl Series {
     }
 }
 
-/// Variance of frame means in proportion to the square of the signal.
-pub fn light_flicker(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let (w, h) = e.size();
-        let excess = pooled(e.flats().filter_map(|(i, _)| {
-            let square = e.signal(i)?.powi(2);
-            let x = e.component(i, What::FrameVariance, w * h)?;
-            Some(Estimated { value: x.value / square, se: x.se / square })
-        }))?;
-        let s = deviation(present_flicker(e), excess)?;
-        let effect = LightFlicker { sigma: s.value as f32 };
-        let frames = e.flats().map(|(i, _)| (Place::Stack(i), What::FrameVariance));
-        let strength = e.stands_out(frames).abs().max(excess.z().abs());
-        Some(Proposal::new("light-flicker", effect.into(), strength).with("sigma", s.value, s.se))
-    })())
+/// `light-flicker`: variance of the frame means of flats in proportion to the square of the signal.
+pub fn light_flicker(e: &Evidence<'_>) -> Option<Proposal> {
+    let (w, h) = e.size();
+    let excess = pooled(e.flats().filter_map(|(i, _)| {
+        let square = e.signal(i)?.powi(2);
+        let x = e.component(i, What::FrameVariance, w * h)?;
+        Some(Estimated { value: x.value / square, se: x.se / square })
+    }))?;
+    let s = deviation(present_flicker(e), excess)?;
+    let effect = LightFlicker { sigma: s.value as f32 };
+    let frames = e.flats().map(|(i, _)| (Place::Stack(i), What::FrameVariance));
+    let strength = e.stands_out(frames).abs().max(excess.z().abs());
+    Some(Proposal::new("light-flicker", effect.into(), strength).with("sigma", s.value, s.se))
 }
 
 #[cfg(test)]
@@ -120,8 +127,9 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
 
-    /// 40 stacks of 50 frames: of a drift of correlation r the variance of s² is 2 σ⁴ (1 + r²)/(1 − r²)/n, so that 2000
-    /// frames give σ to 2.5 % and r to √((1 − r²)/n) = 2 %. Four of these standard deviations are allowed.
+    /// 40 stacks of 50 frames: of a drift of correlation r the variance of s² is
+    /// 2 σ⁴ (1 + r²)/(1 − r²)/n, so that 2000 frames give σ to 2.5 % and r to √((1 − r²)/n) = 2 %.
+    /// Four of these standard deviations are allowed.
     #[test]
     fn the_likeliest_drift_is_the_one_that_was_put_in() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
@@ -138,15 +146,16 @@ mod tests {
             })
             .collect();
         let (ln_sigma, found) = lowest(
-            |ln_sigma, r| series.iter().map(|s| s.unlikeliness((2.0 * ln_sigma).exp(), r)).sum(),
+            |ln_sigma, r| series.iter().map(|s| s.deviance((2.0 * ln_sigma).exp(), r)).sum(),
             [-3.0, 1.0],
-            [0.0, 0.98],
+            CORRELATIONS,
         );
         assert!((ln_sigma.exp() / sigma - 1.0).abs() < 0.1, "{}", ln_sigma.exp());
         assert!((found - r).abs() < 0.08, "{found}");
     }
 
-    /// Of white drift the likelihood is that of independent normal values about an unknown mean.
+    /// A drift without correlation has the likelihood of independent normal values about an
+    /// unknown mean.
     #[test]
     fn without_memory_the_likelihood_is_that_of_a_sample() {
         let means = vec![3.0, 5.0, 4.5, 2.0, 7.5];
@@ -155,7 +164,7 @@ mod tests {
         let squares: f64 = means.iter().map(|m: &f64| (m - mean).powi(2)).sum();
         let expected = 4.0 * f64::ln(variance) + squares / variance + 5f64.ln();
         let series = Series { means, white: 0.5 };
-        let found = series.unlikeliness(variance - 0.5, 0.0);
+        let found = series.deviance(variance - 0.5, 0.0);
         assert!((found - expected).abs() < 1e-12, "{found} {expected}");
     }
 }

@@ -1,14 +1,14 @@
 //! Candidates by which neighbours share light or charge: noise of theirs that goes together, and under a colour filter array
 //! channels that lean towards each other.
 
-use super::{Proposal, list};
-use crate::channels::Channels;
-use crate::design::Condition;
+use super::proposal::{LEAST_STRENGTH, Proposal, list};
+use crate::data::channels::Channels;
+use crate::data::design::Condition;
 use crate::evidence::{Estimated, Evidence, pooled, slope};
-use crate::model::current;
-use crate::ratios::{reference_flat, strongest};
-use crate::search::LEAST;
-use crate::statistics::{Place, What};
+use crate::model::effects::current;
+use crate::statistics::ratios::{reference_flat, strongest};
+
+use crate::statistics::statistic::{Place, What};
 use camrig_sensor_core::effects::{
     Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
     optical_crosstalk::OpticalCrosstalk,
@@ -106,7 +106,7 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Vec<Proposal> {
                 one.se = (one.se.powi(2) - known).sqrt();
             }
             // Means alone are no ground for it: `optical-crosstalk` moves them alike.
-            if strength > LEAST || present.is_some() {
+            if strength > LEAST_STRENGTH || present.is_some() {
                 strength = strength.hypot(lean.z());
             }
         }
@@ -161,7 +161,7 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Vec<Proposal> {
         };
         if let Some(lean) = agreeing(found, leaning(e, &half_squares)) {
             found = pooled([found, lean])?;
-            if strength > LEAST || present.is_some() {
+            if strength > LEAST_STRENGTH || present.is_some() {
                 strength = strength.hypot(lean.z());
             }
         }

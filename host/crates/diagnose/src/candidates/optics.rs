@@ -10,19 +10,18 @@
 //! where they had to stand for it; a quantum efficiency gives way to the mean of a shading. The search repeats it with the
 //! same slopes (the chord method), and at its end with new ones.
 
-use super::{Proposal, response};
-use crate::channels::Channels;
-use crate::evidence::{Estimated, Evidence};
-use crate::model;
-use crate::prediction::Key;
-use crate::shading;
-use crate::statistics::{Place, Statistic};
+use super::proposal::Proposal;
+use super::response;
+use crate::data::channels::Channels;
+use crate::evidence::{Estimated, Evidence, Slope};
+use crate::model::effects;
+use crate::statistics::shading;
+use crate::statistics::statistic::Key;
+use crate::statistics::statistic::{Place, Statistic};
 use camrig_camera::{Camera, LensKind};
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 use nalgebra::{DMatrix, DVector};
-use std::collections::BTreeMap;
-use std::sync::Mutex;
 
 /// A parameter that is looked for: key, value without the effect, step for the derivative.
 type Free = (&'static str, f64, f64);
@@ -64,38 +63,6 @@ struct Column {
     in_maps: bool,
 }
 
-/// Change of every figure on its scale for a unit of a parameter (of defocus: of its square).
-type Slope = BTreeMap<Key, f64>;
-
-/// Slopes that were asked for. They change little while other parameters do, and each takes the optics stage.
-#[derive(Default)]
-pub struct Slopes {
-    known: Mutex<BTreeMap<Asked, Option<Slope>>>,
-}
-
-/// Kind, key, whether the parameter is away from 0, and how many kinds are named without which it does nothing.
-type Asked = (&'static str, &'static str, bool, usize);
-
-impl Slopes {
-    fn of(&self, name: Asked, ask: impl FnOnce() -> Option<Slope>) -> Option<Slope> {
-        let known = self.known.lock().ok().and_then(|k| k.get(&name).cloned());
-        known.unwrap_or_else(|| {
-            let slope = ask();
-            if let Ok(mut known) = self.known.lock() {
-                known.insert(name, slope.clone());
-            }
-            slope
-        })
-    }
-
-    /// Forgets all, to be asked again where the model is now.
-    pub fn forget(&self) {
-        if let Ok(mut known) = self.known.lock() {
-            known.clear();
-        }
-    }
-}
-
 /// Measured less predicted, in standard deviations.
 struct Residual {
     keys: Vec<Key>,
@@ -105,7 +72,7 @@ struct Residual {
 }
 
 /// Whether a kind is estimated from edges, dots and charts.
-pub fn shown_by_looks(kind: &str) -> bool {
+pub fn shown_by_targets(kind: &str) -> bool {
     KINDS.iter().any(|k| k.0 == kind)
 }
 
@@ -188,21 +155,21 @@ fn proposal(
             parameters.push((column.key, value));
         }
     }
-    let mut p = Proposal::of_looks(kind, solution.strength(own)?);
-    p.of_looks = !columns[..own].iter().any(|c| c.in_maps);
+    let mut p = Proposal::from_targets(kind, solution.strength(own)?);
+    p.of_targets = !columns[..own].iter().any(|c| c.in_maps);
     p.parameters = parameters;
     for k in std::iter::once(kind).chain(e.named.iter().copied().filter(|k| *k != kind)) {
         let (sensor, optical) = (&mut p.effects, &mut p.optical);
         match in_camera(&camera, k)? {
             InCamera::Sensor(effect) if k == kind => sensor.push(effect),
             InCamera::Optical(effect) if k == kind => optical.push(effect),
-            InCamera::Sensor(effect) => p.along.0.push(effect),
-            InCamera::Optical(effect) => p.along.1.push(effect),
+            InCamera::Sensor(effect) => p.revised.0.push(effect),
+            InCamera::Optical(effect) => p.revised.1.push(effect),
         }
     }
-    if !p.of_looks {
+    if !p.of_targets {
         let mean = mean_shading(&camera)? / mean_shading(e.camera)?;
-        p.along.0.extend(response::efficiency_beside(e, mean));
+        p.revised.0.extend(response::efficiency_beside(e, mean));
     }
     Some(p)
 }
@@ -228,7 +195,7 @@ fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
     let optical = camera.optical_effects.iter().find(|o| o.entry().kind == kind);
     optical
         .map(|o| InCamera::Optical(o.clone()))
-        .or_else(|| model::current(camera, kind).map(InCamera::Sensor))
+        .or_else(|| effects::current(camera, kind).map(InCamera::Sensor))
 }
 
 impl Residual {
@@ -236,7 +203,7 @@ impl Residual {
         let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: DVector::zeros(0) };
         let mut z = Vec::new();
         let of_falls = |what| shading::slope(what, None, 0).is_some();
-        let wanted = |k: &Key| matches!(k.0, Place::Look(_)) || of_falls(k.1);
+        let wanted = |k: &Key| matches!(k.0, Place::Target(_)) || of_falls(k.1);
         for (key, s) in e.data.iter().filter(|(k, _)| wanted(k)) {
             let Some(p) = e.model.of.get(key) else { continue };
             let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(1e-12);
@@ -303,8 +270,8 @@ fn derivative(e: &Evidence<'_>, kind: &str, key: &str, step: f64) -> Option<Slop
 }
 
 fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
-    let from = (e.imagine)(e.camera).ok()?;
-    let to = (e.imagine)(to).ok()?;
+    let from = (e.simulate_targets)(e.camera).ok()?;
+    let to = (e.simulate_targets)(to).ok()?;
     let change = |(key, b): (&Key, &Statistic)| {
         let a = from.get(key)?;
         Some((*key, (b.scale.of(b.value) - a.scale.of(a.value)) / step))
@@ -419,7 +386,7 @@ fn values(camera: &Camera, kind: &str) -> Vec<f32> {
     if let Some(effect) = camera.optical_effects.iter().find(|o| o.entry().kind == kind) {
         return effect.values().to_vec();
     }
-    if let Some(effect) = model::current(camera, kind) {
+    if let Some(effect) = effects::current(camera, kind) {
         return effect.values().to_vec();
     }
     let neutral = |key: &str| {
@@ -446,10 +413,10 @@ fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
     }
     let mut out = camera.clone();
     match OpticalEffect::new(kind, &values) {
-        Some(effect) => model::put_optical(&mut out, effect),
+        Some(effect) => effects::put_optical(&mut out, effect),
         None => {
             let id = Effect::CATALOGUE.iter().find(|c| c.kind == kind)?.id;
-            model::put(&mut out, Effect::new(id, &values)?);
+            effects::put(&mut out, Effect::new(id, &values)?);
         }
     }
     Some(out)

@@ -1,73 +1,101 @@
-//! Periodic patterns: the strongest line of the dark frames' power.
+//! `periodic-pattern-noise`: the strongest line of the power of dark frames.
+//!
+//! The power over two frequencies of the frames' residuals, and that of the row and column means
+//! that the residuals lack, DN², has lines above a background without waves. The frequencies of the
+//! strongest one, cycles per column and per row, are the likeliest of the bins around it by
+//! Whittle's likelihood; its amplitude comes from its power A²wh/4 in all stacks:
+//!
+//!   A² = Σ ω_i A_i²/K² / Σ ω_i, e⁻², ω_i = n K²/v,
+//!
+//! n the frames of a stack, v the variance of its pixels (DN²), K the system gain (DN/e⁻).
 
 use super::flicker::sinc;
-use super::{Proposal, list, lowest, minimum};
+use super::proposal::Proposal;
 use crate::evidence::Evidence;
-use crate::spectrum::Background;
-use crate::statistics::{Place, What};
-use crate::tails::median_of_squares;
-use crate::temporal::Temporal;
+use crate::numerics::minimise::{lowest, minimum};
+use crate::numerics::spectrum::Background;
+use crate::numerics::tails::median_of_squares;
+use crate::statistics::statistic::{Place, What};
+use crate::statistics::temporal::Temporal;
 use camrig_base::median::median;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
-/// Bins to either side of a line that a wave between two bins leaks into.
+/// Bins to either side of a line that a wave between two bins leaks into: beyond three the leakage
+/// (sin πd/πd)² is below 1 % of the line.
 const LEAK: isize = 3;
+/// Distance from the highest bin within which the wave is looked for, bins: half a bin and what
+/// noise may add.
+const WITHIN_BINS: f64 = 0.6;
+/// Range of ln of a line's power over that of its highest bin: 0.25 % for a line that is none, to
+/// 55 times, beyond what a wave between four bins (6.1 times) needs.
+const LN_POWER: [f64; 2] = [-6.0, 4.0];
+/// Steps of the golden section over that range, each 0.62 of the one before: 5e-6 is left.
+const STEPS: usize = 30;
 
-/// Amplitude and frequencies of a plane wave.
-pub fn periodic(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let (stack, _) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.frames)?;
-        let (t, place) = (&e.stacks[stack], Place::Stack(stack));
-        let peaks = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(|w| (place, w));
-        let z = |(place, what)| e.difference(place, what).map_or(0.0, |d| d.z());
-        let strength = peaks.map(z).into_iter().fold(0.0, f64::max);
-        // Each says by itself how rare it is in white noise.
-        let [plane, row, column] = peaks.map(|(place, w)| e.measured(place, w).unwrap_or(0.0));
-        let power = Power::of(t)?;
-        let start = if plane >= row.max(column) {
-            power.peak(|k, l| k > 0 && l > 0)?
-        } else if row >= column {
-            power.peak(|k, _| k == 0)?
-        } else {
-            power.peak(|_, l| l == 0)?
-        };
-        let [fx, fy] = power.fit(start);
-        // At this frequency in all stacks, each by what it knows of an amplitude: frames over the variance of a pixel.
-        let (w, h) = e.size();
-        let (mut square, mut weight) = (0.0, 0.0);
-        for (i, c) in e.design.conditions.iter().enumerate() {
-            let (t, k) = (&e.stacks[i], e.gain(c));
-            let (Some(power), Some((v, _))) = (Power::of(t), e.variance(i)) else { continue };
-            let known = t.frames as f64 * k * k / v;
-            square += known * power.square_amplitude([fx, fy]) / (k * k);
-            weight += known;
-        }
-        let amplitude = (square / weight).sqrt();
-        let se = (2.0 / (w * h) / weight).sqrt();
-        let effect = PeriodicPatternNoise {
-            amplitude_e: amplitude as f32,
-            cycles_per_column: fx as f32,
-            cycles_per_row: fy as f32,
-        };
-        let mut p = Proposal::new("periodic-pattern-noise", effect.into(), strength)
-            .with("amplitude_e", amplitude, se)
-            .with("cycles_per_column", fx, f64::NAN)
-            .with("cycles_per_row", fy, f64::NAN);
-        p.beside = true;
-        Some(p)
-    })())
+/// `periodic-pattern-noise`: amplitude and frequencies of a plane wave, beside others that the model
+/// has.
+pub fn periodic(e: &Evidence<'_>) -> Option<Proposal> {
+    let (stack, _) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.stack.frames)?;
+    let place = Place::Stack(stack);
+    let peaks = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(|w| (place, w));
+    let z = |(place, what)| e.difference(place, what).map_or(0.0, |d| d.z());
+    let strength = peaks.map(z).into_iter().fold(0.0, f64::max);
+    let [fx, fy] = strongest_line(e, stack)?;
+    let (amplitude, se) = amplitude(e, [fx, fy]);
+    let effect = PeriodicPatternNoise {
+        amplitude_e: amplitude as f32,
+        cycles_per_column: fx as f32,
+        cycles_per_row: fy as f32,
+    };
+    let mut p = Proposal::new("periodic-pattern-noise", effect.into(), strength)
+        .with("amplitude_e", amplitude, se)
+        .with("cycles_per_column", fx, f64::NAN)
+        .with("cycles_per_row", fy, f64::NAN);
+    p.beside = true;
+    Some(p)
 }
 
-/// Power of frames over two frequencies: of the residuals of pixels, and of the means of rows and columns that they lack.
+/// Cycles per column and per row of the strongest line of a stack.
+fn strongest_line(e: &Evidence<'_>, stack: usize) -> Option<[f64; 2]> {
+    // Each peak is given as how rare it is in white noise, so that they compare.
+    let rarity = |what| e.measured(Place::Stack(stack), what).unwrap_or(0.0);
+    let [plane, row, column] = [What::PlanePeak, What::RowPeak, What::ColumnPeak].map(rarity);
+    let power = Power::of(&e.stacks[stack])?;
+    let start = if plane >= row.max(column) {
+        power.peak(|k, l| k > 0 && l > 0)?
+    } else if row >= column {
+        power.peak(|k, _| k == 0)?
+    } else {
+        power.peak(|_, l| l == 0)?
+    };
+    Some(power.fit(start))
+}
+
+/// Amplitude of a wave over all stacks and its standard error, e⁻.
+fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> (f64, f64) {
+    let (w, h) = e.size();
+    let (mut square, mut weight) = (0.0, 0.0);
+    for (i, c) in e.design.conditions.iter().enumerate() {
+        let (t, k) = (&e.stacks[i], e.gain(c));
+        let (Some(power), Some((v, _))) = (Power::of(t), e.variance(i)) else { continue };
+        let known = t.frames as f64 * k * k / v;
+        square += known * power.square_amplitude(frequencies) / (k * k);
+        weight += known;
+    }
+    ((square / weight).sqrt(), (2.0 / (w * h) / weight).sqrt())
+}
+
+/// Power of the frames of a stack over two frequencies, DN².
 struct Power<'a> {
     t: &'a Temporal,
+    /// That of the residuals of pixels.
     plane: &'a [f32],
-    /// Medians of the power of pixels without waves.
+    /// Median of that without waves.
     background: Background,
     /// The mean of a power without waves over its median.
     to_mean: f64,
-    /// Power without waves of row means and of column means, as that of pixels.
+    /// Power without waves of row means and of column means, on the scale of that of pixels.
     lines: [f64; 2],
 }
 
@@ -85,10 +113,10 @@ impl<'a> Power<'a> {
         Some(Self { t, plane, background: Background::of(plane, t.width), to_mean, lines })
     }
 
-    /// Power of a bin, and that without waves.
+    /// Power of a bin, and what it has without waves, DN².
     fn at(&self, (k, l): Bin) -> (f64, f64) {
         let (w, h) = (self.t.width, self.t.height);
-        // A mean's mirror image is in the list of means once.
+        // The power of means lists a frequency and its mirror image once.
         let mirrored = l.min(h - l);
         match (k, mirrored) {
             (0, l) if l > 0 => (self.t.row_power[l - 1] * w as f64, self.lines[0]),
@@ -107,7 +135,7 @@ impl<'a> Power<'a> {
         (0..h).flat_map(move |l| (0..half).map(move |k| (k, l)))
     }
 
-    /// The bin of a kind that is highest above what it has without waves.
+    /// Of the bins wanted the one with most power over what it has without waves.
     fn peak(&self, wanted: impl Fn(usize, usize) -> bool) -> Option<Bin> {
         let over = |b: &Bin| {
             let (power, white) = self.at(*b);
@@ -125,7 +153,7 @@ impl<'a> Power<'a> {
         (k as usize, l.rem_euclid(h) as usize)
     }
 
-    /// The bins around one.
+    /// The bins around a bin.
     fn around(&self, (k0, l0): Bin) -> Around {
         let mut bins = Vec::new();
         for dl in -LEAK..=LEAK {
@@ -143,15 +171,16 @@ impl<'a> Power<'a> {
         let (w, h) = (self.t.width as f64, self.t.height as f64);
         let around = self.around((k0, l0));
         let left = |dk: f64, dl: f64| around.deviance(dk, dl, around.line(dk, dl));
-        let at = lowest(left, [-0.6, 0.6], [-0.6, 0.6]);
+        let at = lowest(left, [-WITHIN_BINS, WITHIN_BINS], [-WITHIN_BINS, WITHIN_BINS]);
         let (fx, fy) = ((k0 as f64 + at.0) / w, (l0 as f64 + at.1) / h);
         let sign = if fx < 0.0 { -1.0 } else { 1.0 };
         let within = |f: f64| (f - f.round()).clamp(-0.5, 0.5);
         [within(sign * fx), within(sign * fy)]
     }
 
-    /// Square of the amplitude of a wave (0 to half a cycle per column) whose phase is another in each frame, DN². Of n
-    /// frames the residuals lack what the mean frame has: Σ |a|² = Σ |a − ā|² + n |ā|².
+    /// Square of the amplitude of a wave (0 to half a cycle per column) that has another phase in each
+    /// frame, DN². Of n frames the residuals lack what the mean frame has:
+    /// Σ |a|² = Σ |a − ā|² + n |ā|².
     fn square_amplitude(&self, [fx, fy]: [f64; 2]) -> f64 {
         let t = self.t;
         let (w, h, n) = (t.width as f64, t.height as f64, t.frames as f64);
@@ -160,7 +189,8 @@ impl<'a> Power<'a> {
         let line = self.around(bin).line(x - x.round(), y - y.round());
         // A wave's power in its bin is A²wh/4.
         let residual = 4.0 * line / (w * h);
-        // Rows and columns have patterns of their own in the mean; so may batches.
+        // The mean frame has patterns of rows and columns as well; and where frames were taken against
+        // the means of several batches, the residuals lack more than it.
         if bin.0 == 0 || bin.1 == 0 || t.dof != n - 1.0 {
             return residual;
         }
@@ -169,7 +199,7 @@ impl<'a> Power<'a> {
     }
 }
 
-/// |Fourier coefficient|² of the mean frame.
+/// |Fourier coefficient|² of the mean frame at cycles per column and per row, DN².
 fn wave(t: &Temporal, [fx, fy]: [f64; 2]) -> f64 {
     let turn = |f: f64| std::f64::consts::TAU * f;
     let level = t.level();
@@ -190,16 +220,18 @@ fn wave(t: &Temporal, [fx, fy]: [f64; 2]) -> f64 {
     (re * re + im * im) / (n * n)
 }
 
-/// Bins around a peak: distance along each axis, power, and power without waves.
+/// The bins around a peak.
 struct Around {
+    /// Distance from the peak along each axis in bins, power and power without waves in DN².
     bins: Vec<(f64, f64, f64, f64)>,
-    /// What the peak has above that.
+    /// What the peak has above that, DN².
     top: f64,
 }
 
 impl Around {
-    /// Twice the negative logarithm of Whittle's likelihood, per frame, of a line of this power at (dk, dl) bins from the
-    /// peak: a wave between bins leaks into those around as (sin πd / πd)² of its distance along each axis.
+    /// −2 ln of Whittle's likelihood, per frame, of a line of this power (DN²) at (dk, dl) bins from
+    /// the peak: a wave between bins leaks into those around as (sin πd/πd)² of its distance along
+    /// each axis.
     fn deviance(&self, dk: f64, dl: f64, line: f64) -> f64 {
         let of = |(x, y, power, white): &(f64, f64, f64, f64)| {
             let expected = white + line * (sinc(x - dk) * sinc(y - dl)).powi(2);
@@ -208,28 +240,29 @@ impl Around {
         self.bins.iter().map(of).sum()
     }
 
-    /// The likeliest power of a line there.
+    /// The likeliest power of a line there, DN².
     fn line(&self, dk: f64, dl: f64) -> f64 {
         let line = |x: f64| self.top * x.exp();
-        line(minimum(-6.0, 4.0, 30, |x| self.deviance(dk, dl, line(x))))
+        line(minimum(LN_POWER[0], LN_POWER[1], STEPS, |x| self.deviance(dk, dl, line(x))))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temporal::Collector;
+    use crate::statistics::temporal::Collector;
     use camrig_base::Plane;
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
     use std::f64::consts::TAU;
 
-    /// Waves of 6 DN in noise of 8 DN, 16 frames of 64 x 48: a line of A²wh/4σ² = 432 times the white power. Power alone does
-    /// not tell on which side of a bin a wave lies whose leak of 432 d² of the white power is below its scatter of a quarter:
-    /// d < 0.025 bins, between the bins less; five of these. The last has phases of half a turn alone: the mean frame has 44 % of
-    /// its power. Beside the axes an amplitude is known to σ √(2/whn) = 0.9 %, five of these; on them the mean takes up to 1/16 of
-    /// the power.
+    /// Waves of 6 DN in noise of 8 DN, 16 frames of 64 x 48: a line of A²wh/4σ² = 432 times the white
+    /// power. Power alone does not show on which side of a bin a wave lies whose leakage of 432 d² of
+    /// the white power is below its scatter of a quarter: d < 0.025 bins, between the bins less; five
+    /// of these are allowed. The phases of the last wave lie within half a turn: the mean frame has
+    /// 44 % of its power. Off the axes an amplitude is known to σ √(2/whn) = 0.9 %, and five of these
+    /// are allowed; on them the mean takes up to 1/16 of the power.
     #[test]
     fn a_wave_between_the_bins_is_found_wherever_it_lies() {
         let (w, h, frames) = (64usize, 48usize, 16);
@@ -262,7 +295,7 @@ mod tests {
                 let (dx, dy) = (sign * x - fx, sign * y - fy);
                 ((dx - dx.round()) * w as f64).hypot((dy - dy.round()) * h as f64)
             };
-            // Of a wave at the end of the band its mirror image may be the one that is found.
+            // Of a wave at the end of the band the mirror image may be found.
             let bins = off(1.0).min(off(-1.0));
             assert!(bins < 0.125, "{x} {y} for {fx} {fy}: {bins} bins");
             let amplitude = power.square_amplitude([x, y]).sqrt();

@@ -1,11 +1,28 @@
-//! Candidates that change the mean signal or how it is converted.
+//! The mean signal and its conversion: `black-level-offset`, `system-gain`, `quantum-efficiency`,
+//! `nonlinearity`, `image-lag`, `exposure-offset`.
+//!
+//! From the mean of each channel of each stack, m, and the variance of its pixels over frames, v,
+//! both in DN, beside what the model predicts, m' and v'. ⟨ ⟩ are inverse-variance means, slopes go
+//! through the origin, µ is the charge by the light (e⁻) and K the system gain (DN/e⁻).
+//!
+//!   black level:        m − m' of the reference dark stack, DN; its slope over the analog gain;
+//!                       the contrasts of the 2 x 2 phases of the offset map
+//!   quantum efficiency: ratio = ratio₀ (1 + ⟨m/m' − 1⟩) over the flats
+//!   system gain:        ratio = ratio₀ (1 + ⟨(v/v')/(m/m') − 1⟩), by photon transfer
+//!   nonlinearity:       m/m' − 1 = c − a xⁿ, x the level in full wells
+//!   image lag:          fraction = fraction₀ + slope of m − m' over K µ of the frame before
+//!   exposure offset:    offset = offset₀ + slope of m/m' − 1 over 1/exposure, s
+//!
+//! Where two of them act on the same figures, each is estimated with the other left free.
 
-use super::{Proposal, list, minimum};
+use super::common::{SAME_TEMPERATURE_K, channel_count, present};
+use super::proposal::Proposal;
+use crate::data::design::Condition;
 use crate::evidence::{Estimated, Evidence, pooled, slope};
-use crate::maps::{MapKind, reference_dark};
-use crate::model::current;
-use crate::statistics::{Place, What};
-use camrig_camera::Camera;
+use crate::model::effects::current;
+use crate::numerics::minimise::minimum;
+use crate::statistics::maps::{MapKind, reference_dark};
+use crate::statistics::statistic::{Place, What};
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
@@ -14,19 +31,38 @@ use camrig_sensor_core::effects::{
 };
 use nalgebra::{DMatrix, DVector};
 
+/// Longest exposure of a dark stack, in that of the reference, from which the change of the black
+/// level with gain is taken: of longer ones it is the dark signal that changes.
+const SHORT_DARK: f64 = 2.0;
+/// Exponents n of the nonlinearity that are searched: from a parabola to a loss near saturation
+/// alone. Within the range of the effect, 0.5 to 6.
+const EXPONENTS: [f64; 2] = [1.0, 4.0];
+/// Steps of the golden section between them, each 0.62 of the one before: 2e-4 is left.
+const EXPONENT_STEPS: usize = 20;
+/// Largest change of the exponent at a time, where the model has one.
+const EXPONENT_CHANGE: f64 = 1.0;
+/// Least number of means of flats from which a nonlinearity of three parameters is fitted.
+const LEAST_POINTS: usize = 4;
+/// Singular values below this share of the largest one are taken as none.
+const SINGULAR: f64 = 1e-9;
+/// Least ratio of the longest to the shortest exposure of flats that shows an exposure offset.
+const EXPOSURES_APART: f64 = 1.5;
+
 /// Measured over predicted signal of a channel of a flat, less 1.
-fn relative(e: &Evidence<'_>, stack: usize, class: u8) -> Option<Estimated> {
+fn relative(e: &Evidence<'_>, stack: usize, channel: u8) -> Option<Estimated> {
     let place = Place::Stack(stack);
-    let d = e.difference(place, What::Mean(class))?;
-    let m = e.predicted(place, What::Mean(class))?;
+    let d = e.difference(place, What::Mean(channel))?;
+    let m = e.predicted(place, What::Mean(channel))?;
     (m > 0.0).then(|| Estimated { value: d.value / m, se: d.se / m })
 }
 
-fn classes(e: &Evidence<'_>) -> u8 {
-    e.camera.sensor.channel_names.len() as u8
+/// Flats whose light is known.
+fn known_flats<'a>(e: &'a Evidence<'_>) -> impl Iterator<Item = (usize, &'a Condition)> {
+    e.flats().filter(|(_, c)| c.level_known)
 }
 
-/// Mean of the reference dark stack, all channels together or each its own, and its change with gain.
+/// `black-level-offset`: all channels together, each of the four phases of a 2 x 2 pattern by
+/// itself, and the change with gain.
 pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let Some(reference) = reference_dark(e.design) else { return Vec::new() };
     let present = match current(e.camera, "black-level-offset") {
@@ -41,7 +77,7 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             plane_3_dn: 0.0,
         },
     };
-    let own: Vec<Estimated> = (0..classes(e))
+    let own: Vec<Estimated> = (0..channel_count(e))
         .filter_map(|c| e.difference(Place::Stack(reference), What::Mean(c)))
         .collect();
     if own.is_empty() {
@@ -53,78 +89,80 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let se = own.iter().map(|o| o.se).sum::<f64>() / n;
     let mut common = present;
     common.offset_dn += mean as f32;
+    let offset = f64::from(common.offset_dn);
     let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs()).with(
         "offset_dn",
-        f64::from(common.offset_dn),
+        offset,
         se,
     );
     let mut out = vec![all];
-    let place = Place::Map(MapKind::Offset);
-    let contrasts: Vec<Estimated> =
-        [What::EveryOtherRow, What::EveryOtherColumn, What::Checkerboard]
-            .into_iter()
-            .filter_map(|what| e.difference(place, what))
-            .collect();
-    if let [rows, columns, checkerboard] = contrasts[..] {
-        let mut apart = common;
-        let (r, c, x) = (rows.value, columns.value, checkerboard.value);
-        let own = [r + c + x, r - c - x, c - r - x, x - r - c].map(|o| o / 2.0);
-        let se_own = rows.se.hypot(columns.se).hypot(checkerboard.se) / 2.0;
-        let keys = ["plane_0_dn", "plane_1_dn", "plane_2_dn", "plane_3_dn"];
-        let parts = [
-            &mut apart.plane_0_dn,
-            &mut apart.plane_1_dn,
-            &mut apart.plane_2_dn,
-            &mut apart.plane_3_dn,
-        ];
-        // Columns alone are what channels of the read-out do.
-        let strength = rows.z().hypot(checkerboard.z());
-        let mut made = Vec::new();
-        for ((part, o), key) in parts.into_iter().zip(own).zip(keys) {
-            *part += o as f32;
-            made.push((key, f64::from(*part)));
-        }
-        let mut p = Proposal::new("black-level-offset", apart.into(), strength).with(
-            "offset_dn",
-            f64::from(apart.offset_dn),
-            se,
-        );
-        for (key, value) in made {
-            p = p.with(key, value, se_own);
-        }
-        out.push(p);
-    }
-    let c0 = &e.design.conditions[reference];
-    let per_gain = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
-        let short =
-            c.exposure_s <= 2.0 * c0.exposure_s && (c.temperature_c - c0.temperature_c).abs() < 0.5;
-        let wanted = (0..classes(e)).filter(move |_| short && i != reference);
-        let of = move |k| e.difference(Place::Stack(i), What::Mean(k));
-        wanted.filter_map(move |k| Some((c.analog_gain - c0.analog_gain, of(k)?)))
-    }));
-    if let Some(g) = per_gain {
-        let mut moved = present;
-        moved.per_gain_dn += g.value as f32;
-        let value = f64::from(moved.per_gain_dn);
-        out.push(Proposal::new("black-level-offset", moved.into(), g.z().abs()).with(
-            "per_gain_dn",
-            value,
-            g.se,
-        ));
-    }
+    out.extend(black_level_by_phase(e, common, se));
+    out.extend(black_level_over_gain(e, present, reference));
     out
 }
 
-/// Common factor of all flats' means.
+/// Black level of the four phases of a 2 x 2 pattern beside the `common` one, which has the standard
+/// error `se`, DN: from the contrasts of the offset map.
+fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> Option<Proposal> {
+    let of = |what| e.difference(Place::Map(MapKind::Offset), what);
+    let rows = of(What::EveryOtherRow)?;
+    let columns = of(What::EveryOtherColumn)?;
+    let checkerboard = of(What::Checkerboard)?;
+    let (r, c, x) = (rows.value, columns.value, checkerboard.value);
+    let own = [r + c + x, r - c - x, c - r - x, x - r - c].map(|o| o / 2.0);
+    let se_own = rows.se.hypot(columns.se).hypot(checkerboard.se) / 2.0;
+    let mut apart = common;
+    let parts = [
+        ("plane_0_dn", &mut apart.plane_0_dn),
+        ("plane_1_dn", &mut apart.plane_1_dn),
+        ("plane_2_dn", &mut apart.plane_2_dn),
+        ("plane_3_dn", &mut apart.plane_3_dn),
+    ];
+    let mut parameters = vec![("offset_dn", Estimated { value: f64::from(common.offset_dn), se })];
+    for ((key, part), own) in parts.into_iter().zip(own) {
+        *part += own as f32;
+        parameters.push((key, Estimated { value: f64::from(*part), se: se_own }));
+    }
+    // Columns alone are what channels of the read-out do.
+    let strength = rows.z().hypot(checkerboard.z());
+    let mut p = Proposal::new("black-level-offset", apart.into(), strength);
+    p.parameters = parameters;
+    Some(p)
+}
+
+/// Change of the `present` black level with analog gain, DN: over the short dark stacks.
+fn black_level_over_gain(
+    e: &Evidence<'_>,
+    present: BlackLevelOffset,
+    reference: usize,
+) -> Option<Proposal> {
+    let c0 = &e.design.conditions[reference];
+    let per_gain = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
+        let short = c.stack.exposure_s <= SHORT_DARK * c0.stack.exposure_s
+            && (c.stack.temperature_c - c0.stack.temperature_c).abs() < SAME_TEMPERATURE_K;
+        let wanted = (0..channel_count(e)).filter(move |_| short && i != reference);
+        let of = move |k| e.difference(Place::Stack(i), What::Mean(k));
+        wanted.filter_map(move |k| Some((c.stack.analog_gain - c0.stack.analog_gain, of(k)?)))
+    }))?;
+    let mut moved = present;
+    moved.per_gain_dn += per_gain.value as f32;
+    Some(Proposal::new("black-level-offset", moved.into(), per_gain.z().abs()).with(
+        "per_gain_dn",
+        f64::from(moved.per_gain_dn),
+        per_gain.se,
+    ))
+}
+
+/// Common factor of the means of all flats, less 1.
 fn common_factor(e: &Evidence<'_>) -> Option<Estimated> {
     pooled(
-        e.flats()
-            .filter(|(_, c)| c.level_known)
-            .flat_map(|(i, _)| (0..classes(e)).filter_map(move |k| relative(e, i, k))),
+        known_flats(e)
+            .flat_map(|(i, _)| (0..channel_count(e)).filter_map(move |k| relative(e, i, k))),
     )
 }
 
-/// Variance over mean of the flats against the model's, and the dark variance with it.
+/// Variance over mean of the flats in that of the model, less 1: photon transfer, with the model's
+/// dark variance.
 fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
     pooled(e.flats().filter_map(|(i, c)| {
         let (vd, vm) = e.variance(i)?;
@@ -134,79 +172,71 @@ fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
     }))
 }
 
-/// Ratios of system gain and quantum efficiency that a camera has.
-fn ratios_of(camera: &Camera) -> [Option<f64>; 2] {
-    let gain = match current(camera, "system-gain") {
-        Some(Effect::SystemGain(x)) => Some(f64::from(x.ratio)),
-        _ => None,
-    };
-    let efficiency = match current(camera, "quantum-efficiency") {
-        Some(Effect::QuantumEfficiency(x)) => Some(f64::from(x.ratio)),
-        _ => None,
-    };
-    [gain, efficiency]
+/// The system gain of the model over that of the camera, where it has one of its own.
+fn present_gain(e: &Evidence<'_>) -> Option<f64> {
+    present(e.camera, "system-gain", "ratio")
 }
 
-/// Signal and noise alike larger than the model's: by means and by variance over mean; where the model has a quantum
-/// efficiency of its own, by the latter alone, and the efficiency keeps the means.
-pub fn system_gain(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let [gain, efficiency] = ratios_of(e.camera);
-        let present = gain.unwrap_or(1.0);
-        let (mean, transfer) = (common_factor(e), transfer_factor(e));
-        let f = match efficiency {
-            Some(_) => transfer?,
-            None => pooled(mean.into_iter().chain(transfer))?,
-        };
-        let ratio = present * (1.0 + f.value);
-        let effect = SystemGain { ratio: ratio as f32 };
-        let mut p = Proposal::new("system-gain", effect.into(), f.z().abs());
-        if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
-            let ratio = efficiency * (1.0 + mean.value) / (1.0 + f.value);
-            p.along.0.push(QuantumEfficiency { ratio: ratio as f32 }.into());
+/// The quantum efficiency of the model over that of the camera, where it has one of its own.
+fn present_efficiency(e: &Evidence<'_>) -> Option<f64> {
+    present(e.camera, "quantum-efficiency", "ratio")
+}
+
+/// The effect with a quantum efficiency over that of the camera.
+fn with_efficiency(ratio: f64) -> Effect {
+    QuantumEfficiency { ratio: ratio as f32 }.into()
+}
+
+/// `system-gain`: signal and noise larger than the model's alike, by means and by photon transfer.
+/// Where the model has a quantum efficiency of its own, by photon transfer alone, and the efficiency
+/// keeps the means.
+pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
+    let present = present_gain(e).unwrap_or(1.0);
+    let efficiency = present_efficiency(e);
+    let (mean, transfer) = (common_factor(e), transfer_factor(e));
+    let f = match efficiency {
+        Some(_) => transfer?,
+        None => pooled(mean.into_iter().chain(transfer))?,
+    };
+    let ratio = present * (1.0 + f.value);
+    let effect = SystemGain { ratio: ratio as f32 };
+    let mut p = Proposal::new("system-gain", effect.into(), f.z().abs());
+    if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
+        p.revised.0.push(with_efficiency(efficiency * (1.0 + mean.value) / (1.0 + f.value)));
+    }
+    Some(p.with("ratio", ratio, present * f.se))
+}
+
+/// `quantum-efficiency`: signal larger than the model's at the same gain. Where the model has a gain
+/// of its own, at the gain that photon transfer gives.
+pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
+    let present = present_efficiency(e).unwrap_or(1.0);
+    let mean = common_factor(e)?;
+    let (f, revised) = match present_gain(e) {
+        Some(gain) => {
+            let transfer = transfer_factor(e)?;
+            let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
+            let ratio = gain * (1.0 + transfer.value);
+            let se = mean.se.hypot(transfer.se);
+            (Estimated { value, se }, vec![SystemGain { ratio: ratio as f32 }.into()])
         }
-        Some(p.with("ratio", ratio, present * f.se))
-    })())
+        None => (mean, Vec::new()),
+    };
+    let ratio = present * (1.0 + f.value);
+    let mut p = Proposal::new("quantum-efficiency", with_efficiency(ratio), f.z().abs());
+    p.revised.0 = revised;
+    Some(p.with("ratio", ratio, present * f.se))
 }
 
-/// Signal larger than the model's, at the same gain; where the model has a gain of its own, at the gain that variance over
-/// mean gives.
-pub fn quantum_efficiency(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let [gain, efficiency] = ratios_of(e.camera);
-        let present = efficiency.unwrap_or(1.0);
-        let mean = common_factor(e)?;
-        let (f, along) = match gain {
-            Some(gain) => {
-                let transfer = transfer_factor(e)?;
-                let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
-                let ratio = gain * (1.0 + transfer.value);
-                let se = mean.se.hypot(transfer.se);
-                (Estimated { value, se }, vec![SystemGain { ratio: ratio as f32 }.into()])
-            }
-            None => (mean, Vec::new()),
-        };
-        let ratio = present * (1.0 + f.value);
-        let effect = QuantumEfficiency { ratio: ratio as f32 };
-        let mut p = Proposal::new("quantum-efficiency", effect.into(), f.z().abs());
-        p.along.0 = along;
-        Some(p.with("ratio", ratio, present * f.se))
-    })())
+/// The quantum efficiency, where the model has one of its own, beside an effect that multiplies the
+/// means of flats by `factor`.
+pub fn efficiency_beside(e: &Evidence<'_>, factor: f64) -> Option<Effect> {
+    Some(with_efficiency(present_efficiency(e)? * (1.0 + common_factor(e)?.value) / factor))
 }
 
-/// The quantum efficiency, where the model has one of its own, beside something that multiplies the flats' means by this.
-pub fn efficiency_beside(e: &Evidence<'_>, mean: f64) -> Option<Effect> {
-    let [_, efficiency] = ratios_of(e.camera);
-    let ratio = efficiency? * (1.0 + common_factor(e)?.value) / mean;
-    Some(QuantumEfficiency { ratio: ratio as f32 }.into())
-}
-
-/// Exponents of a loss that grows with the level.
-const EXPONENTS: [f64; 2] = [1.0, 4.0];
-
-/// Least squares of relative = c − a xⁿ − b l xⁿ ln x, the scale c free or none.
+/// A fit of m/m' − 1 = c − a xⁿ − b l xⁿ ln x: b is the change of the exponent of a loss l.
 struct Bend {
-    /// c, 0 where it is none.
+    /// c, 0 where it is not free.
     scale: f64,
     /// a and b.
     values: [Estimated; 2],
@@ -216,6 +246,8 @@ struct Bend {
     fell: f64,
 }
 
+/// Least squares over points of x and m/m' − 1; `free` says whether c is. `None` where the points do
+/// not allow it.
 fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend> {
     let weighted = |f: &dyn Fn(f64) -> f64| {
         DVector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
@@ -229,7 +261,7 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
     let columns = [scale, weighted(&|x| -x.powf(n)), weighted(&|x| -l * x.powf(n) * x.ln())];
     let a = DMatrix::from_columns(&columns);
     let svd = a.clone().svd(true, true);
-    let least = 1e-9 * svd.singular_values.max();
+    let least = SINGULAR * svd.singular_values.max();
     let solved = svd.solve(&y, least).ok()?;
     let inverse = svd.pseudo_inverse(least).ok()?;
     let value = |i: usize| Estimated { value: solved[i], se: inverse.row(i).norm() };
@@ -238,106 +270,97 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
     Some(Bend { scale: solved[0], values: [value(1), value(2)], left, fell })
 }
 
-/// Loss that grows with the level: what a xⁿ explains of the flats' means, x in full wells. Where the model has a quantum
-/// efficiency of its own, that keeps the scale.
+/// `nonlinearity`: a loss a xⁿ at x full wells, with the scale of the light free and with it as known.
+/// Where the model has a quantum efficiency of its own, that keeps the scale.
 pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
+    let points = levels_and_signals(e);
+    if points.len() < LEAST_POINTS {
+        return Vec::new();
+    }
+    let scales: &[bool] = if present_efficiency(e).is_some() { &[true] } else { &[true, false] };
+    let mut out: Vec<Proposal> =
+        scales.iter().filter_map(|&free| with_scale(e, &points, free)).collect();
+    out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    out
+}
+
+/// Level in full wells, and m/m' − 1, of each channel of the flats.
+fn levels_and_signals(e: &Evidence<'_>) -> Vec<(f64, Estimated)> {
     let full = e.camera.sensor.full_well_e;
-    let points: Vec<(f64, Estimated)> = e
-        .flats()
-        .filter(|(_, c)| c.level_known)
+    known_flats(e)
         .flat_map(|(i, c)| {
             let levels = e.levels(i).into_iter().map(move |level| level / e.gain(c) / full);
             (0..).zip(levels).filter_map(move |(k, x)| Some((x, relative(e, i, k)?)))
         })
         .filter(|(x, _)| *x > 0.0)
-        .collect();
-    if points.len() < 4 {
-        return Vec::new();
-    }
-    let [_, efficiency] = ratios_of(e.camera);
-    let scales: &[bool] = if efficiency.is_some() { &[true] } else { &[true, false] };
-    let made = scales.iter().filter_map(|&free| {
-        let (loss, exponent, fit) = match current(e.camera, "nonlinearity") {
-            // In the model already: what is to be added to its loss and exponent.
-            Some(Effect::Nonlinearity(x)) => {
-                let (loss, n) = (f64::from(x.loss), f64::from(x.exponent));
-                let fit = bend(&points, free, n, loss)?;
-                (loss + fit.values[0].value, n + fit.values[1].value.clamp(-1.0, 1.0), fit)
-            }
-            _ => {
-                let left = |n| bend(&points, free, n, 0.0).map_or(f64::MAX, |f| f.left);
-                let n = minimum(EXPONENTS[0], EXPONENTS[1], 20, left);
-                let straight = bend(&points, free, n, 0.0)?;
-                let loss = straight.values[0].value;
-                let values = bend(&points, free, n, loss)?.values;
-                (loss, n, Bend { values, ..straight })
-            }
-        };
-        let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
-        let effect = Nonlinearity { loss: loss as f32, exponent: exponent as f32 };
-        let mut p = Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
-            .with("loss", loss, fit.values[0].se)
-            .with("exponent", exponent, fit.values[1].se);
-        p.along.0 = efficiency
-            .map(|ratio| QuantumEfficiency { ratio: (ratio * (1.0 + fit.scale)) as f32 }.into())
-            .into_iter()
-            .collect();
-        Some(p)
-    });
-    let mut out: Vec<Proposal> = made.collect();
-    out.sort_by(|a, b| b.strength.total_cmp(&a.strength));
-    out
+        .collect()
 }
 
-/// Light of the frame before in a dark frame.
-pub fn image_lag(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let after = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
-            let k = e.gain(c);
-            (0..).zip(&c.before_e).filter_map(move |(class, before)| {
-                Some((before * k, e.difference(Place::Stack(i), What::Mean(class))?))
-            })
-        }))?;
-        let present = match current(e.camera, "image-lag") {
-            Some(Effect::ImageLag(x)) => f64::from(x.fraction),
-            _ => 0.0,
-        };
-        let l = (present + after.value).max(0.0);
-        let effect = ImageLag { fraction: l as f32 };
-        Some(
-            Proposal::new("image-lag", effect.into(), after.z().abs())
-                .with("fraction", l, after.se),
-        )
-    })())
-}
-
-/// Signal over exposure against one over exposure.
-pub fn exposure_offset(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let points: Vec<(f64, Estimated)> = e
-            .flats()
-            .filter(|(_, c)| c.level_known)
-            .flat_map(|(i, c)| {
-                let of = move |k| Some((1.0 / c.exposure_s, relative(e, i, k)?));
-                (0..classes(e)).filter_map(of)
-            })
-            .collect();
-        let (least, most) =
-            points.iter().fold((f64::MAX, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
-        if most < 1.5 * least {
-            return None;
+/// The nonlinearity with the scale of the light free or as known.
+fn with_scale(e: &Evidence<'_>, points: &[(f64, Estimated)], free: bool) -> Option<Proposal> {
+    let (loss, exponent, fit) = match current(e.camera, "nonlinearity") {
+        // In the model already: what is to be added to its loss and exponent.
+        Some(Effect::Nonlinearity(x)) => {
+            let (loss, n) = (f64::from(x.loss), f64::from(x.exponent));
+            let fit = bend(points, free, n, loss)?;
+            let change = fit.values[1].value.clamp(-EXPONENT_CHANGE, EXPONENT_CHANGE);
+            (loss + fit.values[0].value, n + change, fit)
         }
-        let found = slope(points)?;
-        let (present, step) = match current(e.camera, "exposure-offset") {
-            Some(Effect::ExposureOffset(x)) => (f64::from(x.offset_us), x.step_us),
-            _ => (0.0, 0.0),
-        };
-        let offset = present + found.value * 1e6;
-        let effect = ExposureOffset { offset_us: offset as f32, step_us: step };
-        Some(Proposal::new("exposure-offset", effect.into(), found.z().abs()).with(
-            "offset_us",
-            offset,
-            found.se * 1e6,
-        ))
-    })())
+        _ => {
+            let left = |n| bend(points, free, n, 0.0).map_or(f64::MAX, |f| f.left);
+            let n = minimum(EXPONENTS[0], EXPONENTS[1], EXPONENT_STEPS, left);
+            let straight = bend(points, free, n, 0.0)?;
+            let loss = straight.values[0].value;
+            let values = bend(points, free, n, loss)?.values;
+            (loss, n, Bend { values, ..straight })
+        }
+    };
+    let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
+    let effect = Nonlinearity { loss: loss as f32, exponent: exponent as f32 };
+    let mut p = Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
+        .with("loss", loss, fit.values[0].se)
+        .with("exponent", exponent, fit.values[1].se);
+    p.revised.0.extend(present_efficiency(e).map(|r| with_efficiency(r * (1.0 + fit.scale))));
+    Some(p)
+}
+
+/// `image-lag`: light of the frame before in a dark frame.
+pub fn image_lag(e: &Evidence<'_>) -> Option<Proposal> {
+    let after = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
+        let k = e.gain(c);
+        (0..).zip(&c.before_e).filter_map(move |(channel, before)| {
+            Some((before * k, e.difference(Place::Stack(i), What::Mean(channel))?))
+        })
+    }))?;
+    let present = present(e.camera, "image-lag", "fraction").unwrap_or(0.0);
+    let l = (present + after.value).max(0.0);
+    let effect = ImageLag { fraction: l as f32 };
+    Some(Proposal::new("image-lag", effect.into(), after.z().abs()).with("fraction", l, after.se))
+}
+
+/// `exposure-offset`: signal over exposure, against one over exposure.
+pub fn exposure_offset(e: &Evidence<'_>) -> Option<Proposal> {
+    let points: Vec<(f64, Estimated)> = known_flats(e)
+        .flat_map(|(i, c)| {
+            let of = move |k| Some((1.0 / c.stack.exposure_s, relative(e, i, k)?));
+            (0..channel_count(e)).filter_map(of)
+        })
+        .collect();
+    let (least, most) =
+        points.iter().fold((f64::MAX, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
+    if most < EXPOSURES_APART * least {
+        return None;
+    }
+    let found = slope(points)?;
+    let (present, step) = match current(e.camera, "exposure-offset") {
+        Some(Effect::ExposureOffset(x)) => (f64::from(x.offset_us), x.step_us),
+        _ => (0.0, 0.0),
+    };
+    let offset = present + found.value * 1e6;
+    let effect = ExposureOffset { offset_us: offset as f32, step_us: step };
+    Some(Proposal::new("exposure-offset", effect.into(), found.z().abs()).with(
+        "offset_us",
+        offset,
+        found.se * 1e6,
+    ))
 }

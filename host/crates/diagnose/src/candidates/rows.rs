@@ -1,18 +1,40 @@
-//! Noise of whole rows and columns.
+//! Noise that whole rows or columns share: `row-temporal-noise`, `column-temporal-noise`,
+//! `row-correlated-noise`.
+//!
+//! White noise of lines comes from the variance V of row (column) means over frames, DN², beside
+//! what the model predicts of it, V', in every stack:
+//!
+//!   σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻²,
+//!
+//! with K the system gain (DN/e⁻), ⟨ ⟩ the inverse-variance mean over stacks and σ₀ what the model
+//! has already. V is kept as its ratio to the variance of a mean of white noise
+//! ([`What::RowVariance`], [`What::ColumnVariance`]).
+//! The law of correlated rows, power in proportion to f^−a, is the likeliest one of the periodograms
+//! of the row means (Whittle 1953); σ in e⁻, a without unit.
 
-use super::{Proposal, deviation, list, lowest};
+use super::common::{LN_SIGMA_REACH, of_excess, present};
+use super::proposal::{Proposal, deviation};
 use crate::evidence::{Estimated, Evidence, pooled};
-use crate::model::current;
-use crate::statistics::What;
-use crate::temporal::mean;
+use crate::model::effects::current;
+use crate::numerics::minimise::lowest;
+use crate::statistics::statistic::What;
+use crate::statistics::temporal::mean;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{
-    Effect, column_temporal_noise::ColumnTemporalNoise, row_correlated_noise::RowCorrelatedNoise,
+    column_temporal_noise::ColumnTemporalNoise, row_correlated_noise::RowCorrelatedNoise,
     row_temporal_noise::RowTemporalNoise,
 };
 
-/// Excess of a component that is the same in every stack, e⁻².
-pub(super) fn common(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
+/// Exponents of the spectrum that are searched. The upper end is that of the effect; at the lower
+/// one the law is white to within the scatter of a spectrum.
+const EXPONENTS: [f64; 2] = [0.05, 2.0];
+/// Exponent below which noise that the model has not yet is left to `row-temporal-noise`: over the
+/// two decades of a frame's frequencies its power changes by less than a factor of 2.5.
+const WHITE_BELOW: f64 = 0.2;
+
+/// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio to
+/// the variance of the mean of `across` pixels.
+pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
     pooled(e.design.conditions.iter().enumerate().filter_map(|(i, c)| {
         let k = e.gain(c).powi(2);
         let x = e.component(i, what, across)?;
@@ -20,100 +42,83 @@ pub(super) fn common(e: &Evidence<'_>, what: What, across: f64) -> Option<Estima
     }))
 }
 
-/// Standard deviation of rows that differ from frame to frame, in the model, e⁻.
+/// Standard deviation of the rows' temporal noise in the model, e⁻.
 pub(super) fn present_rows(e: &Evidence<'_>) -> f64 {
-    match current(e.camera, "row-temporal-noise") {
-        Some(Effect::RowTemporalNoise(x)) => f64::from(x.sigma_e),
-        _ => 0.0,
-    }
+    present(e.camera, "row-temporal-noise", "sigma_e").unwrap_or(0.0)
 }
 
-/// The same of columns.
+/// Standard deviation of the columns' temporal noise in the model, e⁻.
 pub(super) fn present_columns(e: &Evidence<'_>) -> f64 {
-    match current(e.camera, "column-temporal-noise") {
-        Some(Effect::ColumnTemporalNoise(x)) => f64::from(x.sigma_e),
-        _ => 0.0,
+    present(e.camera, "column-temporal-noise", "sigma_e").unwrap_or(0.0)
+}
+
+/// `row-temporal-noise`: variance of row means beyond that of white noise.
+pub fn row_temporal(e: &Evidence<'_>) -> Option<Proposal> {
+    let excess = common_excess(e, What::RowVariance, e.size().0)?;
+    of_excess("row-temporal-noise", "sigma_e", present_rows(e), excess, |sigma_e| {
+        RowTemporalNoise { sigma_e }.into()
+    })
+}
+
+/// `column-temporal-noise`: variance of column means beyond that of white noise.
+pub fn column_temporal(e: &Evidence<'_>) -> Option<Proposal> {
+    let excess = common_excess(e, What::ColumnVariance, e.size().1)?;
+    of_excess("column-temporal-noise", "sigma_e", present_columns(e), excess, |sigma_e| {
+        ColumnTemporalNoise { sigma_e }.into()
+    })
+}
+
+/// `row-correlated-noise`: standard deviation and exponent of the likeliest power law.
+pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
+    let excess = common_excess(e, What::RowVariance, e.size().0)?;
+    let present = present(e.camera, "row-correlated-noise", "sigma_e").unwrap_or(0.0);
+    let s = deviation(present, excess)?;
+    let spectra = spectra(e);
+    let around = s.value.ln();
+    let (ln_sigma, exponent) = lowest(
+        |ln_sigma, a| negative_log_likelihood(&spectra, (2.0 * ln_sigma).exp(), a),
+        [around - LN_SIGMA_REACH, around + LN_SIGMA_REACH],
+        EXPONENTS,
+    );
+    if present == 0.0 && exponent < WHITE_BELOW {
+        return None;
     }
-}
-
-/// Variance of row means beyond white noise / pixels.
-pub fn row_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let excess = common(e, What::RowVariance, e.size().0)?;
-        let s = deviation(present_rows(e), excess)?;
-        let effect = RowTemporalNoise { sigma_e: s.value as f32 };
-        Some(
-            Proposal::new("row-temporal-noise", effect.into(), excess.z().abs())
-                .with("sigma_e", s.value, s.se),
-        )
-    })())
-}
-
-/// The same over columns.
-pub fn column_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let excess = common(e, What::ColumnVariance, e.size().1)?;
-        let s = deviation(present_columns(e), excess)?;
-        let effect = ColumnTemporalNoise { sigma_e: s.value as f32 };
-        Some(
-            Proposal::new("column-temporal-noise", effect.into(), excess.z().abs())
-                .with("sigma_e", s.value, s.se),
-        )
-    })())
-}
-
-/// Row means whose power falls with frequency: likeliest variance and exponent.
-pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let excess = common(e, What::RowVariance, e.size().0)?;
-        let present = match current(e.camera, "row-correlated-noise") {
-            Some(Effect::RowCorrelatedNoise(x)) => f64::from(x.sigma_e),
-            _ => 0.0,
-        };
-        let s = deviation(present, excess)?;
-        let spectra = spectra(e);
-        let around = s.value.ln();
-        let (ln_sigma, exponent) = lowest(
-            |ln_sigma, a| unlikeliness(&spectra, (2.0 * ln_sigma).exp(), a),
-            [around - 1.5, around + 1.5],
-            [0.05, 2.0],
-        );
-        // Flatter than this it is white.
-        if present == 0.0 && exponent < 0.2 {
-            return None;
+    let sigma = ln_sigma.exp();
+    // Where the model has none, the likelihood ratio of the law says more than the variance, most
+    // of which is white.
+    let strength = match present {
+        0.0 => {
+            let gain = negative_log_likelihood(&spectra, 0.0, exponent)
+                - negative_log_likelihood(&spectra, sigma * sigma, exponent);
+            (2.0 * gain.max(0.0)).sqrt().max(excess.z().abs())
         }
-        let sigma = ln_sigma.exp();
-        // Where the model has none, what the law makes likelier shows more than the variance, most of which is white.
-        let strength = match present {
-            0.0 => {
-                let gain = unlikeliness(&spectra, 0.0, exponent)
-                    - unlikeliness(&spectra, sigma * sigma, exponent);
-                (2.0 * gain.max(0.0)).sqrt().max(excess.z().abs())
-            }
-            _ => excess.z().abs(),
-        };
-        let effect = RowCorrelatedNoise { sigma_e: sigma as f32, exponent: exponent as f32 };
-        Some(
-            Proposal::new("row-correlated-noise", effect.into(), strength)
-                .with("sigma_e", sigma, s.se)
-                .with("exponent", exponent, f64::NAN),
-        )
-    })())
+        _ => excess.z().abs(),
+    };
+    let effect = RowCorrelatedNoise { sigma_e: sigma as f32, exponent: exponent as f32 };
+    Some(
+        Proposal::new("row-correlated-noise", effect.into(), strength)
+            .with("sigma_e", sigma, s.se)
+            .with("exponent", exponent, f64::NAN),
+    )
 }
 
-/// Power of row means, e⁻²: degrees of freedom, the white part, and the bins.
+/// Power of the row means of a stack.
 struct RowSpectrum {
+    /// Periodograms of which `power` is the mean.
     dof: f64,
+    /// Power of a bin by white noise of pixels and rows, e⁻².
     white: f64,
+    /// Power of each bin from one cycle per frame to half a cycle per row, e⁻².
     power: Vec<f64>,
 }
 
-/// Row spectra of the stacks; where the model has flicker, of the dark ones.
+/// Row spectra of the stacks; where the model has flicker, whose bands are lines as well, of the dark
+/// ones alone.
 fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
     let flicker = current(e.camera, "flicker-banding").is_some();
     let stacks = e.design.conditions.iter().zip(e.stacks);
     stacks
-        .filter(|(c, _)| !flicker || c.role == Role::Dark)
+        .filter(|(c, _)| !flicker || c.stack.role == Role::Dark)
         .map(|(c, t)| {
             let k2 = e.gain(c).powi(2);
             RowSpectrum {
@@ -125,9 +130,10 @@ fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
         .collect()
 }
 
-/// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of variance σ² whose power falls as f^−a beside white
-/// noise (Whittle 1953; P_k is the mean of n periodograms).
-fn unlikeliness(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
+/// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of a variance (e⁻²) whose power falls
+/// as f^−a beside white noise (Whittle 1953; P_k is the mean of n periodograms, S_k what is expected
+/// of it).
+fn negative_log_likelihood(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
     let Some(first) = spectra.first() else { return f64::INFINITY };
     let bins = first.power.len();
     let law: Vec<f64> = (1..=bins).map(|k| (k as f64).powf(-exponent)).collect();
@@ -149,9 +155,10 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
 
-    /// 100 spectra of 128 bins of 4 periodograms: far above white noise every bin tells ln S to 1/√400, so ln σ² and the
-    /// exponent (whose regressor ln k has a standard deviation of 0.9) to 0.4 and 0.5 %; with white noise, which hides two
-    /// thirds of the bins, some 1 % and 1.5 %. Four of these are allowed.
+    /// 100 spectra of 128 bins of 4 periodograms: far above white noise every bin gives ln S to
+    /// 1/√400, so ln σ² and the exponent (whose regressor ln k has a standard deviation of 0.9) to
+    /// 0.4 and 0.5 %; with white noise, which hides two thirds of the bins, to some 1 % and 1.5 %.
+    /// Four of these are allowed.
     #[test]
     fn the_likeliest_law_is_the_one_that_was_put_in() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
@@ -168,9 +175,9 @@ mod tests {
             })
             .collect();
         let (ln_sigma, found) = lowest(
-            |ln_sigma, a| unlikeliness(&spectra, (2.0 * ln_sigma).exp(), a),
+            |ln_sigma, a| negative_log_likelihood(&spectra, (2.0 * ln_sigma).exp(), a),
             [-3.0, 0.0],
-            [0.05, 2.0],
+            EXPONENTS,
         );
         let ratio = (2.0 * ln_sigma).exp() / variance;
         assert!((ratio - 1.0).abs() < 0.04, "{ratio}");

@@ -1,62 +1,76 @@
-//! Smooth structure of the gain map.
+//! `prnu-low-frequency`: smooth structure of the gain map.
+//!
+//! The block means of the map (without unit) are developed in the products of cosines of i half
+//! waves across and j down of which the effect consists. If the amplitudes a_ij up to an order n are
+//! normal with the variance that σ gives them, s_ij, beside the variance n_ij of pixels, rows and
+//! columns, the likeliest σ (without unit) and order minimise
+//!
+//!   Σ_ij ln(n_ij + p_ij s_ij) + a_ij²/(n_ij + p_ij s_ij),
+//!
+//! p_ij being what the means over blocks leave of the power.
 
-use super::fixed::block_means;
+use super::blocks::{self, block_means};
 use super::flicker::sinc;
-use super::{Proposal, list, minimum};
+use super::proposal::Proposal;
 use crate::evidence::Evidence;
-use crate::maps::MapKind;
-use crate::model::current;
-use crate::statistics::{Place, What};
+use crate::model::effects::current;
+use crate::numerics::minimise::minimum;
+use crate::statistics::maps::MapKind;
+use crate::statistics::statistic::{Place, What};
 use camrig_sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
 use std::f64::consts::{PI, SQRT_2};
 
-/// Most half waves over the map that are looked for.
-const MOST: usize = 4;
+/// Largest order that is tried, half waves over the map: that of the effect.
+const MAX_ORDER: usize = 4;
+/// Range of σ that is searched, up to the largest that the effect allows.
+const SIGMAS: [f64; 2] = [1e-6, 0.14];
+/// Steps of the golden section over ln σ, each 0.62 of the range before: 4e-10 of it is left.
+const STEPS: usize = 50;
+/// Values further than this from the median of their block are held: defective pixels.
+const CLIP: f64 = 0.5;
 
 /// What a map shows of a product of two cosines.
 struct Wave {
     /// Half waves across and down.
     order: (usize, usize),
-    /// Its amplitude, root mean square.
+    /// Amplitude of the product scaled to a mean square of 1.
     amplitude: f64,
-    /// Variance that the model's patterns of pixels, rows and columns give it.
+    /// Variance of the amplitude by the model's patterns of pixels, rows and columns.
     noise: f64,
     /// What means over blocks leave of its square.
     passed: f64,
 }
 
-/// Root mean square and number of half waves with which the cosines of the map are most likely.
-pub fn low_frequency(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let waves = waves(e)?;
-        let (order, sigma, left) = likeliest(&waves)?;
-        let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
-        let effect = PrnuLowFrequency { sigma: sigma as f32, order: order as f32 };
-        // So many normal numbers tell their variance.
-        let count = ((order + 1).pow(2) - 1) as f64;
-        Some(
-            Proposal::new("prnu-low-frequency", effect.into(), strength)
-                .with("sigma", sigma, sigma / (2.0 * count).sqrt())
-                .with("order", order as f64, f64::NAN),
-        )
-    })())
+/// `prnu-low-frequency`: σ and order with which the cosines of the map are most likely.
+pub fn low_frequency(e: &Evidence<'_>) -> Option<Proposal> {
+    let waves = waves(e)?;
+    let (order, sigma, left) = likeliest(&waves)?;
+    let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
+    let effect = PrnuLowFrequency { sigma: sigma as f32, order: order as f32 };
+    // The scatter of a standard deviation from so many normal numbers.
+    let count = ((order + 1).pow(2) - 1) as f64;
+    Some(
+        Proposal::new("prnu-low-frequency", effect.into(), strength)
+            .with("sigma", sigma, sigma / (2.0 * count).sqrt())
+            .with("order", order as f64, f64::NAN),
+    )
 }
 
-/// Half waves and root mean square of the likeliest law, and its deviance.
+/// Order and σ of the likeliest law, and its deviance.
 fn likeliest(waves: &[Wave]) -> Option<(usize, f64, f64)> {
-    (1..=MOST)
+    (1..=MAX_ORDER)
         .map(|order| {
-            let unlikely = |x: f64| deviance(waves, order, x.exp());
-            let ln = minimum(1e-6f64.ln(), 0.14f64.ln(), 50, unlikely);
-            (order, ln.exp(), unlikely(ln))
+            let deviance = |ln_sigma: f64| deviance(waves, order, ln_sigma.exp());
+            let ln_sigma = minimum(SIGMAS[0].ln(), SIGMAS[1].ln(), STEPS, deviance);
+            (order, ln_sigma.exp(), deviance(ln_sigma))
         })
         .min_by(|a, b| a.2.total_cmp(&b.2))
 }
 
-/// Twice the negative logarithm of the likelihood of all cosines if those up to `order` share the variance σ².
+/// −2 ln of the likelihood of all cosines if those up to `order` share the variance σ².
 fn deviance(waves: &[Wave], order: usize, sigma: f64) -> f64 {
     let within = |w: &Wave| w.order.0.max(w.order.1) <= order;
-    // A cosine's mean square is a half: the scale of the stage.
+    // The mean square of a cosine is a half: the effect's scale.
     let share = |w: &Wave| if w.order.0 == 0 || w.order.1 == 0 { 0.5 } else { 0.25 };
     let power: f64 = waves.iter().filter(|w| within(w)).map(share).sum();
     waves
@@ -69,12 +83,12 @@ fn deviance(waves: &[Wave], order: usize, sigma: f64) -> f64 {
         .sum()
 }
 
-/// The cosines of the gain map's block means.
+/// The cosines in the block means of the gain map. `None` under light that may be uneven.
 fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
     let map = e.map(MapKind::Gain).filter(|m| m.even)?;
     let (w, h) = (map.plane.width, map.plane.height);
-    let (across, down) = (w / 16, h / 16);
-    let blocks = block_means(&map.plane, 0.5);
+    let (across, down) = (w / blocks::SIDE, h / blocks::SIDE);
+    let blocks = block_means(&map.plane, CLIP);
     let predicted = |what| e.predicted(Place::Map(MapKind::Gain), what);
     let pixels = predicted(What::PixelPattern)? / (w * h) as f64;
     // A model with smooth structure has it in its rows and columns too.
@@ -85,8 +99,8 @@ fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
         }
     };
     let mut out = Vec::new();
-    for j in 0..=MOST.min(down.saturating_sub(1)) {
-        for i in 0..=MOST.min(across.saturating_sub(1)) {
+    for j in 0..=MAX_ORDER.min(down.saturating_sub(1)) {
+        for i in 0..=MAX_ORDER.min(across.saturating_sub(1)) {
             if i + j == 0 {
                 continue;
             }
@@ -95,7 +109,7 @@ fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
                 k => SQRT_2 * (0.5 * PI * k as f64 * (at + 1.0)).cos(),
             };
             // Cosines at the centres of a grid are orthogonal, of mean square 1.
-            let sum: f64 = blocks.iter().map(|&(u, v, b)| b * wave(i, u) * wave(j, v)).sum();
+            let sum: f64 = blocks.iter().map(|b| b.mean * wave(i, b.u) * wave(j, b.v)).sum();
             let noise = match (i, j) {
                 (0, _) => lines[0],
                 (_, 0) => lines[1],
@@ -117,13 +131,13 @@ fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
 mod tests {
     use super::*;
 
-    /// Amplitudes at their standard deviations exactly: the likeliest law is the one they follow.
+    /// Amplitudes at exactly their standard deviations: the likeliest law is the one they follow.
     #[test]
     fn the_number_of_half_waves_and_the_size_are_those_put_in() {
         let (sigma, noise) = (0.003, 1e-8);
         for order in 1..=3 {
-            let mut waves: Vec<Wave> = (0..=MOST)
-                .flat_map(|j| (0..=MOST).map(move |i| (i, j)))
+            let mut waves: Vec<Wave> = (0..=MAX_ORDER)
+                .flat_map(|j| (0..=MAX_ORDER).map(move |i| (i, j)))
                 .filter(|o| o.0 + o.1 > 0)
                 .map(|order| Wave { order, amplitude: 0.0, noise, passed: 0.9 })
                 .collect();

@@ -1,41 +1,73 @@
-//! Full well: the brightest flats fall short of the line, and of its noise.
+//! `full-well`: charge and temporal noise that the brightest flats lack.
+//!
+//! A channel of a flat with µ electrons per pixel loses, in a well of capacity Q (e⁻) and knee κ,
+//!
+//!   L = µ − ⟨kept(q)⟩ and C = µ − Var kept(q),  kept(q) = q − κQ ln(1 + exp((q − Q)/κQ)),
+//!
+//! of its mean (e⁻) and variance (e⁻²), with q Poisson (here normal) and pixels that differ by PRNU.
+//! Q and κ minimise the χ² of both against measured less predicted mean and variance.
 
-use super::{Proposal, minimum};
+use super::common::channel_count;
+use super::proposal::Proposal;
 use crate::evidence::{Estimated, Evidence};
-use crate::maps::saturated;
-use crate::model::current;
-use crate::statistics::{Place, What};
+use crate::model::effects::current;
+use crate::numerics::minimise::minimum;
+use crate::statistics::maps::{SATURATED_FLAT, saturated};
+use crate::statistics::statistic::{Place, What};
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{Effect, full_well::FullWell};
 
-/// Knees that are tried, as fractions of full well.
+/// Knees that are tried, as fractions of full well: a sharp one, and soft ones in steps of a factor
+/// of some two. Chosen; the effect allows up to 0.5.
 const KNEES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
-/// Flats below this share of the brightest say nothing.
+/// Flats below this share of the brightest one are left out: a well that reached them would have
+/// taken half of the brightest.
 const BRIGHT: f64 = 0.5;
+/// Largest share of saturated samples of a flat that is used: above it the median itself is.
+const MOST_SATURATED: f64 = 0.5;
+/// Step of the search for the capacity, in its logarithm: about a standard deviation of the shot
+/// noise of 5000 e⁻.
+const CAPACITY_STEP: f64 = 0.014;
+/// Steps to either side of the charge of the brightest flat: half to twice of it.
+const CAPACITY_STEPS: i32 = 50;
+/// Steps of the golden section between two of these.
+const GOLDEN_STEPS: usize = 40;
+/// Change of the capacity, relative, from which the curvature of χ² is taken.
+const CURVATURE_STEP: f64 = 1e-3;
+/// Knees above the capacity beyond which the exponential is lost in the rounding of the sum.
+const FAR_ABOVE: f64 = 30.0;
+/// Points to either side of the mean over which normal laws are summed, up to 4 standard deviations:
+/// of PRNU, a smooth correction, and of shot noise, whose kink wants a finer step.
+const PRNU_POINTS: i32 = 4;
+const SHOT_POINTS: i32 = 16;
 
-/// A bright flat: electrons collected, and what the well took of their mean and of their variance over time.
+/// A channel of a bright flat.
 struct Bright {
+    /// Mean charge that the light makes, e⁻.
     electrons: f64,
+    /// Relative standard deviation of the pixels.
     prnu: f64,
+    /// What the well took of the mean, e⁻.
     loss: Estimated,
+    /// What the well took of the variance over frames, e⁻²; none where the converter saturates.
     calm: Option<Estimated>,
 }
 
 impl Bright {
-    /// Loss of mean and of temporal variance in a well with a knee, for normal shot noise of pixels that differ by PRNU.
+    /// L and C, e⁻ and e⁻², in a well (e⁻) with a knee.
     fn losses(&self, well: f64, knee: f64) -> (f64, f64) {
         let width = knee * well;
         let kept = |q: f64| match (q - well) / width {
-            // A sharp well, and far above a soft one.
-            t if width == 0.0 || t > 30.0 => q.min(well),
+            // A sharp well, or far above a soft one.
+            t if width == 0.0 || t > FAR_ABOVE => q.min(well),
             t => q - width * t.exp().ln_1p(),
         };
         let (mut loss, mut calm, mut pixels) = (0.0, 0.0, 0.0);
-        for (z, weight) in normal_grid(4) {
+        for (z, weight) in normal_grid(PRNU_POINTS) {
             let mean = self.electrons * (1.0 + self.prnu * z);
             let sd = mean.max(0.0).sqrt();
             let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            for (z, weight) in normal_grid(16) {
+            for (z, weight) in normal_grid(SHOT_POINTS) {
                 let q = kept(mean + sd * z) - mean;
                 n += weight;
                 sum += weight * q;
@@ -58,52 +90,61 @@ fn normal_grid(n: i32) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
-/// Full well and knee from mean and variance of the bright flats.
+/// `full-well`: for every knee the capacity; where the model has an effect of its own, for its knee
+/// alone.
 pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
+    // The base model has a well too, of the camera's full well: that is no effect of its own.
     let own = e.camera.effects.iter().any(|x| matches!(x, Effect::FullWell(_)));
     let held = match current(e.camera, "full-well") {
         Some(Effect::FullWell(x)) if own => Some((f64::from(x.full_well_e), f64::from(x.knee))),
         _ => None,
     };
-    let bright = bright(e, held);
-    let Some(most) = bright.iter().map(|b| b.electrons).reduce(f64::max) else { return Vec::new() };
-    let misfit = |well: f64, knee: f64| -> f64 {
-        let of = |b: &Bright| {
-            let (loss, calm) = b.losses(well, knee);
-            let z = |found: &Estimated, expected: f64| (found.value - expected) / found.se;
-            z(&b.loss, loss).powi(2) + b.calm.map_or(0.0, |c| z(&c, calm).powi(2))
-        };
-        bright.iter().map(of).sum()
-    };
-    let nothing = misfit(f64::MAX.sqrt(), 0.0);
+    let flats = bright_flats(e, held);
+    let Some(most) = flats.iter().map(|b| b.electrons).reduce(f64::max) else { return Vec::new() };
     let knees: &[f64] = held.as_ref().map_or(&KNEES, |h| std::slice::from_ref(&h.1));
-    let solve = |&knee: &f64| {
-        // Near the charge in steps of some standard deviation of it, then between two of them.
-        let at = |i: i32| most * (f64::from(i) * 0.014).exp();
-        let best = (-50..=50)
-            .map(|i| (i, misfit(at(i), knee)))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map_or(0, |b| b.0);
-        let well = minimum(at(best - 1), at(best + 1), 40, |w| misfit(w, knee));
-        let step = 1e-3 * well;
-        let left = misfit(well, knee);
-        // χ² rises by 1 at one standard error.
-        let bend = (misfit(well + step, knee) + misfit(well - step, knee) - 2.0 * left) / 2.0;
-        let se = step / bend.max(1e-12).sqrt();
-        let effect = FullWell { full_well_e: well as f32, knee: knee as f32 };
-        Proposal::new("full-well", effect.into(), (nothing - left).max(0.0).sqrt())
-            .with("full_well_e", well, se)
-            .with("knee", knee, f64::NAN)
-    };
-    knees.iter().map(solve).collect()
+    knees.iter().map(|&knee| with_knee(&flats, most, knee)).collect()
 }
 
-/// The flats that a well may reach, channel by channel, with what they lack beyond the well `held` that the model has.
-fn bright(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
+/// The likeliest capacity for a knee; `most` is the charge of the brightest flat, e⁻.
+fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Proposal {
+    let misfit = |well: f64| chi_squared(flats, well, knee);
+    // Near the charge of the brightest flat step by step, then between two of the steps.
+    let at = |i: i32| most * (f64::from(i) * CAPACITY_STEP).exp();
+    let best = (-CAPACITY_STEPS..=CAPACITY_STEPS)
+        .map(|i| (i, misfit(at(i))))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(0, |b| b.0);
+    let well = minimum(at(best - 1), at(best + 1), GOLDEN_STEPS, misfit);
+    let step = CURVATURE_STEP * well;
+    let left = misfit(well);
+    // χ² rises by 1 at one standard error.
+    let bend = (misfit(well + step) + misfit(well - step) - 2.0 * left) / 2.0;
+    let se = step / bend.max(1e-12).sqrt();
+    let without = chi_squared(flats, f64::MAX.sqrt(), 0.0);
+    let effect = FullWell { full_well_e: well as f32, knee: knee as f32 };
+    Proposal::new("full-well", effect.into(), (without - left).max(0.0).sqrt())
+        .with("full_well_e", well, se)
+        .with("knee", knee, f64::NAN)
+}
+
+/// χ² of what the flats lack against what a well (e⁻) with a knee takes.
+fn chi_squared(flats: &[Bright], well: f64, knee: f64) -> f64 {
+    let of = |b: &Bright| {
+        let (loss, calm) = b.losses(well, knee);
+        let z = |found: &Estimated, expected: f64| (found.value - expected) / found.se;
+        z(&b.loss, loss).powi(2) + b.calm.map_or(0.0, |c| z(&c, calm).powi(2))
+    };
+    flats.iter().map(of).sum()
+}
+
+/// The flats that a well may reach, channel by channel, with what they lack in all: beyond what the
+/// model predicts, and by the well `held` (capacity in e⁻, knee) that it has.
+fn bright_flats(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
     let mut out = Vec::new();
-    for (i, c) in e.of_role(Role::Flat).filter(|(i, _)| saturated(&e.stacks[*i]) < 0.5) {
+    let usable = |i: usize| saturated(&e.stacks[i]) < MOST_SATURATED;
+    for (i, c) in e.of_role(Role::Flat).filter(|(i, _)| usable(*i)) {
         let (k, place) = (e.gain(c), Place::Stack(i));
-        for class in 0..e.camera.sensor.channel_names.len() as u8 {
+        for class in 0..channel_count(e) {
             let Some(short) = e.difference(place, What::Mean(class)) else { continue };
             let less = |x: Estimated, k: f64| Estimated { value: -x.value / k, se: x.se / k };
             let noise = e.difference(place, What::Variance(class));
@@ -111,8 +152,10 @@ fn bright(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
                 electrons: c.photo_e[usize::from(class).min(c.photo_e.len() - 1)],
                 prnu: e.camera.sensor.noise.prnu,
                 loss: less(short, k),
-                // The converter's end stills the noise too.
-                calm: noise.filter(|_| saturated(&e.stacks[i]) < 1e-5).map(|x| less(x, k * k)),
+                // The end of the converter's scale takes noise as well.
+                calm: noise
+                    .filter(|_| saturated(&e.stacks[i]) < SATURATED_FLAT)
+                    .map(|x| less(x, k * k)),
             };
             if let Some((well, knee)) = held {
                 let (loss, calm) = flat.losses(well, knee);
@@ -135,7 +178,8 @@ mod tests {
     fn a_sharp_well_takes_what_the_closed_forms_say() {
         let nothing = Estimated { value: 0.0, se: 1.0 };
         let flat = Bright { electrons: 4000.0, prnu: 0.0, loss: nothing, calm: None };
-        // At the mean, half of a normal law is cut: E[max(x, 0)] = s φ(0), Var[min(x, 0)] = s² (1/2 − 1/2π).
+        // At the mean, half of a normal law is cut: E[max(x, 0)] = s φ(0), and
+        // Var[min(x, 0)] = s² (1/2 − 1/2π).
         let (loss, calm) = flat.losses(4000.0, 0.0);
         let pi = std::f64::consts::PI;
         // The error of the trapezoid rule at the kink, h²/12 of it with h = 1/4.

@@ -1,0 +1,234 @@
+//! Dark signal: `hot-pixels`, `dark-current`, `dark-current-temperature`, `dark-current-gradient`.
+//!
+//! The map of dark current (e⁻/s) is the difference of the longest dark stack and the reference over
+//! that of their exposures; stacks have the mean dark signal of each channel (DN). With T the
+//! temperature, T_ref and T_d those of the model's law 2^((T − T_ref)/T_d), primes what the model
+//! predicts and ⟨ ⟩ inverse-variance means:
+//!
+//!   mean:     µ = µ₀ + ⟨(m − m')/(K t g)⟩, t the exposure beyond the reference's, g the growth;
+//!   spread:   σ² = σ₀² + (V − V')/g², V the variance of the map's pixels;
+//!   doubling: 1/T_d = 1/T_d0 + ⟨log₂(1 + (m − m')/(K t µ g))/(T − T_ref)⟩;
+//!   gradient: rate = 2√3 |a|/g, a the amplitudes of √3 u and √3 v in the map;
+//!   hot:      the number of outliers above the rest and their mean excess over the outlier limit,
+//!             which for an exponential law is the law's own mean.
+
+use super::common::{Count, SAME_TEMPERATURE_K, channel_count, dark_growth, present};
+use super::proposal::{Proposal, deviation};
+use crate::data::design::Condition;
+use crate::evidence::{Estimated, Evidence, pooled};
+use crate::model::effects::current;
+use crate::statistics::maps::{MapKind, long_dark, reference_dark};
+use crate::statistics::statistic::{Place, What};
+use camrig_camera::Noise;
+use camrig_captures::Role;
+use camrig_sensor_core::effects::{
+    dark_current::DarkCurrent, dark_current_gradient::DarkCurrentGradient, hot_pixels::HotPixels,
+};
+
+/// From this many standard deviations of a map's pixels on one is an outlier: the limit by which
+/// the map's description counts them.
+const OUTLIER_SD: f64 = 5.5;
+/// Smallest mean of hot pixels, in outlier limits. Of pixels that all lie at the limit the mean
+/// excess would be none, and the number of those below the limit without bound.
+const LEAST_HOT: f64 = 0.05;
+/// Largest share of hot pixels. More of them are no outliers but the law of dark current.
+const MOST_HOT: f64 = 0.1;
+/// Standard error of the share of hot pixels in Poisson errors of their count: the share below the
+/// limit follows from the mean excess, which is uncertain by as much. Chosen, not measured.
+const HOT_SHARE_ERROR: f64 = 1.5;
+/// Least difference of temperature, K, from the reference stack and from T_ref from which a stack
+/// says something of the doubling: below it the error of the temperature itself counts most.
+const TEMPERATURE_STEP_K: f64 = 2.0;
+/// Least 1/T_d, 1/K: the effect's longest doubling is 100 K.
+const LEAST_INVERSE_DOUBLING: f64 = 0.01;
+
+/// The dark current of a model with other figures.
+fn with_dark_current(noise: &Noise, mean: f64, dsnu: f64, doubling_c: f64) -> DarkCurrent {
+    DarkCurrent {
+        mean_e_per_s: mean as f32,
+        dsnu_e_per_s: dsnu as f32,
+        doubling_c: doubling_c as f32,
+        reference_c: noise.temperature_ref_c as f32,
+    }
+}
+
+/// `hot-pixels`: outliers of the dark-current map; without one, of the offset map.
+pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
+    let (kind, per_unit) = match long_dark(e.design) {
+        Some(_) => (MapKind::DarkCurrent, 1.0),
+        None => {
+            let c = &e.design.conditions[reference_dark(e.design)?];
+            (MapKind::Offset, 1.0 / (e.gain(c) * c.stack.exposure_s))
+        }
+    };
+    let s = &e.map(kind)?.spatial;
+    let n = (s.rows.len() * s.columns.len()) as f64;
+    let limit = OUTLIER_SD * s.pixel_variance.sqrt();
+    let high = Count::new(s.high, e.predicted(Place::Map(kind), What::High)?);
+    let noise = &e.camera.sensor.noise;
+    let present = present(e.camera, "hot-pixels", "fraction").unwrap_or(0.0);
+    if high.seen < 1.0 {
+        return None;
+    }
+    // Beyond a limit an exponential law has its mean above it.
+    let mean = ((s.high_sum / high.seen - limit) * per_unit).max(LEAST_HOT * limit * per_unit);
+    let more = (high.seen - high.expected).max(0.0);
+    let fraction = if present > 0.0 {
+        present * (high.seen / high.expected.max(1.0))
+    } else {
+        more / n * (limit * per_unit / mean).exp()
+    };
+    // The map was taken at the long stack's temperature. How hot pixels grow with it was not looked
+    // at: the dark current's law serves.
+    let growth = long_dark(e.design)
+        .map_or(1.0, |i| dark_growth(noise, e.design.conditions[i].stack.temperature_c));
+    let mean = mean / growth;
+    let effect = HotPixels {
+        fraction: fraction.min(MOST_HOT) as f32,
+        mean_e_per_s: mean as f32,
+        doubling_c: noise.dark_doubling_c as f32,
+        reference_c: noise.temperature_ref_c as f32,
+    };
+    Some(
+        Proposal::new("hot-pixels", effect.into(), high.z)
+            .with("fraction", fraction, fraction / more.max(1.0).sqrt() * HOT_SHARE_ERROR)
+            .with("mean_e_per_s", mean, mean / high.seen.sqrt()),
+    )
+}
+
+/// `dark-current`: its mean, its spread over pixels, and both.
+pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
+    let noise = &e.camera.sensor.noise;
+    let Some(reference) = reference_dark(e.design).map(|i| &e.design.conditions[i]) else {
+        return Vec::new();
+    };
+    let (mean, dsnu) = (noise.dark_current_e_per_s, noise.dsnu_e_per_s);
+    let propose = |mean: f64, dsnu: f64, strength: f64| {
+        let effect = with_dark_current(noise, mean, dsnu, noise.dark_doubling_c);
+        Proposal::new("dark-current", effect.into(), strength)
+    };
+    // Each as its excess, and the new value.
+    let new_mean = mean_excess(e, reference).map(|x| {
+        let value = (mean + x.value).max(0.0);
+        (x, Estimated { value, se: x.se })
+    });
+    let new_dsnu = variance_excess(e, reference).and_then(|x| Some((x, deviation(dsnu, x)?)));
+    let mut out = Vec::new();
+    if let Some((x, m)) = new_mean {
+        out.push(propose(m.value, dsnu, x.z().abs()).with("mean_e_per_s", m.value, m.se));
+    }
+    if let Some((x, s)) = new_dsnu {
+        out.push(propose(mean, s.value, x.z().abs()).with("dsnu_e_per_s", s.value, s.se));
+    }
+    if let (Some((of_mean, m)), Some((of_spread, s))) = (new_mean, new_dsnu) {
+        let strength = of_mean.z().abs().min(of_spread.z().abs());
+        out.push(propose(m.value, s.value, strength).with("mean_e_per_s", m.value, m.se).with(
+            "dsnu_e_per_s",
+            s.value,
+            s.se,
+        ));
+    }
+    out
+}
+
+/// Excess of the mean dark current at T_ref, e⁻/s: the rise of the mean with exposure, at the
+/// temperature of the reference stack.
+fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+    let noise = &e.camera.sensor.noise;
+    pooled(e.of_role(Role::Dark).flat_map(|(i, c)| {
+        let time = c.stack.exposure_s - reference.stack.exposure_s;
+        let usable = time > 0.0
+            && (c.stack.temperature_c - reference.stack.temperature_c).abs() < SAME_TEMPERATURE_K
+            && c.before_e.iter().all(|&b| b == 0.0);
+        let scale = e.gain(c) * time * dark_growth(noise, c.stack.temperature_c);
+        (0..channel_count(e)).filter(move |_| usable).filter_map(move |k| {
+            let d = e.difference(Place::Stack(i), What::Mean(k))?;
+            Some(Estimated { value: d.value / scale, se: d.se / scale })
+        })
+    }))
+}
+
+/// Excess of the variance of dark current over pixels at T_ref, (e⁻/s)².
+fn variance_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::PixelPattern)?;
+    let g = dark_growth(&e.camera.sensor.noise, reference.stack.temperature_c).powi(2);
+    Some(Estimated { value: x.value / g, se: x.se / g })
+}
+
+/// `dark-current-temperature`: the doubling, from dark stacks at other temperatures than the
+/// reference.
+pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
+    let noise = &e.camera.sensor.noise;
+    let reference = &e.design.conditions[reference_dark(e.design)?];
+    let all = e.of_role(Role::Dark).flat_map(|(i, _)| (0..channel_count(e)).map(move |k| (i, k)));
+    let shift = pooled(all.filter_map(|(i, channel)| doubling_shift(e, reference, i, channel)))?;
+    let inverse = 1.0 / noise.dark_doubling_c + shift.value;
+    if inverse <= LEAST_INVERSE_DOUBLING {
+        return None;
+    }
+    let value = 1.0 / inverse;
+    let effect = with_dark_current(noise, noise.dark_current_e_per_s, noise.dsnu_e_per_s, value);
+    let se = shift.se * value * value;
+    Some(Proposal::new("dark-current-temperature", effect.into(), shift.z().abs()).with(
+        "doubling_c",
+        value,
+        se,
+    ))
+}
+
+/// What one channel of a dark stack says of 1/T_d less that of the model, 1/K:
+/// ln 2 (T − T_ref)/T_d = ln 2 (T − T_ref)/T_d0 + ln ratio.
+fn doubling_shift(
+    e: &Evidence<'_>,
+    reference: &Condition,
+    stack: usize,
+    channel: u8,
+) -> Option<Estimated> {
+    let (noise, c) = (&e.camera.sensor.noise, &e.design.conditions[stack]);
+    let dt = c.stack.temperature_c - reference.stack.temperature_c;
+    let from_ref = c.stack.temperature_c - noise.temperature_ref_c;
+    let near = dt.abs() < TEMPERATURE_STEP_K || from_ref.abs() < TEMPERATURE_STEP_K;
+    if near || c.before_e.iter().any(|&b| b > 0.0) {
+        return None;
+    }
+    let d = e.difference(Place::Stack(stack), What::Mean(channel))?;
+    let scale = e.gain(c) * c.stack.exposure_s;
+    let model = noise.dark_current_e_per_s * dark_growth(noise, c.stack.temperature_c);
+    let ratio = 1.0 + d.value / scale / model;
+    if ratio <= 0.0 {
+        return None;
+    }
+    let value = ratio.ln() / (std::f64::consts::LN_2 * from_ref);
+    let se = d.se / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
+    Some(Estimated { value, se })
+}
+
+/// `dark-current-gradient`: the slope of the dark-current map.
+pub fn gradient(e: &Evidence<'_>) -> Option<Proposal> {
+    if current(e.camera, "dark-current-gradient").is_some() {
+        return None;
+    }
+    let of = |i| e.difference(Place::Map(MapKind::DarkCurrent), What::Slope(i));
+    let (x, y) = (of(0)?, of(1)?);
+    let noise = &e.camera.sensor.noise;
+    let long = &e.design.conditions[long_dark(e.design)?];
+    let growth = dark_growth(noise, long.stack.temperature_c);
+    // rate (1 + u cos θ)/2 has an amplitude of rate/(2√3) of √3 u.
+    let rate = 2.0 * 3f64.sqrt() * x.value.hypot(y.value) / growth;
+    let direction = y.value.atan2(x.value).to_degrees();
+    let effect = DarkCurrentGradient {
+        rate_e_per_s: rate as f32,
+        direction_deg: direction as f32,
+        doubling_c: noise.dark_doubling_c as f32,
+        reference_c: noise.temperature_ref_c as f32,
+    };
+    // The gradient has a mean of rate/2, which the dark current had before.
+    let mean = (noise.dark_current_e_per_s - rate / 2.0).max(0.0);
+    let rest = with_dark_current(noise, mean, noise.dsnu_e_per_s, noise.dark_doubling_c);
+    Some(
+        Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
+            .and(rest.into())
+            .with("rate_e_per_s", rate, x.se * 2.0 * 3f64.sqrt() / growth)
+            .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()),
+    )
+}

@@ -1,0 +1,119 @@
+//! Patterns of the gain: `prnu`, `prnu-correlated`, `column-gain-fpn`, `green-imbalance`,
+//! `defective-pixels`.
+//!
+//! The gain map is the response of each pixel over the mean of its channel, without unit; standard
+//! deviations come from the variance V of its pixels or column means beside what the model predicts,
+//! V', as σ² = σ₀² + V − V' with σ₀ what the model has. Correlated response is a pixel's share of its
+//! neighbours: their covariance is a half (beside, below) and a quarter (diagonally) of σ². Greens
+//! differ by the contrast of every other row and column; defects are the low outliers of the map.
+
+use super::common::{Count, of_excess, present};
+use super::proposal::{Proposal, deviation};
+use crate::evidence::{Estimated, Evidence, pooled};
+use crate::statistics::maps::MapKind;
+use crate::statistics::statistic::{Place, What};
+use camrig_sensor_core::effects::{
+    column_gain_fpn::ColumnGainFpn, defective_pixels::DefectivePixels,
+    green_imbalance::GreenImbalance, prnu::Prnu, prnu_correlated::PrnuCorrelated,
+};
+
+/// Where the statistics of this file are taken.
+const GAIN: Place = Place::Map(MapKind::Gain);
+/// Share of the variance of correlated response that neighbours beside, below and diagonally below
+/// have in common: the weights of [`PrnuCorrelated`].
+const SHARED: [f64; 3] = [0.5, 0.5, 0.25];
+/// Deviation, in standard errors, from which the pixels' own spread is changed along with their
+/// correlation. Below it both figures are taken to have one cause, and are pooled.
+const OWN_SPREAD_CHANGES: f64 = 2.0;
+
+/// `prnu`: variance of the pixels.
+pub fn prnu(e: &Evidence<'_>) -> Option<Proposal> {
+    let x = e.difference(GAIN, What::PixelPattern)?;
+    of_excess("prnu", "sigma", e.camera.sensor.noise.prnu, x, |sigma| Prnu { sigma }.into())
+}
+
+/// `prnu-correlated`: covariance of neighbours, and what the variance of the pixels has more. Where
+/// it has not as much more, the pixels' own spread is as much less.
+pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
+    let variance = e.map(MapKind::Gain)?.spatial.pixel_variance;
+    // Least squares over the three neighbours.
+    let squares: f64 = SHARED.iter().map(|s| s * s).sum();
+    let (mut value, mut error) = (0.0, 0.0);
+    for (i, share) in SHARED.into_iter().enumerate() {
+        let d = e.difference(GAIN, What::MapCovariance(i as u8))?;
+        value += variance * share * d.value / squares;
+        error += (variance * share * d.se / squares).powi(2);
+    }
+    let shared = Estimated { value, se: error.sqrt() };
+    let more = e.difference(GAIN, What::PixelPattern)?;
+    let own = Estimated { value: more.value - shared.value, se: more.se.hypot(shared.se) };
+    let own_changes = own.z().abs() > OWN_SPREAD_CHANGES;
+    let added = if own_changes { shared } else { pooled([shared, more])? };
+    let present = present(e.camera, "prnu-correlated", "sigma").unwrap_or(0.0);
+    let s = deviation(present, added)?;
+    let effect = PrnuCorrelated { sigma: s.value as f32 };
+    let p = Proposal::new("prnu-correlated", effect.into(), added.z().abs());
+    let p = p.with("sigma", s.value, s.se);
+    let prnu = e.camera.sensor.noise.prnu;
+    Some(match own_changes {
+        true => p.and(Prnu { sigma: (prnu * prnu + own.value).max(0.0).sqrt() as f32 }.into()),
+        false => p,
+    })
+}
+
+/// `column-gain-fpn`: variance of the column means.
+pub fn column_gain(e: &Evidence<'_>) -> Option<Proposal> {
+    let x = e.difference(GAIN, What::ColumnPattern)?;
+    let present = present(e.camera, "column-gain-fpn", "sigma").unwrap_or(0.0);
+    of_excess("column-gain-fpn", "sigma", present, x, |sigma| ColumnGainFpn { sigma }.into())
+}
+
+/// `green-imbalance`: contrast of the two greens of a 2 x 2 colour filter pattern.
+pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
+    let cfa = &e.camera.sensor.cfa;
+    if (cfa.width, cfa.height) != (2, 2) {
+        return None;
+    }
+    // Greens lie on one of the two diagonals. The map has the contrasts of even rows and columns to
+    // odd ones: the green of the even row is in the even column on one diagonal, in the odd column
+    // on the other.
+    let green = |x, y| cfa.letter(x, y) == 'G';
+    let first_in_even_column = if green(0, 0) && green(1, 1) {
+        true
+    } else if green(1, 0) && green(0, 1) {
+        false
+    } else {
+        return None;
+    };
+    let columns = e.difference(GAIN, What::EveryOtherColumn)?;
+    let rows = e.difference(GAIN, What::EveryOtherRow)?;
+    let contrast = rows.value + if first_in_even_column { columns.value } else { -columns.value };
+    let d = Estimated { value: contrast, se: rows.se.hypot(columns.se) };
+    // The effect's figure is green beside red less green beside blue.
+    let red_in_even_row = (0..2).any(|x| cfa.letter(x, 0) == 'R');
+    let sign = if red_in_even_row { 1.0 } else { -1.0 };
+    let value = present(e.camera, "green-imbalance", "centre").unwrap_or(0.0) + sign * d.value;
+    let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
+    Some(Proposal::new("green-imbalance", effect.into(), d.z().abs()).with("centre", value, d.se))
+}
+
+/// `defective-pixels`: number and mean response of the low outliers.
+pub fn defects(e: &Evidence<'_>) -> Option<Proposal> {
+    let s = &e.map(MapKind::Gain)?.spatial;
+    let n = (s.rows.len() * s.columns.len()) as f64;
+    let low = Count::new(s.low, e.predicted(GAIN, What::Low)?);
+    if low.seen < 1.0 {
+        return None;
+    }
+    let gain = (1.0 + s.low_sum / low.seen).clamp(0.0, 1.0);
+    let fraction = match present(e.camera, "defective-pixels", "fraction") {
+        Some(f) => f * low.seen / low.expected.max(1.0),
+        None => (low.seen - low.expected).max(0.0) / n,
+    };
+    let effect = DefectivePixels { fraction: fraction as f32, gain: gain as f32 };
+    Some(
+        Proposal::new("defective-pixels", effect.into(), low.z)
+            .with("fraction", fraction, fraction / low.seen.sqrt())
+            .with("gain", gain, s.pixel_variance.sqrt() / low.seen.sqrt()),
+    )
+}

@@ -1,0 +1,184 @@
+//! A proposal: one kind of effect with the parameters that an estimator gave it, and how it is put
+//! into a camera.
+
+use crate::evidence::Estimated;
+use crate::model::effects;
+use camrig_camera::Camera;
+use camrig_optics::OpticalEffect;
+use camrig_sensor_core::effects::{Effect, Parameter};
+
+/// Significance, standard errors, from which a candidate is simulated, and that a named effect must
+/// keep against replicates without it. With some 45 estimators a normal deviate of 4 occurs by
+/// chance in one set of 350; what it lets through is judged by simulation.
+pub const LEAST_STRENGTH: f64 = 4.0;
+
+/// A change of the model that would explain deviations.
+#[derive(Clone, Debug)]
+pub struct Proposal {
+    /// Name of the effect in the catalogue.
+    pub kind: &'static str,
+    /// Effects of the sensor that are put into the model.
+    pub effects: Vec<Effect>,
+    /// Effects of the optics that are put into the model.
+    pub optical: Vec<OpticalEffect>,
+    /// New values of effects named earlier, whose parameters had absorbed part of this one: of the
+    /// sensor and of the optics.
+    pub revised: (Vec<Effect>, Vec<OpticalEffect>),
+    /// Whether the estimate comes from captures of targets (edges, dots, charts) rather than from
+    /// dark and flat stacks.
+    pub of_targets: bool,
+    /// Whether the effects are added to others of their kind instead of replacing them.
+    pub beside: bool,
+    /// Parameters by key, in the units of the catalogue, with standard errors; the standard error
+    /// of a value that was chosen rather than fitted is NaN.
+    pub parameters: Vec<(&'static str, Estimated)>,
+    /// Distance of the amplitude from what the model has, standard errors.
+    pub strength: f64,
+}
+
+impl Proposal {
+    /// One effect of the sensor, estimated from dark and flat stacks.
+    pub(crate) fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
+        Self { effects: vec![effect], of_targets: false, ..Self::from_targets(kind, strength) }
+    }
+
+    /// A kind estimated from captures of targets, without its effects yet.
+    pub(super) fn from_targets(kind: &'static str, strength: f64) -> Self {
+        Self {
+            kind,
+            effects: Vec::new(),
+            optical: Vec::new(),
+            revised: (Vec::new(), Vec::new()),
+            of_targets: true,
+            beside: false,
+            parameters: Vec::new(),
+            strength,
+        }
+    }
+
+    /// The same with a parameter, in the catalogue's unit, and its standard error.
+    pub(crate) fn with(mut self, key: &'static str, value: f64, se: f64) -> Self {
+        self.parameters.push((key, Estimated { value, se }));
+        self
+    }
+
+    /// The same with another effect of the sensor.
+    pub(super) fn and(mut self, effect: Effect) -> Self {
+        self.effects.push(effect);
+        self
+    }
+
+    /// The camera with this change.
+    pub fn applied(&self, camera: &Camera) -> Camera {
+        let mut camera = camera.clone();
+        for effect in &self.revised.0 {
+            effects::put(&mut camera, *effect);
+        }
+        for effect in self.revised.1.iter().chain(&self.optical) {
+            effects::put_optical(&mut camera, effect.clone());
+        }
+        for effect in &self.effects {
+            if self.beside {
+                effects::add(&mut camera, *effect);
+            } else {
+                effects::put(&mut camera, *effect);
+            }
+        }
+        camera
+    }
+
+    /// Adds this to the named effects and gives those that it revises their new values.
+    pub fn join(mut self, named: &mut Vec<Proposal>) {
+        for p in named.iter_mut() {
+            for new in self.revised.0.drain(..).collect::<Vec<_>>() {
+                if new.entry().kind == p.kind {
+                    p.take_values(new.entry().parameters, &new.values());
+                    p.effects = vec![new];
+                } else {
+                    self.revised.0.push(new);
+                }
+            }
+            for new in self.revised.1.drain(..).collect::<Vec<_>>() {
+                if new.entry().kind == p.kind {
+                    p.take_values(new.entry().parameters, new.values());
+                    p.optical = vec![new];
+                } else {
+                    self.revised.1.push(new);
+                }
+            }
+        }
+        self.revised = (Vec::new(), Vec::new());
+        named.push(self);
+    }
+
+    /// Whether two proposals of one kind have the same free parameters.
+    pub fn has_parameters_of(&self, other: &Proposal) -> bool {
+        self.effects.len() == other.effects.len()
+            && self.parameters.iter().map(|p| p.0).eq(other.parameters.iter().map(|p| p.0))
+    }
+
+    /// A later estimate of this proposal: its values, with the strength found first.
+    pub fn updated(&self, later: Proposal) -> Proposal {
+        Proposal { strength: self.strength, beside: self.beside, ..later }
+    }
+
+    /// Gives the parameters the values of an effect, in the order of its declaration.
+    fn take_values(&mut self, declared: &[Parameter], values: &[f32]) {
+        for (key, parameter) in &mut self.parameters {
+            if let Some(at) = declared.iter().position(|d| d.key == *key) {
+                parameter.value = f64::from(values[at]);
+            }
+        }
+    }
+
+    /// Whether every parameter is within the catalogue's range.
+    pub(super) fn is_possible(&self) -> bool {
+        self.strength.is_finite()
+            && self.effects.iter().all(|e| Effect::new(e.entry().id, &e.values()).is_some())
+    }
+}
+
+/// A camera with every one of some proposals put in, in their order.
+pub fn with_all(base: &Camera, proposals: &[Proposal]) -> Camera {
+    proposals.iter().fold(base.clone(), |camera, p| p.applied(&camera))
+}
+
+/// One proposal, or none.
+pub(super) fn list(p: Option<Proposal>) -> Vec<Proposal> {
+    p.into_iter().collect()
+}
+
+/// New standard deviation from the present one and an excess of variance, in the unit of the first
+/// and its square; `None` where the variance is not positive.
+pub(super) fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
+    let variance = present * present + excess.value;
+    (variance > 0.0).then(|| {
+        let value = variance.sqrt();
+        Estimated { value, se: excess.se / (2.0 * value) }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Proposal;
+    use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
+    use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
+
+    #[test]
+    fn a_revised_effect_has_its_new_value_among_effects_and_parameters() {
+        let efficiency = |ratio: f32| QuantumEfficiency { ratio }.into();
+        let old = Proposal::new("quantum-efficiency", efficiency(0.9993), 9.0);
+        let mut named = vec![old.with("ratio", 0.9993, 4e-5)];
+        let mut shading = Proposal::new(
+            "relative-illumination",
+            RelativeIllumination { corner: -0.006 }.into(),
+            9.0,
+        );
+        shading.revised.0.push(efficiency(1.0013));
+        shading.join(&mut named);
+        let [efficiency, shading] = &named[..] else { panic!("{named:?}") };
+        assert!((efficiency.parameters[0].1.value - 1.0013).abs() < 1e-7);
+        assert!((efficiency.effects[0].values()[0] - 1.0013).abs() < 1e-7);
+        assert!(shading.revised.0.is_empty());
+    }
+}

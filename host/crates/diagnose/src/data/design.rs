@@ -1,0 +1,339 @@
+//! Which frames of a capture set are used, and under which conditions they were taken.
+
+use camrig_base::Bands;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity};
+use camrig_scene::chart::{self, Geometry};
+use camrig_scene::photometry::HC;
+
+/// Stacks whose temperatures differ by less, K, are taken to have the same dark current: with
+/// a doubling every 7 K half a kelvin is 5 % of it.
+pub const SAME_TEMPERATURE_K: f64 = 0.5;
+
+/// Captures are numbered from multiples of this, so that a set in which no capture has more frames
+/// always gives the same replicates, whatever else it holds.
+const NUMBERS_PER_CAPTURE: usize = 10_000;
+
+/// A stack as it was taken: which frames of which capture, and the settings of the sensor.
+#[derive(Clone, Debug)]
+pub struct Stack {
+    /// Index of the capture in the set.
+    pub capture: usize,
+    /// Its id.
+    pub id: String,
+    /// What it is for.
+    pub role: Role,
+    /// Frames left out at its start.
+    pub skip: usize,
+    /// Number of frames used.
+    pub frames: usize,
+    /// Number of the capture's first frame in replicates. It names the frame's temporal noise, so that
+    /// no two frames of a set have the same, even of different halves.
+    pub first_number: u32,
+    /// Exposure, s.
+    pub exposure_s: f64,
+    /// Analog gain.
+    pub analog_gain: f64,
+    /// Temperature, °C; the camera's where the manifest has none.
+    pub temperature_c: f64,
+}
+
+/// Whether two stacks were taken at the same temperature.
+pub fn same_temperature(a: &Stack, b: &Stack) -> bool {
+    (a.temperature_c - b.temperature_c).abs() < SAME_TEMPERATURE_K
+}
+
+/// A dark or flat stack with its light.
+#[derive(Clone, Debug)]
+pub struct Condition {
+    /// The stack.
+    pub stack: Stack,
+    /// Mean photo-electrons per pixel of each channel, as the camera file predicts them.
+    pub photo_e: Vec<f64>,
+    /// Mean photo-electrons per pixel of each channel in the frame before each.
+    pub before_e: Vec<f64>,
+    /// Whether the amount of light is known.
+    pub level_known: bool,
+    /// Whether the light is even over the sensor.
+    pub even: bool,
+    /// Wavelength of narrow-band light, nm.
+    pub wavelength_nm: Option<f64>,
+}
+
+impl Condition {
+    /// Whether it is a flat whose light is known.
+    pub fn is_known_flat(&self) -> bool {
+        self.stack.role == Role::Flat && self.level_known
+    }
+}
+
+/// A stack of a target: an edge, a grid of dots, or a chart.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// The stack.
+    pub stack: Stack,
+    /// The scene, as it is named on the command line and in manifests.
+    pub scene: String,
+    /// Where the features of the target lie in the scene.
+    pub geometry: Geometry,
+    /// Illuminant on a reflectance scene.
+    pub illuminant: Option<String>,
+    /// Illuminance, lx, where the manifest has it.
+    pub lux: Option<f64>,
+    /// Factor on the model's light: 1 where the illuminance is known, otherwise what makes the means
+    /// of model and measurement agree.
+    pub light: f64,
+}
+
+/// The stacks of one half of a set.
+#[derive(Clone, Debug, Default)]
+pub struct Design {
+    /// Dark and flat stacks, in the order of the manifest.
+    pub conditions: Vec<Condition>,
+    /// Stacks of targets, in the order of the manifest.
+    pub targets: Vec<Target>,
+}
+
+/// A set divided into frames to fit and held-out frames.
+#[derive(Clone, Debug)]
+pub struct Halves {
+    /// For naming effects and fitting parameters.
+    pub fit: Design,
+    /// Held out, for judging only; `None` where the set has too few frames.
+    pub holdout: Option<Design>,
+    /// Notes for people on what was left out.
+    pub notes: Vec<String>,
+}
+
+/// Divides a set: as the manifest says, or else each stack into its first and second half. `counts`
+/// are the numbers of frames of the set's captures.
+///
+/// # Errors
+/// A set without usable stacks, of another size than the camera, or whose light cannot be.
+pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Halves> {
+    check_sensor(camera, set)?;
+    let numbers = first_numbers(counts)?;
+    let mut notes = Vec::new();
+    let mut fit = Design::default();
+    let mut holdout = Design::default();
+    let by_manifest = set.captures.iter().any(|c| c.split.is_some());
+    for (index, capture) in set.captures.iter().enumerate() {
+        let n = counts[index];
+        let place = |e: Error| e.at(format!("capture {:?}", capture.id));
+        let of_light = matches!(capture.role, Role::Dark | Role::Flat);
+        // A single frame shows a target; noise takes two.
+        let least = if of_light { 2 } else { 1 };
+        let too_few = if by_manifest { n < least } else { n < 2 * least };
+        if too_few {
+            notes.push(match by_manifest {
+                true => format!("{}: one frame shows no noise; left out", capture.id),
+                false => format!(
+                    "{}: {n} frames are too few to fit some and judge with others ({} and more); \
+                     left out",
+                    capture.id,
+                    2 * least
+                ),
+            });
+            continue;
+        }
+        // Frames for each half: (skip, frames).
+        let [first, second] = match (by_manifest, capture.split) {
+            (true, Some(Split::Holdout)) => [None, Some((0, n))],
+            (true, _) => [Some((0, n)), None],
+            (false, _) => [Some((0, n / 2)), Some((n / 2, n / 2))],
+        };
+        let halves = [(&mut fit, first), (&mut holdout, second)];
+        let halves = halves.into_iter().filter_map(|(design, frames)| Some((design, frames?)));
+        let stack = stack(camera, capture, index, numbers[index]);
+        let of_half = |(skip, frames)| Stack { skip, frames, ..stack.clone() };
+        if of_light {
+            let condition = condition(camera, set, &stack).map_err(place)?;
+            for (design, frames) in halves {
+                let stack = of_half(frames);
+                design.conditions.push(Condition { stack, ..condition.clone() });
+            }
+        } else {
+            match target(capture, &stack).map_err(place)? {
+                Some(target) => {
+                    for (design, frames) in halves {
+                        design.targets.push(Target { stack: of_half(frames), ..target.clone() });
+                    }
+                }
+                None => notes.push(format!(
+                    "{}: the diagnosis looks at slanted-edge, dots and colorchecker; left out",
+                    capture.id
+                )),
+            }
+        }
+    }
+    if fit.is_empty() {
+        return Err(Error::input("no stack to look at").help(
+            "dark and flat stacks of four and more frames each are needed; two frames per stack \
+             leave nothing to judge with",
+        ));
+    }
+    if by_manifest && holdout.is_empty() {
+        notes.push("no capture has split = \"holdout\": nothing can be confirmed".into());
+    }
+    let holdout = (!holdout.is_empty()).then_some(holdout);
+    Ok(Halves { fit, holdout, notes })
+}
+
+/// Number of the first frame of each capture, for captures of so many frames: the next multiple of
+/// [`NUMBERS_PER_CAPTURE`] that no frame before has reached.
+fn first_numbers(counts: &[usize]) -> Result<Vec<u32>> {
+    let too_many = || {
+        Error::limit("more frames than the noise of a sensor has numbers for")
+            .help("diagnose fewer than four thousand million frames at once")
+    };
+    let mut next = NUMBERS_PER_CAPTURE;
+    let mut first = Vec::with_capacity(counts.len());
+    for &count in counts {
+        let blocks = count.div_ceil(NUMBERS_PER_CAPTURE).max(1);
+        let number = u32::try_from(next).map_err(|_| too_many())?;
+        let after = blocks.checked_mul(NUMBERS_PER_CAPTURE).and_then(|n| n.checked_add(next));
+        next = after.filter(|&n| n <= u32::MAX as usize).ok_or_else(too_many)?;
+        first.push(number);
+    }
+    Ok(first)
+}
+
+/// Checks that the captures can be the camera's.
+fn check_sensor(camera: &Camera, set: &CaptureSet) -> Result<()> {
+    let s = &camera.sensor;
+    if (set.sensor.width, set.sensor.height) != (s.width as usize, s.height as usize) {
+        return Err(Error::disagreement(format!(
+            "captures of {} x {} pixels, a camera of {} x {}",
+            set.sensor.width, set.sensor.height, s.width, s.height
+        ))
+        .help("give the camera file of the sensor that took the captures"));
+    }
+    if set.sensor.bits != u32::from(s.bits) {
+        return Err(Error::disagreement(format!(
+            "captures of {} bits, a camera of {} bits",
+            set.sensor.bits, s.bits
+        ))
+        .help("set bits in the camera file to the captures' depth"));
+    }
+    if let Some(cfa) = &set.sensor.cfa
+        && *cfa != s.cfa
+    {
+        return Err(Error::disagreement(format!(
+            "captures with colour filters {cfa}, a camera with {}",
+            s.cfa
+        ))
+        .help("give the camera file of the sensor that took the captures"));
+    }
+    Ok(())
+}
+
+impl Design {
+    fn is_empty(&self) -> bool {
+        self.conditions.is_empty() && self.targets.is_empty()
+    }
+}
+
+/// The stack of a capture, without its frames.
+fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) -> Stack {
+    Stack {
+        capture: index,
+        id: capture.id.clone(),
+        role: capture.role,
+        skip: 0,
+        frames: 0,
+        first_number,
+        exposure_s: capture.exposure_s,
+        analog_gain: capture.analog_gain,
+        temperature_c: capture.temperature_c.unwrap_or(camera.sensor.temperature_c),
+    }
+}
+
+/// The target of a capture; `None` where its scene is not one that can be measured.
+fn target(capture: &Capture, stack: &Stack) -> Result<Option<Target>> {
+    let Some(scene) = capture.scene.as_ref().map(SceneSeen::spec) else { return Ok(None) };
+    let geometry = chart::geometry(&scene).map_err(|e| e.at("[capture.scene]"))?;
+    let light = capture.light.as_ref();
+    Ok(geometry.map(|geometry| Target {
+        stack: stack.clone(),
+        scene,
+        geometry,
+        illuminant: light.and_then(|l| l.illuminant.clone()),
+        lux: light.and_then(|l| l.lux),
+        light: 1.0,
+    }))
+}
+
+fn condition(camera: &Camera, set: &CaptureSet, stack: &Stack) -> Result<Condition> {
+    let capture = &set.captures[stack.capture];
+    let (photo_e, level_known) = photo_electrons(camera, capture)?;
+    let before_e = match &capture.preceded_by {
+        Some(id) => {
+            let before = set.captures.iter().find(|c| &c.id == id);
+            match before {
+                Some(before) => photo_electrons(camera, before)?.0,
+                None => vec![0.0; photo_e.len()],
+            }
+        }
+        // A stack follows itself.
+        None => photo_e.clone(),
+    };
+    let light = capture.light.as_ref();
+    Ok(Condition {
+        stack: stack.clone(),
+        photo_e,
+        before_e,
+        level_known,
+        even: light.is_some_and(|l| l.uniformity == Uniformity::Flat),
+        wavelength_nm: light.and_then(|l| l.wavelength_nm),
+    })
+}
+
+/// Mean photo-electrons per pixel of each channel in one exposure, and whether the manifest determines
+/// them.
+fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool)> {
+    let s = &camera.sensor;
+    let channels = s.channel_names.len();
+    let Some(light) = capture.light.as_ref().filter(|_| capture.role != Role::Dark) else {
+        return Ok((vec![0.0; channels], true));
+    };
+    let Some(nm) = light.wavelength_nm else {
+        return Ok((vec![0.0; channels], false));
+    };
+    let area = (s.pitch_um * 1e-6).powi(2);
+    let irradiance = match (light.irradiance_w_m2, light.photons_per_pixel_per_s) {
+        (Some(e), _) => e,
+        (None, Some(photons)) => photons * HC / (nm * 1e-9) / area,
+        (None, None) => return Ok((vec![0.0; channels], false)),
+    };
+    let band = Bands { start_nm: nm, step_nm: 1.0, count: 1 };
+    let electrons: Vec<f64> =
+        s.response(&band).iter().map(|r| r[0] * irradiance * capture.exposure_s).collect();
+    if electrons.iter().all(|&e| e <= 0.0) && irradiance > 0.0 {
+        return Err(Error::disagreement(format!(
+            "light at {nm} nm, where the camera sees nothing"
+        ))
+        .help("extend the quantum efficiency in the camera file to that wavelength"));
+    }
+    Ok((electrons, true))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_long_captures_share_no_number() {
+        // Captures of up to 10,000 frames lie where they always did.
+        assert_eq!(first_numbers(&[8, 10_000, 0, 4]).unwrap(), [10_000, 20_000, 30_000, 40_000]);
+        // Longer ones move those after them, and only those.
+        let counts = [7, 10_001, 25_000, 3, 10_000];
+        let first = first_numbers(&counts).unwrap();
+        assert_eq!(first[..2], [10_000, 20_000]);
+        for (i, pair) in first.windows(2).enumerate() {
+            assert!(pair[0] as usize + counts[i] <= pair[1] as usize, "{first:?}");
+        }
+        assert!(first_numbers(&[u32::MAX as usize, 1]).is_err());
+        assert!(first_numbers(&[usize::MAX, 1]).is_err());
+    }
+}

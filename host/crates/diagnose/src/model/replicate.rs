@@ -1,0 +1,149 @@
+//! Replicates: frames of a model under the conditions of a capture set, as another sensor of the same
+//! make would give them, by `sensor-core` itself.
+
+use super::light::{self, Electrons};
+use crate::data::design::{Condition, Design, Stack, Target};
+use crate::statistics::read::batches;
+use crate::statistics::targets::{Picture, PictureCollector};
+use crate::statistics::temporal::{Collector, Temporal};
+use camrig_base::{Bands, Plane, Result};
+use camrig_camera::Camera;
+use camrig_exposure::rows::rows;
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::pipeline::MeanRows;
+use rayon::prelude::*;
+
+/// The sensor of a camera that makes a replicate; `seed` names the sensor and its noise. It is given
+/// photo-electrons, so that its bands do not matter.
+fn sensor(camera: &Camera, seed: u64) -> Result<SensorConfig> {
+    let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
+    Ok(SensorConfig { seed, ..camera.sensor_config(&band)? })
+}
+
+/// Settings of a frame of a stack, by its number among those of its capture.
+fn settings(stack: &Stack, frame: usize) -> FrameSettings {
+    FrameSettings {
+        frame: stack.first_number.wrapping_add(frame as u32),
+        exposure_s: stack.exposure_s as f32,
+        analog_gain: stack.analog_gain as f32,
+        temperature_c: stack.temperature_c as f32,
+    }
+}
+
+/// Moments of every dark and flat stack of a design, simulated; with `planes` also their power over
+/// two frequencies. `seed` names the sensor and its noise.
+///
+/// # Errors
+/// A model that the sensor refuses.
+pub fn simulate(
+    camera: &Camera,
+    design: &Design,
+    seed: u64,
+    planes: bool,
+) -> Result<Vec<Temporal>> {
+    let config = sensor(camera, seed)?;
+    design.conditions.par_iter().map(|c| moments(&config, c, planes)).collect()
+}
+
+fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {
+    let (w, h) = (config.width as usize, config.height as usize);
+    let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
+    let mut light = EvenLight::new(config, condition);
+    let stack = &condition.stack;
+    let mut batch: Vec<Plane<u16>> = Vec::new();
+    for (i, size) in batches(stack.frames) {
+        batch.clear();
+        for frame in i..i + size {
+            let settings = settings(stack, stack.skip + frame);
+            let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
+            rows::<Float>(config, &settings, &mut light, 0, &mut plane.data)?;
+            batch.push(plane);
+        }
+        collector.add(&batch);
+    }
+    Ok(collector.finish().without_border(&config.pattern))
+}
+
+/// The picture of every target, simulated from its light. Both halves of a capture have the same
+/// frames, as one prediction serves both.
+///
+/// # Errors
+/// A model that the sensor refuses.
+pub fn pictures(
+    camera: &Camera,
+    targets: &[Target],
+    lights: &[Electrons],
+    seed: u64,
+) -> Result<Vec<Picture>> {
+    let config = sensor(camera, seed)?;
+    let (width, height) = (config.width as usize, config.height as usize);
+    targets
+        .par_iter()
+        .zip(lights)
+        .map(|(target, electrons)| {
+            let mut collector = PictureCollector::new(camera, target);
+            let mut plane = Plane { width, height, data: vec![0; width * height] };
+            for frame in 0..target.stack.frames {
+                let settings = settings(&target.stack, frame);
+                let mut light = SceneLight { electrons, share: light::share(target) as f32 };
+                rows::<Float>(&config, &settings, &mut light, 0, &mut plane.data)?;
+                collector.add(&plane);
+            }
+            Ok(collector.finish())
+        })
+        .collect()
+}
+
+/// The same mean photo-electrons for all pixels of a channel: one row for each row of the pattern.
+struct EvenLight {
+    now: Vec<Vec<Block<f32>>>,
+    before: Vec<Vec<Block<f32>>>,
+}
+
+impl EvenLight {
+    fn new(config: &SensorConfig, condition: &Condition) -> Self {
+        let pattern = &config.pattern;
+        let row = |means: &[f64], y: usize| {
+            let mut row = vec![[0.0; BLOCK]; blocks(config.width as usize)];
+            for (x, v) in row.as_flattened_mut().iter_mut().enumerate() {
+                let channel = if means.len() == 1 { 0 } else { pattern.channel(x, y) };
+                *v = Float::signal(means.get(channel).copied().unwrap_or(0.0) as f32);
+            }
+            row
+        };
+        let rows = |means| (0..pattern.height.max(1).into()).map(|y| row(means, y)).collect();
+        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e) }
+    }
+}
+
+impl MeanRows<Float> for EvenLight {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
+        out.copy_from_slice(&self.now[row as usize % self.now.len()]);
+    }
+
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
+        out.copy_from_slice(&self.before[row as usize % self.before.len()]);
+    }
+}
+
+/// The light of a scene; each frame follows one in the same light.
+struct SceneLight<'a> {
+    electrons: &'a Plane<f32>,
+    share: f32,
+}
+
+impl MeanRows<Float> for SceneLight<'_> {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
+        let width = self.electrons.width;
+        let from = row as usize * width;
+        let source = &self.electrons.data[from..from + width];
+        let out = out.as_flattened_mut();
+        out.iter_mut().zip(source).for_each(|(o, &e)| *o = Float::signal(e * self.share));
+        out[width..].fill(Float::signal(0.0));
+    }
+
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
+        self.mean_row(row, out);
+    }
+}

@@ -1,0 +1,7 @@
+//! Numerical tools of the diagnosis that know nothing of cameras: sums in lanes, spectra, tails of
+//! distributions, minima of functions.
+
+pub mod lanes;
+pub mod minimise;
+pub mod spectrum;
+pub mod tails;

@@ -1,0 +1,398 @@
+//! The report of a diagnosis: `diagnosis.json` as types.
+//!
+//! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite, or
+//! that was not determined, is `null` in the file.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Name and version of the format.
+pub const FORMAT: &str = "diagnosis/1";
+
+/// What a diagnosis says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Pairs of effects that the captures cannot tell apart.
+    pub ambiguous: Vec<Ambiguity>,
+    /// The effect that was named at first, where a search that begins without it explains more.
+    pub doubted: Option<String>,
+    /// [`FORMAT`].
+    pub format: String,
+    /// Held-out gap of the improved model.
+    #[serde(with = "number")]
+    pub gap_after: f64,
+    /// Held-out gap of the model as given.
+    #[serde(with = "number")]
+    pub gap_before: f64,
+    /// Held-out gap up to which a model passes for the right one.
+    #[serde(with = "number")]
+    pub gap_limit: f64,
+    /// The measures of Chen et al. 2009, section VI.
+    pub measures: Measures,
+    /// Effects that came nearest, but leave too much to be named.
+    pub nearest: Vec<String>,
+    /// Notes on the captures.
+    pub notes: Vec<String>,
+    /// Number of statistics.
+    pub statistics: usize,
+    /// The effects that were found, in order.
+    pub steps: Vec<Step>,
+    /// Statistics that the improved model leaves unexplained, the furthest first.
+    pub unexplained: Vec<Unexplained>,
+    /// The verdict.
+    pub verdict: Verdict,
+}
+
+/// The verdict in one word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Nothing is missing.
+    Agrees,
+    /// The effects that were found explain the captures.
+    Explained,
+    /// The effects that were found help, but something is left.
+    PartlyExplained,
+    /// No effect of the catalogue helps.
+    Unexplained,
+}
+
+impl Verdict {
+    /// The word in `diagnosis.json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Agrees => "agrees",
+            Verdict::Explained => "explained",
+            Verdict::PartlyExplained => "partly-explained",
+            Verdict::Unexplained => "unexplained",
+        }
+    }
+
+    /// Whether the model, improved or not, explains the captures.
+    pub fn is_explained(self) -> bool {
+        matches!(self, Verdict::Agrees | Verdict::Explained)
+    }
+}
+
+/// Two effects that the captures cannot tell apart.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ambiguity {
+    /// The one that was named, and its rival.
+    pub effects: [String; 2],
+    /// The captures that would tell them apart.
+    pub tie_breaker: String,
+}
+
+/// One effect that was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Its kind.
+    pub effect: String,
+    /// Fall of the deviance of the frames to fit.
+    #[serde(with = "number")]
+    pub evidence: f64,
+    /// Fall of the deviance of the held-out frames.
+    #[serde(with = "number")]
+    pub evidence_held_out: f64,
+    /// Share of the deviance of the statistics it moves that it removes.
+    #[serde(with = "number")]
+    pub explains: f64,
+    /// Held-out gap after it.
+    #[serde(with = "number")]
+    pub gap_after: f64,
+    /// Held-out gap before it.
+    #[serde(with = "number")]
+    pub gap_before: f64,
+    /// Its parameters by key, in the units of the catalogue.
+    pub parameters: BTreeMap<String, Parameter>,
+    /// The next best candidates of its round.
+    pub runners_up: Vec<RunnerUp>,
+    /// Whether held-out frames agree.
+    pub status: Status,
+    /// The statistic that it moved most, with its deviation before and after.
+    #[serde(rename = "where")]
+    pub place: String,
+}
+
+/// Whether an effect is confirmed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// The model with it explains the held-out frames, and no rival does.
+    Confirmed,
+    /// It helps, but something is left, or a rival explains as much.
+    Tentative,
+}
+
+impl Status {
+    /// The word in `diagnosis.json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Status::Confirmed => "confirmed",
+            Status::Tentative => "tentative",
+        }
+    }
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Its standard error; none where the value was chosen rather than fitted.
+    pub std_error: Option<f64>,
+    /// Its value.
+    #[serde(with = "number")]
+    pub value: f64,
+}
+
+/// A candidate that came next.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunnerUp {
+    /// Its kind.
+    pub effect: String,
+    /// Fall of the deviance of the frames to fit.
+    #[serde(with = "number")]
+    pub evidence: f64,
+    /// Held-out gap with it.
+    #[serde(with = "number")]
+    pub gap_after: f64,
+}
+
+/// A statistic left unexplained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Unexplained {
+    /// A sentence that a person can act on.
+    pub description: String,
+    /// Measured on the frames to fit, in the statistic's own unit.
+    pub measured: Option<f64>,
+    /// Predicted by the improved model.
+    pub predicted: Option<f64>,
+    /// Its name.
+    pub statistic: String,
+    /// Where it was taken.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Deviation of both halves together, standard deviations, to two decimals.
+    #[serde(with = "number")]
+    pub z: f64,
+}
+
+/// The measures of Chen et al. 2009, section VI, on held-out frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Measures {
+    /// Of each ColorChecker.
+    pub luminance_scatter: Vec<LuminanceScatter>,
+    /// Of each edge and channel.
+    pub mtf_at_nyquist: Vec<MtfAtNyquist>,
+    /// Of each ColorChecker.
+    pub row_profile: Vec<RowProfile>,
+}
+
+/// MTF at half a cycle per pixel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MtfAtNyquist {
+    /// By the improved model.
+    #[serde(with = "number")]
+    pub after: f64,
+    /// By the model as given.
+    #[serde(with = "number")]
+    pub before: f64,
+    /// Id of the capture.
+    pub capture: String,
+    /// Name of the channel.
+    pub channel: String,
+    /// In the held-out frames.
+    #[serde(with = "number")]
+    pub measured: f64,
+    /// Standard deviation of a measurement.
+    #[serde(with = "number")]
+    pub std_dev: f64,
+}
+
+/// Mean absolute difference between measured and predicted standard deviation of the luminance in the
+/// patches of a ColorChecker, per cent: over all patches, and without the paper's four dark ones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LuminanceScatter {
+    /// Of the improved model.
+    #[serde(with = "numbers")]
+    pub after: [f64; 2],
+    /// Of the model as given.
+    #[serde(with = "numbers")]
+    pub before: [f64; 2],
+    /// Id of the capture.
+    pub capture: String,
+    /// What another sensor that the improved model is right for would give.
+    #[serde(with = "numbers")]
+    pub expected: [f64; 2],
+}
+
+/// Root mean square difference between measured and predicted row, DN.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RowProfile {
+    /// Of the improved model.
+    #[serde(with = "number")]
+    pub after: f64,
+    /// Of the model as given.
+    #[serde(with = "number")]
+    pub before: f64,
+    /// Id of the capture.
+    pub capture: String,
+}
+
+/// How far a model is from captures, statistic by statistic.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Whether the model passes for the right one.
+    pub agrees: bool,
+    /// Held-out gap.
+    #[serde(with = "number")]
+    pub gap: f64,
+    /// Held-out gap up to which a model passes for the right one.
+    #[serde(with = "number")]
+    pub gap_limit: f64,
+    /// Every statistic, the furthest first.
+    pub statistics: Vec<Compared>,
+}
+
+/// One statistic of a comparison.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Compared {
+    /// Measured on the frames to fit, in the statistic's own unit.
+    pub measured: Option<f64>,
+    /// Predicted for them.
+    pub predicted: Option<f64>,
+    /// Its name.
+    pub statistic: String,
+    /// Where it was taken.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Deviation of the frames to fit, standard deviations.
+    pub z_fit: Option<f64>,
+    /// Deviation of the held-out frames, standard deviations.
+    pub z_held_out: Option<f64>,
+}
+
+impl Ambiguity {
+    /// Both effects as they stand in `diagnosis.json`.
+    pub fn names(&self) -> String {
+        serde_json::to_string(&self.effects).unwrap_or_default()
+    }
+}
+
+impl Report {
+    /// The text of `diagnosis.json`, without a line end.
+    pub fn json(&self) -> String {
+        // Strings and numbers alone: nothing in it can fail to be written.
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+
+    /// Effects that came nearest, in a sentence; none where there are none.
+    pub fn nearest_in_words(&self) -> Option<String> {
+        (!self.nearest.is_empty()).then(|| {
+            let kinds = self.nearest.join(", ");
+            format!("nearest in the catalogue, but leaving too much to be named: {kinds}")
+        })
+    }
+}
+
+impl Comparison {
+    /// As one JSON object, without a line end.
+    pub fn json(&self) -> String {
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+}
+
+/// A number that is `null` where it is not finite.
+mod number {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        value.is_finite().then_some(*value).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+    }
+}
+
+/// Two numbers that are `null` where they are not finite.
+mod numbers {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(values: &[f64; 2], serializer: S) -> Result<S::Ok, S::Error> {
+        values.map(|v| v.is_finite().then_some(v)).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
+        let values = <[Option<f64>; 2]>::deserialize(deserializer)?;
+        Ok(values.map(|v| v.unwrap_or(f64::NAN)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> Report {
+        let value = Parameter { std_error: Some(0.01), value: 0.4 };
+        let chosen = Parameter { std_error: None, value: 2.0 };
+        let parameters =
+            [("sigma_e", value), ("exponent", chosen)].map(|(key, p)| (key.to_string(), p));
+        Report {
+            ambiguous: vec![Ambiguity {
+                effects: ["system-gain".into(), "quantum-efficiency".into()],
+                tie_breaker: "flats".into(),
+            }],
+            doubted: None,
+            format: FORMAT.into(),
+            gap_after: 1.0,
+            gap_before: 15.25,
+            gap_limit: 1.27,
+            measures: Measures {
+                luminance_scatter: vec![LuminanceScatter {
+                    after: [4.0, f64::NAN],
+                    before: [7.5, 8.0],
+                    capture: "chart".into(),
+                    expected: [5.0, 5.0],
+                }],
+                mtf_at_nyquist: Vec::new(),
+                row_profile: Vec::new(),
+            },
+            nearest: vec!["defocus".into()],
+            notes: Vec::new(),
+            statistics: 450,
+            steps: vec![Step {
+                effect: "row-correlated-noise".into(),
+                evidence: 100.0,
+                evidence_held_out: 90.5,
+                explains: f64::NAN,
+                gap_after: 1.0,
+                gap_before: 15.25,
+                parameters: parameters.into(),
+                runners_up: Vec::new(),
+                status: Status::Confirmed,
+                place: "capture dark".into(),
+            }],
+            unexplained: Vec::new(),
+            verdict: Verdict::PartlyExplained,
+        }
+    }
+
+    #[test]
+    fn keys_are_sorted_and_numbers_that_are_not_finite_are_null() {
+        let text = report().json();
+        let sorted: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(text, serde_json::to_string_pretty(&sorted).unwrap());
+        assert_eq!(sorted["verdict"], Verdict::PartlyExplained.word());
+        assert_eq!(sorted["steps"][0]["status"], Status::Confirmed.word());
+        assert!(sorted["steps"][0]["explains"].is_null());
+        assert!(sorted["measures"]["luminance_scatter"][0]["after"][1].is_null());
+    }
+
+    #[test]
+    fn what_was_written_is_read_again() {
+        let text = report().json();
+        let again: Report = serde_json::from_str(&text).unwrap();
+        assert!(again.steps[0].explains.is_nan());
+        assert_eq!(again.json(), text);
+    }
+}

@@ -1,0 +1,229 @@
+//! Maps over pixels that several stacks make together: offset, dark current, gain, its change with the level,
+//! and what remains of the frame before.
+
+use super::spatial::{Spatial, describe};
+use super::temporal::Temporal;
+use crate::data::channels::Channels;
+use crate::data::design::{Condition, Design, same_temperature};
+use camrig_base::Plane;
+use camrig_camera::Camera;
+use camrig_captures::Role;
+
+/// Share of saturated samples from which a flat is left out of maps: its brightest pixels are clipped.
+/// One sample in a hundred thousand does not move a statistic of the map.
+pub const SATURATED_FLAT: f64 = 1e-5;
+/// A long dark exposure must be so many times the reference's for the rise of the dark signal.
+const LONG_OVER_SHORT: f64 = 2.0;
+/// The highest flat's level over that of the middle one, from which their difference tells how the
+/// response bends.
+const HIGH_OVER_MIDDLE: f64 = 1.5;
+
+/// A kind of map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum MapKind {
+    /// Mean of the shortest dark exposure, DN.
+    Offset,
+    /// Rise of the dark signal with exposure, e⁻/s.
+    DarkCurrent,
+    /// Response relative to the mean of the channel.
+    Gain,
+    /// Response at a high level less that at a medium level, both relative to the mean.
+    Curvature,
+    /// Dark after light less the dark reference, DN.
+    AfterLight,
+}
+
+/// A map and its description.
+#[derive(Clone, Debug)]
+pub struct Map {
+    /// What it is.
+    pub kind: MapKind,
+    /// Its description.
+    pub spatial: Spatial,
+    /// Whether shading in it belongs to the sensor.
+    pub even: bool,
+    /// Of [`MapKind::AfterLight`]: mean in units of the light before, and its standard deviation.
+    pub after_image: Option<(f64, f64)>,
+    /// The map itself.
+    pub plane: Plane<f32>,
+}
+
+/// Whether two stacks differ in exposure or light only.
+fn alike(a: &Condition, b: &Condition) -> bool {
+    a.stack.analog_gain == b.stack.analog_gain && same_temperature(&a.stack, &b.stack)
+}
+
+/// Dark stacks that do not follow light.
+fn plain_darks(design: &Design) -> impl Iterator<Item = (usize, &Condition)> {
+    let darks = design.conditions.iter().enumerate();
+    darks.filter(|(_, c)| c.stack.role == Role::Dark && c.before_e.iter().all(|&e| e == 0.0))
+}
+
+/// The dark stack that others are compared with: the shortest at the gain and temperature of most.
+pub fn reference_dark(design: &Design) -> Option<usize> {
+    let alike_count = |c: &Condition| design.conditions.iter().filter(|o| alike(c, o)).count();
+    plain_darks(design)
+        .min_by(|(_, a), (_, b)| {
+            let by_company = alike_count(b).cmp(&alike_count(a));
+            let by_time = a.stack.exposure_s.total_cmp(&b.stack.exposure_s);
+            by_company.then(by_time).then(b.stack.frames.cmp(&a.stack.frames))
+        })
+        .map(|(i, _)| i)
+}
+
+/// The longest dark stack like the reference, if it is at least twice as long.
+pub fn long_dark(design: &Design) -> Option<usize> {
+    let reference = &design.conditions[reference_dark(design)?];
+    plain_darks(design)
+        .filter(|(_, c)| {
+            let least = LONG_OVER_SHORT * reference.stack.exposure_s;
+            alike(c, reference) && c.stack.exposure_s > least
+        })
+        .max_by(|(_, a), (_, b)| a.stack.exposure_s.total_cmp(&b.stack.exposure_s))
+        .map(|(i, _)| i)
+}
+
+/// Flats of the largest group with the same light and gain, weakest first.
+pub fn flats(design: &Design) -> Vec<usize> {
+    let key = |c: &Condition| (c.wavelength_nm.map(f64::to_bits), c.stack.analog_gain.to_bits());
+    let flats: Vec<usize> = (0..design.conditions.len())
+        .filter(|&i| design.conditions[i].stack.role == Role::Flat)
+        .collect();
+    let group = |i: usize| {
+        let k = key(&design.conditions[i]);
+        flats.iter().copied().filter(|&j| key(&design.conditions[j]) == k).collect::<Vec<_>>()
+    };
+    let mut best: Vec<usize> = Vec::new();
+    for &i in &flats {
+        let g = group(i);
+        if g.len() > best.len() {
+            best = g;
+        }
+    }
+    let level = |i: usize| design.conditions[i].photo_e.iter().sum::<f64>();
+    best.sort_by(|&a, &b| level(a).total_cmp(&level(b)));
+    best
+}
+
+/// Share of samples at the end of the scale.
+pub fn saturated(t: &Temporal) -> f64 {
+    let top = t.histogram.last().copied().unwrap_or(0);
+    f64::from(top) / (t.mean.data.len() * t.frames.max(1)) as f64
+}
+
+/// Makes the maps of a design's stacks: what all of them have in common.
+struct Maker<'a> {
+    camera: &'a Camera,
+    design: &'a Design,
+    stacks: &'a [Temporal],
+    channels: Channels,
+    /// The reference dark stack.
+    dark: &'a Temporal,
+}
+
+/// Every map that the stacks determine; none without a dark stack.
+pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
+    let Some(reference) = reference_dark(design) else { return Vec::new() };
+    let dark = &stacks[reference];
+    let maker = Maker { camera, design, stacks, channels: Channels::new(camera), dark };
+    let mut out = vec![maker.map(MapKind::Offset, dark.mean.clone(), true)];
+    out.extend(maker.dark_current(&design.conditions[reference]));
+    let flats: Vec<usize> =
+        flats(design).into_iter().filter(|&i| saturated(&stacks[i]) < SATURATED_FLAT).collect();
+    let even = flats.iter().all(|&i| design.conditions[i].even);
+    if !flats.is_empty() {
+        out.push(maker.map(MapKind::Gain, maker.gain(&flats), even));
+    }
+    out.extend(maker.curvature(&flats).map(|plane| maker.map(MapKind::Curvature, plane, even)));
+    out.extend(maker.after_light(&design.conditions[reference]));
+    out
+}
+
+impl Maker<'_> {
+    fn map(&self, kind: MapKind, plane: Plane<f32>, even: bool) -> Map {
+        let spatial = describe(&plane, &self.channels, even);
+        Map { kind, spatial, even, after_image: None, plane }
+    }
+
+    /// A stack's mean frame above dark, times `scale`.
+    fn above_dark(&self, t: &Temporal, scale: f32) -> Plane<f32> {
+        let pairs = t.mean.data.iter().zip(&self.dark.mean.data);
+        let data = pairs.map(|(a, b)| (a - b) * scale).collect();
+        Plane { width: t.width, height: t.height, data }
+    }
+
+    /// DN per electron at an analog gain, as the camera file has it.
+    fn nominal_gain(&self, analog_gain: f64) -> f64 {
+        let sensor = &self.camera.sensor;
+        analog_gain * f64::from((1u32 << sensor.bits) - 1) / sensor.full_well_e
+    }
+
+    /// Mean level of a stack above dark, DN.
+    fn level(&self, i: usize) -> f64 {
+        let d = &self.stacks[i].mean.data;
+        let pairs = d.iter().zip(&self.dark.mean.data);
+        pairs.map(|(a, b)| f64::from(a - b)).sum::<f64>() / d.len() as f64
+    }
+
+    /// A plane over the mean of each channel.
+    fn relative(&self, mut plane: Plane<f32>) -> Plane<f32> {
+        let means = self.channels.means(&plane.data);
+        self.channels.change(&mut plane.data, &means, |v, mean| v / mean);
+        plane
+    }
+
+    /// Rise of the dark signal with exposure, e⁻/s.
+    fn dark_current(&self, reference: &Condition) -> Option<Map> {
+        let long = long_dark(self.design)?;
+        let c = &self.design.conditions[long].stack;
+        let longer = c.exposure_s - reference.stack.exposure_s;
+        let scale = 1.0 / (self.nominal_gain(c.analog_gain) * longer);
+        let plane = self.above_dark(&self.stacks[long], scale as f32);
+        Some(self.map(MapKind::DarkCurrent, plane, true))
+    }
+
+    /// Slope of each pixel's signal over the level, weighted by Σ w µ s / Σ w µ², relative to the
+    /// mean of its channel.
+    fn gain(&self, flats: &[usize]) -> Plane<f32> {
+        let mut sum = vec![0.0f32; self.dark.mean.data.len()];
+        for &i in flats {
+            let t = &self.stacks[i];
+            let mu = self.level(i);
+            let variance = t.pixel_variance.iter().map(|&v| f64::from(v)).sum::<f64>()
+                / t.pixel_variance.len() as f64;
+            let weight = (mu * t.frames as f64 / variance.max(1e-9)) as f32;
+            for ((s, a), b) in sum.iter_mut().zip(&t.mean.data).zip(&self.dark.mean.data) {
+                *s += weight * (a - b);
+            }
+        }
+        self.relative(Plane { width: self.dark.width, height: self.dark.height, data: sum })
+    }
+
+    /// Relative response in the brightest flat less that in the middle one.
+    fn curvature(&self, flats: &[usize]) -> Option<Plane<f32>> {
+        if flats.len() < 3 {
+            return None;
+        }
+        let (high, middle) = (flats[flats.len() - 1], flats[(flats.len() - 1) / 2]);
+        let of = |i: usize| self.relative(self.above_dark(&self.stacks[i], 1.0));
+        (self.level(high) > HIGH_OVER_MIDDLE * self.level(middle)).then(|| {
+            let (a, b) = (of(high), of(middle));
+            let data = a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect();
+            Plane { data, ..a }
+        })
+    }
+
+    /// The dark stack after light, above dark, DN, and its mean relative to that light.
+    fn after_light(&self, reference: &Condition) -> Option<Map> {
+        let (i, c) = self.design.conditions.iter().enumerate().find(|(_, c)| {
+            c.stack.role == Role::Dark && c.before_e.iter().any(|&e| e > 0.0) && alike(c, reference)
+        })?;
+        let mut m = self.map(MapKind::AfterLight, self.above_dark(&self.stacks[i], 1.0), true);
+        let n = m.plane.data.len() as f64;
+        let mean = m.plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+        let before = c.before_e.iter().sum::<f64>() / c.before_e.len() as f64
+            * self.nominal_gain(c.stack.analog_gain);
+        m.after_image = Some((mean / before, (m.spatial.pixel_variance / n).sqrt() / before));
+        Some(m)
+    }
+}

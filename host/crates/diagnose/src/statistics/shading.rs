@@ -1,0 +1,167 @@
+//! How the channels of the gain map fall off towards the corners.
+//!
+//! Over the pixels of a channel, g = a (1 + k r²) by least squares, with r the distance from the
+//! centre, 1 at the corners: k is the change at the corners of the effects `relative-illumination`
+//! and `colour-shading`. Where the light itself may be uneven, only differences between channels,
+//! which all see the same light, belong to the sensor.
+
+use super::maps::Map;
+use super::spatial::{CLIP, robust_sds};
+use super::statistic::{Place, Scale, Statistic, What};
+use crate::data::channels::Channels;
+
+/// Sums over the pixels of a channel: of 1, t, t², g, t g and g², with t = r².
+type Sums = [f64; 6];
+
+/// The k of each channel; where the light may be uneven, that of each but the channel with most
+/// pixels, less that one's.
+pub fn fall_offs(map: &Map, channels: &Channels) -> Vec<Statistic> {
+    let sums = sums(map, channels);
+    let shares = channels.shares();
+    let of = |c: usize| corner(&sums[c], map, shares[c]);
+    let add = |what, (value, variance): (f64, f64)| {
+        let sd = variance.sqrt();
+        let s = Statistic { place: Place::Map(map.kind), what, value, sd, scale: Scale::Linear };
+        (value.is_finite() && sd.is_finite()).then_some(s)
+    };
+    if map.even {
+        return (0..sums.len()).filter_map(|c| add(What::FallOff(c as u8), of(c))).collect();
+    }
+    let widest = channels.widest();
+    let (least, doubt) = of(widest);
+    (0..sums.len())
+        .filter(|&c| c != widest)
+        .filter_map(|c| {
+            let (k, variance) = of(c);
+            add(What::FallOffApart(c as u8), (k - least, variance + doubt))
+        })
+        .collect()
+}
+
+/// Change of a statistic of [`fall_offs`] per unit of the change at the corners of a channel (of all
+/// channels: `None`); `None` for other statistics. `widest` is the channel with most pixels.
+pub fn slope(what: What, of: Option<usize>, widest: usize) -> Option<f64> {
+    let own = |c: u8| of.is_none_or(|of| of == usize::from(c));
+    match what {
+        What::FallOff(c) => Some(f64::from(u8::from(own(c)))),
+        What::FallOffApart(_) if of.is_none() => Some(0.0),
+        What::FallOffApart(_) if of == Some(widest) => Some(-1.0),
+        What::FallOffApart(c) => Some(f64::from(u8::from(own(c)))),
+        _ => None,
+    }
+}
+
+fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
+    let (w, h) = (map.plane.width, map.plane.height);
+    let (wf, hf) = (w as f64, h as f64);
+    let values = &map.plane.data;
+    let sds = robust_sds(values, channels);
+    let means = channels.means(values);
+    // r² by itself stays within 2.8 of its standard deviations and is not clipped.
+    let held = |v: f32, c: usize| {
+        let (mean, most) = (means[c], CLIP * sds[c]);
+        f64::from(v).clamp(mean - most, mean + most)
+    };
+    let mut out = vec![Sums::default(); channels.count()];
+    let mut i = 0;
+    channels.visit(values, |v, c| {
+        let (x, y) = ((i % w) as f64 + 0.5 - wf / 2.0, (i / w) as f64 + 0.5 - hf / 2.0);
+        i += 1;
+        let t = 4.0 * (x * x + y * y) / (wf * wf + hf * hf);
+        let g = held(v, c);
+        for (sum, term) in out[c].iter_mut().zip([1.0, t, t * t, g, t * g, g * g]) {
+            *sum += term;
+        }
+    });
+    out
+}
+
+/// k and its variance: by the noise of the channel's pixels, and by the patterns of rows and columns,
+/// of which a channel with a share s of the pixels has about √s.
+fn corner(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> (f64, f64) {
+    let of_t = tt - t * t / n;
+    let b = (tg - t * g / n) / of_t;
+    let a = (g - b * t) / n;
+    let left = (gg - g * g / n - b * b * of_t).max(0.0) / (n - 2.0);
+    let s = &map.spatial;
+    let (w, h) = (s.columns.len() as f64, s.rows.len() as f64);
+    let rows = (s.row_variance - s.pixel_variance / w).max(0.0) / (h * share.sqrt());
+    let columns = (s.column_variance - s.pixel_variance / h).max(0.0) / (w * share.sqrt());
+    // The part of r² that changes along y has a share q of the variance of r².
+    let q = h.powi(4) / (w.powi(4) + h.powi(4));
+    let spread = of_t / n;
+    let lines = (q * rows + (1.0 - q) * columns) / spread;
+    (b / a, (left / of_t + lines) / (a * a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::statistics::maps::MapKind;
+    use crate::statistics::spatial::describe;
+    use camrig_base::Plane;
+    use camrig_camera::Camera;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    /// A gain map of a Bayer sensor whose channels have these k, with pixel and row patterns and dead
+    /// pixels.
+    fn map(corners: &[f64], even: bool, seed: u64) -> (Map, Channels) {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        let (w, h) = (96, 64);
+        camera.sensor.width = w as u32;
+        let channels = Channels::new(&camera);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut data = vec![0.0f32; w * h];
+        channels.change(&mut data, corners, |_, k| k);
+        for (y, row) in data.chunks_mut(w).enumerate() {
+            let line = 1e-3 * normal();
+            for (x, v) in row.iter_mut().enumerate() {
+                let (u, w) = (x as f64 + 0.5 - 48.0, y as f64 + 0.5 - 32.0);
+                let r2 = (u * u + w * w) / (48.0 * 48.0 + 32.0 * 32.0);
+                *v = (1.0 + f64::from(*v) * r2 + line + 0.01 * normal()) as f32;
+            }
+        }
+        data.iter_mut().step_by(1777).for_each(|v| *v = 0.0);
+        let plane = Plane { width: w, height: h, data };
+        let spatial = describe(&plane, &channels, even);
+        (Map { kind: MapKind::Gain, spatial, even, after_image: None, plane }, channels)
+    }
+
+    #[test]
+    fn corners_and_their_scatter_are_those_put_in() {
+        let corners = [-0.05, -0.02, 0.03];
+        let mut squares = 0.0;
+        for seed in 0..20 {
+            let (map, channels) = map(&corners, true, seed);
+            let found = fall_offs(&map, &channels);
+            assert_eq!(found.len(), 3);
+            for (c, s) in found.iter().enumerate() {
+                assert_eq!(s.what, What::FallOff(c as u8));
+                squares += ((s.value - corners[c]) / s.sd).powi(2);
+            }
+        }
+        // 60 squares of a normal law; channels share the chance of rows, so as of 20: three of
+        // √(2/20).
+        assert!((squares / 60.0 - 1.0).abs() < 3.0 * 0.1f64.sqrt(), "{}", squares / 60.0);
+    }
+
+    #[test]
+    fn of_uneven_light_only_differences_are_said() {
+        let (map, channels) = map(&[-0.05, -0.02, 0.03], false, 1);
+        let widest = channels.widest();
+        let found = fall_offs(&map, &channels);
+        assert_eq!(found.len(), 2);
+        for s in found {
+            let What::FallOffApart(c) = s.what else { panic!("{:?}", s.what) };
+            let corners = [-0.05, -0.02, 0.03];
+            let apart = corners[usize::from(c)] - corners[widest];
+            assert!((s.value - apart).abs() < 4.0 * s.sd, "{} {apart} {}", s.value, s.sd);
+            assert_eq!(slope(s.what, Some(usize::from(c)), widest), Some(1.0));
+            assert_eq!(slope(s.what, Some(widest), widest), Some(-1.0));
+            assert_eq!(slope(s.what, None, widest), Some(0.0));
+        }
+    }
+}

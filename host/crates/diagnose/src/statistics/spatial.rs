@@ -1,0 +1,498 @@
+//! What a map over pixels looks like: smooth terms, rows, columns, pixels, outliers, lattices.
+//!
+//! The parts are taken out of the map one after the other, each with outliers clipped, so that none
+//! is counted twice: the mean, smooth terms, rows and columns, blocks, single pixels.
+
+use super::temporal::covariance;
+use crate::data::channels::Channels;
+use crate::numerics::spectrum::Spectrum;
+use camrig_base::Plane;
+use camrig_base::median::{SD_PER_MAD, median};
+
+/// Side of the blocks that show large-scale structure, pixels.
+pub const BLOCK: usize = 16;
+/// Pixels further than this from the middle, robust standard deviations, are outliers: a normal law
+/// has one in 26 million.
+const OUTLIER: f64 = 5.5;
+/// Values are clipped at this many robust standard deviations before they are summed: a normal law
+/// loses 1.2·10⁻⁴ of its variance, and an outlier counts no more than 16 pixels.
+pub const CLIP: f64 = 4.0;
+/// Values are clipped further out, in units of [`CLIP`], while rows, columns and smooth terms are
+/// still in the map and widen it.
+const CLIP_OF_WHOLE_MAP: f64 = 1.5;
+/// Lines over which uneven light is taken to be smooth. EMVA 1288 takes a high pass for the same
+/// reason.
+const SMOOTH_LINES: usize = 33;
+/// Periods of columns and rows that are looked for: those of converters shared by 2, 4 or 8 lines.
+pub const PERIODS: [usize; 3] = [2, 4, 8];
+/// Half waves over a map that count as smooth.
+pub const HALF_WAVES: usize = 4;
+/// A corner region has one in so many columns and rows.
+pub const CORNER_SHARE: usize = 8;
+/// Side of the lattice whose phases are compared, pixels.
+pub const LATTICE: usize = 16;
+/// Names of the smooth terms, see [`smooth_terms`].
+pub const SMOOTH_TERMS: [&str; 5] = [
+    "left-right slope",
+    "top-bottom slope",
+    "horizontal curvature",
+    "vertical curvature",
+    "saddle",
+];
+
+/// Description of a map, in the map's unit.
+#[derive(Clone, Debug, Default)]
+pub struct Spatial {
+    /// Amplitudes (root mean square) of the five [`smooth_terms`].
+    pub slopes: [f64; 5],
+    /// Mean of each row, without slopes.
+    pub rows: Vec<f64>,
+    /// Mean of each column, without slopes.
+    pub columns: Vec<f64>,
+    /// Variance of row means beside what repeats after the longest of [`PERIODS`].
+    pub row_variance: f64,
+    /// The same of column means.
+    pub column_variance: f64,
+    /// Variance of what rows and columns leave, outliers clipped at 4 standard deviations.
+    pub pixel_variance: f64,
+    /// The same with outliers.
+    pub whole_variance: f64,
+    /// Sum of squares of column-phase means over their expectation, for each of [`PERIODS`].
+    pub column_periods: [f64; 3],
+    /// The same for rows.
+    pub row_periods: [f64; 3],
+    /// Largest bin of the rows' power over the median.
+    pub row_peak: f64,
+    /// Largest bin of the columns' power over the median.
+    pub column_peak: f64,
+    /// Variance of the means of 16x16 blocks, times 256, over the pixel variance.
+    pub blocks: f64,
+    /// What cosines of up to four half waves over the map leave of it, per degree of freedom.
+    pub fine_blocks: f64,
+    /// Means of the four corner regions (an eighth of each side): top left, top right, bottom left,
+    /// bottom right.
+    pub corners: [f64; 4],
+    /// Contrasts of the 2x2 phases: even rows less odd, even columns less odd, one half of a
+    /// checkerboard less the other.
+    pub phases: [f64; 3],
+    /// Correlation with the neighbour right, below, and diagonally below.
+    pub correlation: [f64; 3],
+    /// Number of bright outliers.
+    pub high: f64,
+    /// Sum of the bright outliers' distances from the middle.
+    pub high_sum: f64,
+    /// Number of dark outliers.
+    pub low: f64,
+    /// Sum of the dark outliers' distances from the middle (negative).
+    pub low_sum: f64,
+    /// Skewness of the clipped pixels.
+    pub skewness: f64,
+    /// Excess kurtosis of the clipped pixels.
+    pub kurtosis: f64,
+    /// Third and fourth cumulant of the pixels with outliers.
+    pub cumulants: [f64; 2],
+    /// Largest mean over a phase of the 16x16 lattice, 2x2 phases taken out, in its standard
+    /// deviations.
+    pub lattice: f64,
+}
+
+/// √3u, √3v, √5(3u²−1)/2, √5(3v²−1)/2 and 3uv at (u, v), which run from −1 to 1 over the columns and
+/// rows: products of Legendre polynomials, orthogonal, of mean square 1.
+pub fn smooth_terms(u: f64, v: f64) -> [f64; 5] {
+    let (r3, r5) = (3f64.sqrt(), 5f64.sqrt() / 2.0);
+    [r3 * u, r3 * v, r5 * (3.0 * u * u - 1.0), r5 * (3.0 * v * v - 1.0), 3.0 * u * v]
+}
+
+/// Robust standard deviation.
+fn robust_sd(mut v: Vec<f32>) -> f64 {
+    let middle = median(&mut v, f32::total_cmp);
+    v.iter_mut().for_each(|x| *x = (*x - middle).abs());
+    f64::from(median(&mut v, f32::total_cmp)) * SD_PER_MAD
+}
+
+/// Robust standard deviation of each channel's pixels.
+pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
+    let mut own = vec![Vec::new(); channels.count()];
+    channels.visit(d, |x, channel| own[channel].push(x));
+    own.into_iter().map(robust_sd).collect()
+}
+
+fn variance(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
+}
+
+/// Describes a map of pixels in channels. Where the light may be uneven, rows and columns tell only
+/// what changes within [`SMOOTH_LINES`] of them.
+pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
+    let (w, h) = (map.width, map.height);
+    let n = (w * h) as f64;
+    let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+    let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
+    let scale = robust_sd(d.clone()).max(1e-12);
+    let limit = (CLIP_OF_WHOLE_MAP * CLIP * scale) as f32;
+    let mut s = Spatial { slopes: take_smooth_terms(&mut d, w, h, limit), ..Spatial::default() };
+    describe_lines(&mut d, w, h, limit, even, &mut s);
+    // Blocks without rows and columns, whose patterns whole lines of blocks would share.
+    let (blocks, fine_blocks) = blocks(&d, w, h, limit);
+    let sd = robust_sd(d.clone()).max(1e-12);
+    describe_outliers(&d, channels, &mut s);
+    describe_clipped(&mut d, w, h, (CLIP * sd) as f32, &mut s);
+    s.blocks = blocks / s.pixel_variance;
+    s.fine_blocks = fine_blocks / s.pixel_variance;
+    s.lattice = lattice(&d, w, h, s.pixel_variance);
+    s
+}
+
+/// Amplitudes of the smooth terms of a map of mean 0, outliers clipped, which are then taken out.
+fn take_smooth_terms(d: &mut [f32], w: usize, h: usize, limit: f32) -> [f64; 5] {
+    let n = (w * h) as f64;
+    let mut slopes = [0.0; 5];
+    let u: Vec<f64> = (0..w).map(|x| (x as f64 + 0.5) / w as f64 * 2.0 - 1.0).collect();
+    for (y, row) in d.chunks(w).enumerate() {
+        let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+        // Moments of the row over u give all five sums.
+        let (mut m0, mut m1, mut m2) = (0.0, 0.0, 0.0);
+        for (&x, &u) in row.iter().zip(&u) {
+            let x = f64::from(x.clamp(-limit, limit));
+            m0 += x;
+            m1 += x * u;
+            m2 += x * u * u;
+        }
+        let (r3, r5) = (3f64.sqrt(), 5f64.sqrt() / 2.0);
+        slopes[0] += r3 * m1;
+        slopes[1] += r3 * v * m0;
+        slopes[2] += r5 * (3.0 * m2 - m0);
+        slopes[3] += r5 * (3.0 * v * v - 1.0) * m0;
+        slopes[4] += 3.0 * v * m1;
+    }
+    slopes.iter_mut().for_each(|k| *k /= n);
+    for (y, row) in d.chunks_mut(w).enumerate() {
+        let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+        for (x, &u) in row.iter_mut().zip(&u) {
+            let b = smooth_terms(u, v);
+            let slope: f64 = b.iter().zip(&slopes).map(|(b, k)| b * k).sum();
+            *x -= slope as f32;
+        }
+    }
+    slopes
+}
+
+/// What rows, columns, corners and 2x2 phases of a map show; rows and columns are then taken out.
+fn describe_lines(d: &mut [f32], w: usize, h: usize, limit: f32, even: bool, s: &mut Spatial) {
+    let held = |x: f32| f64::from(x.clamp(-limit, limit));
+    let rows: Vec<f64> =
+        d.chunks(w).map(|r| r.iter().map(|&x| held(x)).sum::<f64>() / w as f64).collect();
+    let mut columns = vec![0.0; w];
+    for row in d.chunks(w) {
+        columns.iter_mut().zip(row).for_each(|(c, &x)| *c += held(x));
+    }
+    columns.iter_mut().for_each(|c| *c /= h as f64);
+    s.rows = if even { rows.clone() } else { without_smooth(&rows) };
+    s.columns = if even { columns.clone() } else { without_smooth(&columns) };
+    s.row_variance = aperiodic_variance(&s.rows);
+    s.column_variance = aperiodic_variance(&s.columns);
+    s.row_periods = periods(&s.rows);
+    s.column_periods = periods(&s.columns);
+    s.row_peak = peak(&s.rows);
+    s.column_peak = peak(&s.columns);
+    s.corners = corners(d, w, h, limit);
+    s.phases = phases(d, w, h, limit);
+    for (row, mean) in d.chunks_mut(w).zip(&rows) {
+        row.iter_mut().zip(&columns).for_each(|(x, c)| *x -= (mean + c) as f32);
+    }
+}
+
+/// Outliers of single pixels, and their moments with outliers. Outliers are those of their own
+/// channel: the gain map of a channel with less light has more noise.
+fn describe_outliers(d: &[f32], channels: &Channels, s: &mut Spatial) {
+    let n = d.len() as f64;
+    let edges: Vec<f64> =
+        robust_sds(d, channels).into_iter().map(|sd| OUTLIER * sd.max(1e-12)).collect();
+    channels.visit(d, |x, channel| {
+        let x = f64::from(x);
+        s.whole_variance += x * x;
+        s.cumulants[0] += x * x * x;
+        s.cumulants[1] += x * x * x * x;
+        if x > edges[channel] {
+            s.high += 1.0;
+            s.high_sum += x;
+        } else if x < -edges[channel] {
+            s.low += 1.0;
+            s.low_sum += x;
+        }
+    });
+    s.whole_variance /= n;
+    s.cumulants = [s.cumulants[0] / n, s.cumulants[1] / n - 3.0 * s.whole_variance.powi(2)];
+}
+
+/// Clips single pixels at `clip`, and describes what remains: moments, correlation of neighbours.
+fn describe_clipped(d: &mut [f32], w: usize, h: usize, clip: f32, s: &mut Spatial) {
+    let n = (w * h) as f64;
+    d.iter_mut().for_each(|x| *x = x.clamp(-clip, clip));
+    let (mut m2, mut m3, mut m4) = (0.0, 0.0, 0.0);
+    for &x in d.iter() {
+        let x = f64::from(x);
+        m2 += x * x;
+        m3 += x * x * x;
+        m4 += x * x * x * x;
+    }
+    s.pixel_variance = m2 / n;
+    s.skewness = m3 / n / s.pixel_variance.powf(1.5);
+    s.kurtosis = m4 / n / s.pixel_variance.powi(2) - 3.0;
+    for (c, (dx, dy)) in s.correlation.iter_mut().zip([(1, 0), (0, 1), (1, 1)]) {
+        *c = covariance(d, w, h, dx, dy) / s.pixel_variance;
+    }
+}
+
+/// Degrees of freedom of so many lines after smooth terms and the means of the longest period were
+/// taken out.
+pub fn aperiodic(lines: f64) -> f64 {
+    lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
+}
+
+/// Lines less the mean of the [`SMOOTH_LINES`] around each; near the ends of fewer, as many on either
+/// side, so that a slope leaves nothing.
+fn without_smooth(lines: &[f64]) -> Vec<f64> {
+    let less_mean = |i: usize| {
+        let reach = (SMOOTH_LINES / 2).min(i).min(lines.len() - 1 - i);
+        let around = &lines[i - reach..=i + reach];
+        lines[i] - around.iter().sum::<f64>() / around.len() as f64
+    };
+    (0..lines.len()).map(less_mean).collect()
+}
+
+/// Mean of the lines of each phase of a period.
+pub fn phase_means(lines: &[f64], period: usize) -> Vec<f64> {
+    let of = |phase: usize| lines.iter().skip(phase).step_by(period);
+    (0..period).map(|phase| of(phase).sum::<f64>() / of(phase).count() as f64).collect()
+}
+
+/// Variance of lines about the means of the longest period, so that a period is no random pattern.
+fn aperiodic_variance(lines: &[f64]) -> f64 {
+    let period = PERIODS[PERIODS.len() - 1].min(lines.len());
+    let mut sum = 0.0;
+    for (phase, mean) in phase_means(lines, period).into_iter().enumerate() {
+        let own = lines.iter().skip(phase).step_by(period);
+        sum += own.map(|v| (v - mean).powi(2)).sum::<f64>();
+    }
+    sum / (lines.len() - period).max(1) as f64
+}
+
+/// Variance of lines between the phases of each period over that within: 1 where there is no period.
+fn periods(lines: &[f64]) -> [f64; 3] {
+    let mean = lines.iter().sum::<f64>() / lines.len() as f64;
+    let var = variance(lines).max(1e-300);
+    PERIODS.map(|p| {
+        let mut sum = 0.0;
+        for phase in 0..p {
+            let (mut total, mut count) = (0.0, 0.0);
+            for v in lines.iter().skip(phase).step_by(p) {
+                total += v - mean;
+                count += 1.0;
+            }
+            sum += total * total / f64::max(count, 1.0);
+        }
+        let between = sum / (p as f64 - 1.0);
+        let within = ((lines.len() as f64 - 1.0) * var - sum) / (lines.len() - p) as f64;
+        between / within.max(1e-300)
+    })
+}
+
+/// Largest bin of the power over the mean of an exponential law with the power's median.
+fn peak(lines: &[f64]) -> f64 {
+    let mut power = Spectrum::of(lines);
+    let highest = power.iter().copied().fold(0.0, f64::max);
+    let mean = median(&mut power, f64::total_cmp) / std::f64::consts::LN_2;
+    highest / mean.max(1e-300)
+}
+
+/// Variance of block means x the pixels of a block: all of it, and what smooth cosines leave.
+fn blocks(d: &[f32], w: usize, h: usize, limit: f32) -> (f64, f64) {
+    let (across, down) = (w / BLOCK, h / BLOCK);
+    let mut blocks = vec![0.0f64; across * down];
+    for (y, row) in d.chunks(w).enumerate().take(down * BLOCK) {
+        for (bx, pixels) in row.chunks_exact(BLOCK).enumerate() {
+            let sum: f32 = pixels.iter().map(|x| x.clamp(-limit, limit)).sum();
+            blocks[y / BLOCK * across + bx] += f64::from(sum);
+        }
+    }
+    let area = (BLOCK * BLOCK) as f64;
+    blocks.iter_mut().for_each(|b| *b /= area);
+    (variance(&blocks) * area, beyond_cosines(&blocks, across, down) * area)
+}
+
+/// Means of the four corner regions, outliers clipped.
+fn corners(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 4] {
+    let (cw, ch) = ((w / CORNER_SHARE).max(1), (h / CORNER_SHARE).max(1));
+    [0, 1, 2, 3].map(|i| {
+        let (x0, y0) = ((i % 2) * (w - cw), (i / 2) * (h - ch));
+        let rows = d.chunks(w).skip(y0).take(ch);
+        let sum: f64 =
+            rows.flat_map(|r| &r[x0..x0 + cw]).map(|x| f64::from(x.clamp(-limit, limit))).sum();
+        sum / (cw * ch) as f64
+    })
+}
+
+/// Variance of a grid of means that cosines of up to [`HALF_WAVES`] half waves leave, per degree of
+/// freedom.
+fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
+    let n = blocks.len() as f64;
+    let (nx, ny) = ((HALF_WAVES + 1).min(across), (HALF_WAVES + 1).min(down));
+    let wave = |k: usize, i: usize, n: usize| {
+        let scale = if k == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
+        scale * (std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64).cos()
+    };
+    let mut left: f64 = blocks.iter().map(|b| b * b).sum();
+    for ky in 0..ny {
+        for kx in 0..nx {
+            let mut sum = 0.0;
+            for (y, row) in blocks.chunks(across.max(1)).enumerate() {
+                let inner: f64 = row.iter().enumerate().map(|(x, b)| b * wave(kx, x, across)).sum();
+                sum += inner * wave(ky, y, down);
+            }
+            // Cosines at the centres of a grid are orthogonal, of mean square 1.
+            left -= sum * sum / n;
+        }
+    }
+    left.max(0.0) / (n - (nx * ny) as f64).max(1.0)
+}
+
+/// Contrasts of the means of the 2x2 phases, outliers clipped: rows, columns, checkerboard. They are
+/// orthogonal, and so independent.
+fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
+    let mut mean = [0.0f64; 4];
+    for (y, row) in d.chunks(w).enumerate().take(h / 2 * 2) {
+        for pair in row.chunks_exact(2) {
+            for (x, v) in pair.iter().enumerate() {
+                mean[y % 2 * 2 + x] += f64::from(v.clamp(-limit, limit));
+            }
+        }
+    }
+    let count = (w / 2 * (h / 2)) as f64;
+    let [a, b, c, e] = mean.map(|m| m / count);
+    [(a + b - c - e) / 2.0, (a + c - b - e) / 2.0, (a + e - b - c) / 2.0]
+}
+
+/// Largest mean over a phase of the lattice, 2x2 phases taken out, in its standard deviations; 0 for
+/// a map smaller than the lattice.
+fn lattice(d: &[f32], w: usize, h: usize, pixel_variance: f64) -> f64 {
+    let (across, down) = (w / LATTICE, h / LATTICE);
+    if across == 0 || down == 0 {
+        return 0.0;
+    }
+    let mut lattice = [0.0f64; LATTICE * LATTICE];
+    for (y, row) in d.chunks(w).enumerate().take(down * LATTICE) {
+        for (x, &v) in row[..across * LATTICE].iter().enumerate() {
+            lattice[y % LATTICE * LATTICE + x % LATTICE] += f64::from(v);
+        }
+    }
+    let count = (across * down) as f64;
+    lattice.iter_mut().for_each(|l| *l /= count);
+    let phase = |i: usize| i / LATTICE % 2 * 2 + i % 2;
+    let mut phases = [0.0; 4];
+    for (i, l) in lattice.iter().enumerate() {
+        phases[phase(i)] += l / (LATTICE * LATTICE / 4) as f64;
+    }
+    let sd = (pixel_variance / count).sqrt().max(1e-300);
+    let off = lattice.iter().enumerate().map(|(i, l)| (l - phases[phase(i)]).abs() / sd);
+    off.fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_camera::Camera;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    fn channels_of(width: usize) -> Channels {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        camera.sensor.width = width as u32;
+        Channels::new(&camera)
+    }
+
+    #[test]
+    fn outliers_are_those_of_their_own_channel() {
+        let (w, h) = (128, 96);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
+        let channels = channels_of(w);
+        assert!(channels.count() > 1);
+        // One channel has five times the noise of the others: their edge is at 1.1 of its standard
+        // deviations.
+        let mut data: Vec<f32> = (0..w * h).map(|_| StandardNormal.sample(&mut rng)).collect();
+        let sd: Vec<f64> = (0..channels.count()).map(|c| if c == 0 { 5.0 } else { 1.0 }).collect();
+        channels.change(&mut data, &sd, |v, sd| v * sd);
+        let map = Plane { width: w, height: h, data };
+        let s = describe(&map, &channels, true);
+        assert_eq!((s.high, s.low), (0.0, 0.0));
+        let mut weak = map;
+        weak.data.iter_mut().step_by(1001).for_each(|v| *v -= 40.0);
+        let s = describe(&weak, &channels, true);
+        // Rows and columns take a share of 1/w + 1/h with them, the noise at most √(25/13) in the
+        // mean.
+        assert_eq!(s.low, 13.0);
+        let share = 40.0 * (1.0 / w as f64 + 1.0 / h as f64);
+        assert!((s.low_sum / s.low + 40.0).abs() < share + 3.0 * (25.0f64 / 13.0).sqrt());
+    }
+
+    #[test]
+    fn parts_come_apart() {
+        let (w, h) = (256, 192);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let mut normal = |n: usize, sd: f64| -> Vec<f64> {
+            (0..n)
+                .map(|_| {
+                    let z: f64 = StandardNormal.sample(&mut rng);
+                    sd * z
+                })
+                .collect()
+        };
+        let (rows, columns, pixels) = (normal(h, 0.5), normal(w, 0.25), normal(w * h, 2.0));
+        let map = Plane {
+            width: w,
+            height: h,
+            data: (0..w * h)
+                .map(|i| {
+                    let (x, y) = (i % w, i / w);
+                    let u = (x as f64 + 0.5) / w as f64 * 2.0 - 1.0;
+                    let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
+                    let even = if x % 2 == 0 { 0.1 } else { -0.1 };
+                    let hot = if i % 5000 == 77 { 40.0 } else { 0.0 };
+                    (7.0 + 0.8 * smooth_terms(u, v)[2]
+                        + rows[y]
+                        + columns[x]
+                        + pixels[i]
+                        + even
+                        + hot) as f32
+                })
+                .collect(),
+        };
+        let s = describe(&map, &channels_of(w), true);
+        // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
+        assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
+        assert!(
+            (s.row_variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt()
+        );
+        assert!((s.pixel_variance / 4.0 - 1.0).abs() < 3.0 * (2.0f64 / 49152.0).sqrt() + 0.005);
+        assert_eq!(s.high, 10.0);
+        assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);
+        assert!(s.column_periods[0] > 5.0 && s.row_periods[0] < 12.0);
+        // A wave of one period over the frame is light: rows, columns and pixels stay what they were.
+        let mut waved = map;
+        for (y, row) in waved.data.chunks_mut(w).enumerate() {
+            let wave = 3.0 * (y as f64 / h as f64 * std::f64::consts::TAU).sin() as f32;
+            row.iter_mut().for_each(|v| *v += wave);
+        }
+        let smooth = describe(&waved, &channels_of(w), false);
+        assert!(
+            (smooth.row_variance / s.row_variance - 1.0).abs() < 0.3,
+            "{}",
+            smooth.row_variance
+        );
+        assert!((smooth.pixel_variance / s.pixel_variance - 1.0).abs() < 1e-3);
+        assert!(smooth.column_periods[0] > 5.0);
+        assert!(describe(&waved, &channels_of(w), true).row_variance > 3.0 * s.row_variance);
+    }
+}

@@ -1,0 +1,270 @@
+//! The vocabulary of the battery: where a statistic was taken, what it is, on which scale its
+//! scatter is normal, and the statistics of a set by name.
+//!
+//! The order of the variants is the order of statistics in every sum over them, and so part of the
+//! result: new variants go to the end.
+
+use super::maps::MapKind;
+use std::collections::BTreeMap;
+
+/// Where a statistic was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Place {
+    /// A dark or flat stack: its index in [`Design::conditions`](crate::data::design::Design).
+    Stack(usize),
+    /// A capture of a target: its index in [`Design::targets`](crate::data::design::Design).
+    Target(usize),
+    /// A map made of several stacks.
+    Map(MapKind),
+    /// All stacks together.
+    Set,
+}
+
+/// Index of a channel in the camera's `channel_names`.
+pub type Channel = u8;
+/// Index into [`LAGS`](super::temporal::LAGS): how many columns and rows two pixels are apart.
+pub type Lag = u8;
+/// Index into [`SMOOTH_TERMS`](super::spatial::SMOOTH_TERMS): a slope or curvature over the sensor.
+pub type Term = u8;
+/// Index into [`CODE_PERIODS`](super::codes::CODE_PERIODS): a period of the converter's codes.
+pub type CodePeriod = u8;
+/// Index into [`PERIODS`](super::spatial::PERIODS): a period of rows or columns.
+pub type LinePeriod = u8;
+/// A neighbour: to the right (0), below (1), diagonally below (2).
+pub type Neighbour = u8;
+/// A corner of the sensor: top left, top right, bottom left, bottom right.
+pub type Corner = u8;
+
+/// What was taken.
+///
+/// "White" is noise that is independent from pixel to pixel and frame to frame with the stack's
+/// pixel variance; ratios to it are 1 where there is no other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum What {
+    /// Mean of a channel, DN; of all stacks but the reference dark relative to that one.
+    Mean(Channel),
+    /// Double ratio of a channel to the one with most light, over that of the reference flat.
+    Ratio(Channel),
+    /// Variance over time of a channel's pixels, without frame, row and column parts, DN².
+    Variance(Channel),
+    /// Variance of the frames' means over that of white noise.
+    FrameVariance,
+    /// Slope of the frames' means over time, in standard deviations.
+    FrameTrend,
+    /// Correlation of the means of successive frames.
+    FrameLag,
+    /// Variance over time of row means over that of white noise.
+    RowVariance,
+    /// Correlation of the means of neighbouring rows.
+    RowLag,
+    /// Power of row means at the lowest frequencies over the mean of all.
+    RowSlow,
+    /// Highest line in the spectrum of row means, as a normal deviate.
+    RowPeak,
+    /// Variance over time of column means over that of white noise.
+    ColumnVariance,
+    /// Power of column means at the lowest frequencies over the mean of all.
+    ColumnSlow,
+    /// Highest line in the spectrum of column means, as a normal deviate.
+    ColumnPeak,
+    /// Correlation over time of pixels a lag apart.
+    Covariance(Lag),
+    /// Variance over time of means of 8x8 pixels over that of white noise.
+    BlockVariance,
+    /// Highest line in the spectrum of pixels over both frequencies, as a normal deviate.
+    PlanePeak,
+    /// Spread of the pixels' variances over that of χ² laws.
+    Spread,
+    /// Number of pixels whose variance a χ² law passes once in a million.
+    NoisyPixels,
+    /// Change of the pixels' variance over the sensor, relative to its mean.
+    NoiseSlope(Term),
+    /// Variance of the noise of 16x16 blocks over what independent pixels give.
+    NoiseBlocks,
+    /// Skewness: of the noise over time, or of a map's pixels without outliers.
+    Skewness,
+    /// Excess kurtosis: of the noise over time, or of a map's pixels without outliers.
+    Kurtosis,
+    /// Fourth moment over squared variance of the noisiest pixels.
+    TopKurtosis,
+    /// Correlation of a pixel's noise in successive frames.
+    TimeLag,
+    /// The same of the noisiest pixels.
+    TopTimeLag,
+    /// Share of samples of code 0.
+    Zeros,
+    /// Share of samples at the highest code.
+    Saturated,
+    /// Power of a wave of some codes' period in the histogram, over its Poisson scatter.
+    Codes(CodePeriod),
+    /// Mean square fourth difference of the histogram over its Poisson scatter.
+    Roughness,
+    /// Number of codes that do not occur between two that do.
+    MissingCodes,
+    /// Slope or curvature of a map, root mean square, in the map's unit.
+    Slope(Term),
+    /// Variance of a map's row means, periodic part left out, in the map's unit squared.
+    RowPattern,
+    /// Highest line in the spectrum of a map's row means, as a normal deviate.
+    RowPatternPeak,
+    /// Variance of a map's column means, periodic part left out, in the map's unit squared.
+    ColumnPattern,
+    /// Highest line in the spectrum of a map's column means, as a normal deviate.
+    ColumnPatternPeak,
+    /// Variance of a map's columns between the phases of a period over that within.
+    ColumnPeriod(LinePeriod),
+    /// Variance of a map's rows between the phases of a period over that within.
+    RowPeriod(LinePeriod),
+    /// Variance of a map's pixels, outliers clipped, in the map's unit squared.
+    PixelPattern,
+    /// Variance of a map's pixels with outliers over that with outliers clipped.
+    Tails,
+    /// Number of bright outliers of a map.
+    High,
+    /// Number of dark outliers of a map.
+    Low,
+    /// Correlation of a map's pixels with a neighbour.
+    MapCovariance(Neighbour),
+    /// Variance of a map's 16x16 blocks over what independent pixels give.
+    MapBlocks,
+    /// The same after the smooth part was taken out.
+    FineBlocks,
+    /// Mean of a corner of a map, in the map's unit.
+    Corner(Corner),
+    /// Mean of a map's even rows less that of its odd rows, in the map's unit.
+    EveryOtherRow,
+    /// Mean of a map's even columns less that of its odd columns, in the map's unit.
+    EveryOtherColumn,
+    /// Mean of one half of a map's checkerboard less that of the other, in the map's unit.
+    Checkerboard,
+    /// Relative change of a channel's gain from the centre to the corners.
+    FallOff(Channel),
+    /// The same less that of the channel with most pixels.
+    FallOffApart(Channel),
+    /// Largest mean over a phase of the 16x16 lattice of a map, as a normal deviate.
+    Lattice,
+    /// Mean of the dark frames after light, relative to that light.
+    AfterImage,
+    /// A figure of a target.
+    Of(Figure),
+}
+
+/// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) − 1.
+pub type Ring = u8;
+
+/// A figure of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Figure {
+    /// MTF along an edge.
+    Response {
+        /// Part of the edge, from its start: 0 to 2.
+        part: u8,
+        /// Channel.
+        channel: Channel,
+        /// Spatial frequency, tenths of a cycle per pixel.
+        tenths: u8,
+    },
+    /// Level of a side of an edge, DN above black.
+    EdgeLevel {
+        /// Dark (0) or bright (1) side.
+        side: u8,
+        /// Channel.
+        channel: Channel,
+    },
+    /// Mean displacement of dots from their ideal places away from the centre, pixels.
+    Outwards(Ring),
+    /// The same to the right.
+    Rightwards(Ring),
+    /// The same downwards.
+    Downwards(Ring),
+    /// Displacement of a channel's dots outwards from those of the most densely sampled channel,
+    /// pixels.
+    Apart {
+        /// Channel.
+        channel: Channel,
+        /// Ring.
+        ring: Ring,
+    },
+    /// Root mean square radius of the dots, pixels.
+    DotRadius(Ring),
+    /// Level between the dots, DN above black.
+    Ground {
+        /// Channel.
+        channel: Channel,
+        /// Ring.
+        ring: Ring,
+    },
+    /// Mean of a patch of a ColorChecker, DN above black.
+    PatchMean {
+        /// Number of the patch, from 1.
+        patch: u8,
+        /// Channel.
+        channel: Channel,
+    },
+    /// Standard deviation of the luminance within a patch, DN: number of the patch, from 1.
+    PatchScatter(u8),
+}
+
+impl Figure {
+    /// Whether it is in proportion to the amount of light.
+    pub fn is_level(self) -> bool {
+        matches!(self, Self::EdgeLevel { .. } | Self::Ground { .. } | Self::PatchMean { .. })
+    }
+}
+
+impl What {
+    /// Whether the measured value may be more uncertain than the model's replicates say, by its own
+    /// account: one pixel that stands out in a patch is chance, which the patch's kurtosis shows.
+    pub fn tells_its_scatter(self) -> bool {
+        matches!(self, Self::Of(Figure::PatchScatter(_)))
+    }
+}
+
+/// The scale on which a statistic's scatter is normal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Its own.
+    Linear,
+    /// Its natural logarithm.
+    Log,
+    /// Its cube root (means of squares with few degrees of freedom).
+    CubeRoot,
+    /// A count of rare events.
+    Count,
+}
+
+impl Scale {
+    /// A value on this scale.
+    pub fn of(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear | Scale::Count => value,
+            Scale::Log => value.max(1e-12).ln(),
+            Scale::CubeRoot => value.max(0.0).cbrt(),
+        }
+    }
+}
+
+/// One statistic.
+#[derive(Clone, Copy, Debug)]
+pub struct Statistic {
+    /// Where it was taken.
+    pub place: Place,
+    /// What it is.
+    pub what: What,
+    /// Its value, in its own unit.
+    pub value: f64,
+    /// Standard deviation on its scale by its sampling law; not used of counts.
+    pub sd: f64,
+    /// Its scale.
+    pub scale: Scale,
+}
+
+/// Name of a statistic.
+pub type Key = (Place, What);
+/// Statistics by name.
+pub type Values = BTreeMap<Key, Statistic>;
+
+/// Statistics by name.
+pub fn by_key(statistics: Vec<Statistic>) -> Values {
+    statistics.into_iter().map(|s| ((s.place, s.what), s)).collect()
+}

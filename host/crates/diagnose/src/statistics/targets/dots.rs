@@ -1,0 +1,341 @@
+//! Where the dots of a grid lie, how large they are, and the level between them.
+
+use super::picture::{Picture, densest_channel};
+use crate::statistics::statistic::{Figure, Scale};
+use camrig_base::median::{SD_PER_MAD, median};
+use camrig_base::{Cfa, Plane};
+use camrig_camera::Camera;
+use camrig_scene::chart::dots::Dots;
+use std::collections::BTreeMap;
+
+/// A figure with its value, standard deviation on its scale, and scale.
+type Found = (Figure, f64, f64, Scale);
+
+/// Rings of equal width from the centre to the corner.
+pub const RINGS: usize = 5;
+/// Share of the frame at its border whose dots are left out, so that a distortion of that size neither
+/// removes dots nor adds any. Chosen: a wider border would cost the corners, where a lens shows most.
+const BORDER: f64 = 0.06;
+/// Radius, pitches, within which the light of a dot is summed; what lies beyond is ground. Chosen: a
+/// blurred dot must fit in, and half a pitch would leave the corners of the window alone as ground.
+const REACH: f64 = 0.42;
+/// Robust standard deviations from the median beyond which a dot is left out of the mean of its ring:
+/// there is a defective pixel in its window.
+const OUTLIER: f64 = 5.0;
+/// Radius of the smallest dots that are measured, periods of the colour filter pattern: smaller ones
+/// have too few pixels of a channel for a centroid.
+const LEAST_RADIUS: f64 = 0.75;
+/// Standard deviations by which the summed light of a dot must stand out from the noise of its window.
+const VISIBLE: f64 = 5.0;
+/// Distance, pitches, from where a dot is expected at which it is taken for a neighbour.
+const NEIGHBOUR: f64 = 0.4;
+/// Centroids after the first: the window follows the dot until it no longer moves.
+const REFINEMENTS: usize = 3;
+/// Samples without which neither a dot nor its ground is measured.
+const LEAST_SAMPLES: usize = 4;
+/// Dots of a ring without which it has no mean.
+const LEAST_DOTS: usize = 3;
+
+/// A dot as one channel sees it.
+#[derive(Clone, Copy, Debug)]
+struct Dot {
+    /// Centroid, pixels.
+    at: [f64; 2],
+    /// Variance of the centroid each way, pixels².
+    variance: f64,
+    /// Root mean square distance of its light from the centroid, pixels, and its variance.
+    radius: (f64, f64),
+    /// Level around it, DN, and its variance.
+    ground: (f64, f64),
+}
+
+/// The figures of a grid of dots.
+pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<Found> {
+    let cfa = &camera.sensor.cfa;
+    let frame = &picture.mean;
+    let pitch = dots.pitch * frame.width as f64;
+    if dots.diameter * frame.width as f64 * 0.5 < LEAST_RADIUS * cfa.width as f64 {
+        return Vec::new();
+    }
+    let reference = densest_channel(camera);
+    let channels = cfa.channels();
+    let grid = Grid::new(frame, pitch);
+    let own = grid.track(frame, cfa, channels[reference]);
+    let mut out = rings(&grid, &own, camera.sensor.black_level_dn, reference);
+    for channel in (0..channels.len()).filter(|c| *c != reference) {
+        let other = grid.around(frame, cfa, channels[channel], &own);
+        out.extend(apart(&grid, &own, &other, camera.sensor.black_level_dn, channel));
+    }
+    out
+}
+
+/// The ideal grid.
+struct Grid {
+    pitch: f64,
+    centre: [f64; 2],
+    /// Dots by column and row from the centre, those next to the centre first.
+    indices: Vec<(i32, i32)>,
+}
+
+impl Grid {
+    fn new(frame: &Plane<f32>, pitch: f64) -> Self {
+        let (w, h) = (frame.width as f64, frame.height as f64);
+        let reach = |side: f64| (((0.5 - BORDER) * side - 0.5 * pitch) / pitch).floor() as i32;
+        let (columns, rows) = (reach(w), reach(h));
+        let mut indices: Vec<(i32, i32)> = (-rows..=rows)
+            .flat_map(|row| (-columns..=columns).map(move |column| (column, row)))
+            .collect();
+        indices.sort_by_key(|(c, r)| (c * c + r * r, *r, *c));
+        Self { pitch, centre: [0.5 * (w - 1.0), 0.5 * (h - 1.0)], indices }
+    }
+
+    fn ideal(&self, (column, row): (i32, i32)) -> [f64; 2] {
+        let [x, y] = self.centre;
+        [x + f64::from(column) * self.pitch, y + f64::from(row) * self.pitch]
+    }
+
+    /// Distance from the centre, 1 in the frame's corner.
+    fn field(&self, (column, row): (i32, i32)) -> f64 {
+        let [x, y] = self.centre;
+        (f64::from(column * column + row * row)).sqrt() * self.pitch / (x + 0.5).hypot(y + 0.5)
+    }
+
+    fn ring(&self, index: (i32, i32)) -> usize {
+        ((self.field(index) * RINGS as f64) as usize).min(RINGS - 1)
+    }
+
+    /// Dots from the centre outwards, each looked for where its neighbour towards the centre predicts
+    /// it.
+    fn track(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char) -> BTreeMap<(i32, i32), Dot> {
+        let mut found: BTreeMap<(i32, i32), Dot> = BTreeMap::new();
+        for &index in &self.indices {
+            let (column, row) = index;
+            let step = |v: i32, other: i32| if v.abs() >= other.abs() { v - v.signum() } else { v };
+            let inner = (step(column, row), step(row, column));
+            let ideal = self.ideal(index);
+            let shift = found.get(&inner).map_or([0.0; 2], |d| {
+                let at = self.ideal(inner);
+                // Distortion grows with the height at least in proportion.
+                let grown = self.field(index) / self.field(inner).max(1e-9);
+                let grown = if inner == (0, 0) { 1.0 } else { grown };
+                [0, 1].map(|k| (d.at[k] - at[k]) * grown)
+            });
+            let expected = [ideal[0] + shift[0], ideal[1] + shift[1]];
+            if let Some(dot) = self.locate(frame, cfa, letter, expected) {
+                found.insert(index, dot);
+            }
+        }
+        found
+    }
+
+    /// Dots of another channel around those found.
+    fn around(
+        &self,
+        frame: &Plane<f32>,
+        cfa: &Cfa,
+        letter: char,
+        found: &BTreeMap<(i32, i32), Dot>,
+    ) -> BTreeMap<(i32, i32), Dot> {
+        let near = |dot: &Dot| self.locate(frame, cfa, letter, dot.at);
+        found.iter().filter_map(|(index, dot)| Some((*index, near(dot)?))).collect()
+    }
+
+    /// The dot near a place, by its centroid, in a window that follows it.
+    fn locate(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char, near: [f64; 2]) -> Option<Dot> {
+        let mut dot = self.centroid(frame, cfa, letter, near)?;
+        for _ in 0..REFINEMENTS {
+            dot = self.centroid(frame, cfa, letter, dot.at)?;
+        }
+        (0..2).all(|k| (dot.at[k] - near[k]).abs() < NEIGHBOUR * self.pitch).then_some(dot)
+    }
+
+    fn centroid(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char, at: [f64; 2]) -> Option<Dot> {
+        let half = 0.5 * self.pitch;
+        let inside = |v: f64, side: usize| v - half >= 0.0 && v + half <= side as f64 - 1.0;
+        if !inside(at[0], frame.width) || !inside(at[1], frame.height) {
+            return None;
+        }
+        let span = |v: f64| (v - half).ceil() as usize..=(v + half).floor() as usize;
+        let samples: Vec<[f64; 3]> = span(at[1])
+            .flat_map(|y| span(at[0]).map(move |x| (x, y)))
+            .filter(|&(x, y)| cfa.letter(x, y) == letter)
+            .map(|(x, y)| [x as f64 - at[0], y as f64 - at[1], f64::from(frame.at(x, y))])
+            .collect();
+        let reach = REACH * self.pitch;
+        let (near, far): (Vec<[f64; 3]>, Vec<[f64; 3]>) =
+            samples.iter().copied().partition(|s| s[0].hypot(s[1]) <= reach);
+        let n = far.len() as f64;
+        if far.len() < LEAST_SAMPLES || near.len() < LEAST_SAMPLES {
+            return None;
+        }
+        let ground = far.iter().map(|s| s[2]).sum::<f64>() / n;
+        let noise = far.iter().map(|s| (s[2] - ground).powi(2)).sum::<f64>() / (n - 1.0);
+        let sum = |of: &dyn Fn(&[f64; 3]) -> f64| {
+            near.iter().map(|s| (ground - s[2]) * of(s)).sum::<f64>()
+        };
+        let mass = sum(&|_| 1.0);
+        let spread = near.iter().map(|s| s[0] * s[0] + s[1] * s[1]).sum::<f64>();
+        if mass.abs() < VISIBLE * (noise * near.len() as f64).sqrt() {
+            return None;
+        }
+        let place = [sum(&|s| s[0]) / mass, sum(&|s| s[1]) / mass];
+        let distance = |s: &[f64; 3]| (s[0] - place[0]).powi(2) + (s[1] - place[1]).powi(2);
+        let square = (sum(&distance) / mass).max(1e-6);
+        let scatter = near.iter().map(|s| (distance(s) - square).powi(2)).sum::<f64>();
+        Some(Dot {
+            at: [at[0] + place[0], at[1] + place[1]],
+            variance: 0.5 * noise * spread / (mass * mass),
+            // Var √q = Var q / 4q.
+            radius: (square.sqrt(), noise * scatter / (mass * mass) / (4.0 * square)),
+            ground: (ground, noise / n),
+        })
+    }
+}
+
+/// Mean of values with their variances, and its standard deviation; outliers are left out.
+fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
+    if values.len() < LEAST_DOTS {
+        return None;
+    }
+    let median = |of: &dyn Fn(&(f64, f64)) -> f64| {
+        median(&mut values.iter().map(of).collect::<Vec<_>>(), f64::total_cmp)
+    };
+    let middle = median(&|v| v.0);
+    let off = median(&|v| (v.0 - middle).abs());
+    let noise = median(&|v| v.1).sqrt();
+    let limit = OUTLIER * (SD_PER_MAD * off).max(noise);
+    let kept: Vec<(f64, f64)> =
+        values.iter().copied().filter(|v| (v.0 - middle).abs() <= limit).collect();
+    let n = kept.len() as f64;
+    let sum = kept.iter().map(|v| v.0).sum::<f64>();
+    Some((sum / n, kept.iter().map(|v| v.1).sum::<f64>().sqrt() / n))
+}
+
+/// A value of a dot with its variance.
+type Measured<'a> = dyn Fn((i32, i32), &Dot) -> (f64, f64) + 'a;
+
+/// What each ring shows of the reference channel.
+fn rings(grid: &Grid, found: &BTreeMap<(i32, i32), Dot>, black: f64, channel: usize) -> Vec<Found> {
+    let mut out = Vec::new();
+    for ring in 0..RINGS {
+        let of = |value: &Measured<'_>| -> Option<(f64, f64)> {
+            let inside = found.iter().filter(|(i, _)| **i != (0, 0) && grid.ring(**i) == ring);
+            mean(&inside.map(|(i, d)| value(*i, d)).collect::<Vec<_>>())
+        };
+        let shift = |i: (i32, i32), d: &Dot| {
+            let at = grid.ideal(i);
+            [d.at[0] - at[0], d.at[1] - at[1]]
+        };
+        let r = ring as u8;
+        let figures = [
+            (Figure::Outwards(r), of(&|i, d| (outwards(i, shift(i, d)), d.variance))),
+            (Figure::Rightwards(r), of(&|i, d| (shift(i, d)[0], d.variance))),
+            (Figure::Downwards(r), of(&|i, d| (shift(i, d)[1], d.variance))),
+            (Figure::DotRadius(r), of(&|_, d| d.radius)),
+            (
+                Figure::Ground { channel: channel as u8, ring: r },
+                of(&|_, d| (d.ground.0 - black, d.ground.1)),
+            ),
+        ];
+        for (figure, value) in figures {
+            out.extend(value.map(|(v, sd)| (figure, v, sd, Scale::Linear)));
+        }
+    }
+    out
+}
+
+/// The part of a displacement that points away from the centre.
+fn outwards((column, row): (i32, i32), shift: [f64; 2]) -> f64 {
+    let (x, y) = (f64::from(column), f64::from(row));
+    (x * shift[0] + y * shift[1]) / x.hypot(y)
+}
+
+/// What each ring shows of another channel.
+fn apart(
+    grid: &Grid,
+    own: &BTreeMap<(i32, i32), Dot>,
+    other: &BTreeMap<(i32, i32), Dot>,
+    black: f64,
+    channel: usize,
+) -> Vec<Found> {
+    let (mut shifts, mut grounds) = (vec![Vec::new(); RINGS], vec![Vec::new(); RINGS]);
+    for (index, dot) in other.iter().filter(|(i, _)| **i != (0, 0)) {
+        let Some(first) = own.get(index) else { continue };
+        let shift = [dot.at[0] - first.at[0], dot.at[1] - first.at[1]];
+        let ring = grid.ring(*index);
+        shifts[ring].push((outwards(*index, shift), dot.variance + first.variance));
+        grounds[ring].push((dot.ground.0 - black, dot.ground.1));
+    }
+    let mut out = Vec::new();
+    for (ring, (shifts, grounds)) in shifts.iter().zip(&grounds).enumerate() {
+        let (channel, ring) = (channel as u8, ring as u8);
+        let (shift, ground) = (Figure::Apart { channel, ring }, Figure::Ground { channel, ring });
+        out.extend(mean(shifts).map(|(v, sd)| (shift, v, sd, Scale::Linear)));
+        out.extend(mean(grounds).map(|(v, sd)| (ground, v, sd, Scale::Linear)));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Soft discs on a pitch of 12 pixels, moved outwards by `k1` of the height at the corner, and
+    /// right by 0.3 pixels.
+    fn grid_of_discs(k1: f64) -> Plane<f32> {
+        let (w, h) = (240usize, 180usize);
+        let (cx, cy) = (0.5 * (w as f64 - 1.0), 0.5 * (h as f64 - 1.0));
+        let corner = (cx + 0.5).hypot(cy + 0.5);
+        let mut frame = Plane { width: w, height: h, data: vec![800.0; w * h] };
+        for row in -8i32..=8 {
+            for column in -11i32..=11 {
+                let (x, y) = (12.0 * f64::from(column), 12.0 * f64::from(row));
+                let grown = 1.0 + k1 * (x.hypot(y) / corner).powi(2);
+                let (x, y) = (cx + x * grown + 0.3, cy + y * grown);
+                for py in (y - 7.0).max(0.0) as usize..((y + 8.0) as usize).min(h) {
+                    for px in (x - 7.0).max(0.0) as usize..((x + 8.0) as usize).min(w) {
+                        let r = (px as f64 - x).hypot(py as f64 - y);
+                        // A radius of 3 with a soft rim of about a pixel.
+                        frame.data[py * w + px] -= 700.0 / (1.0 + (4.0 * (r - 3.0)).exp()) as f32;
+                    }
+                }
+            }
+        }
+        frame
+    }
+
+    #[test]
+    fn distorted_dots_are_followed_and_measured() {
+        // 8 % at the corner: the outer dots are nearly a pitch from where an ideal grid has them.
+        for k1 in [0.0, -0.03, 0.08] {
+            let frame = grid_of_discs(k1);
+            let grid = Grid::new(&frame, 12.0);
+            let found = grid.track(&frame, &Cfa::parse("mono").unwrap(), 'M');
+            assert!(found.len() as f64 > 0.8 * grid.indices.len() as f64, "{k1}: {}", found.len());
+            for (figure, value, ..) in rings(&grid, &found, 0.0, 0) {
+                match figure {
+                    Figure::Outwards(r) => {
+                        let inside = found
+                            .keys()
+                            .filter(|i| **i != (0, 0) && grid.ring(**i) == usize::from(r));
+                        let (mut expected, mut n) = (0.0, 0.0);
+                        for &i in inside {
+                            let height = f64::from(i.0 * i.0 + i.1 * i.1).sqrt() * 12.0;
+                            expected += height * k1 * grid.field(i).powi(2);
+                            n += 1.0;
+                        }
+                        // A hundredth of a pixel: what sampling leaves of a soft disc's centroid.
+                        assert!(
+                            (value - expected / n).abs() < 0.02,
+                            "{k1} ring {r}: {value} {}",
+                            expected / n
+                        );
+                    }
+                    Figure::Rightwards(_) => assert!((value - 0.3).abs() < 0.05, "{k1}: {value}"),
+                    Figure::Ground { .. } => assert!((value - 800.0).abs() < 8.0, "{value}"),
+                    _ => {}
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! Moments over time of one stack of frames, streamed in batches.
+//!
+//! Residuals are taken against the mean of their own batch, then split as frame + row + column + pixel. Sums
+//! are divided by the degrees of freedom that the batches' means leave.
+
+use crate::numerics::lanes;
+use crate::numerics::spectrum::{Spectrum, Spectrum2};
+use camrig_base::Plane;
+use camrig_sensor_core::config::Pattern;
+use camrig_vector::vectorised;
+
+/// Side of the blocks whose means show large-scale noise, pixels.
+pub const BLOCK: usize = 8;
+/// Neighbours whose covariance is kept: how many columns and rows they are apart.
+pub const LAGS: [(isize, usize); 6] = [(1, 0), (0, 1), (1, 1), (-1, 1), (2, 0), (0, 2)];
+
+/// Moments of a stack. DN throughout.
+#[derive(Clone, Debug)]
+pub struct Temporal {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Frames.
+    pub frames: usize,
+    /// Frames less one for each batch.
+    pub dof: f64,
+    /// Mean frame.
+    pub mean: Plane<f32>,
+    /// Mean of each frame in order of time.
+    pub frame_means: Vec<f64>,
+    /// Means of the rows of each frame, less its own mean.
+    pub row_means: Vec<f32>,
+    /// Variance over time of each pixel, without frame, row and column parts.
+    pub pixel_variance: Vec<f32>,
+    /// Third and fourth moments over time and product with the frame before, of each pixel.
+    pub pixel_third: Vec<f32>,
+    /// See `pixel_third`.
+    pub pixel_fourth: Vec<f32>,
+    /// See `pixel_third`.
+    pub pixel_lag: Vec<f32>,
+    /// Covariance of pixels that are [`LAGS`] apart.
+    pub covariance: [f64; 6],
+    /// Variance of means over 8x8 pixels, as that of a single pixel (white: the pixel variance).
+    pub block_variance: f64,
+    /// Power of row means along the column, bins 1..: white row means of variance v give v in each.
+    pub row_power: Vec<f64>,
+    /// Power of column means along the row.
+    pub column_power: Vec<f64>,
+    /// Covariance of the means of rows next to each other.
+    pub row_lag: f64,
+    /// Samples of each code.
+    pub histogram: Vec<u32>,
+    /// Power of pixel residuals over two frequencies, where asked for.
+    pub power: Option<Vec<f32>>,
+}
+
+impl Temporal {
+    /// Gives the outermost pixels the moments of the nearest ones further in with the same place in
+    /// the colour filter pattern: how they share light and charge with what lies beyond the array's
+    /// edge no model knows.
+    pub fn without_border(mut self, pattern: &Pattern) -> Self {
+        let (w, h) = (self.width, self.height);
+        let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));
+        if w <= 2 * across || h <= 2 * down {
+            return self;
+        }
+        for plane in [
+            &mut self.mean.data,
+            &mut self.pixel_variance,
+            &mut self.pixel_third,
+            &mut self.pixel_fourth,
+            &mut self.pixel_lag,
+        ] {
+            for row in plane.chunks_mut(w) {
+                row[0] = row[across];
+                row[w - 1] = row[w - 1 - across];
+            }
+            plane.copy_within(down * w..(down + 1) * w, 0);
+            plane.copy_within((h - 1 - down) * w..(h - down) * w, (h - 1) * w);
+        }
+        self
+    }
+
+    /// Mean of all pixels and frames, DN.
+    pub fn level(&self) -> f64 {
+        mean(&self.mean.data)
+    }
+
+    /// Variance of the mean frame over its pixels, DN².
+    pub fn fixed_variance(&self) -> f64 {
+        let level = self.level();
+        let squares = self.mean.data.iter().map(|&m| (f64::from(m) - level).powi(2)).sum::<f64>();
+        squares / self.mean.data.len() as f64
+    }
+}
+
+/// Mean of values.
+pub fn mean(values: &[f32]) -> f64 {
+    values.chunks(1 << 12).map(lanes::sum).sum::<f64>() / values.len() as f64
+}
+
+/// What the frames of a batch are taken against.
+struct Batch {
+    mean: Vec<f32>,
+    /// Mean of all pixels.
+    level: f64,
+    /// Means of rows less `level`.
+    rows: Vec<f64>,
+}
+
+/// Collects [`Temporal`].
+pub struct Collector {
+    t: Temporal,
+    sum: Vec<f64>,
+    /// Samples of each code in four histograms, one for every fourth column: the same code often
+    /// occurs many times in a row, and a counter is not read again right after it was written.
+    histogram: Vec<[u32; 4]>,
+    rows: Spectrum,
+    columns: Spectrum,
+    plane: Option<Spectrum2>,
+    lag_dof: f64,
+}
+
+impl Collector {
+    /// For frames of this size; `plane` asks for the power over two frequencies.
+    pub fn new(width: usize, height: usize, bits: u32, plane: bool) -> Self {
+        let n = width * height;
+        let t = Temporal {
+            width,
+            height,
+            frames: 0,
+            dof: 0.0,
+            mean: Plane { width, height, data: vec![0.0; n] },
+            frame_means: Vec::new(),
+            row_means: Vec::new(),
+            pixel_variance: vec![0.0; n],
+            pixel_third: vec![0.0; n],
+            pixel_fourth: vec![0.0; n],
+            pixel_lag: vec![0.0; n],
+            covariance: [0.0; 6],
+            block_variance: 0.0,
+            row_power: vec![0.0; height / 2],
+            column_power: vec![0.0; width / 2],
+            row_lag: 0.0,
+            histogram: Vec::new(),
+            power: plane.then(|| vec![0.0; height * (width / 2 + 1)]),
+        };
+        Self {
+            t,
+            sum: vec![0.0; n],
+            histogram: vec![[0; 4]; 1 << bits],
+            rows: Spectrum::new(height),
+            columns: Spectrum::new(width),
+            plane: plane.then(|| Spectrum2::new(width, height)),
+            lag_dof: 0.0,
+        }
+    }
+
+    /// Adds a batch of at least two frames.
+    pub fn add(&mut self, frames: &[Plane<u16>]) {
+        let (w, h) = (self.t.width, self.t.height);
+        let n = frames.len();
+        let mut mean = vec![0.0f32; w * h];
+        for frame in frames {
+            mean.iter_mut().zip(&frame.data).for_each(|(m, &v)| *m += f32::from(v));
+        }
+        self.sum.iter_mut().zip(&mean).for_each(|(s, &m)| *s += f64::from(m));
+        mean.iter_mut().for_each(|m| *m /= n as f32);
+        let level = self::mean(&mean);
+        let rows = mean.chunks(w).map(|row| lanes::sum(row) / w as f64 - level).collect();
+        let batch = Batch { mean, level, rows };
+        let (mut here, mut before) = (vec![0.0f32; w * h], vec![0.0f32; w * h]);
+        for (i, frame) in frames.iter().enumerate() {
+            add_frame(self, frame, &batch, &mut here);
+            if i > 0 {
+                let lags = self.t.pixel_lag.iter_mut();
+                lags.zip(&here).zip(&before).for_each(|((l, a), b)| *l += a * b);
+            }
+            std::mem::swap(&mut here, &mut before);
+        }
+        self.t.frames += n;
+        self.t.dof += n as f64 - 1.0;
+        self.lag_dof += n as f64 - 1.0;
+    }
+
+    /// One frame: its residuals go into `out`.
+    #[inline(always)]
+    fn frame(&mut self, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
+        let t = &mut self.t;
+        let (w, h) = (t.width, t.height);
+        let mut row_means = vec![0.0f64; h];
+        let mut column_sums = vec![0.0f32; w];
+        let rows = frame.data.chunks(w).zip(batch.mean.chunks(w)).zip(out.chunks_mut(w));
+        for (((codes, mean), out), row_mean) in rows.zip(&mut row_means) {
+            for (x, &c) in codes.iter().enumerate() {
+                if let Some(bins) = self.histogram.get_mut(usize::from(c)) {
+                    bins[x % 4] += 1;
+                }
+            }
+            for (((o, &c), &m), s) in out.iter_mut().zip(codes).zip(mean).zip(&mut column_sums) {
+                *o = f32::from(c) - m;
+                *s += *o;
+            }
+            *row_mean = lanes::sum(out) / w as f64;
+        }
+        let offset = row_means.iter().sum::<f64>() / h as f64;
+        t.frame_means.push(batch.level + offset);
+        row_means.iter_mut().for_each(|r| *r -= offset);
+        t.row_means.extend(row_means.iter().zip(&batch.rows).map(|(r, b)| (r + b) as f32));
+        let column_means: Vec<f64> =
+            column_sums.iter().map(|&s| f64::from(s) / h as f64 - offset).collect();
+        self.rows.add(&row_means, &mut t.row_power);
+        self.columns.add(&column_means, &mut t.column_power);
+        t.row_lag += row_means.windows(2).map(|p| p[0] * p[1]).sum::<f64>() / (h - 1) as f64;
+        let columns: Vec<f32> = column_means.iter().map(|&c| c as f32).collect();
+        for (y, out) in out.chunks_mut(w).enumerate() {
+            let row = (row_means[y] + offset) as f32;
+            out.iter_mut().zip(&columns).for_each(|(o, c)| *o -= row + c);
+            let at = y * w..(y + 1) * w;
+            let second = t.pixel_variance[at.clone()].iter_mut();
+            let third = t.pixel_third[at.clone()].iter_mut();
+            let fourth = t.pixel_fourth[at].iter_mut();
+            for (((s2, s3), s4), &o) in second.zip(third).zip(fourth).zip(out.iter()) {
+                let o2 = o * o;
+                *s2 += o2;
+                *s3 += o2 * o;
+                *s4 += o2 * o2;
+            }
+        }
+        for ((dx, dy), sum) in LAGS.iter().zip(&mut t.covariance) {
+            *sum += covariance(out, w, h, *dx, *dy);
+        }
+        t.block_variance += block_variance(out, w, h);
+        if let (Some(plane), Some(power)) = (&mut self.plane, &mut t.power) {
+            plane.add(out, power);
+        }
+    }
+
+    /// The moments.
+    pub fn finish(self) -> Temporal {
+        let mut t = self.t;
+        let dof = t.dof.max(1.0);
+        let frames = t.frames.max(1) as f64;
+        t.histogram = self.histogram.iter().map(|bins| bins.iter().sum()).collect();
+        t.mean.data.iter_mut().zip(&self.sum).for_each(|(m, s)| *m = (s / frames) as f32);
+        let by =
+            |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
+        by(&mut t.pixel_variance, dof);
+        by(&mut t.pixel_third, dof);
+        by(&mut t.pixel_fourth, dof);
+        by(&mut t.pixel_lag, self.lag_dof.max(1.0));
+        t.covariance.iter_mut().for_each(|c| *c /= dof);
+        t.row_power.iter_mut().chain(&mut t.column_power).for_each(|p| *p /= dof);
+        t.row_lag /= dof;
+        t.block_variance /= dof;
+        if let Some(power) = &mut t.power {
+            by(power, dof);
+        }
+        t
+    }
+}
+
+/// Vectorised where the processor can.
+#[vectorised]
+fn add_frame(collector: &mut Collector, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
+    collector.frame(frame, batch, out);
+}
+
+/// Mean product of pixels `dx` columns and `dy` rows apart.
+#[inline(always)]
+pub fn covariance(v: &[f32], w: usize, h: usize, dx: isize, dy: usize) -> f64 {
+    let reach = dx.unsigned_abs();
+    if reach >= w || dy >= h {
+        return 0.0;
+    }
+    let (from, to) = if dx < 0 { (reach, 0) } else { (0, reach) };
+    let len = w - reach;
+    let mut sum = 0.0;
+    for y in 0..h - dy {
+        let a = &v[y * w + from..][..len];
+        let b = &v[(y + dy) * w + to..][..len];
+        sum += lanes::dot(a, b);
+    }
+    sum / (len * (h - dy)) as f64
+}
+
+/// Mean square of the means of blocks of pixels, times the pixels of a block.
+#[inline(always)]
+fn block_variance(v: &[f32], w: usize, h: usize) -> f64 {
+    let (across, down) = (w / BLOCK, h / BLOCK);
+    let mut sum = 0.0;
+    for by in 0..down {
+        let mut columns = vec![0.0f32; across * BLOCK];
+        for row in v[by * BLOCK * w..].chunks(w).take(BLOCK) {
+            columns.iter_mut().zip(row).for_each(|(c, v)| *c += v);
+        }
+        let blocks = columns.chunks_exact(BLOCK).map(|c| c.iter().sum::<f32>());
+        sum += blocks.map(|b| f64::from(b * b)).sum::<f64>();
+    }
+    sum / (across * down).max(1) as f64 / (BLOCK * BLOCK) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_camera::Camera;
+
+    #[test]
+    fn the_border_takes_the_moments_of_the_next_pixels_of_its_own_channel() {
+        let camera = Camera::load("mt9t012").unwrap();
+        let (pattern, w, h) = (camera.sensor.pattern(), 7, 6);
+        let inside = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
+        // Levels by channel; what stands at the border is wrong.
+        let level = |i: usize| 100 + 10 * pattern.channel(i % w, i / w) as u16;
+        let frame = |wrong: u16| {
+            let value = |i| if inside(i) { level(i) } else { wrong };
+            Plane { width: w, height: h, data: (0..w * h).map(value).collect() }
+        };
+        let mut collector = Collector::new(w, h, 12, false);
+        collector.add(&[frame(0), frame(400), frame(0), frame(400)]);
+        let t = collector.finish().without_border(&pattern);
+        let expected: Vec<f32> = (0..w * h).map(|i| f32::from(level(i))).collect();
+        assert_eq!(t.mean.data, expected);
+        // The border's own rows and columns change by 200 DN; pixels inside share none of that but
+        // by the frame's mean.
+        let corner = t.pixel_variance[0];
+        assert_eq!(corner, t.pixel_variance[2 * w + 2]);
+        assert_eq!(t.pixel_variance[w - 1], t.pixel_variance[2 * w + w - 3]);
+        assert_eq!(t.pixel_fourth[(h - 1) * w + 3], t.pixel_fourth[(h - 3) * w + 3]);
+    }
+}

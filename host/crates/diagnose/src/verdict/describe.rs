@@ -1,0 +1,66 @@
+//! Statistics that a model leaves unexplained, in sentences that a person can act on.
+
+use super::whereabouts::whereabouts;
+use super::words;
+use crate::model::effects::dn_per_e;
+use crate::search::session::{Session, State};
+use crate::statistics::statistic::{Key, Place, Scale, What};
+
+/// A statistic that a model leaves unexplained, `z` standard deviations from it: how far, in units
+/// that a person knows, and where. Empty where it was not measured or is not predicted.
+pub(super) fn describe(session: &Session, state: &State, key: Key, z: f64) -> String {
+    let measured = session.fit.values.get(&key).map(|s| s.value);
+    let predicted = state.fit.of.get(&key).map(|p| p.value);
+    let (Some(m), Some(p)) = (measured, predicted) else { return String::new() };
+    let statistic = words::name(&state.camera, key);
+    let place = words::place(&session.fit.design, key);
+    let more = if z > 0.0 { "more" } else { "less" };
+    let condition = |i: usize| session.fit.design.conditions.get(i);
+    let gain = |i| condition(i).map_or(1.0, |c| dn_per_e(&state.camera, c.stack.analog_gain));
+    let size = match (key.0, key.1) {
+        (Place::Stack(i), What::Mean(_)) => {
+            let k = gain(i);
+            format!(
+                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
+                (m - p).abs(),
+                (m - p).abs() / k
+            )
+        }
+        (Place::Stack(_), What::Ratio(_)) => {
+            format!("{m:.6}, {:.4} % {more} than the model's {p:.6}", 100.0 * (m / p - 1.0).abs())
+        }
+        (Place::Stack(i), What::Variance(_)) => {
+            let k = gain(i);
+            let root = (m - p).abs().sqrt();
+            format!("{root:.3} DN ({:.2} e⁻) rms {more} noise than the model", root / k)
+        }
+        (
+            Place::Stack(i),
+            What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance,
+        ) => {
+            let exposure = condition(i).map_or(0.0, |c| c.stack.exposure_s);
+            format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
+        }
+        (Place::Target(i), What::Of(figure)) if figure.is_level() => {
+            let gain = session.fit.design.targets.get(i).map_or(1.0, |t| t.stack.analog_gain);
+            let k = dn_per_e(&state.camera, gain);
+            format!(
+                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
+                (m - p).abs(),
+                (m - p).abs() / k
+            )
+        }
+        _ => match state.fit.of.get(&key).map(|x| x.scale) {
+            Some(Scale::Log) => format!(
+                "{m:.4e}, {:.1} % {more} than the model's {p:.4e}",
+                100.0 * (m / p - 1.0).abs()
+            ),
+            _ => format!("{m:.4}, the model {p:.4}"),
+        },
+    };
+    let mut sentence = format!("{statistic} in {place}: {size} ({z:+.1} standard deviations)");
+    if let Some(more) = whereabouts(session, key) {
+        sentence = format!("{sentence}; {more}");
+    }
+    sentence
+}

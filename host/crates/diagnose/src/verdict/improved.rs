@@ -1,0 +1,157 @@
+//! The camera file with the effects that were found.
+
+use crate::candidates::proposal::Proposal;
+use camrig_base::{Error, Result};
+use camrig_camera::presets;
+use camrig_sensor_core::effects::{Effect, Parameter};
+use std::path::Path;
+
+/// The text of a camera file with the effects of `camera`, of which `named` were found.
+///
+/// # Errors
+/// A text that is no camera file.
+pub fn camera_file(
+    text: &str,
+    camera: &camrig_camera::Camera,
+    named: &[Proposal],
+) -> Result<String> {
+    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
+    let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
+    let noise = &camera.sensor.noise;
+    let figures = [
+        ("read_e", noise.read_e),
+        ("read_e_post", noise.read_e_post),
+        ("dark_current_e_per_s", noise.dark_current_e_per_s),
+        ("dark_doubling_c", noise.dark_doubling_c),
+        ("dsnu_e_per_s", noise.dsnu_e_per_s),
+        ("prnu", noise.prnu),
+        ("row_fpn_e", noise.row_fpn_e),
+    ];
+    let base = |e: &Effect| {
+        matches!(
+            e,
+            Effect::ReadNoise(_)
+                | Effect::Prnu(_)
+                | Effect::DarkCurrent(_)
+                | Effect::RowOffsetFpn(_)
+        )
+    };
+    if named.iter().flat_map(|p| &p.effects).any(base) {
+        let sensor = file.get_mut("sensor").and_then(toml::Value::as_table_mut);
+        if let Some(sensor) = sensor {
+            let table = sensor.entry("noise").or_insert_with(|| toml::Table::new().into());
+            if let Some(table) = table.as_table_mut() {
+                for (key, value) in figures {
+                    table.insert(key.into(), round(value).into());
+                }
+            }
+        }
+    }
+    let table = |kind: &str, parameters: &[Parameter], values: &[f32]| -> toml::Value {
+        let mut table = toml::Table::new();
+        table.insert("kind".into(), kind.into());
+        for (parameter, value) in parameters.iter().zip(values) {
+            if parameter.default != Some(*value) {
+                table.insert(parameter.key.into(), round(f64::from(*value)).into());
+            }
+        }
+        table.into()
+    };
+    let optical = camera.optical_effects.iter().map(|e| {
+        let entry = e.entry();
+        table(entry.kind, entry.parameters, e.values())
+    });
+    let sensor = camera.effects.iter().map(|e| {
+        let entry = e.entry();
+        table(entry.kind, entry.parameters, &e.values())
+    });
+    let effects: Vec<toml::Value> = optical.chain(sensor).collect();
+    if effects.is_empty() {
+        file.remove("effect");
+    } else {
+        file.insert("effect".into(), effects.into());
+    }
+    toml::to_string(&file).map_err(|e| Error::internal(format!("the improved camera file: {e}")))
+}
+
+/// Seven significant figures: what an f32 holds.
+fn round(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
+/// A camera file that does not depend on its folder: tables that it names come with it, under their own
+/// names; the path of a lens is absolute.
+pub struct Standalone {
+    /// The text.
+    pub text: String,
+    /// Tables it names: file name and content.
+    pub tables: Vec<(String, String)>,
+}
+
+/// Makes a camera file's text independent of its folder. `spec` is how the camera was named.
+///
+/// # Errors
+/// A table that cannot be read.
+pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
+    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
+    let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
+    let built_in = !spec.contains(['/', '\\', '.']);
+    let directory = Path::new(spec).parent().unwrap_or(Path::new(".")).to_owned();
+    let mut tables = Vec::new();
+    for (section, key) in [
+        ("lens", "transmittance"),
+        ("lens", "relative_illumination"),
+        ("sensor", "qe"),
+        ("sensor", "ir_cut"),
+        ("sensor", "crosstalk"),
+    ] {
+        let Some(value) = file.get_mut(section).and_then(|s| s.get_mut(key)) else { continue };
+        let Some(name) = value.as_str().filter(|n| n.contains('.')).map(str::to_string) else {
+            continue;
+        };
+        let content = if built_in {
+            presets::file(&name).unwrap_or_default().to_string()
+        } else {
+            let path = directory.join(&name);
+            std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?
+        };
+        let base =
+            Path::new(&name).file_name().map_or(name.clone(), |b| b.to_string_lossy().into());
+        *value = base.clone().into();
+        tables.push((base, content));
+    }
+    for key in ["data", "file"] {
+        let Some(value) = file.get_mut("lens").and_then(|s| s.get_mut(key)) else { continue };
+        let path = directory.join(value.as_str().unwrap_or_default());
+        let whole = path.canonicalize().map_err(|e| Error::io("read", &path, e))?;
+        *value = whole.to_string_lossy().to_string().into();
+    }
+    tables.sort();
+    tables.dedup();
+    let text = toml::to_string(&file).map_err(|e| Error::input(format!("the camera file: {e}")))?;
+    Ok(Standalone { text, tables })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_camera::Camera;
+
+    #[test]
+    fn effects_of_the_optics_stay() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("c.toml");
+        let base = presets::file("mt9v024.toml").unwrap();
+        for table in ["mt9v024-qe.csv", "ir-cut-690.csv"] {
+            std::fs::write(directory.path().join(table), presets::file(table).unwrap()).unwrap();
+        }
+        let text = format!("{base}\n[[effect]]\nkind = \"veiling-glare\"\nfraction = 0.02\n");
+        std::fs::write(&path, &text).unwrap();
+        let spec = path.to_str().unwrap();
+        let camera = Camera::load(spec).unwrap();
+        let alone = standalone(&camera.text, spec).unwrap();
+        assert_eq!(alone.tables.len(), 2);
+        let improved = camera_file(&alone.text, &camera, &[]).unwrap();
+        assert!(improved.contains("veiling-glare"), "{improved}");
+    }
+}
