@@ -49,8 +49,7 @@ pub fn step_error(
     inside + beyond
 }
 
-/// Cells per pixel that are tried: products of 2, 3 and 5, so that transforms of them are fast, up
-/// to 16, at which a cube of a band takes 256 cells per pixel.
+/// Cells per pixel that are tried: products of 2, 3 and 5, for which transforms are fast, up to 16 (256 cells for each pixel).
 const CANDIDATES: [usize; 11] = [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16];
 
 /// The smallest number of cells per pixel whose bound is at most `tolerance`, and that bound.
