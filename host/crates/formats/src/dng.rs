@@ -5,7 +5,8 @@
 //! structure correctly; tools that look for the white level only in a SubIFD, or for the ISO speed
 //! only in an Exif IFD, are common. Samples are stored as uncompressed 16-bit words.
 
-use super::opcodes::{self, Opcode};
+use super::dng_info::{DngInfo, black_levels};
+use super::opcodes;
 use super::{Facts, check_range, preview};
 use camrig_base::{Error, RawFrame, Result};
 use std::io::Cursor;
@@ -25,66 +26,6 @@ const THUMBNAIL: usize = 256;
 const DCRAW_DESCRIPTION: usize = 512;
 /// Denominator of the fractions that decimal values are written as.
 const DENOMINATOR: u32 = 1_000_000_000;
-
-/// What a DNG says about a frame beyond its samples. Fields that are `None` or empty are not
-/// written.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DngInfo {
-    /// Maker of the camera.
-    pub make: String,
-    /// Model of the camera.
-    pub model: String,
-    /// Free text: scene, seed, frame number.
-    pub description: String,
-    /// Time of capture, `YYYY:MM:DD HH:MM:SS`. Never taken from the clock: a simulated frame has
-    /// no time of capture.
-    pub datetime: Option<String>,
-    /// Exposure time, s.
-    pub exposure_s: Option<f64>,
-    /// ISO speed; 100 times the analogue gain by the convention of camera-tuning tools.
-    pub iso: Option<u32>,
-    /// f-number.
-    pub f_number: Option<f64>,
-    /// Focal length, mm.
-    pub focal_length_mm: Option<f64>,
-    /// XYZ to camera under illuminant A, scaled so that white's largest channel is 1.
-    pub color_matrix_a: Option<[[f64; 3]; 3]>,
-    /// XYZ to camera under illuminant D65, scaled likewise.
-    pub color_matrix_d65: Option<[[f64; 3]; 3]>,
-    /// Camera R, G, B of a white in the scene's light, the largest 1.
-    pub as_shot_neutral: Option<[f64; 3]>,
-    /// (S, O) of each channel: the variance of a signal x (0 at black, 1 at white) is `S x + O`.
-    pub noise_profile: Vec<(f64, f64)>,
-    /// Black levels of the cells of the colour filter pattern, row-major, DN; empty: the frame's
-    /// own black level everywhere.
-    pub black_levels_dn: Vec<f64>,
-    /// Corrections of stored values (bad pixels).
-    pub opcode_list1: Vec<Opcode>,
-    /// Corrections of linear values before demosaicing (gain maps).
-    pub opcode_list2: Vec<Opcode>,
-}
-
-impl Default for DngInfo {
-    fn default() -> Self {
-        Self {
-            make: "camrig".into(),
-            model: "camrig".into(),
-            description: String::new(),
-            datetime: None,
-            exposure_s: None,
-            iso: None,
-            f_number: None,
-            focal_length_mm: None,
-            color_matrix_a: None,
-            color_matrix_d65: None,
-            as_shot_neutral: None,
-            noise_profile: Vec::new(),
-            black_levels_dn: Vec::new(),
-            opcode_list1: Vec::new(),
-            opcode_list2: Vec::new(),
-        }
-    }
-}
 
 type Directory<'a, 'b> = DirectoryEncoder<'a, &'b mut Cursor<Vec<u8>>, TiffKindStandard>;
 type Written = std::result::Result<(), tiff::TiffError>;
@@ -253,15 +194,6 @@ fn write_camera(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written 
         put(d, 50728, neutral.map(rational))?; // AsShotNeutral
     }
     Ok(())
-}
-
-/// Black level of each cell of the pattern, DN.
-pub(super) fn black_levels(frame: &RawFrame, info: &DngInfo) -> Vec<f64> {
-    if info.black_levels_dn.is_empty() {
-        vec![frame.black_level_dn; frame.cfa.width * frame.cfa.height]
-    } else {
-        info.black_levels_dn.clone()
-    }
 }
 
 /// CFA colour codes of TIFF/EP and DNG.

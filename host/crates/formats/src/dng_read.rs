@@ -4,7 +4,8 @@
 //! The linearization table is applied to the samples, and the frame is cropped to the active area,
 //! to which pattern and black levels refer. Row and column black-level deltas are not applied.
 
-use super::dng::{DngInfo, color_letter};
+use super::dng::color_letter;
+use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
 use super::{Facts, Frames, area, full_scale, opcodes, truncated};
 use camrig_base::{Cfa, Error, Plane, Result};
@@ -76,8 +77,10 @@ fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
             .help("only uncompressed DNGs are read; convert it to uncompressed first"));
     }
     if !(8..=16).contains(&bits) || per_pixel != 1 {
-        return Err(Error::unsupported(format!("a DNG of {per_pixel} samples of {bits} bits per pixel"))
-            .help("one sample of 8 to 16 bits is read"));
+        return Err(Error::unsupported(format!(
+            "a DNG of {per_pixel} samples of {bits} bits per pixel"
+        ))
+        .help("one sample of 8 to 16 bits is read"));
     }
     let tiled = raw.uint(322).is_some();
     let (chunk_width, chunk_height, offsets) = if tiled {
@@ -168,8 +171,10 @@ fn pattern(raw: &Ifd) -> Result<Cfa> {
             let rows: Vec<String> = letters.chunks(width).map(|r| r.iter().collect()).collect();
             Cfa::parse(&rows.join("/"))
         }
-        _ => Err(Error::unsupported(format!("colour filter pattern {codes:?}, {height} x {width}"))
-            .help("codes are 0 to 6, one per cell")),
+        _ => {
+            Err(Error::unsupported(format!("colour filter pattern {codes:?}, {height} x {width}"))
+                .help("codes are 0 to 6, one per cell"))
+        }
     }
 }
 
@@ -181,7 +186,10 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
         _ => (1, 1),
     };
     if levels.is_empty() || rows.checked_mul(columns) != Some(levels.len()) {
-        return Err(Error::unsupported(format!("{} black levels for {rows} x {columns}", levels.len())));
+        return Err(Error::unsupported(format!(
+            "{} black levels for {rows} x {columns}",
+            levels.len()
+        )));
     }
     let cell = |i: usize| levels[(i / width % rows) * columns + i % width % columns];
     Ok((0..width * height).map(cell).collect())

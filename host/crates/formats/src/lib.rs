@@ -48,6 +48,7 @@
 pub mod color;
 pub mod csi2;
 pub mod dng;
+mod dng_info;
 mod dng_read;
 mod facts;
 pub mod fits;
@@ -63,7 +64,7 @@ mod tests;
 pub mod tiff16;
 
 use camrig_base::{Error, Plane, RawFrame, Result};
-pub use dng::DngInfo;
+pub use dng_info::DngInfo;
 pub use facts::Facts;
 pub use pixel_format::PixelFormat;
 use std::path::Path;
@@ -179,10 +180,11 @@ impl Format {
             return Ok(Self::Raw(PixelFormat::from_file_name(path)?.0));
         }
         Self::parse(path.extension().and_then(|e| e.to_str()).unwrap_or("")).map_err(|_| {
-            Error::unsupported(format!("no raw format is known by the name {}", path.display())).help(
-                "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, like \
+            Error::unsupported(format!("no raw format is known by the name {}", path.display()))
+                .help(
+                    "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, like \
                  NAME_640x480_SGRBG10P.raw",
-            )
+                )
         })
     }
 

@@ -3,9 +3,8 @@
 //!
 //! Brightness is as captured: the white level becomes white, without automatic exposure.
 
-use super::DngInfo;
 use super::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
-use super::dng::black_levels;
+use super::dng_info::{DngInfo, black_levels};
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
 
