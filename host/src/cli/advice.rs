@@ -5,9 +5,10 @@
 
 use camrig_base::Error;
 
-/// What to type, by the code of an error ([`Error::code`]).
+/// What to type, by the code of an error ([`Error::code`]): flags of the command, or a sentence
+/// about another command.
 const ADVICE: &[(&str, &str)] = &[
-    ("chart-not-drawn", "camrig scene export CHART -o FILE"),
+    ("chart-not-drawn", "camrig scene export CHART -o FILE draws it"),
     ("exposure-time", "--only, --response"),
     ("frame-too-large", "--collapse"),
     ("graphics-processor", "--device cpu"),
@@ -15,19 +16,19 @@ const ADVICE: &[(&str, &str)] = &[
     ("missing-facts", "--bits, --cfa, --black, --white"),
     ("no-edge-capture", "camrig capture --plan paper shows what is needed"),
     ("no-irradiance", "camrig simulate --save-irradiance FILE makes one"),
-    ("no-library", "camrig scene add --library DIR"),
+    ("no-library", "camrig scene add --library DIR makes one"),
     ("no-pseudo-terminals", "--tcp HOST:PORT"),
     ("output-exists", "--force"),
     ("patch-outside", "--corners X1,Y1,...,X4,Y4"),
     ("psf-method", "--psf auto, --psf geometric"),
     ("psf-window", "--psf-spacing, --sensor-shift"),
     ("region-outside", "--roi X,Y,WIDTH,HEIGHT"),
-    ("rig-arithmetic", "--arith; camrig rig info shows what the rig has"),
+    ("rig-arithmetic", "--arith"),
     ("rig-not-found", "camrig rig list shows what is connected"),
     ("rig-register", "camrig rig register --help lists the registers"),
-    ("rig-unreachable", "camrig rig serve --tcp HOST:PORT"),
+    ("rig-unreachable", "camrig rig serve --tcp HOST:PORT starts one"),
     ("rotation-stacks", "camrig crosstalk bench makes such captures"),
-    ("saturated-capture", "camrig scene hdr"),
+    ("saturated-capture", "camrig scene hdr merges captures"),
     ("several-frames", "--frame N"),
     ("stop-radius", "--stop-radius MM"),
     ("unknown-glass", "--glass NAME=ND:VD"),
@@ -38,6 +39,7 @@ pub fn advised(error: Error) -> Error {
     let advice = ADVICE.iter().find(|(code, _)| error.code() == Some(code));
     let Some((_, advice)) = advice else { return error };
     let help = match error.remedy() {
+        Some(help) if advice.starts_with("camrig") => format!("{help}; {advice}"),
         Some(help) => format!("{help} ({advice})"),
         None => (*advice).to_string(),
     };
@@ -54,6 +56,9 @@ mod tests {
     fn the_flag_stands_behind_the_help() {
         let error = Error::input("a.npy exists").help("replace it").with_code("output-exists");
         assert_eq!(advised(error).to_string(), "a.npy exists\n  help: replace it (--force)");
+        let unmade = Error::input("no library").help("add a scene").with_code("no-library");
+        let told = "no library\n  help: add a scene; camrig scene add --library DIR makes one";
+        assert_eq!(advised(unmade).to_string(), told);
         let bare = Error::input("a.npy exists").with_code("output-exists");
         assert_eq!(advised(bare).to_string(), "a.npy exists\n  help: --force");
         assert_eq!(advised(Error::input("-3 lx")).to_string(), "-3 lx");

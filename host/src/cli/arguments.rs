@@ -326,13 +326,17 @@ fn channel_figures(frame: &RawFrame) -> Value {
         .into()
 }
 
-/// Says what happened to a person: files, and warnings about what the figures show.
+/// Share of a channel's samples that may be saturated without a warning. A trade: hot pixels and
+/// highlights saturate in any light, and a scene that is overexposed has more.
+pub const WARN_SATURATED: f64 = 1e-3;
+
+/// Tells a person what was written, and warns of what the figures show.
 pub fn report(written: &[Value], json_object: Value, as_json: bool) {
     for frame in written {
         let channels = frame["channels"].as_object();
         for (channel, figures) in channels.into_iter().flatten() {
             let saturated = figures["saturated_fraction"].as_f64().unwrap_or(0.0);
-            if saturated > 0.001 {
+            if saturated > WARN_SATURATED {
                 eprintln!(
                     "warning: {}: {:.1} % of channel {channel} is saturated; shorten the \
                      exposure or lower the light",

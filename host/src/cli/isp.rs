@@ -1,6 +1,6 @@
 //! `camrig isp`: a chart through the camera and through real ISPs, judged against the truth.
 
-use super::arguments::{DeviceArgs, duration, positive};
+use super::arguments::{DeviceArgs, WARN_SATURATED, duration, positive};
 use super::simulate::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
@@ -131,7 +131,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let settings = camera.settings(0, args.exposure, None);
     let raw = sensor.frame(&view.cube, None, &settings, Default::default())?;
     for (channel, _, saturated) in raw.channel_means() {
-        if saturated > 0.001 {
+        if saturated > WARN_SATURATED {
             eprintln!(
                 "warning: channel {channel} saturates; colours will be wrong: shorten the exposure"
             );

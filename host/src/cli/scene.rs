@@ -192,13 +192,17 @@ fn list(args: &ListArgs) -> Result<()> {
     Ok(())
 }
 
-/// Charts have no pixels of their own: what is said of them is seen on a grid of this width.
+/// Width in cells of the grid on which charts are sampled, which have no pixels of their own. A
+/// trade: the figures of a chart hardly change beyond it, and a chart is drawn in a moment.
 const CHART_WIDTH: usize = 640;
 
-/// A grid over the whole content, `width` cells across; 4:3 where a scene fills any frame.
+/// Width over height of the grid where a scene fills any frame.
+const ANY_ASPECT: f64 = 4.0 / 3.0;
+
+/// A grid over the whole content, `width` cells across.
 fn whole(scene: &dyn Scene, width: usize) -> Grid {
     let cell = 1.0 / width as f64;
-    let height = (width as f64 / scene.aspect().unwrap_or(4.0 / 3.0)).round().max(1.0) as usize;
+    let height = (width as f64 / scene.aspect().unwrap_or(ANY_ASPECT)).round().max(1.0) as usize;
     Grid { width, height, left: -0.5, top: -0.5 * height as f64 * cell, cell }
 }
 

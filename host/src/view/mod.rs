@@ -32,18 +32,24 @@ pub struct Control {
 }
 
 impl Control {
-    fn is_sane(&self) -> bool {
+    fn is_in_range(&self) -> bool {
         let ok = |v: Option<f64>, most: f64| v.is_none_or(|v| v > 0.0 && v <= most);
-        ok(self.exposure_s, 60.0) && ok(self.analog_gain, 255.0)
+        ok(self.exposure_s, LONGEST_EXPOSURE_S) && ok(self.analog_gain, LARGEST_GAIN)
     }
 }
 
-/// Longest request body, bytes.
+/// Longest exposure that the page may ask for, s. A trade: long enough for any bench, and a slip
+/// of the hand does not stop the stream for hours.
+const LONGEST_EXPOSURE_S: f64 = 60.0;
+/// Largest gain that the page may ask for: the whole numbers of the rig's gain code, which has 16
+/// bits in steps of 1/256.
+const LARGEST_GAIN: f64 = 255.0;
+/// Longest request body, bytes: far more than a [`Control`] has.
 const LONGEST_BODY: u64 = 4096;
 /// The token's header.
 const TOKEN: &str = "X-Camrig-Token";
 
-/// The server.
+/// The server of the page.
 pub struct View {
     server: Arc<Server>,
     address: SocketAddr,
@@ -54,7 +60,7 @@ impl View {
     /// Listens on an address.
     ///
     /// # Errors
-    /// An address that cannot be had.
+    /// An address at which this machine cannot listen.
     pub fn listen(address: &str) -> Result<Self> {
         let failed = |why: String| {
             Error::device(format!("cannot listen: {why}"))
@@ -151,7 +157,7 @@ impl View {
                     return text(413, "too long");
                 }
                 match serde_json::from_slice::<Control>(&body) {
-                    Ok(control) if control.is_sane() => match controls.send(control) {
+                    Ok(control) if control.is_in_range() => match controls.send(control) {
                         Ok(()) => data("application/json", b"{}"),
                         Err(_) => text(409, "the stream has ended"),
                     },
@@ -204,7 +210,8 @@ fn picture(picture: Result<Option<Vec<u8>>>) -> Answer {
     }
 }
 
-/// Compares without telling by its time where the difference is.
+/// Compares in a time that does not depend on where the difference is, so that the token cannot be
+/// guessed byte by byte.
 fn same(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |d, (x, y)| d | (x ^ y)) == 0
 }

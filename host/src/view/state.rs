@@ -5,10 +5,22 @@ use camrig_formats::{DngInfo, png, preview};
 use camrig_report::plot::colour;
 use serde_json::{Value, json};
 
-/// Bins of the histogram.
+/// Bins of the histogram: the upper 8 bits of a sample, as fine as the page can draw.
 const BINS: usize = 256;
-/// Longest side of a picture, pixels.
+/// Longest side of a picture, pixels; larger frames are thinned, so that a page keeps up with the
+/// stream.
 const PICTURE: usize = 1024;
+/// Weight of the last frame in the running mean of the frame rate. A trade: the figure follows a
+/// change within some five frames and still can be read.
+const RATE_WEIGHT: f64 = 0.2;
+/// Frames before the running mean of the frame rate begins: the first period holds the rig's
+/// start.
+const RATE_START: u64 = 3;
+/// Shortest period that a frame rate is computed from, s.
+const SHORTEST_PERIOD_S: f64 = 1e-6;
+/// White of the noise map, in root mean squares of the temporal noise: pixels of a normal sensor
+/// stay below it, pixels of excess noise reach it.
+const NOISE_WHITE: f64 = 3.0;
 
 /// The stream so far.
 pub struct State {
@@ -28,7 +40,7 @@ pub struct State {
     pub ended: Option<String>,
 }
 
-/// What came with a frame.
+/// What the rig and the clock say about a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     /// The sensor's frame counter.
@@ -67,12 +79,17 @@ impl State {
         (self.exposure_s, self.analog_gain) = (told.exposure_s, told.analog_gain);
         self.counter = told.counter;
         self.frames += 1;
-        let now = 1.0 / told.period_s.max(1e-6);
-        self.frames_per_s = if self.frames < 3 { now } else { 0.8 * self.frames_per_s + 0.2 * now };
+        let now = 1.0 / told.period_s.max(SHORTEST_PERIOD_S);
+        self.frames_per_s = if self.frames < RATE_START {
+            now
+        } else {
+            (1.0 - RATE_WEIGHT) * self.frames_per_s + RATE_WEIGHT * now
+        };
         self.frame = Some(frame);
     }
 
-    /// Figures of the moment; profiles along `row` and `column`, the middle ones unless given.
+    /// The figures that the page shows; profiles along `row` and `column`, the middle ones unless
+    /// given.
     pub fn json(&self, row: Option<usize>, column: Option<usize>) -> Value {
         let Some(frame) = &self.frame else {
             return json!({ "frames": 0, "ended": self.ended });
@@ -136,7 +153,7 @@ impl State {
             let (sum, n) = inside.fold((0.0, 0.0), |(sum, n), (x, y)| {
                 (sum + self.noise.variance(y * frame.width + x), n + 1.0)
             });
-            colour((sum / f64::max(n, 1.0)).sqrt() / (3.0 * mean.max(1e-9)))
+            colour((sum / f64::max(n, 1.0)).sqrt() / (NOISE_WHITE * mean.max(f64::MIN_POSITIVE)))
         });
         png::encode_rgb(&picture).map(Some)
     }

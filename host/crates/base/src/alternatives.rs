@@ -7,14 +7,17 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub enum Alternatives<T> {
-    /// One.
+    /// One value.
     One(T),
-    /// Several.
+    /// A list of values.
     List(Vec<T>),
 }
 
 impl<T: Clone> Alternatives<T> {
     /// The values, at least one.
+    ///
+    /// # Errors
+    /// An empty list.
     pub fn values(&self) -> Result<Vec<T>> {
         match self {
             Self::One(value) => Ok(vec![value.clone()]),
@@ -27,11 +30,11 @@ impl<T: Clone> Alternatives<T> {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub enum Numbers {
-    /// One.
+    /// One number.
     One(f64),
-    /// Several.
+    /// A list of numbers.
     List(Vec<f64>),
-    /// Evenly spaced ones.
+    /// Evenly spaced numbers.
     Range(Range),
 }
 
@@ -56,11 +59,16 @@ enum Spacing {
     Log,
 }
 
-/// Most values of a range.
-const MOST: usize = 100_000;
+/// Most values of a range. A trade: more than a sweep needs along one axis, and a count with a
+/// digit too many is refused before it fills the memory.
+const MOST_VALUES: usize = 100_000;
 
 impl Numbers {
     /// The values, at least one, all finite.
+    ///
+    /// # Errors
+    /// An empty list, a value that is not finite, a range of no values or more than 100000, and a
+    /// logarithmic range that does not lie above zero.
     pub fn values(&self) -> Result<Vec<f64>> {
         let values = match self {
             Self::One(v) => vec![*v],
@@ -78,10 +86,10 @@ impl Range {
     fn values(&self) -> Result<Vec<f64>> {
         let Self { from, to, count, spacing } = *self;
         let log = spacing == Spacing::Log;
-        if !(1..=MOST).contains(&count) || log && !(from > 0.0 && to > 0.0) {
+        if !(1..=MOST_VALUES).contains(&count) || log && !(from > 0.0 && to > 0.0) {
             return Err(Error::input(format!("a range from {from} to {to} of {count} values"))
                 .help(format!(
-                    "count is 1 to {MOST}; the ends of a logarithmic range are above zero"
+                    "count is 1 to {MOST_VALUES}; the ends of a logarithmic range are above zero"
                 )));
         }
         let steps = (count - 1).max(1) as f64;

@@ -1,4 +1,4 @@
-//! Colour filter array.
+//! The colour filter array: which channel each pixel of a sensor belongs to.
 
 use crate::{Error, Result};
 use std::fmt;
@@ -21,6 +21,9 @@ pub struct Cfa {
 impl Cfa {
     /// Reads `RGGB`, `GRBG`, `GBRG`, `BGGR`, `mono`, or rows of letters separated by `/`
     /// (`RGGB` is short for `RG/GB`).
+    ///
+    /// # Errors
+    /// Rows of different lengths, sides other than 1, 2, 3, 4, 6 or 8, and other letters.
     pub fn parse(text: &str) -> Result<Self> {
         let rows: Vec<&str> = match text {
             "mono" => vec!["M"],
@@ -71,7 +74,7 @@ impl Cfa {
         self.channels().iter().position(|&c| c == letter).unwrap_or(0)
     }
 
-    /// Whether there is only one channel.
+    /// Whether all pixels belong to one channel.
     pub fn is_mono(&self) -> bool {
         self.channels().len() == 1
     }

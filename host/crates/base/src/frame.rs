@@ -1,8 +1,8 @@
-//! One raw frame and what is needed to read it.
+//! A raw frame: digital numbers with what is needed to interpret them.
 
 use crate::Cfa;
 
-/// A raw frame: DN per pixel with the facts that its file formats carry.
+/// A raw frame: digital numbers (DN), and what file formats say about them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawFrame {
     /// Columns.
@@ -22,7 +22,7 @@ pub struct RawFrame {
 }
 
 impl RawFrame {
-    /// Name, mean DN and saturated fraction of each channel.
+    /// Name, mean (DN) and saturated fraction (0 to 1) of each channel, in channel order.
     pub fn channel_means(&self) -> Vec<(String, f64, f64)> {
         let channels = self.cfa.channels();
         let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];

@@ -1,5 +1,34 @@
-//! What every crate of camrig shares: errors, planes of values, raw frames with their colour filter
-//! pattern, spectra, and output files that appear whole or not at all.
+//! What every crate of camrig shares.
+//!
+//! * [`Error`]: what is wrong, of which [`ErrorKind`], where, and what would be right;
+//! * [`Plane`], [`RawFrame`] and [`Cfa`]: rectangles of values, row by row from the top; raw frames
+//!   in digital numbers (DN) with their colour filter pattern;
+//! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
+//! * [`output`]: files and directories that appear whole or not at all;
+//! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
+//! * [`median`], and [`platform`] for what operating systems do differently.
+//!
+//! ```
+//! use camrig_base::{Bands, Cfa, RawFrame, Spectrum};
+//!
+//! // A quantum efficiency that falls from blue to red, in the 31 bands of Chen et al. 2009.
+//! let curve = Spectrum::new(vec![400.0, 700.0], vec![0.6, 0.3])?;
+//! assert_eq!(curve.sample(&Bands::VISIBLE).len(), 31);
+//! assert_eq!(curve.at(550.0), 0.45);
+//!
+//! let frame = RawFrame {
+//!     width: 2,
+//!     height: 2,
+//!     bits: 10,
+//!     cfa: Cfa::parse("RGGB")?,
+//!     black_level_dn: 64.0,
+//!     white_level_dn: 1023,
+//!     data: vec![500, 900, 1023, 300],
+//! };
+//! let (name, mean_dn, saturated) = frame.channel_means().swap_remove(1);
+//! assert_eq!((&*name, mean_dn, saturated), ("g", 961.5, 0.5));
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 pub mod alternatives;
 mod cfa;

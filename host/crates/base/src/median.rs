@@ -1,11 +1,12 @@
-//! The median, which a few outliers do not move.
+//! The median: a mean that a few outliers do not move.
 
 use std::cmp::Ordering;
 
-/// Standard deviation over the median absolute deviation of a normal law.
+/// Standard deviation over median absolute deviation of a normal distribution: 1/Φ⁻¹(3/4).
 pub const SD_PER_MAD: f64 = 1.482_602_218_505_602;
 
-/// The median, of an even number the upper of the two in the middle, of none zero. Reorders.
+/// The median of `values`, which are reordered: of an even number the upper of the two in the
+/// middle, of none zero.
 pub fn median<T: Copy + Default>(values: &mut [T], order: fn(&T, &T) -> Ordering) -> T {
     if values.is_empty() {
         return T::default();

@@ -14,10 +14,10 @@ use tempfile::{NamedTempFile, TempDir};
 
 /// Left in every directory that camrig writes: only a directory that has it is ever replaced.
 const DIRECTORY_MARK: &str = ".camrig-output";
-/// Temporary names: hidden by the leading dot.
+/// Temporary names begin and end like this; the dot hides them.
 const PREFIX: &str = ".camrig-";
 const SUFFIX: &str = ".part";
-/// Bytes written at a time.
+/// Bytes written at a time: enough for the cost of a system call not to matter.
 const BUFFER: usize = 1 << 16;
 
 /// A file being written. Nothing is seen under its name before [`OutputFile::finish`].
@@ -37,8 +37,11 @@ enum Target {
 }
 
 impl OutputFile {
-    /// Opens an output. `-` is standard output. Fails at once, before any work, when the file
-    /// exists and `force` is false, or when its folder is missing or cannot be written.
+    /// Opens an output. `-` is standard output. An existing file is replaced only with `force`.
+    ///
+    /// # Errors
+    /// Given here, before any work: a file that exists (without `force`), a directory, and a
+    /// folder that is missing or cannot be written.
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         if path.as_os_str() == "-" {
             let target = Target::Stream(Box::new(io::stdout()));
@@ -70,6 +73,10 @@ impl OutputFile {
     }
 
     /// Puts the complete file in its place.
+    ///
+    /// # Errors
+    /// A file that another program has made there meanwhile, unless `force` was given, and what
+    /// the operating system refuses.
     pub fn finish(mut self) -> Result<()> {
         self.flush().map_err(|e| Error::io("write", &self.path, e))?;
         let outcome = match self.target {
@@ -126,6 +133,9 @@ impl Write for OutputFile {
 }
 
 /// Writes `bytes` to `path` whole or not at all. `-` is standard output.
+///
+/// # Errors
+/// Those of [`OutputFile::create`] and [`OutputFile::finish`].
 pub fn write_file(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     let mut output = OutputFile::create(path, force)?;
     output.write_all(bytes).map_err(|e| Error::io("write", path, e))?;
@@ -142,6 +152,10 @@ pub struct OutputDir {
 impl OutputDir {
     /// Opens a directory output. An empty directory may exist already. With `force`, one that
     /// camrig wrote earlier is replaced as a whole; any other is left alone.
+    ///
+    /// # Errors
+    /// A directory that is not to be replaced, a file of that name, and a folder that is missing
+    /// or cannot be written.
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         check_replaceable(&path, force)?;
@@ -152,12 +166,15 @@ impl OutputDir {
         Ok(Self { path, temporary, force })
     }
 
-    /// Where to put the files meanwhile.
+    /// Where to write the files until then.
     pub fn path(&self) -> &Path {
         self.temporary.path()
     }
 
     /// Writes one file of the directory; `name` may contain folders.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
     pub fn write(&self, name: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
         let place = self.path().join(&name);
         let shown = self.path.join(&name);
@@ -168,6 +185,10 @@ impl OutputDir {
     }
 
     /// Puts the complete directory in its place.
+    ///
+    /// # Errors
+    /// A directory that another program has filled meanwhile, and what the operating system
+    /// refuses.
     pub fn finish(self) -> Result<()> {
         check_replaceable(&self.path, self.force)?;
         let failed = |e| Error::io("write", &self.path, e);

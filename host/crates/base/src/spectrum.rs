@@ -38,7 +38,11 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// A curve from samples with strictly rising wavelengths and finite values.
+    /// A curve from samples: wavelengths in nm, and a value at each.
+    ///
+    /// # Errors
+    /// No samples, unequal numbers, wavelengths that do not rise strictly, values that are not
+    /// finite.
     pub fn new(wavelength_nm: Vec<f64>, value: Vec<f64>) -> Result<Self> {
         if wavelength_nm.is_empty() || wavelength_nm.len() != value.len() {
             return Err(Error::input(format!(

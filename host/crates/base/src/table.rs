@@ -15,12 +15,19 @@ pub struct SpectralTable {
 
 impl SpectralTable {
     /// Reads a file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, and those of [`SpectralTable::parse`].
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
         Self::parse(&text).map_err(|e| e.at(path.display()))
     }
 
-    /// Parses the text of a file. Errors name the line.
+    /// Parses the text of a file.
+    ///
+    /// # Errors
+    /// Another header, a field that is not a finite number, wavelengths that do not rise, no
+    /// lines. The error names the line.
     pub fn parse(text: &str) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new()
             .comment(Some(b'#'))
@@ -75,7 +82,10 @@ impl SpectralTable {
         Ok(Self { wavelength_nm, curves })
     }
 
-    /// The curve of one column.
+    /// The curve of one column, counted from 0 without the wavelengths.
+    ///
+    /// # Errors
+    /// Those of [`Spectrum::new`], which a table that was read has not.
     pub fn spectrum(&self, column: usize) -> Result<Spectrum> {
         Spectrum::new(self.wavelength_nm.clone(), self.curves[column].1.clone())
     }

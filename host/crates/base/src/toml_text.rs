@@ -21,15 +21,16 @@ pub fn error(text: &str, error: &toml::de::Error) -> Error {
     out
 }
 
-/// Likeness (Jaro-Winkler, 0 to 1) from which a known name is offered for an unknown one: below it
-/// `widht` still finds `width`, while names that share a few letters by chance are not offered.
-const LIKE: f64 = 0.7;
+/// Jaro-Winkler similarity (0 to 1) above which a known name is offered for an unknown one. A
+/// trade: `widht` still finds `width`, and names that share a few letters by chance are not
+/// offered.
+const SIMILAR: f64 = 0.7;
 
 /// "did you mean": the nearest of the known names, or all of them.
 pub fn did_you_mean(name: &str, known: &[&str]) -> String {
     let best = nearest(name, known.iter().copied());
     let all = known.join(", ");
-    if strsim::jaro_winkler(name, best) > LIKE {
+    if strsim::jaro_winkler(name, best) > SIMILAR {
         return format!("did you mean {best:?}? known: {all}");
     }
     format!("known: {all}")
@@ -39,9 +40,9 @@ pub fn did_you_mean(name: &str, known: &[&str]) -> String {
 pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> &'a str {
     let mut best = ("", f64::NEG_INFINITY);
     for candidate in candidates {
-        let likeness = strsim::jaro_winkler(word, candidate);
-        if likeness > best.1 {
-            best = (candidate, likeness);
+        let similarity = strsim::jaro_winkler(word, candidate);
+        if similarity > best.1 {
+            best = (candidate, similarity);
         }
     }
     best.0

@@ -27,7 +27,7 @@ pub struct Dataset {
     pictures: u64,
 }
 
-/// Pictures in one folder.
+/// Pictures in one folder: few enough for tools that list a folder to stay quick.
 const PER_FOLDER: u64 = 1000;
 
 impl Dataset {
@@ -75,12 +75,16 @@ impl Dataset {
         self.place(index, &self.extension).exists()
     }
 
-    /// Pictures done.
+    /// Number of pictures done.
     pub fn done(&self) -> u64 {
         (0..self.pictures).filter(|&i| self.has(i)).count() as u64
     }
 
-    /// Puts a picture and its record in place. `parameters` and `figures` are the picture's own.
+    /// Writes a picture and its record, which holds the picture's `parameters` and the `figures`
+    /// of its channels.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
     pub fn put(&self, index: u64, bytes: &[u8], parameters: Value, figures: Value) -> Result<()> {
         let record = json!({
             "index": index,
@@ -97,7 +101,10 @@ impl Dataset {
         put_once(&self.place(index, &self.extension), bytes)
     }
 
-    /// Writes the manifest if every picture is there; how many are.
+    /// Writes the manifest if every picture is there. Returns how many are.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
     pub fn complete(&self) -> Result<u64> {
         let done = self.done();
         if done == self.pictures {
@@ -174,7 +181,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// Says which input is not what it was.
+/// The error that names the input that has changed since the data set was begun.
 fn differs(there: &str, now: &str) -> Error {
     let parse = |text: &str| serde_json::from_str::<Value>(text).unwrap_or_default();
     let (there, now) = (parse(there), parse(now));

@@ -1,8 +1,26 @@
-//! Many pictures: a sweep file rendered to a data set with a manifest.
+//! Many pictures: a sweep file, that is a grid of cameras, scenes, lights (lx), exposures (s), gains
+//! and seeds, rendered to a data set with a manifest.
 //!
-//! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on the shard it
-//! was made in, the threads, or what was there already. See [`sweep`] for the file and [`dataset`] for what is
-//! on disk.
+//! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on
+//! the shard it was made in, the threads, or what was there already. See [`sweep`] for the file
+//! and [`dataset`] for what is on disk.
+//!
+//! ```
+//! use camrig_batch::{Shard, Sweep};
+//!
+//! let path = std::env::temp_dir().join(format!("camrig-batch-{}.toml", std::process::id()));
+//! let text = "format = 'sweep/1'\n[grid]\ncamera = 'mt9t012'\nscene = ['colorchecker', 'ramp']\n\
+//!     lux = [10, 100, 1000]\nexposure_s = 0.01\n";
+//! std::fs::write(&path, text)?;
+//! let sweep = Sweep::load(&path)?;
+//! std::fs::remove_file(&path)?;
+//! assert_eq!(sweep.pictures(), 6);
+//! assert_eq!((sweep.picture(4).lux, sweep.picture(4).exposure_s), (Some(100.0), 0.01));
+//! assert_eq!(Shard::parse("2/3")?.pictures(6), 2..4);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`run`] then makes the pictures of a [`Shard`] into a [`Dataset`].
 
 pub mod dataset;
 pub mod sweep;
@@ -35,6 +53,9 @@ impl Shard {
     pub const WHOLE: Self = Self { number: 1, count: 1 };
 
     /// Reads `3/64`.
+    ///
+    /// # Errors
+    /// Anything but K/N with K from 1 to N.
     pub fn parse(text: &str) -> Result<Self, String> {
         let parts = text.split_once('/').and_then(|(number, count)| {
             Some(Self { number: number.trim().parse().ok()?, count: count.trim().parse().ok()? })
@@ -44,7 +65,8 @@ impl Shard {
             .ok_or_else(|| format!("{text:?}: use K/N with K from 1 to N, for instance 3/64"))
     }
 
-    /// The pictures of this part: neighbours in the grid, so that most of a part shares its optics.
+    /// The pictures of this part of `total` pictures. They are neighbours in the grid, so that
+    /// most of them share the optics stage.
     pub fn pictures(self, total: u64) -> Range<u64> {
         // Through 128 bits: a product of two 64-bit numbers.
         let end = |k: u64| (u128::from(total) * u128::from(k) / u128::from(self.count)) as u64;
@@ -58,8 +80,9 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Makes the pictures of a part that are not there yet, the optics on `device`. `cache` keeps results of the optics stage;
-/// `progress` hears of each picture of the part.
+/// Makes the pictures of a part that are not there yet, the optics on `device`. Results of the
+/// optics stage are kept in the folder `cache`, where one is given; `progress` is called once for
+/// each picture of the part.
 ///
 /// # Errors
 /// What rendering or the disk refuses; pictures made so far stay.
@@ -127,7 +150,7 @@ fn take(
     dataset.put(picture.index, &bytes, parameters, figures(&frame))
 }
 
-/// Everything that tells the pictures of a sweep apart, by its name.
+/// The values of a picture by which it differs from the others of its sweep.
 fn parameters(
     sweep: &Sweep,
     camera: &Camera,

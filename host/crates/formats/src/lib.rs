@@ -215,7 +215,7 @@ impl Format {
                 "{} frames for a format that holds one",
                 frames.planes.len()
             ))
-            .help("choose one, or write .npy, .tiff, .fits, .csi2 or .raw")
+            .help("write .npy, .tiff, .fits, .csi2 or .raw, or choose one")
             .with_code("several-frames"));
         }
         match self {

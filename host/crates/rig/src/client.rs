@@ -20,11 +20,23 @@ use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::{Duration, Instant};
 
-/// Times that a frame is taken up again after the link broke.
+/// Times that a frame is continued after the link broke. A trade: cables that were touched
+/// recover, and a link that breaks in every frame is reported soon.
 const RECONNECTS: u32 = 3;
-/// Patience with a link that was closed and is to be opened again.
+/// Tries to open a link again, and the wait before each: 2 s, in which a server notices that its
+/// host has gone and a USB device is enumerated again.
 const REOPEN_TRIES: u32 = 10;
 const REOPEN_WAIT: Duration = Duration::from_millis(200);
+/// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
+const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
+/// Addresses of the embedded line in CCS's manufacturer-specific range: what a frame was exposed
+/// with.
+mod embedded {
+    pub const EXPOSURE_S: u16 = 0x3200;
+    pub const ANALOG_GAIN: u16 = 0x3204;
+    pub const FRAME: u16 = 0x3208;
+    pub const SEED: u16 = 0x320c;
+}
 
 /// How a frame is to be taken.
 #[derive(Clone, Copy, Debug)]
@@ -51,14 +63,17 @@ pub struct RigFrame {
     pub packed: Vec<u8>,
     /// How they are packed.
     pub packing: Packing,
-    /// The rig was asked to lose this frame: there are no rows.
+    /// The rig was asked, through its fault register, to drop this frame: there are no rows.
     pub dropped: bool,
 }
+
+/// A caller's function that hears of faults.
+type Listener = Box<dyn FnMut(&Error) + Send>;
 
 /// An open rig.
 pub struct Rig {
     url: Url,
-    /// Nothing while a broken link is being opened again.
+    /// `None` while a broken link is being opened again.
     transport: Option<Box<dyn Transport>>,
     host: Host<Vec<u16>>,
     camera: Vec<u8>,
@@ -67,7 +82,7 @@ pub struct Rig {
     /// Log bytes that came over the link.
     log: Vec<u8>,
     /// Hears of links that broke and are opened again.
-    link_broken: Option<Box<dyn FnMut(&Error) + Send>>,
+    link_broken: Option<Listener>,
 }
 
 fn open(url: &Url) -> Result<Box<dyn Transport>> {
@@ -79,20 +94,28 @@ fn open(url: &Url) -> Result<Box<dyn Transport>> {
     }
 }
 
-/// A number that no other session of late has had; results do not depend on it.
+/// A random session number, so that packets of an earlier session are told apart. Results do not
+/// depend on it.
 fn session() -> u16 {
     RandomState::new().build_hasher().finish() as u16
 }
 
 impl Rig {
-    /// Opens a rig and greets it.
+    /// Opens the rig at an address and begins a session.
+    ///
+    /// # Errors
+    /// Text that is no address ([`Url::parse`]), a link that cannot be opened, a rig that does not
+    /// answer or speaks other versions of the protocol.
     pub fn open(url: &str) -> Result<Self> {
         let url = Url::parse(url)?;
         let transport = open(&url)?;
         Self::with_transport(url, transport)
     }
 
-    /// Greets the rig at the other end of an open link.
+    /// Begins a session with the rig at the other end of an open link.
+    ///
+    /// # Errors
+    /// A rig that does not answer or speaks other versions of the protocol.
     pub fn with_transport(url: Url, transport: Box<dyn Transport>) -> Result<Self> {
         let host = Host::new(transport.limits(), Vec::new());
         let mut rig = Self {
@@ -115,12 +138,12 @@ impl Rig {
         self.link_broken = Some(Box::new(tell));
     }
 
-    /// What the rig can do.
+    /// What the rig has said that it can do.
     pub fn device(&self) -> Capabilities {
         self.host.device().cloned().unwrap_or_default()
     }
 
-    /// Counters of this end.
+    /// Counters of this end of the link.
     pub fn statistics(&self) -> HostStatistics {
         self.host.statistics()
     }
@@ -135,7 +158,10 @@ impl Rig {
         std::mem::take(&mut self.log)
     }
 
-    /// Counters of the rig.
+    /// Asks the rig for its counters.
+    ///
+    /// # Errors
+    /// A link that fails, a rig that does not answer.
     pub fn device_statistics(&mut self) -> Result<Statistics> {
         match self.request(ToDevice::Statistics)? {
             ToHost::Statistics(s) => Ok(s),
@@ -144,6 +170,9 @@ impl Rig {
     }
 
     /// Reads a register.
+    ///
+    /// # Errors
+    /// A register that the rig does not have, a link that fails.
     pub fn read_register(&mut self, address: u16) -> Result<u32> {
         match self.request(ToDevice::RegRead(address))? {
             ToHost::Register(_, value) => Ok(value),
@@ -151,12 +180,19 @@ impl Rig {
         }
     }
 
-    /// Writes a register.
+    /// Writes a register. The rig's sensor decides with which frame it takes effect.
+    ///
+    /// # Errors
+    /// A register or a value that the rig does not take, a link that fails.
     pub fn write_register(&mut self, address: u16, value: u32) -> Result<()> {
         self.request(ToDevice::RegWrite(address, value)).map(drop)
     }
 
-    /// Gives the rig a sensor; costs nothing if it has it already.
+    /// Sends the rig the sensor that it is to be, unless it is that sensor already.
+    ///
+    /// # Errors
+    /// A sensor whose rows, bands or tables are too large for the rig, effects that its firmware
+    /// lacks, a link that fails.
     pub fn set_camera(&mut self, sensor: &SimulatedSensor) -> Result<()> {
         let crosstalk = sensor.crosstalk();
         let table = crosstalk
@@ -203,7 +239,10 @@ impl Rig {
         }
     }
 
-    /// Takes a frame of a cube.
+    /// Exposes one frame to a cube.
+    ///
+    /// # Errors
+    /// Those of [`Rig::frame_from`].
     pub fn frame(
         &mut self,
         cube: &IrradianceCube,
@@ -215,8 +254,12 @@ impl Rig {
         self.frame_from(&mut feed, sensor, request)
     }
 
-    /// Takes a frame of what a feed gives, which says whether bands are collapsed. A link that
-    /// breaks is opened again and the frame goes on where it was.
+    /// Exposes one frame to the light that a feed gives, which says whether bands are collapsed. A
+    /// link that breaks is opened again, and the frame continued where it was.
+    ///
+    /// # Errors
+    /// A frame too large for the link, a cube that cannot be read, settings that the rig refuses,
+    /// a link that fails more often than it is opened again.
     pub fn frame_from(
         &mut self,
         feed: &mut Feed<'_>,
@@ -225,7 +268,7 @@ impl Rig {
     ) -> Result<RigFrame> {
         let config = &sensor.config;
         let codec = feed.codec();
-        let raw_bits = [8, 10, 12, 14, 16].into_iter().find(|&b| b >= config.bits).unwrap_or(16);
+        let raw_bits = RAW_BITS.into_iter().find(|&b| b >= config.bits).unwrap_or(16);
         let too_large = || {
             Error::limit(format!(
                 "a frame of {} x {} pixels in {} bands is too large for the link",
@@ -449,14 +492,17 @@ impl RigFrame {
         push(address::MODEL_ID, &MODEL_ID.to_be_bytes());
         push(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
         push(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
-        push(0x3200, &start.exposure.exposure_s.to_be_bytes());
-        push(0x3204, &start.exposure.analog_gain.to_be_bytes());
-        push(0x3208, &start.frame.to_be_bytes());
-        push(0x320c, &start.seed.to_be_bytes());
+        push(embedded::EXPOSURE_S, &start.exposure.exposure_s.to_be_bytes());
+        push(embedded::ANALOG_GAIN, &start.exposure.analog_gain.to_be_bytes());
+        push(embedded::FRAME, &start.frame.to_be_bytes());
+        push(embedded::SEED, &start.seed.to_be_bytes());
         csi2::ccs_line(&registers, self.packing.bits())
     }
 
-    /// Unpacks the frame.
+    /// Unpacks the frame into digital numbers.
+    ///
+    /// # Errors
+    /// None for a frame of the sensor given.
     pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
         let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
         let mut data = vec![0; width * height];

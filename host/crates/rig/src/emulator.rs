@@ -13,15 +13,17 @@ use camrig_sensor_core::spectral::{GROUP, groups};
 use std::io;
 use std::sync::mpsc;
 
-/// Longest row, pixels.
+/// Longest row, pixels: the memory is laid out for it.
 const MAX_WIDTH: usize = 16_384;
 /// Longest packed raw row, bytes.
 const RAW_BYTES: usize = 2 * MAX_WIDTH;
-/// Rows of memory: two effects that read their neighbours, and one with a memory.
+/// Rows of memory: 5 for two effects that read the rows above and below, 8 for one that remembers
+/// rows.
 const ROWS: usize = 5 + 8;
-/// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels.
+/// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels, and the axes of the three.
 const CROSSTALK: usize = 33 * 33 * 64 * 4 + 130;
-/// Packets that a host may send ahead.
+/// Packets that a host may send ahead. A trade: 8 MiB of memory at the longest packet, and the host
+/// need not wait for acknowledgements.
 const CREDIT: u16 = 256;
 /// Bytes read and written at a time on a byte stream.
 const STREAM_BYTES: usize = 256 * 1024;

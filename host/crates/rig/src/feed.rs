@@ -12,7 +12,8 @@ use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 
-/// Rows made at a time.
+/// Rows made at a time. A trade: enough for all cores to have some, few enough to stay in the
+/// cache.
 const ROWS: usize = 64;
 
 /// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the
@@ -20,7 +21,7 @@ const ROWS: usize = 64;
 pub struct Feed<'a> {
     cube: &'a IrradianceCube,
     collapse: Option<&'a SimulatedSensor>,
-    /// Rows made at a time.
+    /// Rows made at a time: [`ROWS`], or all.
     at_once: usize,
     /// First of the rows in `bytes`.
     first: usize,
@@ -60,6 +61,9 @@ impl<'a> Feed<'a> {
     }
 
     /// Fills `out` with the units of row `row` from unit `first` on.
+    ///
+    /// # Errors
+    /// A cube that cannot be read, a sensor that the model refuses.
     pub fn units(&mut self, row: usize, first: usize, out: &mut [u8]) -> Result<()> {
         let row_bytes = self.row_bytes();
         if row < self.first || (row - self.first) * row_bytes >= self.bytes.len() {
@@ -114,8 +118,9 @@ fn collapsed_rows(
     out: &mut [u8],
 ) -> Result<()> {
     let width = sensor.config.width as usize;
-    let second = FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
-    let mut collector = Collector::<Float>::new(&sensor.config, &second, sensor.crosstalk())
+    let one_second =
+        FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
+    let mut collector = Collector::<Float>::new(&sensor.config, &one_second, sensor.crosstalk())
         .map_err(|e| Error::unsupported(format!("the sensor model refuses this camera: {e:?}")))?;
     let mut sums = vec![[<Float as Arith>::Sum::default(); GROUP]; groups(width)];
     let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);

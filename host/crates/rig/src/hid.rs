@@ -11,7 +11,17 @@ use std::time::Duration;
 /// word, other systems beyond 30.
 const REPORTS_UNDER_WAY: u16 = 16;
 
+/// Bytes of a report where the descriptor cannot be read: the largest of a full-speed interrupt
+/// endpoint (USB 2.0, 5.7.3).
+const DEFAULT_REPORT: u16 = 64;
+
+/// Report sizes that can carry the protocol, bytes.
+const REPORT_BYTES: std::ops::RangeInclusive<u16> = 8..=4096;
+
 /// Opens a device. Its report size is taken from its report descriptor.
+///
+/// # Errors
+/// No such device, one that another program holds or that this user may not open.
 pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transport>> {
     let name = format!("hid://{vid:04x}:{pid:04x}");
     let api = HidApi::new().map_err(|e| Error::device(format!("no access to HID: {e}")))?;
@@ -39,8 +49,8 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
             .at(&name)
             .help("close other programs that use it, and check the rights on /dev/hidraw*")
     })?;
-    let report = report_size(&device).unwrap_or(64);
-    // Reports that nobody asked for any more.
+    let report = report_size(&device).unwrap_or(DEFAULT_REPORT);
+    // Reports of an earlier session.
     let mut old = vec![0; usize::from(report)];
     while matches!(device.read_timeout(&mut old, 0), Ok(n) if n > 0) {}
     let framing = Framing::Report(report);
@@ -74,7 +84,7 @@ fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
             0x94 => count = value,
             0x80 => {
                 let bytes = bits.checked_mul(count)? / 8;
-                return u16::try_from(bytes).ok().filter(|b| (8..=4096).contains(b));
+                return u16::try_from(bytes).ok().filter(|b| REPORT_BYTES.contains(b));
             }
             _ => {}
         }
@@ -87,9 +97,10 @@ fn input_report_bytes(mut items: &[u8]) -> Option<u16> {
 /// that credit lets under way all but one of the reports that may be: an acknowledgement has room
 /// as well.
 pub fn limits(report: u16) -> Limits {
-    let reports = if report <= 255 { 7 } else { 3 };
-    // A pointer of at most two bytes begins each report, a length of two each packet.
-    let packet_bytes = reports * (report - if report <= 255 { 1 } else { 2 }) - 2;
+    // Reports per packet, and bytes of the pointer that begins each report; a length of two bytes
+    // begins each packet. Credit is then two packets of short reports, or five of long ones.
+    let (reports, pointer) = if report <= u16::from(u8::MAX) { (7, 1) } else { (3, 2) };
+    let packet_bytes = reports * (report - pointer) - 2;
     Limits {
         packet_bytes,
         credit: (REPORTS_UNDER_WAY - 1) / reports,
@@ -158,7 +169,7 @@ impl Transport for HidLink {
                 return Ok(false);
             }
             self.bytes.1 += n as u64;
-            // A report that is cut short is none.
+            // A report that is cut short is dropped.
             self.used = if n == self.report.len() { 0 } else { self.report.len() };
         }
     }

@@ -1,11 +1,28 @@
 //! Rigs: sensors that live elsewhere, reached over a link and fed with irradiance.
 //!
+//! A [`Rig`] at an address (`emulator:`, `tcp://`, `serial://`, `hid://`) takes a sensor and an
+//! irradiance cube (W m⁻² nm⁻¹ per band and pixel) and gives raw rows in digital numbers: the same
+//! bytes as this process would compute. Lost or damaged packets are asked for again, and links that
+//! break are opened again. Its registers lie at addresses of MIPI CCS and act with the delay of a
+//! sensor.
+//!
+//! ```
+//! use camrig_rig::Rig;
+//!
+//! let mut rig = Rig::open("emulator:")?;
+//! assert!(rig.device().max_width >= 4096); // pixels
+//! rig.write_register(0x0202, 800)?; // coarse integration time, lines
+//! assert_eq!(rig.read_register(0x0202)?, 800);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
+//!
 //! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], [`serial`], [`hid`] open them;
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`stage`]: frames from a rig or from this process;
 //! * [`feed`]: a cube's rows as they go over the link;
 //! * [`script`]: register writes of a control loop, frame by frame;
-//! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in words.
+//! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in
+//!   words.
 
 pub mod client;
 pub mod emulator;

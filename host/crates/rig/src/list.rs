@@ -1,4 +1,4 @@
-//! What is connected that may be a rig.
+//! Serial ports and HID devices that are connected and may be rigs.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ pub const USB_ID: (u16, u16) = (0x1209, 0x0001);
 /// Something that may be a rig.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// Its address.
+    /// Its address, as [`crate::Url::parse`] reads it.
     pub url: String,
     /// What the system says about it.
     pub description: String,
@@ -16,7 +16,8 @@ pub struct Found {
     pub ours: bool,
 }
 
-/// Serial ports and HID devices; our own first. A system without one of the two has none of it.
+/// Serial ports and HID devices, our own first. Where the operating system lists neither, the list
+/// is empty.
 pub fn list() -> Vec<Found> {
     let mut found = Vec::new();
     for port in serialport::available_ports().unwrap_or_default() {

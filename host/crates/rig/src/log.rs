@@ -12,6 +12,9 @@ pub struct LogDecoder {
 
 impl LogDecoder {
     /// A decoder for the firmware in this ELF file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is no firmware with `defmt` messages.
     pub fn open(elf: &Path) -> Result<Self> {
         let bytes = std::fs::read(elf).map_err(|e| Error::io("read", elf, e))?;
         let wrong = |what: String| {
@@ -28,7 +31,8 @@ impl LogDecoder {
         Ok(Self { table, locations })
     }
 
-    /// Calls `line` with each message in some bytes. Bytes that are no message are said to be so.
+    /// Calls `line` with each message in some bytes, and with a remark where bytes are not a
+    /// message.
     pub fn decode(&self, bytes: &[u8], mut line: impl FnMut(String)) {
         let mut decoder = self.table.new_stream_decoder();
         decoder.received(bytes);

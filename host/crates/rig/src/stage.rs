@@ -13,7 +13,7 @@ pub struct SensorStage {
 }
 
 impl SensorStage {
-    /// The rig at an address, or this process.
+    /// Opens the rig at an address; without one, frames are exposed in this process.
     ///
     /// # Errors
     /// Those of [`Rig::open`].
@@ -28,7 +28,7 @@ impl SensorStage {
         }
     }
 
-    /// Makes the camera of an exposure the one whose frames follow.
+    /// Sets the sensor whose frames follow.
     ///
     /// # Errors
     /// Those of [`Rig::set_camera`].

@@ -7,20 +7,24 @@ use camrig_rig_link::host::Limits;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-const CONNECT: Duration = Duration::from_secs(5);
+/// Longest wait for a connection, and for a rig that stops reading.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Connects to `HOST:PORT`.
+///
+/// # Errors
+/// A name that does not resolve, and no answer within [`PATIENCE`] at any of its addresses.
 pub fn open(address: &str) -> Result<Box<dyn Transport>> {
     let name = format!("tcp://{address}");
     let failed = |e: std::io::Error| {
         Error::device(format!("no rig answers: {e}"))
             .at(&name)
-            .help("start one there, or correct the address")
+            .help("correct the address, or start a rig there")
             .with_code("rig-unreachable")
     };
     let mut last = std::io::ErrorKind::NotFound.into();
     for candidate in address.to_socket_addrs().map_err(failed)? {
-        match TcpStream::connect_timeout(&candidate, CONNECT) {
+        match TcpStream::connect_timeout(&candidate, PATIENCE) {
             Ok(stream) => return link(stream, name.clone()).map_err(failed),
             Err(e) => last = e,
         }
@@ -30,13 +34,13 @@ pub fn open(address: &str) -> Result<Box<dyn Transport>> {
 
 fn link(stream: TcpStream, name: String) -> std::io::Result<Box<dyn Transport>> {
     stream.set_nodelay(true)?;
-    stream.set_write_timeout(Some(CONNECT))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
     let reader = stream.try_clone()?;
     let limits = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
     Ok(Box::new(ByteLink::new(name, Framing::Length, limits, Closing(stream), reader)))
 }
 
-/// Ends both directions when it is dropped, and so the reading thread.
+/// Shuts both directions down when it is dropped, which ends the reading thread.
 struct Closing(TcpStream);
 
 impl std::io::Write for Closing {
@@ -51,7 +55,7 @@ impl std::io::Write for Closing {
 
 impl Drop for Closing {
     fn drop(&mut self) {
-        // It may be closed already.
+        // An error means that it is closed already.
         let _ = self.0.shutdown(std::net::Shutdown::Both);
     }
 }

@@ -11,12 +11,21 @@ use std::time::Duration;
 pub trait Transport: Send {
     /// Sends a packet, at the latest with the next [`Transport::flush`]. Does not wait for ever
     /// when the rig stops reading.
+    ///
+    /// # Errors
+    /// A link that has failed or was closed.
     fn send(&mut self, packet: &[u8]) -> Result<()>;
 
     /// Sends what has been gathered.
+    ///
+    /// # Errors
+    /// A link that has failed or was closed.
     fn flush(&mut self) -> Result<()>;
 
-    /// Waits for a packet; whether one came.
+    /// Waits for a packet. Returns whether one came.
+    ///
+    /// # Errors
+    /// A link that has failed or was closed, bytes that are not the protocol.
     fn receive(&mut self, wait: Duration) -> Result<bool>;
 
     /// The packet that came.
@@ -31,6 +40,9 @@ pub trait Transport: Send {
 
 /// Longest packet on any link, bytes.
 pub const MAX_PACKET: usize = 32 * 1024;
+
+/// Bytes read at a time from a byte stream: two of the longest packets.
+const READ_BYTES: usize = 2 * MAX_PACKET;
 
 type Chunk = io::Result<Vec<u8>>;
 
@@ -59,7 +71,7 @@ impl<W: Write + Send> ByteLink<W> {
     ) -> Self {
         let (sender, chunks) = mpsc::channel();
         std::thread::spawn(move || {
-            let mut buffer = vec![0; 64 * 1024];
+            let mut buffer = vec![0; READ_BYTES];
             loop {
                 let chunk = match reader.read(&mut buffer) {
                     Ok(0) => return,

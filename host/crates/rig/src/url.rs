@@ -1,9 +1,10 @@
-//! Where a rig is.
+//! Addresses of rigs.
 
 use camrig_base::{Error, Result};
 use std::fmt;
 
-/// Bits per second of a serial line unless the URL says.
+/// Bits per second of a serial line unless the URL says: the highest rate
+/// of common USB serial converters (FT232R).
 const DEFAULT_BAUD: u32 = 3_000_000;
 
 /// Address of a rig.
@@ -25,9 +26,9 @@ pub enum Url {
     },
     /// A USB device of the class HID.
     Hid {
-        /// Vendor.
+        /// USB vendor number.
         vid: u16,
-        /// Product.
+        /// USB product number.
         pid: u16,
         /// Serial number, where several are connected.
         serial: Option<String>,

@@ -4,7 +4,7 @@ mod show;
 
 use super::arguments;
 use camrig_base::output::OutputDir;
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_lens::characterise::{self, Plan, PsfMethod};
 use camrig_lens::heights::Density;
 use camrig_lens::{Catalogue, Conditions, Glass, Prescription, System, import, read_prescription};
@@ -153,6 +153,17 @@ fn glass(text: &str) -> Result<(String, Glass), String> {
     Ok((name.to_owned(), Glass { name: name.to_owned(), ..glass }))
 }
 
+/// Most steps of a range of wavelengths: 0.3 nm over the visible.
+const MOST_STEPS: f64 = 1000.0;
+/// Part of a step by which the end of a range may be missed through rounding and still belongs to
+/// it.
+const STEP_ROUNDING: f64 = 1e-9;
+/// Image heights and PSF samples per side of the drawings: enough for curves without corners.
+const DRAWN_HEIGHTS: usize = 11;
+const DRAWN_PSF_SIZE: usize = 128;
+/// Fields whose spots are drawn, as parts of the largest: axis, half the area, corner.
+const DRAWN_FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
+
 /// One wavelength or a range of them.
 #[derive(Clone, Debug)]
 struct Wavelengths(Vec<f64>);
@@ -161,8 +172,8 @@ fn wavelengths(text: &str) -> Result<Wavelengths, String> {
     let parts: Result<Vec<f64>, String> = text.split(':').map(arguments::positive).collect();
     match parts?[..] {
         [nm] => Ok(Wavelengths(vec![nm])),
-        [first, step, last] if last >= first && (last - first) / step <= 1000.0 => {
-            let count = ((last - first) / step + 1e-9).floor() as usize;
+        [first, step, last] if last >= first && (last - first) / step <= MOST_STEPS => {
+            let count = ((last - first) / step + STEP_ROUNDING).floor() as usize;
             Ok(Wavelengths((0..=count).map(|i| first + step * i as f64).collect()))
         }
         _ => Err(format!("{text:?}: give a wavelength in nm, or first:step:last")),
@@ -291,14 +302,14 @@ fn plot(args: &PlotArgs) -> Result<()> {
         wavelengths_nm.sort_by(f64::total_cmp);
         wavelengths_nm.dedup();
         let max_field_deg = max_field(&system, args.max_field)?;
-        let fields = [0.0, 0.7, 1.0].map(|part| part * max_field_deg);
+        let fields = DRAWN_FIELDS.map(|part| part * max_field_deg);
         drawings = report::spots(&system, &fields, &wavelengths_nm).map_err(place)?;
         let plan = Plan {
-            heights: 11,
+            heights: DRAWN_HEIGHTS,
             density: None,
             max_field_deg,
             wavelengths_nm,
-            psf_size: 128,
+            psf_size: DRAWN_PSF_SIZE,
             psf_spacing_um: None,
             method: PsfMethod::Auto,
         };
@@ -339,8 +350,7 @@ fn write_characterisation(
         heights: usize::from(args.heights),
         density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
         max_field_deg,
-        wavelengths_nm: wavelengths
-            .unwrap_or_else(|| (0..=30).map(|i| 400.0 + 10.0 * f64::from(i)).collect()),
+        wavelengths_nm: wavelengths.unwrap_or_else(|| Bands::VISIBLE.centres().collect()),
         psf_size: usize::from(args.psf_size),
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
