@@ -1,4 +1,5 @@
-//! Two capture sets, capture by capture: where do their statistics differ by more than chance?
+//! Comparison of two capture sets: statistics of captures of the same id, and their differences in
+//! units of standard errors.
 
 use super::ladder::Level;
 use super::moments::Moments;
@@ -8,27 +9,28 @@ use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
 use serde::Serialize;
 
-/// One statistic of one capture in both sets.
+/// One statistic of one capture and channel in both sets.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Capture.
+    /// Id of the capture.
     pub id: String,
     /// Channel letter, lower case.
     pub channel: String,
-    /// What was compared.
+    /// Name of the statistic, with its unit.
     pub statistic: &'static str,
-    /// In the first set.
+    /// Value in the first set.
     pub first: Value,
-    /// In the second.
+    /// Value in the second set.
     pub second: Value,
     /// Difference in units of its standard error.
     pub z: f64,
 }
 
-/// The statistics: mean and temporal variance, and the spatial variance by rows, columns, pixels.
+/// The statistics of a channel: mean, temporal variance, and spatial variance of rows, columns and
+/// pixels.
 fn statistics(m: &Moments) -> [(&'static str, Value); 5] {
     let s = m.spatial();
-    // A mean is known to the temporal noise and, for another sensor of its kind, to the patterns.
+    // The scatter of a mean: temporal noise and, between sensors of one kind, fixed patterns.
     let patterns = s.row.value.max(0.0) / m.plane.rows as f64
         + s.column.value.max(0.0) / m.plane.columns as f64
         + s.pixel.value.max(0.0) / m.pixels();
@@ -42,8 +44,8 @@ fn statistics(m: &Moments) -> [(&'static str, Value); 5] {
     ]
 }
 
-/// Compares captures of the same id. Means and variances are sampling-limited: z is about standard
-/// normal where both sets are of one kind of camera under the same conditions.
+/// Compares captures of the same id. Where both sets are of one kind of camera under the same
+/// conditions, z is close to standard normal.
 ///
 /// # Errors
 /// Sets of different size or pattern, or without a common id.

@@ -2,8 +2,8 @@
 //!
 //! Shot noise is independent from pixel to pixel. Charge that couples into neighbours after it was
 //! collected makes their noise alike: a share α to each of four neighbours leaves a correlation of
-//! 2α (first order) at lag 1, and lowers the variance, so that photon transfer finds K too small
-//! by about 8α (Moore et al., *Interpixel capacitance in nondestructive detectors*, 2004).
+//! 2α (first order) at lag 1 and lowers the variance, so that photon transfer underestimates K by
+//! about 8α (Moore et al., *Interpixel capacitance in nondestructive detectors*, 2004).
 
 use super::stack::Stack;
 use super::strips;
@@ -13,7 +13,7 @@ use camrig_captures::{Batches, Capture, CaptureSet, StoredFrame};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 
-/// Correlation of the temporal noise of pixels and their neighbours.
+/// Correlation coefficients of the temporal noise of pixels and their neighbours.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseCorrelation {
     /// With the neighbour to the right.
@@ -23,9 +23,9 @@ pub struct NoiseCorrelation {
 }
 
 impl NoiseCorrelation {
-    /// From the differences of successive, disjoint pairs of frames of a capture whose moments are
-    /// `stack`, each frame's mean taken out per site of the colour filter pattern. As many pairs
-    /// are taken as a standard error of `enough` needs; 0 takes all.
+    /// Computed from the differences of successive, disjoint pairs of frames of a capture whose
+    /// moments are `stack`, less each frame's mean per site of the colour filter pattern. Only as
+    /// many pairs are read as a standard error of `enough` needs; 0 reads all.
     ///
     /// # Errors
     /// Fewer than two frames.
@@ -65,7 +65,7 @@ impl NoiseCorrelation {
     }
 }
 
-/// Sums over the pixels of products of deviations.
+/// Sums over the pixels of products of deviations, DN².
 #[derive(Clone, Copy, Default)]
 struct Sums {
     square: f64,
@@ -80,8 +80,8 @@ impl Sums {
         self.below += other.below;
     }
 
-    /// Of the difference of frames `first` and the next, strip by strip; a strip has the row below
-    /// it too.
+    /// Sums for the difference of frames `first` and `first + 1`, strip by strip; each strip
+    /// includes the row below it.
     fn of_pair(stack: &Stack, first: usize, [a, b]: [&StoredFrame; 2]) -> Result<Self> {
         let (width, height) = (stack.width, stack.height);
         let (step_x, step_y) = (stack.sites[0].step_x, stack.sites[0].step_y);
@@ -131,8 +131,8 @@ fn deviate(before: &[u16], after: &[u16], drift: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Sum of the products of as many values as both have. Sixteen partial sums of a row lose less
-/// than 1e-5 to rounding.
+/// Sum of products over the common length of two slices. Sixteen partial sums in f32 lose less
+/// than 1e-5 of a row's sum to rounding.
 #[vectorised]
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     let n = a.len().min(b.len());

@@ -1,34 +1,42 @@
 //! Coupling of collected charge into neighbouring pixels, from the correlation of a flat's shot
 //! noise.
 //!
-//! The crosstalk experiment ([`super::crosstalk`]) sees optical and electrical crosstalk together,
-//! and only their low spatial frequencies. What happens after the shot noise, electrical coupling,
-//! correlates the noise of neighbours; what happens before it, optical crosstalk and diffusion of
-//! single carriers, does not. So this fit tells the two apart (Moore, Ninkov and Forrest 2004).
+//! The crosstalk experiment ([`super::crosstalk`]) measures optical and electrical crosstalk
+//! together, and only their low spatial frequencies. Electrical coupling acts after the shot noise
+//! and correlates the noise of neighbours; optical crosstalk and diffusion of single carriers act
+//! before it and do not. So this fit separates the two (Moore, Ninkov and Forrest 2004).
 
 use super::correlation::NoiseCorrelation;
+use super::moments::SATURATED_SHARE;
 use super::stack::Stack;
 use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use serde::Serialize;
 
-/// Shares of a pixel's charge that its neighbours get.
+/// Smallest share of a flat's temporal variance that has to be shot noise. Below a tenth, the
+/// correlation is divided by so small a share that its error exceeds usual couplings.
+const LEAST_SHOT_SHARE: f64 = 0.1;
+/// Steps of the fixed-point iteration for the shares; each multiplies the error by about
+/// 2 (a + b), so that 50 reach f64 precision for shares up to 0.1.
+const ITERATIONS: usize = 50;
+
+/// Shares of a pixel's charge that couple into its neighbours.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Coupling {
-    /// To the left and to the right neighbour, each.
+    /// Share to the left and to the right neighbour, each.
     pub horizontal: Value,
-    /// To the neighbour above and below, each.
+    /// Share to the neighbours above and below, each.
     pub vertical: Value,
 }
 
-/// Fits the shares to the unsaturated flat with most shot noise.
+/// Fits the shares to the unsaturated flat with the most temporal noise.
 ///
 /// With shares a and b to the left and right, above and below, the noise of neighbours in a row
 /// has the correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares
-/// that meet in no third pixel are left out). Read noise is added after the coupling: it thins the
-/// correlation by the share of the variance that is not shot noise, which the dark of the same
-/// gain and nearest exposure tells.
+/// that meet in no third pixel are left out). Read noise is added after the coupling: it lowers
+/// the correlation by the share of the variance that is not shot noise, which is measured on the
+/// dark of the same gain and nearest exposure.
 ///
 /// # Errors
 /// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot
@@ -43,7 +51,8 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
         let stack = Stack::read_moments(set, capture)?;
         let whites = (0..channels).map(|c| stack.channel_moments(c).whites).fold(0.0, f64::max);
         let total = variance(&stack);
-        if stack.frames > 1 && whites < 1e-3 && flat.as_ref().is_none_or(|f| total > f.2) {
+        if stack.frames > 1 && whites < SATURATED_SHARE && flat.as_ref().is_none_or(|f| total > f.2)
+        {
             flat = Some((capture, stack, total));
         }
     }
@@ -61,7 +70,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
                 .help("the read noise must be known")
         })?;
     let shot_share = 1.0 - variance(&Stack::read_moments(set, dark)?) / total;
-    if shot_share.is_nan() || shot_share < 0.1 {
+    if shot_share.is_nan() || shot_share < LEAST_SHOT_SHARE {
         return Err(Error::input("the flat's noise is not shot noise")
             .at(format!("capture {:?}", flat.id))
             .help("use a flat at half saturation"));
@@ -70,7 +79,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     let (h, v) =
         (correlation.right.scaled(1.0 / shot_share), correlation.below.scaled(1.0 / shot_share));
     let (mut a, mut b) = (0.5 * h.value, 0.5 * v.value);
-    for _ in 0..50 {
+    for _ in 0..ITERATIONS {
         let c = 1.0 - 2.0 * a - 2.0 * b;
         let norm = c * c + 2.0 * a * a + 2.0 * b * b;
         (a, b) = (0.5 * h.value * norm / c, 0.5 * v.value * norm / c);

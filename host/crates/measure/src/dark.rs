@@ -1,19 +1,27 @@
-//! The mean of the dark over exposure time and temperature: dark current in DN per second.
+//! The dark over exposure time and temperature: black level in DN, dark current in DN per second,
+//! and the temperature step that doubles it.
 
 use super::fit::Fit;
 use super::ladder::{Level, SAME_TEMPERATURE_C};
 use super::rounding::QUANTISATION;
 use super::value::Value;
 
-/// Exposure times that agree to this fraction are one exposure time.
-const SAME_EXPOSURE: f64 = 1e-6;
+/// Relative difference of exposure times that counts as none: the rounding of decimals in a
+/// manifest.
+pub(crate) const SAME_EXPOSURE: f64 = 1e-6;
+/// Smallest ratio of abscissas (exposure times, signals) for a line extrapolated to zero. Two
+/// points at t and 1.5 t give 3 y₁ − 2 y₂ there, with 3.6 times the error of one.
+pub(crate) const LEAST_SPAN: f64 = 1.5;
+/// Smallest dark current in standard errors for the fit of the doubling temperature: the logarithm
+/// of a less certain rate is biased.
+const CLEAR_RATE: f64 = 3.0;
 
 /// Mean of the dark over exposure time.
 #[derive(Clone, Debug)]
 pub struct DarkLine {
     /// Exposure time s, mean DN, its error.
     points: Vec<[f64; 3]>,
-    /// Line through the means, where the exposure times span enough for one.
+    /// Line through the means, where the exposure times span [`LEAST_SPAN`].
     line: Option<Fit>,
 }
 
@@ -24,7 +32,7 @@ impl DarkLine {
             .iter()
             .map(|d| {
                 let m = &d.channels[channel];
-                // A constant frame has no scatter; it is still known only to a DN's rounding.
+                // A constant frame has no scatter; its mean is still uncertain by rounding.
                 let floor = (QUANTISATION / (m.pixels() * m.frames as f64)).sqrt();
                 [d.exposure_s, m.mean(), m.mean_error().max(floor)]
             })
@@ -35,8 +43,8 @@ impl DarkLine {
         Self { line: line.filter(|_| spans(&column(0))), points }
     }
 
-    /// Mean of the dark at an exposure time: of the darks of that exposure, else on the line
-    /// through all, else of the only dark there is. DN, with its error.
+    /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, else on the
+    /// line through all darks, else of the first dark.
     pub fn mean_at(&self, exposure_s: f64) -> Value {
         let same: Vec<Value> = self
             .points
@@ -60,7 +68,7 @@ impl DarkLine {
         }
     }
 
-    /// DN at zero exposure, and DN per second; the latter `None` with one exposure time.
+    /// Mean at zero exposure, DN, and its growth, DN/s; the latter is `None` without a line.
     pub fn offset_and_rate(&self) -> (Value, Option<Value>) {
         match &self.line {
             Some(fit) => {
@@ -72,8 +80,9 @@ impl DarkLine {
     }
 }
 
-/// The temperature step that doubles the dark current: a line through ln(dark current) over
-/// temperature, one point per temperature with two or more exposure times.
+/// The temperature step that doubles the dark current, °C: from a line through ln(dark current)
+/// over temperature, with one point for each temperature that has two or more exposure times.
+/// `None` with one temperature, or where the current does not rise.
 pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
     let mut groups: Vec<Vec<Level>> = Vec::new();
     for level in darks.iter().chain(others) {
@@ -91,7 +100,7 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
     let mut errors = Vec::new();
     for group in &groups {
         let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
-        if rate.value > 3.0 * rate.std_error {
+        if rate.value > CLEAR_RATE * rate.std_error {
             let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
             design.push(vec![1.0, sum / group.len() as f64]);
             logs.push(rate.value.ln());
@@ -104,8 +113,8 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
     (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
 }
 
-/// Whether exposure times span enough (a factor of 1.5) to carry a line back to zero exposure.
+/// Whether exposure times span [`LEAST_SPAN`].
 pub(crate) fn spans(exposures: &[f64]) -> bool {
     let longest = exposures.iter().copied().fold(0.0, f64::max);
-    exposures.iter().any(|t| longest >= 1.5 * t)
+    exposures.iter().any(|t| longest >= LEAST_SPAN * t)
 }

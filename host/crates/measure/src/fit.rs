@@ -1,18 +1,22 @@
-//! Weighted linear least squares with the covariance of what was fitted.
+//! Weighted linear least squares with the covariance of the coefficients.
 
 use camrig_base::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 
-/// The outcome of a weighted least-squares fit.
+/// Smallest ratio of singular values of the scaled design with which its columns count as
+/// independent: below 1e-10 rounding (1e-16) costs more than six of the sixteen digits.
+const LEAST_CONDITION: f64 = 1e-10;
+
+/// Result of a weighted least-squares fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// Fitted coefficients, one per column of the design.
     pub coefficients: Vec<f64>,
-    /// Their covariance for the stated errors of the data, row-major.
+    /// Covariance of the coefficients for the given errors of the data.
     covariance: DMatrix<f64>,
-    /// Sum of squared residuals in units of the stated errors.
+    /// χ²: sum of squared residuals in units of the given errors.
     pub chi2: f64,
-    /// Data minus coefficients.
+    /// Degrees of freedom: number of data less number of coefficients.
     pub freedom: usize,
 }
 
@@ -20,8 +24,8 @@ impl Fit {
     /// Fits `y ≈ Σ c_j design[i][j]` where `y[i]` has standard error `error[i]`.
     ///
     /// # Errors
-    /// Fewer data than coefficients, errors that are not positive, or a design whose columns
-    /// cannot be told apart by these data.
+    /// Fewer data than coefficients, errors that are not positive, or a design whose columns are
+    /// not independent.
     pub fn new(design: &[Vec<f64>], y: &[f64], error: &[f64]) -> Result<Self> {
         let (rows, columns) = (y.len(), design.first().map_or(0, Vec::len));
         if rows < columns || columns == 0 {
@@ -30,8 +34,8 @@ impl Fit {
         if !error.iter().all(|e| *e > 0.0 && e.is_finite()) {
             return Err(Error::input("a fit to data without a positive error"));
         }
-        // Columns are scaled to unit length, so that their units do not decide what counts as
-        // zero.
+        // Columns are scaled to unit length, so that their units have no influence on the
+        // condition.
         let weighted = DMatrix::from_fn(rows, columns, |i, j| design[i][j] / error[i]);
         let scale: Vec<f64> = (0..columns).map(|j| weighted.column(j).norm()).collect();
         let scaled = DMatrix::from_fn(rows, columns, |i, j| weighted[(i, j)] / scale[j]);
@@ -42,7 +46,7 @@ impl Fit {
         }
         let svd = scaled.clone().svd(true, true);
         let smallest = svd.singular_values.min() / svd.singular_values.max();
-        if smallest.is_nan() || smallest < 1e-10 {
+        if smallest.is_nan() || smallest < LEAST_CONDITION {
             return Err(degenerate());
         }
         let solution = svd.solve(&target, 0.0).map_err(|_| degenerate())?;
@@ -58,17 +62,18 @@ impl Fit {
         })
     }
 
-    /// χ² per degree of freedom; 1 where there is none.
+    /// χ² per degree of freedom; 1 without degrees of freedom.
     pub fn reduced_chi2(&self) -> f64 {
         if self.freedom == 0 { 1.0 } else { self.chi2 / self.freedom as f64 }
     }
 
-    /// Covariance of coefficients `i` and `j` for the stated errors of the data.
+    /// Covariance of coefficients `i` and `j` for the given errors of the data.
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
         self.covariance[(i, j)]
     }
 
-    /// Standard error of coefficient `j`, widened where the data scatter more than they state.
+    /// Standard error of coefficient `j`, widened by √(χ²/ν) where the data scatter more than
+    /// their errors say.
     pub fn std_error(&self, j: usize) -> f64 {
         (self.covariance[(j, j)] * self.reduced_chi2().max(1.0)).sqrt()
     }

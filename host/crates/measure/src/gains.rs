@@ -1,8 +1,8 @@
-//! Photon transfer at several analog gains: the gain ratios, and the read noise before and after
+//! Photon transfer at several analog gains: ratios of the gains, and read noise before and after
 //! the gain stage.
 //!
-//! Noise of the part before the gain stage is the same at every gain, referred to the input; that
-//! of the part after it falls as 1/g: σ²(g) = σ_pre² + σ_post²/g² (Janesick, *Photon Transfer*,
+//! Referred to the input, noise from before the gain stage is the same at every gain; noise from
+//! after it falls as 1/g: σ²(g) = σ_pre² + σ_post²/g² (Janesick, *Photon Transfer*,
 //! 2007, ch. 11). The camera file's `read_e` is σ(1), its `read_e_post` is σ_post.
 
 use super::fit::Fit;
@@ -13,34 +13,35 @@ use camrig_base::Result;
 use camrig_captures::CaptureSet;
 use serde::Serialize;
 
-/// What one gain gave.
+/// Figures at one gain.
 #[derive(Clone, Debug, Serialize)]
 pub struct AtGain {
-    /// The gain that the captures name.
+    /// Analog gain of the captures.
     pub analog_gain: f64,
-    /// K, DN/e⁻.
+    /// System gain K, DN/e⁻.
     pub system_gain_dn_per_e: Option<Value>,
-    /// K relative to that of the lowest gain, over the ratio of the gains named: 1 where the gain
-    /// is what it says.
+    /// K relative to that of the lowest gain, over the ratio of the nominal gains: 1 where the
+    /// nominal gain is right.
     pub gain_ratio: Option<Value>,
     /// Read noise, input-referred, e⁻.
     pub read_noise_e: Option<Value>,
-    /// Saturation, e⁻.
+    /// Saturation capacity, e⁻.
     pub full_well_e: Option<Value>,
 }
 
-/// The gains together.
+/// Figures over all gains.
 #[derive(Clone, Debug, Serialize)]
 pub struct Gains {
-    /// By rising gain.
+    /// Figures at each gain, by rising gain.
     pub gains: Vec<AtGain>,
     /// Read noise at unity gain, e⁻.
     pub read_e: Option<Value>,
-    /// Read noise added after the gain stage, e⁻; `None` where it drowns in its error.
+    /// Read noise from after the gain stage, e⁻ at unity gain; `None` where the fit gives no
+    /// positive variance.
     pub read_e_post: Option<Value>,
 }
 
-/// Measures every analog gain that has flats and darks: with the wavelength that has most flats,
+/// Measures every analog gain that has flats and darks, each at the wavelength with most flats;
 /// `None` with fewer than two gains.
 ///
 /// # Errors
@@ -88,7 +89,7 @@ pub fn measure(set: &CaptureSet) -> Result<Option<Gains>> {
     Ok(Some(Gains { gains, read_e, read_e_post }))
 }
 
-/// Read noise at unity gain and after the gain stage: a weighted line of σ² over 1/g².
+/// Read noise at unity gain and from after the gain stage, by a weighted line of σ² over 1/g².
 fn parts(gains: &[AtGain]) -> (Option<Value>, Option<Value>) {
     let known: Vec<(f64, Value)> =
         gains.iter().filter_map(|g| Some((g.analog_gain, g.read_noise_e?))).collect();

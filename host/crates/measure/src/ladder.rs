@@ -1,4 +1,5 @@
-//! The dark and flat stacks of a capture set, reduced to moments and put in order.
+//! The dark and flat stacks of a capture set as levels: conditions and moments, for photon
+//! transfer and EMVA 1288.
 
 use super::moments::Moments;
 use super::stack::Stack;
@@ -6,7 +7,15 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Light, Role, Uniformity};
 use camrig_scene::photometry::HC;
 
-/// Temperatures closer than this are one temperature, °C (sensors read theirs to about 1 °C).
+/// Share of samples at the white level from which a dark counts as saturated.
+const SATURATED_DARK: f64 = 0.5;
+/// Standard deviations of the samples, and DN for rounding, by which the mean of a dark may lie
+/// below the nominal black level. A nominal level may miss the true one by drift, but not by more
+/// than the range of the dark's samples.
+const BELOW_BLACK: [f64; 2] = [6.0, 1.0];
+
+/// Temperatures closer than this count as equal, °C: the sensors' own thermometers are good to
+/// about 1 °C.
 pub const SAME_TEMPERATURE_C: f64 = 3.0;
 
 /// One dark or flat stack: conditions and moments.
@@ -18,11 +27,11 @@ pub struct Level {
     pub exposure_s: f64,
     /// Sensor temperature, °C.
     pub temperature_c: Option<f64>,
-    /// The light, where there was any.
+    /// The light, `None` for darks.
     pub light: Option<Light>,
-    /// Photons per pixel over the exposure, where the manifest gives enough to tell.
+    /// Photons per pixel over the exposure, where the manifest allows to compute them.
     pub photons: Option<f64>,
-    /// Moments per channel.
+    /// Moments of each channel.
     pub channels: Vec<Moments>,
 }
 
@@ -39,18 +48,18 @@ pub struct Selection<'a> {
     pub other_darks: Vec<&'a Capture>,
     /// Flat captures.
     pub flats: Vec<&'a Capture>,
-    /// Whether all flats say that their light is even over the sensor.
+    /// Whether the manifest calls the light of all flats even over the sensor.
     pub even_light: bool,
 }
 
 impl<'a> Selection<'a> {
-    /// Takes the analog gain and wavelength with most flats.
+    /// Selects the analog gain and wavelength with most flats.
     ///
     /// # Errors
     /// No darks, or no flats.
     pub fn of(set: &'a CaptureSet) -> Result<Self> {
         let all = Self::all(set);
-        // Most flats; the first of the file among equals.
+        // Most flats; among equals the first in the file.
         let most = all.iter().map(|s| s.flats.len()).max();
         let best = all.into_iter().find(|s| Some(s.flats.len()) == most);
         let best = best.ok_or_else(|| {
@@ -67,7 +76,7 @@ impl<'a> Selection<'a> {
         Ok(best)
     }
 
-    /// Every combination of analog gain and wavelength that has flats, in the order of the file.
+    /// Every combination of analog gain and wavelength that has flats, in the file's order.
     pub fn all(set: &'a CaptureSet) -> Vec<Self> {
         let key = |c: &Capture| (c.analog_gain, wavelength(c));
         let mut kinds: Vec<(f64, Option<f64>)> = Vec::new();
@@ -103,7 +112,7 @@ fn wavelength(capture: &Capture) -> Option<f64> {
 }
 
 impl Level {
-    /// The level of a stack.
+    /// The level of a capture whose moments are `stack`.
     pub fn new(set: &CaptureSet, capture: &Capture, stack: &Stack) -> Self {
         let channels = set.cfa().channels().len();
         Self {
@@ -117,7 +126,8 @@ impl Level {
     }
 }
 
-/// Photons per pixel (pitch² area) over the exposure: given, or E t A λ / (h c) of an irradiance.
+/// Photons per pixel (area pitch²) over the exposure: as the manifest gives them, or E t A λ / (h
+/// c) for an irradiance E at a wavelength λ; `None` where the manifest has neither.
 pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
     let light = capture.light.as_ref()?;
     if let Some(rate) = light.photons_per_pixel_per_s {
@@ -128,8 +138,8 @@ pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
     Some(energy * light.wavelength_nm? * 1e-9 / HC)
 }
 
-/// How much light each flat had, in one unit for all: photons per pixel where known, else the
-/// exposure time when every flat names the same amount of the same light, else `None`.
+/// Relative exposure of each flat: photons per pixel where known, else the exposure time (s) where
+/// all flats have the same irradiance or illuminance, else `None`.
 pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     if let Some(photons) = flats.iter().map(|f| f.photons).collect() {
         return Some(photons);
@@ -141,14 +151,16 @@ pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     same.then(|| flats.iter().map(|f| f.exposure_s).collect())
 }
 
-/// Variance over pixels of the dark's mean at the shortest exposure, DN².
+/// Variance over pixels of the dark's pixel means at the shortest exposure, DN².
 pub fn dark_spread(darks: &[Level], channel: usize) -> f64 {
     let shortest = darks.iter().min_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
     shortest.map_or(0.0, |d| d.channels[channel].spatial().total.value)
 }
 
-/// Refuses frames that cannot be measured: single frames, a black level that contradicts the
-/// darks, darks that are not dark.
+/// Refuses darks that cannot be measured.
+///
+/// # Errors
+/// Single frames, saturated darks, darks below the nominal black level.
 pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
     for dark in darks {
         for (channel, m) in dark.channels.iter().enumerate() {
@@ -158,15 +170,14 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
                     .at(place)
                     .help("give at least two frames per capture"));
             }
-            if m.whites > 0.5 {
+            if m.whites > SATURATED_DARK {
                 return Err(Error::input("a dark capture is saturated").at(place));
             }
             let Some(black) = set.sensor.black_level_dn else { continue };
-            // A nominal black level may miss the true one by drift and dark current, but not by
-            // more than the range that the dark frames cover.
             let spread = (m.temporal + m.plane.measured).sqrt();
             let dark_signal = m.mean() - black;
-            if dark_signal < -(6.0 * spread + 1.0) {
+            let [deviations, rounding] = BELOW_BLACK;
+            if dark_signal < -(deviations * spread + rounding) {
                 return Err(Error::disagreement(format!(
                     "black_level_dn = {black} but the dark frames' mean is {:.2} DN with a \
                      standard deviation of {spread:.2} DN",

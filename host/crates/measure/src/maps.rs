@@ -1,5 +1,7 @@
-//! Straight-line fits of every pixel over a ladder of stacks, accumulated one stack at a time.
+//! Straight lines through the means of every pixel over a series of stacks, accumulated one stack
+//! at a time.
 
+use super::dark::LEAST_SPAN;
 use super::site::Site;
 use super::spatial::{PlaneMoments, SpatialVariance};
 use super::stack::Stack;
@@ -28,7 +30,7 @@ struct Sums {
     range: Option<(f64, f64)>,
 }
 
-/// What a pixel's line is asked for.
+/// A coefficient of a pixel's line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// Value at x = 0.
@@ -42,15 +44,15 @@ pub enum Line {
 pub struct Point {
     /// Abscissa.
     pub x: f64,
-    /// A second quantity of the stack whose own line over `x` is wanted (see
+    /// A second quantity of the stack, such as its exposure time (see
     /// [`LineMaps::companion_slope`]).
     pub z: f64,
-    /// Inverse variance of a pixel's mean; 0 leaves the channel out.
+    /// Weight: inverse variance of a pixel's mean, 1/DN²; 0 leaves the channel out.
     pub weight: f64,
 }
 
 impl LineMaps {
-    /// Maps for frames of this shape, without data.
+    /// Empty maps for frames of `width` x `height` pixels.
     pub fn new(width: usize, height: usize, sites: &[Site]) -> Self {
         let channels = sites.iter().map(|s| s.channel + 1).max().unwrap_or(1);
         Self {
@@ -103,17 +105,18 @@ impl LineMaps {
         self.width
     }
 
-    /// Pixels of a channel.
+    /// Number of pixels of a channel.
     pub fn pixels(&self, channel: usize) -> f64 {
         let of = self.sites.iter().filter(|s| s.channel == channel);
         of.map(|s| (s.rows(self.height) * s.columns(self.width)) as f64).sum()
     }
 
-    /// The sums' determinant where x spans at least a factor of 1.5, so that lines carry to zero.
+    /// Determinant of the normal equations; `None` where x does not span [`LEAST_SPAN`], as lines
+    /// then cannot be extrapolated to zero.
     fn determinant(&self, channel: usize) -> Option<f64> {
         let s = self.channels[channel];
         let (low, high) = s.range?;
-        (high >= 1.5 * low).then_some(s.w * s.xx - s.x * s.x)
+        (high >= LEAST_SPAN * low).then_some(s.w * s.xx - s.x * s.x)
     }
 
     /// Offset or slope of a pixel of `channel`.
@@ -126,14 +129,15 @@ impl LineMaps {
         }
     }
 
-    /// Slope of the companion quantity `z` over `x` under the same weights.
+    /// Slope of the second quantity `z` over `x`, with the same weights.
     pub fn companion_slope(&self, channel: usize) -> Option<f64> {
         let s = self.channels[channel];
         Some((s.w * s.xz - s.x * s.z) / self.determinant(channel)?)
     }
 
-    /// Mean over a channel's pixels, and variance over them with the noise of the lines taken out.
-    /// Without a span of x, the offset is the pixels' mean and there is no slope (`None`).
+    /// Mean of a coefficient over a channel's pixels, and its variance over them less the temporal
+    /// noise of the lines. Where x spans too little, the offset is the pixels' mean and there is
+    /// no slope (`None`).
     pub fn spread(&self, line: Line, channel: usize) -> Option<(f64, SpatialVariance)> {
         let s = self.channels[channel];
         s.range?;

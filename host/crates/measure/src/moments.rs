@@ -2,22 +2,28 @@
 
 use super::spatial::{PlaneMoments, SpatialVariance};
 
+/// Largest share of samples at the white level of a stack that counts as not saturated: clipping
+/// the upper 0.1 % of a Gaussian lowers its variance by 0.2 %.
+pub const SATURATED_SHARE: f64 = 1e-3;
+
 /// Temporal and spatial moments of the pixels of a site or channel, in DN and DN².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
-    /// The mean frame's moments over the pixels of one site (their mean over a channel's sites).
+    /// Moments of the mean frame over the pixels of a site; of a channel, their mean over its
+    /// sites.
     pub plane: PlaneMoments,
-    /// Sites taken together.
+    /// Number of sites.
     pub sites: usize,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Variance of the frames' means: temporal noise of the mean and drift of the light.
+    /// Variance of the frames' means, DN²: temporal noise of the mean and drift of the light.
     pub drift: f64,
-    /// Mean over pixels of the temporal variance, the frames' drift taken out (EMVA 1288 R4, eq.
-    /// 18, for two frames: half the mean square difference less half the squared difference of the
-    /// means; this is the same for any number of frames). 0 for one frame.
+    /// Mean over pixels of the temporal variance less the frames' drift, DN². For two frames this
+    /// is EMVA 1288 R4, eq. 18: half the mean square difference less half the squared difference
+    /// of the means. 0 for one frame.
     pub temporal: f64,
-    /// Standard error of `temporal` for Gaussian noise whose variance may differ over pixels.
+    /// Standard error of `temporal`, DN², for Gaussian noise whose variance may differ between
+    /// pixels.
     pub temporal_error: f64,
     /// Share of samples at 0 DN.
     pub zeros: f64,
@@ -31,25 +37,25 @@ impl Moments {
         self.plane.mean
     }
 
-    /// Pixels.
+    /// Number of pixels.
     pub fn pixels(&self) -> f64 {
         self.plane.pixels() * self.sites as f64
     }
 
-    /// Standard error of the mean from the noise of the frames: temporal noise, or the scatter of
-    /// the frames' means where that is larger.
+    /// Standard error of the mean, DN, from the noise of the frames: temporal noise, or the
+    /// scatter of the frames' means where that is larger.
     pub fn mean_error(&self) -> f64 {
         let l = self.frames as f64;
         (self.temporal / (self.pixels() * l)).max(self.drift / l).sqrt()
     }
 
-    /// Variance over pixels of the true pixel means: the temporal remainder taken out.
+    /// Spatial variance: variance over pixels of their means, less the remaining temporal noise.
     pub fn spatial(&self) -> SpatialVariance {
         self.plane.split(self.temporal / self.frames as f64, self.sites)
     }
 
-    /// Sites of one channel taken together: means of the sites' moments. Spatial variances are
-    /// those within each site, so a difference between two greens is not non-uniformity.
+    /// Moments of a channel from those of its sites. Spatial variances are those within each site,
+    /// so that a difference between two green sites is not non-uniformity.
     pub fn pool(sites: &[Moments]) -> Moments {
         let k = sites.len() as f64;
         let mean_of = |f: fn(&Moments) -> f64| sites.iter().map(f).sum::<f64>() / k;

@@ -1,28 +1,33 @@
 //! Patches of a ColorChecker in a raw frame: means and standard deviations per channel and of the
 //! luminance.
 //!
-//! Luminance is that of Rec. ITU-R BT.709, `Y = 0.2126 R + 0.7152 G + 0.0722 B`, of the means of
-//! each channel over one period of the colour filter pattern, black subtracted and white-balanced
-//! on the white patch (19): a figure of raw noise without demosaic, for comparing frames of one
-//! camera. A mono frame's luminance is its signal.
+//! Luminance is that of Rec. ITU-R BT.709, `Y = 0.2126 R + 0.7152 G + 0.0722 B`. R, G and B are
+//! the means of each channel over one period of the colour filter pattern, less black and
+//! white-balanced on the white patch (19). Its noise is that of the raw frame without demosaicing,
+//! and is comparable between frames of one camera. The luminance of a mono frame is its signal.
 
-use camrig_base::Cfa;
 use camrig_base::median::{SD_PER_MAD, median};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Cfa, Error, Plane, Result};
 use camrig_scene::chart::colorchecker::{COLUMNS, ROWS};
 use serde::Serialize;
 
-/// Patches of the chart.
+/// Number of patches.
 pub const COUNT: usize = COLUMNS * ROWS;
 
 /// The patches that Chen et al. 2009 count as dark.
 pub const DARK: [usize; 4] = [10, 13, 15, 24];
 
-/// Share of a patch's pitch that is sampled, each way: clear of the patch's edges.
+/// Side of the sampled square over the distance between patches: 0.5 leaves a margin of 0.18 to
+/// the edges of a patch (0.86) for blur and misplaced corners.
 const SAMPLED: f64 = 0.5;
 
-/// The white patch, from 0.
+/// Index of the white patch, counted from 0.
 const WHITE: usize = 18;
+/// Fewest samples of a patch, for a standard deviation.
+const LEAST_SAMPLES: usize = 4;
+/// Largest share of saturated pixels of a patch, per cent: one bright patch of small noise may
+/// clip single pixels, but the mean must not change.
+const SATURATED_PERCENT: usize = 1;
 
 /// Figures of one patch.
 #[derive(Clone, Debug, Serialize)]
@@ -31,19 +36,19 @@ pub struct Patch {
     pub number: usize,
     /// Centre in the frame, pixels.
     pub centre: [f64; 2],
-    /// Samples (pattern periods) used.
+    /// Number of samples (pattern periods).
     pub samples: usize,
-    /// Mean per channel above black, DN.
+    /// Mean of each channel above black, DN.
     pub mean_dn: Vec<f64>,
-    /// Standard deviation over the samples per channel, DN.
+    /// Standard deviation of each channel over the samples, DN.
     pub std_dn: Vec<f64>,
     /// Mean luminance, DN.
     pub luminance_dn: f64,
     /// Standard deviation of the luminance, DN.
     pub luminance_std_dn: f64,
-    /// Its standard error (of a Gaussian's standard deviation).
+    /// Standard error of that standard deviation for Gaussian noise, DN.
     pub luminance_std_error_dn: f64,
-    /// Excess kurtosis of the luminance: above 0 where single samples stand out.
+    /// Excess kurtosis of the luminance: positive where single samples are outliers.
     pub luminance_excess_kurtosis: f64,
 }
 
@@ -51,8 +56,8 @@ pub struct Patch {
 /// white (19): clockwise from the top left.
 pub type Corners = [[f64; 2]; 4];
 
-/// Where the built-in chart lies in a frame of an ideal lens: the card `card_width` sensor widths
-/// wide, centred.
+/// Corners of the built-in chart in a frame of `width` x `height` pixels of an ideal lens; the
+/// card is `card_width` sensor widths wide and centred.
 pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners {
     [0, COLUMNS - 1, COUNT - 1, COUNT - COLUMNS].map(|index| {
         let [left, top, edge] = camrig_scene::chart::colorchecker::patch(index, card_width);
@@ -61,7 +66,7 @@ pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners
     })
 }
 
-/// Measures all patches. `black` in DN; `white` the saturated level.
+/// Measures all patches. `black` is the black level, `white` the white level, both in DN.
 ///
 /// # Errors
 /// Corners whose patches leave the frame or hold fewer than four samples, patches that are
@@ -124,9 +129,9 @@ pub fn measure<T: Copy + Into<f64>>(
         .collect())
 }
 
-/// Share of the patches' pixels that stand out from their patch and channel by more than `sigmas`
-/// robust standard deviations (1.4826 times the median absolute deviation, at least that of
-/// rounding).
+/// Share of the patches' pixels that differ from the median of their patch and channel by more
+/// than `sigmas` robust standard deviations (1.4826 times the median absolute deviation, at least
+/// that of rounding).
 ///
 /// # Errors
 /// Patches that leave the frame.
@@ -153,7 +158,7 @@ pub fn outliers(frame: &Plane<u16>, cfa: &Cfa, corners: &Corners, sigmas: f64) -
     Ok(found as f64 / all.max(1) as f64)
 }
 
-/// Weights per channel: BT.709 for red, green, blue; equal for other patterns.
+/// Luminance weights of the channels: BT.709 for red, green, blue; equal for other patterns.
 fn luminance_weights(cfa: &Cfa) -> Vec<f64> {
     let letters = cfa.channels();
     if letters == ['R', 'G', 'B'] {
@@ -162,8 +167,8 @@ fn luminance_weights(cfa: &Cfa) -> Vec<f64> {
     vec![1.0 / letters.len() as f64; letters.len()]
 }
 
-/// Centre of a patch and half the side of its sampled square, by bilinear interpolation between
-/// the corner patches (a chart seen a little askew).
+/// Centre of a patch and half the side of its sampled square, pixels, by bilinear interpolation
+/// between the corner patches, so that the chart may be seen at an angle.
 fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
     let u = (index % COLUMNS) as f64 / (COLUMNS - 1) as f64;
     let v = (index / COLUMNS) as f64 / (ROWS - 1) as f64;
@@ -226,11 +231,11 @@ fn sample<T: Copy + Into<f64>>(
             }
         }
     }
-    if cells.len() < 4 {
+    if cells.len() < LEAST_SAMPLES {
         return Err(Error::input(format!("{} samples in the patch", cells.len()))
             .help("the chart is too small in the frame, or the corners are wrong"));
     }
-    if saturated * 100 > cells.len() * cfa.width * cfa.height {
+    if saturated * 100 > SATURATED_PERCENT * cells.len() * cfa.width * cfa.height {
         return Err(Error::input("more than 1 % of the patch is saturated")
             .help("expose less: a saturated patch has no true mean or noise"));
     }

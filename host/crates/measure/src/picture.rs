@@ -1,47 +1,44 @@
-//! Colours of a developed picture of the ColorChecker against those that its reflectances have.
+//! Colour error of a developed picture of the ColorChecker, in ΔE2000 per patch.
 //!
-//! The truth are the patches' CIE XYZ in D65, the light of sRGB: what a converter's white balance
-//! should come to from any light. The picture is brought to the white patch's true luminance
-//! first: exposure is not judged. ΔE2000 is taken in CIELAB relative to D65.
+//! The reference is the CIE XYZ of the patches' reflectances under D65, the white of sRGB, to
+//! which a converter's white balance should lead from any light. The picture is first scaled to
+//! the reference luminance of the white patch, so that exposure has no influence. ΔE2000 is
+//! computed in CIELAB relative to D65.
 
-use camrig_base::Spectrum;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, Plane, Result, Spectrum};
+use camrig_formats::color::XYZ_FROM_SRGB;
 use camrig_scene::chart::colorchecker;
 use camrig_scene::delta_e::{delta_e_2000, lab};
 use camrig_scene::{Illuminant, photometry};
 use serde::Serialize;
 
-/// Patch 19, white.
+/// Index of the white patch (19), counted from 0.
 const WHITE: usize = 18;
-/// Part of a patch's side that is looked at, in its middle: colour filters blur the rest.
+/// Side of the averaged square over that of the patch: demosaicing and sharpening change colours
+/// near the edges.
 const MIDDLE: f64 = 0.5;
-/// Linear sRGB to CIE XYZ, white at Y = 1. Source: IEC 61966-2-1.
-const XYZ_FROM_SRGB: [[f64; 3]; 3] = [
-    [0.412_390_8, 0.357_584_3, 0.180_480_8],
-    [0.212_639_0, 0.715_168_7, 0.072_192_3],
-    [0.019_330_8, 0.119_194_8, 0.950_532_2],
-];
 
-/// One patch.
+/// Colour of one patch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Patch {
     /// Number on the chart, 1 to 24.
     pub number: usize,
-    /// CIELAB of its reflectance in D65.
+    /// CIELAB of the patch's reflectance under D65.
     pub true_lab: [f64; 3],
-    /// CIELAB in the picture.
+    /// CIELAB in the picture, scaled.
     pub lab: [f64; 3],
     /// Difference, ΔE2000.
     pub delta_e_2000: f64,
 }
 
-/// Decodes the sRGB transfer function. Source: IEC 61966-2-1.
+/// Linear value (0 to 1) of an sRGB value (0 to 1), IEC 61966-2-1.
 pub fn srgb_to_linear(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
 }
 
-/// The patches of the built-in chart, `card` sensor widths wide, in a picture of linear sRGB.
-/// `frame` is the raw frame's width: converters may leave out a border all round.
+/// Colours of the patches of the built-in chart, `card` sensor widths wide, in a picture of linear
+/// sRGB. `frame` is the width of the raw frame, pixels: converters may leave out a border all
+/// round.
 ///
 /// # Errors
 /// A picture too small for the chart, or one in which the white patch is black.
@@ -89,7 +86,7 @@ pub fn colours(picture: &Plane<[f64; 3]>, frame: usize, card: f64) -> Result<Vec
         .collect())
 }
 
-/// CIE XYZ of the patches' reflectances in D65, a perfect white at Y = 1.
+/// CIE XYZ of the patches' reflectances under D65, a perfect white at Y = 1.
 fn truth() -> Result<Vec<[f64; 3]>> {
     let light = Illuminant::parse("D65")?.power;
     let lit = |reflectance: &Spectrum| -> Result<[f64; 3]> {

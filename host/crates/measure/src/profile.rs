@@ -1,28 +1,27 @@
-//! Profiles of a frame: along a row or column, against another frame, and over the radius.
+//! Profiles of a frame along rows or columns, their comparison with those of another frame, and
+//! relative illumination over the radius.
 
-use camrig_base::Cfa;
 use camrig_base::median::median;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Cfa, Error, Plane, Result};
 use serde::Serialize;
 
-/// Which way a profile runs.
+/// Direction of a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Along {
-    /// Along row(s), one value per column.
+    /// Along rows, one value per column.
     Row,
-    /// Along column(s), one value per row.
+    /// Along columns, one value per row.
     Column,
 }
 
 /// One channel's samples along a line.
 #[derive(Clone, Debug, Serialize)]
 pub struct Profile {
-    /// Pixel coordinate and mean DN above black, for every column (row) where the channel has
-    /// samples in the lines taken.
+    /// Column (row) and mean above black, DN, wherever the channel has samples in the lines.
     pub points: Vec<[f64; 2]>,
 }
 
-/// Mean above `black` of a channel over `count` rows (columns) from `first` on.
+/// Mean above `black` (DN) of a channel over `count` rows (columns) from `first` on.
 ///
 /// # Errors
 /// Lines outside the frame, or without a sample of the channel.
@@ -67,10 +66,10 @@ pub fn along<T: Copy + Into<f64>>(
     Ok(Profile { points })
 }
 
-/// Whether the channel has samples in `count` lines from `first` on.
+/// Whether a channel has samples in `count` lines from `first` on.
 pub fn passes(cfa: &Cfa, channel: char, direction: Along, first: usize, count: usize) -> bool {
     let period = if direction == Along::Row { cfa.width } else { cfa.height };
-    // Two periods of lines hold whatever more of them do.
+    // Two periods of the pattern contain every channel that more lines contain.
     let lines = first..first.saturating_add(count.min(2 * cfa.width.max(cfa.height)));
     let mut places = lines.flat_map(|line| (0..period).map(move |p| (p, line)));
     places.any(|(p, line)| match direction {
@@ -79,16 +78,17 @@ pub fn passes(cfa: &Cfa, channel: char, direction: Along, first: usize, count: u
     })
 }
 
-/// How a profile lies to a reference of the same places.
+/// Comparison of a profile with a reference at the same pixels.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Difference {
     /// Mean of the profile over mean of the reference.
     pub ratio_of_means: f64,
-    /// Root mean square of profile less reference, DN.
+    /// Root mean square of profile minus reference, DN.
     pub rms_dn: f64,
-    /// The same after scaling the reference to the profile's mean: what is not brightness.
+    /// Root mean square of profile minus reference, with the reference scaled to the profile's
+    /// mean, DN: differences other than brightness.
     pub rms_scaled_dn: f64,
-    /// Pearson correlation.
+    /// Pearson correlation coefficient.
     pub correlation: f64,
 }
 
@@ -129,15 +129,22 @@ pub fn difference(profile: &Profile, reference: &Profile) -> Result<Difference> 
     })
 }
 
-/// Samples to either side of an edge that are matched, and the largest displacement looked for.
+/// Samples to either side of an edge that are correlated: the width of a blurred edge.
 const WINDOW: usize = 10;
+/// Largest displacement that is searched for, samples.
 const FARTHEST: usize = 10;
+/// Step of an edge over the median step of the profile, which is that of its noise. Noise exceeds
+/// eight times its median once in 10⁷ samples.
+const CLEAR_STEP: f64 = 8.0;
+/// Smallest correlation coefficient of a matched edge: noise of the same window stays below.
+const MATCHED: f64 = 0.9;
 
-/// How far the edges of a profile lie from those of a reference: (place, displacement), both in
-/// pixels, for every edge of the reference that stands clear of its noise and is found again.
+/// Displacements of the edges of a profile from those of a reference: (position, displacement),
+/// both in pixels, for every edge of the reference that exceeds its noise and is found in the
+/// profile.
 ///
-/// The displacement is where the correlation of the windows is largest, by a parabola through its
-/// peak.
+/// The displacement is the position of the largest correlation of the windows, by a parabola
+/// through its peak.
 pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
     let (a, b) = (&profile.points, &reference.points);
     let n = a.len().min(b.len());
@@ -151,7 +158,7 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
     let range = WINDOW + FARTHEST..n - WINDOW - FARTHEST;
     let mut jumps: Vec<f64> = range.clone().map(jump).collect();
     // Most of a profile has no edge, so the median jump is that of the noise.
-    let clear = 8.0 * median(&mut jumps, f64::total_cmp);
+    let clear = CLEAR_STEP * median(&mut jumps, f64::total_cmp);
     let is_edge = |&i: &usize| {
         let around = i.saturating_sub(WINDOW).max(3)..(i + WINDOW).min(n - 3);
         jump(i) > clear && around.into_iter().all(|k| k == i || jump(k) < jump(i))
@@ -174,13 +181,13 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
         let [left, peak, right] = [values[best - 1], values[best], values[best + 1]];
         let vertex = 0.5 * (left - right) / (left - 2.0 * peak + right);
         let shift = best as f64 - reach as f64 + vertex;
-        (peak > 0.9 && vertex.abs() <= 1.0).then_some([b[i][0], shift * step])
+        (peak > MATCHED && vertex.abs() <= 1.0).then_some([b[i][0], shift * step])
     });
     found.collect()
 }
 
 /// Relative illumination: a channel's mean over rings of equal width around the frame's centre,
-/// relative to the innermost; (radius over the half diagonal, ratio, its standard error).
+/// relative to the innermost ring, as (radius over the half diagonal, ratio, standard error).
 ///
 /// # Errors
 /// No signal at the centre.

@@ -1,41 +1,42 @@
-//! Signal rates per position of the colour filter pattern, from exposure series of one scene.
+//! Signal rates, DN/s, per position of the colour filter pattern, from exposure series of a scene.
 //!
-//! Per pixel the longest exposure below saturation counts: its signal above dark over its exposure
-//! time. The means over the pixels of each position give a camera's channel ratios under each
-//! narrow-band filter (the product of quantum efficiency and crosstalk).
+//! The rate of a pixel is its signal above dark over the exposure time, at the longest exposure
+//! below saturation. The means over the pixels of each position give the channel ratios of a
+//! camera under each narrow-band filter (the product of quantum efficiency and crosstalk).
 
+use super::dark::SAME_EXPOSURE;
 use super::site::Site;
 use super::stack::Stack;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use serde::Serialize;
 
-/// Samples above this share of the white level are left out: near it sensors bend.
+/// Samples above this share of the white level are left out: near it the response is not linear.
 const CLEAR_OF_WHITE: f64 = 0.95;
 
-/// One scene under one light.
+/// Rates of one scene under one light.
 #[derive(Clone, Debug, Serialize)]
 pub struct Series {
-    /// What it shows.
+    /// What the captures show.
     pub role: Role,
     /// Wavelength of narrow-band light, nm.
     pub wavelength_nm: Option<f64>,
-    /// Exposure times used, s.
+    /// Exposure times, s.
     pub exposures_s: Vec<f64>,
-    /// Per position of the pattern, row-major: letter (`?` where unknown), rate in DN/s.
+    /// Letter (`?` where unknown) and rate, DN/s, of each position of the pattern, row by row.
     pub positions: Vec<(char, f64)>,
     /// The rates relative to the largest.
     pub ratios: Vec<f64>,
-    /// What a reader must know.
+    /// Remarks for the reader, such as clipped darks.
     pub notes: Vec<String>,
 }
 
-/// Share of dark samples at 0 DN above which the offset must be taken for clipped: less than half
-/// of a symmetric noise lies below its mean, and the black level of a working camera is above 0.
+/// Share of dark samples at 0 DN from which the offset counts as clipped: half of a symmetric
+/// noise lies below its mean, and the black level of a working camera is above 0.
 const CLIPPED: f64 = 0.5;
 
-/// Measures every exposure series of the set that is not dark. A pattern that the set does not
-/// name is taken as 2 x 2 unknown positions.
+/// Measures every exposure series of the set except darks. Where the set names no pattern, it is
+/// taken as 2 x 2 positions of unknown colour.
 ///
 /// # Errors
 /// A series without a dark of its exposure times and without a black level.
@@ -110,8 +111,9 @@ fn series(
     let mut notes = Vec::new();
     if clipped > CLIPPED {
         notes.push(format!(
-            "{:.0} % of the dark samples are at 0 DN: the offset clips small signals, so rates of faint \
-             positions come out too small, most where only short exposures are below saturation",
+            "{:.0} % of the dark samples are at 0 DN: the offset clips small signals, so rates of \
+             faint positions come out too small, most where only short exposures are below \
+             saturation",
             100.0 * clipped
         ));
     }
@@ -126,12 +128,12 @@ fn series(
     })
 }
 
-/// Mean of the darks of the capture's exposure per position, else the nominal black level; and the
-/// share of the dark samples at 0 DN.
+/// Black level of each position: the mean of the dark of the capture's exposure, else the nominal
+/// black level, DN; and the share of dark samples at 0 DN.
 fn black_at(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<(Vec<f64>, f64)> {
     let dark = set.with_role(Role::Dark).find(|d| {
         d.analog_gain == capture.analog_gain
-            && (d.exposure_s / capture.exposure_s - 1.0).abs() < 1e-6
+            && (d.exposure_s / capture.exposure_s - 1.0).abs() < SAME_EXPOSURE
     });
     let Some(dark) = dark else {
         return match set.sensor.black_level_dn {

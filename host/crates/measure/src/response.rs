@@ -1,39 +1,54 @@
-//! The response curve: mean signal against the amount of light.
+//! The response curve: mean signal, DN, over exposure (photons per pixel or another unit of
+//! light).
 
 use super::fit::Fit;
 use super::value::Value;
 
-/// `S = x + q x² + c x³`, x being the signal (DN) of a sensor with the same slope at zero that was
-/// a straight line. Valid up to the largest signal fitted.
+/// Fewest levels for a quadratic: two degrees of freedom are left.
+const LEAST_LEVELS: usize = 5;
+/// Fewest levels for a cubic: four degrees of freedom are left.
+const LEAST_LEVELS_CUBIC: usize = 8;
+/// Fall of χ² for which the cubic term is taken, in units of the scatter left: three standard
+/// errors.
+const CUBIC_GAIN: f64 = 9.0;
+/// Steps of Newton's method, which doubles its digits with each: 8 suffice from any start within a
+/// factor of two.
+const NEWTON_STEPS: usize = 8;
+/// Smallest slope of the curve in Newton's method, which keeps a step beyond the fitted range
+/// bounded.
+const LEAST_SLOPE: f64 = 0.1;
+
+/// `S = x + q x² + c x³`, where x is the signal (DN) of a linear sensor with the same slope at
+/// zero. Valid up to the largest signal fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// Quadratic coefficient, 1/DN.
     pub quadratic: Value,
-    /// Cubic coefficient, 1/DN²; 0 unless the data ask for it.
+    /// Cubic coefficient, 1/DN²; 0 unless it improves the fit.
     pub cubic: f64,
-    /// Slope at zero, DN per unit of light.
+    /// Responsivity: slope at zero, DN per unit of light.
     pub responsivity: Value,
-    /// Signal without light that the light ladder implies, DN: an exposure error's mark.
+    /// Signal at zero light by extrapolation, DN: other than 0 where exposure times are wrong.
     pub offset: Value,
 }
 
 impl Response {
     /// Fits mean signals `s` (dark subtracted, standard errors `error`) over amounts of light `h`:
-    /// `s = offset + R h + q' h²`, and a cubic term where it lowers χ² by more than 9 of the
-    /// scatter left. `None` with fewer than five levels.
+    /// `s = offset + R h + q' h²`, and a cubic term where it lowers χ² by more than nine times the
+    /// remaining scatter. `None` with fewer than five levels.
     ///
-    /// Errors are widened to the scatter, so light that is not steady costs certainty.
+    /// Errors are widened to the scatter, which includes that of the light.
     pub fn fit(h: &[f64], s: &[f64], error: &[f64]) -> Option<Self> {
-        if h.len() < 5 {
+        if h.len() < LEAST_LEVELS {
             return None;
         }
         let powers = |n: i32| -> Vec<Vec<f64>> {
             h.iter().map(|&h| (0..=n).map(|k| h.powi(k)).collect()).collect()
         };
         let mut fit = Fit::new(&powers(2), s, error).ok()?;
-        if h.len() >= 8
+        if h.len() >= LEAST_LEVELS_CUBIC
             && let Ok(cubic) = Fit::new(&powers(3), s, error)
-            && fit.chi2 - cubic.chi2 > 9.0 * cubic.reduced_chi2().max(1.0)
+            && fit.chi2 - cubic.chi2 > CUBIC_GAIN * cubic.reduced_chi2().max(1.0)
         {
             fit = cubic;
         }
@@ -56,18 +71,18 @@ impl Response {
         Self { quadratic, ..self }
     }
 
-    /// dS/dx at x.
+    /// Slope dS/dx at x (DN).
     pub fn slope(&self, x: f64) -> f64 {
         1.0 + 2.0 * self.quadratic.value * x + 3.0 * self.cubic * x * x
     }
 
-    /// The straight-line signal x of a measured signal, by Newton's method (the curve is within a
-    /// few per cent of its tangent wherever it was fitted).
+    /// The linear signal x of a measured signal s, DN, by Newton's method (the curve lies within a
+    /// few per cent of its tangent over the fitted range).
     pub fn linearise(&self, s: f64) -> f64 {
         let mut x = s;
-        for _ in 0..8 {
+        for _ in 0..NEWTON_STEPS {
             let value = x + self.quadratic.value * x * x + self.cubic * x * x * x;
-            x -= (value - s) / self.slope(x).max(0.1);
+            x -= (value - s) / self.slope(x).max(LEAST_SLOPE);
         }
         x
     }

@@ -1,19 +1,19 @@
-//! What rounding to whole DN does to the variance and to the mean of noise.
+//! Effect of rounding to whole DN on the variance and on the mean of noise.
 
 /// Variance of rounding to whole DN, DN² (uniform over one DN).
 pub const QUANTISATION: f64 = 1.0 / 12.0;
 
-/// What rounding to whole DN adds to the variance of Gaussian noise of `variance` around `mean`
-/// that itself varies over pixels by `spread` (all DN, DN²): 1/12 and the first harmonic of the
-/// characteristic function, -cos(2πµ) exp(-2π² (σ² + s²)) (1/π² + 4 σ²) (Widrow and Kollár,
-/// *Quantization Noise*, 2008, ch. 4); the second is below 1e-4 DN² for σ > 0.3 DN.
+/// Variance that rounding to whole DN adds to Gaussian noise of `variance` (DN²) around `mean`
+/// (DN), which itself varies over pixels with the variance `spread` (DN²): 1/12 and the first
+/// harmonic of the characteristic function, -cos(2πµ) exp(-2π² (σ² + s²)) (1/π² + 4 σ²) (Widrow
+/// and Kollár, *Quantization Noise*, 2008, ch. 4); the second is below 1e-4 DN² for σ > 0.3 DN.
 pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     use std::f64::consts::PI;
     let fall = (-2.0 * PI * PI * (variance + spread)).exp();
     QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
-/// Largest relative change that rounding to whole DN makes to differences of means much smaller
+/// Largest relative change by rounding to whole DN of differences of means that are much smaller
 /// than a DN, under Gaussian noise of `variance` (DN², before rounding).
 ///
 /// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár

@@ -1,4 +1,4 @@
-//! Positions of the colour filter pattern, and the pixels that belong to each.
+//! Sites: the positions of the colour filter pattern, and the pixels of each.
 
 use camrig_base::Cfa;
 

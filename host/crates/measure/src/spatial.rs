@@ -1,22 +1,23 @@
-//! Variance over the pixels of a plane, split into rows, columns and single pixels.
+//! Spatial variance over the pixels of a plane, split into rows, columns and pixels (EMVA 1288).
 
 use super::site::Site;
 use super::value::Value;
 use rayon::prelude::*;
 
-/// Rows that one task sums over columns.
+/// Rows per parallel task: large enough to outweigh the cost of a task.
 const BLOCK_ROWS: usize = 64;
 
-/// Moments over the pixels of a plane, noise of the plane included.
+/// Moments over the pixels of a plane, including its remaining temporal noise; DN and DN² for a
+/// mean frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneMoments {
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Mean.
+    /// Mean over the pixels.
     pub mean: f64,
-    /// Variance (divisor: pixels - 1).
+    /// Variance over the pixels (divisor: pixels - 1).
     pub measured: f64,
     /// Variance of the rows' means (divisor: rows).
     pub of_rows: f64,
@@ -24,17 +25,17 @@ pub struct PlaneMoments {
     pub of_columns: f64,
 }
 
-/// Variance over pixels, split as in EMVA 1288 R4, section 8.2. A part can come out negative when
-/// it drowns in its own error.
+/// Variance over pixels, split as in EMVA 1288 R4, section 8.2. A part that is smaller than its
+/// error can be negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpatialVariance {
-    /// Total.
+    /// Total variance.
     pub total: Value,
-    /// Of rows: the same for all pixels of a row.
+    /// Variance of rows: of offsets common to the pixels of a row.
     pub row: Value,
-    /// Of columns.
+    /// Variance of columns.
     pub column: Value,
-    /// Of single pixels.
+    /// Variance of pixels.
     pub pixel: Value,
 }
 
@@ -56,7 +57,7 @@ impl PlaneMoments {
             .collect();
         let n = (rows * columns) as f64;
         let mean = sums.iter().sum::<f64>() / n;
-        // Blocks of rows keep the walk over memory straight; their sums are added in order.
+        // Blocks of rows read memory in order; their sums are added in order.
         let blocks: Vec<(f64, Vec<f64>)> = (0..rows.div_ceil(BLOCK_ROWS))
             .into_par_iter()
             .map(|block| {
@@ -89,7 +90,7 @@ impl PlaneMoments {
         }
     }
 
-    /// Planes of one size taken together: the means of their moments.
+    /// Pools planes of one size: the means of their moments.
     pub fn pool(planes: &[Self]) -> Self {
         let k = planes.len() as f64;
         let mean_of = |f: fn(&Self) -> f64| planes.iter().map(f).sum::<f64>() / k;
@@ -103,15 +104,14 @@ impl PlaneMoments {
         }
     }
 
-    /// Pixels.
+    /// Number of pixels.
     pub fn pixels(&self) -> f64 {
         (self.rows * self.columns) as f64
     }
 
-    /// Splits the variance that is left without the pixels' own noise variance `noise` (EMVA 1288
-    /// R4, section 8: the three parts of the total, and of the variances of the averages). `sites`
-    /// planes of this size were averaged. Errors are those of Gaussian patterns: a variance seen
-    /// through k samples has a relative error of sqrt(2/k).
+    /// Splits the variance less the pixels' temporal noise variance `noise` into its parts (EMVA
+    /// 1288 R4, section 8). `sites` is the number of pooled planes. Errors are those of Gaussian
+    /// patterns: a variance over k samples has a relative error of sqrt(2/k).
     pub fn split(&self, noise: f64, sites: usize) -> SpatialVariance {
         let (m, n) = (self.rows as f64, self.columns as f64);
         let total = self.measured - noise;
@@ -125,7 +125,7 @@ impl PlaneMoments {
         let pixel_error = (pixel.max(0.0) + noise) * (2.0 / (m * n * k)).sqrt();
         let row_error = self.of_rows * (2.0 / (m * k)).sqrt();
         let column_error = self.of_columns * (2.0 / (n * k)).sqrt();
-        // The total's rows and columns are known only as well as there are rows and columns.
+        // The row and column parts of the total have the errors of few rows and columns.
         let total_error = pixel_error
             .hypot(row.max(0.0) * (2.0 / (m * k)).sqrt())
             .hypot(column.max(0.0) * (2.0 / (n * k)).sqrt());

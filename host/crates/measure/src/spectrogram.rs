@@ -18,29 +18,29 @@ pub struct Spectrogram {
     pub vertical: Vec<f64>,
 }
 
-/// Values of one site as a plane of its own, row-major, less their mean. Without the mean, 32 bits
-/// resolve 1e-7 of what differs.
+/// Values of one site as a plane, row by row, less their mean. Without the mean, f32 resolves 1e-7
+/// of the deviations.
 pub struct SitePlane {
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Mean of the values.
+    /// Mean of the values, DN.
     pub mean: f64,
-    /// The values less their mean.
+    /// The values less their mean, DN.
     pub data: Vec<f32>,
 }
 
-/// Lines that one task transforms or reads.
+/// Lines per parallel task.
 const BLOCK: usize = 16;
 
-/// Rows that are turned into columns together: as many as a cache keeps apart that are a power of
-/// two long.
+/// Rows that are transposed together: no more than the ways of a cache, as rows of a power of two
+/// share its sets.
 const TILE: usize = 8;
 
 impl SitePlane {
-    /// The values of `site` of a frame `width` x `height` that is a sum of integer frames, each
-    /// times its factor. `room` is memory that is used again: fresh pages are dear.
+    /// The values of `site` in a frame of `width` x `height` pixels, which is the sum of the
+    /// integer frames of `terms`, each times its factor. `room` is memory for reuse.
     pub fn of(
         site: Site,
         (width, height): (usize, usize),
@@ -73,18 +73,18 @@ impl SitePlane {
         Self { columns, rows, mean, data }
     }
 
-    /// Spectra along rows and columns, the plane's mean taken out.
+    /// Spectra along rows and columns of the plane less its mean.
     ///
     /// # Errors
-    /// None but what the transform refuses.
+    /// None in practice: the Fourier transform's own.
     pub fn spectrogram(&self) -> Result<Spectrogram> {
         let columns = self.columns;
         Ok(Spectrogram {
             horizontal: mean_power(self.rows, columns, |first, lines| {
                 lines.copy_from_slice(&self.data[first * columns..][..lines.len()]);
             })?,
-            // Columns side by side and a few rows at a time, so that cache lines are used whole on
-            // both sides.
+            // Several columns and a few rows at a time, so that reading and writing use whole
+            // cache lines.
             vertical: mean_power(columns, self.rows, |first, lines| {
                 for (tile, rows) in self.data.chunks(TILE * columns).enumerate() {
                     for (i, line) in lines.chunks_exact_mut(self.rows).enumerate() {
@@ -98,8 +98,8 @@ impl SitePlane {
         })
     }
 
-    /// What is left of the plane without its mean over 5 x 5 samples (the standard's high-pass);
-    /// two samples are lost at every border.
+    /// The plane less its mean over 5 x 5 samples (the standard's high-pass filter), without the
+    /// two samples at every border; DN, row by row.
     #[must_use]
     pub fn high_pass(&self) -> Vec<f32> {
         let (columns, inner) = (self.columns, self.columns.saturating_sub(4));
@@ -120,7 +120,7 @@ fn total(values: &[u32], step: usize) -> u64 {
     values.iter().step_by(step).map(|&v| u64::from(v)).sum()
 }
 
-/// Adds every `step`th of the sums, times a factor.
+/// Adds every `step`th value of `sums`, times a factor.
 #[vectorised]
 fn add_scaled(sums: &[u32], step: usize, factor: f64, out: &mut [f64]) {
     if step == 1 {
@@ -137,7 +137,7 @@ fn narrow(values: &[f64], out: &mut [f32]) {
     out.iter_mut().zip(values).for_each(|(out, &v)| *out = v as f32);
 }
 
-/// The middle one of five rows less the means of 5 x 5. `sums` is room for a row.
+/// The middle one of five rows less the means over 5 x 5. `sums` is memory for a row.
 #[vectorised]
 fn without_mean([a, b, c, d, e]: [&[f32]; 5], sums: &mut [f32], out: &mut [f32]) {
     let n = c.len();
@@ -187,34 +187,41 @@ fn add_power(spectrum: &[Complex<f32>], power: &mut [f64]) {
     power.iter_mut().zip(spectrum).for_each(|(p, v)| *p += f64::from(v.norm_sqr()));
 }
 
-/// Logarithmic histogram's data: values around zero, and how many pixels lie far out.
+/// Histogram of deviations from the mean, for a logarithmic plot, with the number of outliers.
 #[derive(Clone, Debug, Serialize)]
 pub struct Histogram {
-    /// Left end of the first bin.
+    /// Left end of the first bin, DN.
     pub start: f64,
-    /// Width of a bin.
+    /// Width of a bin, DN.
     pub step: f64,
-    /// Counts.
+    /// Number of values in each bin.
     pub counts: Vec<u64>,
-    /// Standard deviation from the quartiles: what a Gaussian core has.
+    /// Standard deviation of the Gaussian core, from the quartiles, DN.
     pub core_sigma: f64,
-    /// Values more than five core standard deviations from the median.
+    /// Number of values more than five core standard deviations from the median.
     pub outliers: u64,
-    /// Values in all.
+    /// Number of values.
     pub values: u64,
 }
 
-/// Parts of a bin that values are sorted into, to find quartiles without sorting them all.
+/// Bins of the histogram at most (EMVA 1288 R4, section 8.5, asks for 256).
+const BINS: usize = 256;
+
+/// Core standard deviations from the median beyond which a value counts as an outlier: a Gaussian
+/// has one in 1.7 million there.
+const OUTLIER: f32 = 5.0;
+
+/// Parts of a bin, for finding quartiles without sorting all values.
 const FINE: usize = 16;
 
-/// Values that loops take side by side.
+/// Values that loops process side by side.
 const SIDE: usize = 64;
 
-/// Values of one task: whole multiples of [`SIDE`].
+/// Values per parallel task: a multiple of [`SIDE`].
 const PIECE: usize = 1 << 15;
 
 impl Histogram {
-    /// Of at most 256 bins.
+    /// The histogram of values in DN, in at most 256 bins.
     pub fn of(values: &[f32]) -> Self {
         if values.is_empty() {
             let counts = Vec::new();
@@ -224,7 +231,7 @@ impl Histogram {
         let (low, high) = (pieces().map(range))
             .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let (start, span) = (f64::from(low), f64::from(high) - f64::from(low));
-        let (step, bins) = if span > 0.0 { (span / 255.0, 256) } else { (1.0, 1) };
+        let (step, bins) = if span > 0.0 { (span / (BINS - 1) as f64, BINS) } else { (1.0, 1) };
         let scale = Scale { start, per_part: FINE as f64 / step };
         let none = || vec![0; bins * FINE];
         let count = |mut counts: Vec<u32>, piece: &[f32]| {
@@ -238,7 +245,7 @@ impl Histogram {
             a
         };
         let fine = fine.reduce(|| vec![0; bins * FINE], add);
-        // Where the quartiles lie: part, and rank within it.
+        // The parts that contain the quartiles, and their ranks within them.
         let ranks = [0.25, 0.5, 0.75].map(|q| {
             let mut rank = ((values.len() - 1) as f64 * q) as u64;
             let mut part = 0;
@@ -258,7 +265,7 @@ impl Histogram {
         });
         // A Gaussian's quartiles lie 0.6745 standard deviations from its median.
         let core_sigma = (f64::from(upper) - f64::from(lower)) / (2.0 * 0.674_489_75);
-        let far = |piece: &[f32]| beyond(piece, median, 5.0 * core_sigma as f32);
+        let far = |piece: &[f32]| beyond(piece, median, OUTLIER * core_sigma as f32);
         Self {
             start,
             step,
@@ -270,7 +277,7 @@ impl Histogram {
     }
 }
 
-/// Where the parts of the bins lie.
+/// Position of the parts of the bins.
 #[derive(Clone, Copy)]
 struct Scale {
     start: f64,
@@ -320,7 +327,7 @@ fn of_parts(values: &[f32], scale: Scale, [a, b, c]: [u16; 3]) -> Vec<f32> {
             *wanted = (part == a) | (part == b) | (part == c);
         }
         if wanted.contains(&true) {
-            // Without a branch per value, which could not be foretold.
+            // Without a branch per value, which a processor could not predict.
             let (mut kept, mut n) = ([0.0; SIDE], 0);
             for (&v, wanted) in chunk.iter().zip(wanted) {
                 kept[n] = v;

@@ -1,9 +1,8 @@
 //! Moments of a stack of frames: per pixel over time, and over the pixels of a channel.
 //!
-//! Frames are streamed once, strip of rows by strip (`strips`). Per pixel, integer sums of the
-//! samples and of their squares are taken, so the moments do not depend on batches or threads.
-//! Frames whose samples lie in their files as they are need the memory of the strips being worked
-//! on, whatever the length of the stack.
+//! Frames are read once, strip by strip (`strips`). For each pixel, the samples and their squares
+//! are summed as integers, so that the moments do not depend on batches or threads. Frames stored
+//! uncompressed need only the memory of the current strips, whatever the length of the stack.
 
 use super::moments::Moments;
 use super::site::Site;
@@ -11,27 +10,27 @@ use super::sums::Sums;
 use camrig_base::{Error, Result};
 use camrig_captures::{Batches, Capture, CaptureSet};
 
-/// A stack of frames: its moments and, where asked for, its mean frame.
+/// Moments of a stack of frames and, on request, its mean frame.
 #[derive(Clone, Debug)]
 pub struct Stack {
-    /// Columns.
+    /// Width of the frames, pixels.
     pub width: usize,
-    /// Rows.
+    /// Height of the frames, pixels.
     pub height: usize,
     /// Number of frames.
     pub frames: usize,
     /// Positions of the colour filter pattern.
     pub sites: Vec<Site>,
-    /// Per pixel, sum of the samples; empty where only moments were asked for.
+    /// Sum of the samples of each pixel, DN; empty where only moments were read.
     pub sum: Vec<u32>,
-    /// Per site, mean of each frame.
+    /// Mean of each frame, DN, per site.
     pub frame_means: Vec<Vec<f64>>,
-    /// Per site.
+    /// Moments of each site.
     pub moments: Vec<Moments>,
 }
 
 impl Stack {
-    /// Streams all frames of `capture`, and keeps the sum of its samples per pixel.
+    /// Reads all frames of `capture`, and keeps the sums of the pixels' samples.
     ///
     /// # Errors
     /// What [`CaptureSet::for_each_batch`] refuses, and a frame smaller than the filter pattern.
@@ -39,7 +38,7 @@ impl Stack {
         Self::stream(set, capture, true)
     }
 
-    /// Streams all frames of `capture` for the moments alone.
+    /// Reads all frames of `capture` for their moments alone.
     ///
     /// # Errors
     /// Those of [`Stack::read`].
@@ -75,12 +74,12 @@ impl Stack {
         })
     }
 
-    /// Mean over the frames at a pixel, DN.
+    /// Mean over the frames of a pixel, DN.
     pub fn mean_at(&self, x: usize, y: usize) -> f64 {
         f64::from(self.sum[y * self.width + x]) / self.frames as f64
     }
 
-    /// Moments of every site of a channel, taken together (see [`Moments::pool`]).
+    /// Moments of a channel: those of its sites, pooled (see [`Moments::pool`]).
     pub fn channel_moments(&self, channel: usize) -> Moments {
         let of: Vec<Moments> = (0..self.sites.len())
             .filter(|&i| self.sites[i].channel == channel)

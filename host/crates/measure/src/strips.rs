@@ -1,26 +1,28 @@
-//! The loops over a stack's samples, made for vector units: frames into sums, sums into moments.
+//! The loops over the samples of a stack, written for vector units: frames to sums, sums to
+//! moments.
 //!
-//! A strip is a few rows of all the frames, small enough that its sums stay in a core's cache
-//! while the frames go by. Every loop runs along a row in lanes, whose number is a multiple of
-//! every pattern's width: one piece of code serves every colour filter pattern, and what belongs
-//! to one site is picked from the lanes' sums at the end. Samples are summed as integers, exactly.
+//! A strip is a few rows of all frames, small enough that its sums stay in a core's cache while
+//! frames are read. Every loop runs along a row in lanes, whose number is a multiple of the width
+//! of every colour filter pattern: one loop serves all patterns, and the sums of a site are
+//! gathered from the lanes at the end. Samples are summed exactly, as integers.
 
 use camrig_vector::vectorised;
 
-/// Pixels of a strip: with sums and four frames' samples, 640 KiB. The longer the pieces, the
-/// faster they are read.
+/// Pixels of a strip: 640 KiB with sums and the samples of four frames, within a core's cache.
+/// Longer pieces are read faster from a file.
 const STRIP_PIXELS: usize = 32 * 1024;
 
-/// Frames that are read and added together.
+/// Frames that are added in one pass over the sums.
 pub const TOGETHER: usize = 4;
 
-/// Largest sample of which [`TOGETHER`] squares fit 32 bits.
+/// Largest sample for which the sum of [`TOGETHER`] squares fits 32 bits.
 pub const SMALL_SQUARES: u16 = 0x7fff;
 
-/// Pixels that loops take side by side: a multiple of every width that a filter pattern may have.
+/// Pixels that loops process side by side: a multiple of every width that a filter pattern may
+/// have.
 const LANES: usize = 24;
 
-/// The same of samples, which are narrower.
+/// Samples that loops process side by side; they are narrower than sums.
 const SAMPLE_LANES: usize = 4 * LANES;
 
 /// Rows of a strip: whole periods of the filter pattern.
@@ -28,8 +30,9 @@ pub fn rows(width: usize, step_y: usize) -> usize {
     (STRIP_PIXELS / width / step_y).max(1) * step_y
 }
 
-/// Adds up to [`TOGETHER`] frames' samples to the sums and sums of squares per pixel, or puts them
-/// there if they are the `first`. Samples above [`SMALL_SQUARES`] come one frame at a time.
+/// Adds the samples of up to [`TOGETHER`] frames to the pixels' sums and sums of squares; the
+/// `first` frames overwrite them. Frames with samples above [`SMALL_SQUARES`] have to be added one
+/// at a time.
 #[vectorised]
 pub fn add(frames: &[&[u16]], first: bool, sum: &mut [u32], sum_sq: &mut [u64]) {
     match (frames, first) {
@@ -65,10 +68,10 @@ fn add_frames<const N: usize, const FIRST: bool>(
     }
 }
 
-/// Sums of samples, or numbers of them, per site of the pattern, row by row of it.
+/// Sums or numbers of samples for each site of the pattern, row by row.
 pub type PerSite = Vec<f64>;
 
-/// Sums the samples of rows. Also their smallest and largest.
+/// Sums of the samples of some rows, with the smallest and the largest sample.
 pub fn sums(
     samples: &[u16],
     (width, step_x, step_y): (usize, usize, usize),
@@ -78,7 +81,7 @@ pub fn sums(
     (lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect(), low, high)
 }
 
-/// Counts the samples of rows from `low` to `high`.
+/// Numbers of samples of some rows that lie from `low` to `high`.
 pub fn counts(
     samples: &[u16],
     (width, step_x, step_y): (usize, usize, usize),
@@ -89,13 +92,14 @@ pub fn counts(
     lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect()
 }
 
-/// A row's lanes as its sites.
+/// The lanes of a row, summed to sites.
 fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<Item = f64> + '_ {
     let of_site = move |x0| lanes.iter().skip(x0).step_by(step_x).map(|&v| v.into()).sum::<f64>();
     (0..step_x).map(of_site)
 }
 
-/// Adds rows to the lanes of their row of the pattern. A strip's samples do not overflow a lane.
+/// Adds rows to the lanes of their row of the pattern. The samples of a strip do not overflow a
+/// lane.
 #[vectorised]
 fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16) {
     let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
@@ -138,27 +142,26 @@ fn count_lanes(
     }
 }
 
-/// What a strip's sums over frames tell of its pixels.
+/// Sums over the pixels of a strip.
 pub struct StripMoments {
-    /// Per row, per site of the row: sum of the sums.
+    /// Sum of the pixels' sums for each row and site of the row.
     pub rows: Vec<f64>,
-    /// Per row of the pattern, per column: sum of the sums.
+    /// Sum of the pixels' sums for each row of the pattern and column.
     pub columns: Vec<f64>,
-    /// Per site, mean of the sums.
+    /// Mean of the pixels' sums for each site.
     pub means: PerSite,
-    /// Per site, sum of the squared deviations from that mean.
+    /// Sum of the squared deviations from that mean for each site.
     pub squares: PerSite,
-    /// Per site, sum of the pseudo-variances `L Σy² - (Σy)²`.
+    /// Sum of the pseudo-variances `L Σy² - (Σy)²` for each site.
     pub variances: PerSite,
-    /// Per site, sum of their squares.
+    /// Sum of the squared pseudo-variances for each site.
     pub variances_sq: PerSite,
 }
 
-/// Sums over pixels of a row of the pattern: of squared deviations, pseudo-variances and squares
-/// of these.
+/// Sums over the pixels of a row of the pattern, lane by lane.
 #[derive(Clone, Copy)]
 struct Lanes {
-    /// What deviations are taken from: a pixel of the site, so that their squares stay small.
+    /// Reference of the deviations: a pixel of the site, so that their squares stay small.
     reference: [f64; LANES],
     squares: [f64; LANES],
     variances: [f64; LANES],
@@ -166,7 +169,7 @@ struct Lanes {
 }
 
 impl StripMoments {
-    /// Of sums over `frames` frames of rows `width` wide.
+    /// The moments of sums over `frames` frames, of rows `width` pixels wide.
     pub fn of(
         frames: usize,
         (width, step_x, step_y): (usize, usize, usize),
@@ -217,8 +220,8 @@ impl StripMoments {
     }
 }
 
-/// Adds a row of pixels to the lanes of its row of the pattern and to its columns; the sums of its
-/// lanes.
+/// Adds a row of pixels to the lanes of its row of the pattern and to its columns; returns the
+/// sums of its lanes.
 #[vectorised]
 fn add_row(
     frames: f64,

@@ -11,26 +11,26 @@ use rayon::prelude::*;
 /// Largest number of frames whose 16-bit samples fit a `u32` sum.
 const MOST_FRAMES: usize = u16::MAX as usize;
 
-/// Sums over the frames of a stack while it is read.
+/// Sums over the frames of a stack.
 pub struct Sums {
     width: usize,
     height: usize,
     sites: Vec<Site>,
     white: u16,
-    /// Frames so far.
+    /// Number of frames added.
     pub frames: usize,
-    /// Per pixel, as far as they must outlast a batch or are wanted.
+    /// Sums of the pixels, where they are kept beyond a batch.
     sum: Vec<u32>,
     sum_sq: Vec<u64>,
-    /// Per site, sum of the samples of each frame.
+    /// Sum of the samples of each frame, per site.
     frame_sums: Vec<Vec<f64>>,
-    /// Per site, samples at 0 DN and at or above the white level.
+    /// Numbers of samples at 0 DN and at or above the white level, per site.
     zeros: Vec<f64>,
     whites: Vec<f64>,
     strips: Vec<StripMoments>,
 }
 
-/// What one worker needs for a strip.
+/// Memory of one worker.
 #[derive(Default)]
 struct Scratch {
     samples: Vec<u16>,
@@ -38,7 +38,7 @@ struct Scratch {
     sum_sq: Vec<u64>,
 }
 
-/// One frame's share of a strip, per site.
+/// Sums of one frame over a strip, per site.
 struct Tally {
     sums: Vec<f64>,
     zeros: Option<Vec<f64>>,
@@ -47,7 +47,7 @@ struct Tally {
 }
 
 impl Sums {
-    /// None yet; samples from `white` on are saturated.
+    /// Empty sums; samples from `white` on count as saturated.
     pub fn new(width: usize, height: usize, sites: Vec<Site>, white: u16) -> Self {
         Self {
             width,
@@ -69,9 +69,8 @@ impl Sums {
         (self.sites[0].step_x, self.sites[0].step_y)
     }
 
-    /// Adds a batch, strip by strip in parallel. `keep`: the sums per pixel are wanted afterwards;
-    /// `whole`: the batch is all of the stack, so that moments are taken while the sums are at
-    /// hand.
+    /// Adds a batch, strips in parallel. `keep`: the pixels' sums are needed afterwards. `whole`:
+    /// the batch is the whole stack, so that moments are computed while the sums are in the cache.
     pub fn add(
         &mut self,
         batch: &[StoredFrame],
@@ -86,7 +85,7 @@ impl Sums {
         self.frames += batch.len();
         let (step_x, step_y) = self.steps();
         let (width, white) = (self.width, self.white);
-        // Zeros that were never written cost nothing.
+        // The operating system provides zeroed memory only when it is written.
         if keep && none_yet {
             self.sum = vec![0; width * self.height];
         }
@@ -192,8 +191,8 @@ impl Sums {
             let of_site = strip.columns[s.y0 * self.width + s.x0..].iter().step_by(step_x);
             column_sums.iter_mut().zip(of_site).for_each(|(sum, v)| *sum += v);
         }
-        // Squares about the strips' own means, and the strips' means about the whole's (Chan,
-        // Golub and LeVeque 1983).
+        // Squared deviations from the strips' means, and of the strips' means from the total mean
+        // (Chan, Golub and LeVeque 1983).
         let strip_rows = strips::rows(self.width, s.step_y);
         let between = strips.iter().enumerate().map(|(i, m)| {
             let height = strip_rows.min(self.height - i * strip_rows);
@@ -232,7 +231,7 @@ impl Sums {
     }
 }
 
-/// `count` pieces of a plane, empty ones of an empty plane.
+/// `count` pieces of a plane; of an empty plane, empty pieces.
 fn chunks<T>(plane: &mut [T], length: usize, count: usize) -> Vec<&mut [T]> {
     if plane.is_empty() {
         return (0..count).map(|_| &mut [][..]).collect();
@@ -240,7 +239,8 @@ fn chunks<T>(plane: &mut [T], length: usize, count: usize) -> Vec<&mut [T]> {
     plane.chunks_mut(length).collect()
 }
 
-/// The strip's piece of a plane that is kept, else the worker's own, with whatever was in it.
+/// The strip's piece of a plane that is kept, else the worker's own memory, whose content is
+/// arbitrary.
 fn own_unless_kept<'a, T: Copy + Default>(
     kept: &'a mut [T],
     own: &'a mut Vec<T>,

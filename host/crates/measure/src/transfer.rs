@@ -1,17 +1,51 @@
-//! The photon transfer fit of one channel: K, the dark noise and the dark current from moments.
+//! The photon transfer fit of one channel: system gain, dark noise and dark current from moments.
 
 use super::dark::{DarkLine, spans};
 use super::fit::Fit;
 use super::ladder::{Level, exposures};
-use super::moments::Moments;
+use super::moments::{Moments, SATURATED_SHARE};
 use super::response::Response;
 use super::rounding::{QUANTISATION, rounding};
 use super::value::Value;
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
 
-/// Whether flats, taken in the order of their light, still follow the straight part of the photon
-/// transfer curve. The rule is stated in [`super::ptc`].
+/// Variance per signal over the median of the darker levels below which a level counts as past the
+/// full-well knee. Curved responses change the ratio by a few per cent and sampling errors by
+/// less; clipping at the full well takes it to 0.
+const KNEE_RATIO: f64 = 0.7;
+/// Smallest variance above dark in standard errors for a level to count in that median.
+const CLEAR_VARIANCE: f64 = 5.0;
+/// Standard deviations of its samples by which the mean of a level has to be below saturation: a
+/// Gaussian has 3 in 100,000 samples beyond.
+const CLEAR_OF_SATURATION: f64 = 4.0;
+/// Standard errors by which the variance of the brightest level may lie below the fit to the
+/// others: chance takes away a good level once in 4000 fits.
+const BELOW_FIT: f64 = 3.5;
+/// Share of samples at the white level from which a level counts as saturated throughout.
+const SATURATED_THROUGHOUT: f64 = 0.5;
+/// Temporal variance over the shot noise of the signal below which a level counts as saturated
+/// throughout without samples at the white level.
+const NO_SHOT_NOISE: f64 = 0.1;
+/// Fewest levels for judging the brightest one by the others: three determine gain and dark noise.
+const LEAST_TO_JUDGE: usize = 4;
+/// Passes of the Gauss-Newton fit, and the pass whose scatter widens the errors. The
+/// number is fixed so that equal data give equal bits; five suffice because weights depend on the
+/// fit only weakly.
+const PASSES: usize = 5;
+const SCATTER_PASS: usize = 2;
+/// Largest change of a sampling error by the fit, as a factor: keeps one wrong variance from
+/// dominating.
+const LARGEST_REWEIGHTING: f64 = 2.0;
+/// Steps of the fixed-point iteration for the variance of rounding. Each multiplies the error by
+/// 2 |1 − 4π²v| exp(−2π²v) for a variance of v DN²: 0.15 at the limit of quantisation, 0.24 DN²,
+/// and 0.8 at 0.1 DN².
+const ROUNDING_STEPS: usize = 50;
+/// Step of the numerical derivative over the curve's quadratic coefficient, over 1/signal.
+const DERIVATIVE_STEP: f64 = 1e-4;
+
+/// Judges whether flats, in rising order of light, are on the straight part of the photon transfer
+/// curve. The rule is stated in [`super::ptc`].
 #[derive(Clone, Debug, Default)]
 pub struct Knee {
     ratios: Vec<f64>,
@@ -23,28 +57,27 @@ impl Knee {
     pub fn passes(&mut self, m: &Moments, signal: f64, variance: f64) -> bool {
         let ratio = variance / signal;
         let bent = self.ratios.len() >= 2
-            && ratio < 0.7 * median(&mut self.ratios.clone(), f64::total_cmp);
-        if self.plateau.is_some() || m.whites > 1e-3 || bent {
+            && ratio < KNEE_RATIO * median(&mut self.ratios.clone(), f64::total_cmp);
+        if self.plateau.is_some() || m.whites > SATURATED_SHARE || bent {
             self.plateau = Some(self.plateau.unwrap_or(0.0).max(m.mean()));
             return false;
         }
-        // Only levels well above the noise of the dark tell the ratio.
-        if variance > 5.0 * m.temporal_error {
+        if variance > CLEAR_VARIANCE * m.temporal_error {
             self.ratios.push(ratio);
         }
         true
     }
 
-    /// Mean DN of the brightest level that did not pass, when any did not.
+    /// Mean of the brightest level that did not pass, DN, `None` where all passed.
     pub fn plateau(&self) -> Option<f64> {
         self.plateau
     }
 
-    /// Whether a level that passed lies clear of where the saturated ones stand, and of the white
-    /// level: four standard deviations of its samples.
+    /// Whether a level that passed lies four standard deviations of its samples below the
+    /// saturated levels and the white level (DN).
     pub fn clear(&self, m: &Moments, white: f64) -> bool {
         let spread = (m.temporal + m.plane.measured).sqrt();
-        m.mean() + 4.0 * spread < self.plateau.unwrap_or(white).min(white)
+        m.mean() + CLEAR_OF_SATURATION * spread < self.plateau.unwrap_or(white).min(white)
     }
 }
 
@@ -57,29 +90,30 @@ pub struct Transfer {
     pub dark_variance: Value,
     /// Covariance of `gain` and `dark_variance`.
     covariance: f64,
-    /// Growth of the dark's variance, DN²/s, where there are two exposure times.
+    /// Growth of the dark's variance, DN²/s, where the darks' exposure times span a line.
     pub dark_variance_rate: Option<Value>,
-    /// Dark mean over exposure.
+    /// Mean of the dark over exposure time.
     pub dark: DarkLine,
-    /// The response curve, where the light of five or more levels is known.
+    /// Response curve, where the light of five or more levels is known.
     pub response: Option<Response>,
-    /// Per flat: signal above dark, DN.
+    /// Signal above dark of each flat, DN.
     pub signals: Vec<f64>,
-    /// Per flat: whether the fit used it.
+    /// Whether the fit used a flat.
     pub used: Vec<bool>,
-    /// χ² per degree of freedom.
+    /// χ² per degree of freedom of the fit.
     pub reduced_chi2: f64,
-    /// K of the fit that takes the response for a straight line.
+    /// K of a fit with a linear response, DN/e⁻.
     pub gain_if_straight: Value,
-    /// Plateau of saturated levels, DN, and their share of samples at the white level.
+    /// Mean of the saturated levels, DN, and their largest share of samples at the white level.
     pub plateau: Option<(f64, f64)>,
 }
 
 impl Transfer {
-    /// Fits one channel. `flats` in the order of their light, `passed` from [`Knee`].
+    /// Fits one channel. `flats` are in rising order of light, `passed` comes from [`Knee`],
+    /// `white` is the white level, DN.
     ///
     /// # Errors
-    /// Fewer than two levels left to fit, or a fit that comes out without a positive gain.
+    /// Fewer than two levels for the fit, or a gain that is not positive.
     pub fn fit(
         channel: usize,
         darks: &[Level],
@@ -149,13 +183,13 @@ impl Transfer {
 
     /// Read noise at zero exposure, e⁻, without quantisation; `None` where quantisation hides it.
     ///
-    /// `spread` is the variance over pixels of the dark's mean, DN²: noise of less than a DN is
-    /// rounded differently at different places between two codes.
+    /// `spread` is the variance over pixels of the dark's mean, DN²: the effect of rounding on
+    /// noise of less than a DN depends on the mean's distance from the next code.
     pub fn read_noise(&self, spread: f64) -> Option<Value> {
         let (k, v) = (self.gain, self.dark_variance);
         let (black, _) = self.dark.offset_and_rate();
         let mut variance = v.value - QUANTISATION;
-        for _ in 0..50 {
+        for _ in 0..ROUNDING_STEPS {
             variance = v.value - rounding(variance.max(0.0), black.value, spread.max(0.0));
         }
         if variance <= 0.0 {
@@ -168,9 +202,9 @@ impl Transfer {
         Some(Value::new(noise, noise * relative.max(0.0).sqrt()))
     }
 
-    /// Saturation, e⁻: where the brightest levels stand when they are saturated throughout (more
-    /// than half the samples at the white level, or a temporal variance below a tenth of what
-    /// their signal's shot noise would be).
+    /// Full well, e⁻: the signal of the brightest levels, where they are saturated throughout
+    /// (more than half of the samples at the white level, or a temporal variance below a tenth of
+    /// the shot noise of their signal).
     pub fn full_well(&self, flats: &[Level], channel: usize, white: f64) -> Option<Value> {
         let (plateau, whites) = self.plateau?;
         let (black, _) = self.dark.offset_and_rate();
@@ -178,13 +212,15 @@ impl Transfer {
         let brightest =
             top.map(|(f, _)| &f.channels[channel]).max_by(|a, b| a.mean().total_cmp(&b.mean()))?;
         let shot = self.gain.value * (brightest.mean() - black.value);
-        if whites <= 0.5 && brightest.temporal - self.dark_variance.value > 0.1 * shot {
+        if whites <= SATURATED_THROUGHOUT
+            && brightest.temporal - self.dark_variance.value > NO_SHOT_NOISE * shot
+        {
             return None;
         }
-        let level = if whites > 0.5 { white } else { plateau };
+        let level = if whites > SATURATED_THROUGHOUT { white } else { plateau };
         let signal = level - black.value;
         let signal = self.response.map_or(signal, |r| r.linearise(signal));
-        // The plateau of a fixed-pattern sensor is known to its scatter over the pixels.
+        // The plateau's error is that of a mean over pixels with different full wells.
         let error = (brightest.plane.measured / brightest.pixels()).sqrt().hypot(black.std_error);
         Some(Value::new(signal, error).over(self.gain))
     }
@@ -206,7 +242,7 @@ struct Data<'a> {
     used: &'a [bool],
 }
 
-/// What a fit of the variances gives.
+/// Result of a fit of the variances.
 struct VarianceFit {
     gain: Value,
     dark_variance: Value,
@@ -218,11 +254,11 @@ struct VarianceFit {
 }
 
 impl Data<'_> {
-    /// Weighted fit of darks and used flats to `V = K x g'² + V₀ + V₁ t`. The curve g that the
-    /// means gave enters as a datum with its error, so that the variances have their say where the
-    /// light was not steady (Gauss-Newton in the curve's quadratic coefficient). Sampling errors
-    /// are those of the fitted variances, not of the measured ones, which would pull the fit down;
-    /// they are widened to the scatter of the variances.
+    /// Weighted fit of darks and used flats to `V = K x g'² + V₀ + V₁ t`. The quadratic
+    /// coefficient of the curve g, fitted to the means, enters as a datum with its error, so that
+    /// the variances also determine it where the light was not steady (Gauss-Newton iteration).
+    /// Sampling errors are those of the fitted variances, as those of the measured ones would bias
+    /// the fit to low values; they are widened to the scatter of the variances.
     fn fit(&self, from_means: Option<Response>) -> Result<VarianceFit> {
         let levels: Vec<(Option<usize>, &Level)> = (self.darks.iter().map(|d| (None, d)))
             .chain(
@@ -267,10 +303,10 @@ impl Data<'_> {
                 *c = c.with_quadratic(Value::new(moved, error));
             }
             pass += 1;
-            if pass == 2 {
+            if pass == SCATTER_PASS {
                 scatter = lines.reduced_chi2();
             }
-            if pass == 5 {
+            if pass == PASSES {
                 let of =
                     |j: usize| Value::new(lines.coefficients[j], lines.covariance(j, j).sqrt());
                 return Ok(VarianceFit {
@@ -287,15 +323,16 @@ impl Data<'_> {
                 let terms = design[i].iter().zip(&lines.coefficients);
                 let model: f64 = terms.map(|(a, c)| a * c).sum();
                 let ratio = if measured[i] > 0.0 { model / measured[i] } else { 1.0 };
-                errors[i] = sampling[i] * ratio.clamp(0.5, 2.0);
+                errors[i] =
+                    sampling[i] * ratio.clamp(1.0 / LARGEST_REWEIGHTING, LARGEST_REWEIGHTING);
             }
         }
     }
 
-    /// Whether the brightest level's variance lies more than 3.5 standard errors below the fit to
-    /// the others (three or more): the first sign of the full-well knee.
+    /// Whether the variance of the brightest level lies more than 3.5 standard errors below the
+    /// fit to the others (three or more): the first sign of the full-well knee.
     fn below_the_rest(&self, top: usize, response: Option<Response>) -> Result<bool> {
-        if self.used.iter().filter(|u| **u).count() < 4 {
+        if self.used.iter().filter(|u| **u).count() < LEAST_TO_JUDGE {
             return Ok(false);
         }
         let mut others = self.used.to_vec();
@@ -309,7 +346,7 @@ impl Data<'_> {
         let mut model = 0.0;
         let mut variance = m.temporal_error.powi(2) * fit.reduced_chi2.max(1.0);
         for (i, a) in row.iter().enumerate() {
-            // The curve's shift is already in the abscissa.
+            // The abscissa includes the shift of the curve already.
             if fit.response.is_none() || i != 2 {
                 model += a * fit.lines.coefficients[i];
             }
@@ -317,18 +354,18 @@ impl Data<'_> {
                 variance += a * b * fit.lines.covariance(i, j);
             }
         }
-        Ok((m.temporal - model) / variance.sqrt() < -3.5)
+        Ok((m.temporal - model) / variance.sqrt() < -BELOW_FIT)
     }
 }
 
-/// Standard error of a level's temporal variance. A constant frame has no scatter; its variance is
-/// still known only as well as rounding lets one see.
+/// Standard error of a level's temporal variance, DN². A constant frame has no scatter; its
+/// variance is still uncertain by rounding.
 fn variance_error(m: &Moments) -> f64 {
     let samples = m.pixels() * m.frames as f64;
     m.temporal_error.max(QUANTISATION * (2.0 / samples).sqrt())
 }
 
-/// x g'(x)²: what multiplies K in the variance of a flat with signal `s`.
+/// x g'(x)², DN: the factor of K in the variance of a flat with signal `s` (DN).
 fn abscissa(s: f64, response: Option<&Response>) -> f64 {
     match response {
         Some(r) => {
@@ -339,10 +376,10 @@ fn abscissa(s: f64, response: Option<&Response>) -> f64 {
     }
 }
 
-/// d(x g'²)/dq, by a central difference wide enough for rounding and narrow enough for the curve.
+/// d(x g'²)/dq by a central difference, wide enough for rounding and narrow enough for the curve.
 fn abscissa_slope(s: f64, response: &Response) -> f64 {
     let q = response.quadratic.value;
-    let step = 1e-4 / s.abs().max(1.0);
+    let step = DERIVATIVE_STEP / s.abs().max(1.0);
     let at = |q: f64| abscissa(s, Some(&response.with_quadratic(Value::new(q, 0.0))));
     (at(q + step) - at(q - step)) / (2.0 * step)
 }

@@ -1,4 +1,4 @@
-//! A figure with its standard error.
+//! A measured value with its standard error.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 pub struct Value {
     /// The estimate.
     pub value: f64,
-    /// Its standard error, same unit.
+    /// Standard error of the estimate, in its unit.
     pub std_error: f64,
 }
 
@@ -17,8 +17,8 @@ impl Value {
         Self { value, std_error }
     }
 
-    /// Square root of a variance estimate `v`, and of its error to first order; `None` where the
-    /// estimate is not positive (a variance that drowns in its own error has no root).
+    /// Square root of a variance estimate `v`, with its error to first order; `None` where the
+    /// estimate is not positive, as one that is smaller than its error can be.
     pub fn sqrt(v: f64, std_error: f64) -> Option<Self> {
         (v > 0.0).then(|| Self::new(v.sqrt(), 0.5 * std_error / v.sqrt()))
     }
@@ -29,7 +29,7 @@ impl Value {
         Self::new(self.value * factor, self.std_error * factor.abs())
     }
 
-    /// The ratio of two independent estimates.
+    /// The ratio of two independent estimates, with its error to first order.
     #[must_use]
     pub fn over(self, other: Self) -> Self {
         let ratio = self.value / other.value;
@@ -37,7 +37,8 @@ impl Value {
         Self::new(ratio, (ratio * relative).abs())
     }
 
-    /// The mean of independent estimates of one quantity, weighted by inverse variance.
+    /// The mean of independent estimates of one quantity, weighted by inverse variance; `None`
+    /// without an estimate of positive error.
     pub fn combine(values: &[Self]) -> Option<Self> {
         let known: Vec<&Self> = values.iter().filter(|v| v.std_error > 0.0).collect();
         if known.is_empty() {

@@ -1,15 +1,15 @@
-//! The crosstalk fit: from rotation captures to the table of positional factors.
+//! Positional crosstalk: the table of factors from rotation captures.
 //!
-//! Per filter wavelength and channel, the mean signal of an 11 x 11 region around each point (Chen
-//! et al. 2009, section IV-C), each pixel less its own dark, per unit of irradiance on the sensor:
-//! where the captures give no irradiance, a beam of constant strength is assumed and its
-//! projection cos θ divided out (a lens's own fall-off has that factor already). A region's signal
-//! has an error of temporal noise and of its pixels' pattern of gains, 0.2 to 0.4 % with the
-//! paper's averages of 100 frames; what neighbouring points have in common lowers it (`surface`).
+//! For each filter wavelength and channel, the signal at a point is the mean over a region of 11 x
+//! 11 pixels around it (Chen et al. 2009, section IV-C), each pixel less its own dark, per unit of
+//! irradiance on the sensor. Where the captures give no irradiance, a beam of constant irradiance
+//! is assumed and divided by its projection cos θ (the fall-off of a lens includes that factor).
+//! The error of a region's signal, from temporal noise and PRNU, is 0.2 to 0.4 % with the paper's
+//! averages of 100 frames; a smooth surface through neighbouring points lowers it (`surface`).
 //! Factors are relative to the value at the sensor's centre.
 //!
-//! The experiment sees the low spatial frequencies only. Charge that couples into neighbours
-//! leaves these factors as they are; it shows as correlated noise in flats ([`super::coupling`]).
+//! The experiment measures low spatial frequencies only. Charge that couples into neighbours does
+//! not change these factors; it shows as correlated noise in flats ([`super::coupling`]).
 
 mod regions;
 mod surface;
@@ -21,9 +21,18 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role, Rotation, Scan};
 use serde::Serialize;
 
-/// The point that counts as the sensor's centre lies within this of it: factors vary by far less
-/// than their errors over a twentieth of the half width.
+/// Largest distance of the point that counts as the sensor's centre, in half widths: over a
+/// twentieth of the half width factors vary by far less than their errors.
 const CENTRE: f64 = 0.05;
+/// Smallest signal at the centre in standard errors. All factors are divided by it: below 5 their
+/// error would exceed 20 %.
+const CLEAR_SIGNAL: f64 = 5.0;
+/// χ² per sample from which a scan counts as inconsistent with the grid: with 30 samples,
+/// chance gives 2 once in a thousand scans.
+const INCONSISTENT_CHI2: f64 = 2.0;
+/// Smallest rms difference of a scan and the grid, per cent, that is worth a note: about the error
+/// of one region's signal.
+const INCONSISTENT_PERCENT: f64 = 0.5;
 
 /// One node of the table.
 #[derive(Clone, Debug, Serialize)]
@@ -32,40 +41,42 @@ pub struct Node {
     pub channel: String,
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// Position, -1..1 over the half width.
+    /// Position, -1 to 1 over the half width.
     pub x: f64,
-    /// Position, -1..1 over the half height.
+    /// Position, -1 to 1 over the half height.
     pub y: f64,
     /// Signal relative to the centre.
     pub factor: Value,
-    /// Whether no capture had this node and the surface of the others stands in.
+    /// Whether no capture has this node, so that its factor comes from the surface through the
+    /// others.
     pub interpolated: bool,
 }
 
-/// How an axis scan agrees with the table of the grid.
+/// Agreement of an axis scan with the table of the grid.
 #[derive(Clone, Debug, Serialize)]
 pub struct Consistency {
     /// The scan.
     pub scan: &'static str,
-    /// Samples.
+    /// Number of samples.
     pub samples: usize,
-    /// Root mean square of scan less table, per cent of the centre.
+    /// Root mean square of scan minus table, per cent of the centre.
     pub rms_percent: f64,
     /// χ² per sample: 1 for agreement within the stated errors.
     pub chi2_per_sample: f64,
 }
 
-/// The outcome.
+/// Result of the fit.
 #[derive(Clone, Debug, Serialize)]
 pub struct Crosstalk {
-    /// The table: every channel, wavelength and node, in that order, rows before columns.
+    /// The table: every channel, wavelength and node, in that order, row by row.
     pub nodes: Vec<Node>,
-    /// Axis scans against the table.
+    /// Agreement of axis scans with the table.
     pub consistency: Vec<Consistency>,
-    /// What a reader must know.
+    /// Remarks for the reader, such as interpolated nodes.
     pub notes: Vec<String>,
 }
 
+/// Signal of one region, DN per second and unit of irradiance.
 struct Sample {
     wavelength: f64,
     channel: usize,
@@ -163,7 +174,7 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
         })
         .collect();
     for c in &consistency {
-        if c.chi2_per_sample > 2.0 && c.rms_percent > 0.5 {
+        if c.chi2_per_sample > INCONSISTENT_CHI2 && c.rms_percent > INCONSISTENT_PERCENT {
             notes.push(format!(
                 "the {} scan does not agree with the grid ({:.2} % rms, χ² per sample {:.1}): the \
                  light or the alignment changed between them, or the grid is too coarse",
@@ -174,7 +185,8 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
     Ok(Crosstalk { nodes: table, consistency, notes })
 }
 
-/// The table as CSV (files.md, section 4), with the standard error as a further column.
+/// The table as CSV in the format of a camera file's `crosstalk` key, with the standard error as
+/// an additional column.
 pub fn to_csv(result: &Crosstalk) -> String {
     let mut out = String::from("channel,wavelength_nm,x,y,factor,std_error\n");
     for n in &result.nodes {
@@ -206,7 +218,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// Of the grid's samples; `others` may stand in for a centre that the grid has not.
+    /// The grid of its samples; the centre may come from `others` where the grid has none.
     fn of(grid: &[&Sample], others: &[&Sample]) -> Result<Self> {
         let mut points: Vec<(f64, f64, Vec<Value>)> = Vec::new();
         for s in grid {
@@ -231,7 +243,7 @@ impl Grid {
         Ok(Self { xs, ys, points, surface, centre })
     }
 
-    /// The full rectangle of nodes.
+    /// The complete rectangle of nodes.
     fn nodes(&self, channel: &str, nm: f64) -> Vec<Node> {
         let mut nodes = Vec::with_capacity(self.xs.len() * self.ys.len());
         for &y in &self.ys {
@@ -263,7 +275,7 @@ fn same(a: f64, b: f64) -> bool {
     (a - b).abs() < SAME
 }
 
-/// The sample nearest to the sensor's centre: the grid's own, an axis scan's where the grid has
+/// The sample nearest to the sensor's centre: of the grid, or of an axis scan where the grid has
 /// none.
 fn centre_of<'a>(grid: &[&'a Sample], others: &[&'a Sample]) -> Result<&'a Sample> {
     let off = |s: &Sample| s.rotation.x.hypot(s.rotation.y);
@@ -272,7 +284,7 @@ fn centre_of<'a>(grid: &[&'a Sample], others: &[&'a Sample]) -> Result<&'a Sampl
         near.min_by(|a, b| off(a).total_cmp(&off(b)))
     };
     match nearest(grid).or_else(|| nearest(others)) {
-        Some(s) if s.signal.value > 5.0 * s.signal.std_error => Ok(s),
+        Some(s) if s.signal.value > CLEAR_SIGNAL * s.signal.std_error => Ok(s),
         Some(_) => Err(Error::input("no signal above black at the centre")
             .help("raise the light or the exposure for this filter")),
         None => Err(Error::input("no capture of the sensor's centre")

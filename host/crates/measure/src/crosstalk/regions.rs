@@ -1,4 +1,4 @@
-//! The regions of 11 x 11 pixels that the experiment reads.
+//! Signals of the regions of 11 x 11 pixels that the experiment reads.
 
 use crate::Value;
 use crate::rounding::QUANTISATION;
@@ -6,27 +6,28 @@ use crate::stack::Stack;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role, Rotation};
 
-/// Side of a region, pixels.
+/// Side of a region, pixels (Chen et al. 2009, section IV-C).
 const REGION: usize = 11;
 
-/// Positions closer than this are one.
+/// Positions and wavelengths that differ by less than this are the same: the rounding of decimals
+/// in a manifest.
 pub const SAME: f64 = 1e-6;
 
-/// Mean of a pixel over the frames and the variance of that mean, for every pixel of a region.
+/// Mean over the frames, DN, and variance of that mean, DN², of every pixel of a region.
 type Pixels = Vec<(f64, f64)>;
 
-/// What the sensor gives in the dark.
+/// The dark signal of the sensor.
 pub enum Black {
-    /// Windows at the points, each with its dark.
+    /// Windows at the points, each with its own dark.
     Windows(Vec<(Rotation, Pixels)>),
-    /// The whole sensor.
+    /// A dark of the whole sensor.
     Frame(Stack),
-    /// Per channel.
+    /// One level per channel.
     Level(Vec<Value>),
 }
 
 impl Black {
-    /// Every pixel's own dark where the set has it, else the mean of a dark, else the nominal
+    /// The dark of every pixel where the set has it, else the mean of a dark, else the nominal
     /// level.
     ///
     /// # Errors
@@ -63,7 +64,7 @@ impl Black {
         }
     }
 
-    /// The dark of a region's pixels, and the error that all of a channel's have in common.
+    /// The dark of a region's pixels, and the error common to all pixels of each channel.
     fn under(&self, set: &CaptureSet, rotation: &Rotation) -> Result<(Pixels, Vec<f64>)> {
         let cfa = set.cfa();
         let channels = cfa.channels().len();
@@ -95,8 +96,8 @@ impl Black {
     }
 }
 
-/// Mean above black of every channel over the region of a capture, and the error of it: temporal
-/// noise, and the scatter that is left between pixels, the pattern of their gains.
+/// Mean above black of every channel over the region of a capture, DN. Its error includes temporal
+/// noise and PRNU, from the scatter between the pixels.
 ///
 /// # Errors
 /// Frames smaller than a region, a saturated region, no dark for it.
@@ -118,7 +119,7 @@ pub fn signals(
             .collect();
         let n = of.len() as f64;
         let mean = of.iter().map(|p| p.0).sum::<f64>() / n;
-        // The scatter of the pixels' means has pattern and temporal noise both.
+        // The scatter of the pixels' means contains PRNU and temporal noise.
         let scatter = of.iter().map(|p| (p.0 - mean).powi(2)).sum::<f64>() / (n - 1.0);
         let temporal = of.iter().map(|p| p.1).sum::<f64>() / n;
         Value::new(mean, (scatter.max(temporal) / n).sqrt().hypot(common[channel]))
@@ -126,7 +127,7 @@ pub fn signals(
     Ok((0..common.len()).map(of_channel).collect())
 }
 
-/// Top left pixel of the region of a point.
+/// Top-left pixel of the region of a point.
 fn corner(set: &CaptureSet, rotation: &Rotation) -> (usize, usize) {
     let start = |u: f64, side: usize| {
         let middle = if rotation.window { 0.5 } else { 0.5 * (u + 1.0) };
@@ -136,7 +137,7 @@ fn corner(set: &CaptureSet, rotation: &Rotation) -> (usize, usize) {
     (start(rotation.x, set.sensor.width), start(rotation.y, set.sensor.height))
 }
 
-/// The pixels of the region with its top left at a place.
+/// The pixels of the region with its top-left pixel at some position.
 fn pixels(set: &CaptureSet, capture: &Capture, (left, top): (usize, usize)) -> Result<Pixels> {
     let (width, height) = (set.sensor.width, set.sensor.height);
     if width < REGION || height < REGION {
@@ -156,6 +157,7 @@ fn pixels(set: &CaptureSet, capture: &Capture, (left, top): (usize, usize)) -> R
         }
         Ok(())
     })?;
+    // The share of `SATURATED_SHARE`, in integers.
     if saturated * 1000 > frames * REGION * REGION {
         return Err(Error::input("the region is saturated")
             .help("factors of saturated signals mean nothing: lower the light"));
@@ -164,7 +166,7 @@ fn pixels(set: &CaptureSet, capture: &Capture, (left, top): (usize, usize)) -> R
     let of = |&(sum, square): &(f64, f64)| {
         let mean = sum / l;
         let variance = (square / l - mean * mean).max(0.0) / (l - 1.0).max(1.0);
-        // Constant samples are known to their rounding.
+        // The mean of constant samples is uncertain by their rounding.
         (mean, variance.max(QUANTISATION / l))
     };
     Ok(sums.iter().map(of).collect())

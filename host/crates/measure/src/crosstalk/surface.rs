@@ -1,24 +1,27 @@
-//! A table's nodes as a smooth surface and what each node departs from it.
+//! The nodes of a table as a smooth surface and a departure of each node from it.
 //!
-//! What is measured at node i is `y = p(x, y) · β + u + e`: a polynomial of the position, the
-//! node's departure u of a variance ω² common to all, and the measurement's error e of known
-//! variance σ². The angular response of pixels is smooth, so that a node's neighbours tell about
-//! it; how far, the measured nodes themselves say: ω² is chosen such that the residuals have the
-//! size they should have (Paule and Mandel, *Consensus values and weighting factors*, J. Res. NBS
-//! 87, 1982). A node then is estimated by the best linear unbiased prediction: the surface, and of
-//! the node's own residual the share `ω²/(ω² + σ²)` (Robinson, *That BLUP is a good thing*, Stat.
-//! Sci. 6, 1991). On a table that is no smooth surface ω outgrows σ, and nodes keep what was
-//! measured there.
+//! The measured value at node i is `y = p(x, y) · β + u + e`: a polynomial of the position, the
+//! node's departure u, whose variance ω² is the same for all nodes, and the measurement's error e
+//! of known variance σ². The angular response of pixels is smooth, so neighbouring nodes carry
+//! information about a node; ω² says how much. It is chosen so that χ² per degree of freedom is 1
+//! (Paule and Mandel, *Consensus values and weighting factors*, J. Res. NBS 87, 1982). A node is
+//! then estimated by the best linear unbiased prediction: the surface plus the share `ω²/(ω² +
+//! σ²)` of the node's own residual (Robinson, *That BLUP is a good thing*, Stat. Sci. 6, 1991).
+//! Where a table is not a smooth surface, ω is much larger than σ, and nodes keep their measured
+//! values.
 
 use crate::Value;
 use crate::fit::Fit;
 use camrig_base::Result;
 
-/// Largest degree of the polynomial. A fourth power of the cosine, over 36° to the corner, leaves
-/// 0.005 % beyond the sixth degree, but 0.15 % beyond the fourth.
+/// Largest degree of the polynomial. A polynomial of degree six fits cos⁴ up to 36° at the corner
+/// to 0.005 %, one of degree four only to 0.15 %.
 const DEGREE: usize = 6;
 
-/// A place where something was measured, and what.
+/// Bisection steps for ω²: 30 halve its range to 1e-9 of it.
+const BISECTIONS: usize = 30;
+
+/// Position x, y and the value measured there.
 pub type Point = (f64, f64, Value);
 
 /// The surface of one channel and wavelength.
@@ -29,23 +32,23 @@ pub struct Surface {
     departure: f64,
 }
 
-/// What is known of one place: a value that is a known mixture of the surface and the place's own
-/// measurement.
+/// Estimate at one position: a weighted mean of the surface and of the measurement there.
 pub struct Estimate {
-    /// Where.
+    /// Position, -1 to 1 over the half width.
     pub x: f64,
-    /// Where.
+    /// Position, -1 to 1 over the half height.
     pub y: f64,
-    /// The value.
+    /// The estimate.
     pub value: f64,
-    /// The surface's terms here, times its share in the value.
+    /// The polynomial's terms at the position, times the weight of the surface.
     terms: Vec<f64>,
-    /// Variance that this place shares with no other.
+    /// Variance that is independent of all other positions.
     own: f64,
 }
 
 impl Surface {
-    /// Of at least one point; the degree falls to what the points can carry.
+    /// Fits a surface to at least one point; the degree is lowered until there are two points per
+    /// coefficient.
     ///
     /// # Errors
     /// Points without a positive error.
@@ -60,7 +63,7 @@ impl Surface {
                 points.iter().map(|p| p.2.std_error.hypot(departure.sqrt())).collect();
             Fit::new(&design(degree), &values, &errors)
         };
-        // Points on few lines do not determine every term.
+        // Points on few lines do not determine all terms.
         while degree > 0 && at(degree, 0.0).is_err() {
             degree -= 1;
         }
@@ -70,7 +73,7 @@ impl Surface {
             let errors = points.iter().map(|p| p.2.std_error.powi(2));
             let mut low = 0.0;
             let mut high = fit.reduced_chi2() * errors.fold(0.0, f64::max);
-            for _ in 0..30 {
+            for _ in 0..BISECTIONS {
                 departure = 0.5 * (low + high);
                 fit = at(degree, departure)?;
                 if fit.reduced_chi2() > 1.0 { low = departure } else { high = departure }
@@ -79,7 +82,7 @@ impl Surface {
         Ok(Self { degree, fit, departure })
     }
 
-    /// The estimate where something was measured.
+    /// The estimate at a measured point.
     pub fn at_point(&self, point: &Point) -> Estimate {
         let (x, y, measured) = *point;
         let noise = measured.std_error.powi(2);
@@ -91,7 +94,7 @@ impl Surface {
         estimate
     }
 
-    /// The estimate where nothing was measured.
+    /// The estimate at a position without a measurement.
     pub fn anywhere(&self, x: f64, y: f64) -> Estimate {
         let terms = terms(self.degree, x, y);
         let value = terms.iter().zip(&self.fit.coefficients).map(|(t, c)| t * c).sum();
@@ -103,7 +106,7 @@ impl Surface {
         (self.covariance(a, a) + a.own).sqrt()
     }
 
-    /// The ratio of the estimates of two different places, and its error.
+    /// The ratio of the estimates at two different positions, with its error.
     pub fn ratio(&self, a: &Estimate, b: &Estimate) -> Value {
         let ratio = a.value / b.value;
         let relative = (self.covariance(a, a) + a.own) / a.value.powi(2)
@@ -123,7 +126,7 @@ impl Surface {
     }
 }
 
-/// The terms of a polynomial of this degree.
+/// The terms of a polynomial in x and y of some degree.
 fn terms(degree: usize, x: f64, y: f64) -> Vec<f64> {
     let mut out = Vec::new();
     for total in 0..=degree as i32 {

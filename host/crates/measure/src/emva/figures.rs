@@ -1,4 +1,4 @@
-//! The figures by their names in the standard.
+//! The figures of EMVA 1288 by their names in the standard.
 
 use crate::spectrogram::{Histogram, Spectrogram};
 use serde::Serialize;
@@ -6,87 +6,89 @@ use serde::Serialize;
 /// The standard's figures of one channel; `None` where the captures do not determine one.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Figures {
-    /// η, electrons per photon (0..1).
+    /// Quantum efficiency η, electrons per photon (0 to 1).
     pub quantum_efficiency: Option<f64>,
-    /// K, DN/e⁻.
+    /// System gain K, DN/e⁻.
     pub overall_system_gain: f64,
-    /// R, DN per photon.
+    /// Responsivity R, DN per photon.
     pub responsivity_dn_per_photon: Option<f64>,
-    /// σ_y.dark, DN.
+    /// Temporal dark noise σ_y.dark, DN.
     pub temporal_dark_noise_dn: f64,
-    /// σ_d, e⁻; `None` where quantisation hides it.
+    /// Temporal dark noise σ_d, e⁻; `None` where quantisation hides it.
     pub temporal_dark_noise_e: Option<f64>,
-    /// μ_p.min, photons.
+    /// Absolute sensitivity threshold μ_p.min, photons.
     pub absolute_sensitivity_threshold_p: Option<f64>,
-    /// μ_e.min, e⁻.
+    /// Absolute sensitivity threshold μ_e.min, e⁻.
     pub absolute_sensitivity_threshold_e: f64,
-    /// μ_p.sat, photons.
+    /// Saturation capacity μ_p.sat, photons.
     pub saturation_capacity_p: Option<f64>,
-    /// μ_e.sat, e⁻.
+    /// Saturation capacity μ_e.sat, e⁻.
     pub saturation_capacity_e: f64,
-    /// SNR at saturation.
+    /// Signal-to-noise ratio at saturation.
     pub snr_max: f64,
-    /// The same in dB.
+    /// Signal-to-noise ratio at saturation, dB.
     pub snr_max_db: f64,
-    /// The same in bits.
+    /// Signal-to-noise ratio at saturation, bits.
     pub snr_max_bit: f64,
-    /// Saturation over threshold.
+    /// Dynamic range: saturation capacity over absolute sensitivity threshold.
     pub dynamic_range: f64,
-    /// The same in dB.
+    /// Dynamic range, dB.
     pub dynamic_range_db: f64,
-    /// The same in bits.
+    /// Dynamic range, bits.
     pub dynamic_range_bit: f64,
     /// DSNU1288, e⁻.
     pub dsnu_1288_e: Option<f64>,
-    /// Its row part, e⁻.
+    /// Row part of DSNU1288, e⁻.
     pub dsnu_1288_row_e: Option<f64>,
-    /// Its column part, e⁻.
+    /// Column part of DSNU1288, e⁻.
     pub dsnu_1288_column_e: Option<f64>,
-    /// Its pixel part, e⁻.
+    /// Pixel part of DSNU1288, e⁻.
     pub dsnu_1288_pixel_e: Option<f64>,
     /// PRNU1288, per cent.
     pub prnu_1288_percent: Option<f64>,
-    /// Its row part, per cent.
+    /// Row part of PRNU1288, per cent.
     pub prnu_1288_row_percent: Option<f64>,
-    /// Its column part, per cent.
+    /// Column part of PRNU1288, per cent.
     pub prnu_1288_column_percent: Option<f64>,
-    /// Its pixel part, per cent.
+    /// Pixel part of PRNU1288, per cent.
     pub prnu_1288_pixel_percent: Option<f64>,
-    /// LE: mean of the absolute deviations from the line, 5 to 95 % of saturation, per cent.
+    /// Linearity error LE: mean absolute deviation from the line between 5 and 95 % of saturation,
+    /// per cent.
     pub linearity_error_percent: Option<f64>,
-    /// Most negative deviation, per cent.
+    /// Most negative deviation from the line, per cent.
     pub linearity_error_min_percent: Option<f64>,
-    /// Most positive deviation, per cent.
+    /// Most positive deviation from the line, per cent.
     pub linearity_error_max_percent: Option<f64>,
-    /// μ_I.mean, e⁻/s.
+    /// Dark current from the mean, μ_I.mean, e⁻/s.
     pub dark_current_mean_e_per_s: Option<f64>,
-    /// μ_I.var, e⁻/s.
+    /// Dark current from the variance, μ_I.var, e⁻/s.
     pub dark_current_variance_e_per_s: Option<f64>,
-    /// Doubling temperature interval, °C.
+    /// Temperature interval that doubles the dark current, °C.
     pub dark_current_doubling_c: Option<f64>,
-    /// K at small signals with the response's curvature taken into account, DN/e⁻ (not part of the
+    /// K at small signals, corrected for the curvature of the response, DN/e⁻ (not part of the
     /// standard).
     pub linearised_system_gain: Option<f64>,
 }
 
-/// Standard errors of the main figures from the sampling errors of variances and means.
+/// Standard errors of the main figures, from the sampling errors of variances and means, in the
+/// figures' units.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct StdErrors {
-    /// Of K.
+    /// Standard error of K.
     pub overall_system_gain: f64,
-    /// Of η (that of K, which outweighs the responsivity's).
+    /// Standard error of η (that of K, which exceeds that of the responsivity by far).
     pub quantum_efficiency: Option<f64>,
-    /// Of σ_d.
+    /// Standard error of σ_d.
     pub temporal_dark_noise_e: Option<f64>,
-    /// Of DSNU1288.
+    /// Standard error of DSNU1288.
     pub dsnu_1288_e: Option<f64>,
-    /// Of PRNU1288.
+    /// Standard error of PRNU1288.
     pub prnu_1288_percent: Option<f64>,
-    /// Of the linearised K.
+    /// Standard error of the linearised K.
     pub linearised_system_gain: Option<f64>,
 }
 
-/// One channel's outcome.
+/// Result for one channel.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelEmva {
     /// The channel's letter, lower case (`m` for mono).
@@ -95,9 +97,9 @@ pub struct ChannelEmva {
     /// The figures.
     #[serde(flatten)]
     pub figures: Figures,
-    /// Their errors.
+    /// Standard errors of the figures.
     pub std_errors: StdErrors,
-    /// Levels: photons, signal DN, variance DN² (both above dark), deviation from the line %.
+    /// Light levels in rising order.
     pub levels: Vec<LevelRow>,
     /// Dark stacks at the flats' temperature.
     pub darks: Vec<DarkRow>,
@@ -111,10 +113,10 @@ pub struct ChannelEmva {
     pub histogram_prnu: Option<Histogram>,
 }
 
-/// One level of the ladder.
+/// One light level.
 #[derive(Clone, Debug, Serialize)]
 pub struct LevelRow {
-    /// Capture.
+    /// Id of the capture.
     pub id: String,
     /// Photons per pixel.
     pub photons: Option<f64>,

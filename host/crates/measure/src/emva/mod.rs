@@ -1,18 +1,18 @@
 //! EMVA Standard 1288, release 4.0 linear, from a capture set.
 //!
-//! The standard's model is a linear camera: K and the dark noise describe all of the temporal
-//! noise but photons' shot noise and quantisation. Figures here follow the standard's own
-//! estimators (unweighted fits over its ranges), so that they can be laid beside a data sheet;
-//! [`Checked::warnings`] says where the sensor breaks the standard's assumptions, and what the
-//! photon transfer without them ([`super::transfer`]) finds.
+//! The standard's model is a linear camera: the temporal noise is shot noise, dark noise and
+//! quantisation, scaled by K. The figures follow the standard's own estimators (unweighted fits
+//! over its ranges), so that they are comparable with data sheets; [`Checked::warnings`] says
+//! where the sensor does not meet the standard's assumptions, and what the photon transfer without
+//! them ([`super::transfer`]) gives.
 //!
-//! Where the standard (release 4.0 linear) has what: noise model 2.4, SNR 2.6, threshold eq. 27,
-//! dark current 3, two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and
-//! 8; rows, columns and pixels apart as in its reference implementation, the package `emva1288`.
+//! Sections of the standard (release 4.0 linear): noise model 2.4, SNR 2.6, threshold eq. 27, dark
+//! current 3, two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and 8;
+//! rows, columns and pixels are split as in its reference implementation, the package `emva1288`.
 //!
-//! Choice of captures: all flats of the gain and light with most levels make the ladder, except
-//! the pair of longest stacks nearest to half saturation (flat, and dark of that exposure), which
-//! give the spatial figures, when five or more levels remain without it.
+//! Choice of captures: all flats of the gain and light with most levels are the light levels. The
+//! longest flat stack nearest to half saturation and a dark stack of its exposure give the spatial
+//! figures; with more than five levels that flat is not a light level as well.
 
 mod figures;
 mod spatial;
@@ -22,7 +22,7 @@ pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow, StdErrors};
 
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
-use super::dark::{self, DarkLine};
+use super::dark::{self, DarkLine, SAME_EXPOSURE};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
 use super::ptc::QUANTISATION_LIMITED;
@@ -32,16 +32,31 @@ use super::transfer::{Knee, Transfer};
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 
-/// The outcome, with what a reader must know.
+/// Upper end of the photon transfer's range over saturation (section 6.6).
+const TRANSFER_RANGE: f64 = 0.7;
+/// Range of the linearity fit over saturation (section 6.7).
+const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
+/// Largest temporal dark noise that quantisation can hide, DN (eq. 54: 0.40 DN at a variance below
+/// 0.24 DN²).
+const HIDDEN_NOISE_DN: f64 = 0.40;
+/// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
+/// standard requires 50, which a warning says.
+const LEAST_LEVELS: usize = 3;
+/// Light levels with which the flat of the spatial figures stays one of them.
+const FEW_LEVELS: usize = 5;
+/// Fewest exposure times of darks for a line (the standard requires six for dark current).
+const DARK_EXPOSURES: usize = 3;
+
+/// Result of the measurement.
 #[derive(Clone, Debug)]
 pub struct Checked {
-    /// Per channel.
+    /// Figures of each channel.
     pub channels: Vec<ChannelEmva>,
-    /// The standard's assumptions that these captures break, and its demands they do not meet.
+    /// The standard's assumptions and requirements that these captures do not meet.
     pub warnings: Vec<String>,
 }
 
-/// Measures a set.
+/// Measures a capture set.
 ///
 /// # Errors
 /// Darks or flats missing, single frames, fewer than three levels, a black level that the darks
@@ -67,12 +82,12 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     }
     let pair = SpatialPair::choose(&darks, &flats);
     let in_ladder = |id: &str| match &pair {
-        Some(p) if flats.len() > 5 => id != p.flat_id,
+        Some(p) if flats.len() > FEW_LEVELS => id != p.flat_id,
         _ => true,
     };
     let levels: Vec<Level> =
         flats.iter().filter(|(_, l)| in_ladder(&l.id)).map(|f| f.1.clone()).collect();
-    if levels.len() < 3 {
+    if levels.len() < LEAST_LEVELS {
         return Err(Error::input(format!("{} flat levels", levels.len()))
             .help("the standard asks for 50, from dark to saturation; three are the least"));
     }
@@ -102,15 +117,15 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     Ok(Checked { channels, warnings })
 }
 
-/// Stacks on their way to levels, of which the longest is kept: most often it is the one for the
-/// spatial figures.
+/// Reads stacks as levels and keeps the longest one, as it is usually the stack of the spatial
+/// figures.
 #[derive(Default)]
 struct Longest(Option<(String, Stack)>);
 
 impl Longest {
     fn read(&mut self, set: &CaptureSet, captures: &[&Capture]) -> Result<Vec<Level>> {
         let level = |&capture: &&Capture| {
-            // Two frames are a level of the ladder; one file may hold many.
+            // Two files are two frames, a level without spatial figures; one file may hold many.
             if capture.files.len() == 2 {
                 return Ok(Level::new(set, capture, &Stack::read_moments(set, capture)?));
             }
@@ -132,7 +147,7 @@ impl Longest {
     }
 }
 
-/// The level with the largest temporal variance: saturation in the standard's sense.
+/// Index of the level with the largest temporal variance: saturation as the standard defines it.
 fn saturation_index(levels: &[&Level], channel: usize) -> usize {
     let variance = |i: usize| levels[i].channels[channel].temporal;
     (0..levels.len()).max_by(|&a, &b| variance(a).total_cmp(&variance(b))).unwrap_or(0)
@@ -144,6 +159,126 @@ fn slope_through_zero(x: &[f64], y: &[f64]) -> f64 {
     xy / x.iter().map(|x| x * x).sum::<f64>()
 }
 
+/// The light levels of one channel, in rising order of light.
+struct Steps<'a> {
+    levels: &'a [Level],
+    channel: usize,
+    /// Mean above dark, DN.
+    signal: Vec<f64>,
+    /// Temporal variance above dark, DN².
+    variance: Vec<f64>,
+    /// Photons per pixel, where every level has them.
+    photons: Option<Vec<f64>>,
+    /// Dark variance over exposure time.
+    dark: VarianceLine,
+    /// Index of the saturated level.
+    saturation: usize,
+    /// Index of the last level in the range of the photon transfer.
+    last: usize,
+}
+
+impl<'a> Steps<'a> {
+    fn of(darks: &[Level], levels: &'a [Level], c: usize) -> Result<Self> {
+        let mean = DarkLine::of(darks, c);
+        let dark = VarianceLine::of(darks, c);
+        let signal: Vec<f64> = levels
+            .iter()
+            .map(|l| l.channels[c].mean() - mean.mean_at(l.exposure_s).value)
+            .collect();
+        let variance: Vec<f64> =
+            levels.iter().map(|l| l.channels[c].temporal - dark.at(l.exposure_s)).collect();
+        let photons: Option<Vec<f64>> = levels.iter().map(|l| l.photons).collect();
+        let saturation = saturation_index(&levels.iter().collect::<Vec<_>>(), c);
+        let upper = TRANSFER_RANGE * signal[saturation];
+        let last = (0..levels.len()).rev().find(|&i| i <= saturation && signal[i] <= upper);
+        let Some(last) = last.filter(|&i| i >= 1) else {
+            return Err(Error::input("fewer than two levels below 70 % of saturation")
+                .help("add flats between dark and saturation"));
+        };
+        Ok(Self { levels, channel: c, signal, variance, photons, dark, saturation, last })
+    }
+
+    /// K and its standard error, DN/e⁻.
+    fn gain(&self) -> Result<(f64, f64)> {
+        let signal = &self.signal[..=self.last];
+        let k = slope_through_zero(signal, &self.variance[..=self.last]);
+        if k.is_nan() || k <= 0.0 {
+            return Err(Error::input(format!(
+                "the variance does not grow with the signal (K = {k})"
+            ))
+            .help("check that flats and darks are raw frames of one analog gain"));
+        }
+        let errors =
+            self.levels[..=self.last].iter().map(|l| l.channels[self.channel].temporal_error);
+        let sum: f64 = errors.zip(signal).map(|(e, s)| (e * s).powi(2)).sum();
+        Ok((k, sum.sqrt() / signal.iter().map(|s| s * s).sum::<f64>()))
+    }
+
+    /// The figures that follow from signals, variances and photons for a gain of `k`.
+    fn figures(&self, k: f64) -> Figures {
+        let photons = self.photons.as_ref();
+        let responsivity =
+            photons.map(|p| slope_through_zero(&p[..=self.last], &self.signal[..=self.last]));
+        let efficiency = responsivity.map(|r| r / k);
+        let dark_dn2 = self.dark.at_zero.max(QUANTISATION_LIMITED);
+        let hidden = self.dark.at_zero < QUANTISATION_LIMITED;
+        // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases left out the ¼).
+        let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
+        let saturation_p = photons.map(|p| p[self.saturation]);
+        let saturation_e = match (efficiency, saturation_p) {
+            (Some(eta), Some(p)) => eta * p,
+            _ => self.signal[self.saturation] / k,
+        };
+        let snr = saturation_e.sqrt();
+        let range = saturation_e / threshold_e;
+        Figures {
+            quantum_efficiency: efficiency,
+            overall_system_gain: k,
+            responsivity_dn_per_photon: responsivity,
+            temporal_dark_noise_dn: dark_dn2.sqrt(),
+            temporal_dark_noise_e: (!hidden).then(|| (dark_dn2 - QUANTISATION).sqrt() / k),
+            absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold_e / eta),
+            absolute_sensitivity_threshold_e: threshold_e,
+            saturation_capacity_p: saturation_p,
+            saturation_capacity_e: saturation_e,
+            snr_max: snr,
+            snr_max_db: 20.0 * snr.log10(),
+            snr_max_bit: snr.log2(),
+            dynamic_range: range,
+            dynamic_range_db: 20.0 * range.log10(),
+            dynamic_range_bit: range.log2(),
+            ..Figures::default()
+        }
+    }
+
+    /// Deviation of every level from the straight line, per cent; fills in the linearity errors.
+    fn linearity(&self, figures: &mut Figures) -> Option<Vec<f64>> {
+        let deviations = linearity(self.photons.as_ref()?, &self.signal, self.saturation)?;
+        let inside: Vec<f64> = deviations.iter().filter(|d| d.1).map(|d| d.0).collect();
+        if !inside.is_empty() {
+            let absolute = inside.iter().map(|d| d.abs()).sum::<f64>();
+            figures.linearity_error_percent = Some(absolute / inside.len() as f64);
+            figures.linearity_error_min_percent =
+                Some(inside.iter().copied().fold(f64::MAX, f64::min));
+            figures.linearity_error_max_percent =
+                Some(inside.iter().copied().fold(f64::MIN, f64::max));
+        }
+        Some(deviations.into_iter().map(|d| d.0).collect())
+    }
+
+    /// Dark current of a gain of `k` from the means and from the variances of the darks, e⁻/s.
+    fn dark_current(&self, darks: &[Level], k: f64) -> (Option<f64>, Option<f64>) {
+        let exposures: Vec<f64> = darks.iter().map(|d| d.exposure_s).collect();
+        if distinct(&exposures) < DARK_EXPOSURES {
+            return (None, None);
+        }
+        let means: Vec<f64> = darks.iter().map(|d| d.channels[self.channel].mean()).collect();
+        let variance = self.dark.slope.map(|s| s / (k * k)).filter(|v| *v >= 0.0);
+        (line(&exposures, &means).map(|l| l.1 / k), variance)
+    }
+}
+
+/// The figures of one channel that come from light levels and darks.
 fn ladder_figures(
     set: &CaptureSet,
     darks: &[Level],
@@ -152,121 +287,47 @@ fn ladder_figures(
     name: &str,
     warnings: &mut Vec<String>,
 ) -> Result<ChannelEmva> {
-    let dark = DarkLine::of(darks, c);
-    let dark_variance = VarianceLine::of(darks, c);
-    let signal: Vec<f64> =
-        levels.iter().map(|l| l.channels[c].mean() - dark.mean_at(l.exposure_s).value).collect();
-    let variance: Vec<f64> =
-        levels.iter().map(|l| l.channels[c].temporal - dark_variance.at(l.exposure_s)).collect();
-    let photons: Option<Vec<f64>> = levels.iter().map(|l| l.photons).collect();
-    let saturation = saturation_index(&levels.iter().collect::<Vec<_>>(), c);
-    if saturation + 1 == levels.len() {
+    let steps = Steps::of(darks, levels, c)?;
+    if steps.saturation + 1 == levels.len() {
         warnings.push(format!(
             "channel {name}: saturation was not reached: capacity, SNR and dynamic range are \
              lower limits"
         ));
     }
-    let upper = 0.7 * signal[saturation];
-    let last = (0..levels.len()).rev().find(|&i| i <= saturation && signal[i] <= upper);
-    let Some(last) = last.filter(|&i| i >= 1) else {
-        return Err(Error::input("fewer than two levels below 70 % of saturation")
-            .help("add flats between dark and saturation"));
-    };
-    let range = ..=last;
-    let k = slope_through_zero(&signal[range], &variance[range]);
-    if k.is_nan() || k <= 0.0 {
-        return Err(Error::input(format!("the variance does not grow with the signal (K = {k})"))
-            .help("check that flats and darks are raw frames of one analog gain"));
-    }
-    let k_error = {
-        let moments = levels[range].iter().map(|l| l.channels[c].temporal_error);
-        let sum: f64 = moments.zip(&signal[range]).map(|(e, s)| (e * s).powi(2)).sum();
-        sum.sqrt() / signal[range].iter().map(|s| s * s).sum::<f64>()
-    };
-    let responsivity = photons.as_ref().map(|p| slope_through_zero(&p[range], &signal[range]));
-    let efficiency = responsivity.map(|r| r / k);
-
-    let dark_dn2 = dark_variance.at_zero().max(QUANTISATION_LIMITED);
-    let dark_dn = dark_dn2.sqrt();
-    let hidden = dark_variance.at_zero() < QUANTISATION_LIMITED;
-    if hidden {
+    let (k, k_error) = steps.gain()?;
+    let mut figures = steps.figures(k);
+    if figures.temporal_dark_noise_e.is_none() {
         warnings.push(format!(
             "channel {name}: the dark variance ({:.3} DN²) is below 0.24 DN²: quantisation hides \
              the dark noise, whose upper limit is {:.2} e⁻",
-            dark_variance.at_zero(),
-            0.40 / k
+            steps.dark.at_zero,
+            HIDDEN_NOISE_DN / k
         ));
     }
-    // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier ones left the ¼ out).
-    let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
-    let saturation_p = photons.as_ref().map(|p| p[saturation]);
-    let saturation_e = match (efficiency, saturation_p) {
-        (Some(eta), Some(p)) => eta * p,
-        _ => signal[saturation] / k,
-    };
-    let snr = saturation_e.sqrt();
-    let range_ratio = saturation_e / threshold_e;
-    let deviations = photons.as_ref().and_then(|p| linearity(p, &signal, saturation));
-    let in_range: Vec<f64> = deviations.iter().flatten().filter(|d| d.1).map(|d| d.0).collect();
-    let linearity_of = |f: fn(&[f64]) -> f64| (!in_range.is_empty()).then(|| f(&in_range));
-
-    let exposures: Vec<f64> = darks.iter().map(|d| d.exposure_s).collect();
-    let distinct = distinct(&exposures);
-    let current_mean = (distinct >= 3).then(|| {
-        let means: Vec<f64> = darks.iter().map(|d| d.channels[c].mean()).collect();
-        line(&exposures, &means).map(|l| l.1 / k)
-    });
-    let current_variance = (distinct >= 3)
-        .then(|| dark_variance.slope.map(|s| s / (k * k)))
-        .flatten()
-        .filter(|v| *v >= 0.0);
-    let transfer = whole_transfer(set, darks, levels, c);
-    if let Ok(t) = &transfer {
+    let deviations = steps.linearity(&mut figures);
+    (figures.dark_current_mean_e_per_s, figures.dark_current_variance_e_per_s) =
+        steps.dark_current(darks, k);
+    let transfer = whole_transfer(set, darks, levels, c).ok();
+    if let Some(t) = &transfer {
         curvature_warnings(t, k, k_error, name, warnings);
     }
-    let figures = Figures {
-        quantum_efficiency: efficiency,
-        overall_system_gain: k,
-        responsivity_dn_per_photon: responsivity,
-        temporal_dark_noise_dn: dark_dn,
-        temporal_dark_noise_e: (!hidden).then(|| (dark_dn2 - QUANTISATION).sqrt() / k),
-        absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold_e / eta),
-        absolute_sensitivity_threshold_e: threshold_e,
-        saturation_capacity_p: saturation_p,
-        saturation_capacity_e: saturation_e,
-        snr_max: snr,
-        snr_max_db: 20.0 * snr.log10(),
-        snr_max_bit: snr.log2(),
-        dynamic_range: range_ratio,
-        dynamic_range_db: 20.0 * range_ratio.log10(),
-        dynamic_range_bit: range_ratio.log2(),
-        linearity_error_percent: linearity_of(|d| {
-            d.iter().map(|d| d.abs()).sum::<f64>() / d.len() as f64
-        }),
-        linearity_error_min_percent: linearity_of(|d| d.iter().copied().fold(f64::MAX, f64::min)),
-        linearity_error_max_percent: linearity_of(|d| d.iter().copied().fold(f64::MIN, f64::max)),
-        dark_current_mean_e_per_s: current_mean.flatten(),
-        dark_current_variance_e_per_s: current_variance,
-        linearised_system_gain: transfer.as_ref().ok().map(|t| t.gain.value),
-        ..Figures::default()
-    };
+    figures.linearised_system_gain = transfer.as_ref().map(|t| t.gain.value);
     let std_errors = StdErrors {
         overall_system_gain: k_error,
-        quantum_efficiency: efficiency.map(|eta| eta * k_error / k),
+        quantum_efficiency: figures.quantum_efficiency.map(|eta| eta * k_error / k),
         temporal_dark_noise_e: transfer
             .as_ref()
-            .ok()
             .and_then(|t| t.read_noise(ladder::dark_spread(darks, c)))
             .map(|v| v.std_error),
-        linearised_system_gain: transfer.as_ref().ok().map(|t| t.gain.std_error),
+        linearised_system_gain: transfer.as_ref().map(|t| t.gain.std_error),
         ..StdErrors::default()
     };
     let rows = (0..levels.len()).map(|i| LevelRow {
         id: levels[i].id.clone(),
         photons: levels[i].photons,
-        signal_dn: signal[i],
-        variance_dn2: variance[i],
-        linearity_deviation_percent: deviations.as_ref().map(|d| d[i].0),
+        signal_dn: steps.signal[i],
+        variance_dn2: steps.variance[i],
+        linearity_deviation_percent: deviations.as_ref().map(|d| d[i]),
     });
     let dark_rows = darks.iter().map(|d| DarkRow {
         exposure_s: d.exposure_s,
@@ -286,7 +347,7 @@ fn ladder_figures(
     })
 }
 
-/// The photon transfer without the standard's assumptions, on the same levels.
+/// The photon transfer without the standard's assumption of linearity, on the same levels.
 fn whole_transfer(
     set: &CaptureSet,
     darks: &[Level],
@@ -307,11 +368,14 @@ fn whole_transfer(
     Transfer::fit(c, darks, levels, &passed, &knee, white)
 }
 
-/// Dark variance over exposure time, the standard's way: unweighted line with three or more
-/// exposure times, else the shortest exposure's.
+/// Dark variance over exposure time as the standard has it: an unweighted line through three or
+/// more exposure times, else the variance of the shortest exposure.
 struct VarianceLine {
+    /// Exposure time s, variance DN².
     points: Vec<(f64, f64)>,
+    /// Variance at zero exposure, DN².
     at_zero: f64,
+    /// DN²/s.
     slope: Option<f64>,
 }
 
@@ -321,19 +385,15 @@ impl VarianceLine {
             darks.iter().map(|d| (d.exposure_s, d.channels[c].temporal)).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (t, v): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
-        let fitted = (distinct(&t) >= 3).then(|| line(&t, &v)).flatten();
+        let fitted = (distinct(&t) >= DARK_EXPOSURES).then(|| line(&t, &v)).flatten();
         Self { at_zero: fitted.map_or(points[0].1, |l| l.0), slope: fitted.map(|l| l.1), points }
-    }
-
-    fn at_zero(&self) -> f64 {
-        self.at_zero
     }
 
     fn at(&self, exposure_s: f64) -> f64 {
         let same: Vec<f64> = self
             .points
             .iter()
-            .filter(|p| (p.0 / exposure_s - 1.0).abs() < 1e-6)
+            .filter(|p| (p.0 / exposure_s - 1.0).abs() < SAME_EXPOSURE)
             .map(|p| p.1)
             .collect();
         match (same.len(), self.slope) {
@@ -344,27 +404,32 @@ impl VarianceLine {
     }
 }
 
+/// Number of different exposure times.
 fn distinct(values: &[f64]) -> usize {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.dedup_by(|a, b| (*a / *b - 1.0).abs() < 1e-6);
+    sorted.dedup_by(|a, b| (*a / *b - 1.0).abs() < SAME_EXPOSURE);
     sorted.len()
 }
 
-/// Unweighted line: value at zero, slope.
+/// Unweighted straight line: value at zero and slope.
 fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
     let design: Vec<Vec<f64>> = x.iter().map(|&x| vec![1.0, x]).collect();
     let fit = Fit::new(&design, y, &vec![1.0; y.len()]).ok()?;
     Some((fit.coefficients[0], fit.coefficients[1]))
 }
 
-/// Deviation of every level from the line, per cent, and whether it lies between 5 and 95 % of
-/// saturation, where the line is fitted with relative weights (the standard minimises relative
-/// deviations).
+/// Deviation of every level from a straight line, per cent, and whether the level lies between 5
+/// and 95 % of saturation. The line is fitted to these levels with relative weights, as the
+/// standard minimises relative deviations.
 fn linearity(photons: &[f64], signal: &[f64], saturation: usize) -> Option<Vec<(f64, bool)>> {
     let full = signal[saturation];
     let inside: Vec<bool> = (0..signal.len())
-        .map(|i| i <= saturation && signal[i] >= 0.05 * full && signal[i] <= 0.95 * full)
+        .map(|i| {
+            i <= saturation
+                && signal[i] >= LINEARITY_RANGE.start() * full
+                && signal[i] <= LINEARITY_RANGE.end() * full
+        })
         .collect();
     let chosen: Vec<usize> = (0..signal.len()).filter(|&i| inside[i]).collect();
     let design: Vec<Vec<f64>> = chosen.iter().map(|&i| vec![1.0, photons[i]]).collect();

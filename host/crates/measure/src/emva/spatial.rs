@@ -1,12 +1,18 @@
 //! DSNU1288 and PRNU1288, spectrograms and histograms from a pair of long stacks.
 
 use super::{ChannelEmva, saturation_index};
+use crate::dark::SAME_EXPOSURE;
 use crate::ladder::Level;
+use crate::moments::SATURATED_SHARE;
 use crate::spectrogram::{Histogram, SitePlane};
 use crate::stack::Stack;
 use camrig_base::Result;
 
-/// The stacks behind the spatial figures, as indices into the selection.
+/// Fewest frames of a flat stack for spatial figures: below, the temporal noise that has to be
+/// subtracted is larger than the patterns of most sensors.
+const LEAST_FRAMES: usize = 3;
+
+/// The stacks for the spatial figures, as indices into the selection.
 pub(super) struct SpatialPair {
     pub dark: usize,
     pub flat: usize,
@@ -16,14 +22,15 @@ pub(super) struct SpatialPair {
 }
 
 impl SpatialPair {
-    /// The longest flats nearest to half saturation, and the dark of their exposure.
+    /// The flat nearest to half saturation among those of at least half the largest number of
+    /// frames, and the dark of its exposure.
     pub fn choose(darks: &[Level], flats: &[(usize, Level)]) -> Option<Self> {
         let saturation = saturation_index(&flats.iter().map(|f| &f.1).collect::<Vec<_>>(), 0);
         let dark_mean = darks[0].channels[0].mean();
         let half = 0.5 * (flats[saturation].1.channels[0].mean() - dark_mean);
         let usable = |l: &&(usize, Level)| {
             let m = &l.1.channels[0];
-            m.frames >= 3 && m.whites < 1e-3
+            m.frames >= LEAST_FRAMES && m.whites < SATURATED_SHARE
         };
         let most = flats.iter().filter(usable).map(|f| f.1.channels[0].frames).max()?;
         let off = |l: &Level| (l.channels[0].mean() - dark_mean - half).abs();
@@ -35,7 +42,8 @@ impl SpatialPair {
         let apart = |d: &Level| (d.exposure_s / level.exposure_s).ln().abs();
         let dark =
             (0..darks.len()).filter(|&i| darks[i].channels[0].frames >= 2).min_by(|&a, &b| {
-                let key = |i: usize| (apart(&darks[i]) > 1e-6, darks[i].channels[0].frames);
+                let key =
+                    |i: usize| (apart(&darks[i]) > SAME_EXPOSURE, darks[i].channels[0].frames);
                 // Same exposure first, then the longest stack, then the nearest exposure.
                 let (ka, kb) = (key(a), key(b));
                 ka.0.cmp(&kb.0)
@@ -47,12 +55,12 @@ impl SpatialPair {
             flat: *flat,
             flat_id: level.id.clone(),
             frames: level.channels[0].frames,
-            same_exposure: apart(&darks[dark]) <= 1e-6,
+            same_exposure: apart(&darks[dark]) <= SAME_EXPOSURE,
         })
     }
 }
 
-/// Fills in what the pair tells of channel `c`.
+/// Fills in the spatial figures of channel `c` from the pair.
 pub(super) fn spatial_figures(
     out: &mut ChannelEmva,
     dark: &Stack,
@@ -81,7 +89,8 @@ pub(super) fn spatial_figures(
         let error = fs.total.std_error.hypot(ds.total.std_error);
         0.5 * error * (100.0 / signal).powi(2) / p
     });
-    // Spectra and histograms of the channel's first site: sites of one channel are alike.
+    // Spectra and histograms are those of the channel's first site; sites of one channel are
+    // alike.
     let Some(&site) = flat.sites.iter().find(|s| s.channel == c) else { return Ok(()) };
     let shape = (flat.width, flat.height);
     let per_frame = |s: &Stack| 1.0 / s.frames as f64;

@@ -1,4 +1,4 @@
-//! Where captures or a sensor break the standard's assumptions, or do not meet its demands.
+//! Warnings where captures or a sensor do not meet the standard's assumptions or requirements.
 
 use super::SpatialPair;
 use crate::correlation::NoiseCorrelation;
@@ -8,7 +8,26 @@ use crate::transfer::Transfer;
 use camrig_base::Result;
 use camrig_captures::{Capture, CaptureSet, Role};
 
-/// Of the set as a whole.
+/// Light levels that the standard requires.
+const LEVELS: usize = 50;
+/// Frames for spatial figures that the standard requires.
+const SPATIAL_FRAMES: usize = 100;
+/// Largest share of dark samples at 0 DN that the standard allows.
+const CLIPPED_SHARE: f64 = 5e-3;
+/// Bias of K by a curved response that is worth a warning: 0.5 %, what a careful measurement
+/// resolves.
+const BIASED: f64 = 0.005;
+/// Standard errors from which a bias of K is significant: chance gives three in one of 370
+/// channels.
+const SIGNIFICANT: f64 = 3.0;
+/// Standard errors from which a correlation is significant: four, as each set tests two of them on
+/// every run and a false warning costs more than a small coupling.
+const SIGNIFICANT_CORRELATION: f64 = 4.0;
+/// χ² per degree of freedom of the photon transfer from which its scatter is worth a warning: a
+/// scatter 1.7 times the sampling errors, which ten levels give by chance once in a thousand sets.
+const SCATTERED_CHI2: f64 = 3.0;
+
+/// Warnings about the set as a whole.
 pub(super) fn set_warnings(
     set: &CaptureSet,
     selection: &Selection,
@@ -24,13 +43,13 @@ pub(super) fn set_warnings(
     if elsewhere > 0 {
         let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
         out.push(format!(
-            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat captures of other gains or \
-             lights are left out (the standard measures one operating point; keep the captures of one in the set to \
-             measure another)",
+            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat \
+             captures of other gains or lights are left out (the standard measures one operating \
+             point; keep the captures of one in the set to measure another)",
             selection.analog_gain
         ));
     }
-    if levels.len() < 50 {
+    if levels.len() < LEVELS {
         out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
     }
     if levels.iter().any(|l| l.photons.is_none()) {
@@ -41,7 +60,7 @@ pub(super) fn set_warnings(
         );
     }
     let clipped = darks.iter().flat_map(|d| &d.channels).map(|m| m.zeros).fold(0.0, f64::max);
-    if clipped > 5e-3 {
+    if clipped > CLIPPED_SHARE {
         out.push(format!(
             "{:.1} % of the dark samples are at 0 DN (the standard allows 0.5 %): the offset clips \
              the dark noise, so dark noise, DSNU and K are wrong",
@@ -54,7 +73,7 @@ pub(super) fn set_warnings(
                 .into(),
         ),
         Some(p) => {
-            if p.frames < 100 {
+            if p.frames < SPATIAL_FRAMES {
                 out.push(format!(
                     "spatial figures from {} frames ({}); the standard asks for at least 100",
                     p.frames, p.flat_id
@@ -75,10 +94,11 @@ pub(super) fn set_warnings(
     out
 }
 
-/// A correlation below this biases K (by four times the coefficient) by less than 1 %.
+/// Smallest correlation coefficient that is worth a warning: it biases K by four times its value,
+/// here about 1 %.
 const CORRELATED: f64 = 0.002;
 
-/// Of neighbours' noise that is not independent, in a capture whose moments are `stack`.
+/// Warnings about correlated noise of neighbouring pixels in a capture whose moments are `stack`.
 pub(super) fn correlation_warning(
     set: &CaptureSet,
     flat: &Capture,
@@ -87,7 +107,8 @@ pub(super) fn correlation_warning(
 ) -> Result<()> {
     let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
     for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
-        if rho.value.abs() > CORRELATED && rho.value.abs() > 4.0 * rho.std_error {
+        if rho.value.abs() > CORRELATED && rho.value.abs() > SIGNIFICANT_CORRELATION * rho.std_error
+        {
             warnings.push(format!(
                 "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % ± \
                  {:.2} %): pixels are not independent as the standard assumes (neighbour coupling \
@@ -100,7 +121,7 @@ pub(super) fn correlation_warning(
     Ok(())
 }
 
-/// Of a response that is no straight line, and of noise that is not shot noise.
+/// Warnings about a curved response, and about noise that is not shot noise.
 pub(super) fn curvature_warnings(
     t: &Transfer,
     k: f64,
@@ -109,9 +130,9 @@ pub(super) fn curvature_warnings(
     warnings: &mut Vec<String>,
 ) {
     let bias = k / t.gain.value - 1.0;
-    let significant = (k - t.gain.value).abs() > 3.0 * k_error.hypot(t.gain.std_error);
+    let significant = (k - t.gain.value).abs() > SIGNIFICANT * k_error.hypot(t.gain.std_error);
     if let Some(r) = &t.response
-        && bias.abs() > 0.005
+        && bias.abs() > BIASED
         && significant
     {
         let q = r.quadratic;
@@ -125,7 +146,7 @@ pub(super) fn curvature_warnings(
             t.gain.value
         ));
     }
-    if t.reduced_chi2 > 3.0 {
+    if t.reduced_chi2 > SCATTERED_CHI2 {
         warnings.push(format!(
             "channel {name}: the variances scatter about a photon transfer curve more than their \
              sampling errors (χ²/ν = {:.1}): the noise is not shot noise and read noise alone, or \

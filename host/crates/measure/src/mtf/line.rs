@@ -1,9 +1,21 @@
-//! Finding the edge: a curve through the centroids of the rows' derivatives.
+//! Position of the edge: a polynomial through the centroids of the rows' derivatives.
 
 use super::{Rows, Sample};
 use camrig_base::{Error, Result};
 
-/// Where the edge is: `across = Σ c_k t^k` with t the distance along from the middle row.
+/// Passes of the fit: one over whole rows, three in windows around the line found before. The
+/// number is fixed so that equal data give equal bits; each pass centres the windows better.
+const PASSES: usize = 4;
+/// Passes with a straight line before the cubic, whose ends a poor window would bend.
+const STRAIGHT_PASSES: usize = 2;
+/// Smallest half width of a window, and smallest distance of the edge from the region's border,
+/// in samples: a derivative's centroid needs four on either side.
+const MARGIN: f64 = 4.0;
+/// Smallest step between the sides in standard deviations of their samples: less is noise.
+const LEAST_STEP: f64 = 3.0;
+
+/// Position of the edge: `across = Σ c_k t^k` with t the distance along it from the middle row,
+/// pixels.
 pub struct EdgeLine {
     middle: f64,
     coefficients: Vec<f64>,
@@ -12,13 +24,15 @@ pub struct EdgeLine {
 }
 
 impl EdgeLine {
-    /// Finds it; refuses what is no single slanted edge.
+    /// Finds the edge; `step` is the distance between samples of a row, pixels.
+    ///
+    /// # Errors
+    /// No edge or several, an edge that leaves the region or is parallel to the pixel grid.
     pub fn find(rows: &Rows, step: f64) -> Result<Self> {
         let (first, last) = (rows[0][0].along, rows[rows.len() - 1][0].along);
         let mut line =
             Self { middle: 0.5 * (first + last), coefficients: Vec::new(), levels: [0.0; 2] };
-        // First pass: the whole row; then windows around the line found so far.
-        for pass in 0..4 {
+        for pass in 0..PASSES {
             let mut places = Vec::with_capacity(rows.len());
             for row in rows {
                 let centre = (pass > 0).then(|| line.at(row[0].along));
@@ -29,32 +43,32 @@ impl EdgeLine {
             if places.len() < rows.len() / 2 {
                 return Err(no_edge());
             }
-            line.coefficients = polynomial(&places, if pass < 2 { 1 } else { 3 })?;
+            line.coefficients = polynomial(&places, if pass < STRAIGHT_PASSES { 1 } else { 3 })?;
         }
         line.check(rows, step)?;
         Ok(line)
     }
 
-    /// Its place in the row at `along`.
+    /// Position across in the row at `along`, pixels.
     pub fn at(&self, along: f64) -> f64 {
         let t = along - self.middle;
         self.coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c)
     }
 
-    /// Its slope there.
+    /// Slope in the row at `along`, pixels across per pixel along.
     pub fn slope(&self, along: f64) -> f64 {
         let t = along - self.middle;
         let terms = self.coefficients.iter().enumerate().skip(1);
         terms.map(|(k, c)| k as f64 * c * t.powi(k as i32 - 1)).sum()
     }
 
-    /// Its slope in the middle row.
+    /// Slope in the middle row.
     pub fn slope_at_middle(&self) -> f64 {
         self.slope(self.middle)
     }
 
     fn check(&mut self, rows: &Rows, step: f64) -> Result<()> {
-        let margin = 4.0 * step;
+        let margin = MARGIN * step;
         let (mut dark, mut bright) = (Vec::new(), Vec::new());
         for row in rows {
             let place = self.at(row[0].along);
@@ -77,10 +91,10 @@ impl EdgeLine {
         };
         let ((a, va), (b, vb)) = (moments(&dark), moments(&bright));
         self.levels = [a.min(b), a.max(b)];
-        if (a - b).abs() < 3.0 * (va + vb).sqrt() {
+        if (a - b).abs() < LEAST_STEP * (va + vb).sqrt() {
             return Err(no_edge());
         }
-        // Every phase of the sampling must be met: over the rows, the edge has to move by at least
+        // The edge has to cross the samples at every phase: over the rows it must move by at least
         // one sample.
         let travel = (self.at(rows[rows.len() - 1][0].along) - self.at(rows[0][0].along)).abs();
         if travel < step {
@@ -98,7 +112,7 @@ impl EdgeLine {
     }
 }
 
-/// What to say where there is none.
+/// The error for a region without an edge.
 pub fn no_edge() -> Error {
     Error::input("no single straight edge found in the region")
         .help("choose a region with one edge between two even areas, slanted by 2 to 10 degrees")
@@ -109,7 +123,7 @@ pub fn no_edge() -> Error {
 fn centroid(row: &[Sample], centre: Option<f64>, step: f64) -> Option<f64> {
     let (first, last) = (row[0].across, row[row.len() - 1].across);
     let middle = centre.unwrap_or(0.5 * (first + last));
-    let half = (middle - first).min(last - middle).max(4.0 * step);
+    let half = (middle - first).min(last - middle).max(MARGIN * step);
     let (mut sum, mut moment) = (0.0, 0.0);
     for pair in row.windows(2) {
         let at = 0.5 * (pair[0].across + pair[1].across);
@@ -130,7 +144,7 @@ fn centroid(row: &[Sample], centre: Option<f64>, step: f64) -> Option<f64> {
 }
 
 fn polynomial(points: &[(f64, f64)], order: usize) -> Result<Vec<f64>> {
-    // Scaled to the range, so that powers stay comparable.
+    // Abscissas are scaled to 1 at most, so that powers stay comparable.
     let range = points.iter().map(|p| p.0.abs()).fold(1.0, f64::max);
     let design: Vec<Vec<f64>> = points
         .iter()

@@ -1,23 +1,24 @@
 //! Slanted-edge spatial frequency response (e-SFR) of one channel of a raw frame.
 //!
-//! The method of ISO 12233:2023 (e-SFR), on the channel's own samples without demosaic:
-//! 1. per row, the edge's place is the centroid of the windowed derivative of the samples;
-//! 2. a cubic through the rows' places is the edge (lens distortion bends it; the standard allows
-//!    up to the fifth order);
-//! 3. every sample's distance from the edge along its normal puts it into bins of a quarter of the
-//!    channel's sample pitch: the oversampled edge spread function. A bin's value is the mean over
-//!    the bin of the polygon through the samples, which does not depend on how they clump;
+//! The method of ISO 12233:2023 (e-SFR), on the channel's own samples without demosaicing:
+//! 1. in each row, the edge's position is the centroid of the windowed derivative of the samples;
+//! 2. a cubic through the rows' positions is the edge (lens distortion bends it; the standard
+//!    allows up to the fifth order);
+//! 3. samples are sorted by their distance from the edge along its normal into bins of a quarter
+//!    of the channel's sample pitch: the oversampled edge spread function. A bin's value is the
+//!    mean over the bin of the polygon through the samples, which does not depend on their
+//!    clustering;
 //! 4. its derivative by central differences, under a Tukey window (α = 1) centred on the edge, is
 //!    the line spread function, whose Fourier transform's magnitude is the SFR;
 //! 5. the SFR is divided by the transfer functions of the central difference (the standard's
 //!    correction) and of averaging over a bin, and by the step's height including the tails that
 //!    diffraction spreads beyond the region (the standard divides by the windowed height, which
-//!    lifts the SFR of small pixels at f/8 by some per cent). Uneven light over the region counts
-//!    as tails.
+//!    raises the SFR of small pixels at f/8 by some per cent). Uneven light over the region has
+//!    the same effect as such tails.
 //!
-//! Frequencies are in cycles per sensor pixel for every channel: a Bayer plane's samples are two
-//! pixels apart, but the bins are finer than that, so its curve too goes beyond its own Nyquist
-//! frequency. The standard error is a jackknife over blocks of rows.
+//! Frequencies are in cycles per sensor pixel for every channel: the samples of a Bayer channel
+//! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
+//! Nyquist frequency. The standard error is a jackknife over blocks of rows.
 
 mod line;
 mod sfr;
@@ -30,20 +31,36 @@ use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Error, Plane, Result};
 use serde::Serialize;
 
-/// Bins per sample pitch of the channel.
+/// Bins per sample pitch of the channel (ISO 12233:2023).
 const OVERSAMPLING: f64 = 4.0;
 
-/// Fraction of the window that is tapered, half on each side.
+/// Fraction of the Tukey window that is tapered, half on each side (ISO 12233:2023).
 const TUKEY_ALPHA: f64 = 1.0;
 
-/// Robust standard deviations beyond which a sample is that of a defective pixel.
+/// Robust standard deviations beyond which a sample counts as that of a defective pixel: Gaussian
+/// noise exceeds four once in 16,000 samples, several times the samples of a region.
 const DEFECT: f64 = 4.0;
 
-/// Samples next to each other across the edge whose median is compared with.
+/// Samples next to each other in distance from the edge whose median a sample is compared with:
+/// wide enough for a robust median, narrow beside the edge's width.
 const NEIGHBOURS: usize = 11;
 
-/// Blocks of rows for the jackknife.
+/// Blocks of rows for the jackknife: ten give its error to about a quarter.
 const BLOCKS: usize = 10;
+/// Smallest side of a region, pixels: the window needs ten on either side of the edge.
+const LEAST_SIDE: usize = 20;
+/// Fewest samples of a row and fewest rows for a line through the rows' positions.
+const LEAST_SAMPLES: usize = 8;
+const LEAST_ROWS: usize = 10;
+/// Smallest range of samples that can be an edge, DN: quantisation distorts a smaller step.
+const LEAST_RANGE_DN: f64 = 8.0;
+/// Share of samples at the white level, or at 0 DN, from which a side counts as clipped.
+const CLIPPED_SHARE: f64 = 0.005;
+/// Share of samples at the one extreme value from which a side counts as clipped where the white
+/// level is not known: half of a side.
+const ONE_VALUE_SHARE: f64 = 0.25;
+/// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
+const LEAST_SCATTER_DN: f64 = 1e-9;
 
 /// A rectangle of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,13 +80,13 @@ pub struct Roi {
 pub struct Edge {
     /// Channel letter, lower case.
     pub channel: String,
-    /// Angle between the edge and the pixel columns (rows for an edge that lies down), degrees.
+    /// Angle between the edge and the pixel columns (for a horizontal edge, the rows), degrees.
     pub angle_deg: f64,
-    /// Frequency where the response falls to one half, cycles per pixel.
+    /// MTF50: frequency where the response falls to one half, cycles per pixel.
     pub mtf50_cycles_per_pixel: f64,
-    /// Its standard error.
+    /// Standard error of MTF50, cycles per pixel.
     pub mtf50_std_error: f64,
-    /// The same in cycles per millimetre, where the pitch is known.
+    /// MTF50 in cycles per millimetre, where the pitch is known.
     pub mtf50_cycles_per_mm: Option<f64>,
     /// Response at 0.5 cycles per pixel.
     pub mtf_at_nyquist: f64,
@@ -79,7 +96,7 @@ pub struct Edge {
     pub levels_dn: [f64; 2],
 }
 
-/// Measures one channel (by letter, upper case) of a frame.
+/// Measures one channel (its letter in upper case) over an edge in a region of a frame.
 ///
 /// # Errors
 /// A region outside the frame or too small, no edge in it, an edge that leaves it, is parallel to
@@ -123,19 +140,19 @@ pub fn measure(
     })
 }
 
-/// The response of one channel at some frequencies, with its scatter by theory.
+/// The response of one channel at some frequencies, with its predicted scatter.
 #[derive(Clone, Debug)]
 pub struct Response {
-    /// (response, standard deviation) at each frequency asked for.
+    /// (response, standard deviation) at each frequency.
     pub at: Vec<(f64, f64)>,
-    /// Mean of the two sides, dark first, and their standard errors.
+    /// (mean, standard error) of the two sides, dark side first, DN.
     pub levels: [(f64, f64); 2],
 }
 
-/// The response of one channel (by letter, upper case) of a frame, or of a mean of frames, at
-/// `frequencies` (cycles per pixel), relative to the difference of the two sides' means: less
-/// noise than [`measure`] has from the step's ends, and the same for edges that share lens and
-/// light.
+/// The response of one channel (its letter in upper case) of a frame, or of a mean of frames, at
+/// `frequencies` (cycles per pixel), relative to the difference of the two sides' means. It has
+/// less noise than [`measure`], which takes the step's height from its ends, and is comparable
+/// between edges of the same lens and light.
 ///
 /// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over
 /// ±h, gives the transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) =
@@ -172,8 +189,8 @@ pub fn response<T: Copy + Into<f64>>(
     })
 }
 
-/// Leaves out samples that stand out from those as far from the edge as they are, by more than
-/// [`DEFECT`] robust standard deviations of such differences.
+/// Leaves out samples that differ from the median of samples at the same distance from the edge by
+/// more than [`DEFECT`] robust standard deviations.
 fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
     let mut sorted: Vec<(f64, f64)> =
@@ -189,9 +206,9 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     }
     let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
     let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
-    // A bright side scatters more than both sides together; shot noise of a step of 4 by less than
-    // twice.
-    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(1e-9);
+    // The factor of 2: the bright side scatters more than both sides together, by shot noise less
+    // than twice as much for a contrast of 4.
+    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(LEAST_SCATTER_DN);
     let expected = |d: f64| {
         let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
         local[i].1
@@ -199,10 +216,10 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     for row in rows.iter_mut() {
         row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
     }
-    rows.retain(|r| r.len() >= 8);
+    rows.retain(|r| r.len() >= LEAST_SAMPLES);
 }
 
-/// Mean and variance of the samples in the outer half of each side, dark side first.
+/// Mean (DN) and variance (DN²) of the samples in the outer half of each side, dark side first.
 fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
     let mut sides = [(0.0, 0.0, 0.0); 2];
     for row in rows {
@@ -224,7 +241,7 @@ fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
     out
 }
 
-/// The samples of a region across its edge, their distance, and the edge.
+/// The samples of a region in rows across its edge, the distance between samples, and the edge.
 fn find<T: Copy + Into<f64>>(
     frame: &Plane<T>,
     cfa: &Cfa,
@@ -240,7 +257,7 @@ fn find<T: Copy + Into<f64>>(
         .help("give column, row, width and height in pixels")
         .with_code("region-outside"));
     }
-    if roi.width.min(roi.height) < 20 {
+    if roi.width.min(roi.height) < LEAST_SIDE {
         return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))
             .help("an edge needs 20 pixels or more each way; 60 x 100 is good"));
     }
@@ -253,8 +270,8 @@ fn find<T: Copy + Into<f64>>(
     if lies_down(&rows) {
         rows = transpose(&rows, roi);
     }
-    rows.retain(|r| r.len() >= 8);
-    if rows.len() < 10 {
+    rows.retain(|r| r.len() >= LEAST_SAMPLES);
+    if rows.len() < LEAST_ROWS {
         return Err(Error::input("fewer than 10 rows of samples across the edge"));
     }
     let step = rows[0][1].across - rows[0][0].across;
@@ -310,9 +327,8 @@ fn lies_down(rows: &Rows) -> bool {
     down > across.abs()
 }
 
-/// Refuses an edge whose bright or dark side is cut off: samples at the white level or at 0 DN, or
-/// half of a side at the one value that no other sample exceeds (frames without a known white
-/// level).
+/// Refuses an edge whose bright or dark side is clipped: samples at the white level or at 0 DN, or
+/// half of a side at the extreme value (frames without a known white level).
 fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     let mut values: Vec<f64> = rows.iter().flatten().map(|s| s.value).collect();
     values.sort_by(f64::total_cmp);
@@ -321,19 +337,19 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     let share = |level: f64| values.iter().filter(|v| **v == level).count() as f64 / n;
     let at_white =
         white.map_or(0.0, |w| values.iter().filter(|v| **v >= f64::from(w)).count() as f64 / n);
-    let flat = high - low < 8.0;
-    if flat && at_white <= 0.005 {
+    let flat = high - low < LEAST_RANGE_DN;
+    if flat && at_white <= CLIPPED_SHARE {
         return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
             .help("choose a region across a dark and a bright area"));
     }
-    if at_white > 0.005 || share(high) > 0.25 {
+    if at_white > CLIPPED_SHARE || share(high) > ONE_VALUE_SHARE {
         return Err(Error::input(format!(
             "the bright side is clipped at {high} DN ({:.0} % of the samples)",
             100.0 * at_white.max(share(high))
         ))
         .help("expose less: a clipped edge has no true response"));
     }
-    if (low == 0.0 && share(0.0) > 0.005) || share(low) > 0.25 {
+    if (low == 0.0 && share(0.0) > CLIPPED_SHARE) || share(low) > ONE_VALUE_SHARE {
         return Err(Error::input(format!(
             "the dark side is clipped at {low} DN ({:.0} % of the samples)",
             100.0 * share(low)

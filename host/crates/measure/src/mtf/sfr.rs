@@ -1,11 +1,24 @@
-//! From the edge's place to the response: oversampled edge spread, its derivative, the transform.
+//! From the edge's position to the response: oversampled edge spread function, line spread
+//! function, Fourier transform.
 
 use super::line::{EdgeLine, no_edge};
 use super::{BLOCKS, OVERSAMPLING, Rows, TUKEY_ALPHA};
 use camrig_base::{Error, Result};
 use camrig_fourier::plans::Sample;
 
-/// The response of a set of rows.
+/// Fewest bins on either side of the edge.
+const LEAST_BINS: usize = 4;
+/// Length of the zero-padded line spread function over its own: makes the transform's samples
+/// dense enough for linear interpolation.
+const PADDING: usize = 8;
+/// Highest frequency of the curve, cycles per bin. At the bins' own Nyquist frequency, 0.5, the
+/// central difference passes nothing, and its correction grows without limit.
+const HIGHEST: f64 = 0.45;
+/// Largest gap between samples across the edge, bins: a polygon over a wider one would smooth the
+/// edge.
+const LARGEST_GAP: f64 = 2.0;
+
+/// The spatial frequency response of a set of rows.
 pub struct Sfr {
     /// (cycles per pixel, response).
     pub curve: Vec<[f64; 2]>,
@@ -16,10 +29,10 @@ pub struct Sfr {
 }
 
 impl Sfr {
-    /// Of all rows but those of the block `without`.
+    /// The response of all rows except those of the block `without`.
     pub fn of(rows: &Rows, line: &EdgeLine, step: f64, without: Option<usize>) -> Result<Self> {
         let bin = step / OVERSAMPLING;
-        // Half width that every row reaches on both sides of the edge.
+        // Distance from the edge that every row reaches on both sides.
         let mut half = f64::INFINITY;
         for row in rows {
             let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
@@ -27,7 +40,7 @@ impl Sfr {
             half = half.min((place - row[0].across) * cos);
             half = half.min((row[row.len() - 1].across - place) * cos);
         }
-        let side = ((half / bin).floor() as usize).max(4);
+        let side = ((half / bin).floor() as usize).max(LEAST_BINS);
         let count = 2 * side;
         let mut samples: Vec<(f64, f64)> = Vec::new();
         for (index, row) in rows.iter().enumerate() {
@@ -45,9 +58,8 @@ impl Sfr {
         for i in 1..count - 1 {
             lsf[i] = 0.5 * (spread[i + 1] - spread[i - 1]);
         }
-        // The step's full height: what the bins hold, and what the line spread function's tails
-        // hold beyond them. Diffraction's tails fall as 1/x², so as much lies beyond X as between
-        // X/2 and X.
+        // The step's full height: the sum over the bins and the tails beyond them. Tails of
+        // diffraction fall as 1/x², so that as much lies beyond X as between X/2 and X.
         let place = |i: usize| (i as f64 + 0.5 - side as f64) / side as f64;
         let outer = (0..count).filter(|&i| place(i).abs() > 0.5);
         let height = lsf.iter().sum::<f64>() + outer.map(|i| lsf[i]).sum::<f64>();
@@ -57,8 +69,7 @@ impl Sfr {
         for (i, value) in lsf.iter_mut().enumerate() {
             *value *= tukey(place(i)) / height;
         }
-        // Zeros around the windowed function make the transform's samples dense.
-        let padded = (8 * count).next_power_of_two();
+        let padded = (PADDING * count).next_power_of_two();
         lsf.resize(padded, 0.0);
         let plan = f64::real_forward(padded);
         let mut spectrum = plan.make_output_vec();
@@ -67,19 +78,17 @@ impl Sfr {
         let mut curve = Vec::new();
         for (k, value) in spectrum.iter().enumerate() {
             let f = k as f64 / (padded as f64 * bin);
-            // At the bins' own Nyquist frequency the central difference passes nothing.
-            if f > 1.0 || f * bin > 0.45 {
+            if f > 1.0 || f * bin > HIGHEST {
                 break;
             }
             let correction = sinc(2.0 * f * bin) * sinc(f * bin);
-            // The window takes from the tails at f = 0 only; there the response is 1 by
-            // definition.
+            // At f = 0 the response is 1 by definition, although the window has cut the tails.
             curve.push([f, if k == 0 { 1.0 } else { value.norm() / correction }]);
         }
         Ok(Self { curve, height, half: side as f64 * bin })
     }
 
-    /// Where it first falls to a level, cycles per pixel.
+    /// Frequency where the response first falls to a level, cycles per pixel.
     pub fn crossing(&self, level: f64) -> Option<f64> {
         self.curve.windows(2).find_map(|w| {
             let ([f0, m0], [f1, m1]) = (w[0], w[1]);
@@ -87,7 +96,7 @@ impl Sfr {
         })
     }
 
-    /// Its value at a frequency.
+    /// The response at a frequency, cycles per pixel.
     pub fn at(&self, f: f64) -> f64 {
         let i = self.curve.partition_point(|p| p[0] < f).clamp(1, self.curve.len() - 1);
         let ([f0, m0], [f1, m1]) = (self.curve[i - 1], self.curve[i]);
@@ -95,14 +104,14 @@ impl Sfr {
     }
 }
 
-/// Means over the bins of the polygon through sorted samples (distance, value). Samples clump
-/// where the slant meets few phases; the mean of a bin's samples would then stand off its centre.
+/// Means over the bins of the polygon through sorted samples (distance, value). Where the slant
+/// gives few phases, samples cluster, and their mean would not be that of the bin's centre.
 fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> {
     let gap = samples.windows(2).map(|w| {
         let inside = w[0].0.abs() < side as f64 * bin;
         if inside { w[1].0 - w[0].0 } else { 0.0 }
     });
-    if gap.fold(0.0, f64::max) > 2.0 * bin {
+    if gap.fold(0.0, f64::max) > LARGEST_GAP * bin {
         return Err(Error::input("the rows meet too few phases of the sampling")
             .help("slant the edge by 2 to 10 degrees, away from 1/4, 1/2 and whole pixels a row"));
     }
@@ -123,7 +132,7 @@ fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> 
     Ok((0..2 * side).map(|i| (integral(edge(i + 1)) - integral(edge(i))) / bin).collect())
 }
 
-/// Tukey window at u in -1..1.
+/// Tukey window at u from -1 to 1.
 fn tukey(u: f64) -> f64 {
     let flat = 1.0 - TUKEY_ALPHA;
     let u = u.abs();

@@ -1,4 +1,5 @@
-//! Photon transfer: what a sensor does to electrons, from dark and flat stacks alone.
+//! Photon transfer: system gain, noise, full well and fixed patterns of a sensor from dark and
+//! flat stacks.
 //!
 //! With shot noise of variance equal to the mean (in electrons) and a gain of K DN per electron,
 //! the temporal variance of a flat is
@@ -13,8 +14,8 @@
 //!
 //! Levels left out of the fit, by rule: (1) more than 0.1 % of the samples at the white level;
 //! (2) variance per signal below 0.7 of the median of the darker levels (the full-well knee); in
-//! both cases everything brighter too; (3) a mean within four standard deviations of where the
-//! saturated levels stand, or of the white level; (4) from the top down, a variance more than 3.5
+//! both cases everything brighter too; (3) a mean within four standard deviations of the saturated
+//! levels or of the white level; (4) from the top down, a variance more than 3.5
 //! standard errors below the fit to the rest.
 
 mod notes;
@@ -34,68 +35,68 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
 
-/// Below this temporal variance of the dark, DN², rounding is no longer like added noise (EMVA
-/// 1288 release 4.0, eq. 53 and 54).
+/// Temporal variance of the dark, DN², below which rounding is no longer equivalent to added noise
+/// (EMVA 1288 release 4.0, eq. 53 and 54).
 pub const QUANTISATION_LIMITED: f64 = 0.24;
 
 /// The figures of one channel, or of the sensor over its channels. `None` where the captures do
 /// not determine a figure.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Figures {
-    /// K at small signals, DN/e⁻.
+    /// System gain K at small signals, DN/e⁻.
     pub system_gain_dn_per_e: Option<Value>,
     /// Read noise at zero exposure, input-referred, without quantisation, e⁻.
     pub read_noise_e: Option<Value>,
-    /// Signal at which the sensor or its converter saturates, e⁻.
+    /// Full well: signal at which the sensor or its converter saturates, e⁻.
     pub full_well_e: Option<Value>,
-    /// Standard deviation over pixels of the gain (mean 1).
+    /// PRNU: standard deviation over pixels of the gain (mean 1).
     pub prnu: Option<Value>,
-    /// Standard deviation over pixels of the dark signal at `dsnu_exposure_s`, e⁻.
+    /// DSNU: standard deviation over pixels of the dark signal at `dsnu_exposure_s`, e⁻.
     pub dsnu_e: Option<Value>,
     /// Mean dark current, e⁻/s, from the dark means.
     pub dark_current_e_per_s: Option<Value>,
-    /// Dark current from the dark variances, e⁻/s: equal to the one from the means unless the
-    /// camera hides dark current, or its noise is not shot noise.
+    /// Dark current from the dark variances, e⁻/s: that from the means, unless the camera
+    /// subtracts its dark current or its noise is not shot noise.
     pub dark_current_from_variance_e_per_s: Option<Value>,
     /// Standard deviation over pixels of the dark current, e⁻/s.
     pub dsnu_e_per_s: Option<Value>,
-    /// Standard deviation over single pixels of the offset at zero exposure (rows' and columns'
-    /// parts apart), e⁻.
+    /// Standard deviation over pixels of the offset at zero exposure, without the parts of rows
+    /// and columns, e⁻.
     pub pixel_fpn_e: Option<Value>,
     /// Standard deviation of the rows' offsets at zero exposure, e⁻.
     pub row_fpn_e: Option<Value>,
     /// Standard deviation of the columns' offsets at zero exposure, e⁻.
     pub column_fpn_e: Option<Value>,
-    /// Mean DN of no light at zero exposure.
+    /// Black level: mean of no light at zero exposure, DN.
     pub black_level_dn: Option<Value>,
     /// Deviation of the response from its slope at zero, at the brightest level fitted, per cent.
     pub nonlinearity_percent: Option<Value>,
     /// Temperature step that doubles the dark current, °C.
     pub dark_doubling_c: Option<Value>,
-    /// Electrons per photon on the pixel's whole area.
+    /// Quantum efficiency: electrons per photon on the area of the pixel.
     pub quantum_efficiency: Option<Value>,
 }
 
 /// One level of the photon transfer curve.
 #[derive(Clone, Debug, Serialize)]
 pub struct CurvePoint {
-    /// Capture.
+    /// Id of the capture.
     pub id: String,
     /// Mean signal above dark, DN.
     pub signal_dn: f64,
     /// Temporal variance, dark included, DN².
     pub variance_dn2: Value,
-    /// Whether the fit used it.
+    /// Whether the fit used the level.
     pub used: bool,
 }
 
-/// One channel's outcome.
+/// Result for one channel.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelPtc {
     /// The channel's letter, lower case (`m` for mono).
     #[serde(skip)]
     pub channel: String,
-    /// Its figures.
+    /// The channel's figures.
     #[serde(flatten)]
     pub figures: Figures,
     /// χ² per degree of freedom of the photon-transfer fit.
@@ -104,18 +105,18 @@ pub struct ChannelPtc {
     pub curve: Vec<CurvePoint>,
 }
 
-/// The outcome of a photon transfer.
+/// Result of a photon transfer.
 #[derive(Clone, Debug)]
 pub struct Ptc {
-    /// Over all channels, weighted by the inverse squares of the channels' errors.
+    /// Figures over all channels, weighted by the inverse squares of the channels' errors.
     pub figures: Figures,
-    /// Per channel.
+    /// Figures of each channel.
     pub channels: Vec<ChannelPtc>,
-    /// Analog gain of the captures used.
+    /// Analog gain of the captures.
     pub analog_gain: f64,
-    /// Exposure of the dark stack behind `dsnu_e`, s.
+    /// Exposure of the dark stack that gives `dsnu_e`, s.
     pub dsnu_exposure_s: f64,
-    /// What a reader must know: levels left out, assumptions that do not hold.
+    /// Remarks for the reader: levels left out, assumptions that do not hold.
     pub notes: Vec<String>,
 }
 
@@ -139,7 +140,8 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     let flats = Flats::read(set, selection, &darks)?;
 
     let mut notes = sensor_notes(set, selection, &darks);
-    // The longest stack tells fixed patterns best; the longest exposure among equals.
+    // The longest stack has the least noise in its fixed patterns; among equals the longest
+    // exposure.
     let longest = (0..darks.len()).max_by(|&a, &b| {
         let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);
         key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
@@ -159,7 +161,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
         figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
-        hide_what_rounding_hides(
+        leave_out_rounded_patterns(
             &mut figures,
             k,
             dsnu_level.channels[c].temporal,
@@ -183,7 +185,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     })
 }
 
-/// Reads dark stacks into levels and lines per pixel over exposure time.
+/// Reads dark stacks as levels and as lines over exposure time for every pixel.
 fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, LineMaps)> {
     let mut maps = LineMaps::new(set.sensor.width, set.sensor.height, &Site::all(&set.cfa()));
     let mut levels = Vec::new();
@@ -201,13 +203,13 @@ fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, Li
     Ok((levels, maps))
 }
 
-/// The flats in the order of their light.
+/// The flats in rising order of light.
 struct Flats {
     levels: Vec<Level>,
-    /// Per channel and level.
+    /// Whether a level lies below the knee, per channel and level.
     passed: Vec<Vec<bool>>,
     knees: Vec<Knee>,
-    /// Lines per pixel over the channel's mean signal, of the levels below the knee.
+    /// Lines for every pixel over the channel's mean signal, from the levels below the knee.
     maps: LineMaps,
 }
 
@@ -226,7 +228,7 @@ impl Flats {
         let mut order = selection.flats.clone();
         let light = |c: &Capture| ladder::photons(set, c).unwrap_or(c.exposure_s);
         order.sort_by(|a, b| light(a).total_cmp(&light(b)));
-        // A level enters the maps once the next brighter one has shown where saturation lies.
+        // A level is added to the maps after the next brighter one, which may show saturation.
         let mut waiting: Option<(Stack, Level)> = None;
         for capture in order {
             let stack = Stack::read(set, capture)?;
@@ -301,7 +303,7 @@ fn figures_of(
     }
 }
 
-/// Fills in what the lines per pixel tell: variances over pixels in electrons.
+/// Fills in the spatial figures from the lines of the pixels, in electrons.
 fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, channel: usize) {
     let root = |v: Value| Value::sqrt(v.value, v.std_error);
     let offsets = darks.spread(Line::Offset, channel);
@@ -311,7 +313,7 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
         f.column_fpn_e = root(column).map(|v| v.scaled(1.0 / k));
         f.pixel_fpn_e = root(pixel).map(|v| v.scaled(1.0 / k));
         if let Some(black) = &mut f.black_level_dn {
-            // Patterns have zero mean over all sensors, not over the pixels of this one.
+            // The mean of a pattern is zero over all sensors, but not over the pixels of this one.
             let of_rows = row.value.max(0.0) / flats.rows() as f64;
             let of_columns = column.value.max(0.0) / flats.columns() as f64;
             let of_pixels = pixel.value.max(0.0) / (flats.rows() * flats.columns()) as f64;
@@ -326,16 +328,21 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
         }
     }
     let Some((mean, gains)) = flats.spread(Line::Slope, channel) else { return };
-    // Where flats differ in exposure time, the dark current's pattern leans into the slope.
+    // Where flats differ in exposure time, the pattern of the dark current contributes to the
+    // slope.
     let lean = flats.companion_slope(channel).unwrap_or(0.0);
     let dark_part = rates.map_or(0.0, |r| r.value.max(0.0) * lean * lean);
     let variance = (gains.total.value - dark_part) / (mean * mean);
     f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
 }
 
-/// Takes back patterns of the dark that rounding to whole DN changes: offsets at zero exposure by
-/// its noise, the dark current's by the noise of the longest stack (`variance`, DN²).
-fn hide_what_rounding_hides(
+/// Largest relative change of patterns by rounding to whole DN with which they are reported.
+const ROUNDED: f64 = 0.05;
+
+/// Leaves out fixed patterns of the dark that rounding to whole DN changes: offsets by the noise
+/// at zero exposure, the pattern of the dark current by the noise of the longest stack
+/// (`variance`, DN²).
+fn leave_out_rounded_patterns(
     f: &mut Figures,
     k: f64,
     variance: f64,
@@ -344,17 +351,17 @@ fn hide_what_rounding_hides(
 ) {
     let note = |what: &str, noise: f64| {
         format!(
-            "channel {name}: {what} not determined: with a noise of {noise:.2} DN, rounding to whole DN changes \
-             patterns that are smaller than a DN"
+            "channel {name}: {what} not determined: with a noise of {noise:.2} DN, rounding to \
+             whole DN changes patterns that are smaller than a DN"
         )
     };
     let at_zero = f.read_noise_e.map_or(0.0, |r| r.value * k);
-    if rounding_of_patterns(at_zero * at_zero) > 0.05 {
+    if rounding_of_patterns(at_zero * at_zero) > ROUNDED {
         (f.row_fpn_e, f.column_fpn_e, f.pixel_fpn_e) = (None, None, None);
         notes.push(note("row_fpn_e, column_fpn_e and pixel_fpn_e", at_zero));
     }
     let longest = (variance - QUANTISATION).max(0.0);
-    if rounding_of_patterns(longest) > 0.05 {
+    if rounding_of_patterns(longest) > ROUNDED {
         (f.dsnu_e, f.dsnu_e_per_s) = (None, None);
         notes.push(note("dsnu_e and dsnu_e_per_s", longest.sqrt()));
     }
@@ -374,7 +381,7 @@ fn curve(t: &Transfer, flats: &[Level], channel: usize) -> Vec<CurvePoint> {
         .collect()
 }
 
-/// What the channels share, taken together.
+/// The figures over all channels.
 fn over_channels(channels: &[ChannelPtc]) -> Figures {
     let of = |get: fn(&Figures) -> Option<Value>| {
         let values: Vec<Value> = channels.iter().filter_map(|c| get(&c.figures)).collect();
@@ -396,7 +403,7 @@ fn over_channels(channels: &[ChannelPtc]) -> Figures {
         black_level_dn: of(|f| f.black_level_dn),
         nonlinearity_percent: of(|f| f.nonlinearity_percent),
         dark_doubling_c: of(|f| f.dark_doubling_c),
-        // A colour filter's efficiency belongs to its channel.
+        // Quantum efficiency includes the colour filter, so that there is none over all channels.
         quantum_efficiency: if mono { of(|f| f.quantum_efficiency) } else { None },
     }
 }
