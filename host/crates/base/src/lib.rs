@@ -14,7 +14,7 @@
 //! // A quantum efficiency that falls from blue to red, in the 31 bands of Chen et al. 2009.
 //! let curve = Spectrum::new(vec![400.0, 700.0], vec![0.6, 0.3])?;
 //! assert_eq!(curve.sample(&Bands::VISIBLE).len(), 31);
-//! assert_eq!(curve.at(550.0), 0.45);
+//! assert!((curve.at(550.0) - 0.45).abs() < 1e-12);
 //!
 //! let frame = RawFrame {
 //!     width: 2,
