@@ -305,7 +305,9 @@ pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
                     line(plane, packing, packet.payload)?;
                     let bits = stream.frames.facts.bits.get_or_insert(packing.bits());
                     if *bits != packing.bits() {
-                        return Err(Error::unsupported("CSI-2 image lines of different data types"));
+                        return Err(Error::unsupported(
+                            "CSI-2 image lines of different data types",
+                        ));
                     }
                 }
             }
