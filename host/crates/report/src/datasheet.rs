@@ -2,30 +2,21 @@
 
 use super::emva;
 use super::page::Page;
-use super::plot::{Mark, Plot};
+use super::plot::{Mark, Plot, channel_colour};
 use camrig_camera::Camera;
 use camrig_measure::Value;
 use camrig_measure::crosstalk::Crosstalk;
 use camrig_validate::datasheet::Datasheet;
 
-/// Colours by channel letter.
-fn colour(channel: &str) -> &'static str {
-    match channel {
-        "r" => "#d55e00",
-        "g" => "#009e73",
-        "b" => "#0072b2",
-        _ => "#7f7f7f",
-    }
-}
-
-/// The page.
+/// The data sheet of a camera: its file's facts, the figures measured on simulated captures,
+/// plots.
 pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     let s = &camera.sensor;
     let mut page = Page::new(&format!("Data sheet of {}", camera.name));
     page.paragraph(
-        "Measured on simulated captures with the commands that measure real ones: camrig capture, camrig measure, \
-         camrig crosstalk. Figures are therefore estimates with the sampling errors of their captures, not the \
-         camera file's own.",
+        "Measured on simulated captures with the commands that measure real ones: camrig capture, \
+         camrig measure, camrig crosstalk. Figures are therefore estimates with the sampling errors \
+         of their captures, not the camera file's own.",
     );
     let facts = [
         ("sensor", format!("{} x {} pixels of {} µm, {}", s.width, s.height, s.pitch_um, s.cfa)),
@@ -71,7 +62,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
             page.paragraph("This camera file has no table of crosstalk factors.");
         }
     }
-    // One channel's plots: those of the others differ in the light they get only.
+    // The plots of one channel only: those of the others differ only in their light.
     if let Some(channel) =
         sheet.emva.channels.iter().find(|c| c.channel == "g").or(sheet.emva.channels.first())
     {
@@ -86,7 +77,7 @@ fn efficiency(sheet: &Datasheet) -> Plot {
     for (c, channel) in sheet.channels.iter().enumerate() {
         let points: Vec<[f64; 2]> =
             sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
-        plot.coloured(channel, Mark::Line, points, colour(channel));
+        plot.coloured(channel, Mark::Line, points, channel_colour(channel));
     }
     plot
 }
@@ -95,10 +86,13 @@ fn transfer(sheet: &Datasheet) -> Plot {
     let mut plot = Plot::new("MTF", "cycles per pixel", "modulation");
     plot.x_range(0.0, 1.0).y_range(0.0, 1.1);
     for edge in &sheet.edges {
-        plot.coloured(&edge.channel, Mark::Line, edge.curve.clone(), colour(&edge.channel));
+        plot.coloured(&edge.channel, Mark::Line, edge.curve.clone(), channel_colour(&edge.channel));
     }
     plot
 }
+
+/// Distance from the axes, in half sides, from which a node counts as one of a corner.
+const CORNER: f64 = 0.9;
 
 fn corners(crosstalk: &Crosstalk) -> Vec<Vec<String>> {
     let mut rows: Vec<(String, f64, Vec<Value>)> = Vec::new();
@@ -106,8 +100,8 @@ fn corners(crosstalk: &Crosstalk) -> Vec<Vec<String>> {
         if rows.last().is_none_or(|r| r.0 != n.channel || r.1 != n.wavelength_nm) {
             rows.push((n.channel.clone(), n.wavelength_nm, Vec::new()));
         }
-        if n.x.abs() > 0.9
-            && n.y.abs() > 0.9
+        if n.x.abs() > CORNER
+            && n.y.abs() > CORNER
             && let Some(row) = rows.last_mut()
         {
             row.2.push(n.factor);

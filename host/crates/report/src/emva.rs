@@ -1,11 +1,12 @@
-//! The page of `camrig measure emva`: figures and plots as the standard's data sheet has them.
+//! The page of EMVA 1288 measurements: figures and plots in the order of the standard's data
+//! sheet.
 
 use super::page::Page;
 use super::plot::{Mark, Plot};
 use camrig_measure::emva::{ChannelEmva, Checked, Figures};
 use camrig_measure::spectrogram::{Histogram, Spectrogram};
 
-/// The page, with a title that names the camera.
+/// The page; `title` names the camera.
 pub fn page(title: &str, result: &Checked) -> String {
     let mut page = Page::new(title);
     page.paragraph("EMVA Standard 1288, release 4.0 linear.");
@@ -176,7 +177,7 @@ fn spectra_of(name: &str, s: &Spectrogram) -> Plot {
     plot.log_y();
     for (label, power) in [("horizontal", &s.horizontal), ("vertical", &s.vertical)] {
         let last = (power.len() - 1).max(1) as f64;
-        // The largest of neighbours keeps the page small, and narrow lines in it.
+        // The largest of neighbouring values keeps the page small without losing narrow lines.
         let bin = power.len().div_ceil(512).max(1);
         let points = power.chunks(bin).enumerate().map(|(i, part)| {
             let middle = i as f64 * bin as f64 + 0.5 * (part.len() - 1) as f64;

@@ -7,10 +7,10 @@ use camrig_lens::{System, characterise};
 use camrig_optics::Characterisation;
 use std::f64::consts::{PI, TAU};
 
-/// A drawing: a name for its file and SVG text.
+/// A drawing: a name for its file, and SVG text.
 pub type Drawing = (&'static str, String);
 
-/// The drawings that a characterisation gives.
+/// The drawings of a characterised lens.
 pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
     let nm = few(&lens.wavelengths_nm, 3);
     let curves = |title: &str, y: &str, value: &dyn Fn(f64, f64) -> f64| {
@@ -45,8 +45,8 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
     all
 }
 
-/// Modulation transfer at the middle PSF wavelength, radial (fringes across the radius) and
-/// tangential, at a few heights, with the diffraction limit of the stated f-number on the axis.
+/// MTF at the middle PSF wavelength, radial (fringes across the radius) and tangential, at a few
+/// field heights, with the diffraction limit of the f-number on the axis.
 fn mtf(lens: &Characterisation) -> String {
     let psf = &lens.psf;
     let w = psf.wavelengths_nm.len() / 2;
@@ -78,7 +78,7 @@ fn mtf(lens: &Characterisation) -> String {
     plot.svg()
 }
 
-/// Sums over the direction that stays: along rows (away from the axis) or columns.
+/// Line spread function: the PSF summed over its columns (radial) or its rows (tangential).
 fn line_spread(block: &[f32], size: usize, along_rows: bool) -> Vec<f64> {
     let mut line = vec![0.0; size];
     for (k, v) in block.iter().enumerate() {
@@ -107,7 +107,7 @@ fn psfs(lens: &Characterisation) -> String {
     let rows: Vec<(String, Vec<Plane<f64>>)> = few_indices(psf.heights_mm.len(), 5)
         .into_iter()
         .map(|h| {
-            // Rows rise away from the axis; a picture has "away" at the top.
+            // PSF rows rise away from the axis; in a picture, away from the axis is up.
             let picture = |w: usize| {
                 let block = psf.psf(h, w);
                 let n = psf.size;
@@ -124,8 +124,8 @@ fn psfs(lens: &Characterisation) -> String {
     )
 }
 
-/// Spot diagrams at a few fields: where rays land relative to the chief ray of the reference
-/// wavelength.
+/// Spot diagrams at field angles `fields` (degrees) for some wavelengths (nm): positions of rays
+/// on the image plane relative to the chief ray of the reference wavelength, µm.
 ///
 /// # Errors
 /// Rays that are lost.
@@ -155,7 +155,7 @@ pub fn spots(
     Ok(all)
 }
 
-/// A colour that hints at a wavelength.
+/// A colour similar to that of light of a wavelength, for plots.
 fn colour_of(nm: f64) -> &'static str {
     match nm {
         nm if nm < 430.0 => "#7b2d9e",

@@ -1,4 +1,4 @@
-//! Pages about measurements: figures with their errors, and the curves behind them.
+//! Pages of measurements: figures with their standard errors, and the curves they come from.
 
 use super::page::Page;
 use super::plot::{Mark, Plot};
@@ -84,8 +84,8 @@ fn notes(page: &mut Page, notes: &[String]) {
     }
 }
 
-/// Names and values of anything that is written out as JSON: numbers, and values with errors, to
-/// the two leading digits of the error.
+/// Table of all fields of a structure that are numbers or values with errors; the latter are
+/// rounded to the two leading digits of the error.
 fn figures(page: &mut Page, figures: &impl Serialize) {
     let row = |(name, v): (&String, &Value)| {
         let (value, error) = match (v.as_f64(), v["value"].as_f64(), v["std_error"].as_f64()) {

@@ -1,29 +1,30 @@
-//! The page of `camrig validate paper`: model, captured and improved model side by side.
+//! The page of the validation after section VI of Chen et al. 2009: captured frames, model and
+//! improved model side by side.
 
 use super::page::Page;
 use super::plot::{Mark, Plot};
-use camrig_base::Plane;
-use camrig_base::{RawFrame, Result};
+use camrig_base::{Plane, RawFrame, Result};
 use camrig_formats::{DngInfo, png, preview};
 use camrig_measure::patches::DARK;
 use camrig_validate::paper::{Differences, Figures, Level, PatchNoise, REPORTED, Taken};
 
 /// One side of the comparison.
 pub struct Side<'a> {
-    /// What it is called.
+    /// Name of the side.
     pub name: &'a str,
     /// Its frames.
     pub taken: &'a Taken,
     /// Their figures.
     pub figures: &'a Figures,
-    /// How the captured figures differ from it; `None` for the captured side.
+    /// Differences of the captured figures from this side; `None` for the captured side.
     pub differences: Option<&'a Differences>,
 }
 
 /// Colours of captured, model, improved model.
 const COLOURS: [&str; 3] = ["#1c1f23", "#d55e00", "#009e73"];
 
-/// The page. `sides` has the captured one first; `info` turns raw frames into pictures.
+/// The page. The first of `sides` is the captured one; `info` has the colour for pictures of raw
+/// frames.
 ///
 /// # Errors
 /// Pictures that cannot be encoded.
@@ -36,9 +37,10 @@ pub fn page(
     let mut page = Page::new("Section VI of Chen et al. 2009, repeated");
     let captured = sides[0].figures;
     page.paragraph(
-        "A ColorChecker and a slanted edge under D65 at two light levels (300 lx and 10 lx in the paper). The paper compares frames of a real \
-         module with simulated ones and finds four differences; each is below, first against the model, then \
-         against the model with its causes.",
+        "A ColorChecker and a slanted edge under D65 at two light levels (300 lx and 10 lx in the \
+         paper). The paper compares frames of a real module with simulated ones and finds four \
+         differences; each is below, first against the model, then against the model with its \
+         causes.",
     );
     page.heading("The four differences");
     page.table(&headings(sides), &difference_rows(sides, levels));
@@ -167,7 +169,7 @@ fn pictures(
     Ok(())
 }
 
-/// The middle of a frame, from a whole period of the pattern on.
+/// The middle of a frame, beginning at a whole period of the pattern.
 fn crop(frame: &RawFrame, width: usize, height: usize) -> RawFrame {
     let (width, height) = (width.min(frame.width), height.min(frame.height));
     let whole = |free: usize, period: usize| free / 2 / period * period;

@@ -1,19 +1,29 @@
 //! Small plots as SVG text: lines and points on linear or logarithmic axes, and heat maps.
 //!
-//! The drawings stand alone (a file) and sit in a page; text and axes take the surrounding colour.
+//! Drawings are for files of their own and for pages; text and axes take the surrounding colour.
 
 use super::page::escape;
 use base64::Engine;
 use camrig_base::Plane;
 use std::fmt::Write;
 
-/// Colours of series, after Okabe and Ito: told apart by colour-blind people too.
+/// Colours of series, after Okabe and Ito: distinguishable for colour-blind readers.
 const COLOURS: [&str; 8] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#b8a800"];
 
 /// Width and height of a drawing, and its margins: left, right, top, bottom.
 const SIZE: [f64; 2] = [640.0, 400.0];
 const MARGIN: [f64; 4] = [72.0, 16.0, 34.0, 48.0];
+
+/// Colour of a sensor's channel by its name: red, green (also gr and gb), blue, grey for others.
+pub fn channel_colour(channel: &str) -> &'static str {
+    match channel.chars().next() {
+        Some('r') => "#d55e00",
+        Some('g') => "#009e73",
+        Some('b') => "#0072b2",
+        _ => "#7f7f7f",
+    }
+}
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +54,7 @@ struct Axis {
 /// A plot of series over two axes.
 ///
 /// ```
-/// use camrig::report::plot::{Mark, Plot};
+/// use camrig_report::plot::{Mark, Plot};
 /// let mut plot = Plot::new("Noise", "signal, e-", "noise, e-");
 /// plot.log_x().log_y().series("model", Mark::Line, vec![[1.0, 2.0], [100.0, 10.0]]);
 /// assert!(plot.svg().starts_with("<svg"));
@@ -78,13 +88,13 @@ impl Plot {
         self
     }
 
-    /// Fixes the range of the x axis; it follows the points otherwise.
+    /// Sets the range of the x axis, which otherwise follows the points.
     pub fn x_range(&mut self, low: f64, high: f64) -> &mut Self {
         self.x.range = Some([low, high]);
         self
     }
 
-    /// Fixes the range of the y axis; it follows the points otherwise.
+    /// Sets the range of the y axis, which otherwise follows the points.
     pub fn y_range(&mut self, low: f64, high: f64) -> &mut Self {
         self.y.range = Some([low, high]);
         self
@@ -96,13 +106,13 @@ impl Plot {
         self
     }
 
-    /// Adds a series in the next colour; one without a label stays out of the legend.
+    /// Adds a series in the next colour; without a label it is not in the legend.
     pub fn series(&mut self, label: &str, mark: Mark, points: Vec<[f64; 2]>) -> &mut Self {
         let colour = COLOURS[self.series.len() % COLOURS.len()];
         self.coloured(label, mark, points, colour)
     }
 
-    /// Adds a series in a colour of one's own (`#rrggbb`).
+    /// Adds a series in a given colour (`#rrggbb`).
     pub fn coloured(
         &mut self,
         label: &str,
@@ -115,7 +125,7 @@ impl Plot {
         self
     }
 
-    /// The drawing.
+    /// The drawing as SVG text.
     pub fn svg(&self) -> String {
         let [width, height] = SIZE;
         let [left, right, top, bottom] = MARGIN;
@@ -198,11 +208,11 @@ impl Scale {
         Self { low: low - room, high: high + room, logarithmic }
     }
 
-    /// Where a value lies, 0 to 1 from end to end; `None` for what has no place on the axis.
+    /// Position of a value, 0 to 1 from end to end; `None` outside the axis.
     fn at(&self, value: f64) -> Option<f64> {
         let v = if self.logarithmic { value.log10() } else { value };
         let t = (v - self.low) / (self.high - self.low);
-        // Rounding must not drop what lies on the end.
+        // Points at the ends must not be lost to rounding.
         (-1e-6..=1.0 + 1e-6).contains(&t).then_some(t)
     }
 
@@ -241,9 +251,9 @@ fn label(value: f64, power: i32) -> String {
 
 /// A heat map of a plane of values.
 ///
-/// Values go from black over colours to near white; `root` shows their square root, which lifts
-/// faint parts. `x` and `y` give the coordinates of the outer edges, left to right and top to
-/// bottom.
+/// Values go from black over colours to near white; with `root` their square root is shown, which
+/// makes faint parts visible. `x` and `y` are the coordinates of the outer edges, left to right
+/// and top to bottom, in `unit`.
 pub fn heat_map(
     title: &str,
     plane: &Plane<f64>,
@@ -271,7 +281,7 @@ pub fn heat_map(
         out.text([left - 6.0, at + 4.0], "end", &text, "");
     }
     out.text([left + across / 2.0, SIZE[1] - 10.0], "middle", unit, "");
-    // A bar of the colours with the ends of the range.
+    // A colour bar with the ends of the range.
     let bar = Plane::from_fn(1, 64, |_, row| 1.0 - row as f64 / 63.0);
     let bar_place = [left + across + 16.0, top, 14.0, side];
     out.picture(&bar, 0.0, 1.0, root, bar_place);
@@ -280,8 +290,8 @@ pub fn heat_map(
     out.end()
 }
 
-/// Small pictures in rows and columns, with a heading per row and per column; each picture has its
-/// own range. What is shown is the square root of the values.
+/// Small pictures in rows and columns, with a heading per row and column. Each picture has its own
+/// range; the square root of the values is shown.
 pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<f64>>)]) -> String {
     const CELL: f64 = 120.0;
     let left = 110.0;
@@ -303,7 +313,7 @@ pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<
     out.end()
 }
 
-/// A colour between black and near white by way of blue, red and yellow; t from 0 to 1.
+/// A colour from black over blue, red and yellow to near white, for t from 0 to 1.
 pub fn colour(t: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 5] = [
         [0.0, 0.0, 4.0],
@@ -318,7 +328,7 @@ pub fn colour(t: f64) -> [u8; 3] {
     [0, 1, 2].map(|k| (STOPS[i][k] + f * (STOPS[i + 1][k] - STOPS[i][k])).round() as u8)
 }
 
-/// SVG text under construction. Writing to a String does not fail, so results are dropped.
+/// SVG text under construction. Writing to a String does not fail, so its results are ignored.
 struct Drawing {
     text: String,
 }
@@ -348,13 +358,15 @@ impl Drawing {
 
     fn frame(&mut self, [x, y, width, height]: [f64; 4]) {
         self.add(format_args!(
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" stroke=\"currentColor\"/>\n"
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" \
+             stroke=\"currentColor\"/>\n"
         ));
     }
 
     fn tick(&mut self, from: [f64; 2], to: [f64; 2], place: [f64; 2], anchor: &str, text: &str) {
         self.add(format_args!(
-            "<path d=\"M{:.1} {:.1}L{:.1} {:.1}\" stroke=\"currentColor\" stroke-opacity=\"0.15\"/>\n",
+            "<path d=\"M{:.1} {:.1}L{:.1} {:.1}\" stroke=\"currentColor\" \
+             stroke-opacity=\"0.15\"/>\n",
             from[0], from[1], to[0], to[1]
         ));
         self.text(place, anchor, text, "");
@@ -362,7 +374,7 @@ impl Drawing {
 
     fn marks(&mut self, points: &[[f64; 2]], mark: Mark, colour: &str) {
         if mark == Mark::Points {
-            // Few points are looked at one by one, many as a cloud.
+            // Few points are read one by one, many as a cloud.
             let radius = if points.len() < 100 { 3.0 } else { 1.6 };
             self.add(format_args!("<g fill=\"{colour}\" fill-opacity=\"0.7\">"));
             for [x, y] in points {
@@ -374,12 +386,13 @@ impl Drawing {
         let dash = if mark == Mark::Dashed { " stroke-dasharray=\"6 4\"" } else { "" };
         let path: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         self.add(format_args!(
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\"{dash}/>\n",
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" \
+             stroke-width=\"1.6\"{dash}/>\n",
             path.join(" ")
         ));
     }
 
-    /// A line of the legend, its right end at a place.
+    /// An entry of the legend; its right end is at a position.
     fn swatch(&mut self, [x, y]: [f64; 2], mark: Mark, colour: &str, label: &str) {
         let ends = [[x - 20.0, y - 4.0], [x, y - 4.0]];
         match mark {
@@ -400,8 +413,8 @@ impl Drawing {
         let Some(bytes) = png(plane.width, plane.height, &pixels) else { return };
         let data = base64::engine::general_purpose::STANDARD.encode(bytes);
         self.add(format_args!(
-            "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
-             style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>\n"
+            "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
+             preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>\n"
         ));
     }
 

@@ -1,29 +1,19 @@
-//! The page about simulated frames: what was simulated, pictures, levels, the model behind them.
+//! The page of simulated frames: facts, pictures, levels and the camera model.
 
 use super::page::Page;
-use super::plot::{Mark, Plot};
+use super::plot::{Mark, Plot, channel_colour};
 use camrig_base::{RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{DngInfo, png, preview};
 use camrig_scene::Illuminant;
 use camrig_sensor_core::config::FrameSettings;
 
-/// Frames of which the page has a picture; of all others it has the figures.
+/// Frames shown as pictures; of all others the page has the figures only.
 const SHOWN: usize = 4;
 /// Longest side of a picture, pixels.
 const PICTURE: usize = 1024;
 
-/// Colours of channels R, G, B and of any other.
-fn colour(channel: &str) -> &'static str {
-    match channel.chars().next() {
-        Some('r') => "#d55e00",
-        Some('g') => "#009e73",
-        Some('b') => "#0072b2",
-        _ => "#7f7f7f",
-    }
-}
-
-/// What is gathered frame by frame.
+/// Pictures and levels, collected frame by frame.
 #[derive(Default)]
 pub struct Frames {
     shown: Vec<(String, Vec<u8>, String)>,
@@ -31,7 +21,7 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Takes note of a frame.
+    /// Adds a frame.
     ///
     /// # Errors
     /// A picture that cannot be encoded.
@@ -54,8 +44,7 @@ impl Frames {
 
 /// The page.
 ///
-/// `made_of` tells how the frames were made, name and value by line; `settings` are those of the
-/// first frame.
+/// `made_of` are names and values of further facts; `settings` are those of the first frame.
 pub fn page(
     title: &str,
     camera: &Camera,
@@ -94,7 +83,8 @@ pub fn page(
     page.drawing(&response(camera, light), "quantum efficiency with filters and lens");
     page.drawing(
         &noise(camera, settings),
-        "the base model's temporal and fixed noise of a pixel, before the effects of the camera file",
+        "the base model's temporal and fixed noise of a pixel, before the effects of the camera \
+         file",
     );
     page.heading("Camera file");
     page.verbatim(&camera.text);
@@ -118,7 +108,7 @@ fn histogram(frame: &RawFrame) -> String {
         let name = letter.to_lowercase().to_string();
         let centre = |i: usize| (i as f64 + 0.5) * per_bin as f64 - 0.5;
         let points = counts.iter().enumerate().map(|(i, &n)| [centre(i), f64::from(n)]).collect();
-        plot.coloured(&name, Mark::Line, points, colour(&name));
+        plot.coloured(&name, Mark::Line, points, channel_colour(&name));
     }
     plot.svg()
 }
@@ -133,7 +123,7 @@ fn response(camera: &Camera, light: Option<&Illuminant>) -> String {
             let filter = sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(w));
             [w, qe.at(w) * filter * camera.lens.transmittance.at(w)]
         };
-        plot.coloured(name, Mark::Line, nm.iter().map(at).collect(), colour(name));
+        plot.coloured(name, Mark::Line, nm.iter().map(at).collect(), channel_colour(name));
     }
     if let Some(light) = light {
         let most = nm.iter().map(|&w| light.power.at(w)).fold(0.0, f64::max);
@@ -144,8 +134,8 @@ fn response(camera: &Camera, light: Option<&Illuminant>) -> String {
     plot.svg()
 }
 
-/// Standard deviations over signal, e⁻: eq. 10 of Chen et al. 2009 without row pattern and DSNU,
-/// with the rounding of the converter.
+/// Standard deviations over signal, both in e⁻: eq. 10 of Chen et al. 2009 without row pattern and
+/// DSNU, with the quantisation of the converter.
 fn noise(camera: &Camera, settings: &FrameSettings) -> String {
     let (sensor, gain) = (&camera.sensor, f64::from(settings.analog_gain));
     let noise = &sensor.noise;
