@@ -1,4 +1,4 @@
-//! Errors in the words of the command line.
+//! Errors in terms of the command line.
 //!
 //! The library says what would be right in terms of its calls; here the flag or the command that
 //! does so is added, found by the error's code.

@@ -20,7 +20,7 @@ use std::str::FromStr;
 /// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
 pub fn duration(text: &str) -> Result<f64, String> {
     let units = [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("s", 1.0)];
-    let wrong = || format!("{text:?} is no duration; use for instance 20ms, 1.5s or 300us");
+    let wrong = || format!("{text:?} is not a duration; use for instance 20ms, 1.5s or 300us");
     let (number, unit) = units
         .iter()
         .find_map(|(suffix, unit)| Some((text.strip_suffix(suffix)?, unit)))
@@ -37,7 +37,7 @@ pub fn duration(text: &str) -> Result<f64, String> {
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err(format!("{text:?} is no number above zero")),
+        _ => Err(format!("{text:?} is not a number above zero")),
     }
 }
 
@@ -82,7 +82,7 @@ pub fn broken_link(error: &Error) {
     eprintln!("the link broke; taking the frame up again at {rig}");
 }
 
-/// A progress bar on standard error, hidden when that is no terminal.
+/// A progress bar on standard error, hidden when that is not a terminal.
 pub fn progress(label: &'static str, total: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:>12} {wide_bar} {pos}/{len} {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());

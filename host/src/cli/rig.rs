@@ -180,7 +180,7 @@ struct ServeArgs {
         value_parser = clap::value_parser!(u16).range(8..=4096)
     )]
     report: Option<u16>,
-    /// Pretend to speak only these versions of the protocol, to try a host's words
+    /// Pretend to speak only these versions of the protocol, to test a host's messages
     #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
     versions: Option<(u8, u8)>,
 }
@@ -189,7 +189,7 @@ struct ServeArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  camrig rig log --elf rig-m4.elf uart1.bin")]
 struct LogArgs {
-    /// The firmware's ELF file, which has the words
+    /// The firmware's ELF file, which holds the text of the messages
     #[arg(long, value_name = "FILE")]
     elf: PathBuf,
     /// What the firmware sent; `-` is standard input
@@ -231,14 +231,14 @@ fn number(text: &str) -> Result<u32, String> {
         Some(hex) => u32::from_str_radix(hex, 16),
         None => text.parse(),
     }
-    .map_err(|_| format!("{text:?} is no number such as 514 or 0x0202"))
+    .map_err(|_| format!("{text:?} is not a number such as 514 or 0x0202"))
 }
 
 /// Reads two versions of the protocol.
 fn versions(text: &str) -> Result<(u8, u8), String> {
     text.split_once(',')
         .and_then(|(oldest, newest)| Some((oldest.parse().ok()?, newest.parse().ok()?)))
-        .ok_or_else(|| format!("{text:?} is no pair of versions such as 1,2"))
+        .ok_or_else(|| format!("{text:?} is not a pair of versions such as 1,2"))
 }
 
 /// Runs the command.
@@ -378,8 +378,8 @@ fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     Ok(cubes)
 }
 
-/// Memory for rows in their form on the link; what does not fit is made anew for each frame,
-/// bytes.
+/// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
+/// for all frames. A trade: a gibibyte that any workstation has to spare.
 const KEPT_BYTES: usize = 1 << 30;
 
 fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &StreamArgs) -> Feed<'a> {
@@ -543,7 +543,9 @@ fn serve(args: &ServeArgs) -> Result<()> {
 fn link_failed(why: ServeError<std::io::Error>) {
     match why {
         ServeError::Link(e) => eprintln!("the link ended: {e}"),
-        ServeError::OutOfStep => eprintln!("the link ended: what came is not the protocol"),
+        ServeError::OutOfStep => {
+            eprintln!("the link ended: the bytes that arrived are not the protocol")
+        }
     }
 }
 

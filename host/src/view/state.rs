@@ -5,7 +5,7 @@ use camrig_formats::{DngInfo, png, preview};
 use camrig_report::plot::colour;
 use serde_json::{Value, json};
 
-/// Bins of the histogram: the upper 8 bits of a sample, as fine as the page can draw.
+/// Bins of the histogram: each is more than two pixels wide on the page.
 const BINS: usize = 256;
 /// Longest side of a picture, pixels; larger frames are thinned, so that a page keeps up with the
 /// stream.

@@ -53,7 +53,7 @@ fn absent_rigs_are_named_with_advice() {
         ("tcp://127.0.0.1:1", "no rig answers"),
         ("serial:///dev/no-such-port", "cannot open /dev/no-such-port"),
         ("hid://1209:fffe", "HID"),
-        ("usb://", "no address of a rig"),
+        ("usb://", "not an address of a rig"),
     ] {
         let said = words(url);
         assert!(said.contains(word) && said.contains("help:"), "{url}: {said}");

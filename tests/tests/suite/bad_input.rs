@@ -32,7 +32,7 @@ fn arguments() {
     let dir = folder();
     let refuses = |arguments: &str, says: &[&str]| refuses(dir.path(), arguments, says);
     refuses(&format!("{GOOD} 0ms"), &["above zero", "20ms"]);
-    refuses(&format!("{GOOD} 20"), &["no duration", "20ms"]);
+    refuses(&format!("{GOOD} 20"), &["not a duration", "20ms"]);
     refuses(&format!("{GOOD} 20ms --lux -1"), &["lux"]);
     refuses(&format!("{GOOD} 20ms --illuminant D66x"), &["D66x"]);
     refuses(&format!("{GOOD} 20ms --gain nan"), &["above zero"]);

@@ -77,7 +77,7 @@ fn edges_that_cannot_be_measured() {
     refuses(dir, "measure mtf none.dng --roi 50,20,60,80", &["edge"]);
     refuses(dir, "measure mtf edge.dng --roi 150,20,60,80", &["not inside the frame"]);
     refuses(dir, "measure mtf edge.dng --roi 50,20,10,80", &["20 pixels"]);
-    refuses(dir, "measure mtf edge.dng --roi 50,20", &["no region"]);
+    refuses(dir, "measure mtf edge.dng --roi 50,20", &["not a region"]);
 }
 
 /// Program to program: MTF50 of simulated edges against theory (photon-weighted diffraction OTF x pixel, D65, 400 to

@@ -1,4 +1,4 @@
-//! Choices by name: the words by which files and command lines call the variants of an enum.
+//! Choices by name: the variants of an enum as files and command lines name them.
 
 use crate::{Error, Result, toml_text};
 

@@ -1,8 +1,8 @@
 //! What every crate of camrig shares.
 //!
 //! * [`Error`]: what is wrong, of which [`ErrorKind`], where, and what would be right;
-//! * [`Plane`], [`RawFrame`] and [`Cfa`]: rectangles of values, row by row from the top; raw frames
-//!   in digital numbers (DN) with their colour filter pattern;
+//! * [`Plane`], [`RawFrame`] and [`Cfa`]: rectangles of values, row by row from the top; raw
+//!   frames in digital numbers (DN) with their colour filter pattern;
 //! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
 //! * [`output`]: files and directories that appear whole or not at all;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;

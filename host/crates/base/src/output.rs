@@ -263,7 +263,7 @@ fn cannot_create(path: &Path, error: io::Error) -> Error {
         }
         _ => "check the folder and the space left on its disk",
     };
-    // tempfile's errors name the temporary file, which nobody asked for.
+    // tempfile's errors name the temporary file, which means nothing to the caller.
     let own = error.get_ref().and_then(|e| e.source()?.downcast_ref::<io::Error>()?.raw_os_error());
     Error::io("create", path, own.map_or(error, io::Error::from_raw_os_error)).help(help)
 }

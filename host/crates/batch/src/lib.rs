@@ -1,5 +1,5 @@
-//! Many pictures: a sweep file, that is a grid of cameras, scenes, lights (lx), exposures (s), gains
-//! and seeds, rendered to a data set with a manifest.
+//! Many pictures: a sweep file, that is a grid of cameras, scenes, lights (lx), exposures (s),
+//! gains and seeds, rendered to a data set with a manifest.
 //!
 //! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on
 //! the shard it was made in, the threads, or what was there already. See [`sweep`] for the file

@@ -104,8 +104,8 @@ impl Rig {
     /// Opens the rig at an address and begins a session.
     ///
     /// # Errors
-    /// Text that is no address ([`Url::parse`]), a link that cannot be opened, a rig that does not
-    /// answer or speaks other versions of the protocol.
+    /// Text that is not an address ([`Url::parse`]), a link that cannot be opened, a rig that does
+    /// not answer or speaks other versions of the protocol.
     pub fn open(url: &str) -> Result<Self> {
         let url = Url::parse(url)?;
         let transport = open(&url)?;
@@ -397,7 +397,8 @@ impl Rig {
     }
 
     fn unexpected(&self, answer: ToHost) -> Error {
-        Error::disagreement(format!("the rig answered something else: {answer:?}")).at(&self.url)
+        Error::disagreement(format!("the rig answered a request with something else: {answer:?}"))
+            .at(&self.url)
     }
 
     fn failed(&self, event: Event) -> Error {

@@ -22,8 +22,8 @@ const RAW_BYTES: usize = 2 * MAX_WIDTH;
 const ROWS: usize = 5 + 8;
 /// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels, and the axes of the three.
 const CROSSTALK: usize = 33 * 33 * 64 * 4 + 130;
-/// Packets that a host may send ahead. A trade: 8 MiB of memory at the longest packet, and the host
-/// need not wait for acknowledgements.
+/// Packets that a host may send ahead. A trade: 8 MiB of memory at the longest packet, and the
+/// host need not wait for acknowledgements.
 const CREDIT: u16 = 256;
 /// Bytes read and written at a time on a byte stream.
 const STREAM_BYTES: usize = 256 * 1024;

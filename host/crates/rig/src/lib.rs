@@ -2,9 +2,9 @@
 //!
 //! A [`Rig`] at an address (`emulator:`, `tcp://`, `serial://`, `hid://`) takes a sensor and an
 //! irradiance cube (W m⁻² nm⁻¹ per band and pixel) and gives raw rows in digital numbers: the same
-//! bytes as this process would compute. Lost or damaged packets are asked for again, and links that
-//! break are opened again. Its registers lie at addresses of MIPI CCS and act with the delay of a
-//! sensor.
+//! bytes as this process would compute. Lost or damaged packets are asked for again, and links
+//! that break are opened again. Its registers lie at addresses of MIPI CCS and act with the delay
+//! of a sensor.
 //!
 //! ```
 //! use camrig_rig::Rig;

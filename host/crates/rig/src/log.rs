@@ -1,4 +1,4 @@
-//! The log of a firmware, decoded: `defmt` sends numbers, the firmware's ELF file has the words.
+//! The log of a firmware, decoded: `defmt` sends numbers, the firmware's ELF file holds the text.
 
 use camrig_base::{Error, Result};
 use defmt_decoder::{DecodeError, Locations, Table};
@@ -49,7 +49,7 @@ impl LogDecoder {
                 }
                 Err(DecodeError::UnexpectedEof) => return,
                 Err(DecodeError::Malformed) => {
-                    line("?     bytes that are no message of this firmware".into());
+                    line("?     bytes that are not a message of this firmware".into());
                     if !self.table.encoding().can_recover() {
                         return;
                     }

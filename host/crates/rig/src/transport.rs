@@ -151,7 +151,7 @@ impl<W: Write + Send> Transport for ByteLink<W> {
         loop {
             let mut bytes = &self.chunk[self.used..];
             let whole = self.receiver.push(&mut bytes).map_err(|_| {
-                Error::disagreement("what came is not the rig's protocol")
+                Error::disagreement("the bytes that arrived are not the rig's protocol")
                     .at(&self.name)
                     .help("give the address of a rig; serial lines take serial://, not tcp://")
             })?;

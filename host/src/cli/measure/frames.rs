@@ -110,9 +110,9 @@ pub fn roi(text: &str) -> Result<Roi, String> {
     let numbers: Result<Vec<usize>, _> = text.split(',').map(|t| t.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[x, y, width, height]) => Ok(Roi { x, y, width, height }),
-        _ => {
-            Err(format!("{text:?} is no region; use X,Y,WIDTH,HEIGHT, for instance 200,100,80,120"))
-        }
+        _ => Err(format!(
+            "{text:?} is not a region; use X,Y,WIDTH,HEIGHT, for instance 200,100,80,120"
+        )),
     }
 }
 
