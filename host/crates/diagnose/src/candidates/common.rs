@@ -12,7 +12,8 @@ use camrig_sensor_core::effects::Effect;
 
 /// Range of a likelihood search over a standard deviation: ln σ either side of the estimate by
 /// moments, a factor of 4.5. Wide enough for a moment estimate that a few outlying frames pulled,
-/// narrow enough for the grid of [`lowest`](crate::numerics::minimise::lowest) to find the minimum.
+/// narrow enough for the grid of [`lowest`](crate::numerics::minimise::lowest) to find the
+/// minimum.
 pub(super) const LN_SIGMA_REACH: f64 = 1.5;
 
 /// Dark stacks this close in temperature, K, are taken to have the same dark current: with

@@ -1,12 +1,13 @@
 //! `adc-nonlinearity`: bits of the converter with a wrong weight.
 //!
-//! From the histograms h(c) of the stacks. A weight that is ε_b too large (DN) makes some codes wider
-//! and others narrower, by ε_b d_b(c); per width the codes with a bit are as many as those without:
+//! From the histograms h(c) of the stacks. A weight that is ε_b too large (DN) makes some codes
+//! wider and others narrower, by ε_b d_b(c); per width the codes with a bit are as many as those
+//! without:
 //!
 //!   Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0,
 //!
-//! summed over the stacks whose density is smooth over the codes that bit b divides, solved for all
-//! bits at once by Newton's method. Counts scatter as Poisson's do.
+//! summed over the stacks whose density is smooth over the codes that bit b divides, solved for
+//! all bits at once by Newton's method. Counts scatter as Poisson's do.
 
 use super::proposal::{LEAST_STRENGTH, Proposal};
 use crate::data::channels::Channels;
@@ -51,8 +52,8 @@ impl Codes<'_> {
     }
 }
 
-/// d_b(c), by how much an error of 1 DN of a bit widens a code, DN: a weight that is too large makes
-/// the last code without the bit wider, and the last code with it narrower.
+/// d_b(c), by how much an error of 1 DN of a bit widens a code, DN: a weight that is too large
+/// makes the last code without the bit wider, and the last code with it narrower.
 fn widening(bit: usize, code: usize) -> f64 {
     let half = 1usize << bit;
     match (code % half == half - 1, code & half == 0) {
@@ -62,8 +63,8 @@ fn widening(bit: usize, code: usize) -> f64 {
     }
 }
 
-/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one bit
-/// widens are not balanced by those it narrows, and would pass for another's. `None` where the
+/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one
+/// bit widens are not balanced by those it narrows, and would pass for another's. `None` where the
 /// stacks do not determine them.
 fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     let n = bits.len();
@@ -110,7 +111,8 @@ fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
     Vec::new()
 }
 
-/// `adc-nonlinearity`: errors of the lowest bits, from the stacks that reach neither end of the scale.
+/// `adc-nonlinearity`: errors of the lowest bits, from the stacks that reach neither end of the
+/// scale.
 pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
     if current(e.camera, "adc-nonlinearity").is_some() {
         return None;
@@ -143,8 +145,8 @@ pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
     Some(proposal)
 }
 
-/// The samples of a stack. A mixture of channels is as smooth as the narrowest of their laws, so `sd`
-/// is that of the channel with the least.
+/// The samples of a stack. A mixture of channels is as smooth as the narrowest of their laws, so
+/// `sd` is that of the channel with the least.
 fn codes<'a>(t: &'a Temporal, channels: &Channels) -> Codes<'a> {
     let means = channels.means(&t.mean.data);
     let mut squares = t.mean.data.clone();
@@ -158,14 +160,15 @@ fn codes<'a>(t: &'a Temporal, channels: &Channels) -> Codes<'a> {
 mod tests {
     use super::*;
 
-    /// Histogram of a million samples of a normal law, code `c` from `begins(c)` to `begins(c + 1)`.
+    /// Histogram of a million samples of a normal law, code `c` from `begins(c)` to `begins(c +
+    /// 1)`.
     fn histogram(mean: f64, sd: f64, begins: impl Fn(usize) -> f64) -> Vec<u32> {
         let below = |v: f64| 0.5 * libm::erfc((mean - v) / sd / std::f64::consts::SQRT_2);
         (0..256).map(|c| (1e6 * (below(begins(c + 1)) - below(begins(c)))) as u32).collect()
     }
 
-    /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well: only
-    /// bit 2 has one.
+    /// A narrow histogram about a code that bit 2 widens looks like an error of bit 0 as well:
+    /// only bit 2 has one.
     #[test]
     fn a_wrong_bit_is_not_taken_for_another() {
         for error in [0.04, -0.04, 0.15, -0.15] {

@@ -1,7 +1,7 @@
 //! Dark signal: `hot-pixels`, `dark-current`, `dark-current-temperature`, `dark-current-gradient`.
 //!
-//! The map of dark current (e⁻/s) is the difference of the longest dark stack and the reference over
-//! that of their exposures; stacks have the mean dark signal of each channel (DN). With T the
+//! The map of dark current (e⁻/s) is the difference of the longest dark stack and the reference
+//! over that of their exposures; stacks have the mean dark signal of each channel (DN). With T the
 //! temperature, T_ref and T_d those of the model's law 2^((T − T_ref)/T_d), primes what the model
 //! predicts and ⟨ ⟩ inverse-variance means:
 //!
@@ -78,8 +78,8 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
     } else {
         more / n * (limit * per_unit / mean).exp()
     };
-    // The map was taken at the long stack's temperature. How hot pixels grow with it was not looked
-    // at: the dark current's law serves.
+    // The map was taken at the long stack's temperature. How hot pixels grow with it was not
+    // looked at: the dark current's law serves.
     let growth = long_dark(e.design)
         .map_or(1.0, |i| dark_growth(noise, e.design.conditions[i].stack.temperature_c));
     let mean = mean / growth;

@@ -2,11 +2,11 @@
 //! `readout-channel-mismatch`, of offset and gain.
 //!
 //! The offset map is the mean of the reference dark stack, DN. Standard deviations come from the
-//! variance V of its row means, column means or pixels beside what the model predicts, V', as
-//! σ² = σ₀² + (V − V')/K², e⁻², with K the system gain (DN/e⁻) and σ₀ what the model has.
-//! Channels of the read-out are columns that repeat every n columns: n is the period whose means
-//! leave least of the columns by Schwarz's criterion, σ² the variance between its n means less that
-//! of a mean, in e⁻² from the offset map and without unit from the gain map.
+//! variance V of its row means, column means or pixels beside what the model predicts, V', as σ² =
+//! σ₀² + (V − V')/K², e⁻², with K the system gain (DN/e⁻) and σ₀ what the model has. Channels of
+//! the read-out are columns that repeat every n columns: n is the period whose means leave least
+//! of the columns by Schwarz's criterion, σ² the variance between its n means less that of a mean,
+//! in e⁻² from the offset map and without unit from the gain map.
 
 use super::common::{of_excess, present};
 use super::proposal::Proposal;
@@ -179,8 +179,8 @@ impl Mismatch {
     }
 }
 
-/// How many times larger the deviations of column phases were before each channel was divided by its
-/// own mean: under a colour filter array phases that share no channel cannot be compared.
+/// How many times larger the deviations of column phases were before each channel was divided by
+/// its own mean: under a colour filter array phases that share no channel cannot be compared.
 fn compensation(means: &[f64], channels: &Channels) -> f64 {
     let n = means.len();
     let middle = means.iter().sum::<f64>() / n as f64;

@@ -31,7 +31,8 @@ const AROUND: usize = 12;
 /// be told from a slope. The search starts no lower than the first value, and its steps end at the
 /// second.
 const LEAST_CYCLES: [f64; 2] = [0.5, 0.45];
-/// First step of the search for the frequency between bins, in bins; each round is ten times finer.
+/// First step of the search for the frequency between bins, in bins; each round is ten times
+/// finer.
 const FIRST_STEP_BINS: f64 = 0.1;
 /// Rounds of that search: to 1e-3 bins.
 const ROUNDS: usize = 3;
@@ -160,8 +161,8 @@ struct Band {
 }
 
 impl Band {
-    /// Variance of `square` where its mean is `square`: of the mean of |a + ε|² over n frames, ε of
-    /// mean square s, (2 a² s + s²)/n.
+    /// Variance of `square` where its mean is `square`: of the mean of |a + ε|² over n frames, ε
+    /// of mean square s, (2 a² s + s²)/n.
     fn variance(&self, square: f64) -> f64 {
         (2.0 * square + self.noise) * self.noise / self.frames
     }
@@ -201,8 +202,8 @@ fn flats<'a>(e: &Evidence<'a>) -> Vec<Flat<'a>> {
     e.flats().map(|(i, c)| (i, c.stack.exposure_s)).filter_map(of).collect()
 }
 
-/// Power without the wave that lies in the bin `at`, DN²: from the median of the bins around. `None`
-/// where there are none.
+/// Power without the wave that lies in the bin `at`, DN²: from the median of the bins around.
+/// `None` where there are none.
 fn white_beside(stack: &Temporal, at: usize) -> Option<f64> {
     let power = &stack.row_power;
     let (from, to) = (at.saturating_sub(LEAK), (at + LEAK + 1).min(power.len()));
@@ -214,7 +215,8 @@ fn white_beside(stack: &Temporal, at: usize) -> Option<f64> {
     Some(median(&mut around, f64::total_cmp) / median_of_squares(2.0 * stack.dof))
 }
 
-/// Cycles per row near a peak of the power with which most changes from frame to frame, in `h` rows.
+/// Cycles per row near a peak of the power with which most changes from frame to frame, in `h`
+/// rows.
 fn between_bins(flats: &[Flat<'_>], peak: f64, h: f64, period: usize) -> Option<f64> {
     let (mut cycles, mut step) = (peak.max(LEAST_CYCLES[0] / h), FIRST_STEP_BINS / h);
     for _ in 0..ROUNDS {
@@ -295,9 +297,9 @@ fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2
     [(yy * xr - xy * yr) / determinant, (xx * yr - xy * xr) / determinant]
 }
 
-/// The square of the depth A of light that pulsates with f, Hz, and χ² of what A² sinc² leaves. The
-/// scatter of squares is that of their fitted values, since that of the measured ones would favour
-/// the small.
+/// The square of the depth A of light that pulsates with f, Hz, and χ² of what A² sinc² leaves.
+/// The scatter of squares is that of their fitted values, since that of the measured ones would
+/// favour the small.
 fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
     let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(LEAST_SINC_SQUARED);
     let mut found = Estimated { value: 0.0, se: f64::INFINITY };
@@ -314,8 +316,8 @@ fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
     Some((found, left.sum()))
 }
 
-/// The frequency, Hz, of light whose bands exposures of different length average: that of a lamp on
-/// the mains, if it serves as well as the best.
+/// The frequency, Hz, of light whose bands exposures of different length average: that of a lamp
+/// on the mains, if it serves as well as the best.
 fn light_frequency(bands: &[Band]) -> Option<f64> {
     let best = |tried: &mut dyn Iterator<Item = f64>| {
         tried

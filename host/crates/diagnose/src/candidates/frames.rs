@@ -58,7 +58,8 @@ pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
 struct Series {
     /// Mean of each frame, e⁻.
     means: Vec<f64>,
-    /// Variance of a mean by what is white from frame to frame (pixels, rows, columns, light), e⁻².
+    /// Variance of a mean by what is white from frame to frame (pixels, rows, columns, light),
+    /// e⁻².
     white: f64,
 }
 
@@ -81,9 +82,9 @@ fn series(e: &Evidence<'_>) -> Vec<Series> {
 }
 
 impl Series {
-    /// −2 ln of the likelihood of a stationary drift x_t = r x_(t−1) + √(1 − r²) σ z of a variance σ²
-    /// (e⁻²) beside white noise, about an unknown mean: Kalman's innovations of the series and of
-    /// a constant, over whose factor the likelihood is integrated (Harvey 1989, section 3.4).
+    /// −2 ln of the likelihood of a stationary drift x_t = r x_(t−1) + √(1 − r²) σ z of a variance
+    /// σ² (e⁻²) beside white noise, about an unknown mean: Kalman's innovations of the series and
+    /// of a constant, over whose factor the likelihood is integrated (Harvey 1989, section 3.4).
     fn deviance(&self, variance: f64, r: f64) -> f64 {
         let (mut x, mut one, mut p) = (0.0, 0.0, variance);
         let (mut logs, mut yy, mut y1, mut s11) = (0.0, 0.0, 0.0, 0.0);
@@ -105,7 +106,8 @@ impl Series {
     }
 }
 
-/// `light-flicker`: variance of the frame means of flats in proportion to the square of the signal.
+/// `light-flicker`: variance of the frame means of flats in proportion to the square of the
+/// signal.
 pub fn light_flicker(e: &Evidence<'_>) -> Option<Proposal> {
     let (w, h) = e.size();
     let excess = pooled(e.flats().filter_map(|(i, _)| {

@@ -2,10 +2,11 @@
 //! `defective-pixels`.
 //!
 //! The gain map is the response of each pixel over the mean of its channel, without unit; standard
-//! deviations come from the variance V of its pixels or column means beside what the model predicts,
-//! V', as σ² = σ₀² + V − V' with σ₀ what the model has. Correlated response is a pixel's share of its
-//! neighbours: their covariance is a half (beside, below) and a quarter (diagonally) of σ². Greens
-//! differ by the contrast of every other row and column; defects are the low outliers of the map.
+//! deviations come from the variance V of its pixels or column means beside what the model
+//! predicts, V', as σ² = σ₀² + V − V' with σ₀ what the model has. Correlated response is a pixel's
+//! share of its neighbours: their covariance is a half (beside, below) and a quarter (diagonally)
+//! of σ². Greens differ by the contrast of every other row and column; defects are the low
+//! outliers of the map.
 
 use super::common::{Count, of_excess, present};
 use super::proposal::{Proposal, deviation};
@@ -32,8 +33,8 @@ pub fn prnu(e: &Evidence<'_>) -> Option<Proposal> {
     of_excess("prnu", "sigma", e.camera.sensor.noise.prnu, x, |sigma| Prnu { sigma }.into())
 }
 
-/// `prnu-correlated`: covariance of neighbours, and what the variance of the pixels has more. Where
-/// it has not as much more, the pixels' own spread is as much less.
+/// `prnu-correlated`: covariance of neighbours, and what the variance of the pixels has more.
+/// Where it has not as much more, the pixels' own spread is as much less.
 pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
     let variance = e.map(MapKind::Gain)?.spatial.pixel_variance;
     // Least squares over the three neighbours.
@@ -74,9 +75,9 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     if (cfa.width, cfa.height) != (2, 2) {
         return None;
     }
-    // Greens lie on one of the two diagonals. The map has the contrasts of even rows and columns to
-    // odd ones: the green of the even row is in the even column on one diagonal, in the odd column
-    // on the other.
+    // Greens lie on one of the two diagonals. The map has the contrasts of even rows and columns
+    // to odd ones: the green of the even row is in the even column on one diagonal, in the odd
+    // column on the other.
     let green = |x, y| cfa.letter(x, y) == 'G';
     let first_in_even_column = if green(0, 0) && green(1, 1) {
         true

@@ -91,9 +91,9 @@ fn best_of_grid(blocks: &[Block], size: (f64, f64)) -> Option<[f64; 4]> {
     best.map(|b| b.1)
 }
 
-/// Rate, place and width by Gauss-Newton from a start, with standard errors. `error` is the standard
-/// deviation of a block mean, e⁻/s. `None` where the fit is singular or ends outside the effect's
-/// ranges.
+/// Rate, place and width by Gauss-Newton from a start, with standard errors. `error` is the
+/// standard deviation of a block mean, e⁻/s. `None` where the fit is singular or ends outside the
+/// effect's ranges.
 fn refined(
     blocks: &[Block],
     error: f64,

@@ -1,9 +1,9 @@
-//! Candidates: for each kind of the catalogue, how large it would have to be to explain what is seen.
+//! Candidates: how large each effect of the catalogue would have to be to explain the deviations.
 //!
-//! An estimator reads its own statistic: measured less predicted, turned into the effect's parameter. What the
-//! present model already has of the effect is part of the prediction, so estimators give the whole new value and
-//! may be repeated until nothing moves. Whether the effect is the true one is not theirs to say: the search judges
-//! by all statistics.
+//! An estimator reads the statistics that its effect moves most: measured less predicted, turned
+//! into the effect's parameters. What the present model already has of the effect is part of the
+//! prediction, so that an estimator gives the whole new value and may be repeated until it settles.
+//! Whether the effect is the true one it does not decide: the search judges by all statistics.
 
 mod blocks;
 mod common;
@@ -48,7 +48,7 @@ impl Estimator {
     }
 }
 
-/// Every kind that is looked for.
+/// Every effect that is looked for, by its kind, with its estimator.
 pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("row-temporal-noise", One(rows::row_temporal)),
     ("column-temporal-noise", One(rows::column_temporal)),
@@ -61,8 +61,8 @@ pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("read-noise-spread", Several(noise::read_noise_spread)),
     ("random-telegraph-noise", Several(noise::telegraph)),
     ("heavy-tailed-read-noise", Several(noise::heavy_tails)),
-    ("charge-coupling", Several(neighbours::charge_coupling)),
-    ("brighter-fatter", Several(neighbours::brighter_fatter)),
+    ("charge-coupling", One(neighbours::charge_coupling)),
+    ("brighter-fatter", One(neighbours::brighter_fatter)),
     ("row-offset-fpn", One(fixed::row_offset)),
     ("column-offset-fpn", One(fixed::column_offset)),
     ("pixel-offset-fpn", One(fixed::pixel_offset)),
@@ -103,8 +103,8 @@ pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("veiling-glare", One(|e| optics::estimate(e, "veiling-glare"))),
 ];
 
-/// Every proposal of the kinds `wanted` that the evidence gives, strongest first, weaker than `least` standard
-/// errors left out.
+/// Every proposal of the kinds `wanted` that the evidence gives, the strongest first; those weaker
+/// than `least` standard errors are left out.
 pub fn propose(
     evidence: &Evidence<'_>,
     wanted: &dyn Fn(&str) -> bool,

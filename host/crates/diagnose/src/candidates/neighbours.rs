@@ -1,25 +1,40 @@
-//! Candidates by which neighbours share light or charge: noise of theirs that goes together, and under a colour filter array
-//! channels that lean towards each other.
+//! Neighbours that share light or charge: `optical-crosstalk`, `charge-coupling`,
+//! `brighter-fatter`.
+//!
+//! Charge that moves between neighbours correlates their noise, and under a colour filter array
+//! moves the means of the channels towards each other. With r the correlation of neighbours less
+//! what the model predicts, and s the share of shot noise in the variance v,
+//!
+//!   charge coupling:  r = 2 s c, c the share that goes to each neighbour beside (above) it;
+//!   brighter-fatter:  r = 2 a ⟨µ²⟩/v, (v − v')/v = −8 a ⟨µ²⟩/v, a in 1/e⁻, µ signals of pixels,
+//!
+//! both over the flats by weighted slopes through the origin. What a unit of a parameter does to
+//! the channels' means (DN) and to their ratios, which neither lamp nor the channels' own mean
+//! gains change, gives the parameter once more; crosstalk of light, before shot noise, correlates
+//! nothing and has that alone.
 
-use super::proposal::{LEAST_STRENGTH, Proposal, list};
+use super::common::present;
+use super::proposal::{LEAST_STRENGTH, Proposal};
 use crate::data::channels::Channels;
 use crate::data::design::Condition;
 use crate::evidence::{Estimated, Evidence, pooled, slope};
 use crate::model::effects::current;
 use crate::statistics::ratios::{reference_flat, strongest};
-
 use crate::statistics::statistic::{Place, What};
 use camrig_sensor_core::effects::{
     Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
     optical_crosstalk::OpticalCrosstalk,
 };
 
-/// Part of an estimate that what its equation leaves out may make: estimates are repeated until they stay.
+/// Error, relative, that an estimate may have by what its equation leaves out, terms of second
+/// order: the search repeats estimates until they settle.
 const ROUGH: f64 = 0.25;
+/// Distance, standard errors, within which two estimates of a parameter agree.
+const AGREE_WITHIN: f64 = 3.0;
 
-/// How much of what a unit of a parameter makes channels lean is seen: in their means, and in their ratios, which neither the
-/// lamp nor the channels' own mean gains change. `lean` tells the electrons that each channel gets for a unit, from the
-/// photo-electrons of each.
+/// A parameter from the means of the channels of the flats and from their ratios. `lean` gives the
+/// electrons that each channel gains per unit of the parameter, from the photo-electrons of each.
+/// `None` for a monochrome sensor.
 fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estimated> {
     let n = e.camera.sensor.channel_names.len();
     if n < 2 {
@@ -27,15 +42,15 @@ fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estima
     }
     let means = e.flats().filter(|(_, c)| c.level_known).flat_map(|(i, c)| {
         let (k, gets) = (e.gain(c), lean(&c.photo_e));
-        (0..n).filter_map(move |class| {
-            let d = e.difference(Place::Stack(i), What::Mean(class as u8))?;
-            Some((k * gets[class], d))
+        (0..n).filter_map(move |channel| {
+            let d = e.difference(Place::Stack(i), What::Mean(channel as u8))?;
+            Some((k * gets[channel], d))
         })
     });
-    // How the ratio of ratios moves with the parameter; the own light of a channel may be nothing.
-    // Without a reference there are no ratios to ask it for.
+    // The derivative of a ratio of ratios. A channel may have no light of its own. Without
+    // a reference flat there are no ratios, and any stack serves.
     let reference = e.design.conditions.get(reference_flat(e.design).unwrap_or(0))?;
-    let relative = |c: &Condition, class: usize| lean(&c.photo_e)[class] / c.photo_e[class];
+    let relative = |c: &Condition, channel: usize| lean(&c.photo_e)[channel] / c.photo_e[channel];
     let ratios = e.flats().flat_map(|(i, c)| {
         let g = strongest(c);
         let strong = relative(c, g) - relative(reference, g);
@@ -51,74 +66,67 @@ fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estima
     slope(means.chain(ratios))
 }
 
-/// Channels lean towards each other.
-pub fn optical_crosstalk(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let channels = Channels::new(e.camera);
-        let found = leaning(e, &|photo_e| channels.lean(photo_e))?;
-        let present = match current(e.camera, "optical-crosstalk") {
-            Some(Effect::OpticalCrosstalk(x)) => f64::from(x.side),
-            _ => 0.0,
-        };
-        let k = (present + found.value).max(0.0);
-        let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
-        Some(
-            Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
-                .with("side", k, found.se)
-                .with("vertical", k, found.se),
-        )
-    })())
+/// `optical-crosstalk`: channels that lean towards each other.
+pub fn optical_crosstalk(e: &Evidence<'_>) -> Option<Proposal> {
+    let channels = Channels::new(e.camera);
+    let found = leaning(e, &|photo_e| channels.lean(photo_e))?;
+    let present = present(e.camera, "optical-crosstalk", "side").unwrap_or(0.0);
+    let k = (present + found.value).max(0.0);
+    let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
+    Some(
+        Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
+            .with("side", k, found.se)
+            .with("vertical", k, found.se),
+    )
 }
 
-/// What the means say of a parameter, where it agrees with what noise says.
-fn agreeing(noise: Estimated, lean: Option<Estimated>) -> Option<Estimated> {
-    lean.filter(|l| {
-        let apart = (l.value - noise.value).abs();
-        apart < 3.0 * l.se.hypot(noise.se) + ROUGH * noise.value.abs()
+/// What means give for a parameter, where it agrees with what noise gives.
+fn agreeing(noise: Estimated, means: Option<Estimated>) -> Option<Estimated> {
+    means.filter(|m| {
+        let apart = (m.value - noise.value).abs();
+        apart < AGREE_WITHIN * m.se.hypot(noise.se) + ROUGH * noise.value.abs()
     })
 }
 
-/// Correlation of neighbours in flats over the share of shot noise: constant. Of the channels' means only the mean of both
-/// directions is known.
-pub fn charge_coupling(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let of = |lag: u8| {
-            slope(e.flats().filter_map(|(i, c)| {
-                let r = e.difference(Place::Stack(i), What::Covariance(lag))?;
-                Some((2.0 * shot_share(e, i, c)?, r))
-            }))
-        };
-        let (mut x, mut y) = (of(0)?, of(1)?);
-        let present = match current(e.camera, "charge-coupling") {
-            Some(Effect::ChargeCoupling(k)) => Some((f64::from(k.side), f64::from(k.vertical))),
-            _ => None,
-        };
-        let mut strength = x.z().hypot(y.z());
-        let channels = Channels::new(e.camera);
-        let both = Estimated { value: (x.value + y.value) / 2.0, se: x.se.hypot(y.se) / 2.0 };
-        if let Some(lean) = agreeing(both, leaning(e, &|photo_e| channels.lean(photo_e))) {
-            // Least squares of x, y and their mean.
-            let off = (lean.value - both.value) / (lean.se.powi(2) + both.se.powi(2));
-            for one in [&mut x, &mut y] {
-                let shared = one.se.powi(2) / 2.0;
-                one.value += shared * off;
-                let known = shared * shared / (lean.se.powi(2) + both.se.powi(2));
-                one.se = (one.se.powi(2) - known).sqrt();
-            }
-            // Means alone are no ground for it: `optical-crosstalk` moves them alike.
-            if strength > LEAST_STRENGTH || present.is_some() {
-                strength = strength.hypot(lean.z());
-            }
+/// `charge-coupling`: correlation of neighbours in flats over the share of shot noise, beside and
+/// above each other. The means of the channels give the mean of both.
+pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
+    let of = |lag: u8| {
+        slope(e.flats().filter_map(|(i, c)| {
+            let r = e.difference(Place::Stack(i), What::Covariance(lag))?;
+            Some((2.0 * shot_share(e, i, c)?, r))
+        }))
+    };
+    let (mut x, mut y) = (of(0)?, of(1)?);
+    let present = match current(e.camera, "charge-coupling") {
+        Some(Effect::ChargeCoupling(k)) => Some((f64::from(k.side), f64::from(k.vertical))),
+        _ => None,
+    };
+    let mut strength = x.z().hypot(y.z());
+    let channels = Channels::new(e.camera);
+    let both = Estimated { value: (x.value + y.value) / 2.0, se: x.se.hypot(y.se) / 2.0 };
+    if let Some(means) = agreeing(both, leaning(e, &|photo_e| channels.lean(photo_e))) {
+        // Least squares of x, y and their mean.
+        let off = (means.value - both.value) / (means.se.powi(2) + both.se.powi(2));
+        for one in [&mut x, &mut y] {
+            let shared = one.se.powi(2) / 2.0;
+            one.value += shared * off;
+            let known = shared * shared / (means.se.powi(2) + both.se.powi(2));
+            one.se = (one.se.powi(2) - known).sqrt();
         }
-        let (px, py) = present.unwrap_or((0.0, 0.0));
-        let (side, vertical) = ((px + x.value).max(0.0), (py + y.value).max(0.0));
-        let effect = ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
-        Some(
-            Proposal::new("charge-coupling", effect.into(), strength)
-                .with("side", side, x.se)
-                .with("vertical", vertical, y.se),
-        )
-    })())
+        // Means alone are no ground for it: `optical-crosstalk` moves them alike.
+        if strength > LEAST_STRENGTH || present.is_some() {
+            strength = strength.hypot(means.z());
+        }
+    }
+    let (px, py) = present.unwrap_or((0.0, 0.0));
+    let (side, vertical) = ((px + x.value).max(0.0), (py + y.value).max(0.0));
+    let effect = ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
+    Some(
+        Proposal::new("charge-coupling", effect.into(), strength)
+            .with("side", side, x.se)
+            .with("vertical", vertical, y.se),
+    )
 }
 
 /// Share of shot noise in a stack's variance.
@@ -127,47 +135,48 @@ fn shot_share(e: &Evidence<'_>, stack: usize, c: &Condition) -> Option<f64> {
     Some((e.signal(stack)? * e.gain(c) / v).clamp(0.0, 1.0))
 }
 
-/// Correlation of neighbours in flats in proportion to the signal, and the variance that is lost to it where both agree;
-/// where they do, the charge that brighter channels push into others.
-pub fn brighter_fatter(e: &Evidence<'_>) -> Vec<Proposal> {
-    list((|| {
-        let channels = Channels::new(e.camera);
-        // a times this is what each pixel's shot noise pushes to one side, over the variance: mean of µ² over v.
-        let pushed = |i: usize| {
-            let (v, _) = e.variance(i)?;
-            let squares = e.levels(i).into_iter().zip(channels.shares()).map(|(s, n)| n * s * s);
-            Some(squares.sum::<f64>() / v)
-        };
-        let gained = slope(e.flats().flat_map(|(i, _)| {
-            let x = pushed(i).map(|x| 2.0 * x);
-            [0, 1].into_iter().filter_map(move |lag| {
-                Some((x?, e.difference(Place::Stack(i), What::Covariance(lag))?))
-            })
-        }))?;
-        // (1 − 4b)² + 4b² of the shot noise is left.
-        let lost = slope(e.flats().filter_map(|(i, _)| {
-            let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
-            Some((-8.0 * pushed(i)?, Estimated { value: excess.value / v, se: excess.se / v }))
-        }))?;
-        let apart = (gained.value - lost.value).abs() / gained.se.hypot(lost.se);
-        let mut found = if apart < 3.0 { pooled([gained, lost])? } else { gained };
-        let mut strength = found.z().abs();
-        let present = match current(e.camera, "brighter-fatter") {
-            Some(Effect::BrighterFatter(k)) => Some(f64::from(k.coefficient)),
-            _ => None,
-        };
-        let half_squares = |photo_e: &[f64]| -> Vec<f64> {
-            channels.lean(&photo_e.iter().map(|q| 0.5 * q * q).collect::<Vec<_>>())
-        };
-        if let Some(lean) = agreeing(found, leaning(e, &half_squares)) {
-            found = pooled([found, lean])?;
-            if strength > LEAST_STRENGTH || present.is_some() {
-                strength = strength.hypot(lean.z());
-            }
+/// `brighter-fatter`: correlation of neighbours in flats in proportion to the signal, and the
+/// variance lost to it where both agree; where they do, the charge that brighter channels push
+/// into others.
+pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
+    let channels = Channels::new(e.camera);
+    let mut found = by_noise(e, &channels)?;
+    let mut strength = found.z().abs();
+    let present = present(e.camera, "brighter-fatter", "coefficient");
+    let half_squares = |photo_e: &[f64]| -> Vec<f64> {
+        channels.lean(&photo_e.iter().map(|q| 0.5 * q * q).collect::<Vec<_>>())
+    };
+    if let Some(means) = agreeing(found, leaning(e, &half_squares)) {
+        found = pooled([found, means])?;
+        if strength > LEAST_STRENGTH || present.is_some() {
+            strength = strength.hypot(means.z());
         }
-        let a = (present.unwrap_or(0.0) + found.value).max(0.0);
-        let effect = BrighterFatter { coefficient: a as f32 };
-        let p = Proposal::new("brighter-fatter", effect.into(), strength);
-        Some(p.with("coefficient", a, found.se))
-    })())
+    }
+    let a = (present.unwrap_or(0.0) + found.value).max(0.0);
+    let effect = BrighterFatter { coefficient: a as f32 };
+    let p = Proposal::new("brighter-fatter", effect.into(), strength);
+    Some(p.with("coefficient", a, found.se))
+}
+
+/// The coefficient of brighter-fatter, 1/e⁻, from correlation and variance.
+fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Estimated> {
+    // ⟨µ²⟩/v: a times this is what a pixel's shot noise pushes to one side, over the variance.
+    let pushed = |i: usize| {
+        let (v, _) = e.variance(i)?;
+        let squares = e.levels(i).into_iter().zip(channels.shares()).map(|(s, n)| n * s * s);
+        Some(squares.sum::<f64>() / v)
+    };
+    let gained = slope(e.flats().flat_map(|(i, _)| {
+        let x = pushed(i).map(|x| 2.0 * x);
+        [0, 1].into_iter().filter_map(move |lag| {
+            Some((x?, e.difference(Place::Stack(i), What::Covariance(lag))?))
+        })
+    }))?;
+    // Of the shot noise (1 − 4b)² + 4b² is left, b = a µ.
+    let lost = slope(e.flats().filter_map(|(i, _)| {
+        let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
+        Some((-8.0 * pushed(i)?, Estimated { value: excess.value / v, se: excess.se / v }))
+    }))?;
+    let apart = (gained.value - lost.value).abs() / gained.se.hypot(lost.se);
+    if apart < AGREE_WITHIN { pooled([gained, lost]) } else { Some(gained) }
 }

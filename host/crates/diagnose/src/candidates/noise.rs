@@ -1,8 +1,8 @@
 //! Noise of single pixels: `read-noise`, `read-noise-spread`, `random-telegraph-noise`,
 //! `heavy-tailed-read-noise`.
 //!
-//! With v the variance of dark pixels over frames (DN²), K the system gain (DN/e⁻), primes what the
-//! model predicts and ⟨ ⟩ inverse-variance means:
+//! With v the variance of dark pixels over frames (DN²), K the system gain (DN/e⁻), primes what
+//! the model predicts and ⟨ ⟩ inverse-variance means:
 //!
 //!   read noise: r² = r₀² + ⟨(v − v')/K²⟩, e⁻², over the dark stacks with little dark charge;
 //!   its spread: Var(r²) = r⁴ g (g − 1), g = exp(4 s²), from the scatter of the pixels' variances
@@ -37,8 +37,8 @@ const LEAST_SPREAD: f64 = 0.01;
 const OUTLYING: f64 = 3.1;
 /// The tail of [`OUTLYING`].
 const OUTLYING_TAIL: f64 = 0.001;
-/// Mean excess of values beyond that limit over the excess of the limit: a normal law has a mean of
-/// 3.4 beyond 3.1.
+/// Mean excess of values beyond that limit over the excess of the limit: a normal law has a mean
+/// of 3.4 beyond 3.1.
 const TAIL_MEAN: f64 = 1.1;
 /// Chance of a renewal from frame to frame where nothing shows it: the default of the effect.
 const RENEWAL: f64 = 0.2;
@@ -47,16 +47,16 @@ const RENEWALS: [f64; 2] = [0.03, 1.0];
 /// Standard error of the share of telegraph pixels in Poisson errors of their number: it follows
 /// from the third power of an amplitude that the same pixels give. Chosen, not measured.
 const TELEGRAPH_SHARE_ERROR: f64 = 2.0;
-/// Excess kurtosis of read noise below which no tails are proposed: a little above the smallest that
-/// the `small` design of `tests/hidden` can show, 0.014.
+/// Excess kurtosis of read noise below which no tails are proposed: a little above the smallest
+/// that the `small` design of `tests/hidden` can show, 0.014.
 const LEAST_KURTOSIS: f64 = 0.02;
 /// The λ of a part of the read noise in longer tails than all of it would have, the rest being
 /// normal: so the fourth and sixth cumulants of Student's t, 6/(ν−4) and 240/((ν−4)(ν−6)), are met
 /// to some per cent. Clear of 0, about which the effect keeps to the logistic law, and of the rare
 /// giants of smaller λ.
 const LONGER: f64 = 0.04;
-/// The λ that are searched: those of the effect in which the kurtosis falls with λ, to just short of
-/// 0.14, where it is that of a normal law.
+/// The λ that are searched: those of the effect in which the kurtosis falls with λ, to just short
+/// of 0.14, where it is that of a normal law.
 const LAMBDAS: [f64; 2] = [-0.22, 0.13];
 /// Change of λ from which the slope of its kurtosis is taken.
 const SLOPE_STEP: f64 = 0.005;
@@ -107,8 +107,8 @@ fn longest_short_dark(e: &Evidence<'_>) -> Option<usize> {
     short_darks(e).into_iter().max_by_key(|&i| e.design.conditions[i].stack.frames)
 }
 
-/// Excess over the model of the variance of the pixels' variances, e⁻⁴, in the dark stack with most
-/// frames.
+/// Excess over the model of the variance of the pixels' variances, e⁻⁴, in the dark stack with
+/// most frames.
 fn excess_of_spread(e: &Evidence<'_>) -> Option<Estimated> {
     let stack = longest_short_dark(e)?;
     let f = e.stacks[stack].dof;
@@ -267,8 +267,8 @@ fn renewal(e: &Evidence<'_>, stack: usize, dof: f64) -> f64 {
     .clamp(RENEWALS[0], RENEWALS[1])
 }
 
-/// Mean and mean square, e⁻² and e⁻⁴, over all pixels of what outlying pixels have in excess of the
-/// variance of the others. `None` where χ² explains them.
+/// Mean and mean square, e⁻² and e⁻⁴, over all pixels of what outlying pixels have in excess of
+/// the variance of the others. `None` where χ² explains them.
 fn outlying_variances(e: &Evidence<'_>, stack: usize) -> Option<(f64, f64)> {
     let t = &e.stacks[stack];
     let k2 = e.gain(&e.design.conditions[stack]).powi(2);

@@ -1,85 +1,129 @@
-//! Effects of the optics, and those of the sensor that edges, dots and charts show: found together by least squares.
+//! Effects that captures of targets (edges, dots, charts) show: `defocus`, `distortion`,
+//! `lateral-colour`, `decentre-tilt`, `lens-transmittance`, `veiling-glare`, `optical-crosstalk`;
+//! and the shadings, `relative-illumination` and `colour-shading`, which the gain map shows as
+//! well.
 //!
-//! Every figure of the looks depends a little on every parameter. How much is asked of the model itself: the optics
-//! stage and one replicate with the parameter moved a step, with the same random numbers. The fall-off of the gain map,
-//! which shadings alone move, is a figure beside them. Then
+//! Every figure of the targets depends a little on every parameter. How much, J, is found by
+//! simulation: the optics stage and one replicate with the parameter moved by a step, with the
+//! same random numbers. With y measured and y' predicted figures on the scale on which they are
+//! normal, of standard deviation σ, the changes Δ of the parameters, in the parameters' units,
+//! minimise
 //!
-//!   Σ ((measured − predicted − Σ_p J_p Δ_p) / σ)² → min
+//!   Σ ((y − y' − Σ_p J_p Δ_p)/σ)².
 //!
-//! over the parameters of a kind and those that the model has of the kinds of optics named already, so that these give way
-//! where they had to stand for it; a quantum efficiency gives way to the mean of a shading. The search repeats it with the
-//! same slopes (the chord method), and at its end with new ones.
+//! The fall-off of the gain map, which shadings alone move, is among the figures. Free are the
+//! parameters of the kind and those that the model has of kinds named earlier, so that these give
+//! back what they had absorbed of it; a quantum efficiency gives back the mean of a shading. The
+//! search repeats the estimate with the same J (the chord method), and at its end with new ones.
 
-use super::proposal::Proposal;
+use super::proposal::{LEAST_STRENGTH, Proposal};
 use super::response;
 use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence, Slope};
 use crate::model::effects;
 use crate::statistics::shading;
-use crate::statistics::statistic::Key;
-use crate::statistics::statistic::{Place, Statistic};
+use crate::statistics::statistic::{Key, Place, Statistic};
 use camrig_camera::{Camera, LensKind};
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 use nalgebra::{DMatrix, DVector};
 
-/// A parameter that is looked for: key, value without the effect, step for the derivative.
-type Free = (&'static str, f64, f64);
+/// A parameter that is estimated.
+struct Free {
+    /// Key in the catalogue.
+    key: &'static str,
+    /// Value with which the effect does nothing, in the catalogue's unit.
+    neutral: f64,
+    /// Step for the derivative, in the catalogue's unit: large enough to stand out from the
+    /// rounding of the figures, small enough for them to be linear. Of `defocus` see [`blur`].
+    step: f64,
+}
 
-/// Kinds with their parameters.
+const fn free(key: &'static str, neutral: f64, step: f64) -> Free {
+    Free { key, neutral, step }
+}
+
+/// Kinds with their parameters. `size`, k1, k2 and the shadings are relative; _px are pixels.
 const KINDS: [(&str, &[Free]); 9] = [
-    ("defocus", &[("shift_um", 0.0, 0.0)]),
-    ("distortion", &[("size", 1.0, 0.002), ("k1", 0.0, 0.004), ("k2", 0.0, 0.004)]),
-    ("lateral-colour", &[("blue_px", 0.0, 0.3), ("red_px", 0.0, 0.3)]),
-    ("decentre-tilt", &[("x_px", 0.0, 4.0), ("y_px", 0.0, 4.0)]),
-    ("lens-transmittance", &[("factor", 1.0, -0.02), ("slope", 0.0, 0.01)]),
-    ("veiling-glare", &[("fraction", 0.0, 0.01)]),
-    ("relative-illumination", &[("corner", 0.0, 0.02)]),
+    ("defocus", &[free("shift_um", 0.0, 0.0)]),
+    ("distortion", &[free("size", 1.0, 0.002), free("k1", 0.0, 0.004), free("k2", 0.0, 0.004)]),
+    ("lateral-colour", &[free("blue_px", 0.0, 0.3), free("red_px", 0.0, 0.3)]),
+    ("decentre-tilt", &[free("x_px", 0.0, 4.0), free("y_px", 0.0, 4.0)]),
+    ("lens-transmittance", &[free("factor", 1.0, -0.02), free("slope", 0.0, 0.01)]),
+    ("veiling-glare", &[free("fraction", 0.0, 0.01)]),
+    ("relative-illumination", &[free("corner", 0.0, 0.02)]),
     (
         "colour-shading",
-        &[("channel_0", 0.0, 0.02), ("channel_1", 0.0, 0.02), ("channel_2", 0.0, 0.02)],
+        &[free("channel_0", 0.0, 0.02), free("channel_1", 0.0, 0.02), free("channel_2", 0.0, 0.02)],
     ),
-    ("optical-crosstalk", &[("side", 0.0, 0.01)]),
+    ("optical-crosstalk", &[free("side", 0.0, 0.01)]),
 ];
 
-/// Parameters that a kind does not yet have in the model stay only from this many standard errors on, but for one.
-const KEEP: f64 = 4.0;
-/// Figures that agree within this are not asked for new names.
-const AGREES: f64 = 4.0;
-/// Secant steps for the parameter that acts by its square.
-const SECANTS: usize = 4;
-/// Part of a parameter that the others must leave it, else it cannot be told from them.
+/// Significance, standard errors, that each further parameter must add for a kind to have it: the
+/// price of a parameter is its square in the sum of squares. It is that from which candidates are
+/// simulated.
+const KEEP: f64 = LEAST_STRENGTH;
+/// Price of a second kind, in parameters: where a shading of single channels and the one that they
+/// share need as many parameters, the one kind is preferred.
+const SECOND_KIND: f64 = 0.5;
+/// Largest deviation, standard deviations, of figures that agree with the model. A kind that is
+/// not named is not estimated where all agree.
+const AGREES: f64 = LEAST_STRENGTH;
+/// Least share of a parameter's effect, squared, that the other free parameters must leave; below
+/// it they are confounded, and the normal equations singular but for rounding.
 const APART: f64 = 1e-4;
+/// Least norm, standard deviations per unit, of what a parameter does to the figures; below it is
+/// rounding, and the parameter does nothing.
+const LEAST_CHANGE: f64 = 1e-9;
+/// Least standard deviation of a figure on its scale: a divisor that is not 0.
+const LEAST_SD: f64 = 1e-12;
+/// Secant steps for `defocus`, which acts by its square.
+const SECANTS: usize = 4;
+/// Largest growth of the shift from one secant step to the next: blur saturates, and a longer step
+/// would leave what was seen.
+const SECANT_GROWTH: f64 = 3.0;
+/// Relative change of the shift below which the secant steps end: the search estimates it again.
+const SECANT_SETTLED: f64 = 0.1;
+/// Where the model has a defocus, its derivative is taken over this factor of the shift.
+const DEFOCUS_STEP: f64 = 1.1;
+/// First shift, µm, for a lens whose f-number is not known: a quarter wave at f/3.
+const UNKNOWN_LENS_SHIFT_UM: f64 = 10.0;
+/// Shift for a quarter wave at the edge of the pupil over the square of the f-number, µm:
+/// 8 λ/4 at 550 nm.
+const QUARTER_WAVE_UM: f64 = 1.1;
 
-/// A parameter of a kind, and what a unit of it does to every figure, in standard deviations.
+/// A parameter of a kind, as a column of the least squares.
 #[derive(Clone)]
 struct Column {
     kind: &'static str,
     key: &'static str,
+    /// What a unit of it does to every figure, in standard deviations.
     change: DVector<f64>,
-    /// Whether the model has it away from what does nothing.
+    /// Whether the model has another value than that which does nothing.
     present: bool,
     /// Whether it moves figures of maps.
     in_maps: bool,
 }
 
-/// Measured less predicted, in standard deviations.
+/// What the model leaves of the figures.
 struct Residual {
     keys: Vec<Key>,
     /// Standard deviation of each figure on its scale.
     sd: Vec<f64>,
+    /// Measured less predicted, in standard deviations.
     z: DVector<f64>,
 }
 
-/// Whether a kind is estimated from edges, dots and charts.
+/// Whether a kind is estimated from captures of targets.
 pub fn shown_by_targets(kind: &str) -> bool {
     KINDS.iter().any(|k| k.0 == kind)
 }
 
-/// The proposal of one kind.
+/// The proposal of a kind of this file. `None` where no figure deviates, or none shows the kind.
 pub fn estimate(e: &Evidence<'_>, kind: &'static str) -> Option<Proposal> {
     let residual = Residual::of(e);
-    // What is named is asked again all the same: many figures may each agree and together say more.
+    // A kind that is named is estimated all the same: figures that each agree may together say
+    // more.
     if !e.named.contains(&kind) && residual.z.iter().all(|z| z.abs() < AGREES) {
         return None;
     }
@@ -96,7 +140,8 @@ fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<
     for other in e.named.iter().filter(|k| **k != kind) {
         columns.extend(self::columns(e, other, residual).into_iter().filter(|c| c.present));
     }
-    // A shading that the channels share takes one parameter, and those of single channels beside it as many fewer.
+    // A shading that the channels share takes one parameter; beside it those of single channels
+    // need as many fewer.
     let shared = match kind {
         "colour-shading" => self::columns(e, "relative-illumination", residual),
         _ => Vec::new(),
@@ -106,9 +151,9 @@ fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<
     proposal(e, kind, &columns, own, &Solution::of(&columns, &free, residual)?)
 }
 
-/// Which parameters are to be free: those of a kind (the first `own` columns) that the model has or that take `KEEP`² each
-/// from the sum of squares, and all of the others. `None` where no parameter of the kind is. `shared` competes with them,
-/// for another kind to propose; a second name costs half a parameter.
+/// The columns to be free: of the kind's own (the first `own`) those that the model has and those
+/// that are worth their price, and all columns of other kinds. `None` where none of the kind's own
+/// is. `shared`, a column of another kind, competes with the kind's own for what they explain.
 fn choose(
     columns: &[Column],
     own: usize,
@@ -126,7 +171,7 @@ fn choose(
     });
     let worth = |set: &[usize]| {
         let free: Vec<usize> = set.iter().copied().chain(others.clone()).collect();
-        let second = if set.iter().any(|&i| i >= columns.len()) { 0.5 } else { 0.0 };
+        let second = if set.iter().any(|&i| i >= columns.len()) { SECOND_KIND } else { 0.0 };
         let cost = KEEP * KEEP * ((set.len() - must.len()) as f64 + second);
         let fall = if free.is_empty() { 0.0 } else { Solution::of(&all, &free, residual)?.fall };
         Some(fall - cost)
@@ -137,7 +182,8 @@ fn choose(
     (!mine.is_empty()).then(|| mine.into_iter().chain(others).collect())
 }
 
-/// The proposal of a solution: the kind's own new values, and those of the others that gave way.
+/// The proposal of a solution: new values of the kind's own parameters, and of those of other
+/// kinds that gave back what they had absorbed.
 fn proposal(
     e: &Evidence<'_>,
     kind: &'static str,
@@ -174,7 +220,8 @@ fn proposal(
     Some(p)
 }
 
-/// What shadings leave of the mean light of a frame: r² is 1/3 on average, with r = 1 at the corners.
+/// What shadings leave of the mean light of a frame, as a factor: with r = 1 at the corners r² is
+/// 1/3 on average. `None` where that is no light.
 fn mean_shading(camera: &Camera) -> Option<f64> {
     let channels = Channels::new(camera);
     let of_channel =
@@ -185,12 +232,13 @@ fn mean_shading(camera: &Camera) -> Option<f64> {
     (mean > 0.0).then_some(mean)
 }
 
-/// What lies in a camera under a kind's name.
+/// An effect of a camera, by kind.
 enum InCamera {
     Sensor(Effect),
     Optical(OpticalEffect),
 }
 
+/// The effect of a kind in a camera.
 fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
     let optical = camera.optical_effects.iter().find(|o| o.entry().kind == kind);
     optical
@@ -199,6 +247,7 @@ fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
 }
 
 impl Residual {
+    /// Of all figures of targets, and of the fall-off of the gain map.
     fn of(e: &Evidence<'_>) -> Self {
         let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: DVector::zeros(0) };
         let mut z = Vec::new();
@@ -206,7 +255,7 @@ impl Residual {
         let wanted = |k: &Key| matches!(k.0, Place::Target(_)) || of_falls(k.1);
         for (key, s) in e.data.iter().filter(|(k, _)| wanted(k)) {
             let Some(p) = e.model.of.get(key) else { continue };
-            let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(1e-12);
+            let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(LEAST_SD);
             out.keys.push(*key);
             out.sd.push(sd);
             z.push((p.scale.of(s.value) - p.scaled) / sd);
@@ -215,25 +264,26 @@ impl Residual {
         out
     }
 
-    /// Slopes in standard deviations.
+    /// A derivative with every figure in its standard deviations.
     fn scaled(&self, slope: &Slope) -> DVector<f64> {
         let at = |(key, sd): (&Key, &f64)| slope.get(key).copied().unwrap_or(0.0) / sd;
         DVector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(at))
     }
 }
 
-/// What the parameters of a kind do; those that do nothing, or cannot be moved in this camera, are left out.
+/// The columns of a kind. Parameters that do nothing, or cannot be moved in this camera, are left
+/// out.
 fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Column> {
     let Some((_, free)) = KINDS.iter().find(|k| k.0 == kind) else { return Vec::new() };
-    // The axis shows in what is about it.
+    // A decentred axis shows only in effects that are symmetric about it.
     let about_axis = |k: &&&str| matches!(**k, "distortion" | "lateral-colour");
-    let grounds = match kind {
+    let symmetric = match kind {
         "decentre-tilt" => e.named.iter().filter(about_axis).count(),
         _ => 0,
     };
-    let all = free.iter().filter_map(|&(key, neutral, step)| {
+    let all = free.iter().filter_map(|&Free { key, neutral, step }| {
         let value = value(e.camera, kind, key);
-        let mut slope = e.slopes.of((kind, key, value != 0.0, grounds), || match kind {
+        let mut slope = e.slopes.of((kind, key, value != 0.0, symmetric), || match kind {
             "defocus" => blur(e, residual),
             _ => derivative(e, kind, key, step),
         })?;
@@ -242,12 +292,12 @@ fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Col
         let change = residual.scaled(&slope);
         let in_maps = in_maps.values().any(|s| *s != 0.0);
         let present = value as f32 != neutral as f32;
-        (change.norm() > 1e-9).then_some(Column { kind, key, change, present, in_maps })
+        (change.norm() > LEAST_CHANGE).then_some(Column { kind, key, change, present, in_maps })
     });
     all.collect()
 }
 
-/// What a unit of a shading does to the fall-off of maps.
+/// What a unit of a shading does to the fall-off of the gain map; nothing for other kinds.
 fn in_maps(camera: &Camera, kind: &str, key: &str, residual: &Residual) -> Slope {
     let channel = match kind {
         "relative-illumination" => None,
@@ -259,16 +309,17 @@ fn in_maps(camera: &Camera, kind: &str, key: &str, residual: &Residual) -> Slope
     residual.keys.iter().filter_map(of).collect()
 }
 
-/// Change of every figure on its scale for a unit of a parameter.
+/// Change of every figure, on its scale, per unit of a parameter, over a step of it.
 fn derivative(e: &Evidence<'_>, kind: &str, key: &str, step: f64) -> Option<Slope> {
     let present = value(e.camera, kind, key);
-    // Away from the end of the range.
+    // At the end of the range the other way.
     let to = with(e.camera, kind, key, present + step)
         .or_else(|| with(e.camera, kind, key, present - step))?;
     let step = value(&to, kind, key) - present;
     slope(e, &to, step)
 }
 
+/// Change of every figure, on its scale, from the model to a camera, over `step`.
 fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
     let from = (e.simulate_targets)(e.camera).ok()?;
     let to = (e.simulate_targets)(to).ok()?;
@@ -279,12 +330,12 @@ fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
     Some(to.iter().filter_map(change).collect())
 }
 
-/// What defocus does, per µm² of its square: a lens in focus does not change with the first power.
-///
-/// The slope is that of the secant to where the residual alone would have the shift, since blur saturates.
+/// What defocus does to every figure, on its scale, per µm² of its square: a lens in focus does
+/// not change with the first power. Since blur saturates, the slope is that of the secant to the
+/// shift that the residual alone would have.
 fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
     let present = value(e.camera, "defocus", "shift_um");
-    let mut shift = if present == 0.0 { quarter_wave_um(e.camera) } else { 1.1 * present };
+    let mut shift = if present == 0.0 { quarter_wave_um(e.camera) } else { DEFOCUS_STEP * present };
     let mut best = None;
     for _ in 0..SECANTS {
         let to = with(e.camera, "defocus", "shift_um", shift)?;
@@ -295,8 +346,8 @@ fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
         if present != 0.0 || wanted <= 0.0 {
             break;
         }
-        let next = wanted.sqrt().min(3.0 * shift);
-        if (next / shift - 1.0).abs() < 0.1 {
+        let next = wanted.sqrt().min(SECANT_GROWTH * shift);
+        if (next / shift - 1.0).abs() < SECANT_SETTLED {
             break;
         }
         shift = next;
@@ -304,24 +355,26 @@ fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
     best
 }
 
-/// Shift for a quarter of a wave at the pupil's edge, µm: δ = 8 N² λ/4 at 550 nm.
+/// Shift for a quarter wave at the edge of the pupil, µm: δ = 8 N² λ/4.
 fn quarter_wave_um(camera: &Camera) -> f64 {
     match camera.lens.kind {
-        LensKind::DiffractionLimited { f_number, .. } => 1.1 * f_number * f_number,
-        _ => 10.0,
+        LensKind::DiffractionLimited { f_number, .. } => QUARTER_WAVE_UM * f_number * f_number,
+        _ => UNKNOWN_LENS_SHIFT_UM,
     }
 }
 
 /// Least squares over some columns.
 struct Solution {
-    /// Column and change of its parameter.
+    /// Index of a column and change of its parameter, in the parameter's unit.
     estimates: Vec<(usize, Estimated)>,
+    /// Covariance of the changes.
     covariance: DMatrix<f64>,
     /// By how much the sum of squares falls.
     fall: f64,
 }
 
 impl Solution {
+    /// Over the columns with the indices `free`. `None` where some of them are confounded.
     fn of(columns: &[Column], free: &[usize], residual: &Residual) -> Option<Self> {
         if free.is_empty() {
             return None;
@@ -332,7 +385,7 @@ impl Solution {
         let a = DMatrix::from_columns(&scaled);
         let normal = a.transpose() * &a;
         let inverse = normal.try_inverse()?;
-        // Diagonal of the inverse: one over the part of each column that the others leave.
+        // Diagonal of the inverse: one over the share of each column that the others leave.
         if inverse.diagonal().iter().any(|d| !(*d > 0.0 && *d < 1.0 / APART)) {
             return None;
         }
@@ -347,7 +400,7 @@ impl Solution {
         Some(Self { estimates, covariance: &scale * inverse * &scale, fall: x.dot(&moment) })
     }
 
-    /// How far the kind's own parameters are from what the model has, in standard errors.
+    /// Distance of the kind's own parameters from what the model has, in standard errors.
     fn strength(&self, own: usize) -> Option<f64> {
         let mine: Vec<usize> =
             (0..self.estimates.len()).filter(|&k| self.estimates[k].0 < own).collect();
@@ -358,7 +411,8 @@ impl Solution {
     }
 }
 
-/// New value of a parameter after a change, with its standard error.
+/// New value of a parameter after a change (of defocus: of its square), in the parameter's unit.
+/// `None` where a square would be negative.
 fn moved(camera: &Camera, kind: &str, key: &str, change: Estimated) -> Option<Estimated> {
     let present = value(camera, kind, key);
     if kind == "defocus" {
@@ -381,7 +435,8 @@ fn declared(kind: &str) -> &'static [Parameter] {
     optical.map(|c| c.parameters).or(sensor.map(|c| c.parameters)).unwrap_or_default()
 }
 
-/// Values of a kind in a camera, in the order of its declaration.
+/// Values of a kind's parameters in a camera, in the order of the declaration; without the effect
+/// those that do nothing.
 fn values(camera: &Camera, kind: &str) -> Vec<f32> {
     if let Some(effect) = camera.optical_effects.iter().find(|o| o.entry().kind == kind) {
         return effect.values().to_vec();
@@ -391,22 +446,23 @@ fn values(camera: &Camera, kind: &str) -> Vec<f32> {
     }
     let neutral = |key: &str| {
         let free = KINDS.iter().find(|k| k.0 == kind).map_or(&[][..], |k| k.1);
-        free.iter().find(|f| f.0 == key).map(|f| f.1 as f32)
+        free.iter().find(|f| f.key == key).map(|f| f.neutral as f32)
     };
     let of = |p: &Parameter| neutral(p.key).or(p.default).unwrap_or(0.0);
     declared(kind).iter().map(of).collect()
 }
 
+/// Value of a parameter in a camera; without the effect that which does nothing.
 fn value(camera: &Camera, kind: &str, key: &str) -> f64 {
     let index = declared(kind).iter().position(|p| p.key == key);
     index.and_then(|i| values(camera, kind).get(i).copied()).map_or(0.0, f64::from)
 }
 
-/// The camera with a parameter changed; `None` out of its range.
+/// The camera with another value of a parameter. `None` out of its range.
 fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
     let mut values = values(camera, kind);
     for (v, p) in values.iter_mut().zip(declared(kind)) {
-        // Neighbours above and below get what those beside get.
+        // Crosstalk to the neighbours above and below is taken to be that to those beside.
         if p.key == key || (kind == "optical-crosstalk" && p.key == "vertical") {
             *v = value as f32;
         }
@@ -433,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shading_is_told_with_the_fewest_parameters() {
+    fn a_shading_takes_the_fewest_parameters() {
         let channels = [
             column("channel_0", [1.0, 0.0, 0.0]),
             column("channel_1", [0.0, 1.0, 0.0]),

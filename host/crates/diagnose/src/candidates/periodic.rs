@@ -1,8 +1,8 @@
 //! `periodic-pattern-noise`: the strongest line of the power of dark frames.
 //!
 //! The power over two frequencies of the frames' residuals, and that of the row and column means
-//! that the residuals lack, DN², has lines above a background without waves. The frequencies of the
-//! strongest one, cycles per column and per row, are the likeliest of the bins around it by
+//! that the residuals lack, DN², has lines above a background without waves. The frequencies of
+//! the strongest one, cycles per column and per row, are the likeliest of the bins around it by
 //! Whittle's likelihood; its amplitude comes from its power A²wh/4 in all stacks:
 //!
 //!   A² = Σ ω_i A_i²/K² / Σ ω_i, e⁻², ω_i = n K²/v,
@@ -33,8 +33,8 @@ const LN_POWER: [f64; 2] = [-6.0, 4.0];
 /// Steps of the golden section over that range, each 0.62 of the one before: 5e-6 is left.
 const STEPS: usize = 30;
 
-/// `periodic-pattern-noise`: amplitude and frequencies of a plane wave, beside others that the model
-/// has.
+/// `periodic-pattern-noise`: amplitude and frequencies of a plane wave, beside others that the
+/// model has.
 pub fn periodic(e: &Evidence<'_>) -> Option<Proposal> {
     let (stack, _) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.stack.frames)?;
     let place = Place::Stack(stack);
@@ -178,9 +178,9 @@ impl<'a> Power<'a> {
         [within(sign * fx), within(sign * fy)]
     }
 
-    /// Square of the amplitude of a wave (0 to half a cycle per column) that has another phase in each
-    /// frame, DN². Of n frames the residuals lack what the mean frame has:
-    /// Σ |a|² = Σ |a − ā|² + n |ā|².
+    /// Square of the amplitude of a wave (0 to half a cycle per column) that has another phase in
+    /// each frame, DN². Of n frames the residuals lack what the mean frame has: Σ |a|² = Σ |a −
+    /// ā|² + n |ā|².
     fn square_amplitude(&self, [fx, fy]: [f64; 2]) -> f64 {
         let t = self.t;
         let (w, h, n) = (t.width as f64, t.height as f64, t.frames as f64);
@@ -189,8 +189,8 @@ impl<'a> Power<'a> {
         let line = self.around(bin).line(x - x.round(), y - y.round());
         // A wave's power in its bin is A²wh/4.
         let residual = 4.0 * line / (w * h);
-        // The mean frame has patterns of rows and columns as well; and where frames were taken against
-        // the means of several batches, the residuals lack more than it.
+        // The mean frame has patterns of rows and columns as well; and where frames were taken
+        // against the means of several batches, the residuals lack more than it.
         if bin.0 == 0 || bin.1 == 0 || t.dof != n - 1.0 {
             return residual;
         }
@@ -229,9 +229,9 @@ struct Around {
 }
 
 impl Around {
-    /// −2 ln of Whittle's likelihood, per frame, of a line of this power (DN²) at (dk, dl) bins from
-    /// the peak: a wave between bins leaks into those around as (sin πd/πd)² of its distance along
-    /// each axis.
+    /// −2 ln of Whittle's likelihood, per frame, of a line of this power (DN²) at (dk, dl) bins
+    /// from the peak: a wave between bins leaks into those around as (sin πd/πd)² of its distance
+    /// along each axis.
     fn deviance(&self, dk: f64, dl: f64, line: f64) -> f64 {
         let of = |(x, y, power, white): &(f64, f64, f64, f64)| {
             let expected = white + line * (sinc(x - dk) * sinc(y - dl)).powi(2);
@@ -257,12 +257,12 @@ mod tests {
     use rand_xoshiro::rand_core::SeedableRng;
     use std::f64::consts::TAU;
 
-    /// Waves of 6 DN in noise of 8 DN, 16 frames of 64 x 48: a line of A²wh/4σ² = 432 times the white
-    /// power. Power alone does not show on which side of a bin a wave lies whose leakage of 432 d² of
-    /// the white power is below its scatter of a quarter: d < 0.025 bins, between the bins less; five
-    /// of these are allowed. The phases of the last wave lie within half a turn: the mean frame has
-    /// 44 % of its power. Off the axes an amplitude is known to σ √(2/whn) = 0.9 %, and five of these
-    /// are allowed; on them the mean takes up to 1/16 of the power.
+    /// Waves of 6 DN in noise of 8 DN, 16 frames of 64 x 48: a line of A²wh/4σ² = 432 times the
+    /// white power. Power alone does not show on which side of a bin a wave lies whose leakage of
+    /// 432 d² of the white power is below its scatter of a quarter: d < 0.025 bins, between the
+    /// bins less; five of these are allowed. The phases of the last wave lie within half a turn:
+    /// the mean frame has 44 % of its power. Off the axes an amplitude is known to σ √(2/whn) =
+    /// 0.9 %, and five of these are allowed; on them the mean takes up to 1/16 of the power.
     #[test]
     fn a_wave_between_the_bins_is_found_wherever_it_lies() {
         let (w, h, frames) = (64usize, 48usize, 16);

@@ -7,9 +7,9 @@ use camrig_camera::Camera;
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 
-/// Significance, standard errors, from which a candidate is simulated, and that a named effect must
-/// keep against replicates without it. With some 45 estimators a normal deviate of 4 occurs by
-/// chance in one set of 350; what it lets through is judged by simulation.
+/// Significance, standard errors, from which a candidate is simulated, and that a named effect
+/// must keep against replicates without it. With some 45 estimators a normal deviate of 4 occurs
+/// by chance in one set of 350; what it lets through is judged by simulation.
 pub const LEAST_STRENGTH: f64 = 4.0;
 
 /// A change of the model that would explain deviations.
@@ -141,11 +141,6 @@ impl Proposal {
 /// A camera with every one of some proposals put in, in their order.
 pub fn with_all(base: &Camera, proposals: &[Proposal]) -> Camera {
     proposals.iter().fold(base.clone(), |camera, p| p.applied(&camera))
-}
-
-/// One proposal, or none.
-pub(super) fn list(p: Option<Proposal>) -> Vec<Proposal> {
-    p.into_iter().collect()
 }
 
 /// New standard deviation from the present one and an excess of variance, in the unit of the first

@@ -2,8 +2,8 @@
 //! `nonlinearity`, `image-lag`, `exposure-offset`.
 //!
 //! From the mean of each channel of each stack, m, and the variance of its pixels over frames, v,
-//! both in DN, beside what the model predicts, m' and v'. ⟨ ⟩ are inverse-variance means, slopes go
-//! through the origin, µ is the charge by the light (e⁻) and K the system gain (DN/e⁻).
+//! both in DN, beside what the model predicts, m' and v'. ⟨ ⟩ are inverse-variance means, slopes
+//! go through the origin, µ is the charge by the light (e⁻) and K the system gain (DN/e⁻).
 //!
 //!   black level:        m − m' of the reference dark stack, DN; its slope over the analog gain;
 //!                       the contrasts of the 2 x 2 phases of the offset map
@@ -101,8 +101,8 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     out
 }
 
-/// Black level of the four phases of a 2 x 2 pattern beside the `common` one, which has the standard
-/// error `se`, DN: from the contrasts of the offset map.
+/// Black level of the four phases of a 2 x 2 pattern beside the `common` one, which has the
+/// standard error `se`, DN: from the contrasts of the offset map.
 fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> Option<Proposal> {
     let of = |what| e.difference(Place::Map(MapKind::Offset), what);
     let rows = of(What::EveryOtherRow)?;
@@ -188,8 +188,8 @@ fn with_efficiency(ratio: f64) -> Effect {
 }
 
 /// `system-gain`: signal and noise larger than the model's alike, by means and by photon transfer.
-/// Where the model has a quantum efficiency of its own, by photon transfer alone, and the efficiency
-/// keeps the means.
+/// Where the model has a quantum efficiency of its own, by photon transfer alone, and the
+/// efficiency keeps the means.
 pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
     let present = present_gain(e).unwrap_or(1.0);
     let efficiency = present_efficiency(e);
@@ -207,8 +207,8 @@ pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
     Some(p.with("ratio", ratio, present * f.se))
 }
 
-/// `quantum-efficiency`: signal larger than the model's at the same gain. Where the model has a gain
-/// of its own, at the gain that photon transfer gives.
+/// `quantum-efficiency`: signal larger than the model's at the same gain. Where the model has a
+/// gain of its own, at the gain that photon transfer gives.
 pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
     let present = present_efficiency(e).unwrap_or(1.0);
     let mean = common_factor(e)?;
@@ -228,8 +228,8 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
     Some(p.with("ratio", ratio, present * f.se))
 }
 
-/// The quantum efficiency, where the model has one of its own, beside an effect that multiplies the
-/// means of flats by `factor`.
+/// The quantum efficiency, where the model has one of its own, beside an effect that multiplies
+/// the means of flats by `factor`.
 pub fn efficiency_beside(e: &Evidence<'_>, factor: f64) -> Option<Effect> {
     Some(with_efficiency(present_efficiency(e)? * (1.0 + common_factor(e)?.value) / factor))
 }
@@ -246,8 +246,8 @@ struct Bend {
     fell: f64,
 }
 
-/// Least squares over points of x and m/m' − 1; `free` says whether c is. `None` where the points do
-/// not allow it.
+/// Least squares over points of x and m/m' − 1; `free` says whether c is. `None` where the points
+/// do not allow it.
 fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend> {
     let weighted = |f: &dyn Fn(f64) -> f64| {
         DVector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
@@ -270,8 +270,8 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
     Some(Bend { scale: solved[0], values: [value(1), value(2)], left, fell })
 }
 
-/// `nonlinearity`: a loss a xⁿ at x full wells, with the scale of the light free and with it as known.
-/// Where the model has a quantum efficiency of its own, that keeps the scale.
+/// `nonlinearity`: a loss a xⁿ at x full wells, with the scale of the light free and with it as
+/// known. Where the model has a quantum efficiency of its own, that keeps the scale.
 pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     let points = levels_and_signals(e);
     if points.len() < LEAST_POINTS {

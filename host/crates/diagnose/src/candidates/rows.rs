@@ -8,9 +8,9 @@
 //!
 //! with K the system gain (DN/e⁻), ⟨ ⟩ the inverse-variance mean over stacks and σ₀ what the model
 //! has already. V is kept as its ratio to the variance of a mean of white noise
-//! ([`What::RowVariance`], [`What::ColumnVariance`]).
-//! The law of correlated rows, power in proportion to f^−a, is the likeliest one of the periodograms
-//! of the row means (Whittle 1953); σ in e⁻, a without unit.
+//! ([`What::RowVariance`], [`What::ColumnVariance`]). The law of correlated rows, power in
+//! proportion to f^−a, is the likeliest one of the periodograms of the row means (Whittle 1953); σ
+//! in e⁻, a without unit.
 
 use super::common::{LN_SIGMA_REACH, of_excess, present};
 use super::proposal::{Proposal, deviation};
@@ -32,8 +32,8 @@ const EXPONENTS: [f64; 2] = [0.05, 2.0];
 /// two decades of a frame's frequencies its power changes by less than a factor of 2.5.
 const WHITE_BELOW: f64 = 0.2;
 
-/// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio to
-/// the variance of the mean of `across` pixels.
+/// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio
+/// to the variance of the mean of `across` pixels.
 pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
     pooled(e.design.conditions.iter().enumerate().filter_map(|(i, c)| {
         let k = e.gain(c).powi(2);
@@ -112,8 +112,8 @@ struct RowSpectrum {
     power: Vec<f64>,
 }
 
-/// Row spectra of the stacks; where the model has flicker, whose bands are lines as well, of the dark
-/// ones alone.
+/// Row spectra of the stacks; where the model has flicker, whose bands are lines as well, of the
+/// dark ones alone.
 fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
     let flicker = current(e.camera, "flicker-banding").is_some();
     let stacks = e.design.conditions.iter().zip(e.stacks);
@@ -130,9 +130,9 @@ fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
         .collect()
 }
 
-/// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of a variance (e⁻²) whose power falls
-/// as f^−a beside white noise (Whittle 1953; P_k is the mean of n periodograms, S_k what is expected
-/// of it).
+/// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of a variance (e⁻²) whose power
+/// falls as f^−a beside white noise (Whittle 1953; P_k is the mean of n periodograms, S_k what is
+/// expected of it).
 fn negative_log_likelihood(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
     let Some(first) = spectra.first() else { return f64::INFINITY };
     let bins = first.power.len();

@@ -4,8 +4,8 @@
 //!
 //!   L = µ − ⟨kept(q)⟩ and C = µ − Var kept(q),  kept(q) = q − κQ ln(1 + exp((q − Q)/κQ)),
 //!
-//! of its mean (e⁻) and variance (e⁻²), with q Poisson (here normal) and pixels that differ by PRNU.
-//! Q and κ minimise the χ² of both against measured less predicted mean and variance.
+//! of its mean (e⁻) and variance (e⁻²), with q Poisson (here normal) and pixels that differ by
+//! PRNU. Q and κ minimise the χ² of both against measured less predicted mean and variance.
 
 use super::common::channel_count;
 use super::proposal::Proposal;
@@ -17,8 +17,8 @@ use crate::statistics::statistic::{Place, What};
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{Effect, full_well::FullWell};
 
-/// Knees that are tried, as fractions of full well: a sharp one, and soft ones in steps of a factor
-/// of some two. Chosen; the effect allows up to 0.5.
+/// Knees that are tried, as fractions of full well: a sharp one, and soft ones in steps of a
+/// factor of some two. Chosen; the effect allows up to 0.5.
 const KNEES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
 /// Flats below this share of the brightest one are left out: a well that reached them would have
 /// taken half of the brightest.
@@ -36,8 +36,8 @@ const GOLDEN_STEPS: usize = 40;
 const CURVATURE_STEP: f64 = 1e-3;
 /// Knees above the capacity beyond which the exponential is lost in the rounding of the sum.
 const FAR_ABOVE: f64 = 30.0;
-/// Points to either side of the mean over which normal laws are summed, up to 4 standard deviations:
-/// of PRNU, a smooth correction, and of shot noise, whose kink wants a finer step.
+/// Points to either side of the mean over which normal laws are summed, up to 4 standard
+/// deviations: of PRNU, a smooth correction, and of shot noise, whose kink wants a finer step.
 const PRNU_POINTS: i32 = 4;
 const SHOT_POINTS: i32 = 16;
 
@@ -82,7 +82,8 @@ impl Bright {
     }
 }
 
-/// Points of a standard normal law, 2 `n` + 1 of them up to 4 standard deviations, with their weights.
+/// Points of a standard normal law, 2 `n` + 1 of them up to 4 standard deviations, with their
+/// weights.
 fn normal_grid(n: i32) -> impl Iterator<Item = (f64, f64)> {
     (-n..=n).map(move |i| {
         let z = 4.0 * f64::from(i) / f64::from(n);
@@ -90,8 +91,8 @@ fn normal_grid(n: i32) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
-/// `full-well`: for every knee the capacity; where the model has an effect of its own, for its knee
-/// alone.
+/// `full-well`: for every knee the capacity; where the model has an effect of its own, for its
+/// knee alone.
 pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
     // The base model has a well too, of the camera's full well: that is no effect of its own.
     let own = e.camera.effects.iter().any(|x| matches!(x, Effect::FullWell(_)));
@@ -137,8 +138,8 @@ fn chi_squared(flats: &[Bright], well: f64, knee: f64) -> f64 {
     flats.iter().map(of).sum()
 }
 
-/// The flats that a well may reach, channel by channel, with what they lack in all: beyond what the
-/// model predicts, and by the well `held` (capacity in e⁻, knee) that it has.
+/// The flats that a well may reach, channel by channel, with what they lack in all: beyond what
+/// the model predicts, and by the well `held` (capacity in e⁻, knee) that it has.
 fn bright_flats(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
     let mut out = Vec::new();
     let usable = |i: usize| saturated(&e.stacks[i]) < MOST_SATURATED;
