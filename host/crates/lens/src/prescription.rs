@@ -52,7 +52,6 @@ pub struct Surface {
 }
 
 /// The medium behind a surface.
-
 #[derive(Clone, Debug, PartialEq)]
 pub enum Medium {
     /// Air, index 1.
@@ -145,7 +144,6 @@ pub enum FieldKind {
 
 impl Surface {
     /// A plane in air; `thickness` in mm.
-
     #[must_use]
     pub fn plane(thickness: f64) -> Self {
         Self {
@@ -162,7 +160,6 @@ impl Surface {
 
 impl Prescription {
     /// Checks what ray tracing relies on.
-
     ///
     /// # Errors
     /// No surface, a stop that is not among them, values that are not finite or have the wrong

@@ -268,7 +268,6 @@ impl Kernel {
     }
 
     /// The table, computed once for the process.
-
     fn get() -> &'static Self {
         static KERNEL: OnceLock<Kernel> = OnceLock::new();
         KERNEL.get_or_init(Self::new)

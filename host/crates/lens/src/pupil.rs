@@ -15,7 +15,6 @@ use camrig_base::{Error, Result};
 use std::f64::consts::PI;
 
 /// The beam from one field point at one wavelength, aimed through the centre of the stop.
-
 #[derive(Clone, Debug)]
 pub struct Beam<'a> {
     /// The lens.
@@ -30,7 +29,6 @@ pub struct Beam<'a> {
 }
 
 /// Start points and directions of the rays of a field point.
-
 #[derive(Clone, Copy, Debug)]
 struct Launcher {
     sine: f64,
@@ -251,7 +249,6 @@ impl<'a> Beam<'a> {
 
     /// The outline of the pupil along `azimuths` directions (at least 8, and a multiple of
     /// [`LANES`]).
-
     ///
     /// # Errors
     /// A field point from which no light reaches the image.
@@ -454,7 +451,6 @@ fn edges_along(
 
 /// Where the excess changes sign between `inside` and `outside`, in each lane: regula falsi
 /// (Illinois variant), and bisection next to rays that are lost.
-
 fn refine(at: &impl Fn(&[f64; LANES]) -> Rays<LANES>, bracket: [[f64; 2]; LANES]) -> [f64; LANES] {
     // An excess is relative to a squared radius, a width to a launch coordinate: both end some
     // rounding errors above what f64 resolves. Bisection alone needs 44 rounds for that.

@@ -62,7 +62,6 @@ const fn parameter(
 
 /// Wavelengths at which lateral colour is given, nm: near the peaks of a camera's blue, green and
 /// red channels.
-
 const BLUE_NM: f64 = 450.0;
 const GREEN_NM: f64 = 550.0;
 const RED_NM: f64 = 650.0;

@@ -217,7 +217,6 @@ impl WithSimd for Transform<'_> {
 }
 
 /// Stages that read and write memory, with `data` and `scratch` in turn.
-
 #[inline(always)]
 fn middle<S: Simd>(simd: S, stages: &[Stage], data: &mut Split, scratch: &mut Split) {
     for stage in stages {

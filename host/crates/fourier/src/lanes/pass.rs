@@ -142,7 +142,6 @@ impl<S: Simd> Output<S> for Products<'_> {
 }
 
 /// Runs one stage.
-
 #[inline(always)]
 pub fn pass<S: Simd, I: Input<S>, O: Output<S>>(simd: S, stage: &Stage, input: I, output: O) {
     match stage.radix {

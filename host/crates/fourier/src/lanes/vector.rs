@@ -127,7 +127,6 @@ pub fn registers<S: Simd>() -> usize {
 }
 
 /// Views lanes as registers.
-
 #[inline(always)]
 #[must_use]
 pub fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {

@@ -274,7 +274,6 @@ const WAVELENGTH_TOLERANCE_NM: f64 = 0.5;
 const SPACING_TOLERANCE: f64 = 0.02;
 
 /// Checks that a listing is the one that the parameters announce.
-
 fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
     if let Some(own) = listing.wavelength_nm
         && (own - nm).abs() > WAVELENGTH_TOLERANCE_NM

@@ -142,7 +142,6 @@ impl Default for Options {
 }
 
 /// What the engine did.
-
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Cells per pixel and direction, per band.
