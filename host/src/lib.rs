@@ -4,6 +4,7 @@
 //! flow with units. The command line ([`cli`]) and the live page of a rig ([`view`]) are here.
 
 pub mod cli;
+pub mod prelude;
 pub mod view;
 
 pub use camrig_base::{Error, ErrorKind, Plane, RawFrame, Result, alternatives, output, toml_text};

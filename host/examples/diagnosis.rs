@@ -1,0 +1,49 @@
+//! A diagnosis: captures of a sensor with row noise, and a camera that lacks it.
+//!
+//! `cargo run --release -p camrig --example diagnosis`; takes about a minute.
+
+use camrig::capture::{plan, take};
+use camrig::diagnose::data::design;
+use camrig::diagnose::search::{self, Session};
+use camrig::diagnose::verdict;
+use camrig::prelude::*;
+use camrig_sensor_core::effects::row_temporal_noise::RowTemporalNoise;
+
+fn main() -> Result<()> {
+    let size = [("sensor.width", 96), ("sensor.height", 64)];
+    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
+    let model = Camera::load_with("mt9v024", &changes)?;
+
+    // The sensor as built: the model, and row noise of 6 e⁻ that is new in every frame.
+    let mut built = model.clone();
+    built.effects.push(RowTemporalNoise { sigma_e: 6.0 }.into());
+    let folder = tempfile::tempdir().map_err(|e| Error::io("make", "a folder".as_ref(), e))?;
+    let captures = folder.path().join("captures");
+    take::take(&built, &plan::load("ptc")?, &captures, &take::TakeOptions::default(), || ())?;
+
+    // Half of the frames are fitted, the others are held out and only judge.
+    let set = CaptureSet::load(&captures)?;
+    let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
+    let halves = design::divide(&model, &set, &counts)?;
+    let session = Session::open(&model, &set, halves, &|_| ())?;
+    let outcome = search::run(&session, &model, &[], &|effect| println!("trying {effect}"))?;
+
+    let report = verdict::report(&session, &outcome);
+    println!(
+        "{}: gap {:.2} → {:.2} on held-out frames (1.0 for the right model)",
+        report.verdict.word(),
+        report.gap_before,
+        report.gap_after
+    );
+    for step in &report.steps {
+        for (name, parameter) in &step.parameters {
+            let (value, error) = (parameter.value, parameter.std_error);
+            println!(
+                "{} ({}): {name} = {value:.3?} ± {error:.3?}",
+                step.effect,
+                step.status.word()
+            );
+        }
+    }
+    Ok(())
+}

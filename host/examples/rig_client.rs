@@ -1,0 +1,50 @@
+//! Ten frames from a rig, compared bit for bit with those of this process.
+//!
+//! `cargo run --release -p camrig --example rig_client -- tcp://127.0.0.1:7420`; without an address
+//! the emulator in this process is the rig.
+
+use camrig::exposure::CubeHeader;
+use camrig::prelude::*;
+
+fn main() -> Result<()> {
+    let address = std::env::args().nth(1).unwrap_or_else(|| "emulator:".into());
+    let size = [("sensor.width", 320), ("sensor.height", 240)];
+    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
+    let camera = Camera::load_with("mt9v024", &changes)?;
+
+    // Even irradiance of 10 µW m⁻² nm⁻¹ in three bands; `examples/simulate.rs` makes that of a scene.
+    let header = CubeHeader {
+        width: 320,
+        height: 240,
+        first_band_nm: 450.0,
+        band_step_nm: 100.0,
+        bands: 3,
+        level: 1.0,
+        lux: None,
+        illuminant: None,
+        made_of: "even light".into(),
+    };
+    let cube = IrradianceCube::uniform(header, &[1e-5; 3])?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+
+    let mut rig = Rig::open(&address)?;
+    println!("{}: {}", address, rig.device().firmware);
+    rig.set_camera(&sensor)?;
+    for number in 0..10 {
+        let request = FrameRequest {
+            settings: camera.settings(number, 0.010, None),
+            arithmetic: Arithmetic::F32,
+            collapse: false,
+            lit_before: false,
+            by_registers: false,
+        };
+        let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
+        let here = sensor.frame(&cube, None, &request.settings, Arithmetic::F32)?;
+        if frame != here {
+            return Err(Error::disagreement(format!("frame {number} differs from this process's")));
+        }
+        let (channel, mean_dn, _) = &frame.channel_means()[0];
+        println!("frame {number}: mean of {channel} {mean_dn:.2} DN, the same bytes as here");
+    }
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! A ColorChecker under D65 at 300 lx to a raw file and the mean DN of each channel.
+//!
+//! `cargo run --release -p camrig --example simulate -- chart.dng`
+
+use camrig::prelude::*;
+use camrig::scene::photometry::white_radiance;
+use camrig::{formats, output::OutputFile, render};
+use std::io::Write;
+use std::path::Path;
+
+fn main() -> Result<()> {
+    let path = std::env::args().nth(1).unwrap_or_else(|| "chart.dng".into());
+
+    // One physical camera: a built-in preset with a smaller sensor, or the path of a camera file.
+    let size = [("sensor.width", 320), ("sensor.height", 240)];
+    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
+    let camera = Camera::load_with("mt9v024", &changes)?;
+
+    // The scene, and the spectral radiance (W m⁻² sr⁻¹ nm⁻¹) of a perfect white in it.
+    let scene = camrig::scene::open("colorchecker")?;
+    let light = Illuminant::parse("D65")?;
+    let white = white_radiance(&light, LightLevel::Lux(300.0), &scene.bands())?;
+    let lit = LitScene { scene: &*scene, white };
+
+    // The optics stage: spectral irradiance (W m⁻² nm⁻¹) on the sensor. It does not depend on
+    // exposure, gain or noise, so one cube serves many frames.
+    let about = About {
+        lux: Some(300.0),
+        illuminant: Some(light.name.clone()),
+        made_of: "colorchecker".into(),
+    };
+    let (cube, _) = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?;
+
+    // The sensor stage: 20 ms at the camera's own gain and temperature.
+    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let settings = camera.settings(0, 0.020, None);
+    let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+    for (channel, mean_dn, saturated) in frame.channel_means() {
+        println!("{channel}: {mean_dn:.1} DN, {:.1} % saturated", 100.0 * saturated);
+    }
+
+    let info = render::dng_info(&camera, &settings, Some(&light), "colorchecker")?;
+    let facts = formats::Facts { dng: Some(info), ..formats::Facts::of(&frame) };
+    let bytes = Format::Dng.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
+    let mut file = OutputFile::create(Path::new(&path), true)?;
+    file.write_all(&bytes).map_err(|e| Error::io("write", Path::new(&path), e))?;
+    file.finish()?;
+    println!("wrote {path}");
+    Ok(())
+}
