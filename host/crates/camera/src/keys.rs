@@ -135,8 +135,8 @@ pub const KEYS: &[Key] = &[
         "",
         Some("cos4"),
         "",
-        "Fall-off towards the corner: the cos⁴ law, none, or a CSV of field,ratio with field 0 at the \
-         axis and 1 at the corner (diffraction-limited).",
+        "Fall-off towards the corner: the cos⁴ law, none, or a CSV of field,ratio with field 0 at \
+         the axis and 1 at the corner (diffraction-limited).",
     ),
     key("lens", "data", File, "", BY_KIND, "", "Directory or file of a characterised lens."),
     key("lens", "file", File, "", BY_KIND, "", "Prescription: .zmx, CODE V .seq, or .toml."),
@@ -196,8 +196,8 @@ pub const KEYS: &[Key] = &[
         "",
         Some("none"),
         "",
-        "Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over the \
-         sensor and factors relative to the centre.",
+        "Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over \
+         the sensor and factors relative to the centre.",
     ),
     key(
         "sensor",
@@ -271,8 +271,8 @@ pub const KEYS: &[Key] = &[
         "e-",
         Some("0"),
         "0 to all of read_e",
-        "The part of it that comes after the gain stage; referred to the input it falls as 1/gain. At \
-         most read_e.",
+        "The part of it that comes after the gain stage; referred to the input it falls as \
+         1/gain. At most read_e.",
     ),
     key(
         "sensor.noise",

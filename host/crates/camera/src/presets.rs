@@ -1,5 +1,5 @@
-//! Built-in cameras: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, an automotive camera,
-//! and `mobile`, a phone camera.
+//! Built-in cameras: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, a machine-vision
+//! camera, and `mobile`, a phone camera.
 
 /// Names of the built-in cameras.
 pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];

@@ -164,7 +164,8 @@ impl Format {
             "csi2" => Self::Csi2,
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
                 Error::unsupported(format!("raw format {name:?}")).help(
-                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format like SGRBG10P",
+                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format like \
+                     SGRBG10P",
                 )
             })?),
         })

@@ -2,10 +2,10 @@
 //! edge MTF after ISO 12233 ([`mtf`]), positional crosstalk ([`crosstalk`]), colour patches
 //! ([`patches`]), profiles ([`profile`]).
 //!
-//! Input are capture sets ([`camrig_captures::CaptureSet`]: stacks of raw frames in digital numbers,
-//! DN, with exposure in seconds, gain and light) or single frames. Output are figures in the units
-//! of EMVA 1288 (e⁻, DN, DN/e⁻, e⁻/s), most of them with a standard error ([`Value`]). No camera
-//! model is involved: measured and simulated frames are treated alike.
+//! Input are capture sets ([`camrig_captures::CaptureSet`]: stacks of raw frames in digital
+//! numbers, DN, with exposure in seconds, gain and light) or single frames. Output are figures in
+//! the units of EMVA 1288 (e⁻, DN, DN/e⁻, e⁻/s), most of them with a standard error ([`Value`]).
+//! No camera model is involved: measured and simulated frames are treated alike.
 //!
 //! # Example
 //! System gain and dark noise of synthetic frames with 0.5 DN/e⁻ and a read noise of 3 e⁻:
@@ -39,7 +39,8 @@
 //!     std::fs::write(folder.path().join(format!("{id}.npy")), bytes).unwrap();
 //!     let role = if signal_e > 0.0 { "flat" } else { "dark" };
 //!     manifest += &format!(
-//!         "[[capture]]\nid = \"{id}\"\nrole = \"{role}\"\nfiles = \"{id}.npy\"\nexposure_s = 0.01\n"
+//!         "[[capture]]\nid = \"{id}\"\nrole = \"{role}\"\nfiles = \"{id}.npy\"\n\
+//!          exposure_s = 0.01\n"
 //!     );
 //! }
 //! std::fs::write(folder.path().join("captures.toml"), manifest).unwrap();

@@ -388,7 +388,8 @@ mod tests {
         let plane = SitePlane::of(site, (2 * columns, rows), &terms, Vec::new());
         assert!((plane.mean - 3.0).abs() < unit, "{}", plane.mean);
         let s = plane.spectrogram().unwrap();
-        // |FFT|² / N of an amplitude 2 is 4 N / 4; an error ε of the values adds at most 2 sqrt(N P) ε.
+        // |FFT|² / N of an amplitude 2 is 4 N / 4; an error ε of the values adds at most
+        // 2 sqrt(N P) ε.
         let tolerance = |power: f64| 2.0 * (40.0 * power).sqrt() * rounding + 1e-9;
         assert!((s.horizontal[5] - 40.0).abs() < tolerance(40.0), "{}", s.horizontal[5]);
         assert!((s.horizontal.iter().sum::<f64>() - 40.0).abs() < tolerance(40.0));

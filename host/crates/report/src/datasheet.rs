@@ -15,8 +15,8 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     let mut page = Page::new(&format!("Data sheet of {}", camera.name));
     page.paragraph(
         "Measured on simulated captures with the commands that measure real ones: camrig capture, \
-         camrig measure, camrig crosstalk. Figures are therefore estimates with the sampling errors \
-         of their captures, not the camera file's own.",
+         camrig measure, camrig crosstalk. Figures are therefore estimates with the sampling \
+         errors of their captures, not the camera file's own.",
     );
     let facts = [
         ("sensor", format!("{} x {} pixels of {} µm, {}", s.width, s.height, s.pitch_um, s.cfa)),

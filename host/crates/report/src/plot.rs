@@ -337,8 +337,8 @@ impl Drawing {
     fn new(width: f64, height: f64, title: &str) -> Self {
         let text = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" \
-             width=\"{width:.0}\" height=\"{height:.0}\" font-family=\"sans-serif\" font-size=\"12\" \
-             fill=\"currentColor\">\n"
+             width=\"{width:.0}\" height=\"{height:.0}\" font-family=\"sans-serif\" \
+             font-size=\"12\" fill=\"currentColor\">\n"
         );
         let mut drawing = Self { text };
         drawing.text([width / 2.0, 20.0], "middle", title, " font-weight=\"bold\"");
@@ -358,8 +358,8 @@ impl Drawing {
 
     fn frame(&mut self, [x, y, width, height]: [f64; 4]) {
         self.add(format_args!(
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" \
-             stroke=\"currentColor\"/>\n"
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
+             fill=\"none\" stroke=\"currentColor\"/>\n"
         ));
     }
 
@@ -414,7 +414,8 @@ impl Drawing {
         let data = base64::engine::general_purpose::STANDARD.encode(bytes);
         self.add(format_args!(
             "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
-             preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>\n"
+             preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" \
+             href=\"data:image/png;base64,{data}\"/>\n"
         ));
     }
 

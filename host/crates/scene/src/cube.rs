@@ -84,8 +84,8 @@ impl Cube {
         let [blue, red] = VISIBLE_NM;
         if first > blue + bands.step_nm / 2.0 || last < red - bands.step_nm / 2.0 {
             notes.push(format!(
-                "bands from {first} to {last} nm do not cover {blue} to {red} nm: extrapolated by the \
-                 end values"
+                "bands from {first} to {last} nm do not cover {blue} to {red} nm: extrapolated by \
+                 the end values"
             ));
         }
         let mix = mix(&wavelength_nm, &bands);

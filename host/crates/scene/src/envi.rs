@@ -159,8 +159,9 @@ pub fn write(
     };
     let text = format!(
         "ENVI\ndescription = {{camrig scene, {quantity} in {units}}}\nsamples = {}\nlines = {}\n\
-         bands = {}\nheader offset = 0\nfile type = ENVI Standard\ndata type = 4\ninterleave = bsq\n\
-         byte order = 0\nwavelength units = Nanometers\nquantity = {quantity}\nwavelength = {{{}}}\n",
+         bands = {}\nheader offset = 0\nfile type = ENVI Standard\ndata type = 4\n\
+         interleave = bsq\nbyte order = 0\nwavelength units = Nanometers\nquantity = {quantity}\n\
+         wavelength = {{{}}}\n",
         size.0,
         size.1,
         bands.count,

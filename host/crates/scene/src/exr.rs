@@ -38,7 +38,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         (radiance, Quantity::Radiance)
     };
     if bands.is_empty() {
-        return Err(Error::unsupported(format!("no spectral channel among {}", names.join(", "))).help(
+        let names = names.join(", ");
+        return Err(Error::unsupported(format!("no spectral channel among {names}")).help(
             "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance)",
         ));
     }

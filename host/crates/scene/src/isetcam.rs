@@ -1,11 +1,11 @@
 //! Scenes as ISETCam saves them (`sceneToFile`), MATLAB version 5 or 7.3 (HDF5).
 //!
-//! | variable | content |
-//! | --- | --- |
-//! | `photons` | rows x columns x bands: radiance in photons s⁻¹ sr⁻¹ m⁻² nm⁻¹, or instead of it |
-//! | `mcCOEF`, `basis.basis`, `imgMean` | coefficients rows x columns x bases, bands x bases, mean per band: photons = basis · mcCOEF + mean |
-//! | `wave`, `basis.wave` or `spectrum.wave` | band centres, nm |
-//! | `illuminant` | `data.photons` with `spectrum.wave`, or (older) `data` in energy units with `wavelength` |
+//! - `photons`: rows x columns x bands of radiance in photons s⁻¹ sr⁻¹ m⁻² nm⁻¹;
+//! - or instead `mcCOEF` (coefficients, rows x columns x bases), `basis.basis` (bands x bases) and
+//!   `imgMean` (mean per band): photons = basis · mcCOEF + mean;
+//! - `wave`, `basis.wave` or `spectrum.wave`: band centres, nm;
+//! - `illuminant`: `data.photons` with `spectrum.wave`, or (older) `data` in energy units with
+//!   `wavelength`.
 //!
 //! With an illuminant that is the same for the whole scene the cube is the reflectance photons /
 //! illuminant; otherwise it is the radiance. A linear model can be negative in dark places: such

@@ -111,7 +111,8 @@ pub fn write(
 ) -> Result<()> {
     let path = directory.join(DATA);
     let file = File::create(&path).map_err(|e| Error::io("write", &path, e))?;
-    let failed = |e: tiff::TiffError| Error::device(format!("cannot write {}: {e}", path.display()));
+    let failed =
+        |e: tiff::TiffError| Error::device(format!("cannot write {}: {e}", path.display()));
     let mut encoder = TiffEncoder::new_big(BufWriter::new(file))
         .map_err(failed)?
         .with_compression(Compression::Deflate(DeflateLevel::Fast));

@@ -54,16 +54,16 @@ pub(super) fn set_warnings(
     }
     if levels.iter().any(|l| l.photons.is_none()) {
         out.push(
-            "the photons per pixel are not known (photons_per_pixel_per_s, or irradiance_w_m2 with \
-             wavelength_nm and pitch_um): no quantum efficiency, responsivity or linearity"
+            "the photons per pixel are not known (photons_per_pixel_per_s, or irradiance_w_m2 \
+             with wavelength_nm and pitch_um): no quantum efficiency, responsivity or linearity"
                 .into(),
         );
     }
     let clipped = darks.iter().flat_map(|d| &d.channels).map(|m| m.zeros).fold(0.0, f64::max);
     if clipped > CLIPPED_SHARE {
         out.push(format!(
-            "{:.1} % of the dark samples are at 0 DN (the standard allows 0.5 %): the offset clips \
-             the dark noise, so dark noise, DSNU and K are wrong",
+            "{:.1} % of the dark samples are at 0 DN (the standard allows 0.5 %): the offset \
+             clips the dark noise, so dark noise, DSNU and K are wrong",
             100.0 * clipped
         ));
     }
@@ -110,9 +110,9 @@ pub(super) fn correlation_warning(
         if rho.value.abs() > CORRELATED && rho.value.abs() > SIGNIFICANT_CORRELATION * rho.std_error
         {
             warnings.push(format!(
-                "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % ± \
-                 {:.2} %): pixels are not independent as the standard assumes (neighbour coupling \
-                 or filtering), and K is biased by several times that",
+                "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % \
+                 ± {:.2} %): pixels are not independent as the standard assumes (neighbour \
+                 coupling or filtering), and K is biased by several times that",
                 100.0 * rho.value,
                 100.0 * rho.std_error
             ));

@@ -1,12 +1,13 @@
 //! A resolution chart with the elements of ISO 12233: slanted squares, hyperbolic wedges, bar
 //! groups and a Siemens star. Dark (0.04) on bright (0.8); it fits frames from 4:3 to 16:9.
 //!
-//! | element | place | content |
-//! | --- | --- | --- |
-//! | Siemens star | centre, radius 0.1 | 36 cycles: f = 36 / (2π r) cycles per sensor width at radius r |
-//! | wedges | ±0.17..±0.37 right and left (lines along u), below and above (along v) | 5 dark lines, frequency linear from 50 to 1000 cycles per sensor width |
-//! | bars | row of groups at the top (across u) and at the bottom (across v) | 5 dark bars of 100, 200, 300, 400, 600, 800, 1000, 1500 cycles per sensor width |
-//! | slanted squares | corners | squares of 0.09, turned by 5°, for slanted-edge measurement |
+//! - Siemens star: in the centre, radius 0.1, 36 cycles, so that f = 36 / (2π r) cycles per sensor
+//!   width at radius r.
+//! - Wedges: from ±0.17 to ±0.37, right and left (lines along u), below and above (lines along v);
+//!   5 dark lines whose frequency rises linearly from 50 to 1000 cycles per sensor width.
+//! - Bars: a row of groups at the top (across u) and at the bottom (across v); 5 dark bars of 100,
+//!   200, 300, 400, 600, 800, 1000 and 1500 cycles per sensor width.
+//! - Slanted squares: in the corners, 0.09 wide, turned by 5°, for slanted-edge measurement.
 
 use super::BANDS;
 use crate::painting::{Material, Painting};
