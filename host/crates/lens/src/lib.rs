@@ -1,5 +1,5 @@
-//! Real lenses: prescriptions and their files, a sequential ray tracer, and importers for the results of
-//! other lens programs.
+//! Real lenses: prescriptions and their files, a sequential ray tracer, and importers for the
+//! results of other lens programs.
 //!
 //! A prescription (surfaces, glasses, stop, fields) is traced with exact rays to the figures and
 //! point-spread functions over field and wavelength that the optics engine renders through, a
@@ -38,27 +38,30 @@
 //! The stages, each a module: [`read_prescription`] → [`System`] (paraxial figures, stop) →
 //! [`train::Train`] (one wavelength) → [`pupil::Beam`] (one field point, chief ray) →
 //! [`pupil::Outline`] (the part of the pupil that the apertures pass) → [`samples::PupilSamples`]
-//! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`] reads
-//! what other programs computed.
+//! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`]
+//! reads what other programs computed.
 //!
 //! # Conventions
 //! - Lenses are sequential and rotationally symmetric: spheres, conics, even and odd polynomials,
 //!   mirrors; neither tilts nor gradient-index media.
-//! - Stop: its real radius is the paraxial image of the entrance pupil in the stop at the reference
-//!   wavelength ([`System::stop_radius_mm`]). It is the same for all fields and wavelengths, and is
-//!   stored.
-//! - Chief ray: the real ray through the centre of the stop, aimed anew for each field and wavelength.
-//! - Field angle: that of the chief ray at the paraxial entrance pupil. For a finite object it names
-//!   the object point at (distance to the pupil)·tan θ off the axis.
-//! - Distortion: real chief-ray height over EFL·tan θ (finite object: |m|·object height), with EFL and
-//!   m paraxial at the reference wavelength. A defocused sensor therefore shows some distortion even
-//!   at small fields.
-//! - Relative illumination: projected solid angle of the clipped pupil as seen from the image point
-//!   over that on the axis, at the same wavelength. It includes cos⁴, vignetting and pupil aberration.
-//! - PSF: centred on the chief ray of its own wavelength (lateral colour is part of the distortion),
-//!   on the image plane, as irradiance per area; each plane wave has the amplitude √(dE/dL dM).
-//! - Optical path difference: to the chief ray, on the sphere around its image point through the place
-//!   where it meets the plane of the paraxial exit pupil.
+//! - Stop: its real radius is the paraxial image of the entrance pupil in the stop at the
+//!   reference wavelength ([`System::stop_radius_mm`]). It is the same for all fields and
+//!   wavelengths, and is stored.
+//! - Chief ray: the real ray through the centre of the stop, aimed anew for each field and
+//!   wavelength.
+//! - Field angle: that of the chief ray at the paraxial entrance pupil. For a finite object it
+//!   names the object point at (distance to the pupil)·tan θ off the axis.
+//! - Distortion: real chief-ray height over EFL·tan θ (finite object: |m|·object height), with EFL
+//!   and m paraxial at the reference wavelength. A defocused sensor therefore shows some
+//!   distortion even at small fields.
+//! - Relative illumination: projected solid angle of the clipped pupil as seen from the image
+//!   point over that on the axis, at the same wavelength. It includes cos⁴, vignetting and pupil
+//!   aberration.
+//! - PSF: centred on the chief ray of its own wavelength (lateral colour is part of the
+//!   distortion), on the image plane, as irradiance per area; each plane wave has the amplitude
+//!   √(dE/dL dM).
+//! - Optical path difference: to the chief ray, on the sphere around its image point through the
+//!   place where it meets the plane of the paraxial exit pupil.
 
 pub mod characterise;
 pub mod glass;

@@ -195,7 +195,8 @@ fn golden_lenses_psfs_and_wavefronts() {
                 assert!((fast.captured - slow.captured).abs() < 1e-6);
             }
             println!(
-                "{name} {deg}° {nm} nm: spot {:.4} mm, PSF {worst:.1e} of the peak, OPD rms {:.1e} waves",
+                "{name} {deg}° {nm} nm: spot {:.4} mm, PSF {worst:.1e} of the peak, \
+                 OPD rms {:.1e} waves",
                 samples.spot_rms_mm(),
                 rms - at("opd_rms_waves")
             );

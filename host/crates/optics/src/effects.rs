@@ -72,9 +72,9 @@ impl OpticalEffect {
         OpticalEntry {
             kind: "defocus",
             doc: "Defocus: the sensor lies out of the focus of the lens.\n\n\
-                  Wavefront error δ/(8 Nw²) at the pupil's edge, Nw the image-side f-number; OTF of \
-                  Hopkins 1955 for a perfect lens, traced for a prescription. A characterised lens \
-                  knows no wavefront and cannot be defocused.",
+                  Wavefront error δ/(8 Nw²) at the pupil's edge, Nw the image-side f-number; OTF \
+                  of Hopkins 1955 for a perfect lens, traced for a prescription. A characterised \
+                  lens knows no wavefront and cannot be defocused.",
             parameters: &[parameter(
                 "shift_um",
                 "um",
@@ -90,8 +90,8 @@ impl OpticalEffect {
         OpticalEntry {
             kind: "lateral-colour",
             doc: "Lateral colour: the image has another size at each wavelength.\n\n\
-                  Radial displacement in proportion to the height; 0 at 550 nm, linear in wavelength \
-                  between 450, 550 and 650 nm, constant beyond.",
+                  Radial displacement in proportion to the height; 0 at 550 nm, linear in \
+                  wavelength between 450, 550 and 650 nm, constant beyond.",
             parameters: &[
                 parameter(
                     "blue_px",
@@ -122,8 +122,8 @@ impl OpticalEffect {
         OpticalEntry {
             kind: "distortion",
             doc: "Distortion: points lie elsewhere in the image than the lens model has them.\n\n\
-                  Real height = h·(size + k1·r² + k2·r⁴), r = h over the half diagonal of the sensor \
-                  (Brown 1966); size is another object distance.",
+                  Real height = h·(size + k1·r² + k2·r⁴), r = h over the half diagonal of the \
+                  sensor (Brown 1966); size is another object distance.",
             parameters: &[
                 parameter("k1", "1", "Third-order change in the corner", (-0.1, 0.2), Some(0.0)),
                 parameter("k2", "1", "Fifth-order change in the corner", (-0.02, 0.1), Some(0.0)),
@@ -141,8 +141,8 @@ impl OpticalEffect {
         OpticalEntry {
             kind: "decentre-tilt",
             doc: "Decentred sensor: the optical axis does not meet its centre.\n\n\
-                  Distortion, fall-off and field-dependent blur are about the axis; the scene stays \
-                  centred on the sensor.",
+                  Distortion, fall-off and field-dependent blur are about the axis; the scene \
+                  stays centred on the sensor.",
             parameters: &[
                 parameter("x_px", "pixels", "Axis right of the centre", (-500.0, 500.0), Some(0.0)),
                 parameter("y_px", "pixels", "Axis below the centre", (-500.0, 500.0), Some(0.0)),
@@ -156,7 +156,8 @@ impl OpticalEffect {
         },
         OpticalEntry {
             kind: "lens-transmittance",
-            doc: "Transmittance of the lens: it passes another share of the light than [lens] says.\n\n\
+            doc: "Transmittance of the lens: it passes another share of the light than [lens] \
+                  says.\n\n\
                   Irradiance ·= factor + slope·(λ − 550 nm)/100 nm, at least 0.",
             parameters: &[
                 parameter("factor", "1", "Factor at 550 nm", (0.01, 2.0), None),
@@ -173,7 +174,8 @@ impl OpticalEffect {
         },
         OpticalEntry {
             kind: "veiling-glare",
-            doc: "Veiling glare: light scattered in the lens lies over the whole image (ISO 9358).\n\n\
+            doc: "Veiling glare: light scattered in the lens lies over the whole image \
+                  (ISO 9358).\n\n\
                   E = (1 − g)·E + g·mean of E over the frame, per wavelength.",
             parameters: &[parameter(
                 "fraction",

@@ -1,10 +1,10 @@
-//! [`vectorised`]: compiles a function once for each instruction set in one agreed list, and chooses
-//! between the copies when the program runs.
+//! [`vectorised`]: compiles a function once for each instruction set in one agreed list, and
+//! chooses between the copies when the program runs.
 //!
 //! The list holds the vector parts of two levels of the x86-64 psABI: AVX-512 F, BW, CD, DQ and VL
-//! (x86-64-v4), and AVX2 (x86-64-v3). Other processors run the function as compiled for the target:
-//! SSE2 on x86-64, NEON on AArch64. The results are the same bits in every copy, because the compiler
-//! neither reorders nor fuses floating-point operations; the list decides speed only.
+//! (x86-64-v4), and AVX2 (x86-64-v3). Other processors run the function as compiled for the
+//! target: SSE2 on x86-64, NEON on AArch64. The results are the same bits in every copy, because
+//! the compiler neither reorders nor fuses floating-point operations; the list decides speed only.
 //!
 //! A crate that uses the attribute depends on `multiversion` too, which it expands to.
 //!
@@ -31,7 +31,8 @@ const ATTRIBUTE: &str = r#"#[multiversion::multiversion(targets(
 
 /// Compiles the function for AVX-512, for AVX2 and for the target's own instructions.
 ///
-/// What the function calls takes part where it is inlined, so inner functions are `#[inline(always)]`.
+/// What the function calls takes part where it is inlined, so inner functions are
+/// `#[inline(always)]`.
 #[proc_macro_attribute]
 pub fn vectorised(_arguments: TokenStream, function: TokenStream) -> TokenStream {
     match ATTRIBUTE.parse::<TokenStream>() {

@@ -20,8 +20,8 @@
 //! wavelength_nm = 550.0                         # may be left out where the listing says it
 //! file = "psf_axis.txt"
 //! spacing_um = 0.25                             # may be left out where the listing says it
-//! outwards = true                               # whether rows run away from the axis; as the listing
-//!                                               #   says unless given, true where it says nothing
+//! outwards = true                               # whether rows run away from the axis; absent: as
+//!                                               #   the listing says, true where it says nothing
 //! ```
 //!
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`;

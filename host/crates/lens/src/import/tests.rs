@@ -132,12 +132,15 @@ fn broken_sets_say_what_is_missing() {
 
 #[test]
 fn listings_of_distortion_and_illumination() {
-    let text = "Listing of Grid Distortion Data\n\n   i    j  X-Field Y-Field R-Field Predicted X Predicted Y Real X Real Y Distortion\n\
-                -1 -1 -5 -5 7 -1.0 -1.0 -0.9 -0.9 -10.0%\n 0 0 0 0 0 0 0 0 0 0.0%\n 1 0 5 0 5 1.0 0.0 0.95 0.0 -5.0%\n\
+    let text = "Listing of Grid Distortion Data\n\n   i    j  X-Field Y-Field R-Field Predicted X \
+                Predicted Y Real X Real Y Distortion\n\
+                -1 -1 -5 -5 7 -1.0 -1.0 -0.9 -0.9 -10.0%\n 0 0 0 0 0 0 0 0 0 0.0%\n \
+                1 0 5 0 5 1.0 0.0 0.95 0.0 -5.0%\n\
                 Maximum distortion: -10 %\n";
     let pairs = listing::grid_distortion(text).unwrap();
     assert_eq!(pairs.len(), 3);
     assert!((pairs[1][1] - 0.95).abs() < 1e-12 && (pairs[2][0] - 2f64.sqrt()).abs() < 1e-12);
-    let text = "Relative Illumination\nWavelength: 0.55\nField values are in degrees.\n Field Rel. Ill. Effective F/#\n 0.0 1.0 2.0\n 10.0 0.9 2.1\n";
+    let text = "Relative Illumination\nWavelength: 0.55\nField values are in degrees.\n \
+                Field Rel. Ill. Effective F/#\n 0.0 1.0 2.0\n 10.0 0.9 2.1\n";
     assert_eq!(listing::relative_illumination(text).unwrap(), [[0.0, 1.0], [10.0, 0.9]]);
 }

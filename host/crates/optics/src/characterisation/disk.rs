@@ -25,7 +25,7 @@
 //! wavelengths_nm = [400.0, 550.0, 700.0]
 //! heights_mm = [0.0, 2.0]
 //! captured = [0.99, 0.99, 0.98, 0.97, 0.96, 0.95] # optional, [height][wavelength]
-//! [psf.between]                            # optional: measured error of PSFs halfway between heights
+//! [psf.between]                            # optional: measured error of PSFs between heights
 //! misplaced_mean = 0.004                   # share of the light, mean over the field
 //! misplaced_largest = 0.009
 //! pixel_um = 1.4                           # after integration over pixels of this side

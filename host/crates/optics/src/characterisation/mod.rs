@@ -189,11 +189,15 @@ impl Characterisation {
                 );
                 if here <= below {
                     return Err(Error::input(format!(
-                        "real height falls from {below} mm to {here} mm at paraxial height {} mm, {nm} nm",
+                        "real height falls from {below} mm to {here} mm at paraxial height {} mm, \
+                         {nm} nm",
                         self.heights_mm[h]
                     ))
                     .at("distortion")
-                    .help("distortion that folds the image cannot be inverted; cut the table before it"));
+                    .help(
+                        "distortion that folds the image cannot be inverted; cut the table \
+                         before it",
+                    ));
                 }
             }
         }

@@ -122,10 +122,12 @@ pub struct Options {
     pub device: Device,
 }
 
-/// Default bound on the error at a sharp step, relative to the step. It is a worst case over all phases and frequencies, and real edges stay well below it; a smaller bound costs more cells.
+/// Default bound on the error at a sharp step, relative to the step. It is a worst case over all
+/// phases and frequencies, and real edges stay well below it; a smaller bound costs more cells.
 const STEP_ERROR: f64 = 0.025;
 /// Default bound on the mean share of light that interpolation of PSFs misplaces, chosen as a
-/// trade of time against error: nodes twice as close leave a quarter of the error and need four times the kernels.
+/// trade of time against error: nodes twice as close leave a quarter of the error and need four
+/// times the kernels.
 const MISPLACED_LIGHT: f64 = 0.01;
 
 impl Default for Options {

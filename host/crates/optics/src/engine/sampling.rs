@@ -49,7 +49,8 @@ pub fn step_error(
     inside + beyond
 }
 
-/// Cells per pixel that are tried: products of 2, 3 and 5, for which transforms are fast, up to 16 (256 cells for each pixel).
+/// Cells per pixel that are tried: products of 2, 3 and 5, for which transforms are fast, up to 16
+/// (256 cells for each pixel).
 const CANDIDATES: [usize; 11] = [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 16];
 
 /// The smallest number of cells per pixel whose bound is at most `tolerance`, and that bound.

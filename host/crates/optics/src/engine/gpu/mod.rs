@@ -51,9 +51,14 @@ impl Gpu {
         let found = pollster::block_on(instance.enumerate_adapters(backends));
         let adapter = found.into_iter().filter(|a| wanted(a.get_info().device_type));
         let adapter = adapter.min_by_key(|a| rank(a.get_info().device_type)).ok_or_else(|| {
-            Error::unsupported("no graphics processor: no driver of Vulkan, Metal or Direct3D 12 has one")
-                .help("install its driver, or mesa-vulkan-drivers for one in software, or use the processor")
-                .with_code("graphics-processor")
+            Error::unsupported(
+                "no graphics processor: no driver of Vulkan, Metal or Direct3D 12 has one",
+            )
+            .help(
+                "install its driver, or mesa-vulkan-drivers for one in software, or use the \
+                 processor",
+            )
+            .with_code("graphics-processor")
         })?;
         Self::of(&adapter)
     }
