@@ -13,7 +13,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Connects to `HOST:PORT`.
 ///
 /// # Errors
-/// A name that does not resolve, and no answer within [`PATIENCE`] at any of its addresses.
+/// A name that does not resolve, and no answer within 5 s at any of its addresses.
 pub fn open(address: &str) -> Result<Box<dyn Transport>> {
     let name = format!("tcp://{address}");
     let failed = |e: std::io::Error| {
