@@ -9,9 +9,9 @@ use camrig_measure::mtf::Roi;
 use camrig_measure::patches::Corners;
 use camrig_render as render;
 use camrig_report::paper::{Side, page};
-use camrig_validate::paper::{
-    self, Captured, Differences, Figures, LEVELS, Level, Places, REPORTED, Taken,
-};
+use camrig_scene::Illuminant;
+use camrig_validate::comparison::{Comparison, Measured, Sides};
+use camrig_validate::paper::{Captured, Differences, Level, Places, REPORTED};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -31,10 +31,10 @@ enum What {
     #[command(after_help = "Examples:\n  \
         camrig validate paper -o paper.html\n  \
         camrig validate paper --model my.toml --captured captures/ --json\n\n\
-        Without --captured, a camera with the causes that the paper names (focus, lens transmittance, \
-        subject distance, defects) stands for the real one, and a second model has them too. Exit status 1 \
-        where the differences have not the sizes of the paper or do not go with their causes; with \
-        --captured, where any is left.")]
+        Without --captured, a camera with the causes that the paper names (focus, lens \
+        transmittance, subject distance, defects) stands for the real one, and a second model has \
+        them too. Exit status 1 where the differences have not the sizes of the paper or do not go \
+        with their causes; with --captured, where any is left.")]
     Paper(PaperArgs),
 }
 
@@ -52,7 +52,8 @@ struct PaperArgs {
     /// Page with tables, plots and pictures (HTML)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Captured charts: centres of patches 1, 6, 24 and 19; the built-in chart's place unless given
+    /// Captured charts: centres of patches 1, 6, 24 and 19; the built-in chart's place unless
+    /// given
     #[arg(long, value_name = "X1,Y1,...,X4,Y4", value_parser = corners)]
     corners: Option<Corners>,
     /// Captured edge: its region; the middle of the frame unless given
@@ -73,102 +74,30 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
-/// Frames and figures of one side.
-struct Measured {
-    taken: Taken,
-    figures: Figures,
-}
-
 fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
     let output = match &args.output {
-        Some(path) => Some(OutputFile::create(path, args.force)?),
+        Some(path) => Some((OutputFile::create(path, args.force)?, path)),
         None => None,
     };
     let model = Camera::load(&args.model)?;
-    let captured = match &args.captured {
-        Some(spec) => Captured::open(spec)?,
-        None => Captured::Camera(Box::new(paper::captured_camera(&model)?)),
+    let sides = Sides {
+        captured: args.captured.as_deref().map(Captured::open).transpose()?,
+        improved: args.improved.as_deref().map(Camera::load).transpose()?,
+        places: Places { corners: args.corners, roi: args.roi },
     };
-    let improved = match (&args.improved, &args.captured) {
-        (Some(spec), _) => Some(Camera::load(spec)?),
-        (None, None) => Some(paper::with_causes(&model)?),
-        (None, Some(_)) => None,
-    };
-    let mut cameras = vec![&model];
-    cameras.extend(&improved);
-    if let Captured::Camera(camera) = &captured {
-        cameras.push(camera);
-    }
-    let from_set = match &captured {
-        Captured::Set(set) => Some(paper::of_captures(set)?),
-        Captured::Camera(_) => None,
-    };
-    let levels = from_set.as_ref().map_or(LEVELS, |(_, levels)| *levels);
-    let bar = progress("cameras", cameras.len() as u64);
-    let mut taken = paper::take(&cameras, &levels, || bar.inc(1))?.into_iter();
+    let bar = progress("cameras", 0);
+    let comparison = Comparison::of(&model, sides, |done, cameras| {
+        bar.set_length(cameras as u64);
+        bar.set_position(done as u64);
+    })?;
     bar.finish_and_clear();
-    // One for each camera, in their order.
-    let nothing = || Error::input("no frames were taken");
-    let modelled = taken.next().ok_or_else(nothing)?;
-    let better = improved.as_ref().and_then(|_| taken.next());
-    let captured = match from_set {
-        Some((taken, _)) => taken,
-        None => taken.next().ok_or_else(nothing)?,
-    };
-    for simulated in [Some(&modelled), better.as_ref()].into_iter().flatten() {
-        paper::comparable(&simulated.chart, &captured.chart)?;
-    }
-    let places = Places { corners: args.corners, roi: args.roi };
-    let captured = measured(captured, &places).map_err(|e| e.at("captured"))?;
-    // The places given are those of the captured frames; simulated ones of the same chart have their own.
-    let modelled = measured(modelled, &Places::default()).map_err(|e| e.at("model"))?;
-    let better = better.map(|t| measured(t, &Places::default())).transpose()?;
-    let before = captured.figures.against(&modelled.figures)?;
-    let after = better.as_ref().map(|b| captured.figures.against(&b.figures)).transpose()?;
-
-    if let Some(mut file) = output {
-        let mut sides = vec![
-            Side {
-                name: "captured",
-                taken: &captured.taken,
-                figures: &captured.figures,
-                differences: None,
-            },
-            Side {
-                name: "model",
-                taken: &modelled.taken,
-                figures: &modelled.figures,
-                differences: Some(&before),
-            },
-        ];
-        if let Some(b) = &better {
-            let (taken, figures) = (&b.taken, &b.figures);
-            sides.push(Side {
-                name: "improved model",
-                taken,
-                figures,
-                differences: after.as_ref(),
-            });
-        }
-        let light = camrig_scene::Illuminant::parse("D65")?;
-        let settings = model.settings(0, levels[0].exposure_s, None);
-        let info = render::dng_info(&model, &settings, Some(&light), "validate paper")?;
-        let causes = match (&args.captured, &args.improved) {
-            (None, None) => paper::CAPTURED.to_owned(),
-            _ => improved.map_or_else(|| model.text.clone(), |c| c.text),
-        };
-        let html = page(&sides, &levels, &info, &causes)?;
-        let path = args.output.clone().unwrap_or_default();
-        file.write_all(html.as_bytes()).map_err(|e| Error::io("write", &path, e))?;
+    if let Some((mut file, path)) = output {
+        let html = page_of(&comparison, &model)?;
+        file.write_all(html.as_bytes()).map_err(|e| Error::io("write", path, e))?;
         file.finish()?;
         eprintln!("wrote {}", path.display());
     }
-    let stands_in = args.captured.is_none() && args.improved.is_none();
-    let well = match &after {
-        Some(after) if stands_in => before.as_reported() && after.vanish(),
-        Some(after) => after.vanish(),
-        None => before.vanish(),
-    };
+    let Comparison { levels, captured, model, improved, before, after, .. } = &comparison;
     if args.json {
         let object = json!({
             "reported": REPORTED,
@@ -178,18 +107,36 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
             "as_reported": before.as_reported(),
             "vanish": after.as_ref().map(Differences::vanish),
             "captured": captured.figures,
-            "model": modelled.figures,
-            "improved": better.as_ref().map(|b| &b.figures),
+            "model": model.figures,
+            "improved": improved.as_ref().map(|b| &b.figures),
         });
         println!("{object}");
     } else {
-        print(&before, after.as_ref(), &levels);
+        print(before, after.as_ref(), levels);
     }
-    Ok(if well { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if comparison.holds() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-fn measured(taken: Taken, places: &Places) -> Result<Measured> {
-    Ok(Measured { figures: Figures::of(&taken, places)?, taken })
+fn page_of(comparison: &Comparison, model: &Camera) -> Result<String> {
+    let Comparison { levels, before, after, .. } = comparison;
+    let mut sides = vec![
+        side("captured", &comparison.captured, None),
+        side("model", &comparison.model, Some(before)),
+    ];
+    let improved = comparison.improved.as_ref();
+    sides.extend(improved.map(|better| side("improved model", better, after.as_ref())));
+    let light = Illuminant::parse("D65")?;
+    let settings = model.settings(0, levels[0].exposure_s, None);
+    let info = render::dng_info(model, &settings, Some(&light), "validate paper")?;
+    page(&sides, levels, &info, &comparison.causes)
+}
+
+fn side<'a>(
+    name: &'a str,
+    Measured { taken, figures }: &'a Measured,
+    differences: Option<&'a Differences>,
+) -> Side<'a> {
+    Side { name, taken, figures, differences }
 }
 
 fn print(before: &Differences, after: Option<&Differences>, levels: &[Level; 2]) {
@@ -215,7 +162,8 @@ fn print(before: &Differences, after: Option<&Differences>, levels: &[Level; 2])
         format!("{:.0}, {:.0}", d.defects_per_million[0], d.defects_per_million[1])
     });
     println!(
-        "the paper reports {} % ({} %) for the standard deviation of the luminance, and does not say at which light",
+        "the paper reports {} % ({} %) for the standard deviation of the luminance, and does not \
+         say at which light",
         REPORTED.all_percent, REPORTED.without_dark_percent
     );
 }

@@ -1,13 +1,12 @@
 //! `camrig scene hdr`.
 
-use super::response::ResponseFile;
-use super::{Output, Source, read_toml};
+use super::{Output, Source};
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
+use camrig_calibrate::files::{HdrFile, ResponseFile};
 use camrig_calibrate::hdr;
 use camrig_calibrate::view::{Region, View};
 use camrig_scene::numpy;
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -29,24 +28,6 @@ pub struct HdrArgs {
     to: Output,
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct HdrFile {
-    format: String,
-    pub(super) cfa: String,
-    view: String,
-    exposures: Vec<String>,
-    shifts: Vec<[i64; 2]>,
-    noise_gain_dn: f64,
-    noise_read_dn2: f64,
-    dynamic_range_db: f64,
-    moved_fraction: f64,
-    saturated_fraction: f64,
-    /// cd/m² per DN/s of green, where a reading was given.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    luminance_per_dn_s: Option<f64>,
-}
-
 /// Runs `scene hdr`.
 pub fn hdr(args: &HdrArgs) -> Result<()> {
     let output = args.to.create()?;
@@ -58,7 +39,7 @@ pub fn hdr(args: &HdrArgs) -> Result<()> {
         ));
     };
     let responses = match &args.response {
-        Some(path) => read_toml::<ResponseFile>(path)?.response,
+        Some(path) => ResponseFile::read(path)?.response,
         None => Vec::new(),
     };
     let merged = hdr::merge(series, &cfa, full_scale, &responses)?;
@@ -67,28 +48,11 @@ pub fn hdr(args: &HdrArgs) -> Result<()> {
         .as_deref()
         .map(|text| absolute_scale(text, &merged.radiance, &cfa))
         .transpose()?;
-    let fraction = |flag: hdr::Flag| {
-        let count = merged.flags.data.iter().filter(|&&f| f == flag as u8).count();
-        count as f64 / merged.flags.data.len() as f64
-    };
-    let about = HdrFile {
-        format: "hdr/1".into(),
-        cfa: cfa.to_string(),
-        view: series.name.clone(),
-        exposures: series.exposures.iter().map(|e| e.id.clone()).collect(),
-        shifts: merged.shifts.iter().map(|s| s.map(|v| v as i64)).collect(),
-        noise_gain_dn: merged.noise.gain_dn,
-        noise_read_dn2: merged.noise.read_dn2,
-        dynamic_range_db: merged.dynamic_range_db,
-        moved_fraction: fraction(hdr::Flag::Moved),
-        saturated_fraction: fraction(hdr::Flag::Saturated),
-        luminance_per_dn_s,
-    };
+    let about = HdrFile::of(&merged, series, &cfa, luminance_per_dn_s);
     output.write("radiance.npy", &numpy::encode(&merged.radiance, "<f4", f32::to_le_bytes))?;
     output.write("sigma.npy", &numpy::encode(&merged.sigma, "<f4", f32::to_le_bytes))?;
     output.write("flags.npy", &numpy::encode(&merged.flags, "|u1", u8::to_le_bytes))?;
-    let text = toml::to_string(&about).map_err(|e| Error::internal(format!("hdr.toml: {e}")))?;
-    output.write("hdr.toml", text.as_bytes())?;
+    output.write("hdr.toml", about.text()?.as_bytes())?;
     output.finish()?;
     for (id, shift) in about.exposures.iter().zip(&about.shifts).filter(|(_, s)| **s != [0, 0]) {
         eprintln!("note: capture {id} was shifted by {shift:?} pixels, corrected");

@@ -9,12 +9,12 @@ pub use response::{ResponseArgs, response};
 pub use spectral::{SpectralArgs, spectral};
 
 use camrig_base::Cfa;
+use camrig_base::Result;
 use camrig_base::output::OutputDir;
-use camrig_base::{Error, Result};
 use camrig_calibrate::ceiling;
 use camrig_calibrate::exposures::{self, Series};
 use camrig_captures::CaptureSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Which frames, and what is known of the sensor.
 #[derive(clap::Args, Debug)]
@@ -74,10 +74,4 @@ impl Output {
     fn say_written(&self) {
         eprintln!("wrote {}", self.output.display());
     }
-}
-
-fn read_toml<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
-    toml::from_str(&text)
-        .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))
 }

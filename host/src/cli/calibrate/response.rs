@@ -1,10 +1,10 @@
 //! `camrig scene response`.
 
 use super::{Output, Source};
-use camrig_base::{Error, Result};
-use camrig_calibrate::response::{self, Response};
+use camrig_base::Result;
+use camrig_calibrate::files::ResponseFile;
+use camrig_calibrate::response;
 use camrig_report::plot::{Mark, Plot};
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 /// Find the response curve of each channel from a view at several exposures (Debevec and Malik)
@@ -19,22 +19,13 @@ pub struct ResponseArgs {
     to: Output,
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ResponseFile {
-    format: String,
-    pub(super) response: Vec<Response>,
-}
-
 /// Runs `scene response`.
 pub fn response(args: &ResponseArgs) -> Result<()> {
     let output = args.to.create()?;
     let (series, cfa, full_scale) = args.source.read()?;
     let responses = response::fit(&series, &cfa, full_scale)?;
     let spread = response::spread(&responses);
-    let file = ResponseFile { format: "response/1".into(), response: responses.clone() };
-    let text =
-        toml::to_string(&file).map_err(|e| Error::internal(format!("response.toml: {e}")))?;
+    let text = ResponseFile::new(responses.clone()).text()?;
     output.write("response.toml", text.as_bytes())?;
     let mut plot =
         Plot::new("Camera response", "log10 exposure (DN of a linear camera)", "DN above black");

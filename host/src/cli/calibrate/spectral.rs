@@ -1,28 +1,22 @@
 //! `camrig scene spectral`.
 
-use super::hdr::HdrFile;
-use super::{Output, read_toml};
-use camrig_base::Bands;
-use camrig_base::Cfa;
-use camrig_base::table::SpectralTable;
-use camrig_base::{Error, Plane, Result};
-use camrig_calibrate::spectral::{self, Channels, Estimator, Method};
-use camrig_calibrate::view::{Region, View, fit_chart};
-use camrig_calibrate::{hdr, response};
+use super::Output;
+use camrig_base::{Error, Result};
+use camrig_calibrate::reflectance::{LinearFrame, Reference, Reflectance, Settings, read_training};
+use camrig_calibrate::spectral::{self, Report};
+use camrig_calibrate::view::Region;
 use camrig_camera::Camera;
-use camrig_scene::chart::colorchecker;
-use camrig_scene::numpy;
-use camrig_scene::stored::{self, Description};
-use camrig_scene::{Illuminant, Quantity};
+use camrig_scene::Illuminant;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Reflectance spectra from a camera's channels, with the light taken out
 ///
 /// Writes the directory of a stored scene.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
-    camrig scene spectral merged/ --camera cam.toml --illuminant D65 --chart 120,80,900,590 -o scene/\n  \
+    camrig scene spectral merged/ --camera cam.toml --illuminant D65 --chart 120,80,900,590 \
+    -o scene/\n  \
     camrig scene spectral frame.dng --camera mt9v024 --illuminant A --white 40,40,30,30 -o scene/")]
 pub struct SpectralArgs {
     /// Directory of `scene hdr`, or a raw frame that says its black level and pattern
@@ -52,104 +46,38 @@ pub struct SpectralArgs {
     to: Output,
 }
 
-/// Reflectance of the white that `--white` points at.
-const WHITE: f64 = 0.9;
-
 /// Runs `scene spectral`.
 pub fn spectral(args: &SpectralArgs) -> Result<()> {
     let output = args.to.create()?;
-    let bands = Bands::VISIBLE;
-    let (frame, cfa) = linear_frame(&args.frame)?;
-    let view = View::new(&frame, &cfa);
+    let frame = LinearFrame::read(&args.frame)?;
     let camera = Camera::load(&args.camera)?;
-    let sensitivity = sensitivity(&camera, &view.letters, &bands)?;
-    let lights = match args.illuminant.as_str() {
-        "auto" if args.chart.is_none() => {
-            return Err(Error::input("--illuminant auto without a chart")
-                .help("give --chart, or name the light"));
-        }
-        "auto" => {
-            Illuminant::names().iter().map(|n| Illuminant::parse(n)).collect::<Result<_>>()?
-        }
-        name => vec![Illuminant::parse(name)?],
-    };
-    let mut measured = None;
-    let (light, white, residual) = match (&args.chart, &args.white) {
-        (Some(region), _) => {
-            let patches = view.patches(region)?;
-            let fit = fit_chart(&patches, &sensitivity, &bands, &lights)?;
-            let relative = patches
-                .iter()
-                .map(|p| p.iter().zip(&fit.white).map(|(m, w)| m / w).collect::<Vec<f64>>());
-            measured = Some(relative.collect::<Vec<_>>());
-            (Illuminant::parse(&fit.illuminant)?, fit.white, Some(fit.residual))
-        }
-        (None, Some(region)) => {
-            let white = view.mean(region, "the white")?.into_iter().map(|v| v / WHITE).collect();
-            (lights[0].clone(), white, None)
-        }
-        (None, None) => return Err(Error::input("neither --chart nor --white")),
-    };
-
-    let channels = Channels::new(&sensitivity, &light.in_bands(&bands))?;
-    let patches = spectra(&colorchecker::reflectances(), &bands)?;
-    let mut more = Vec::new();
+    let mut training = Vec::new();
     for path in &args.training {
-        let table = SpectralTable::read(path)?;
-        more.extend(spectra(&table, &bands).map_err(|e| e.at(path.display()))?);
+        training.extend(read_training(path)?);
     }
-    let components = match args.components.as_str() {
-        "auto" => spectral::choose_components(&channels, &bands, &patches, &more, args.noise)?,
-        text => text.parse().map_err(|_| {
-            Error::input(format!("--components {text}")).help("give a number or auto")
-        })?,
+    let settings = Settings {
+        reference: args.reference()?,
+        lights: args.lights()?,
+        components: args.components()?,
+        training: &training,
+        noise: args.noise,
     };
-    let score = |method| {
-        let estimates = spectral::leave_one_out(
-            &channels,
-            &patches,
-            &more,
-            components,
-            method,
-            measured.as_deref(),
-        )?;
-        spectral::report(&bands, &patches, &estimates)
-    };
-    let ours = score(Method::Regularised(args.noise))?;
-    let plain = score(Method::PseudoInverse)?;
-
-    let training: Vec<Vec<f64>> = patches.iter().chain(&more).cloned().collect();
-    let estimator = Estimator::regularised(&channels, &training, components, args.noise)?;
-    let planes: Vec<Vec<f32>> = view
-        .planes
-        .iter()
-        .zip(&white)
-        .map(|(plane, white)| plane.data.iter().map(|v| v / *white as f32).collect())
-        .collect();
-    let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
-    let (width, height) = (view.planes[0].width, view.planes[0].height);
+    let estimate = Reflectance::estimate(&frame, &camera, &settings)?;
     let name = args.to.output.file_name().and_then(|n| n.to_str()).unwrap_or("scene");
-    let mut about = Description::new(name, Quantity::Reflectance, (width, height), &bands);
-    about.source = format!("{} seen by {} under {}", args.frame.display(), camera.name, light.name);
-    about.description = format!("reflectance estimated from {} channels", view.letters.len());
-    stored::write(output.path(), &about, |band, plane| {
-        estimator.band(band, &planes, &mut plane.data);
-        Ok(())
-    })?;
+    let light = &estimate.light.name;
+    let source = format!("{} seen by {} under {light}", args.frame.display(), camera.name);
+    estimate.write(output.path(), name, source)?;
     output.finish()?;
-
-    let mean = |report: &spectral::Report, light: usize| {
-        let list = &report.delta_e[light].1;
-        list.iter().sum::<f64>() / list.len() as f64
-    };
+    let (ours, plain) = (&estimate.leave_one_out, &estimate.pseudo_inverse);
     if args.to.json {
         let object = json!({
-            "illuminant": light.name, "components": components, "white": white,
-            "chart_residual": residual, "leave_one_out": ours, "pseudo_inverse": plain,
+            "illuminant": light, "components": estimate.components, "white": estimate.white,
+            "chart_residual": estimate.chart_residual, "leave_one_out": ours,
+            "pseudo_inverse": plain,
         });
         println!("{object}");
     } else {
-        println!("light {}, {components} components", light.name);
+        println!("light {light}, {} components", estimate.components);
         println!(
             "left-one-out error of the patches: {:.4} (plain pseudo-inverse {:.4})",
             ours.rmse, plain.rmse
@@ -157,8 +85,8 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
         for (index, (name, _)) in ours.delta_e.iter().enumerate() {
             println!(
                 "mean ΔE00 under {name}: {:.2} ({:.2})",
-                mean(&ours, index),
-                mean(&plain, index)
+                mean_delta_e(ours, index),
+                mean_delta_e(plain, index)
             );
         }
     }
@@ -166,58 +94,38 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
     Ok(())
 }
 
-/// The frame, linear above black, not finite where saturated.
-fn linear_frame(path: &Path) -> Result<(Plane<f32>, Cfa)> {
-    if path.is_dir() {
-        let about: HdrFile = read_toml(&path.join("hdr.toml"))?;
-        let mut frame = numpy::read_plane(&path.join("radiance.npy"))?;
-        let flags = numpy::read_plane(&path.join("flags.npy"))?;
-        for (value, flag) in frame.data.iter_mut().zip(&flags.data) {
-            if *flag == f32::from(hdr::Flag::Saturated as u8) {
-                *value = f32::INFINITY;
-            }
+impl SpectralArgs {
+    fn reference(&self) -> Result<Reference> {
+        match (self.chart, self.white) {
+            (Some(region), _) => Ok(Reference::Chart(region)),
+            (None, Some(region)) => Ok(Reference::White(region)),
+            (None, None) => Err(Error::input("neither --chart nor --white")),
         }
-        return Ok((frame, Cfa::parse(&about.cfa)?));
     }
-    let raw = camrig_formats::read(path)?.raw(0)?;
-    let limit = raw.black_level_dn
-        + response::SATURATION * (f64::from(raw.white_level_dn) - raw.black_level_dn);
-    let linear = raw.data.iter().map(|&dn| match f64::from(dn) {
-        dn if dn > limit => f32::INFINITY,
-        dn => (dn - raw.black_level_dn) as f32,
-    });
-    let frame = Plane { width: raw.width, height: raw.height, data: linear.collect() };
-    Ok((frame, raw.cfa))
-}
 
-/// Electrons per energy of the view's channels; `gr` and `gb` apart are averaged.
-fn sensitivity(camera: &Camera, letters: &[char], bands: &Bands) -> Result<Vec<Vec<f64>>> {
-    let all = camera.sensor.response(bands);
-    let of_letter = |&letter: &char| {
-        let letter = letter.to_lowercase().to_string();
-        let own: Vec<&Vec<f64>> = camera
-            .sensor
-            .channel_names
-            .iter()
-            .zip(&all)
-            .filter(|(name, _)| {
-                **name == letter || (letter == "g" && matches!(name.as_str(), "gr" | "gb"))
-            })
-            .map(|(_, curve)| curve)
-            .collect();
-        if own.is_empty() {
-            return Err(Error::input(format!("camera {} has no channel {letter}", camera.name))
-                .help("use the camera file of the camera that took the frame"));
+    fn lights(&self) -> Result<Vec<Illuminant>> {
+        match self.illuminant.as_str() {
+            "auto" if self.chart.is_none() => {
+                Err(Error::input("--illuminant auto without a chart")
+                    .help("give --chart, or name the light"))
+            }
+            "auto" => Illuminant::names().iter().map(|n| Illuminant::parse(n)).collect(),
+            name => Ok(vec![Illuminant::parse(name)?]),
         }
-        let lens = |b: usize| camera.lens.transmittance.at(bands.nm(b));
-        Ok((0..bands.count)
-            .map(|b| lens(b) * own.iter().map(|c| c[b]).sum::<f64>() / own.len() as f64)
-            .collect())
-    };
-    letters.iter().map(of_letter).collect()
+    }
+
+    /// `None` for the number of least error.
+    fn components(&self) -> Result<Option<usize>> {
+        match self.components.as_str() {
+            "auto" => Ok(None),
+            text => text.parse().map(Some).map_err(|_| {
+                Error::input(format!("--components {text}")).help("give a number or auto")
+            }),
+        }
+    }
 }
 
-fn spectra(table: &SpectralTable, bands: &Bands) -> Result<Vec<Vec<f64>>> {
-    let spectra = (0..table.curves.len()).map(|i| Ok(table.spectrum(i)?.in_bands(bands)));
-    spectra.collect()
+fn mean_delta_e(report: &Report, light: usize) -> f64 {
+    let list = &report.delta_e[light].1;
+    list.iter().sum::<f64>() / list.len() as f64
 }
