@@ -1,21 +1,21 @@
-//! Diagnosis: where do a camera model and captures disagree, which effect is missing, and is the model
-//! better with it?
+//! Diagnosis: where do a camera model and captures disagree, which effect is missing, and is the
+//! model better with it?
 //!
 //! The diagnosis is a pipeline; each stage uses only those before it.
 //!
 //! 1. [`data`]: which frames are fitted, which are held out, and how they were taken.
-//! 2. [`statistics`]: moments of dark and flat stacks, maps, figures of edges, dots and charts, and the
-//!    battery of statistics made of them.
+//! 2. [`statistics`]: moments of dark and flat stacks, maps, figures of edges, dots and charts,
+//!    and the battery of statistics made of them.
 //! 3. [`model`]: replicates of the same stacks by `sensor-core` itself; mean and scatter of every
 //!    statistic, deviations, deviance.
 //! 4. [`evidence`], [`candidates`]: how large each effect of the catalogue would have to be.
 //! 5. [`search`]: forward selection and backward elimination; standard errors.
 //! 6. [`verdict`]: the [`report`], statistics in words, the camera file with the effects found.
 //!
-//! The **gap** is the mean over statistics of the squared deviation of the held-out frames from the
-//! model, in units of what a replicate of the model scores against other replicates: 1.0 is as good as
-//! the right model can be. The **deviance** is twice the negative log-likelihood but for a constant:
-//! its fall is the evidence for an effect.
+//! The **gap** is the mean over statistics of the squared deviation of the held-out frames from
+//! the model, in units of what a replicate of the model scores against other replicates: 1.0 is as
+//! good as the right model can be. The **deviance** is twice the negative log-likelihood but for a
+//! constant: its fall is the evidence for an effect.
 
 pub mod candidates;
 pub mod data;

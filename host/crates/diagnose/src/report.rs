@@ -1,7 +1,7 @@
 //! The report of a diagnosis: `diagnosis.json` as types.
 //!
-//! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite, or
-//! that was not determined, is `null` in the file.
+//! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite,
+//! or that was not determined, is `null` in the file.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -208,8 +208,9 @@ pub struct MtfAtNyquist {
     pub std_dev: f64,
 }
 
-/// Mean absolute difference between measured and predicted standard deviation of the luminance in the
-/// patches of a ColorChecker, per cent: over all patches, and without the paper's four dark ones.
+/// Mean absolute difference between measured and predicted standard deviation of the luminance in
+/// the patches of a ColorChecker, per cent: over all patches, and without the paper's four dark
+/// ones.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LuminanceScatter {
     /// Of the improved model.

@@ -16,8 +16,8 @@ const COLOURS: [&str; 3] = ["#1c1f23", "#d55e00", "#009e73"];
 /// Side of the cells in pictures of maps, pixels.
 const CELL: usize = 16;
 
-/// The page of what was found. `improved` is the text of the improved camera file, `command` what was
-/// typed.
+/// The page of what was found. `improved` is the text of the improved camera file, `command` what
+/// was typed.
 pub fn page(
     session: &Session,
     outcome: &Outcome,
@@ -126,7 +126,8 @@ fn gaps(found: &Report) -> String {
     plot.svg()
 }
 
-/// What one step did: the statistic that moved most, all that moved, and the candidates of the round.
+/// What one step did: the statistic that moved most, all that moved, and the candidates of the
+/// round.
 fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &Step, number: usize) {
     let design = &session.holdout.design;
     page.heading(&format!("Step {number}: {}", step.trial.proposal.kind));
@@ -189,8 +190,8 @@ fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &St
     page.table(&["candidate", "evidence", "held out", "gap"], &candidates);
 }
 
-/// Drawing of a statistic over its places: measured, and the model before and after. The model after
-/// is subtracted, since a step is small beside how the statistic runs over the places.
+/// Drawing of a statistic over its places: measured, and the model before and after. The model
+/// after is subtracted, since a step is small beside how the statistic runs over the places.
 fn observed(name: &str, observed: &[Observed]) -> String {
     let series = |of: &dyn Fn(&Observed) -> f64| -> Vec<[f64; 2]> {
         observed.iter().enumerate().map(|(i, s)| [i as f64 + 1.0, of(s)]).collect()

@@ -38,8 +38,8 @@ impl Channels {
         shares
     }
 
-    /// The share that each channel has of the pixels of every `every`th column from column `phase`;
-    /// `every` divides 24.
+    /// The share that each channel has of the pixels of every `every`th column from column
+    /// `phase`; `every` divides 24.
     pub fn shares_of_columns(&self, phase: usize, every: usize) -> Vec<f64> {
         let mut shares = vec![0.0; self.count];
         let one = every as f64 / (self.rows.len() * PERIOD) as f64;
@@ -55,8 +55,9 @@ impl Channels {
         (0..self.count).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b])).unwrap_or(0)
     }
 
-    /// For each channel, the mean over its pixels of the sum of differences between the levels of the
-    /// four neighbours and its own, in the unit of `levels`, which holds one level per channel.
+    /// For each channel, the mean over its pixels of the sum of differences between the levels of
+    /// the four neighbours and its own, in the unit of `levels`, which holds one level per
+    /// channel.
     pub fn lean(&self, levels: &[f64]) -> Vec<f64> {
         let (mut sums, mut counts) = (vec![0.0; self.count], vec![0.0; self.count]);
         let down = self.rows.len();

@@ -28,8 +28,8 @@ pub struct Stack {
     pub skip: usize,
     /// Number of frames used.
     pub frames: usize,
-    /// Number of the capture's first frame in replicates. It names the frame's temporal noise, so that
-    /// no two frames of a set have the same, even of different halves.
+    /// Number of the capture's first frame in replicates. It names the frame's temporal noise, so
+    /// that no two frames of a set have the same, even of different halves.
     pub first_number: u32,
     /// Exposure, s.
     pub exposure_s: f64,
@@ -81,8 +81,8 @@ pub struct Target {
     pub illuminant: Option<String>,
     /// Illuminance, lx, where the manifest has it.
     pub lux: Option<f64>,
-    /// Factor on the model's light: 1 where the illuminance is known, otherwise what makes the means
-    /// of model and measurement agree.
+    /// Factor on the model's light: 1 where the illuminance is known, otherwise what makes the
+    /// means of model and measurement agree.
     pub light: f64,
 }
 
@@ -106,8 +106,8 @@ pub struct Halves {
     pub notes: Vec<String>,
 }
 
-/// Divides a set: as the manifest says, or else each stack into its first and second half. `counts`
-/// are the numbers of frames of the set's captures.
+/// Divides a set: as the manifest says, or else each stack into its first and second half.
+/// `counts` are the numbers of frames of the set's captures.
 ///
 /// # Errors
 /// A set without usable stacks, of another size than the camera, or whose light cannot be.
@@ -289,8 +289,8 @@ fn condition(camera: &Camera, set: &CaptureSet, stack: &Stack) -> Result<Conditi
     })
 }
 
-/// Mean photo-electrons per pixel of each channel in one exposure, and whether the manifest determines
-/// them.
+/// Mean photo-electrons per pixel of each channel in one exposure, and whether the manifest
+/// determines them.
 fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool)> {
     let s = &camera.sensor;
     let channels = s.channel_names.len();

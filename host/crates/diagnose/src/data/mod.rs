@@ -1,4 +1,5 @@
-//! What is diagnosed: the stacks of a capture set, how they were taken, and which half they belong to.
+//! What is diagnosed: the stacks of a capture set, how they were taken, and which half they belong
+//! to.
 
 pub mod channels;
 pub mod design;

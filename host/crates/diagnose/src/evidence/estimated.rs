@@ -30,7 +30,8 @@ pub fn pooled(values: impl IntoIterator<Item = Estimated>) -> Option<Estimated> 
     (weight > 0.0).then(|| Estimated { value: sum / weight, se: weight.sqrt().recip() })
 }
 
-/// Slope of y over x of a line through the origin, weighted by inverse variance, for points (x, y).
+/// Slope of y over x of a line through the origin, weighted by inverse variance, for points (x,
+/// y).
 pub fn slope(points: impl IntoIterator<Item = (f64, Estimated)>) -> Option<Estimated> {
     pooled(
         points

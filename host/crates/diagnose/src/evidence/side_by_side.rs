@@ -54,13 +54,13 @@ impl Evidence<'_> {
         self.model.of.get(&(place, what)).map(|p| p.value)
     }
 
-    /// Measured less predicted, in the statistic's own unit, with the scatter that theory gives the
-    /// measured value.
+    /// Measured less predicted, in the statistic's own unit, with the scatter that theory gives
+    /// the measured value.
     pub fn difference(&self, place: Place, what: What) -> Option<Estimated> {
         let key = (place, what);
         let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);
-        // From the statistic's scale to its own unit, at the prediction: a scatter that followed the
-        // measured value would give small values more weight.
+        // From the statistic's scale to its own unit, at the prediction: a scatter that followed
+        // the measured value would give small values more weight.
         let factor = match p.scale {
             Scale::Linear => 1.0,
             Scale::Log => p.value,
@@ -94,7 +94,8 @@ impl Evidence<'_> {
         Some(Estimated { value: parts.iter().map(|p| p.value).sum::<f64>() / n, se: var.sqrt() })
     }
 
-    /// Excess, DN², of a variance that is kept as its ratio to the pixel variance over `across` pixels.
+    /// Excess, DN², of a variance that is kept as its ratio to the pixel variance over `across`
+    /// pixels.
     pub fn component(&self, stack: usize, what: What, across: f64) -> Option<Estimated> {
         let place = Place::Stack(stack);
         let (d, m) = (self.measured(place, what)?, self.predicted(place, what)?);
@@ -105,9 +106,9 @@ impl Evidence<'_> {
         Some(Estimated { value, se: relative * m * vm / across })
     }
 
-    /// Deviation of several statistics together from the model, Σ z/√n, each on the scale on which it is
-    /// normal: a significance that holds even with few degrees of freedom, where an estimate's standard
-    /// error is as uncertain as the estimate.
+    /// Deviation of several statistics together from the model, Σ z/√n, each on the scale on which
+    /// it is normal: a significance that holds even with few degrees of freedom, where an
+    /// estimate's standard error is as uncertain as the estimate.
     pub fn stands_out(&self, keys: impl Iterator<Item = (Place, What)>) -> f64 {
         let z = keys.filter_map(|key| {
             let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);

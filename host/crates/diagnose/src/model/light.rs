@@ -24,12 +24,13 @@ pub struct Lights {
     kept: Mutex<(Kept, u64)>,
 }
 
-/// By what the light depends on (see [`depends_on`]): when it was last asked for, and the electrons.
+/// By what the light depends on (see [`depends_on`]): when it was last asked for, and the
+/// electrons.
 type Kept = BTreeMap<String, (u64, Electrons)>;
 
 impl Lights {
-    /// Photo-electrons per second and pixel of every target at [`LUX`], to be multiplied by [`share`].
-    /// Cameras that differ only in effects of the sensor share them.
+    /// Photo-electrons per second and pixel of every target at [`LUX`], to be multiplied by
+    /// [`share`]. Cameras that differ only in effects of the sensor share them.
     ///
     /// # Errors
     /// Those of rendering.
@@ -47,7 +48,8 @@ impl Lights {
                 return Ok(entry.1.clone());
             }
         }
-        // A scene of radiance has its own light; one of reflectances has LUX unless told otherwise.
+        // A scene of radiance has its own light; one of reflectances has LUX unless told
+        // otherwise.
         let level = target.lux.map(|_| LightLevel::Lux(LUX));
         let light = SceneLight { illuminant: target.illuminant.as_deref(), level };
         let (cube, _) =
@@ -68,8 +70,8 @@ impl Lights {
 }
 
 /// All that the photo-electrons of a target depend on, as text: scene, light, lens, effects of the
-/// optics, and of the sensor the grid of pixels and its response. Of the rest of the sensor, its noise
-/// and its read-out, they do not know.
+/// optics, and of the sensor the grid of pixels and its response. Of the rest of the sensor, its
+/// noise and its read-out, they do not know.
 fn depends_on(camera: &Camera, target: &Target) -> String {
     let SensorModel {
         width,

@@ -1,5 +1,5 @@
-//! What a model predicts for a capture set: its effects, its light, replicates of the captures, and
-//! the mean and scatter of every statistic over them.
+//! What a model predicts for a capture set: its effects, its light, replicates of the captures,
+//! and the mean and scatter of every statistic over them.
 
 pub mod effects;
 pub mod light;

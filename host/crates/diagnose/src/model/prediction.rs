@@ -1,4 +1,5 @@
-//! What a model predicts for every statistic, from replicates, and how far a measurement is from it.
+//! What a model predicts for every statistic, from replicates, and how far a measurement is from
+//! it.
 
 use crate::numerics::tails;
 use crate::statistics::statistic::{Key, Scale, Statistic, Values};
@@ -7,17 +8,17 @@ use std::collections::BTreeMap;
 /// Replicates are taken to scatter more than theory says only where their variance passes this
 /// multiple of it: for 15 degrees of freedom the 80 % point of the F distribution.
 const SCATTER_MARGIN: f64 = 1.3;
-/// The same for the four replicates of a trial, of which it takes gross scatter: the 99.9 % point of F
-/// for 3 degrees of freedom.
+/// The same for the four replicates of a trial, of which it takes gross scatter: the 99.9 % point
+/// of F for 3 degrees of freedom.
 const GROSS_SCATTER: f64 = 5.4;
 /// Standard deviations by which a prediction must move to count as another: below, four pairs of
 /// replicates do not show a difference.
 const MOVED_SD: f64 = 3.0;
-/// Increase of a predicted standard deviation that counts as another prediction: more than the 80 %
-/// point by which the scatter of few replicates is uncertain.
+/// Increase of a predicted standard deviation that counts as another prediction: more than the 80
+/// % point by which the scatter of few replicates is uncertain.
 const WIDENED: f64 = 1.5;
-/// Deviations beyond this, standard deviations, count by their logarithm, so that a single gross one
-/// does not hide all others.
+/// Deviations beyond this, standard deviations, count by their logarithm, so that a single gross
+/// one does not hide all others.
 const GROSS_DEVIATION: f64 = 10.0;
 
 /// Prediction of one statistic.
@@ -42,8 +43,8 @@ pub struct Predicted {
 }
 
 impl Predicted {
-    /// Whether a model predicts another value than `old`, or a much wider scatter, as of a pattern that
-    /// differs from sensor to sensor.
+    /// Whether a model predicts another value than `old`, or a much wider scatter, as of a pattern
+    /// that differs from sensor to sensor.
     pub fn differs(&self, old: &Self) -> bool {
         ((self.scaled - old.scaled) / old.sd).abs() > MOVED_SD || self.sd > WIDENED * old.sd
     }
@@ -109,8 +110,8 @@ impl Prediction {
         Self { of }
     }
 
-    /// Deviation, standard deviations, of every statistic that both have. `allowance` holds standard
-    /// deviations that come from the set-up, not from the sensor.
+    /// Deviation, standard deviations, of every statistic that both have. `allowance` holds
+    /// standard deviations that come from the set-up, not from the sensor.
     pub fn deviations(
         &self,
         values: &Values,
@@ -152,8 +153,8 @@ impl Prediction {
 }
 
 /// The share 1 − 2 s²/δ², at least 0, of the mean difference δ of pairs of replicates, with s its
-/// standard error: the positive-part estimate, which shrinks to nothing what may be chance (James &
-/// Stein 1961; 2 for the few pairs).
+/// standard error: the positive-part estimate, which shrinks to nothing what may be chance (James
+/// & Stein 1961; 2 for the few pairs).
 fn share_that_is_real(key: &Key, scale: Scale, before: &[Values], after: &[Values]) -> f64 {
     let pairs = before.iter().zip(after);
     let differences: Vec<f64> = pairs

@@ -1,5 +1,5 @@
-//! Replicates: frames of a model under the conditions of a capture set, as another sensor of the same
-//! make would give them, by `sensor-core` itself.
+//! Replicates: frames of a model under the conditions of a capture set, as another sensor of the
+//! same make would give them, by `sensor-core` itself.
 
 use super::light::{self, Electrons};
 use crate::data::design::{Condition, Design, Stack, Target};
@@ -14,8 +14,8 @@ use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
 
-/// The sensor of a camera that makes a replicate; `seed` names the sensor and its noise. It is given
-/// photo-electrons, so that its bands do not matter.
+/// The sensor of a camera that makes a replicate; `seed` names the sensor and its noise. It is
+/// given photo-electrons, so that its bands do not matter.
 fn sensor(camera: &Camera, seed: u64) -> Result<SensorConfig> {
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
     Ok(SensorConfig { seed, ..camera.sensor_config(&band)? })
@@ -31,8 +31,8 @@ fn settings(stack: &Stack, frame: usize) -> FrameSettings {
     }
 }
 
-/// Moments of every dark and flat stack of a design, simulated; with `planes` also their power over
-/// two frequencies. `seed` names the sensor and its noise.
+/// Moments of every dark and flat stack of a design, simulated; with `planes` also their power
+/// over two frequencies. `seed` names the sensor and its noise.
 ///
 /// # Errors
 /// A model that the sensor refuses.

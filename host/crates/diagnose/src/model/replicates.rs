@@ -1,5 +1,5 @@
-//! Replicates of dark and flat stacks, kept: each is simulated once, however often the search returns
-//! to its model.
+//! Replicates of dark and flat stacks, kept: each is simulated once, however often the search
+//! returns to its model.
 
 use super::replicate;
 use crate::data::design::Design;
@@ -68,8 +68,8 @@ fn replicated(camera: &Camera, design: &Design, seed: u64) -> Result<Values> {
     Ok(values)
 }
 
-/// Whether a model's frames may have lines in their spectrum over both frequencies: periodic noise, or
-/// light that differs from frame to frame and is seen by pixels of several colours.
+/// Whether a model's frames may have lines in their spectrum over both frequencies: periodic
+/// noise, or light that differs from frame to frame and is seen by pixels of several colours.
 fn makes_lines(camera: &Camera) -> bool {
     let colour = camera.sensor.channel_names.len() > 1;
     camera.effects.iter().any(|e| match e.entry().kind {
@@ -79,8 +79,8 @@ fn makes_lines(camera: &Camera) -> bool {
     })
 }
 
-/// Adds what a model without such lines predicts for the highest one, which is a standard normal deviate
-/// by construction: the spectrum need not be computed.
+/// Adds what a model without such lines predicts for the highest one, which is a standard normal
+/// deviate by construction: the spectrum need not be computed.
 fn add_flat_planes(values: &mut Values, design: &Design) {
     for i in 0..design.conditions.len() {
         let place = Place::Stack(i);

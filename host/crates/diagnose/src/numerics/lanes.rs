@@ -1,5 +1,5 @@
-//! Sums of many `f32` that processors can do side by side: in lanes of a fixed number, so that the result is the
-//! same on every machine, and rounding errors stay small.
+//! Sums of many `f32` that processors can do side by side: in lanes of a fixed number, so that the
+//! result is the same on every machine, and rounding errors stay small.
 
 const LANES: usize = 16;
 

@@ -1,8 +1,8 @@
 //! Minima of functions of one and two variables within ranges, without derivatives.
 //!
 //! The functions are negative log-likelihoods and sums of squares, cheap to evaluate and smooth,
-//! but with valleys that a descent from one start may miss: hence a grid that contracts, and golden
-//! section where there is a single minimum.
+//! but with valleys that a descent from one start may miss: hence a grid that contracts, and
+//! golden section where there is a single minimum.
 
 /// Contractions of the grid of [`lowest`]: the last step is 0.4⁷ of the first, 1/600.
 const CONTRACTIONS: usize = 8;

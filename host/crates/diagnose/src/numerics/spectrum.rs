@@ -57,8 +57,9 @@ impl Spectrum2 {
         }
     }
 
-    /// Adds |F|²/(w h) of a frame to `power`, laid out as `height` rows (frequency along a column, wrapped) of
-    /// `width`/2 + 1 (frequency along a row): white pixels of variance v add v to each.
+    /// Adds |F|²/(w h) of a frame to `power`, laid out as `height` rows (frequency along a column,
+    /// wrapped) of `width`/2 + 1 (frequency along a row): white pixels of variance v add v to
+    /// each.
     pub fn add(&mut self, frame: &[f32], power: &mut [f32]) {
         let (w, h) = (self.width, self.height);
         let (mut line, mut out) = (self.rows.make_input_vec(), self.rows.make_output_vec());
@@ -80,8 +81,8 @@ impl Spectrum2 {
     }
 }
 
-/// What a power over two frequencies, laid out as [`Spectrum2`] has it, is without lines: the median of each bin's tile, or
-/// that of all bins if it is larger. A continuum is no line.
+/// What a power over two frequencies, laid out as [`Spectrum2`] has it, is without lines: the
+/// median of each bin's tile, or that of all bins if it is larger. A continuum is no line.
 pub struct Background {
     /// Bins along a row.
     width: usize,
@@ -138,7 +139,8 @@ mod tests {
     fn a_line_stands_on_a_continuum() {
         let (columns, height) = (256, 192);
         let width = columns / 2 + 1;
-        // A hill at low frequencies a hundred times the rest, and a line of a tenth of it elsewhere.
+        // A hill at low frequencies a hundred times the rest, and a line of a tenth of it
+        // elsewhere.
         let mut power: Vec<f32> = (0..width * height)
             .map(|i| {
                 let (k, l) = (i % width, i / width);

@@ -29,26 +29,29 @@ pub fn deviate(ln_p: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Normal deviate of a mean of squares with `dof` degrees of freedom over its expectation (Wilson & Hilferty 1931).
+/// Normal deviate of a mean of squares with `dof` degrees of freedom over its expectation (Wilson
+/// & Hilferty 1931).
 pub fn chi_square(ratio: f64, dof: f64) -> f64 {
     let v = 2.0 / (9.0 * dof);
     (ratio.max(0.0).cbrt() - (1.0 - v)) / v.sqrt()
 }
 
-/// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson & Hilferty 1931).
+/// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson &
+/// Hilferty 1931).
 pub fn median_of_squares(dof: f64) -> f64 {
     quantile_of_squares(0.0, dof)
 }
 
-/// What a mean of squares with `dof` degrees of freedom over its expectation passes as rarely as a standard normal deviate
-/// passes `z` (Wilson & Hilferty 1931).
+/// What a mean of squares with `dof` degrees of freedom over its expectation passes as rarely as a
+/// standard normal deviate passes `z` (Wilson & Hilferty 1931).
 pub fn quantile_of_squares(z: f64, dof: f64) -> f64 {
     let v = 2.0 / (9.0 * dof);
     (1.0 - v + z * v.sqrt()).powi(3)
 }
 
-/// What a normal deviate over a standard deviation estimated with `dof` degrees of freedom passes as rarely as a standard
-/// normal one passes `z`: Student's t (Abramowitz & Stegun, 26.7.5; 0.1 % of it from 7 degrees and `z` of 2).
+/// What a normal deviate over a standard deviation estimated with `dof` degrees of freedom passes
+/// as rarely as a standard normal one passes `z`: Student's t (Abramowitz & Stegun, 26.7.5; 0.1 %
+/// of it from 7 degrees and `z` of 2).
 pub fn student(z: f64, dof: f64) -> f64 {
     let (z2, v) = (z * z, 1.0 / dof);
     let second = (5.0 * z2 * z2 + 16.0 * z2 + 3.0) / 96.0;
@@ -63,12 +66,13 @@ pub fn largest(z: f64, count: usize) -> f64 {
     deviate(if ln_expected < -30.0 { ln_expected } else { (-(-ln_expected.exp()).exp_m1()).ln() })
 }
 
-/// Normal deviate of a count of which `runs` replicates of the model had `total` together: the predictive
-/// law is negative binomial (a gamma prior of shape ½ for the rate, Jeffreys').
+/// Normal deviate of a count of which `runs` replicates of the model had `total` together: the
+/// predictive law is negative binomial (a gamma prior of shape ½ for the rate, Jeffreys').
 pub fn count(seen: f64, total: f64, runs: f64) -> f64 {
     let shape = total + 0.5;
     let (p, q) = (1.0 / (1.0 + runs), runs / (1.0 + runs));
-    // From the mean on both tails are summed term by term; far out a normal law on the root scale serves.
+    // From the mean on both tails are summed term by term; far out a normal law on the root scale
+    // serves.
     let mean = shape / runs;
     if mean > 200.0 || seen > 2000.0 {
         let sd = (mean * (1.0 + 1.0 / runs)).sqrt();
@@ -120,7 +124,8 @@ mod tests {
 
     #[test]
     fn the_median_of_squares_is_that_of_chi_square() {
-        // Medians of χ² of 2, 10 and 100 degrees of freedom: 2 ln 2, 9.342, 99.334 (Abramowitz & Stegun, table 26.8).
+        // Medians of χ² of 2, 10 and 100 degrees of freedom: 2 ln 2, 9.342, 99.334 (Abramowitz &
+        // Stegun, table 26.8).
         for (dof, median, near) in
             [(2.0, 2.0 * LN_2, 0.02), (10.0, 9.342, 1e-3), (100.0, 99.334, 2e-5)]
         {
@@ -131,7 +136,8 @@ mod tests {
 
     #[test]
     fn quantiles_of_student() {
-        // Of 7, 15 and 30 degrees of freedom at 95 % and 97.5 % (Abramowitz & Stegun, table 26.10).
+        // Of 7, 15 and 30 degrees of freedom at 95 % and 97.5 % (Abramowitz & Stegun, table
+        // 26.10).
         for (dof, at_95, at_975) in
             [(7.0, 1.895, 2.365), (15.0, 1.753, 2.131), (30.0, 1.697, 2.042)]
         {

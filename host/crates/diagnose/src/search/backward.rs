@@ -1,5 +1,5 @@
-//! Backward elimination: removes named effects that are not needed beside the others, and those that
-//! leave gross deviations in what they should explain.
+//! Backward elimination: removes named effects that are not needed beside the others, and those
+//! that leave gross deviations in what they should explain.
 
 use super::chance::significance;
 use super::forward::{Selection, Step};
@@ -13,19 +13,21 @@ use camrig_base::Result;
 use camrig_camera::Camera;
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Up to so many names must explain everything: a sensor with many effects leaves something of each,
-/// while one or two names that leave much are the nearest in the catalogue to something outside it.
-/// On hidden sets with effects outside the catalogue (`docs/diagnosis.md`).
+/// Up to so many names must explain everything: a sensor with many effects leaves something of
+/// each, while one or two names that leave much are the nearest in the catalogue to something
+/// outside it. On hidden sets with effects outside the catalogue (`docs/diagnosis.md`).
 pub(super) const FEW_EFFECTS: usize = 2;
 /// Up to so many names, each is left out once with the others estimated anew, which costs sixteen
 /// replicates each.
 pub(super) const REESTIMATED_EFFECTS: usize = 4;
-/// Rise of the deviance of both halves below which an effect is not missed: half of what earns a place.
+/// Rise of the deviance of both halves below which an effect is not missed: half of what earns a
+/// place.
 const MISSED: f64 = EVIDENCE_IN_ALL / 2.0;
-/// Standard errors by which another effect's parameter must change to take over what one explained.
+/// Standard errors by which another effect's parameter must change to take over what one
+/// explained.
 const TAKES_OVER: f64 = 2.0;
-/// Deviation, standard deviations of both halves together, that is gross: no chance and no detail of
-/// a law, but another effect.
+/// Deviation, standard deviations of both halves together, that is gross: no chance and no detail
+/// of a law, but another effect.
 const GROSS: f64 = 10.0;
 /// Share of an effect's evidence that gross deviations in the statistics it moves may have.
 const GROSS_SHARE: f64 = 0.1;
@@ -46,7 +48,8 @@ pub(super) struct Elimination {
     pub nearest: Vec<String>,
 }
 
-/// Removes effects that are not needed, and those that do not fit. `before` is the model at the start.
+/// Removes effects that are not needed, and those that do not fit. `before` is the model at the
+/// start.
 pub(super) fn eliminate(
     session: &Session,
     before: &State,
@@ -83,8 +86,8 @@ fn is_misfit(session: &Session, before: &State, after: &State, names: usize) -> 
     misfit && !session.unexplained(after).is_empty()
 }
 
-/// Removes effects without which both halves are about as likely, or that do not stand out from what
-/// chance makes of their estimator; the first named first.
+/// Removes effects without which both halves are about as likely, or that do not stand out from
+/// what chance makes of their estimator; the first named first.
 fn drop_unneeded(
     session: &Session,
     base: &Camera,
@@ -150,9 +153,9 @@ fn would_move(session: &Session, model: Model<'_>) -> bool {
     })
 }
 
-/// Removes effects that leave gross deviations in the very statistics, or the very map, that they were
-/// found in: something else is there, and the effect was the nearest in the catalogue. Their kinds go
-/// to `nearest`.
+/// Removes effects that leave gross deviations in the very statistics, or the very map, that they
+/// were found in: something else is there, and the effect was the nearest in the catalogue. Their
+/// kinds go to `nearest`.
 fn drop_misfits(
     session: &Session,
     base: &Camera,
@@ -196,7 +199,8 @@ fn gross_deviations(session: &Session, state: &State) -> Vec<(Key, f64)> {
     let shape = |(place, what): &Key| {
         matches!((place, what), (Place::Map(_), What::Skewness | What::Kurtosis))
     };
-    // A single pixel's outlier in one half is chance: few hot pixels have most of a stack's scatter.
+    // A single pixel's outlier in one half is chance: few hot pixels have most of a stack's
+    // scatter.
     let halves = session.deviations(state);
     let in_each = |key: &Key| {
         halves.iter().all(|half| half.get(key).is_none_or(|z| z.abs() > GROSS * FRAC_1_SQRT_2))

@@ -23,9 +23,9 @@ const CHANCE_RUNS: u64 = 8;
 const HALF_NORMAL: (f64, f64) = (0.797_884_6, 0.602_810_3);
 
 /// Significance of an effect that a model lacks, as a normal deviate: how far its strength is from
-/// what its estimator makes of replicates of that model. An effect that differs from sensor to sensor
-/// moves many statistics together, as if there were more evidence, and the best of many frequencies
-/// is never near zero.
+/// what its estimator makes of replicates of that model. An effect that differs from sensor to
+/// sensor moves many statistics together, as if there were more evidence, and the best of many
+/// frequencies is never near zero.
 pub(super) fn significance(
     session: &Session,
     effect: &Proposal,
@@ -65,8 +65,9 @@ pub(super) fn estimate_replicate(
     Ok(session.propose(frames, model, &wanted, f64::NEG_INFINITY))
 }
 
-/// The normal deviate whose absolute value is as far from those of other normal deviates as a strength
-/// is from those that chance gives, whose mean and scatter are taken as no smaller than theirs.
+/// The normal deviate whose absolute value is as far from those of other normal deviates as a
+/// strength is from those that chance gives, whose mean and scatter are taken as no smaller than
+/// theirs.
 fn beyond_chance(strength: f64, chance: &[f64]) -> f64 {
     let n = chance.len() as f64;
     let mean = chance.iter().sum::<f64>() / n;

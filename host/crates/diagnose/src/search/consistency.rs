@@ -9,9 +9,10 @@ use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 
-/// Factor by which a stack's signal, or its noise for its signal, differs from the others' where that is
-/// no effect of a sensor but another entry of the manifest. Chosen below the factor of 2 by which
-/// neighbouring exposures and gains of a plan differ, and far above what effects of a sensor do.
+/// Factor by which a stack's signal, or its noise for its signal, differs from the others' where
+/// that is no effect of a sensor but another entry of the manifest. Chosen below the factor of 2
+/// by which neighbouring exposures and gains of a plan differ, and far above what effects of a
+/// sensor do.
 const GROSS_FACTOR: f64 = 1.5;
 /// Relative difference within which the other stacks must agree for one to be singled out.
 const AGREEMENT: f64 = 0.1;
@@ -21,10 +22,11 @@ const LEAST_STACKS: usize = 5;
 const MOST_OFF: usize = 2;
 /// Share of saturated samples from which a flat's mean and noise are not those of its light.
 const SATURATED: f64 = 0.01;
-/// Variance of shot noise over that of read noise and rounding from which a stack's noise tells its gain.
+/// Variance of shot noise over that of read noise and rounding from which a stack's noise tells
+/// its gain.
 const SHOT_NOISE_LIMITED: f64 = 2.0;
-/// Differences of neighbouring pixels are clipped at this multiple of their median magnitude, so that
-/// defective pixels do not decide.
+/// Differences of neighbouring pixels are clipped at this multiple of their median magnitude, so
+/// that defective pixels do not decide.
 const CLIP: f64 = 6.0;
 /// Standard deviations by which the flats' own patterns must stand out before they are compared.
 const PATTERN_STANDS_OUT: f64 = 20.0;
@@ -34,8 +36,8 @@ const SAME_PATTERN: f64 = 0.3;
 /// Checks that the stacks can be what the manifest says.
 ///
 /// # Errors
-/// A stack that contradicts the others; flats that are all saturated; flats whose fixed patterns are
-/// those of different sensors.
+/// A stack that contradicts the others; flats that are all saturated; flats whose fixed patterns
+/// are those of different sensors.
 pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()> {
     let black = match reference_dark(design) {
         Some(i) => stacks[i].level(),
@@ -111,8 +113,8 @@ fn alone(ratios: &[(&Condition, f64)], say: impl Fn(&Condition, f64) -> Error) -
     }
 }
 
-/// Checks that the two brightest flats show the gain pattern of one sensor. Under a colour filter array
-/// neighbouring pixels differ anyhow, and nothing is checked.
+/// Checks that the two brightest flats show the gain pattern of one sensor. Under a colour filter
+/// array neighbouring pixels differ anyhow, and nothing is checked.
 fn same_sensor(camera: &Camera, flats: &[(&Condition, &Temporal)], black: f64) -> Result<()> {
     let level = |t: &Temporal| t.level() - black;
     let mut by_level = flats.to_vec();

@@ -1,5 +1,5 @@
-//! Forward selection: adds the candidate that makes the frames to fit likeliest, if the held-out frames
-//! agree, until none earns its place.
+//! Forward selection: adds the candidate that makes the frames to fit likeliest, if the held-out
+//! frames agree, until none earns its place.
 
 use super::refit::refit;
 use super::session::{Session, State};
@@ -9,21 +9,22 @@ use crate::model::prediction::bounded;
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::Result;
 
-/// Candidates simulated in a round, at most: the strongest by their estimators, which rank the right
-/// one high; each costs four replicates.
+/// Candidates simulated in a round, at most: the strongest by their estimators, which rank the
+/// right one high; each costs four replicates.
 const TRIALS: usize = 10;
-/// Of these, candidates estimated from targets, at most: their strengths are likelihoods already, and
-/// each takes a run of the optics stage.
+/// Of these, candidates estimated from targets, at most: their strengths are likelihoods already,
+/// and each takes a run of the optics stage.
 const TARGET_TRIALS: usize = 4;
 /// Candidates whose parameters are settled in a round: those likeliest after their trial.
 const SETTLED: usize = 3;
 /// Effects named, at most. Hidden sets hold up to six; real sensors have shown nine.
 const MOST_EFFECTS: usize = 10;
-/// Mean square deviation of a model's replicates from each other, over that of the model at the start,
-/// from which the model explains nothing: replicates that scatter so agree with anything
+/// Mean square deviation of a model's replicates from each other, over that of the model at the
+/// start, from which the model explains nothing: replicates that scatter so agree with anything
 /// (`docs/diagnosis.md`).
 const DIVERGED: f64 = 3.0;
-/// Deviance within which a rival's is not worse than the winner's: 3² for three standard deviations.
+/// Deviance within which a rival's is not worse than the winner's: 3² for three standard
+/// deviations.
 const RIVAL_MARGIN: f64 = 9.0;
 /// Statistics kept of those that a step moved.
 const MOVED_KEPT: usize = 8;
@@ -70,8 +71,8 @@ pub struct Selection {
     pub confounded: Vec<(String, String)>,
 }
 
-/// Takes the best candidate of each round until none earns its place. `wanted` tells whether a kind may
-/// be taken beside so many names; `say` hears what is being tried.
+/// Takes the best candidate of each round until none earns its place. `wanted` tells whether a
+/// kind may be taken beside so many names; `say` hears what is being tried.
 pub(super) fn select(
     session: &Session,
     before: &State,
@@ -138,8 +139,8 @@ fn settled(session: &Session, state: &State, trials: &[Trial]) -> Result<Vec<Tri
     Ok(settled)
 }
 
-/// The first of the settled trials that earns its place with a model that does not diverge, and the
-/// model with it.
+/// The first of the settled trials that earns its place with a model that does not diverge, and
+/// the model with it.
 fn first_that_holds(
     session: &Session,
     before: &State,
@@ -170,8 +171,8 @@ fn others(best: &Trial, settled: Vec<Trial>, trials: Vec<Trial>) -> Vec<Trial> {
     others
 }
 
-/// Whether the captures cannot tell a second candidate from the best. One that predicts the held-out
-/// frames as well loses only by what its random pattern might have been.
+/// Whether the captures cannot tell a second candidate from the best. One that predicts the
+/// held-out frames as well loses only by what its random pattern might have been.
 fn is_rival(best: &Trial, second: &Trial) -> bool {
     (best.evidence - second.evidence < RIVAL_MARGIN || second.gap <= best.gap)
         && second.evidence > EVIDENCE_TO_FIT

@@ -1,9 +1,10 @@
-//! The search: which effects of the catalogue, put into the model, make it agree with the captures?
+//! The search: which effects of the catalogue, put into the model, make it agree with the
+//! captures?
 //!
 //! [`session`] holds what was measured and simulates models. [`forward`] adds the candidate that
-//! explains most until none earns its place, [`backward`] removes what is not needed or does not fit.
-//! [`run`] is the whole of it: both, alternatives where an early effect may have displaced a better
-//! one, and at the end standard errors.
+//! explains most until none earns its place, [`backward`] removes what is not needed or does not
+//! fit. [`run`] is the whole of it: both, alternatives where an early effect may have displaced a
+//! better one, and at the end standard errors.
 
 pub mod backward;
 mod chance;

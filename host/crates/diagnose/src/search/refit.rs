@@ -5,14 +5,14 @@ use crate::candidates::proposal::{Proposal, with_all};
 use camrig_base::Result;
 use camrig_camera::Camera;
 
-/// Rounds of estimates of several names, which depend on each other; a single name was settled when
-/// it was tried.
+/// Rounds of estimates of several names, which depend on each other; a single name was settled
+/// when it was tried.
 const ROUNDS: usize = 2;
 /// Standard errors by which a parameter must differ for its estimate to be taken.
 const LEAST_CHANGE: f64 = 1.0;
 
-/// Estimates every named effect again with all of them in the model, as long as that makes the frames
-/// to fit likelier.
+/// Estimates every named effect again with all of them in the model, as long as that makes the
+/// frames to fit likelier.
 pub(super) fn refit(session: &Session, mut state: State) -> Result<State> {
     for _ in 0..if state.named.len() > 1 { ROUNDS } else { 1 } {
         let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
@@ -44,8 +44,8 @@ pub(super) fn estimates(proposal: &Proposal, named: &Proposal) -> bool {
     proposal.kind == named.kind && !proposal.beside && proposal.has_parameters_of(named)
 }
 
-/// The camera of a state without the effects that stand beside others of their kind, so that the named
-/// ones can be put in again: all others replace those of their kind.
+/// The camera of a state without the effects that stand beside others of their kind, so that the
+/// named ones can be put in again: all others replace those of their kind.
 pub(super) fn without_added(state: &State) -> Camera {
     let mut camera = state.camera.clone();
     for p in state.named.iter().filter(|p| p.beside) {

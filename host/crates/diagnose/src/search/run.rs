@@ -1,5 +1,5 @@
-//! The whole search: forward selection and backward elimination, once, and again where an effect taken
-//! early may have displaced better ones; then the parameters with their standard errors.
+//! The whole search: forward selection and backward elimination, once, and again where an effect
+//! taken early may have displaced better ones; then the parameters with their standard errors.
 
 use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
 use super::forward::{self, Step};
@@ -11,16 +11,16 @@ use crate::candidates::proposal::with_all;
 use camrig_base::Result;
 use camrig_camera::Camera;
 
-/// Share of the winner's evidence from which a rival of its round may explain more beside effects that
-/// had not yet been taken.
+/// Share of the winner's evidence from which a rival of its round may explain more beside effects
+/// that had not yet been taken.
 const CLOSE_RIVAL: f64 = 0.5;
 
 /// What the search found.
 pub struct Outcome {
     /// The model at the start.
     pub before: State,
-    /// The model at the end. What it predicts is of the parameters that the frames to fit gave; those
-    /// of its effects are the final ones, of all frames.
+    /// The model at the end. What it predicts is of the parameters that the frames to fit gave;
+    /// those of its effects are the final ones, of all frames.
     pub after: State,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
@@ -34,8 +34,8 @@ pub struct Outcome {
     pub superseded: Option<String>,
 }
 
-/// Searches for the effects that the camera lacks. `without` names kinds left out of the catalogue;
-/// `say` hears what is being tried.
+/// Searches for the effects that the camera lacks. `without` names kinds left out of the
+/// catalogue; `say` hears what is being tried.
 ///
 /// # Errors
 /// A model that cannot be simulated.
@@ -58,8 +58,8 @@ pub fn run(
             found = Outcome { superseded: Some(dominated), ..other };
         }
     }
-    // One effect may take at once what two others explain better together, or what it explains only
-    // beside another: the search without it, and with it as a later one only.
+    // One effect may take at once what two others explain better together, or what it explains
+    // only beside another: the search without it, and with it as a later one only.
     if found.steps.len() <= FEW_EFFECTS && !session.accepts(&found.after, found.gaps.1) {
         let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
         let doubtful: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
@@ -83,8 +83,8 @@ pub fn run(
     Ok(found)
 }
 
-/// Forward selection and backward elimination, once. `wanted` tells whether a kind may be taken beside
-/// so many names.
+/// Forward selection and backward elimination, once. `wanted` tells whether a kind may be taken
+/// beside so many names.
 fn once(
     session: &Session,
     before: &State,
@@ -104,8 +104,8 @@ fn once(
     })
 }
 
-/// An effect that is dominated by a close rival of its round: in its place, beside those taken later,
-/// the rival explains more. Also how many effects were taken before it.
+/// An effect that is dominated by a close rival of its round: in its place, beside those taken
+/// later, the rival explains more. Also how many effects were taken before it.
 fn dominated(session: &Session, base: &Camera, found: &Outcome) -> Result<Option<(String, usize)>> {
     let steps = &found.steps;
     if steps.len() > REESTIMATED_EFFECTS {

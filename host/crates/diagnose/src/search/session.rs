@@ -21,26 +21,27 @@ use camrig_captures::{CaptureSet, Role};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Replicates of a model that is judged. Their mean adds a sixteenth to the variance of a deviation;
-/// the time of a diagnosis is in proportion.
+/// Replicates of a model that is judged. Their mean adds a sixteenth to the variance of a
+/// deviation; the time of a diagnosis is in proportion.
 pub const RUNS: u64 = 16;
 /// Seed of the first replicate; the others follow it.
 pub const SEED: u64 = 0x5eed;
-/// Deviation of a single statistic, standard deviations, both halves together, from which the model
-/// as given leaves it unexplained. Chance gives one among 500 statistics in one set of ten thousand.
+/// Deviation of a single statistic, standard deviations, both halves together, from which the
+/// model as given leaves it unexplained. Chance gives one among 500 statistics in one set of ten
+/// thousand.
 const UNEXPLAINED_AS_GIVEN: f64 = 5.2;
-/// The same for a model with named effects, whose laws (of tails, of spectra) are never quite those
-/// of the sensor: a law that is off by a few per cent of an effect of many standard deviations must
-/// not count as another effect.
+/// The same for a model with named effects, whose laws (of tails, of spectra) are never quite
+/// those of the sensor: a law that is off by a few per cent of an effect of many standard
+/// deviations must not count as another effect.
 const UNEXPLAINED_WITH_EFFECTS: f64 = 6.0;
-/// Deviation in the second half alone, standard deviations, without which a statistic is not taken to
-/// deviate in both.
+/// Deviation in the second half alone, standard deviations, without which a statistic is not taken
+/// to deviate in both.
 const UNEXPLAINED_IN_EACH: f64 = 2.0;
-/// Held-out gap that the right model exceeds once in some two hundred sets: it scores 1.0 ± 0.08 on
-/// those of `tests/hidden` (`docs/diagnosis.md`).
+/// Held-out gap that the right model exceeds once in some two hundred sets: it scores 1.0 ± 0.08
+/// on those of `tests/hidden` (`docs/diagnosis.md`).
 const GAP_LIMIT: f64 = 1.27;
-/// Where the replicates' own gaps scatter more than on those sets, as of small frames, the limit is so
-/// many of their standard deviations above 1: 0.27 over 0.08.
+/// Where the replicates' own gaps scatter more than on those sets, as of small frames, the limit
+/// is so many of their standard deviations above 1: 0.27 over 0.08.
 const GAP_LIMIT_SD: f64 = 3.5;
 
 /// What was measured in one half of a set.
@@ -271,8 +272,8 @@ impl Session {
         self.fit.deviance(&state.fit) + self.holdout.deviance(&state.holdout)
     }
 
-    /// Proposals of the kinds `wanted` that frames give against a model, strongest first; those weaker
-    /// than `least` standard errors are left out.
+    /// Proposals of the kinds `wanted` that frames give against a model, strongest first; those
+    /// weaker than `least` standard errors are left out.
     pub(super) fn propose(
         &self,
         frames: Frames<'_>,
@@ -373,8 +374,8 @@ impl State {
     }
 }
 
-/// Whether both halves show the same pattern of the sensor there, and together hardly tell more than
-/// one.
+/// Whether both halves show the same pattern of the sensor there, and together hardly tell more
+/// than one.
 fn shares_pattern(place: Place) -> bool {
     use MapKind::{DarkCurrent, Gain, Offset};
     matches!(place, Place::Target(_) | Place::Map(Offset | DarkCurrent | Gain))

@@ -1,12 +1,13 @@
 //! The final parameters of dark and flat frames, with their standard errors, by simulation.
 //!
-//! The final model makes replicates of both halves, and the estimators that gave the parameters are
-//! put to each as if it had been measured: the scatter of what they give is the standard error
-//! (parametric bootstrap, Efron & Tibshirani 1993, chapter 6), whatever the effect does to the scatter
-//! of the statistics it is read from. Measurement and prediction scatter independently, hence
-//! a factor √(1 + 1/replicates), and √(1 + 2/replicates) for the mean of both halves. A scatter from
-//! few replicates is itself uncertain: the standard error given is half the width of the 90 % interval
-//! of Student's t over 1.645. Effects estimated from targets have standard errors by least squares.
+//! The final model makes replicates of both halves, and the estimators that gave the parameters
+//! are put to each as if it had been measured: the scatter of what they give is the standard error
+//! (parametric bootstrap, Efron & Tibshirani 1993, chapter 6), whatever the effect does to the
+//! scatter of the statistics it is read from. Measurement and prediction scatter independently,
+//! hence a factor √(1 + 1/replicates), and √(1 + 2/replicates) for the mean of both halves. A
+//! scatter from few replicates is itself uncertain: the standard error given is half the width of
+//! the 90 % interval of Student's t over 1.645. Effects estimated from targets have standard
+//! errors by least squares.
 
 use super::chance::{FIRST_SEED, estimate_replicate};
 use super::refit::without_added;
@@ -18,7 +19,8 @@ use camrig_base::Result;
 use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
 
-/// Estimates without which there is no standard error: half of the replicates must show the effect.
+/// Estimates without which there is no standard error: half of the replicates must show the
+/// effect.
 const LEAST_ESTIMATES: usize = RUNS as usize / 2;
 /// Standard errors of one half by which the halves' estimates may differ and be averaged: five of
 /// their difference, which is √2 wider.
@@ -29,9 +31,9 @@ const SAME_VALUE: f64 = 0.01;
 /// Standard deviations from the middle to the end of the 90 % interval of a normal law.
 const Z_90: f64 = 1.645;
 
-/// Gives the effects of dark and flat frames their final parameters, with standard errors. Where the
-/// halves are alike, each parameter becomes the mean of what both give; the model was judged with
-/// those of the frames to fit alone.
+/// Gives the effects of dark and flat frames their final parameters, with standard errors. Where
+/// the halves are alike, each parameter becomes the mean of what both give; the model was judged
+/// with those of the frames to fit alone.
 pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<()> {
     if state.named.iter().all(|p| p.of_targets) {
         return Ok(());
@@ -69,7 +71,8 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
             .map(Iterator::collect)
             .collect();
         let second = of_second.iter().find(alike).cloned();
-        // The prediction, of RUNS replicates, scatters too; of halves that are alike it is the same.
+        // The prediction, of RUNS replicates, scatters too; of halves that are alike it is the
+        // same.
         set_errors(named, &first, 1.0 / RUNS as f64);
         let alone = kinds.iter().filter(|k| **k == named.kind).count() == 1;
         if let Some(mean) = second.filter(|_| alone).and_then(|s| mean_of_halves(named, &s))
@@ -88,7 +91,8 @@ fn values(p: &Proposal) -> Vec<f64> {
     p.parameters.iter().map(|p| p.1.value).collect()
 }
 
-/// Sets standard errors from the scatter of estimates, whose variance is increased by the share `more`.
+/// Sets standard errors from the scatter of estimates, whose variance is increased by the share
+/// `more`.
 fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
     if estimates.len() < LEAST_ESTIMATES {
         return;
@@ -98,16 +102,16 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
     for (i, (key, parameter)) in named.parameters.iter_mut().enumerate() {
         let mean = estimates.iter().map(|e| e[i]).sum::<f64>() / n;
         let variance = estimates.iter().map(|e| (e[i] - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        // A parameter that the estimator fixes has no scatter, and any alias of a frequency may come
-        // back.
+        // A parameter that the estimator fixes has no scatter, and any alias of a frequency may
+        // come back.
         if variance > 0.0 && !key.starts_with("cycles_per_") {
             parameter.se = (variance * (1.0 + more)).sqrt() * few;
         }
     }
 }
 
-/// The mean of two estimates of an effect, if they are of the same one: a frequency may be an alias,
-/// a direction a turn away.
+/// The mean of two estimates of an effect, if they are of the same one: a frequency may be an
+/// alias, a direction a turn away.
 fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
     let agree = std::iter::zip(&a.parameters, &b.parameters).all(|((_, a), (_, b))| {
         let known = if a.se.is_finite() { MOST_APART * a.se } else { SAME_VALUE * a.value.abs() };
@@ -158,7 +162,8 @@ mod tests {
         let mut named = wave(1.0, 0.25);
         let estimates: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i % 2) * 0.2, 0.3]).collect();
         set_errors(&mut named, &estimates, 0.5);
-        // Variance 16/15 0.1², half more; Student's t of 15 degrees of freedom; a frequency keeps none.
+        // Variance 16/15 0.1², half more; Student's t of 15 degrees of freedom; a frequency keeps
+        // none.
         let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt() * 1.753 / 1.645;
         assert!((named.parameters[0].1.se / expected - 1.0).abs() < 1e-3);
         assert!(named.parameters[1].1.se.is_nan());

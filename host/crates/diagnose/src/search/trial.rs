@@ -6,8 +6,8 @@ use crate::model::prediction::{Prediction, bounded};
 use camrig_base::Result;
 use camrig_camera::Camera;
 
-/// Replicates of a candidate, with the random numbers of the model's first ones. Four pairs show the
-/// mean of a difference and its scatter; what may be chance in it is shrunk.
+/// Replicates of a candidate, with the random numbers of the model's first ones. Four pairs show
+/// the mean of a difference and its scatter; what may be chance in it is shrunk.
 pub(super) const TRIAL_RUNS: u64 = 4;
 /// Fall of the deviance on the frames to fit from which a candidate earns its place: half of
 /// [`EVIDENCE_IN_ALL`].
@@ -17,13 +17,15 @@ pub(super) const EVIDENCE_TO_FIT: f64 = 14.0;
 const EVIDENCE_HELD_OUT: f64 = 3.0;
 /// Fall of the deviance on both together: 5.3² for 5.3 standard deviations of a single statistic.
 pub(super) const EVIDENCE_IN_ALL: f64 = 28.0;
-/// Share of the deviance of the statistics that a candidate moves which it must remove. Chosen: the
-/// right effect beside others that are still missing leaves much of it, another effect nearly all.
+/// Share of the deviance of the statistics that a candidate moves which it must remove. Chosen:
+/// the right effect beside others that are still missing leaves much of it, another effect nearly
+/// all.
 const LEAST_EXPLAINED: f64 = 0.3;
-/// Estimates of a candidate that was tried, each from the model with the one before; they settle by
-/// then, or the best serves.
+/// Estimates of a candidate that was tried, each from the model with the one before; they settle
+/// by then, or the best serves.
 const ESTIMATES: usize = 3;
-/// Standard errors by which a candidate's parameters must differ from those tried to be tried again.
+/// Standard errors by which a candidate's parameters must differ from those tried to be tried
+/// again.
 const UNSETTLED: f64 = 1.0;
 
 /// A candidate that was simulated.
@@ -44,8 +46,8 @@ pub struct Trial {
 impl Trial {
     /// Whether the candidate earns its place in the model.
     pub(super) fn earns_place(&self) -> bool {
-        // The two halves of a target share the sensor's pattern: one alone must show what elsewhere
-        // both show together.
+        // The two halves of a target share the sensor's pattern: one alone must show what
+        // elsewhere both show together.
         let to_fit = match self.proposal.of_targets {
             true => EVIDENCE_IN_ALL,
             false => EVIDENCE_TO_FIT,
@@ -57,8 +59,8 @@ impl Trial {
     }
 }
 
-/// Simulates a proposal on top of a model and scores it. Also gives what the model with it predicts
-/// for the frames to fit, and its camera.
+/// Simulates a proposal on top of a model and scores it. Also gives what the model with it
+/// predicts for the frames to fit, and its camera.
 pub(super) fn try_out(
     session: &Session,
     state: &State,
@@ -101,8 +103,8 @@ pub(super) fn settle(session: &Session, state: &State, proposal: &Proposal) -> R
     Ok(best)
 }
 
-/// Of the deviance of the statistics that a change moves, the share that it removes; 1 where it moves
-/// none by much. Halves with the prediction before and after.
+/// Of the deviance of the statistics that a change moves, the share that it removes; 1 where it
+/// moves none by much. Halves with the prediction before and after.
 fn explained(halves: &[(&Half, &Prediction, &Prediction)]) -> f64 {
     let (mut had, mut left) = (0.0, 0.0);
     for (half, before, after) in halves {

@@ -2,9 +2,9 @@
 //! gives it.
 //!
 //! A statistic keeps its value in its own unit, so that values of replicates can be averaged and
-//! parameters be estimated from them; its [`Scale`](super::statistic::Scale) says where its scatter
-//! is normal. Standard deviations are those of the sampling laws (χ² for variances, binomial for
-//! counts), not of replicates, so they hold for a single set.
+//! parameters be estimated from them; its [`Scale`](super::statistic::Scale) says where its
+//! scatter is normal. Standard deviations are those of the sampling laws (χ² for variances,
+//! binomial for counts), not of replicates, so they hold for a single set.
 
 use super::collect::Collected;
 use super::maps::{self, MapKind};

@@ -1,5 +1,5 @@
-//! Steps of the converter, from the histograms of codes: waves of the periods that wrong bits make,
-//! roughness, and missing codes.
+//! Steps of the converter, from the histograms of codes: waves of the periods that wrong bits
+//! make, roughness, and missing codes.
 
 use super::collect::Collected;
 use super::noise::Summary;
@@ -11,8 +11,8 @@ use super::temporal::Temporal;
 pub const CODE_PERIODS: [(f64, &str); 5] =
     [(0.5, "2"), (0.25, "4"), (0.125, "8"), (0.375, "8/3"), (0.0625, "16")];
 
-/// Width of a histogram, standard deviations in cycles of a wave, from which the wave of a smooth law
-/// itself, exp(−2π²σ²f²), is below its Poisson scatter: at 0.75 it is 1.5·10⁻⁵.
+/// Width of a histogram, standard deviations in cycles of a wave, from which the wave of a smooth
+/// law itself, exp(−2π²σ²f²), is below its Poisson scatter: at 0.75 it is 1.5·10⁻⁵.
 const WIDTH_FOR_WAVES: f64 = 0.75;
 /// Share of samples at either end of the scale above which a histogram is clipped and is left out.
 const CLIPPED: f64 = 1e-4;

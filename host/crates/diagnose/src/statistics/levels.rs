@@ -7,8 +7,8 @@ use super::temporal::{Temporal, mean};
 use crate::data::channels::Channels;
 
 /// Mean of each channel: absolute where `reference` is `None`, otherwise relative to that stack,
-/// the reference dark, so that the mean of the offset pattern, which differs from sensor to sensor,
-/// counts once. Scatter: of the frames' means, of rows and columns, and of the pixels.
+/// the reference dark, so that the mean of the offset pattern, which differs from sensor to
+/// sensor, counts once. Scatter: of the frames' means, of rows and columns, and of the pixels.
 pub(super) fn means(
     t: &Temporal,
     reference: Option<&Temporal>,

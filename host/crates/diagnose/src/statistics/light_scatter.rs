@@ -9,18 +9,19 @@ use crate::data::design::{Condition, Design, same_temperature};
 use camrig_camera::Camera;
 use std::collections::BTreeMap;
 
-/// Relative scatter of the light where a set has too few flats to show it: that of a stabilised lamp
-/// with a calibrated photodiode.
+/// Relative scatter of the light where a set has too few flats to show it: that of a stabilised
+/// lamp with a calibrated photodiode.
 const ASSUMED: f64 = 1e-3;
 /// Level, over that of the brightest flat, above which flats are left out: a saturation knee is no
 /// scatter of the lamp.
 const BELOW_KNEE: f64 = 0.85;
 /// Flats below the knee from which a quadratic leaves degrees of freedom to speak of: two.
 const LEAST_FLATS: usize = 5;
-/// Reduced χ² above which flats scatter more than their noise: with two degrees of freedom noise alone
-/// gives more once in 4.5 sets, with ten once in eight.
+/// Reduced χ² above which flats scatter more than their noise: with two degrees of freedom noise
+/// alone gives more once in 4.5 sets, with ten once in eight.
 const EXPECTED_CHI: f64 = 1.5;
-/// The excess of variance is taken as many times, since few degrees of freedom may hide some of it.
+/// The excess of variance is taken as many times, since few degrees of freedom may hide some of
+/// it.
 const EXCESS: f64 = 2.0;
 
 /// Standard deviation, DN, that comes from the light: of each flat's mean, and of the levels in
@@ -49,8 +50,9 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
     out
 }
 
-/// Relative scatter of the light of a flat, from the series of levels at its exposure, or else from
-/// the series of another exposure with the largest scatter: the lamp does not depend on the exposure.
+/// Relative scatter of the light of a flat, from the series of levels at its exposure, or else
+/// from the series of another exposure with the largest scatter: the lamp does not depend on the
+/// exposure.
 fn scatter_at(
     design: &Design,
     values: &Values,

@@ -1,5 +1,5 @@
-//! Maps over pixels that several stacks make together: offset, dark current, gain, its change with the level,
-//! and what remains of the frame before.
+//! Maps over pixels that several stacks make together: offset, dark current, gain, its change with
+//! the level, and what remains of the frame before.
 
 use super::spatial::{Spatial, describe};
 use super::temporal::Temporal;
@@ -9,8 +9,8 @@ use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
 
-/// Share of saturated samples from which a flat is left out of maps: its brightest pixels are clipped.
-/// One sample in a hundred thousand does not move a statistic of the map.
+/// Share of saturated samples from which a flat is left out of maps: its brightest pixels are
+/// clipped. One sample in a hundred thousand does not move a statistic of the map.
 pub const SATURATED_FLAT: f64 = 1e-5;
 /// A long dark exposure must be so many times the reference's for the rise of the dark signal.
 const LONG_OVER_SHORT: f64 = 2.0;

@@ -1,5 +1,5 @@
-//! Statistics of a stack's noise over time: its size in each channel, its correlations in space and
-//! time, lines, and how pixels differ in it.
+//! Statistics of a stack's noise over time: its size in each channel, its correlations in space
+//! and time, lines, and how pixels differ in it.
 
 use super::collect::{Collected, spread_of_squares};
 use super::spatial::smooth_terms;
@@ -55,8 +55,8 @@ pub(super) struct Summary {
     skewness: f64,
     /// Excess kurtosis.
     kurtosis: f64,
-    /// Half the width, codes, of the middle 68 % of the samples over pixels and time, which outliers
-    /// do not widen.
+    /// Half the width, codes, of the middle 68 % of the samples over pixels and time, which
+    /// outliers do not widen.
     pub(super) width: f64,
 }
 
@@ -83,8 +83,8 @@ impl Summary {
     }
 }
 
-/// Half the distance, codes, between the quantiles of a histogram that lie one standard deviation of
-/// a normal law to either side of its mean.
+/// Half the distance, codes, between the quantiles of a histogram that lie one standard deviation
+/// of a normal law to either side of its mean.
 fn half_width(histogram: &[u32]) -> f64 {
     let total: f64 = histogram.iter().map(|&n| f64::from(n)).sum();
     let quantile = |share: f64| {
@@ -186,8 +186,8 @@ fn of_frame_means(t: &Temporal, v: f64, out: &mut Collected) {
     }
 }
 
-/// Where on the sensor the noise is: smooth terms and 16x16 blocks of the pixels' variance over its
-/// mean `v`, DN², single noisy pixels clipped.
+/// Where on the sensor the noise is: smooth terms and 16x16 blocks of the pixels' variance over
+/// its mean `v`, DN², single noisy pixels clipped.
 fn noise_over_the_sensor(t: &Temporal, v: f64, out: &mut Collected) {
     let (w, h) = (t.width, t.height);
     let limit = 1.0 + CLIP_VARIANCE_SD * (2.0 / t.dof).sqrt();

@@ -6,8 +6,8 @@ use super::spatial::{BLOCK, CORNER_SHARE, HALF_WAVES, LATTICE, PERIODS, Spatial,
 use super::statistic::{Scale, What};
 use crate::numerics::tails;
 
-/// The largest bin of a line's power is divided by this, because the median that it is compared with
-/// scatters too: that of 100 exponential bins by a tenth of their mean.
+/// The largest bin of a line's power is divided by this, because the median that it is compared
+/// with scatters too: that of 100 exponential bins by a tenth of their mean.
 const MEDIAN_SCATTER: f64 = 1.1;
 
 /// The statistics of a map. Smooth structure is left out where the light may be uneven.

@@ -1,26 +1,26 @@
-//! Double ratios of the channels, from which the scatter of the lamp and the mean gain of each channel
-//! cancel.
+//! Double ratios of the channels, from which the scatter of the lamp and the mean gain of each
+//! channel cancel.
 //!
-//! With D_ic the mean above dark of channel c in flat i, r a reference flat, and g the channel with
-//! most light in i, (D_ic / D_rc) / (D_ig / D_rg) depends neither on the amount of light in the two
-//! flats nor on the mean of the gain pattern over a channel's pixels. What is left is shot noise, and
-//! whatever mixes the channels or bends their response.
+//! With D_ic the mean above dark of channel c in flat i, r a reference flat, and g the channel
+//! with most light in i, (D_ic / D_rc) / (D_ig / D_rg) depends neither on the amount of light in
+//! the two flats nor on the mean of the gain pattern over a channel's pixels. What is left is shot
+//! noise, and whatever mixes the channels or bends their response.
 
 use super::statistic::{Place, Scale, Statistic, What};
 use super::temporal::Temporal;
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
 
-/// Level of the reference flat over that of the brightest, at most. The brightest may be bent by the
-/// full well; a much weaker one would add shot noise to every ratio. Chosen between the two.
+/// Level of the reference flat over that of the brightest, at most. The brightest may be bent by
+/// the full well; a much weaker one would add shot noise to every ratio. Chosen between the two.
 const REFERENCE_LEVEL: f64 = 0.6;
 /// Relative variance of a ratio's denominators above which the ratio is not normal: a standard
 /// deviation of a tenth.
 const NORMAL_RATIO: f64 = 0.01;
 
-/// The reference flat: of the flats of known light that are at most [`REFERENCE_LEVEL`] as bright as
-/// the brightest, the one with most light in its weakest channel. It follows from the design alone,
-/// so that measurement and replicates have the same one.
+/// The reference flat: of the flats of known light that are at most [`REFERENCE_LEVEL`] as bright
+/// as the brightest, the one with most light in its weakest channel. It follows from the design
+/// alone, so that measurement and replicates have the same one.
 pub fn reference_flat(design: &Design) -> Option<usize> {
     let known = || design.conditions.iter().enumerate().filter(|(_, c)| c.is_known_flat());
     let most = |c: &Condition| c.photo_e.iter().copied().fold(0.0, f64::max);
@@ -40,8 +40,8 @@ pub fn strongest(c: &Condition) -> usize {
 /// A mean above dark and its variance.
 type Level = (f64, f64);
 
-/// Ratios of each channel but the strongest, in each flat of known light but the reference; none for
-/// a monochrome sensor.
+/// Ratios of each channel but the strongest, in each flat of known light but the reference; none
+/// for a monochrome sensor.
 pub fn ratios(
     design: &Design,
     stacks: &[Temporal],

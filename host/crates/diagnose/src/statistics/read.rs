@@ -9,8 +9,8 @@ use camrig_captures::CaptureSet;
 use camrig_sensor_core::config::Pattern;
 use rayon::prelude::*;
 
-/// Frames of a stack that are held in memory at once, at most: batches share a mean, and each costs
-/// a degree of freedom.
+/// Frames of a stack that are held in memory at once, at most: batches share a mean, and each
+/// costs a degree of freedom.
 const BATCH: usize = 32;
 
 /// Start and size of the batches of a stack, as equal as possible, so that none is a single frame.
@@ -58,8 +58,8 @@ pub fn pictures(
 }
 
 /// Moments of every dark and flat stack of a design, from the set's frames of a sensor with this
-/// colour filter pattern; with `planes` also their power over two frequencies. `progress` hears how
-/// many frames were read.
+/// colour filter pattern; with `planes` also their power over two frequencies. `progress` hears
+/// how many frames were read.
 ///
 /// # Errors
 /// Files that cannot be read.

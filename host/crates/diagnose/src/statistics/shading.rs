@@ -38,8 +38,8 @@ pub fn fall_offs(map: &Map, channels: &Channels) -> Vec<Statistic> {
         .collect()
 }
 
-/// Change of a statistic of [`fall_offs`] per unit of the change at the corners of a channel (of all
-/// channels: `None`); `None` for other statistics. `widest` is the channel with most pixels.
+/// Change of a statistic of [`fall_offs`] per unit of the change at the corners of a channel (of
+/// all channels: `None`); `None` for other statistics. `widest` is the channel with most pixels.
 pub fn slope(what: What, of: Option<usize>, widest: usize) -> Option<f64> {
     let own = |c: u8| of.is_none_or(|of| of == usize::from(c));
     match what {
@@ -76,8 +76,8 @@ fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
     out
 }
 
-/// k and its variance: by the noise of the channel's pixels, and by the patterns of rows and columns,
-/// of which a channel with a share s of the pixels has about √s.
+/// k and its variance: by the noise of the channel's pixels, and by the patterns of rows and
+/// columns, of which a channel with a share s of the pixels has about √s.
 fn corner(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> (f64, f64) {
     let of_t = tt - t * t / n;
     let b = (tg - t * g / n) / of_t;
@@ -105,8 +105,8 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
 
-    /// A gain map of a Bayer sensor whose channels have these k, with pixel and row patterns and dead
-    /// pixels.
+    /// A gain map of a Bayer sensor whose channels have these k, with pixel and row patterns and
+    /// dead pixels.
     fn map(corners: &[f64], even: bool, seed: u64) -> (Map, Channels) {
         let mut camera = Camera::load("mt9v024").unwrap();
         let (w, h) = (96, 64);

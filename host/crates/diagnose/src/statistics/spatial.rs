@@ -1,7 +1,7 @@
 //! What a map over pixels looks like: smooth terms, rows, columns, pixels, outliers, lattices.
 //!
-//! The parts are taken out of the map one after the other, each with outliers clipped, so that none
-//! is counted twice: the mean, smooth terms, rows and columns, blocks, single pixels.
+//! The parts are taken out of the map one after the other, each with outliers clipped, so that
+//! none is counted twice: the mean, smooth terms, rows and columns, blocks, single pixels.
 
 use super::temporal::covariance;
 use crate::data::channels::Channels;
@@ -11,8 +11,8 @@ use camrig_base::median::{SD_PER_MAD, median};
 
 /// Side of the blocks that show large-scale structure, pixels.
 pub const BLOCK: usize = 16;
-/// Pixels further than this from the middle, robust standard deviations, are outliers: a normal law
-/// has one in 26 million.
+/// Pixels further than this from the middle, robust standard deviations, are outliers: a normal
+/// law has one in 26 million.
 const OUTLIER: f64 = 5.5;
 /// Values are clipped at this many robust standard deviations before they are summed: a normal law
 /// loses 1.2·10⁻⁴ of its variance, and an outlier counts no more than 16 pixels.
@@ -69,8 +69,8 @@ pub struct Spatial {
     pub blocks: f64,
     /// What cosines of up to four half waves over the map leave of it, per degree of freedom.
     pub fine_blocks: f64,
-    /// Means of the four corner regions (an eighth of each side): top left, top right, bottom left,
-    /// bottom right.
+    /// Means of the four corner regions (an eighth of each side): top left, top right, bottom
+    /// left, bottom right.
     pub corners: [f64; 4],
     /// Contrasts of the 2x2 phases: even rows less odd, even columns less odd, one half of a
     /// checkerboard less the other.
@@ -96,8 +96,8 @@ pub struct Spatial {
     pub lattice: f64,
 }
 
-/// √3u, √3v, √5(3u²−1)/2, √5(3v²−1)/2 and 3uv at (u, v), which run from −1 to 1 over the columns and
-/// rows: products of Legendre polynomials, orthogonal, of mean square 1.
+/// √3u, √3v, √5(3u²−1)/2, √5(3v²−1)/2 and 3uv at (u, v), which run from −1 to 1 over the columns
+/// and rows: products of Legendre polynomials, orthogonal, of mean square 1.
 pub fn smooth_terms(u: f64, v: f64) -> [f64; 5] {
     let (r3, r5) = (3f64.sqrt(), 5f64.sqrt() / 2.0);
     [r3 * u, r3 * v, r5 * (3.0 * u * u - 1.0), r5 * (3.0 * v * v - 1.0), 3.0 * u * v]
@@ -122,8 +122,8 @@ fn variance(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
 }
 
-/// Describes a map of pixels in channels. Where the light may be uneven, rows and columns tell only
-/// what changes within [`SMOOTH_LINES`] of them.
+/// Describes a map of pixels in channels. Where the light may be uneven, rows and columns tell
+/// only what changes within [`SMOOTH_LINES`] of them.
 pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
@@ -251,8 +251,8 @@ pub fn aperiodic(lines: f64) -> f64 {
     lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
 }
 
-/// Lines less the mean of the [`SMOOTH_LINES`] around each; near the ends of fewer, as many on either
-/// side, so that a slope leaves nothing.
+/// Lines less the mean of the [`SMOOTH_LINES`] around each; near the ends of fewer, as many on
+/// either side, so that a slope leaves nothing.
 fn without_smooth(lines: &[f64]) -> Vec<f64> {
     let less_mean = |i: usize| {
         let reach = (SMOOTH_LINES / 2).min(i).min(lines.len() - 1 - i);
@@ -279,7 +279,8 @@ fn aperiodic_variance(lines: &[f64]) -> f64 {
     sum / (lines.len() - period).max(1) as f64
 }
 
-/// Variance of lines between the phases of each period over that within: 1 where there is no period.
+/// Variance of lines between the phases of each period over that within: 1 where there is no
+/// period.
 fn periods(lines: &[f64]) -> [f64; 3] {
     let mean = lines.iter().sum::<f64>() / lines.len() as f64;
     let var = variance(lines).max(1e-300);
@@ -334,8 +335,8 @@ fn corners(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 4] {
     })
 }
 
-/// Variance of a grid of means that cosines of up to [`HALF_WAVES`] half waves leave, per degree of
-/// freedom.
+/// Variance of a grid of means that cosines of up to [`HALF_WAVES`] half waves leave, per degree
+/// of freedom.
 fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
     let n = blocks.len() as f64;
     let (nx, ny) = ((HALF_WAVES + 1).min(across), (HALF_WAVES + 1).min(down));
@@ -358,8 +359,8 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
     left.max(0.0) / (n - (nx * ny) as f64).max(1.0)
 }
 
-/// Contrasts of the means of the 2x2 phases, outliers clipped: rows, columns, checkerboard. They are
-/// orthogonal, and so independent.
+/// Contrasts of the means of the 2x2 phases, outliers clipped: rows, columns, checkerboard. They
+/// are orthogonal, and so independent.
 fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
     let mut mean = [0.0f64; 4];
     for (y, row) in d.chunks(w).enumerate().take(h / 2 * 2) {
@@ -374,8 +375,8 @@ fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
     [(a + b - c - e) / 2.0, (a + c - b - e) / 2.0, (a + e - b - c) / 2.0]
 }
 
-/// Largest mean over a phase of the lattice, 2x2 phases taken out, in its standard deviations; 0 for
-/// a map smaller than the lattice.
+/// Largest mean over a phase of the lattice, 2x2 phases taken out, in its standard deviations; 0
+/// for a map smaller than the lattice.
 fn lattice(d: &[f32], w: usize, h: usize, pixel_variance: f64) -> f64 {
     let (across, down) = (w / LATTICE, h / LATTICE);
     if across == 0 || down == 0 {
@@ -479,7 +480,8 @@ mod tests {
         assert_eq!(s.high, 10.0);
         assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);
         assert!(s.column_periods[0] > 5.0 && s.row_periods[0] < 12.0);
-        // A wave of one period over the frame is light: rows, columns and pixels stay what they were.
+        // A wave of one period over the frame is light: rows, columns and pixels stay what they
+        // were.
         let mut waved = map;
         for (y, row) in waved.data.chunks_mut(w).enumerate() {
             let wave = 3.0 * (y as f64 / h as f64 * std::f64::consts::TAU).sin() as f32;

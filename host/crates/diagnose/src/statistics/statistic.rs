@@ -24,7 +24,8 @@ pub enum Place {
 pub type Channel = u8;
 /// Index into [`LAGS`](super::temporal::LAGS): how many columns and rows two pixels are apart.
 pub type Lag = u8;
-/// Index into [`SMOOTH_TERMS`](super::spatial::SMOOTH_TERMS): a slope or curvature over the sensor.
+/// Index into [`SMOOTH_TERMS`](super::spatial::SMOOTH_TERMS): a slope or curvature over the
+/// sensor.
 pub type Term = u8;
 /// Index into [`CODE_PERIODS`](super::codes::CODE_PERIODS): a period of the converter's codes.
 pub type CodePeriod = u8;
@@ -149,7 +150,8 @@ pub enum What {
     Of(Figure),
 }
 
-/// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) − 1.
+/// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) −
+/// 1.
 pub type Ring = u8;
 
 /// A figure of a target.
@@ -213,8 +215,9 @@ impl Figure {
 }
 
 impl What {
-    /// Whether the measured value may be more uncertain than the model's replicates say, by its own
-    /// account: one pixel that stands out in a patch is chance, which the patch's kurtosis shows.
+    /// Whether the measured value may be more uncertain than the model's replicates say, by its
+    /// own account: one pixel that stands out in a patch is chance, which the patch's kurtosis
+    /// shows.
     pub fn tells_its_scatter(self) -> bool {
         matches!(self, Self::Of(Figure::PatchScatter(_)))
     }

@@ -1,7 +1,7 @@
 //! Moments over time of one stack of frames, streamed in batches.
 //!
-//! Residuals are taken against the mean of their own batch, then split as frame + row + column + pixel. Sums
-//! are divided by the degrees of freedom that the batches' means leave.
+//! Residuals are taken against the mean of their own batch, then split as frame + row + column +
+//! pixel. Sums are divided by the degrees of freedom that the batches' means leave.
 
 use crate::numerics::lanes;
 use crate::numerics::spectrum::{Spectrum, Spectrum2};
@@ -43,7 +43,8 @@ pub struct Temporal {
     pub covariance: [f64; 6],
     /// Variance of means over 8x8 pixels, as that of a single pixel (white: the pixel variance).
     pub block_variance: f64,
-    /// Power of row means along the column, bins 1..: white row means of variance v give v in each.
+    /// Power of row means along the column, bins 1..: white row means of variance v give v in
+    /// each.
     pub row_power: Vec<f64>,
     /// Power of column means along the row.
     pub column_power: Vec<f64>,
@@ -56,9 +57,9 @@ pub struct Temporal {
 }
 
 impl Temporal {
-    /// Gives the outermost pixels the moments of the nearest ones further in with the same place in
-    /// the colour filter pattern: how they share light and charge with what lies beyond the array's
-    /// edge no model knows.
+    /// Gives the outermost pixels the moments of the nearest ones further in with the same place
+    /// in the colour filter pattern: how they share light and charge with what lies beyond the
+    /// array's edge no model knows.
     pub fn without_border(mut self, pattern: &Pattern) -> Self {
         let (w, h) = (self.width, self.height);
         let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));

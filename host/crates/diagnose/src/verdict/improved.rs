@@ -79,8 +79,8 @@ fn round(value: f64) -> f64 {
     format!("{value:.6e}").parse().unwrap_or(value)
 }
 
-/// A camera file that does not depend on its folder: tables that it names come with it, under their own
-/// names; the path of a lens is absolute.
+/// A camera file that does not depend on its folder: tables that it names come with it, under
+/// their own names; the path of a lens is absolute.
 pub struct Standalone {
     /// The text.
     pub text: String,

@@ -1,6 +1,6 @@
 //! The measures of Chen et al. 2009, section VI, on a diagnosed set: MTF at the Nyquist frequency,
-//! scatter of the luminance in the patches of a ColorChecker (Table I), the profile of a row. Held-out
-//! frames, the model before and after.
+//! scatter of the luminance in the patches of a ColorChecker (Table I), the profile of a row.
+//! Held-out frames, the model before and after.
 
 use crate::data::design::Target;
 use crate::report::{LuminanceScatter, Measures, MtfAtNyquist, RowProfile};
@@ -101,8 +101,8 @@ impl Seen<'_> {
     }
 }
 
-/// Root mean square difference, DN, of the row in two pictures: over as many lines as the colour filter
-/// pattern has, so that the channel is among them.
+/// Root mean square difference, DN, of the row in two pictures: over as many lines as the colour
+/// filter pattern has, so that the channel is among them.
 fn row_difference(camera: &Camera, seen: &Plane<f32>, model: &Plane<f32>) -> Option<f64> {
     let cfa = &camera.sensor.cfa;
     let letter = *cfa.channels().get(densest_channel(camera))?;

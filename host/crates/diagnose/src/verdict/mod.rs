@@ -1,5 +1,5 @@
-//! What is said of a search: the verdict, the report, the sentences for people, and the improved camera
-//! file.
+//! What is said of a search: the verdict, the report, the sentences for people, and the improved
+//! camera file.
 
 mod ambiguity;
 mod compile;

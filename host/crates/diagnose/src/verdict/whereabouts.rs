@@ -1,4 +1,5 @@
-//! Where on the sensor and at which frequency a deviation is, which its number alone does not tell.
+//! Where on the sensor and at which frequency a deviation is, which its number alone does not
+//! tell.
 
 use crate::numerics::spectrum::{Background, Spectrum};
 use crate::search::session::Session;
@@ -11,7 +12,8 @@ const TILES: usize = 8;
 /// Standard deviations of the noise of blocks from which noise is said to be regional.
 const REGIONAL: f64 = 5.0;
 
-/// Words for the frequency of a line, or the region where noise or structure is most; none for other statistics.
+/// Words for the frequency of a line, or the region where noise or structure is most; none for
+/// other statistics.
 pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
     match key {
         (Place::Stack(i), what) => {

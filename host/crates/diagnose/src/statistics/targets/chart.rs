@@ -1,30 +1,13 @@
-//! The patches of a ColorChecker.
+//! The figures of a ColorChecker.
 
+use super::patches::measure;
 use super::picture::Picture;
 use crate::statistics::statistic::{Figure, Scale};
-use camrig_base::{Plane, Result};
+use camrig_base::Result;
 use camrig_camera::Camera;
-use camrig_measure::patches::{self, built_in_corners};
 
-fn measured<T: Copy + Into<f64>>(
-    camera: &Camera,
-    card_width: f64,
-    frame: &Plane<T>,
-) -> Result<Vec<patches::Patch>> {
-    let s = &camera.sensor;
-    let corners = built_in_corners(frame.width, frame.height, card_width);
-    let full = ((1u32 << s.bits) - 1) as u16;
-    patches::measure(frame, &s.cfa, s.black_level_dn, full, &corners)
-}
-
-/// Variance of the luminance within each patch of a frame, DN².
-pub fn variances(camera: &Camera, card_width: f64, frame: &Plane<u16>) -> Result<Vec<f64>> {
-    let patches = measured(camera, card_width, frame)?;
-    Ok(patches.iter().map(|p| p.luminance_std_dn.powi(2)).collect())
-}
-
-/// The figures of a chart. The scatter of the luminance is that within single frames, as in Table I
-/// of Chen et al. 2009.
+/// The figures of a chart. The scatter of the luminance is that within single frames, as in Table
+/// I of Chen et al. 2009.
 pub fn figures(
     camera: &Camera,
     card_width: f64,
@@ -32,7 +15,7 @@ pub fn figures(
     level_known: bool,
 ) -> Result<Vec<(Figure, f64, f64, Scale)>> {
     let mut out = Vec::new();
-    let patches = measured(camera, card_width, &picture.mean)?;
+    let patches = measure(camera, card_width, &picture.mean)?;
     for (patch, variance) in patches.iter().zip(&picture.patch_variance) {
         let (number, n) = (patch.number as u8, patch.samples as f64);
         for (channel, (mean, sd)) in patch.mean_dn.iter().zip(&patch.std_dn).enumerate() {

@@ -13,19 +13,22 @@ type Found = (Figure, f64, f64, Scale);
 
 /// Rings of equal width from the centre to the corner.
 pub const RINGS: usize = 5;
-/// Share of the frame at its border whose dots are left out, so that a distortion of that size neither
-/// removes dots nor adds any. Chosen: a wider border would cost the corners, where a lens shows most.
+/// Share of the frame at its border whose dots are left out, so that a distortion of that size
+/// neither removes dots nor adds any. Chosen: a wider border would cost the corners, where a lens
+/// shows most.
 const BORDER: f64 = 0.06;
-/// Radius, pitches, within which the light of a dot is summed; what lies beyond is ground. Chosen: a
-/// blurred dot must fit in, and half a pitch would leave the corners of the window alone as ground.
+/// Radius, pitches, within which the light of a dot is summed; what lies beyond is ground. Chosen:
+/// a blurred dot must fit in, and half a pitch would leave the corners of the window alone as
+/// ground.
 const REACH: f64 = 0.42;
-/// Robust standard deviations from the median beyond which a dot is left out of the mean of its ring:
-/// there is a defective pixel in its window.
+/// Robust standard deviations from the median beyond which a dot is left out of the mean of its
+/// ring: there is a defective pixel in its window.
 const OUTLIER: f64 = 5.0;
-/// Radius of the smallest dots that are measured, periods of the colour filter pattern: smaller ones
-/// have too few pixels of a channel for a centroid.
+/// Radius of the smallest dots that are measured, periods of the colour filter pattern: smaller
+/// ones have too few pixels of a channel for a centroid.
 const LEAST_RADIUS: f64 = 0.75;
-/// Standard deviations by which the summed light of a dot must stand out from the noise of its window.
+/// Standard deviations by which the summed light of a dot must stand out from the noise of its
+/// window.
 const VISIBLE: f64 = 5.0;
 /// Distance, pitches, from where a dot is expected at which it is taken for a neighbour.
 const NEIGHBOUR: f64 = 0.4;
@@ -104,8 +107,8 @@ impl Grid {
         ((self.field(index) * RINGS as f64) as usize).min(RINGS - 1)
     }
 
-    /// Dots from the centre outwards, each looked for where its neighbour towards the centre predicts
-    /// it.
+    /// Dots from the centre outwards, each looked for where its neighbour towards the centre
+    /// predicts it.
     fn track(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char) -> BTreeMap<(i32, i32), Dot> {
         let mut found: BTreeMap<(i32, i32), Dot> = BTreeMap::new();
         for &index in &self.indices {

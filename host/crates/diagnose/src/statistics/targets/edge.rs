@@ -50,8 +50,8 @@ fn region(frame: &Plane<f32>, angle_deg: f64, horizontal: bool, part: usize) -> 
         false => (frame.width, frame.height),
     };
     let (half, third) = (across / 2, along / PARTS);
-    // A clockwise rotation moves the lower end of a vertical edge to the left, and the right end of
-    // a horizontal one down.
+    // A clockwise rotation moves the lower end of a vertical edge to the left, and the right end
+    // of a horizontal one down.
     let from_middle = (part as f64 - (PARTS / 2) as f64) * third as f64;
     let shift = from_middle * angle_deg.to_radians().tan() * if horizontal { 1.0 } else { -1.0 };
     let middle = (across / 2) as f64 + shift;

@@ -9,6 +9,7 @@ mod chart;
 mod dots;
 mod edge;
 mod figures;
+mod patches;
 mod picture;
 
 pub use dots::RINGS;

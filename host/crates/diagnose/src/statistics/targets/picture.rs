@@ -1,10 +1,10 @@
 //! What is kept of the frames of a target.
 
-use super::chart;
+use super::patches::variances;
 use crate::data::design::Target;
 use camrig_base::Plane;
 use camrig_camera::Camera;
-use camrig_measure::patches;
+use camrig_measure::patches::COUNT;
 use camrig_scene::chart::Geometry;
 
 /// The frames of a target, reduced to what its figures need.
@@ -14,8 +14,8 @@ pub struct Picture {
     pub mean: Plane<f32>,
     /// Number of frames.
     pub frames: usize,
-    /// Variance of the luminance within each patch of a ColorChecker, DN², mean over the frames; empty
-    /// for other targets.
+    /// Variance of the luminance within each patch of a ColorChecker, DN², mean over the frames;
+    /// empty for other targets.
     pub patch_variance: Vec<f64>,
 }
 
@@ -42,8 +42,8 @@ impl<'a> PictureCollector<'a> {
         self.frames += 1;
         if let Geometry::Patches { card_width } = self.target.geometry {
             // A chart that cannot be measured is reported when the mean frame is measured.
-            let variances = chart::variances(self.camera, card_width, frame).unwrap_or_default();
-            self.patch_variance.resize(patches::COUNT, 0.0);
+            let variances = variances(self.camera, card_width, frame).unwrap_or_default();
+            self.patch_variance.resize(COUNT, 0.0);
             self.patch_variance.iter_mut().zip(variances).for_each(|(s, v)| *s += v);
         }
     }
