@@ -1,7 +1,9 @@
 //! What a sensor is: everything that is fixed from frame to frame, and the settings of one frame.
 
 use crate::arith::MAX_SIGNAL_E;
-use crate::effects::{Effect, MAX_PARAMETERS};
+use crate::effects::{Effect, Entry, MAX_PARAMETERS, Needs, Parameter};
+use crate::pipeline::MAX_WINDOWS;
+use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Most channels of a colour filter array.
@@ -80,27 +82,116 @@ pub struct FrameSettings {
     pub temperature_c: f32,
 }
 
-/// Why a sensor cannot be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a sensor, the settings of a frame or the memory for it were refused.
+///
+/// The text ([`fmt::Display`]) says what is wrong, where, and what would be accepted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum ConfigError {
     /// Width or height is 0 or above [`MAX_SIDE`].
     Size,
-    /// The pattern is not whole, or names a channel that is not there.
+    /// The pattern is incomplete, or refers to a channel that the sensor does not have.
     Pattern,
-    /// The response has not one finite value of 0 or more per channel and band.
+    /// The bands' wavelengths are not finite.
+    Bands,
+    /// The response does not have one finite value of 0 or more per channel and band.
     Response,
-    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on the scale.
+    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on the
+    /// converter's scale.
     Converter,
     /// Exposure or gain is not a positive number, or the temperature not finite.
     Settings,
     /// The memory handed in is too small.
     Memory,
-    /// The crosstalk table is not a whole rectangular grid of finite factors of 0 or more.
+    /// The crosstalk table is not a complete rectangular grid of finite factors of 0 or more.
     Crosstalk,
+    /// A parameter of an effect is not finite or out of its range.
+    Parameter {
+        /// Position of the effect in [`SensorConfig::effects`], from 0.
+        position: usize,
+        /// The effect.
+        effect: &'static Entry,
+        /// The parameter, with its unit and the accepted range.
+        parameter: &'static Parameter,
+        /// The value that was refused, in the parameter's unit.
+        value: f32,
+    },
+    /// An effect comes after one of a later [`Domain`](crate::effects::Domain).
+    Order {
+        /// Position of the effect in [`SensorConfig::effects`], from 0.
+        position: usize,
+        /// The effect.
+        effect: &'static Entry,
+        /// The effect just before it, which acts later in the signal chain.
+        after: &'static Entry,
+    },
+    /// More than [`MAX_WINDOWS`] effects read neighbouring rows.
+    Windows {
+        /// How many do.
+        count: usize,
+    },
 }
 
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Size => write!(f, "width and height must be 1 to {MAX_SIDE} pixels"),
+            Self::Pattern => f.write_str(
+                "the colour filter pattern must be 1, 2, 3, 4, 6 or 8 columns wide and have a channel \
+                 of the sensor in each cell",
+            ),
+            Self::Bands => f.write_str("the wavelengths of the bands must be finite, in nm"),
+            Self::Response => write!(
+                f,
+                "the response must have one finite value of 0 or more for each of 1 to \
+                 {MAX_CHANNELS} channels and 1 to {MAX_BANDS} bands"
+            ),
+            Self::Converter => write!(
+                f,
+                "full well must be 1 to {MAX_SIGNAL_E} e-, the converter have 8 to 16 bits, and the \
+                 black level lie between 0 and the largest DN"
+            ),
+            Self::Settings => f.write_str(
+                "exposure (s) and analogue gain must be positive numbers, the temperature (degC) \
+                 finite",
+            ),
+            Self::Memory => {
+                f.write_str("the memory is too small; pipeline::memory_blocks says how much is needed")
+            }
+            Self::Crosstalk => f.write_str(
+                "the crosstalk table must be a complete grid of finite factors of 0 or more, its \
+                 positions and wavelengths rising",
+            ),
+            Self::Parameter { position, effect, parameter: p, value } => write!(
+                f,
+                "effect {position} ({}): {} = {value}; it must be {} to {} {}",
+                effect.kind, p.key, p.min, p.max, p.unit
+            ),
+            Self::Order { position, effect, after } => write!(
+                f,
+                "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order is \
+                 light, photo-electrons, charge, voltage",
+                effect.kind, effect.domain, after.kind, after.domain
+            ),
+            Self::Windows { count } => write!(
+                f,
+                "{count} effects read neighbouring rows; a chain takes at most {MAX_WINDOWS} of them"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
 impl SensorConfig {
-    /// Checks what the row loop relies on.
+    /// Checks everything that the row loop relies on: sizes, pattern, response, converter, and the
+    /// chain of effects.
+    ///
+    /// Effects must come in the order of the physics: their [domains](crate::effects::Domain) must not
+    /// fall along the chain. Within a domain they act in the order in which they are listed.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
     pub fn check(&self) -> Result<(), ConfigError> {
         if !(1..=MAX_SIDE).contains(&self.width) || !(1..=MAX_SIDE).contains(&self.height) {
             return Err(ConfigError::Size);
@@ -121,12 +212,45 @@ impl SensorConfig {
         {
             return Err(ConfigError::Response);
         }
+        if !self.first_band_nm.is_finite() || !self.band_step_nm.is_finite() {
+            return Err(ConfigError::Bands);
+        }
         let max_dn = self.max_dn();
         if !(1.0..=MAX_SIGNAL_E).contains(&self.full_well_e)
             || !(8..=16).contains(&self.bits)
             || !(0.0..f32::from(max_dn)).contains(&self.black_level_dn)
         {
             return Err(ConfigError::Converter);
+        }
+        self.check_effects()
+    }
+
+    /// Parameters within their ranges, domains in order, and windows few enough.
+    fn check_effects(&self) -> Result<(), ConfigError> {
+        let mut before: Option<&'static Entry> = None;
+        for (position, effect) in self.effects.iter().enumerate() {
+            let entry = effect.entry();
+            for (parameter, value) in entry.parameters.iter().zip(effect.values()) {
+                if !parameter.accepts(value) {
+                    return Err(ConfigError::Parameter {
+                        position,
+                        effect: entry,
+                        parameter,
+                        value,
+                    });
+                }
+            }
+            if let Some(after) = before
+                && entry.domain < after.domain
+            {
+                return Err(ConfigError::Order { position, effect: entry, after });
+            }
+            before = Some(entry);
+        }
+        let reads_neighbours = |e: &&Effect| e.entry().needs == Needs::Neighbours;
+        let count = self.effects.iter().filter(reads_neighbours).count();
+        if count > MAX_WINDOWS {
+            return Err(ConfigError::Windows { count });
         }
         Ok(())
     }

@@ -22,6 +22,7 @@ pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
 use crate::stream::{LANES, Lanes};
+use core::fmt;
 
 /// Where in the signal chain an effect acts. Signals are in electrons everywhere, referred to the
 /// input: the voltage is signal x conversion gain x analog gain.
@@ -35,6 +36,18 @@ pub enum Domain {
     Charge,
     /// The signal on its way to the converter.
     Voltage,
+}
+
+impl fmt::Display for Domain {
+    /// The quantity that effects of this domain act on.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Light => "light",
+            Self::Photo => "photo-electrons",
+            Self::Charge => "charge",
+            Self::Voltage => "voltage",
+        })
+    }
 }
 
 /// What an effect reads beside the pixel itself.
@@ -88,8 +101,15 @@ pub struct Parameter {
     pub default: Option<f32>,
 }
 
+impl Parameter {
+    /// Whether a value is finite and within the range.
+    pub fn accepts(&self, value: f32) -> bool {
+        (self.min..=self.max).contains(&value)
+    }
+}
+
 /// An entry of the catalogue.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// Number in random streams and on the link.
     pub id: u8,
