@@ -75,6 +75,13 @@ pub struct Inputs<'a, S> {
 
 /// A stage of the signal chain.
 pub trait Stage {
+    /// Changes what the frame's stages are told, once before its first row: for effects that alter the
+    /// settings of other stages instead of the signal. Does nothing by default. Effects are prepared in
+    /// the order of the chain; `cx` has this effect's own random streams.
+    fn prepare(&self, cx: &mut Context<'_>) {
+        let _ = cx;
+    }
+
     /// Changes a row in place. Must not panic, and must depend on nothing but its arguments.
     fn apply<A: Arith>(
         &self,
@@ -134,7 +141,6 @@ const fn text(text: &'static str) -> &'static str {
 }
 
 catalogue! {
-    base:
     1 => shot_noise::ShotNoise,
     2 => prnu::Prnu,
     3 => dark_current::DarkCurrent,
@@ -142,50 +148,48 @@ catalogue! {
     5 => row_offset_fpn::RowOffsetFpn,
     6 => read_noise::ReadNoise,
     7 => charge_coupling::ChargeCoupling,
-    catalogue:
-    8 => hot_pixels::HotPixels,
-    9 => defective_pixels::DefectivePixels,
-    10 => stuck_pixels::StuckPixels,
-    11 => row_temporal_noise::RowTemporalNoise,
-    12 => column_offset_fpn::ColumnOffsetFpn,
-    13 => column_temporal_noise::ColumnTemporalNoise,
-    14 => row_correlated_noise::RowCorrelatedNoise,
-    15 => periodic_pattern_noise::PeriodicPatternNoise,
-    16 => read_noise_spread::ReadNoiseSpread,
-    17 => random_telegraph_noise::RandomTelegraphNoise,
-    18 => heavy_tailed_read_noise::HeavyTailedReadNoise,
-    19 => reset_noise::ResetNoise,
-    20 => frame_offset_noise::FrameOffsetNoise,
-    21 => readout_channel_mismatch::ReadoutChannelMismatch,
-    22 => readout_channel_crosstalk::ReadoutChannelCrosstalk,
-    23 => pixel_offset_fpn::PixelOffsetFpn,
-    24 => amp_glow::AmpGlow,
-    25 => dark_current_gradient::DarkCurrentGradient,
-    26 => black_level_offset::BlackLevelOffset,
-    27 => column_gain_fpn::ColumnGainFpn,
-    28 => prnu_low_frequency::PrnuLowFrequency,
-    29 => nonlinearity::Nonlinearity,
-    30 => brighter_fatter::BrighterFatter,
-    31 => optical_crosstalk::OpticalCrosstalk,
-    32 => adc_nonlinearity::AdcNonlinearity,
-    33 => companding::Companding,
-    34 => image_lag::ImageLag,
-    35 => black_sun::BlackSun,
-    36 => exposure_offset::ExposureOffset,
-    37 => fringing::Fringing,
-    38 => green_imbalance::GreenImbalance,
-    39 => pdaf_pattern::PdafPattern,
-    40 => flicker_banding::FlickerBanding,
-    41 => light_flicker::LightFlicker,
-    42 => colour_shading::ColourShading,
-    43 => relative_illumination::RelativeIllumination,
-    44 => offset_clipping::OffsetClipping,
-    45 => blooming::Blooming,
-    #[cfg(feature = "exact")]
-    46 => exact_shot_noise::ExactShotNoise,
-    47 => system_gain::SystemGain,
-    48 => quantum_efficiency::QuantumEfficiency,
-    49 => prnu_correlated::PrnuCorrelated,
+    8 => hot_pixels::HotPixels if "hot-pixels",
+    9 => defective_pixels::DefectivePixels if "defective-pixels",
+    10 => stuck_pixels::StuckPixels if "stuck-pixels",
+    11 => row_temporal_noise::RowTemporalNoise if "row-temporal-noise",
+    12 => column_offset_fpn::ColumnOffsetFpn if "column-offset-fpn",
+    13 => column_temporal_noise::ColumnTemporalNoise if "column-temporal-noise",
+    14 => row_correlated_noise::RowCorrelatedNoise if "row-correlated-noise",
+    15 => periodic_pattern_noise::PeriodicPatternNoise if "periodic-pattern-noise",
+    16 => read_noise_spread::ReadNoiseSpread if "read-noise-spread",
+    17 => random_telegraph_noise::RandomTelegraphNoise if "random-telegraph-noise",
+    18 => heavy_tailed_read_noise::HeavyTailedReadNoise if "heavy-tailed-read-noise",
+    19 => reset_noise::ResetNoise if "reset-noise",
+    20 => frame_offset_noise::FrameOffsetNoise if "frame-offset-noise",
+    21 => readout_channel_mismatch::ReadoutChannelMismatch if "readout-channel-mismatch",
+    22 => readout_channel_crosstalk::ReadoutChannelCrosstalk if "readout-channel-crosstalk",
+    23 => pixel_offset_fpn::PixelOffsetFpn if "pixel-offset-fpn",
+    24 => amp_glow::AmpGlow if "amp-glow",
+    25 => dark_current_gradient::DarkCurrentGradient if "dark-current-gradient",
+    26 => black_level_offset::BlackLevelOffset if "black-level-offset",
+    27 => column_gain_fpn::ColumnGainFpn if "column-gain-fpn",
+    28 => prnu_low_frequency::PrnuLowFrequency if "prnu-low-frequency",
+    29 => nonlinearity::Nonlinearity if "nonlinearity",
+    30 => brighter_fatter::BrighterFatter if "brighter-fatter",
+    31 => optical_crosstalk::OpticalCrosstalk if "optical-crosstalk",
+    32 => adc_nonlinearity::AdcNonlinearity if "adc-nonlinearity",
+    33 => companding::Companding if "companding",
+    34 => image_lag::ImageLag if "image-lag",
+    35 => black_sun::BlackSun if "black-sun",
+    36 => exposure_offset::ExposureOffset if "exposure-offset",
+    37 => fringing::Fringing if "fringing",
+    38 => green_imbalance::GreenImbalance if "green-imbalance",
+    39 => pdaf_pattern::PdafPattern if "pdaf-pattern",
+    40 => flicker_banding::FlickerBanding if "flicker-banding",
+    41 => light_flicker::LightFlicker if "light-flicker",
+    42 => colour_shading::ColourShading if "colour-shading",
+    43 => relative_illumination::RelativeIllumination if "relative-illumination",
+    44 => offset_clipping::OffsetClipping if "offset-clipping",
+    45 => blooming::Blooming if "blooming",
+    46 => exact_shot_noise::ExactShotNoise if "exact-shot-noise",
+    47 => system_gain::SystemGain if "system-gain",
+    48 => quantum_efficiency::QuantumEfficiency if "quantum-efficiency",
+    49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
 }
 
 /// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.

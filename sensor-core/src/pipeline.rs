@@ -82,27 +82,6 @@ pub fn memory_blocks(config: &SensorConfig) -> usize {
     rows * blocks(config.width as usize)
 }
 
-/// What effects that are settings rather than stages say: the actual exposure, s, and the spread of read
-/// noise over pixels.
-#[cfg(feature = "catalogue")]
-fn settings_of(links: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
-    let (mut exposure_s, mut read_noise_spread) = (settings.exposure_s, None);
-    for link in links {
-        match link.effect {
-            Effect::ExposureOffset(e) => exposure_s = e.actual(exposure_s),
-            Effect::ReadNoiseSpread(e) => read_noise_spread = Some((e.spread, link.key)),
-            _ => {}
-        }
-    }
-    (exposure_s, read_noise_spread)
-}
-
-/// The base model has none.
-#[cfg(not(feature = "catalogue"))]
-fn settings_of(_: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
-    (settings.exposure_s, None)
-}
-
 impl<'a, A: Arith> Pipeline<'a, A> {
     /// A pipeline for one frame, working in `memory` of at least [`memory_blocks`].
     pub fn new(
@@ -132,13 +111,12 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             rest = left;
             windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
         }
-        let (exposure_s, read_noise_spread) = settings_of(&links, settings);
-        let cx = Context {
+        let mut cx = Context {
             width: config.width,
             height: config.height,
             row: 0,
             frame: settings.frame,
-            exposure_s,
+            exposure_s: settings.exposure_s,
             nominal_exposure_s: settings.exposure_s,
             temperature_c: settings.temperature_c,
             analog_gain: settings.analog_gain,
@@ -147,14 +125,15 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             black_level_dn: config.black_level_dn,
             max_dn: config.max_dn(),
             pattern: &config.pattern,
-            read_noise_spread,
-            #[cfg(feature = "exact")]
-            exact_shot_noise: links
-                .iter()
-                .find(|l| matches!(l.effect, Effect::ExactShotNoise(_)))
-                .map(|l| l.key),
-            key: Key::new(0),
+            read_noise_spread: None,
+            #[cfg(feature = "exact-shot-noise")]
+            exact_shot_noise: None,
+            key: Key::new(config.seed),
         };
+        for link in &links {
+            cx.key = link.key;
+            link.effect.prepare(&mut cx);
+        }
         Ok(Self { config, cx, links, windows, row, previous })
     }
 

@@ -38,7 +38,7 @@ pub struct Context<'a> {
     /// Spread of read noise over pixels, and the root of its streams.
     pub(crate) read_noise_spread: Option<(f32, Key)>,
     /// Root of the streams of exact shot noise, where it is asked for.
-    #[cfg(feature = "exact")]
+    #[cfg(feature = "exact-shot-noise")]
     pub(crate) exact_shot_noise: Option<Key>,
     /// Root of this stage's streams on this physical sensor.
     pub(crate) key: Key,

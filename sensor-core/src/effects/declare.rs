@@ -69,43 +69,32 @@ macro_rules! effect {
 }
 
 /// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
+/// An effect with `if "FEATURE"` is compiled with that feature of the crate only.
 macro_rules! catalogue {
-    (
-        base: $($base_id:literal => $base_module:ident::$base_name:ident,)+
-        catalogue: $($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+
-    ) => {
-        #[cfg(feature = "catalogue")]
-        catalogue! {
-            $($base_id => $base_module::$base_name,)+
-            $($(#[$cfg])? $id => $module::$name,)+
-        }
-        #[cfg(not(feature = "catalogue"))]
-        catalogue! { $($base_id => $base_module::$base_name,)+ }
-    };
-    ($($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+) => {
-        $($(#[$cfg])? pub mod $module;)+
+    ($($id:literal => $module:ident::$name:ident $(if $feature:literal)?,)+) => {
+        $($(#[cfg(feature = $feature)])? pub mod $module;)+
 
         /// Any effect of the catalogue.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[allow(missing_docs)]
-        pub enum Effect { $($(#[$cfg])? $name($module::$name),)+ }
+        pub enum Effect { $($(#[cfg(feature = $feature)])? $name($module::$name),)+ }
 
         impl Effect {
             /// The catalogue.
             pub const CATALOGUE: &'static [Entry] =
-                &[$($(#[$cfg])? Entry { id: $id, ..$module::$name::ENTRY },)+];
+                &[$($(#[cfg(feature = $feature)])? Entry { id: $id, ..$module::$name::ENTRY },)+];
 
             /// The effects that are compiled in, as a bit set of `1 <<` number.
             pub const AVAILABLE: u64 = {
                 let mut set = 0;
-                $($(#[$cfg])? { set |= 1 << $id; })+
+                $($(#[cfg(feature = $feature)])? { set |= 1 << $id; })+
                 set
             };
 
             /// Its entry.
             pub const fn entry(&self) -> &'static Entry {
                 match self {
-                    $($(#[$cfg])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
+                    $($(#[cfg(feature = $feature)])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
                 }
             }
 
@@ -113,16 +102,21 @@ macro_rules! catalogue {
             pub fn new(id: u8, values: &[f32]) -> Option<Self> {
                 let entry = Self::CATALOGUE.iter().find(|e| e.id == id)?;
                 let fits = values.len() == entry.parameters.len()
-                    && values.iter().zip(entry.parameters).all(|(v, p)| (p.min..=p.max).contains(v));
+                    && values.iter().zip(entry.parameters).all(|(v, p)| p.accepts(*v));
                 match id {
-                    $($(#[$cfg])? $id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
+                    $($(#[cfg(feature = $feature)])? $id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
                     _ => None,
                 }
             }
 
             /// Its parameters in the order of the entry.
             pub fn values(&self) -> heapless::Vec<f32, MAX_PARAMETERS> {
-                match self { $($(#[$cfg])? Effect::$name(e) => e.values(),)+ }
+                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.values(),)+ }
+            }
+
+            /// Runs [`Stage::prepare`].
+            pub(crate) fn prepare(&self, cx: &mut Context<'_>) {
+                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.prepare(cx),)+ }
             }
 
             /// Runs the stage.
@@ -133,12 +127,12 @@ macro_rules! catalogue {
                 inputs: &Inputs<'_, A::Signal>,
                 row: &mut [Block<A::Signal>],
             ) {
-                match self { $($(#[$cfg])? Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
+                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
             }
         }
 
         $(
-            $(#[$cfg])?
+            $(#[cfg(feature = $feature)])?
             impl From<$module::$name> for Effect {
                 fn from(effect: $module::$name) -> Self {
                     Effect::$name(effect)

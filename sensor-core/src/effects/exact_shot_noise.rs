@@ -18,6 +18,11 @@ effect! {
 }
 
 impl Stage for ExactShotNoise {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        // Of several the first one's streams.
+        cx.exact_shot_noise.get_or_insert(cx.key);
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,

@@ -29,6 +29,10 @@ impl ExposureOffset {
 }
 
 impl Stage for ExposureOffset {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        cx.exposure_s = self.actual(cx.exposure_s);
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,

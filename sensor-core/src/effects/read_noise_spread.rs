@@ -16,13 +16,16 @@ effect! {
 }
 
 impl Stage for ReadNoiseSpread {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        cx.read_noise_spread = Some((self.spread, cx.key));
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,
         _: &Context<'_>,
         _: &Inputs<'_, A::Signal>,
-        row: &mut [Block<A::Signal>],
+        _: &mut [Block<A::Signal>],
     ) {
-        let _ = row;
     }
 }

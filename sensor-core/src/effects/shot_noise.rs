@@ -12,8 +12,8 @@ effect! {
     /// the floor of the third-order Cornish-Fisher expansion of the quantile in a normal number
     /// (Cornish & Fisher 1938; Giles 2016 gives it for the Poisson law). Total variation distance to the
     /// exact law: below 6e-5 at 16, below 3e-5 from 30 on, about 1e-7 below 16, where counts rarer than
-    /// 6e-8 do not occur. The bench `sensor` prints chi-square over 1e8 draws. Exact counts: the
-    /// `exact` feature's `exact-shot-noise`.
+    /// 6e-8 do not occur. The bench `sensor` prints chi-square over 1e8 draws. Exact counts: the effect
+    /// `exact-shot-noise` (feature of the same name).
     ShotNoise, "shot-noise", Light, Pixel {}
 }
 
@@ -25,7 +25,7 @@ impl Stage for ShotNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        #[cfg(feature = "exact")]
+        #[cfg(feature = "exact-shot-noise")]
         if let Some(key) = cx.exact_shot_noise {
             return super::exact_shot_noise::counts::<A>(cx, key, row);
         }
