@@ -36,6 +36,7 @@ pub struct Context<'a> {
     /// Colour filter pattern.
     pub pattern: &'a Pattern,
     /// Spread of read noise over pixels, and the root of its streams.
+    #[cfg(feature = "read-noise-spread")]
     pub(crate) read_noise_spread: Option<(f32, Key)>,
     /// Root of the streams of exact shot noise, where it is asked for.
     #[cfg(feature = "exact-shot-noise")]

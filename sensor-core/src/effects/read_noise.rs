@@ -1,7 +1,7 @@
 //! Read noise.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, BLOCK, Block};
+use crate::arith::{Arith, Block};
 use crate::math;
 
 effect! {
@@ -31,17 +31,10 @@ impl Stage for ReadNoise {
         let pre = self.read_e * self.read_e - post;
         let variance = pre.max(0.0) + post / (cx.analog_gain * cx.analog_gain);
         let sigma_e = math::sqrt(variance);
-        let mut lanes = cx.per_pixel_and_frame(0);
-        let Some((spread, key)) = cx.read_noise_spread else {
-            return super::add_normals::<A>(row, sigma_e, lanes);
-        };
-        let mut pattern = Context { key, ..*cx }.per_pixel(0);
-        for block in row {
-            let (z, p) = (A::normals(&mut lanes), A::normals(&mut pattern));
-            for i in 0..BLOCK {
-                let sigma = A::signal(sigma_e * math::exp(spread * A::number(p[i])));
-                block[i] = A::add(block[i], A::scale(sigma, z[i]));
-            }
+        #[cfg(feature = "read-noise-spread")]
+        if let Some((spread, key)) = cx.read_noise_spread {
+            return super::read_noise_spread::add::<A>(cx, key, spread, sigma_e, row);
         }
+        super::add_normals::<A>(row, sigma_e, cx.per_pixel_and_frame(0));
     }
 }

@@ -1,7 +1,9 @@
 //! Spread of read noise over pixels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, BLOCK, Block};
+use crate::math;
+use crate::stream::Key;
 
 effect! {
     /// Read-noise spread: each pixel has its own read noise, log-normally distributed.
@@ -27,5 +29,25 @@ impl Stage for ReadNoiseSpread {
         _: &Inputs<'_, A::Signal>,
         _: &mut [Block<A::Signal>],
     ) {
+    }
+}
+
+/// Read noise of `sigma_e` (e⁻) at the median; `key` is the root of the spread's streams.
+#[inline(always)]
+pub(super) fn add<A: Arith>(
+    cx: &Context<'_>,
+    key: Key,
+    spread: f32,
+    sigma_e: f32,
+    row: &mut [Block<A::Signal>],
+) {
+    let mut lanes = cx.per_pixel_and_frame(0);
+    let mut pattern = Context { key, ..*cx }.per_pixel(0);
+    for block in row {
+        let (z, p) = (A::normals(&mut lanes), A::normals(&mut pattern));
+        for i in 0..BLOCK {
+            let sigma = A::signal(sigma_e * math::exp(spread * A::number(p[i])));
+            block[i] = A::add(block[i], A::scale(sigma, z[i]));
+        }
     }
 }
