@@ -3,10 +3,11 @@
 use crate::rig::Rig;
 use crate::running::{self, AnyRunning};
 use camrig_rig_link::device::{Begun, Device, Model};
-use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::framing::{Framing, OutOfStep, Receiver, Sender};
 use camrig_rig_link::message::*;
 use camrig_rig_link::registers::Registers;
 use camrig_rig_link::wire::Kind;
+use core::fmt;
 use core::marker::PhantomData;
 use embedded_io::{Read, Write};
 
@@ -30,6 +31,17 @@ pub enum ServeError<E> {
     /// A loss-free link is out of step.
     OutOfStep,
 }
+
+impl<E: fmt::Debug> fmt::Display for ServeError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Link(error) => write!(f, "the link failed ({error:?}): open it again"),
+            Self::OutOfStep => OutOfStep.fmt(f),
+        }
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for ServeError<E> {}
 
 struct Port<'m, L> {
     link: &'m mut L,

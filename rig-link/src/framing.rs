@@ -11,6 +11,8 @@
 //!   packet that begins in it (as MPEG-2 transport packets and the M_PDU of CCSDS 732.0-B do), so after
 //!   a lost report the next beginning is found. Only a flush leaves room unused.
 
+use core::fmt;
+
 /// How packets are told apart. Lengths are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Framing {
@@ -39,6 +41,17 @@ const fn no_beginning(size: usize) -> usize {
 /// A length came that no packet has: the ends of a loss-free stream are not in step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfStep;
+
+impl fmt::Display for OutOfStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(
+            "a packet's length on the stream is impossible, so the ends are out of step: open a new \
+             connection, and check that both ends use the same framing",
+        )
+    }
+}
+
+impl core::error::Error for OutOfStep {}
 
 impl Framing {
     /// Bytes that a packet of `packet` bytes takes at most on the link when it is sent alone.

@@ -8,6 +8,7 @@
 
 use crate::message::*;
 use crate::wire::*;
+use core::fmt;
 
 /// Time in microseconds since any fixed moment.
 pub type Micros = u64;
@@ -95,6 +96,36 @@ pub enum Event {
     NoAnswer,
     /// The device answers but what is asked for does not get through.
     NoProgress,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connected => f.write_str("connected"),
+            Self::NoCommonVersion { oldest, newest } => write!(
+                f,
+                "the device speaks versions {oldest} to {newest} of the protocol, this host {} to {}: \
+                 update the {}",
+                VERSIONS.0,
+                VERSIONS.1,
+                if *newest < VERSIONS.0 { "device's firmware" } else { "host" }
+            ),
+            Self::CameraReady => f.write_str("the camera is in force"),
+            Self::FrameDone(start) => write!(f, "frame {} is complete", start.frame),
+            Self::FrameDropped(start) => {
+                write!(f, "the device dropped frame {}, as its fault register asked", start.frame)
+            }
+            Self::Answer(answer) => write!(f, "the device answered {answer:?}"),
+            Self::Refused(nack) => nack.fmt(f),
+            Self::NoAnswer => {
+                f.write_str("no answer from the device: is it switched on, and is this its port?")
+            }
+            Self::NoProgress => f.write_str(
+                "the device answers, but the link loses too much: use shorter packets \
+                 (Limits::packet_bytes and send_bytes) or a slower line",
+            ),
+        }
+    }
 }
 
 /// Counters of a host.

@@ -3,6 +3,7 @@
 //! Enums are append-only: a variant's number on the wire is its position. A message that this version
 //! does not know is answered with [`Nack::Unsupported`] and otherwise ignored.
 
+use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -128,6 +129,12 @@ pub struct Exposure {
     pub exposure_s: f32,
     /// Analogue gain, 1 = unity.
     pub analog_gain: f32,
+}
+
+impl fmt::Display for Exposure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} s at gain {}", self.exposure_s, self.analog_gain)
+    }
 }
 
 /// The sizes of a frame on the link, as the device's model says after [`FrameBegin`].
@@ -281,6 +288,84 @@ pub enum Refusal {
     /// Exposure time or gain is not a number, or out of range.
     Exposure,
 }
+
+impl fmt::Display for Nack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSession => f.write_str(
+                "the device knows no such session: it was switched off and on, or another host has \
+                 connected; connect again",
+            ),
+            Self::NoTransfer(transfer) => write!(
+                f,
+                "the device has no transfer {transfer} in progress: announce the frame again"
+            ),
+            Self::Unsupported(kind) => write!(
+                f,
+                "the device does not know packet kind {kind} or the message in it: update its firmware"
+            ),
+            Self::Register(address) => write!(
+                f,
+                "register {address:#06x} does not exist, is read-only, or does not take this value: \
+                 see registers::address"
+            ),
+            Self::Refused(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Nack {}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoCamera => f.write_str("the device has no camera: send one before a frame"),
+            Self::BadCamera => f.write_str(
+                "the device cannot use the camera: its bytes do not decode, a value is out of range, or \
+                 the firmware lacks an effect; compare its effects with Capabilities::effects",
+            ),
+            Self::CameraTooLong { max } => write!(
+                f,
+                "the camera is longer than the {max} bytes that the device has room for: use a coarser \
+                 crosstalk table"
+            ),
+            Self::Effects => f.write_str(
+                "the camera's effects read more neighbouring rows than the device has memory for: leave \
+                 out some of them",
+            ),
+            Self::TooWide { max } => write!(
+                f,
+                "rows are longer than the {max} pixels that the device has memory for: use a camera \
+                 with fewer columns"
+            ),
+            Self::TooManyBands { max } => write!(
+                f,
+                "there are more spectral bands than the {max} that the device takes: use fewer, or sum \
+                 them on the host (Codec::Electrons16)"
+            ),
+            Self::WrongShape => f.write_str(
+                "the frame's rows, width or bands are not those of the camera in force: send the \
+                 camera again, or correct the frame",
+            ),
+            Self::Arithmetic => f.write_str(
+                "the device does not compute in this arithmetic: choose one of \
+                 Capabilities::arithmetics",
+            ),
+            Self::Codec => f.write_str(
+                "the device does not read this row codec: choose one of Capabilities::codecs",
+            ),
+            Self::Packing => f.write_str(
+                "this packing does not exist, or has fewer bits per sample than the camera: use 8, 10, \
+                 12, 14 or 16, and at least the camera's",
+            ),
+            Self::Exposure => f.write_str(
+                "exposure time (s) and analogue gain must be positive finite numbers",
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
 
 /// Counters of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

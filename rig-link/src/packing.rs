@@ -16,6 +16,8 @@
 //! A row whose width is no multiple of the group is padded with zero samples. No function here
 //! panics: a buffer of the wrong size is an error.
 
+use core::fmt;
+
 /// How samples of a row are laid out in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
@@ -41,6 +43,18 @@ pub struct WrongSize {
     /// Bytes that are there.
     pub found: usize,
 }
+
+impl fmt::Display for WrongSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "the buffer of the packed row has {} bytes, the row needs {} (Packing::row_bytes)",
+            self.found, self.needed
+        )
+    }
+}
+
+impl core::error::Error for WrongSize {}
 
 impl Packing {
     /// The packed form of `bits` bits per sample, if there is one.

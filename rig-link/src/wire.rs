@@ -16,6 +16,9 @@
 //! fixed fields are read with checked slicing. [`seal`] panics if its buffer is too small, which is
 //! the caller's own size.
 
+use crate::message::VERSIONS;
+use core::fmt;
+
 /// Bytes before the body.
 pub const HEADER_BYTES: usize = 8;
 /// Bytes after the body.
@@ -108,6 +111,24 @@ pub enum Reject {
         session: u16,
     },
 }
+
+impl fmt::Display for Reject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Damaged => f.write_str(
+                "the packet is too short or its CRC-32C is wrong: drop it, the host will ask again",
+            ),
+            Self::UnknownKind { kind, session } => write!(
+                f,
+                "packet kind {kind} in session {session} is not one of protocol versions {} to {}: \
+                 update this end",
+                VERSIONS.0, VERSIONS.1
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Reject {}
 
 impl<'a> Packet<'a> {
     /// Checks and splits a received packet.
