@@ -291,14 +291,16 @@ fn add_counts<A: Arith>(
     }
 }
 
+/// |x| from which exp(−|x|) is below half a unit in the last place of 1 in f32 (2⁻²⁴ = exp(−16.6)).
+const EXP_VANISHES: f32 = 17.0;
+
 /// Soft knee: min(q, limit) with a transition over `width`, q − w ln(1 + exp((q − limit)/w)).
 #[inline(always)]
 fn soft_min(q: f32, limit: f32, width: f32) -> f32 {
     let t = (q - limit) / width;
-    // Beyond ±17 the exponential is lost in the rounding.
-    if t < -17.0 {
+    if t < -EXP_VANISHES {
         q
-    } else if t > 17.0 {
+    } else if t > EXP_VANISHES {
         limit
     } else {
         q - width * crate::math::ln(1.0 + crate::math::exp(t))

@@ -6,8 +6,8 @@ use super::{Context, Inputs, Stage, effect};
 effect! {
     /// Blooming: charge that a full pixel cannot hold spills into the pixels above and below.
     ///
-    /// n' = min(n, W) + s/2 (excess above + excess below), excess = max(n − W, 0), W the full well. One pixel far;
-    /// what is not passed on is drained.
+    /// n' = min(n, W) + s/2 (excess above + excess below), with excess = max(n − W, 0) and W the
+    /// full well. Charge spills one pixel far; the rest is drained.
     Blooming, "blooming", Photo, Neighbours {
         /// Fraction s of the excess that spills
         fraction: "1", 0.0..=1.0;

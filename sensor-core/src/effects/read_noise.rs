@@ -5,12 +5,13 @@ use crate::arith::{Arith, Block};
 use crate::math;
 
 effect! {
-    /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the gain stage.
+    /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the
+    /// gain stage.
     ///
-    /// v += z √(r² − r_post² + (r_post/G)²), z standard normal, r the whole at unity gain, r_post the part
-    /// after the gain stage, G the analog gain; input-referred. N_read of eq. 10 of Chen et al. 2009 (white
-    /// part; it falls as the analog gain rises). Another deviation per pixel: see
-    /// [`read_noise_spread`](super::read_noise_spread).
+    /// v += z √(r² − r_post² + (r_post/G)²), with z standard normal, r the total at unity gain,
+    /// r_post the part after the gain stage and G the analogue gain. Input-referred. N_read of eq.
+    /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a different
+    /// value in each pixel see [`read_noise_spread`](super::read_noise_spread).
     ReadNoise, "read-noise", Voltage, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;

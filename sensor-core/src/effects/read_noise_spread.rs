@@ -6,11 +6,12 @@ use crate::math;
 use crate::stream::Key;
 
 effect! {
-    /// Read-noise spread: each pixel has its own read noise, log-normally distributed.
+    /// Read-noise spread: each pixel has its own read noise, distributed log-normally.
     ///
-    /// σ(x, y) = r exp(s z(x, y)), z standard normal and fixed, r as [`read_noise`](super::read_noise) has it, so
-    /// r is the median and the mean square is r² exp(2s²). A property of the read-noise stage, which looks
-    /// it up; alone it does nothing. Scientific CMOS noise maps (e.g. Huang et al. 2013).
+    /// σ(x, y) = r exp(s z(x, y)), with z standard normal and fixed, and r as in
+    /// [`read_noise`](super::read_noise). So r is the median, and the mean square is r² exp(2s²).
+    /// This effect only alters the read-noise stage; alone it does nothing. Noise maps of
+    /// scientific CMOS sensors (for example Huang et al. 2013).
     ReadNoiseSpread, "read-noise-spread", Voltage, Pixel {
         /// Standard deviation of the logarithm of a pixel's read noise
         spread: "1", 0.0..=0.6;

@@ -5,10 +5,11 @@ use crate::math;
 use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Reset (kTC) noise: the charge left on the sense node when its reset switch opens.
+    /// Reset (kTC) noise: charge left on the sense node when its reset switch opens.
     ///
-    /// v += z √(k T C)/q, z standard normal per pixel and frame, T the sensor's absolute temperature.
-    /// Correlated double sampling removes all but a part. Janesick 2007, section 7.
+    /// v += z √(k T C)/q, with z standard normal per pixel and frame, and T the sensor's absolute
+    /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007, section
+    /// 7.
     ResetNoise, "reset-noise", Voltage, Pixel {
         /// Capacitance of the sense node
         capacitance_ff: "fF", 0.0..=1e3;
