@@ -1,8 +1,9 @@
 //! From spectral irradiance to mean photo-electrons (eq. 8 and 9 of Chen et al. 2009).
 //!
-//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response R of
-//! the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands are added in
-//! their order, so a device may receive and forget them one by one; it keeps one row of sums.
+//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response
+//! R of the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands
+//! are added in their order, so a device may receive and forget them one by one; it keeps one row
+//! of sums.
 
 use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
@@ -12,7 +13,8 @@ use crate::spectral::{BandRow, GROUP, power_of_two};
 /// A group of pixels that share an exponent.
 pub type Sums<S> = [S; GROUP];
 
-/// Ways in which a colour filter pattern can lie under a group: patterns of 3 and 6 columns shift by it.
+/// Ways in which a colour filter pattern can lie under a group: patterns of 3 and 6 columns shift
+/// by it.
 const PHASES: usize = 3;
 
 /// Sums the bands of rows for one frame.

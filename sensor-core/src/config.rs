@@ -1,4 +1,5 @@
-//! What a sensor is: everything that is fixed from frame to frame, and the settings of one frame.
+//! What a sensor is: everything that stays fixed from frame to frame, and the settings of one
+//! frame.
 
 use crate::arith::MAX_SIGNAL_E;
 use crate::effects::{Effect, Entry, MAX_PARAMETERS, Needs, Parameter};
@@ -6,15 +7,15 @@ use crate::pipeline::MAX_WINDOWS;
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Most channels of a colour filter array.
+/// Largest number of channels of a colour filter array.
 pub const MAX_CHANNELS: usize = 4;
-/// Most spectral bands.
+/// Largest number of spectral bands.
 pub const MAX_BANDS: usize = 64;
-/// Most effects in a chain.
+/// Largest number of effects in a chain.
 pub const MAX_EFFECTS: usize = 32;
 /// Largest side of a repeating colour filter pattern.
 pub const MAX_PATTERN: usize = 8;
-/// Largest width and height.
+/// Largest width and height, pixels.
 pub const MAX_SIDE: u32 = 32_768;
 
 /// A colour filter pattern: the channel of each pixel of a tile that repeats over the sensor.
@@ -46,37 +47,37 @@ pub struct SensorConfig {
     pub height: u32,
     /// Colour filter pattern.
     pub pattern: Pattern,
-    /// Channels.
+    /// Number of channels of the colour filter array.
     pub channels: u8,
-    /// Spectral bands.
+    /// Number of spectral bands.
     pub bands: u8,
     /// Centre of band 0, nm.
     pub first_band_nm: f32,
-    /// Distance of bands, nm.
+    /// Distance between the centres of bands, nm.
     pub band_step_nm: f32,
-    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands + band]`:
-    /// A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
+    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands +
+    /// band]`: A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
     pub response: heapless::Vec<f32, { MAX_CHANNELS * MAX_BANDS }>,
     /// Linear full well W, e⁻.
     pub full_well_e: f32,
     /// Bits of the converter, 8 to 16.
     pub bits: u8,
-    /// DN of no signal.
+    /// Black level: the DN of zero signal.
     pub black_level_dn: f32,
-    /// Seed of this physical sensor: fixes every fixed pattern.
+    /// Seed of this physical sensor: determines every fixed pattern.
     pub seed: u64,
-    /// The signal chain in order.
+    /// The signal chain, in the order of the physics (see [`SensorConfig::check`]).
     pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
 }
 
 /// What may change from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameSettings {
-    /// Frame number: names the temporal noise.
+    /// Frame number: selects the temporal noise.
     pub frame: u32,
     /// Integration time, s.
     pub exposure_s: f32,
-    /// Analog gain.
+    /// Analogue gain, 1 = unity.
     pub analog_gain: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
@@ -96,8 +97,8 @@ pub enum ConfigError {
     Bands,
     /// The response does not have one finite value of 0 or more per channel and band.
     Response,
-    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on the
-    /// converter's scale.
+    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on
+    /// the converter's scale.
     Converter,
     /// Exposure or gain is not a positive number, or the temperature not finite.
     Settings,
@@ -187,8 +188,8 @@ impl SensorConfig {
     /// Checks everything that the row loop relies on: sizes, pattern, response, converter, and the
     /// chain of effects.
     ///
-    /// Effects must come in the order of the physics: their [domains](crate::effects::Domain) must not
-    /// fall along the chain. Within a domain they act in the order in which they are listed.
+    /// Effects must come in the order of the physics: their [domains](crate::effects::Domain) must
+    /// not fall along the chain. Within a domain they act in the order in which they are listed.
     ///
     /// # Errors
     /// The first thing found wrong.
@@ -255,20 +256,23 @@ impl SensorConfig {
         Ok(())
     }
 
-    /// Largest DN.
+    /// Largest DN, 2^bits − 1.
     pub fn max_dn(&self) -> u16 {
         ((1u32 << self.bits.clamp(1, 16)) - 1) as u16
     }
 
-    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is full well
-    /// x conversion gain / (2^bits − 1) volts).
+    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is
+    /// full well x conversion gain / (2^bits − 1) volts).
     pub fn dn_per_e(&self, analog_gain: f32) -> f32 {
         analog_gain * f32::from(self.max_dn()) / self.full_well_e
     }
 }
 
 impl FrameSettings {
-    /// Checks that the figures are usable.
+    /// Checks that exposure and gain are positive finite numbers and the temperature is finite.
+    ///
+    /// # Errors
+    /// [`ConfigError::Settings`].
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
         if positive(self.exposure_s) && positive(self.analog_gain) && self.temperature_c.is_finite()
@@ -280,7 +284,7 @@ impl FrameSettings {
     }
 }
 
-/// On the wire an effect is its catalogue number and its values.
+/// On the link an effect is its number in the catalogue and its values.
 #[derive(Serialize, Deserialize)]
 struct WireEffect {
     id: u8,
@@ -296,7 +300,10 @@ impl Serialize for Effect {
 impl<'de> Deserialize<'de> for Effect {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let wire = WireEffect::deserialize(deserializer)?;
-        Effect::new(wire.id, &wire.values)
-            .ok_or_else(|| serde::de::Error::custom("unknown effect or value out of range"))
+        Effect::new(wire.id, &wire.values).ok_or_else(|| {
+            serde::de::Error::custom(
+                "an effect that this build does not have, or a parameter out of its range",
+            )
+        })
     }
 }

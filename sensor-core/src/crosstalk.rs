@@ -1,4 +1,5 @@
-//! Positional crosstalk: factors by position, channel and wavelength (section IV-C of Chen et al. 2009).
+//! Positional crosstalk: factors by position, channel and wavelength (section IV-C of Chen et al.
+//! 2009).
 
 use crate::config::ConfigError;
 

@@ -1,17 +1,21 @@
 //! Effects: the stages of the signal chain, one file each, and their catalogue.
 //!
 //! Everything the sensor does to the mean photo-electrons of a row is an effect: the base model of
-//! Chen et al. 2009 (shot noise, PRNU, dark current, full well, fixed pattern, read noise) as well as
-//! what a camera file adds with `[[effect]]`. An effect belongs to a [`Domain`]; domains run in the
-//! order of the physics, effects of one domain in the order in which they are listed.
+//! Chen et al. 2009 (shot noise, PRNU, dark current, full well, fixed pattern, read noise) as well
+//! as what a camera file adds with `[[effect]]`. An effect belongs to a [`Domain`]. Domains must
+//! come in the order of the physics ([`SensorConfig::check`](crate::config::SensorConfig::check)
+//! refuses any other); effects of one domain act in the order in which they are listed.
 //!
 //! # Adding an effect
-//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with units
-//! and ranges) and its [`Stage`]; one line in the `catalogue!` below; one test.
-//! Numbers in the catalogue name random streams and travel over the rig's link: never reuse one.
+//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with
+//! units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one feature in
+//! `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over the rig's
+//! link: never reuse one.
 //!
-//! Without the feature `catalogue` only the base model is compiled, eq. 10 of the paper and the coupling
-//! of neighbours: for a microcontroller with little flash.
+//! # Leaving effects out
+//! The base model, effects 1 to 7, is always compiled: eq. 10 of Chen et al. 2009 and the coupling
+//! of neighbours. Every other effect is compiled with the cargo feature of its name; `catalogue` is
+//! all of them. [`Effect::CATALOGUE`] and [`Effect::AVAILABLE`] list what this build has.
 
 mod context;
 mod declare;
@@ -28,13 +32,13 @@ use core::fmt;
 /// input: the voltage is signal x conversion gain x analog gain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Domain {
-    /// Mean photo-electrons before shot noise.
+    /// Mean photo-electrons before shot noise, e⁻.
     Light,
-    /// Photo-electrons with their shot noise.
+    /// Photo-electrons with their shot noise, e⁻.
     Photo,
-    /// All collected charge.
+    /// All collected charge, photo-electrons and dark charge, e⁻.
     Charge,
-    /// The signal on its way to the converter.
+    /// The signal on its way to the converter, input-referred, e⁻.
     Voltage,
 }
 
@@ -50,7 +54,7 @@ impl fmt::Display for Domain {
     }
 }
 
-/// What an effect reads beside the pixel itself.
+/// What an effect reads in addition to the pixel itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     /// Nothing.
@@ -61,28 +65,30 @@ pub enum Needs {
     PreviousFrame,
 }
 
-/// What an effect may read. Rows are in blocks; `here` is the row as it came in.
+/// What an effect may read in addition to the row that it changes. Rows are in blocks, signals in
+/// e⁻.
 pub struct Inputs<'a, S> {
-    /// The row above ([`Needs::Neighbours`]; beyond the edge the row on its other side), else empty.
+    /// The row above ([`Needs::Neighbours`]; at the upper edge the row below), else empty.
     pub above: &'a [Block<S>],
-    /// The row as it came in ([`Needs::Neighbours`]), else empty.
+    /// The row itself before this effect ([`Needs::Neighbours`]), else empty.
     pub here: &'a [Block<S>],
-    /// The row below ([`Needs::Neighbours`]), else empty.
+    /// The row below ([`Needs::Neighbours`]; at the lower edge the row above), else empty.
     pub below: &'a [Block<S>],
-    /// The row's mean photo-electrons in the frame before ([`Needs::PreviousFrame`]), else empty.
+    /// The row's mean photo-electrons in the previous frame ([`Needs::PreviousFrame`]), else empty.
     pub previous: &'a [Block<S>],
 }
 
 /// A stage of the signal chain.
 pub trait Stage {
-    /// Changes what the frame's stages are told, once before its first row: for effects that alter the
-    /// settings of other stages instead of the signal. Does nothing by default. Effects are prepared in
-    /// the order of the chain; `cx` has this effect's own random streams.
+    /// Changes what the frame's stages are told, once before its first row: for effects that alter
+    /// the settings of other stages instead of the signal. Does nothing by default. Effects are
+    /// prepared in the order of the chain; `cx` has this effect's own random streams.
     fn prepare(&self, cx: &mut Context<'_>) {
         let _ = cx;
     }
 
-    /// Changes a row in place. Must not panic, and must depend on nothing but its arguments.
+    /// Changes a row in place; signals are in electrons (e⁻). Must not panic, and must depend on
+    /// nothing but its arguments.
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,
@@ -98,13 +104,13 @@ pub struct Parameter {
     pub key: &'static str,
     /// Unit ("1" where it has none).
     pub unit: &'static str,
-    /// What it is.
+    /// What it is (empty without the feature `texts`).
     pub doc: &'static str,
-    /// Smallest value allowed.
+    /// Smallest value allowed, in the unit.
     pub min: f32,
-    /// Largest value allowed.
+    /// Largest value allowed, in the unit.
     pub max: f32,
-    /// Value when left out; `None`: must be given.
+    /// Value when a camera file leaves it out; `None`: it must be given.
     pub default: Option<f32>,
 }
 
@@ -122,7 +128,7 @@ pub struct Entry {
     pub id: u8,
     /// Name in camera files.
     pub kind: &'static str,
-    /// First lines of its documentation.
+    /// Its documentation: what it is, equation, source (empty without the feature `texts`).
     pub doc: &'static str,
     /// Where it acts.
     pub domain: Domain,
@@ -132,10 +138,10 @@ pub struct Entry {
     pub parameters: &'static [Parameter],
 }
 
-/// Most parameters an effect may have.
+/// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 8;
 
-/// A text of the catalogue, where texts are wanted.
+/// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {
     if cfg!(feature = "texts") { text } else { "" }
 }
@@ -192,7 +198,7 @@ catalogue! {
     49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
 }
 
-/// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.
+/// Selects each pixel of a block with probability `fraction` (in steps of 2⁻³²); uses two draws.
 #[inline(always)]
 pub(crate) fn chosen(lanes: &mut Lanes, fraction: f32) -> Block<bool> {
     let limit = (f64::from(fraction) * 4_294_967_296.0) as u64;
@@ -270,15 +276,15 @@ fn scale_by_place<A: Arith>(
     }
 }
 
-/// v += Poisson(mean(position in -1..1)) for each pixel; means (e⁻) up to `most`.
+/// v += Poisson(mean(position in -1..1)) for each pixel; means are at most `largest_e` (e⁻).
 #[inline(always)]
 fn add_counts<A: Arith>(
     cx: &Context<'_>,
     row: &mut [Block<A::Signal>],
-    most: f32,
+    largest_e: f32,
     mean: impl Fn(f32) -> f32,
 ) {
-    let mut counts = cx.counts(0, true, most >= EXPANSION_FROM_E);
+    let mut counts = cx.counts(0, true, largest_e >= EXPANSION_FROM_E);
     for (b, block) in row.iter_mut().enumerate() {
         let mut extra = [A::Signal::default(); BLOCK];
         for (i, extra) in extra.iter_mut().enumerate() {

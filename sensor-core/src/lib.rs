@@ -1,10 +1,11 @@
 //! A model of a CMOS image sensor, computed row by row: spectral irradiance in, raw digital numbers
 //! (DN) out.
 //!
-//! It runs on workstations and on microcontrollers: no allocator, no files, no lens, no link. From top
-//! to bottom:
+//! It runs on workstations and on microcontrollers: no allocator, no files, no lens, no link. From
+//! top to bottom:
 //!
-//! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects need.
+//! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects
+//!   need.
 //! - [`effects`]: the stages of the chain, one file each: shot noise, photo-response non-uniformity
 //!   (PRNU), dark current, full well, fixed patterns, read noise, and what else real sensors show.
 //! - [`collect`]: from spectral irradiance to mean photo-electrons, with quantum efficiency and
@@ -27,19 +28,20 @@
 //! | converter output | DN |
 //!
 //! # Promises
-//! The same configuration, settings and irradiance give the same DN on every machine, in any order of
-//! rows. Fixed patterns are functions of the sensor's seed and the position: nothing is stored. Row
-//! functions do not panic and do not allocate. Only the effect `exact-shot-noise` breaks the first
-//! promise, as it uses the platform's logarithm.
+//! The same configuration, settings and irradiance give the same DN on every machine, in any order
+//! of rows. Fixed patterns are functions of the sensor's seed and the position: nothing is stored.
+//! Row functions do not panic and do not allocate. Only the effect `exact-shot-noise` breaks the
+//! first promise, as it uses the platform's logarithm.
 //!
 //! # Features
-//! The base model is always there. `catalogue` (default) adds every other effect; a firmware with little
-//! flash leaves it out and names the effects that it needs, each by the feature of its name
-//! (`hot-pixels`, `image-lag`, ...). `texts` (default) keeps the descriptions of effects and parameters.
+//! The base model is always there. `catalogue` (default) adds every other effect; a firmware with
+//! little flash leaves it out and names the effects that it needs, each by the feature of its name
+//! (`hot-pixels`, `image-lag`, ...). `texts` (default) keeps the descriptions of effects and
+//! parameters.
 //!
 //! # Example
-//! A flat field of 500 e⁻ through shot noise and read noise. `examples/row_loop.rs` starts from spectral
-//! irradiance instead, as a firmware does.
+//! A flat field of 500 e⁻ through shot noise and read noise. `examples/row_loop.rs` starts from
+//! spectral irradiance instead, as a firmware does.
 //! ```
 //! use camrig_sensor_core::arith::{Arith, BLOCK, Float};
 //! use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};

@@ -54,8 +54,8 @@ pub fn pow(x: f32, y: f32) -> f32 {
     exp(y * ln(x))
 }
 
-/// 1/sqrt(x) for positive normal x to 7e-4: bits of x as its logarithm, one Newton step, with the constants
-/// of Moroz et al. 2018 (arXiv:1802.06302).
+/// 1/sqrt(x) for positive normal x to 7e-4: bits of x as its logarithm, one Newton step, with the
+/// constants of Moroz et al. 2018 (arXiv:1802.06302).
 #[inline(always)]
 fn rsqrt_start(x: f32) -> f32 {
     let y = f32::from_bits(0x5f1f_fff9_u32.wrapping_sub(x.to_bits() >> 1));
@@ -106,8 +106,8 @@ pub fn sin_turns(turns: f32) -> f32 {
 
 /// √(−2 ln((w + ½) 2⁻³²)), the radius of a pair of normal numbers; relative error below 6e-7.
 ///
-/// Normal numbers are most of the sensor's work, so this has as few multiplications as will do: a minimax
-/// polynomial of its own, constants folded in.
+/// Normal numbers are most of the sensor's work, so this has as few multiplications as will do: a
+/// minimax polynomial of its own, constants folded in.
 #[inline(always)]
 fn radius(w: u32) -> f32 {
     // w + ½ = m 2^(k + 32), m between √½ and √2.
@@ -123,15 +123,16 @@ fn radius(w: u32) -> f32 {
     let t = (((f * z) * p + z) - (f + f)) - k as f32 * (2.0 * core::f32::consts::LN_2);
     // Rounding can leave ln(1) a hair above zero.
     let t = if t > 0.0 { t } else { 0.0 };
-    // h = ½/√t to 6.5e-4 (Moroz et al. 2018, their two multipliers folded into the start), then Newton.
+    // h = ½/√t to 6.5e-4 (Moroz et al. 2018, their two multipliers folded into the start), then
+    // Newton.
     let y = f32::from_bits(0x5edf_b700_u32.wrapping_sub(t.to_bits() >> 1));
     let h = y * (1.191_066_9 - t * y * y);
     let r = (t + t) * h;
     r * (1.500_000_4 - r * h)
 }
 
-/// A direction, uniform over the circle: (cos, sin) of an angle within ±π/4 from the word's lowest 29
-/// bits, swapped and mirrored by its top bits. Absolute error below 7e-7.
+/// A direction, uniform over the circle: (cos, sin) of an angle within ±π/4 from the word's lowest
+/// 29 bits, swapped and mirrored by its top bits. Absolute error below 7e-7.
 #[inline(always)]
 fn direction(w: u32) -> (f32, f32) {
     let v = (w << 3) as i32 as f32;
@@ -145,8 +146,8 @@ fn direction(w: u32) -> (f32, f32) {
     (f32::from_bits(x.to_bits() ^ (w & sign)), f32::from_bits(y.to_bits() ^ ((w << 1) & sign)))
 }
 
-/// A pair of standard normal numbers from two words of 32 uniform bits (Box & Muller 1958). The largest
-/// magnitude is 6.77.
+/// A pair of standard normal numbers from two words of 32 uniform bits (Box & Muller 1958). The
+/// largest magnitude is 6.77.
 #[inline(always)]
 pub fn box_muller(w0: u32, w1: u32) -> (f32, f32) {
     let r = radius(w0);

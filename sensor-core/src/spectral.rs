@@ -1,11 +1,11 @@
 //! Rows of spectral irradiance in block floating point: what a sensor is fed with.
 //!
 //! A band of a row holds one 16-bit mantissa per pixel and one exponent for each [`GROUP`] pixels:
-//! irradiance = mantissa x 2^exponent, W m⁻² nm⁻¹, mean over the pixel's photosensitive area. The largest
-//! mantissa of a group uses all 16 bits, so the rounding error is at most 2⁻¹⁷ of the group's largest
-//! value (for shot-noise limited pixels of like brightness about 1 % of their own noise, or less).
-//! The same rows go through memory, through files and over a rig's link, so results do not depend on where
-//! a sensor runs.
+//! irradiance = mantissa x 2^exponent, W m⁻² nm⁻¹, mean over the pixel's photosensitive area. The
+//! largest mantissa of a group uses all 16 bits, so the rounding error is at most 2⁻¹⁷ of the
+//! group's largest value (for shot-noise limited pixels of like brightness about 1 % of their own
+//! noise, or less). The same rows go through memory, through files and over a rig's link, so
+//! results do not depend on where a sensor runs.
 
 use crate::math;
 
@@ -40,9 +40,9 @@ pub(crate) fn power_of_two(exponent: i32) -> f32 {
     f32::from_bits(((exponent.clamp(-126, 127) + 127) as u32) << 23)
 }
 
-/// Encodes non-negative values (W m⁻² nm⁻¹) of one band of a row. `exponents` holds [`groups`] of the row's
-/// length, `mantissas` its length. Values that are not finite and positive become 0; values below 2⁻¹²⁶
-/// are lost.
+/// Encodes non-negative values (W m⁻² nm⁻¹) of one band of a row. `exponents` holds [`groups`] of
+/// the row's length, `mantissas` its length. Values that are not finite and positive become 0;
+/// values below 2⁻¹²⁶ are lost.
 #[inline(always)]
 pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
     let groups = values.chunks(GROUP).zip(mantissas.chunks_mut(GROUP)).zip(exponents);

@@ -1,14 +1,14 @@
 //! Random streams: 32 xoshiro128++ generators side by side, keyed by where their numbers are used.
 //!
-//! A [`Key`] names a stream by (sensor seed, stage, and what it depends on: frame, row, or neither).
-//! Nothing is carried from one row to the next, so rows can be computed in any order, on any number of
-//! threads, again, or on another machine, and give the same numbers.
+//! A [`Key`] names a stream by (sensor seed, stage, and what it depends on: frame, row, or
+//! neither). Nothing is carried from one row to the next, so rows can be computed in any order, on
+//! any number of threads, again, or on another machine, and give the same numbers.
 //!
-//! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al. 2014).
-//! Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of the
-//! `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
-//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. Here the
-//! states are held word by word, so that one vector instruction serves all lanes; a test holds
+//! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al.
+//! 2014). Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of
+//! the `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
+//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. Here
+//! the states are held word by word, so that one vector instruction serves all lanes; a test holds
 //! them against the crate's own generator.
 
 use rand_core::SeedableRng;

@@ -1,7 +1,8 @@
-//! The statistic by which each temporal effect shows itself, against its closed form, in both arithmetics.
+//! The statistic by which each temporal effect shows itself, against its closed form, in both
+//! arithmetics.
 //!
-//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it is
-//! taken from the scatter over independent frames or pixels.
+//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it
+//! is taken from the scatter over independent frames or pixels.
 
 mod common;
 
@@ -296,8 +297,8 @@ fn optical_crosstalk<A: Arith>() {
     near("noise stays independent", below, 0.0, error);
 }
 
-/// Beyond its edges the array goes on as its mirror image: in even light of a colour a Bayer sensor's pixels at the
-/// border are as those of their channel inside.
+/// Beyond its edges the array goes on as its mirror image: in even light of a colour a Bayer
+/// sensor's pixels at the border are as those of their channel inside.
 fn colours_of_the_border<A: Arith>() {
     let effects: [Effect; 4] = [
         optical_crosstalk::OpticalCrosstalk { side: 0.05, vertical: 0.03, diagonal: 0.01 }.into(),

@@ -1,11 +1,11 @@
-//! The catalogue under any choice of features: each effect is there exactly with its own feature, and its
-//! number never changes. Runs with every choice:
-//! `cargo test -p camrig-sensor-core --no-default-features --features hot-pixels --test features`.
+//! The catalogue under any choice of features: each effect is there exactly with its own feature,
+//! and its number never changes. Runs with every choice: `cargo test -p camrig-sensor-core
+//! --no-default-features --features hot-pixels --test features`.
 
 use camrig_sensor_core::effects::Effect;
 
-/// Number, name, and whether this build has it. Numbers name random streams and travel over the link, so
-/// this list only grows.
+/// Number, name, and whether this build has it. Numbers name random streams and travel over the
+/// link, so this list only grows.
 const fn expected() -> [(u8, &'static str, bool); 49] {
     [
         (1, "shot-noise", true),
@@ -89,7 +89,8 @@ fn an_effect_that_is_not_compiled_in_is_refused() {
     }
 }
 
-/// Every optional effect has a feature of its name, and `catalogue` has them all but the exact method.
+/// Every optional effect has a feature of its name, and `catalogue` has them all but the exact
+/// method.
 #[test]
 fn the_manifest_lists_every_effect() {
     let manifest = include_str!("../Cargo.toml");

@@ -4,17 +4,20 @@ use super::{Arith, BLOCK, Block, Counts, integer};
 use crate::stream::{LANES, Lanes};
 use fixed::types::{I4F28, I20F12};
 
-/// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸ within ±8.
+/// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸
+/// within ±8.
 ///
-/// Nothing per pixel needs an FPU; single figures per row or per group of pixels are converted from f32.
+/// Nothing per pixel needs an FPU; single figures per row or per group of pixels are converted from
+/// f32.
 ///
 /// # Error budget
-/// Mean photo-electrons to DN, against f64 with the same irradiance: the parts are the collected sum
-/// (half a step of 2⁻²⁰ e⁻ and 2⁻³⁰ of the largest weight per band), its rounding to a signal (2⁻¹³ e⁻), one
-/// such rounding per stage, and the scale of the converter (24 bits: 2⁻²⁴ of the signal). With 12 bits and
-/// a full well of 2 ke⁻ or more a step of the converter is G 4095 / W < 33 DN/e⁻ at gain 16, so that a dozen
-/// stages stay within 0.05 DN before the rounding to a whole DN: the raw is within 1 DN of the reference, and
-/// differs from it at all for pixels that close to a half. `tests/error_budget.rs` measures it.
+/// Mean photo-electrons to DN, against f64 with the same irradiance: the parts are the collected
+/// sum (half a step of 2⁻²⁰ e⁻ and 2⁻³⁰ of the largest weight per band), its rounding to a signal
+/// (2⁻¹³ e⁻), one such rounding per stage, and the scale of the converter (24 bits: 2⁻²⁴ of the
+/// signal). With 12 bits and a full well of 2 ke⁻ or more a step of the converter is G 4095 / W <
+/// 33 DN/e⁻ at gain 16, so that a dozen stages stay within 0.05 DN before the rounding to a whole
+/// DN: the raw is within 1 DN of the reference, and differs from it at all for pixels that close to
+/// a half. `tests/error_budget.rs` measures it.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed;
 
@@ -219,7 +222,8 @@ mod tests {
         for _ in 0..blocks {
             let (x, y) = (Fixed::normals(&mut a), Float::normals(&mut b));
             for i in 0..BLOCK {
-                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius to 2⁻²⁵/r.
+                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius to
+                // 2⁻²⁵/r.
                 let j = i % LANES;
                 let r = f64::from(y[j]).hypot(f64::from(y[j + LANES])).max(3e-4);
                 let d = (x[i].to_num::<f64>() - f64::from(y[i])).abs();
@@ -232,12 +236,12 @@ mod tests {
         assert!(mean < 5e-7, "{mean:e}");
     }
 
-    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves the value
-    /// over a whole number.
+    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves the
+    /// value over a whole number.
     #[test]
     fn poisson_agrees_with_f32() {
-        // Means that both hold exactly. Allowed: the rounding error of f32, of the distribution function
-        // (a few 2⁻²⁴) below 16, of the count (a few times 2⁻²⁴ of it) from there on.
+        // Means that both hold exactly. Allowed: the rounding error of f32, of the distribution
+        // function (a few 2⁻²⁴) below 16, of the count (a few times 2⁻²⁴ of it) from there on.
         for (lambda, allowed) in [
             (0.0, 0.0),
             (0.3125, 1e-5),

@@ -48,8 +48,9 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
     }
 }
 
-/// Chance of a count below which the inversion goes no further: half of what the 32 bits of a uniform number tell
-/// apart. The f32 sum of chances may stay below a u next to 1 for ever; its count ends here.
+/// Chance of a count below which the inversion goes no further: half of what the 32 bits of a
+/// uniform number tell apart. The f32 sum of chances may stay below a u next to 1 for ever; its
+/// count ends here.
 const NO_CHANCE: f32 = 1.0 / 8_589_934_592.0;
 
 /// Inversion: the smallest count whose distribution function reaches u.
@@ -167,8 +168,8 @@ impl Arith for Float {
                     expansion(mean, &words(normal));
                 }
             }
-            // One stream after the other, which leaves each loop enough registers; counts of small means
-            // wait for the second loop as −1 − count.
+            // One stream after the other, which leaves each loop enough registers; counts of small
+            // means wait for the second loop as −1 − count.
             (Some(uniform), Some(normal)) => {
                 for mean in &mut *means {
                     let words = words(uniform);
@@ -254,7 +255,8 @@ mod tests {
             for count in [most as u32, whole] {
                 let mean = f64::from(lambda);
                 let chance = (1..=count).fold((-mean).exp(), |p, k| p * mean / f64::from(k));
-                // 64 of 2³² numbers may reach a count whose chance is of the order of 2⁻³²; one more for rounding.
+                // 64 of 2³² numbers may reach a count whose chance is of the order of 2⁻³²; one
+                // more for rounding.
                 assert!(count == 0 || chance > 2f64.powi(-43), "{lambda}: {count}, {chance:e}");
             }
         }

@@ -44,8 +44,8 @@ pub(crate) fn kernel<A: Arith>(side: f32, vertical: f32, diagonal: f32) -> [A::F
 
 /// 3x3 convolution of a row with the kernel (centre, side, vertical, diagonal).
 ///
-/// Each pixel's three rows make what it keeps and what it gives to either side; terms are scaled before
-/// they are added, so that nothing saturates that would not in the end.
+/// Each pixel's three rows make what it keeps and what it gives to either side; terms are scaled
+/// before they are added, so that nothing saturates that would not in the end.
 #[inline(always)]
 pub(crate) fn convolve<A: Arith>(
     width: u32,

@@ -32,7 +32,7 @@ macro_rules! effect {
         }
 
         impl $name {
-            /// This effect's entry, but for its number.
+            /// This effect's entry, without its number in the catalogue.
             pub const ENTRY: $crate::effects::Entry = $crate::effects::Entry {
                 id: 0,
                 kind: $kind,
@@ -68,8 +68,8 @@ macro_rules! effect {
     (@default $default:literal) => { Some($default) };
 }
 
-/// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
-/// An effect with `if "FEATURE"` is compiled with that feature of the crate only.
+/// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its
+/// dispatch. An effect with `if "FEATURE"` is compiled with that feature of the crate only.
 macro_rules! catalogue {
     ($($id:literal => $module:ident::$name:ident $(if $feature:literal)?,)+) => {
         $($(#[cfg(feature = $feature)])? pub mod $module;)+
@@ -80,7 +80,7 @@ macro_rules! catalogue {
         pub enum Effect { $($(#[cfg(feature = $feature)])? $name($module::$name),)+ }
 
         impl Effect {
-            /// The catalogue.
+            /// The effects that are compiled in, in the order of their numbers.
             pub const CATALOGUE: &'static [Entry] =
                 &[$($(#[cfg(feature = $feature)])? Entry { id: $id, ..$module::$name::ENTRY },)+];
 
@@ -91,14 +91,15 @@ macro_rules! catalogue {
                 set
             };
 
-            /// Its entry.
+            /// Its entry in the catalogue.
             pub const fn entry(&self) -> &'static Entry {
                 match self {
                     $($(#[cfg(feature = $feature)])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
                 }
             }
 
-            /// The effect of this number; `None` when there is none or a value is missing or out of range.
+            /// The effect with this number and these values, in the order and units of its entry's
+            /// parameters. `None` if it is not compiled in, or a value is missing or out of range.
             pub fn new(id: u8, values: &[f32]) -> Option<Self> {
                 let entry = Self::CATALOGUE.iter().find(|e| e.id == id)?;
                 let fits = values.len() == entry.parameters.len()

@@ -18,8 +18,8 @@ effect! {
     }
 }
 
-/// Steps of exposure from which the time is not rounded to whole ones: `math::round` holds up to 2²², and
-/// a step is then below the rounding of the time in f32.
+/// Steps of exposure from which the time is not rounded to whole ones: `math::round` holds up to
+/// 2²², and a step is then below the rounding of the time in f32.
 const MOST_STEPS: f32 = 4e6;
 
 impl ExposureOffset {

@@ -20,8 +20,8 @@ effect! {
     }
 }
 
-/// Shape |λ| below which the logistic limit stands for Q: (u^λ − (1−u)^λ)/λ then loses two digits in f32,
-/// and the quantile is off by λ/2 |ln u| of itself at most, 1 % at |ln u| = 2.
+/// Shape |λ| below which the logistic limit stands for Q: (u^λ − (1−u)^λ)/λ then loses two digits
+/// in f32, and the quantile is off by λ/2 |ln u| of itself at most, 1 % at |ln u| = 2.
 const LOGISTIC_BELOW: f64 = 0.01;
 
 impl HeavyTailedReadNoise {

@@ -34,8 +34,8 @@ effect! {
 
 /// Most octaves: 2^14 cells of two rows are the tallest sensor (`MAX_SIDE`).
 const OCTAVES: u32 = 14;
-/// The shortest octave's variance is 1 − this times the exponent, in units of the law's: fitted so that the
-/// spectrum near 1/2 cycle per row follows f^−a (test `row_correlated_noise`).
+/// The shortest octave's variance is 1 − this times the exponent, in units of the law's: fitted so
+/// that the spectrum near 1/2 cycle per row follows f^−a (test `row_correlated_noise`).
 const SHORTEST_OCTAVE: f32 = 0.4;
 
 impl Stage for RowCorrelatedNoise {
