@@ -138,8 +138,8 @@ impl fmt::Display for ConfigError {
         match self {
             Self::Size => write!(f, "width and height must be 1 to {MAX_SIDE} pixels"),
             Self::Pattern => f.write_str(
-                "the colour filter pattern must be 1, 2, 3, 4, 6 or 8 columns wide and have a channel \
-                 of the sensor in each cell",
+                "the colour filter pattern must be 1, 2, 3, 4, 6 or 8 columns wide and name a \
+                 channel of the sensor in each cell",
             ),
             Self::Bands => f.write_str("the wavelengths of the bands must be finite, in nm"),
             Self::Response => write!(
@@ -149,16 +149,16 @@ impl fmt::Display for ConfigError {
             ),
             Self::Converter => write!(
                 f,
-                "full well must be 1 to {MAX_SIGNAL_E} e-, the converter have 8 to 16 bits, and the \
-                 black level lie between 0 and the largest DN"
+                "full well must be 1 to {MAX_SIGNAL_E} e-, the converter must have 8 to 16 bits, \
+                 and the black level must lie between 0 and the largest DN"
             ),
             Self::Settings => f.write_str(
                 "exposure (s) and analogue gain must be positive numbers, the temperature (degC) \
                  finite",
             ),
-            Self::Memory => {
-                f.write_str("the memory is too small; pipeline::memory_blocks says how much is needed")
-            }
+            Self::Memory => f.write_str(
+                "the memory is too small; pipeline::memory_blocks says how much is needed",
+            ),
             Self::Crosstalk => f.write_str(
                 "the crosstalk table must be a complete grid of finite factors of 0 or more, its \
                  positions and wavelengths rising",
@@ -176,7 +176,7 @@ impl fmt::Display for ConfigError {
             ),
             Self::Windows { count } => write!(
                 f,
-                "{count} effects read neighbouring rows; a chain takes at most {MAX_WINDOWS} of them"
+                "{count} effects read neighbouring rows; a chain takes at most {MAX_WINDOWS}"
             ),
         }
     }

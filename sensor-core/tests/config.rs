@@ -95,7 +95,7 @@ fn messages_say_what_where_and_what_is_accepted() {
     let coupling = charge_coupling::ChargeCoupling { side: 0.01, vertical: 0.0, diagonal: 0.0 };
     assert_eq!(
         said(&[coupling.into(); MAX_WINDOWS + 1]),
-        "5 effects read neighbouring rows; a chain takes at most 4 of them"
+        "5 effects read neighbouring rows; a chain takes at most 4"
     );
 }
 

@@ -17,7 +17,8 @@ const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 in_both_arithmetics! {
     column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
-    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag amp_glow dark_current_gradient
+    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
+    amp_glow dark_current_gradient
 }
 
 fn at(frame: u32) -> FrameSettings {

@@ -16,7 +16,8 @@ const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 in_both_arithmetics! {
     full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern colour_shading
+    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern
+    colour_shading
     relative_illumination fringing adc_nonlinearity defects
 }
 

@@ -7,8 +7,8 @@ use fixed::types::{I4F28, I20F12};
 /// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸
 /// within ±8.
 ///
-/// Nothing per pixel needs an FPU; single figures per row or per group of pixels are converted from
-/// f32.
+/// No operation per pixel needs an FPU; single values per row or per group of pixels are converted
+/// from f32.
 ///
 /// # Error budget
 /// Mean photo-electrons to DN, against f64 with the same irradiance: the parts are the collected
@@ -30,7 +30,7 @@ const SIGNAL_BITS: u32 = 12;
 /// Fractional bits of a factor.
 const FACTOR_BITS: u32 = 28;
 
-/// Nearest whole number of steps, saturated; 0 for what is not a number.
+/// Nearest whole number of steps, saturated; 0 for NaN.
 #[inline(always)]
 fn to_bits(x: f32, bits: u32) -> i32 {
     let scaled = x * (1u64 << bits) as f32;
@@ -143,7 +143,7 @@ impl Arith for Fixed {
     #[inline(always)]
     fn lerp(a: &[u32; 16], b: &[u32; 16], first: f32, step: f32) -> [u32; 16] {
         let one = 1i64 << WEIGHT_BITS;
-        // Held so that the sums below cannot overflow, far beyond any distance that matters.
+        // Clamped, far beyond any distance that matters, so that the sums below cannot overflow.
         let fraction = |f: f32| (f.clamp(-1e8, 1e8) * one as f32) as i64;
         let (mut t, step) = (fraction(first), fraction(step));
         let mut out = [0; 16];
@@ -166,7 +166,7 @@ impl Arith for Fixed {
                 *sum = sum.saturating_add((u64::from(m) * u64::from(w) + half) >> down);
             }
         } else {
-            // Far above any full well: only the saturation must be right.
+            // Far above any full well: only the saturation has to be right.
             for ((sum, &m), &w) in parts {
                 let part = u64::from(m) * u64::from(w);
                 let fits = shift < part.leading_zeros() as i32;
@@ -190,7 +190,8 @@ impl Arith for Fixed {
         max_dn: u16,
         out: &mut Block<u16>,
     ) {
-        // All 24 bits of the f32 in the scale where the DN's fraction then fits 64 bits.
+        // Keeps all 24 bits of the f32 in the scale wherever the fraction of a DN then fits 64
+        // bits.
         let exponent = (dn_per_e.to_bits() >> 23) as i32 - 127;
         let scale_bits = (23 - exponent).clamp(4, 32) as u32;
         let bits = scale_bits + SIGNAL_BITS;

@@ -1,7 +1,7 @@
-//! Elementary functions and random laws in 32-bit integers with 64-bit products, for parts without
-//! FPU.
+//! Elementary functions and random distributions in 32-bit integers with 64-bit products, for parts
+//! without an FPU.
 //!
-//! They read the same random words as the f32 ones and agree with them to the errors stated;
+//! They use the same random words as those in f32 and agree with them within the errors stated;
 //! constants are computed at compile time from the closed forms. Qn means n fractional bits.
 
 use core::f64::consts::{LN_2, PI, SQRT_2};
@@ -136,6 +136,7 @@ pub(super) fn box_muller(w0: u32, w1: u32) -> (i32, i32) {
 
 /// See [`super::EXPANSION_FROM_E`].
 pub(super) const EXPANSION_FROM: u32 = super::EXPANSION_FROM_E as u32;
+/// As in `float`: at a mean of 16 the probability of a larger count is 2e-12.
 const TERMS: usize = 52;
 
 const fn exp_of_minus(x: f64) -> f64 {
@@ -195,6 +196,9 @@ fn mul_wide(p: u64, f: u32, bits: u32) -> u64 {
     ((high * u64::from(f)) << (32 - bits)) + ((low * u64::from(f)) >> bits)
 }
 
+/// Probability below which the inversion stops, 2⁻³³ in Q56: see `float::NEGLIGIBLE`.
+const NEGLIGIBLE: u64 = 1 << 23;
+
 /// Poisson count for a mean below 16 (Q12) by inversion: the smallest count whose distribution
 /// function, in Q56, reaches (w + ½) 2⁻³².
 pub(super) fn inversion(mean: u32, w: u32) -> u32 {
@@ -208,9 +212,7 @@ pub(super) fn inversion(mean: u32, w: u32) -> u32 {
     let mut reached = p;
     let mut count = 0;
     for &inverse in INVERSE.iter().skip(1) {
-        // Rounded chances may sum to less than a u next to 1: where a chance is below half of what
-        // the 32 bits of a uniform number tell apart (2⁻³³ in Q56), the count ends.
-        if reached >= u || p < 1 << 23 {
+        if reached >= u || p < NEGLIGIBLE {
             break;
         }
         // mean / k in Q28.

@@ -1,9 +1,9 @@
 //! Errors of the converter's bits.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Converter non-linearity: the weights of the converter's bits are not exact powers of two, so

@@ -1,8 +1,8 @@
 //! Amplifier glow.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Amplifier glow: circuits beside the array emit light while they run, which is strongest near

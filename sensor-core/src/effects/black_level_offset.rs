@@ -1,7 +1,7 @@
 //! Error of the black level.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Black-level offset: the black level differs from the configured one, and changes with gain,

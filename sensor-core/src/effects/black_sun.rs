@@ -1,7 +1,7 @@
 //! Black sun.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Black sun: light so strong that the pixel fills while its reset level is being sampled.

@@ -1,7 +1,7 @@
 //! Brighter-fatter effect.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, beside, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Brighter-fatter effect: charge already collected repels later charge into the neighbouring

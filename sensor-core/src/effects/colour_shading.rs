@@ -1,7 +1,7 @@
 //! Shading of single channels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Colour shading: the channels fall off differently towards the corners, because filters and

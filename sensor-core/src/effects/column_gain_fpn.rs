@@ -1,7 +1,7 @@
 //! Gain pattern of columns.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Column gain fixed pattern: each column's amplifier has its own gain.

@@ -1,7 +1,7 @@
 //! Temporal noise common to a column.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Column temporal noise: each column of each frame has its own offset (noise of the references

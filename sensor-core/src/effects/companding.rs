@@ -1,7 +1,7 @@
 //! Piecewise linear response.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Companding: a piecewise linear response that compresses highlights before the converter, as

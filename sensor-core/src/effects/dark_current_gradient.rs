@@ -1,9 +1,9 @@
 //! Gradient of dark current.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::effects::dark_current::growth;
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Dark-current gradient: dark current rises across the array, for instance because one side is
@@ -40,6 +40,8 @@ impl Stage for DarkCurrentGradient {
         let turns = self.direction_deg / 360.0;
         let by_x = math::sin_turns(turns + 0.25);
         let base = 1.0 + math::sin_turns(turns) * cx.y();
-        super::add_counts::<A>(cx, row, LARGEST_SLOPE * rate, |u| (rate * (base + by_x * u)).max(0.0));
+        super::add_counts::<A>(cx, row, LARGEST_SLOPE * rate, |u| {
+            (rate * (base + by_x * u)).max(0.0)
+        });
     }
 }

@@ -17,7 +17,8 @@ macro_rules! effect {
         $name:ident, $kind:literal, $domain:ident, $needs:ident {
             $(
                 $(#[doc = $pdoc:literal])+
-                $key:ident: $unit:literal, $min:literal..=$max:literal $(, default $default:literal)?;
+                $key:ident: $unit:literal, $min:literal..=$max:literal
+                $(, default $default:literal)?;
             )*
         }
     ) => {
@@ -94,7 +95,10 @@ macro_rules! catalogue {
             /// Its entry in the catalogue.
             pub const fn entry(&self) -> &'static Entry {
                 match self {
-                    $($(#[cfg(feature = $feature)])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },
+                    )+
                 }
             }
 
@@ -105,7 +109,10 @@ macro_rules! catalogue {
                 let fits = values.len() == entry.parameters.len()
                     && values.iter().zip(entry.parameters).all(|(v, p)| p.accepts(*v));
                 match id {
-                    $($(#[cfg(feature = $feature)])? $id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        $id if fits => Some($module::$name::from_values(values).into()),
+                    )+
                     _ => None,
                 }
             }
@@ -128,7 +135,12 @@ macro_rules! catalogue {
                 inputs: &Inputs<'_, A::Signal>,
                 row: &mut [Block<A::Signal>],
             ) {
-                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
+                match self {
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        Effect::$name(e) => e.apply::<A>(cx, inputs, row),
+                    )+
+                }
             }
         }
 

@@ -1,8 +1,8 @@
 //! Error of the exposure time.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Exposure offset: the sensor exposes in discrete steps, and for slightly longer or shorter

@@ -1,9 +1,9 @@
 //! Flicker with a rolling shutter.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row integrates a

@@ -1,9 +1,9 @@
 //! Drift of the whole frame's offset.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Frame offset noise: the offset of the whole frame wanders from frame to frame.

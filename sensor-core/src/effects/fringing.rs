@@ -1,10 +1,10 @@
 //! Fringes.
 
+use super::context::unit;
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::context::unit;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Fringing (etalon): interference in a thin layer modulates the response across the array

@@ -1,7 +1,7 @@
 //! Imbalance of the two greens.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Green imbalance: green pixels in rows with red respond differently from those in rows with

@@ -1,9 +1,9 @@
 //! Read noise with heavy tails.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::unit;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Heavy-tailed read noise: a part of the read noise that follows a Tukey lambda distribution.

@@ -1,7 +1,7 @@
 //! Image lag.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Image lag: part of the photo-charge stays in the photodiode and appears in the next frame.

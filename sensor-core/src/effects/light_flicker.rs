@@ -1,8 +1,8 @@
 //! Jitter of the light.
 
-use crate::arith::{Arith, Block};
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Light flicker: the light differs from frame to frame (jitter of lamp or shutter).

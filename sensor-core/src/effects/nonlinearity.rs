@@ -1,8 +1,8 @@
 //! Non-linear response.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Non-linearity: the gain of the source follower falls as the signal rises.

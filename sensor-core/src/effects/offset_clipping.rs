@@ -1,7 +1,7 @@
 //! Clipping at the black level.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Offset clipping: the camera subtracts its black level and clips what falls below zero,

@@ -1,8 +1,8 @@
 //! Neighbour coupling of light.
 
-use crate::arith::{Arith, Block};
 use super::charge_coupling::{convolve, kernel};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Optical crosstalk: part of the light meant for a pixel is collected by its neighbours

@@ -1,7 +1,7 @@
 //! Pattern of focus pixels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Pattern of phase-detection pixels: the pixels of a lattice are partly covered and receive

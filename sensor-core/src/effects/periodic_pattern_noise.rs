@@ -1,9 +1,9 @@
 //! Coherent pick-up.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Periodic pattern noise: a clock or a supply line couples into the signal as a plane wave

@@ -1,7 +1,7 @@
 //! Fixed pattern of single pixels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Pixel offset fixed pattern: each pixel has its own offset, whatever the exposure.

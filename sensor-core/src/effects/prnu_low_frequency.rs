@@ -1,9 +1,9 @@
 //! Smooth non-uniformity of response.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Low-frequency PRNU: the response changes smoothly over the array (process gradients,

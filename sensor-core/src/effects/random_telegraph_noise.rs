@@ -1,9 +1,9 @@
 //! Random telegraph noise.
 
-use crate::arith::{Arith, BLOCK, Block};
-use crate::math;
 use super::context::unit;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, BLOCK, Block};
+use crate::math;
 
 effect! {
     /// Random telegraph noise: a trap in the source follower of a few pixels switches the signal

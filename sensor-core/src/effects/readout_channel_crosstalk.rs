@@ -1,7 +1,7 @@
 //! Crosstalk of read-out channels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Read-out channel crosstalk: the two halves of a row are read at the same time, one from

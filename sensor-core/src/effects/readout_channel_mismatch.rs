@@ -1,8 +1,8 @@
 //! Mismatch of read-out channels.
 
-use crate::arith::{Arith, Block};
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Read-out channel mismatch: columns are read through n channels in turn, each with its own

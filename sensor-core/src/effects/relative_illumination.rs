@@ -1,7 +1,7 @@
 //! Error of the relative illumination.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Relative illumination: the fall-off towards the corners differs from the lens model's.

@@ -1,8 +1,8 @@
 //! Reset noise.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Reset (kTC) noise: charge left on the sense node when its reset switch opens.
@@ -19,8 +19,7 @@ effect! {
 }
 
 /// k/q² for a capacitance in fF, e⁻² per K and fF (SI values, exact).
-const E2_PER_K_FF: f32 =
-    (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
+const E2_PER_K_FF: f32 = (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
 
 impl Stage for ResetNoise {
     #[inline(always)]

@@ -1,10 +1,10 @@
 //! 1/f noise over rows.
 
+use super::context::normal;
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::context::normal;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
     /// Row-correlated noise (banding): the offsets of rows drift, with a spectrum that falls as a
