@@ -2,32 +2,35 @@
 //!
 //! A rig is a device that computes what an image sensor would read out: it receives the light of a
 //! frame as spectral rows and answers with raw rows. The link is sans-IO: bytes and the time go in,
-//! bytes and events come out. Nothing here reads a port or a clock, allocates, or knows what a sensor
-//! is. Layers, from bottom to top:
+//! bytes and events come out. Nothing here reads a port or a clock, allocates, or knows what a
+//! sensor is. Layers, from bottom to top:
 //!
-//! * [`framing`] separates packets on a byte stream or in reports of USB HID (human interface device);
+//! * [`framing`] separates packets on a byte stream or in reports of USB HID (human interface
+//!   device);
 //! * [`wire`] is the packet: header, body, CRC-32C;
 //! * [`message`] is what control packets say, [`registers`] the register map of the sensor;
 //! * [`packing`] lays raw samples out as MIPI CSI-2 does;
 //! * [`device`] is the end that answers, [`host`] the end that asks and repairs losses.
 //!
-//! **Units.** Exposure in seconds, or in lines in the registers; temperature in °C; samples in digital
-//! numbers (DN); the host's clock in microseconds; sizes in bytes, pixels and rows as named.
+//! **Units.** Exposure in seconds, or in lines in the registers; temperature in °C; samples in
+//! digital numbers (DN); the host's clock in microseconds; sizes in bytes, pixels and rows as
+//! named.
 //!
-//! **What is lost is computed again, not stored.** A raw row is a function of the camera, the frame's
-//! announcement and the spectral rows around it. So a device keeps no output: a host that misses a row
-//! sends its spectral rows again, in the same session or, after a dropped cable, in a new one.
+//! **What is lost is computed again, not stored.** A raw row is a function of the camera, the
+//! frame's announcement and the spectral rows around it. So a device keeps no output: a host that
+//! misses a row sends its spectral rows again, in the same session or, after a dropped cable, in a
+//! new one.
 //!
-//! **Credit.** Each end may have a fixed number of packets under way beyond the newest that the other
-//! has acknowledged; every packet acknowledges. So no buffer on the way has to hold more than credit
-//! times packet size, and the 64 unread HID reports that Linux queues are never exceeded.
+//! **Credit.** Each end may have a fixed number of packets under way beyond the newest that the
+//! other has acknowledged; every packet acknowledges. So no buffer on the way has to hold more than
+//! credit times packet size, and the 64 unread HID reports that Linux queues are never exceeded.
 //!
-//! **Trust.** Lengths and positions from outside are checked against what was agreed. A packet with a
-//! wrong CRC, an old counter or another session's number is dropped and counted.
+//! **Trust.** Lengths and positions from outside are checked against what was agreed. A packet with
+//! a wrong CRC, an old counter or another session's number is dropped and counted.
 //!
 //! # Example
-//! A host connects to a device, both in one process. `examples/smallest_device.rs` goes on from here to
-//! a whole frame.
+//! A host connects to a device, both in one process. `examples/smallest_device.rs` goes on from
+//! here to a whole frame.
 //! ```
 //! use camrig_rig_link::device::{Begun, Device, Model};
 //! use camrig_rig_link::host::{Event, FrameIo, Host, Limits, Poll};
