@@ -307,7 +307,8 @@ impl fmt::Display for Nack {
             ),
             Self::Unsupported(kind) => write!(
                 f,
-                "the device does not know packet kind {kind} or the message in it: update its firmware"
+                "the device does not know packet kind {kind} or the message in it: update its \
+                 firmware"
             ),
             Self::Register(address) => write!(
                 f,
@@ -327,7 +328,8 @@ impl fmt::Display for Refusal {
             Self::NoCamera => f.write_str("the device has no camera: send one before a frame"),
             Self::BadCamera => f.write_str(
                 "the device cannot use the camera: its bytes do not decode, a value is out of \
-                 range, or the firmware lacks an effect; compare its effects with Capabilities::effects",
+                 range, its effects are out of order, or the firmware lacks one of them; compare \
+                 them with Capabilities::effects",
             ),
             Self::CameraTooLong { max } => write!(
                 f,
