@@ -365,9 +365,9 @@ impl fmt::Display for Refusal {
                 "this packing does not exist, or has fewer bits per sample than the camera: use \
                  8, 10, 12, 14 or 16, and at least the camera's",
             ),
-            Self::Exposure => f.write_str(
-                "exposure time (s) and analogue gain must be positive finite numbers",
-            ),
+            Self::Exposure => {
+                f.write_str("exposure time (s) and analogue gain must be positive finite numbers")
+            }
         }
     }
 }

@@ -161,7 +161,7 @@ fn main() -> Result<(), ConfigError> {
     let (mut sum, mut count) = (0.0, 0.0);
     let send_row = |row: u32, dn: &[u16]| {
         println!("row {row:2}: {:?} ... {:?}", &dn[..6], &dn[WIDTH - 6..]);
-        if row % 2 == 0 {
+        if row.is_multiple_of(2) {
             for &d in &dn[WIDTH / 2..] {
                 (sum, count) = (sum + f64::from(d), count + 1.0);
             }
