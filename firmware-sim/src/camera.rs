@@ -1,24 +1,25 @@
-//! A camera as bytes on the link: the sensor's configuration in postcard, then the crosstalk table as
-//! plain f32.
+//! A camera as bytes on the link: the configuration of the sensor in the encoding of the `postcard`
+//! crate, then the crosstalk table as f32.
 //!
 //! ```text
 //! u16  bytes of the configuration       u16 x 3  crosstalk columns, rows, wavelengths (0 without)
 //! ...  SensorConfig in postcard         f32 ...  x, y, wavelengths in nm, factors
 //! ```
-//! All little-endian. The bytes arrive in pieces; configuration and table each have their own memory, so
-//! nothing is held twice.
+//! All numbers are little-endian. The bytes arrive in pieces; configuration and table each have
+//! their own memory, so nothing is stored twice.
 
 use camrig_rig_link::message::Refusal;
 use camrig_sensor_core::config::SensorConfig;
 use camrig_sensor_core::crosstalk::Crosstalk;
 
+/// Bytes of the four lengths at the front.
 const HEAD_BYTES: usize = 8;
 
-/// Longest configuration in postcard: all effects with all their parameters, and four channels of 64
-/// bands (the lengths are those of [`SensorConfig`]).
+/// Longest configuration in postcard, bytes: a full chain of effects with all their parameters, and
+/// four channels of 64 bands.
 pub const CONFIG_BYTES: usize = 3072;
 
-/// A received camera. `factors` bounds the crosstalk table that a rig has room for.
+/// A received camera.
 pub struct CameraStore<'m> {
     head: [u8; HEAD_BYTES],
     config_bytes: [u8; CONFIG_BYTES],
@@ -28,7 +29,7 @@ pub struct CameraStore<'m> {
 }
 
 impl<'m> CameraStore<'m> {
-    /// An empty store with this memory for the crosstalk table.
+    /// An empty store with this memory for the crosstalk table (axes and factors).
     pub const fn new(table: &'m mut [f32]) -> Self {
         let (head, config_bytes) = ([0; HEAD_BYTES], [0; CONFIG_BYTES]);
         Self { head, config_bytes, config: None, table, word: [0; 4] }
@@ -39,7 +40,7 @@ impl<'m> CameraStore<'m> {
         (HEAD_BYTES + CONFIG_BYTES + 4 * self.table.len()) as u32
     }
 
-    /// The camera in force.
+    /// Configuration of the camera in force.
     pub fn config(&self) -> Option<&SensorConfig> {
         self.config.as_ref()
     }
@@ -63,7 +64,7 @@ impl<'m> CameraStore<'m> {
         [self.word16(2), self.word16(4), self.word16(6)]
     }
 
-    /// Takes the bytes from `offset` on; offset 0 forgets the camera in force.
+    /// Takes the bytes from `offset` on; offset 0 discards the camera in force.
     pub(crate) fn piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
         if offset == 0 {
             self.config = None;
@@ -89,7 +90,7 @@ impl<'m> CameraStore<'m> {
         Ok(())
     }
 
-    /// All bytes are there: puts the camera in force if it is sound.
+    /// All bytes have arrived: puts the camera in force if it is valid.
     pub(crate) fn end(&mut self) -> Result<(), Refusal> {
         let bytes = self.config_bytes.get(..self.word16(0)).ok_or(Refusal::BadCamera)?;
         let config: SensorConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
@@ -108,7 +109,7 @@ impl<'m> CameraStore<'m> {
     }
 }
 
-/// Writes a camera into `out` and returns the number of bytes; nothing if it does not fit.
+/// Writes a camera into `out` and returns the number of bytes; `None` if it does not fit.
 pub fn encode(
     config: &SensorConfig,
     crosstalk: Option<Crosstalk<'_>>,

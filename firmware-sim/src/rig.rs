@@ -17,20 +17,20 @@ use camrig_sensor_core::effects::{Effect, Needs};
 use camrig_sensor_core::pipeline::memory_blocks;
 use camrig_sensor_core::spectral::{GROUP, groups};
 
-/// Bytes of a unit of a spectral row: an exponent and the mantissas of a group.
+/// Bytes of a unit of a spectral row: the exponent and the mantissas of a group.
 pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
 
-/// Rows of one arithmetic.
+/// Memory for rows in one arithmetic.
 pub struct RowMemory<'m, A: Arith> {
-    /// Mean electrons of the rows around the one to compute, then the pipeline's memory. A camera with
-    /// `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
-    /// [`blocks`] each.
+    /// Mean photo-electrons of the rows around the one to compute, then the pipeline's memory. A
+    /// camera with `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
+    /// [`blocks`] each, and one more for an effect that reads the previous frame.
     pub rows: &'m mut [Block<A::Signal>],
-    /// Sums of the row that arrives, [`groups`] of the width.
+    /// Sums of the row that is arriving, [`groups`] of the width.
     pub sums: &'m mut [Sums<A::Sum>],
 }
 
-/// Memory of a rig: its sizes are the rig's limits.
+/// Memory of a rig; its sizes are the rig's limits.
 pub struct Memory<'m> {
     /// Rows for [`NumberFormat::F32`].
     #[cfg(feature = "float")]
@@ -38,13 +38,14 @@ pub struct Memory<'m> {
     /// Rows for [`NumberFormat::Fixed`].
     #[cfg(feature = "fixed")]
     pub fixed: RowMemory<'m, Fixed>,
-    /// Mantissas of the band that arrives; also the DN of the row that leaves. One per pixel.
+    /// Mantissas of the band that is arriving, and the DN of the row that is being sent. One per
+    /// pixel.
     pub mantissas: &'m mut [u16],
-    /// Exponents of the band that arrives, [`groups`] of the width.
+    /// Exponents of the band that is arriving, [`groups`] of the width.
     pub exponents: &'m mut [i8],
     /// The crosstalk table: nodes of its three axes and all factors.
     pub crosstalk: &'m mut [f32],
-    /// Most bands of a row.
+    /// Largest number of bands of a row.
     pub max_bands: u16,
 }
 
@@ -63,8 +64,8 @@ impl<'m> Rig<'m> {
         Self { firmware, camera, frame: None, memory }
     }
 
-    /// The frame in progress, with all that it needs; nothing between frames. Making one costs about as
-    /// much as a few hundred pixels, so keep it while parts arrive.
+    /// The frame in progress with everything that it needs; `None` between frames. Making it costs
+    /// about as much as a few hundred pixels, so keep it while parts arrive.
     pub fn running(&mut self) -> Option<AnyRunning<'_>> {
         let frame = self.frame.as_mut()?;
         AnyRunning::new(self.camera.config()?, self.camera.crosstalk(), frame, &mut self.memory)
@@ -91,13 +92,14 @@ impl<'m> Rig<'m> {
     }
 }
 
-/// Rows above and below that a raw row depends on: one for each effect that reads its neighbours.
+/// Number of rows above and below that a raw row depends on: one for each effect that reads its
+/// neighbours.
 pub fn halo(config: &SensorConfig) -> usize {
     config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
 }
 
-/// Sizes on the link of a frame of this camera; nothing if they do not fit the link's numbers. Host
-/// and device both work them out, and compare.
+/// Sizes on the link of a frame of this camera; `None` if they exceed the number range of the link.
+/// Host and device both compute them and compare.
 pub fn frame_shape(config: &SensorConfig, codec: Codec, raw_bits: u8) -> Option<FrameShape> {
     let width = config.width as usize;
     let bands = match codec {

@@ -1,8 +1,8 @@
 //! A frame in progress: units of spectral rows in, packed raw rows out.
 //!
-//! Bands are added to the arriving row's sums one after the other, in their order, so a rig needs one band
-//! and not a spectral row. The whole rows' mean electrons are kept in a ring of as many rows as one raw
-//! row depends on.
+//! Bands are added one after the other, in their order, to the sums of the row that is arriving, so
+//! a rig stores one band and not a spectral row. The mean photo-electrons of complete rows are kept
+//! in a ring of as many rows as one raw row depends on.
 
 use crate::rig::{Memory, RowMemory, UNIT_BYTES};
 use camrig_rig_link::message::*;
@@ -19,13 +19,13 @@ use camrig_sensor_core::crosstalk::Crosstalk;
 use camrig_sensor_core::pipeline::{MeanRows, Pipeline};
 use camrig_sensor_core::spectral::{BandRow, GROUP, groups};
 
-/// Most rows of the ring: two effects that read their neighbours.
+/// Largest number of rows of the ring: for two effects that read their neighbours.
 pub(crate) const MAX_RING: usize = 5;
 
 /// One row of a chain: as [`Pipeline::row`], compiled for other instructions than the rest.
 pub type RowFn<A> = fn(&mut Pipeline<'_, A>, u32, &mut dyn MeanRows<A>, &mut [u16]);
 
-/// What a frame is: enough to take it up again after other business.
+/// Settings of a frame: enough to continue it after other messages.
 #[derive(Clone, Debug)]
 pub struct Frame {
     begin: FrameBegin,
@@ -58,7 +58,7 @@ struct Ring<'a, S> {
     rows: &'a mut [Block<S>],
     /// Blocks of a row.
     len: usize,
-    /// Whether the frame before saw the same light.
+    /// Whether the previous frame had the same light.
     lit_before: bool,
 }
 
@@ -135,7 +135,7 @@ impl<'r, A: Arith> Running<'r, A> {
         }
         let (mut at, mut units) = (usize::from(first), units.as_chunks::<UNIT_BYTES>().0);
         while !units.is_empty() {
-            // Up to the end of the band.
+            // Units up to the end of the band.
             let (band, group) = (at / groups, at % groups);
             let (now, later) = units.split_at(units.len().min(groups - group));
             let exponents = self.exponents.iter_mut().skip(group);
@@ -153,7 +153,7 @@ impl<'r, A: Arith> Running<'r, A> {
         }
     }
 
-    /// Adds the band that has just become whole.
+    /// Adds the band that has just become complete.
     #[inline(always)]
     fn add_band(&mut self, row: u32, band: usize) {
         let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
@@ -163,7 +163,7 @@ impl<'r, A: Arith> Running<'r, A> {
         self.collector.add_rates(whole, self.frame.settings.exposure_s, self.sums);
     }
 
-    /// Puts the row that has just become whole into the ring.
+    /// Puts the row that has just become complete into the ring.
     #[inline(always)]
     fn keep(&mut self, row: u32) {
         let slot = self.ring.slot(row);
@@ -179,7 +179,7 @@ impl<'r, A: Arith> Running<'r, A> {
         out: &mut [u8],
         chain: impl FnOnce(&mut Pipeline<'r, A>, u32, &mut Ring<'r, A::Signal>, &mut [u16]),
     ) {
-        // Between rows no band is half received, so its memory is free.
+        // Between rows no band is partly received, so its memory is free.
         let dn = &mut *self.mantissas;
         if self.frame.test_pattern == 0 {
             chain(&mut self.pipeline, row.into(), &mut self.ring, dn);
@@ -188,14 +188,14 @@ impl<'r, A: Arith> Running<'r, A> {
             test_pattern(self.frame.test_pattern, self.frame.test_data.min(max), max, row, dn);
         }
         if let Some(packing) = Packing::of_bits(self.frame.begin.raw_bits.into()) {
-            // The sizes were agreed at the frame's beginning.
+            // The sizes were agreed at the beginning of the frame.
             let packed = pack_row(packing, dn, out);
             debug_assert!(packed.is_ok());
         }
     }
 }
 
-/// Takes a unit apart; the last one of a row may have fewer pixels.
+/// Decodes a unit; the last one of a row may have fewer pixels.
 #[inline(always)]
 fn take_unit(unit: &[u8; UNIT_BYTES], exponent: &mut i8, mantissas: &mut [u16]) {
     let [first, bytes @ ..] = unit;
@@ -207,8 +207,8 @@ fn take_unit(unit: &[u8; UNIT_BYTES], exponent: &mut i8, mantissas: &mut [u16]) 
     }
 }
 
-/// CCS test patterns: 1 solid, 2 colour bars (eight, from white to black), 4 PN9 (the sequence of x⁹ + x⁵ + 1,
-/// seeded with all ones at each row's start).
+/// Test patterns of MIPI CCS: 1 solid, 2 colour bars (eight, from white to black), 4 PN9 (the
+/// pseudo-random sequence of x⁹ + x⁵ + 1, which starts with all ones in each row).
 fn test_pattern(pattern: u16, solid: u16, max: u16, row: u16, dn: &mut [u16]) {
     // White, yellow, cyan, green, magenta, red, blue, black as R, G, B bits.
     const BARS: [u8; 8] = [0b111, 0b110, 0b011, 0b010, 0b101, 0b100, 0b001, 0b000];
@@ -240,7 +240,7 @@ fn test_pattern(pattern: u16, solid: u16, max: u16, row: u16, dn: &mut [u16]) {
     }
 }
 
-/// A frame in progress, in whichever arithmetic it asked for.
+/// A frame in progress, in the arithmetic that it asked for.
 #[allow(clippy::large_enum_variant, reason = "both are alike but for padding")]
 pub enum AnyRunning<'r> {
     /// In f32.
@@ -251,13 +251,13 @@ pub enum AnyRunning<'r> {
     Fixed(Running<'r, Fixed>),
 }
 
-/// [`AnyRunning::units`] as a function of its own, of which a firmware has room for one.
+/// [`AnyRunning::units`] as a separate function, so that a firmware contains it once.
 #[inline(never)]
 pub(crate) fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, bytes: &[u8]) {
     running.units(row, first, bytes);
 }
 
-/// [`AnyRunning::raw_row`] as a function of its own.
+/// [`AnyRunning::raw_row`] as a separate function, so that a firmware contains it once.
 #[inline(never)]
 pub(crate) fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
     running.raw_row(row, out);

@@ -3,22 +3,24 @@
 use crate::rig::Rig;
 use crate::running::{self, AnyRunning};
 use camrig_rig_link::device::{Begun, Device, Model};
-use camrig_rig_link::framing::{Framing, Receiver, Sender};
+use camrig_rig_link::framing::{Framing, OutOfStep, Receiver, Sender};
 use camrig_rig_link::message::*;
 use camrig_rig_link::registers::Registers;
 use camrig_rig_link::wire::Kind;
+use core::fmt;
 use core::marker::PhantomData;
 use embedded_io::{Read, Write};
 
-/// Memory of a link.
+/// Buffers of a link.
 pub struct Buffers<'m> {
-    /// Bytes as they come; on HID a whole number of reports.
+    /// Bytes as they arrive; on HID a whole number of reports.
     pub input: &'m mut [u8],
-    /// The packet that is being received: its longest framed form.
+    /// The packet that is being received: [`Framing::max_encoded`] of the longest one.
     pub packet: &'m mut [u8],
     /// The packet to send.
     pub answer: &'m mut [u8],
-    /// Bytes on their way out: a packet's longest framed form, or for HID a whole number of reports.
+    /// Bytes to be written: [`Framing::max_encoded`] of the longest packet, or on HID a whole
+    /// number of reports.
     pub framed: &'m mut [u8],
 }
 
@@ -27,16 +29,27 @@ pub struct Buffers<'m> {
 pub enum ServeError<E> {
     /// The link failed.
     Link(E),
-    /// A loss-free link is out of step.
+    /// The ends of a loss-free link are out of step ([`OutOfStep`]).
     OutOfStep,
 }
+
+impl<E: fmt::Debug> fmt::Display for ServeError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Link(error) => write!(f, "the link failed ({error:?}): open it again"),
+            Self::OutOfStep => OutOfStep.fmt(f),
+        }
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for ServeError<E> {}
 
 struct Port<'m, L> {
     link: &'m mut L,
     receiver: Receiver<&'m mut [u8]>,
     sender: Sender<&'m mut [u8]>,
     input: &'m mut [u8],
-    /// What of `input` is yet to be used.
+    /// Start and end of the unused part of `input`.
     left: (usize, usize),
     answer: &'m mut [u8],
 }
@@ -54,7 +67,7 @@ impl<'m, L: Read + Write> Port<'m, L> {
         }
     }
 
-    /// Whether a further packet has arrived.
+    /// Whether another packet has arrived.
     fn arrived(&mut self) -> Result<bool, ServeError<L::Error>> {
         let (start, end) = self.left;
         let mut bytes = &self.input[start..end];
@@ -75,7 +88,8 @@ impl<'m, L: Read + Write> Port<'m, L> {
         Ok(true)
     }
 
-    /// Sends all that the device has to say, but for what is gathered until the next flush.
+    /// Sends everything that the device has to send; the last bytes stay in the buffer until the
+    /// next flush.
     fn send<const RAW: usize>(
         &mut self,
         device: &mut Device<RAW>,
@@ -93,8 +107,8 @@ impl<'m, L: Read + Write> Port<'m, L> {
         self.link.flush().map_err(ServeError::Link)
     }
 
-    /// Hands the packet at hand to the device, and those that follow as long as they are `wanted`; answers
-    /// when there is nothing more to take in. False when the link is closed.
+    /// Gives the current packet to the device, and those that follow as long as they are `wanted`;
+    /// answers when no further packet has arrived. Returns false when the link is closed.
     fn run<const RAW: usize>(
         &mut self,
         device: &mut Device<RAW>,
@@ -120,13 +134,13 @@ impl<'m, L: Read + Write> Port<'m, L> {
     }
 }
 
-/// Whether a packet is one of the many of a frame, which ask nothing else of the model.
+/// Whether a packet belongs to a frame in progress, and needs nothing else of the model.
 fn is_of_frame(packet: &[u8]) -> bool {
     const KINDS: [u8; 3] = [Kind::Part as u8, Kind::Ack as u8, Kind::Ping as u8];
     packet.first().is_some_and(|kind| KINDS.contains(kind))
 }
 
-/// Calls the row functions of a frame in progress; one may count or time in between.
+/// Calls the row functions of a frame in progress; an implementation may count or time them.
 pub trait Dispatch {
     /// Calls [`AnyRunning::units`].
     fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
@@ -139,12 +153,15 @@ pub trait Dispatch {
     }
 }
 
-/// Calls them as they are.
+/// Calls the row functions and does nothing else.
 pub struct Plain;
 
 impl Dispatch for Plain {}
 
 /// Serves a link until it is closed.
+///
+/// # Errors
+/// The link failed, or its ends are out of step.
 pub fn serve<L: Read + Write, const RAW: usize>(
     device: &mut Device<RAW>,
     model: &mut impl Model,
@@ -159,7 +176,10 @@ pub fn serve<L: Read + Write, const RAW: usize>(
     Ok(())
 }
 
-/// Serves a link until it is closed, and keeps a frame's working state from packet to packet.
+/// Serves a link until it is closed, and keeps the working state of a frame from packet to packet.
+///
+/// # Errors
+/// The link failed, or its ends are out of step.
 pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     device: &mut Device<RAW>,
     rig: &mut Rig<'_>,
@@ -181,7 +201,7 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     Ok(())
 }
 
-/// A frame in progress as the device's model; it only ever sees the parts of a frame.
+/// A frame in progress as the device's model; it only receives packets of that frame.
 struct Streaming<'r, D>(AnyRunning<'r>, PhantomData<D>);
 
 impl<D: Dispatch> Model for Streaming<'_, D> {

@@ -1,14 +1,15 @@
-//! The rig's end against any bytes: as link bytes, and as bodies of packets whose CRC is right.
+//! The device's end against arbitrary bytes: as bytes of the link, and as bodies of packets with a
+//! correct CRC.
 
 #![no_main]
 
 use camrig_firmware_sim::{Memory, Rig, RowMemory};
-use libfuzzer_sys::fuzz_target;
 use camrig_rig_link::device::Device;
-use camrig_sensor_core::arith::BLOCK;
 use camrig_rig_link::framing::{Framing, Receiver};
 use camrig_rig_link::wire::{CHECK_BYTES, HEADER_BYTES, seal};
 use camrig_rig_link::wire::{Header, Kind};
+use camrig_sensor_core::arith::BLOCK;
+use libfuzzer_sys::fuzz_target;
 
 const WIDTH: usize = 64;
 const KINDS: [Kind; 8] = [
@@ -22,7 +23,8 @@ const KINDS: [Kind; 8] = [
     Kind::Log,
 ];
 
-/// A whole conversation: chunks of [kind, length, body...]; an odd kind byte of 0xff sends the body as it is.
+/// A whole conversation: chunks of [kind, length, body...]; an odd kind byte of 0xff sends the body
+/// as it is.
 fn converse(data: &[u8]) {
     let mut rows = vec![[0.0f32; BLOCK]; 13 * 2];
     let mut sums = vec![[0.0f32; 16]; 4];

@@ -1,11 +1,12 @@
-//! The host's end against any answers: it ends every operation, and writes only where it may.
+//! The host's end against arbitrary answers: it ends every operation, and writes only within its
+//! buffers.
 
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use camrig_rig_link::host::{FrameIo, Host, Limits, Poll};
 use camrig_rig_link::message::*;
 use camrig_rig_link::wire::{CHECK_BYTES, HEADER_BYTES, Header, Kind, seal};
+use libfuzzer_sys::fuzz_target;
 
 const ROWS: usize = 8;
 const RAW: usize = 20;
@@ -28,8 +29,7 @@ impl FrameIo for Io {
     }
 }
 
-const KINDS: [Kind; 6] =
-    [Kind::Hello, Kind::Control, Kind::Raw, Kind::Ack, Kind::Log, Kind::Part];
+const KINDS: [Kind; 6] = [Kind::Hello, Kind::Control, Kind::Raw, Kind::Ack, Kind::Log, Kind::Part];
 
 fn begin() -> FrameBegin {
     FrameBegin {

@@ -1,38 +1,49 @@
-//! The device's end: a state machine that answers. It has no clock and never speaks first; lost
-//! packets are the host's to notice.
+//! The device's end: a state machine that answers. It has no clock and never speaks first; noticing
+//! lost packets is the host's task.
 //!
-//! Spectral rows arrive part by part in the order of a [`Cursor`]; a part that does not fit is dropped
-//! and the host told where to go on (go-back-N). A raw row is computed as soon as the rows that it
-//! depends on are there, goes out in pieces as credit allows, and is then forgotten: if the host
-//! misses one, it sends the spectral rows again ([`crate::wire::JUMP`]).
+//! Spectral rows arrive part by part in the order of a [`Cursor`]. A part out of order is dropped
+//! and the host is told where to continue (go-back-N). A raw row is computed as soon as the rows
+//! that it depends on are there, is sent in pieces as credit allows, and is then discarded: if the
+//! host misses one, it sends the spectral rows again ([`crate::wire::JUMP`]).
 
 use crate::message::*;
 use crate::registers::Registers;
 use crate::wire::*;
 use heapless::Deque;
 
-/// What computes raw rows.
+/// Computes raw rows: what a device implements.
 ///
-/// [`Model::units`] is called with the units of a row in order; a row begins only when at most
-/// [`Model::rows_ahead`] of the raw rows that its predecessors completed have yet to be taken with
-/// [`Model::raw_row`]. So a model needs room for `2 * halo + 1 + rows_ahead` rows, used in turn.
+/// [`Model::units`] is called with the units of a row in order. A row begins only when at most
+/// [`Model::rows_ahead`] of the raw rows that can already be computed have not yet been fetched
+/// with [`Model::raw_row`]. So a model needs room for `2 * halo + 1 + rows_ahead` spectral rows,
+/// used in turn.
 pub trait Model {
-    /// Raw rows that may wait while further spectral rows arrive: none for a device that computes one
-    /// row at a time.
+    /// Number of raw rows that may wait while further spectral rows arrive; 0 for a device that
+    /// computes one row at a time.
     fn rows_ahead(&self) -> u16 {
         0
     }
 
-    /// What the model can do. The device itself fills in packet size, credit and the camera's identity.
+    /// What the model can do. The device itself fills in packet size, credit and the camera's
+    /// identity.
     fn capabilities(&self) -> Capabilities;
 
     /// Takes a piece of a camera: the bytes from `offset` on, in order; offset 0 begins a new one.
+    ///
+    /// # Errors
+    /// Why the device cannot hold it.
     fn camera_piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal>;
 
-    /// The camera is whole: puts it in force.
+    /// The camera is complete: checks it and puts it in force.
+    ///
+    /// # Errors
+    /// Why the device cannot use it.
     fn camera_end(&mut self) -> Result<(), Refusal>;
 
     /// Begins a frame. `registers` has the test pattern; exposure and gain are in `exposure`.
+    ///
+    /// # Errors
+    /// Why the device cannot compute the frame.
     fn begin(
         &mut self,
         frame: &FrameBegin,
@@ -40,14 +51,14 @@ pub trait Model {
         registers: &Registers,
     ) -> Result<Begun, Refusal>;
 
-    /// Takes whole units of a spectral row, `first` being the number of the first.
+    /// Takes complete units of spectral row `row`; `first` is the number of the first unit.
     fn units(&mut self, row: u16, first: u16, units: &[u8]);
 
-    /// Computes a raw row and packs it into `out`, which has the frame's `raw_bytes`.
+    /// Computes raw row `row` and packs it into `out`, which has the frame's `raw_bytes`.
     fn raw_row(&mut self, row: u16, out: &mut [u8]);
 }
 
-/// What a model says about a frame that it has begun.
+/// What a model answers when it has begun a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Begun {
     /// Sizes on the link.
@@ -56,8 +67,15 @@ pub struct Begun {
     pub seed: u64,
 }
 
-/// Room for log bytes that wait to be sent.
+/// Buffer for log bytes that wait to be sent: several messages of a firmware's binary log.
 const LOG_BYTES: usize = 128;
+
+/// Answers that may wait to be sent. A host has one operation at a time, so few ever wait; where
+/// there is no room an answer is dropped, and the host asks again.
+const ANSWERS: usize = 4;
+/// The device acknowledges on its own after this fraction of the credit, so that a host never
+/// stands still for want of an acknowledgement.
+const CREDIT_PER_ACK: u16 = 4;
 
 /// An answer that waits to be sent.
 #[derive(Clone, Debug)]
@@ -74,14 +92,14 @@ struct Transfer {
     start: FrameStart,
     /// Next part expected.
     cursor: Cursor,
-    /// A part has been dropped since the cursor last moved.
+    /// Whether a part has been dropped since the cursor last moved.
     gap: bool,
     /// Next raw row to compute.
     next_out: u16,
 }
 
 impl Transfer {
-    /// Raw rows below this one can be computed.
+    /// The raw rows before this one can be computed.
     fn computable(&self) -> u16 {
         let shape = &self.start.shape;
         if self.cursor.row == shape.rows {
@@ -91,12 +109,12 @@ impl Transfer {
         }
     }
 
-    /// Raw rows that wait to be computed.
+    /// Number of raw rows that wait to be computed.
     fn waiting(&self) -> u16 {
         self.computable().saturating_sub(self.next_out)
     }
 
-    /// Goes on at row `row` instead of where the cursor is.
+    /// Continues at row `row` instead of at the cursor.
     fn jump(&mut self, row: u16) {
         self.cursor = Cursor { row, unit: 0 };
         self.next_out = if row == 0 { 0 } else { row.saturating_add(self.start.shape.halo.into()) };
@@ -105,32 +123,32 @@ impl Transfer {
 
 /// The device's end of the link. `RAW`: longest packed raw row, bytes.
 ///
-/// The model is an argument of the functions and not a member, so that it may borrow, for the length of
-/// a frame, what it computes with.
+/// The model is an argument of the functions and not a member, so that during a frame it may borrow
+/// what it computes with.
 pub struct Device<const RAW: usize> {
     packet_bytes: u16,
     credit: u16,
     versions: (u8, u8),
     registers: Registers,
     statistics: Statistics,
-    answers: Deque<Answer, 4>,
+    answers: Deque<Answer, ANSWERS>,
 
     version: u8,
     session: u16,
     /// Next packet's counter.
     seq: u16,
-    /// Newest counter heard from the host.
+    /// Newest packet counter received from the host.
     heard: u16,
     /// The `ack` of the last packet sent.
     told: u16,
-    /// Newest of this device's counters that the host has heard.
+    /// Newest of this device's packet counters that the host has acknowledged.
     acknowledged: u16,
     host: Option<Hello>,
 
     /// The camera being received, or in force once `camera_ready`.
     camera_id: u64,
     camera_received: u32,
-    /// Identity of the bytes received so far.
+    /// [`camera_id`] of the bytes received so far.
     camera_hash: u64,
     camera_ready: bool,
 
@@ -142,8 +160,8 @@ pub struct Device<const RAW: usize> {
 }
 
 impl<const RAW: usize> Device<RAW> {
-    /// A device that has just been switched on. `packet_bytes`: the longest packet that its receiver
-    /// holds; `credit`: packets that the host may send ahead.
+    /// A device that has just been switched on. `packet_bytes`: the longest packet that its
+    /// receiver holds, bytes; `credit`: packets that the host may have under way.
     pub const fn new(packet_bytes: u16, credit: u16) -> Self {
         Self {
             packet_bytes,
@@ -170,20 +188,20 @@ impl<const RAW: usize> Device<RAW> {
         }
     }
 
-    /// Queues bytes of the firmware's log for the host; what there is no room for is dropped.
+    /// Queues bytes of the firmware's log for the host; bytes for which there is no room are
+    /// dropped.
     pub fn log(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             let _ = self.log.push_back(byte);
         }
     }
 
-    /// Pretends to speak other versions of the protocol, so that a host's words about an older rig can
-    /// be tried.
+    /// Pretends to speak other versions of the protocol, to test how a host reports an older rig.
     pub fn set_versions(&mut self, oldest: u8, newest: u8) {
         self.versions = (oldest, newest);
     }
 
-    /// Takes one packet, as a [`crate::framing::Receiver`] gives it.
+    /// Takes one packet, as a [`crate::framing::Receiver`] delivers it.
     pub fn receive(&mut self, bytes: &[u8], model: &mut impl Model) {
         let packet = match Packet::parse(bytes) {
             Ok(packet) => packet,
@@ -201,7 +219,7 @@ impl<const RAW: usize> Device<RAW> {
         }
         if self.host.is_none() || self.version == 0 || packet.header.session != self.session {
             if self.host.is_none() {
-                // Answer in the unknown session, so that its host hears it.
+                // Answer in the unknown session, so that its host accepts the answer.
                 self.session = packet.header.session;
                 self.nack(Nack::NoSession);
             }
@@ -229,13 +247,14 @@ impl<const RAW: usize> Device<RAW> {
         }
     }
 
-    /// Writes the next packet to send into `out` and returns its length. `out` must hold
-    /// [`CONTROL_BYTES`], header and CRC; raw rows use as much as it and the host's limit allow.
+    /// Writes the next packet to send into `out` and returns its length in bytes; `None` if there
+    /// is nothing to send now. `out` must hold [`CONTROL_BYTES`], header and CRC; raw rows use as
+    /// much of it as the host's limit allows.
     pub fn transmit(&mut self, out: &mut [u8], model: &mut impl Model) -> Option<usize> {
         if let Some(answer) = self.answers.pop_front() {
             return Some(self.send_answer(&answer, out, model));
         }
-        if self.heard.wrapping_sub(self.told) >= (self.credit / 4).max(1) {
+        if self.heard.wrapping_sub(self.told) >= (self.credit / CREDIT_PER_ACK).max(1) {
             return Some(self.send_answer(&Answer::Ack, out, model));
         }
         if self.seq.wrapping_sub(self.acknowledged) > self.host?.credit {
@@ -250,8 +269,9 @@ impl<const RAW: usize> Device<RAW> {
         self.send_raw(out)
     }
 
-    /// Whether to [`Device::transmit`] before the next packet is given to [`Device::receive`]; otherwise
-    /// packets that have arrived already may come first, and answers be gathered.
+    /// Whether [`Device::transmit`] must be called before the next packet is given to
+    /// [`Device::receive`]. Otherwise packets that have already arrived may be taken first, so that
+    /// answers are sent together.
     pub fn is_pressed(&self, model: &impl Model) -> bool {
         let rows = self.transfer.as_ref().map_or(0, Transfer::waiting);
         !self.answers.is_empty() || rows > model.rows_ahead()
@@ -316,7 +336,7 @@ impl<const RAW: usize> Device<RAW> {
         if let Some(t) = &self.transfer
             && t.begin == begin
         {
-            return Ok(t.start); // The host missed the answer.
+            return Ok(t.start); // The host did not receive the answer.
         }
         self.transfer = None;
         self.sending = None;
@@ -506,7 +526,7 @@ impl<const RAW: usize> Device<RAW> {
     fn send_raw(&mut self, out: &mut [u8]) -> Option<usize> {
         let (head, t) = (self.sending.as_mut()?, self.transfer.as_ref()?);
         let limit = out.len().min(self.host?.packet_bytes.into());
-        // A host that allows no room for even one byte still gets one.
+        // At least one byte, even for a host whose packets have no room for it.
         let room = limit.saturating_sub(HEADER_BYTES + RawHeader::BYTES + CHECK_BYTES).max(1);
         let rest = &self.raw[usize::from(head.offset)..usize::from(t.start.shape.raw_bytes)];
         let piece = &rest[..room.min(rest.len())];

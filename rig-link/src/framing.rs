@@ -1,17 +1,21 @@
-//! Framing: how packets are told apart on a link.
+//! Framing: how packets are separated on a link.
 //!
 //! * [`Framing::Cobs`] for byte streams that may lose or damage bytes (serial lines): consistent
-//!   overhead byte stuffing, packets end with a zero byte. After any damage the next zero
-//!   byte begins a new packet. Costs at most 1 byte in 254, and 2 bytes.
-//! * [`Framing::Length`] for byte streams that lose nothing (TCP, pipes): a 4-byte length before each
-//!   packet. A length that cannot be right means that the two ends are not in step:
-//!   [`OutOfStep`], after which only a new connection helps.
-//! * [`Framing::Report`] for HID: reports of fixed size that may get lost. Packets follow one another
-//!   through the reports, each behind a two-byte length; each report begins with a pointer to the first
-//!   packet that begins in it (as MPEG-2 transport packets and the M_PDU of CCSDS 732.0-B do), so after
-//!   a lost report the next beginning is found. Only a flush leaves room unused.
+//!   overhead byte stuffing (COBS; Cheshire & Baker 1999), packets end with a zero byte. After any
+//!   damage the next zero byte begins a new packet. It costs at most 1 byte in 254, and 2 bytes per
+//!   packet.
+//! * [`Framing::Length`] for byte streams that lose nothing (TCP, pipes): a 4-byte length before
+//!   each packet. An impossible length means that the two ends are out of step: [`OutOfStep`],
+//!   after which only a new connection helps.
+//! * [`Framing::Report`] for USB HID: reports of fixed size that may be lost. Packets follow one
+//!   another through the reports, each after a two-byte length. Each report begins with a pointer
+//!   to the first packet that begins in it (as MPEG-2 transport packets and the M_PDU of CCSDS
+//!   732.0-B do), so after a lost report the next packet is found. Only a flush leaves part of a
+//!   report unused.
 
-/// How packets are told apart. Lengths are little-endian.
+use core::fmt;
+
+/// How packets are separated. Lengths are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Framing {
     /// COBS with zero bytes between packets.
@@ -22,26 +26,39 @@ pub enum Framing {
     Report(u16),
 }
 
+/// Bytes of the length before a packet in [`Framing::Length`].
 const LENGTH_HEAD: usize = 4;
-/// Length of a packet in reports; 0: no more packets begin in this report.
+/// Bytes of the length before a packet in reports; a length of 0: no more packets begin in this
+/// report.
 const REPORT_LENGTH: usize = 2;
 
-/// Bytes of a report's pointer.
+/// Bytes of the pointer at the front of a report of `size` bytes.
 const fn pointer_bytes(size: usize) -> usize {
     if size <= 255 { 1 } else { 2 }
 }
 
-/// Pointer of a report in which no packet begins; no place in a report is that far.
+/// Pointer of a report in which no packet begins: an offset that no report has.
 const fn no_beginning(size: usize) -> usize {
     if size <= 255 { 0xff } else { 0xffff }
 }
 
-/// A length came that no packet has: the ends of a loss-free stream are not in step.
+/// A length that no packet can have was received: the ends of a loss-free stream are out of step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfStep;
 
+impl fmt::Display for OutOfStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(
+            "a packet's length on the stream is impossible, so the ends are out of step: open a \
+             new connection, and check that both ends use the same framing",
+        )
+    }
+}
+
+impl core::error::Error for OutOfStep {}
+
 impl Framing {
-    /// Bytes that a packet of `packet` bytes takes at most on the link when it is sent alone.
+    /// Largest number of bytes on the link for a packet of `packet` bytes that is sent alone.
     pub const fn max_encoded(self, packet: usize) -> usize {
         match self {
             // One code byte per 254, one more at the start; the delimiter.
@@ -55,7 +72,7 @@ impl Framing {
     }
 }
 
-/// Lays packets out as they go over the link, and gathers them in a buffer until it is full or
+/// Encodes packets for the link, and collects them in a buffer until it is full or
 /// [`Sender::flush`] is called.
 #[derive(Debug)]
 pub struct Sender<B> {
@@ -65,13 +82,16 @@ pub struct Sender<B> {
 }
 
 impl<B: AsMut<[u8]>> Sender<B> {
-    /// A sender; `buffer` must hold [`Framing::max_encoded`] of the longest packet, or for reports at
-    /// least one.
+    /// A sender; `buffer` must hold [`Framing::max_encoded`] of the longest packet, or at least one
+    /// report.
     pub fn new(framing: Framing, buffer: B) -> Self {
         Self { framing, buffer, filled: 0 }
     }
 
-    /// Appends a packet; hands bytes to `write` where the buffer is full, in whole reports.
+    /// Appends a packet; when the buffer is full its bytes go to `write`, in whole reports.
+    ///
+    /// # Errors
+    /// Those of `write`.
     ///
     /// # Panics
     /// If the buffer is shorter than [`Sender::new`] asks.
@@ -142,7 +162,10 @@ impl<B: AsMut<[u8]>> Sender<B> {
         Ok(())
     }
 
-    /// Hands over what the buffer holds; a report in progress is filled up with zeros.
+    /// Passes the contents of the buffer to `write`; a report in progress is filled up with zeros.
+    ///
+    /// # Errors
+    /// Those of `write`.
     pub fn flush<E>(&mut self, mut write: impl FnMut(&[u8]) -> Result<(), E>) -> Result<(), E> {
         if let Framing::Report(size) = self.framing {
             let end = self.filled.next_multiple_of(size.into());
@@ -156,19 +179,19 @@ impl<B: AsMut<[u8]>> Sender<B> {
     }
 }
 
-/// Puts packets together from received bytes, in a buffer of fixed size. Longer packets are dropped.
+/// Assembles packets from received bytes, in a buffer of fixed size. Longer packets are dropped.
 #[derive(Debug)]
 pub struct Receiver<B> {
     framing: Framing,
     buffer: B,
     filled: usize,
-    /// Cobs: skip to the next packet's beginning, as the present one is too long.
+    /// COBS: skip to the beginning of the next packet, as this one is too long.
     skipping: bool,
     /// Reports: length of the packet that is being received; 0 between packets.
     wanted: usize,
-    /// Reports: bytes of the report at hand that are yet to be used.
+    /// Reports: bytes of the current report that are not yet used.
     left: usize,
-    /// Where in the buffer the last whole packet lies.
+    /// Start and end of the last complete packet in the buffer.
     packet: (usize, usize),
 }
 
@@ -178,13 +201,17 @@ impl<B: AsMut<[u8]>> Receiver<B> {
         Self { framing, buffer, filled: 0, skipping: false, wanted: 0, left: 0, packet: (0, 0) }
     }
 
-    /// The packet that [`Receiver::push`] has completed, not yet checked; until the next push.
+    /// The packet that [`Receiver::push`] has completed, not yet checked; valid until the next
+    /// push.
     pub fn packet(&mut self) -> &[u8] {
         &self.buffer.as_mut()[self.packet.0..self.packet.1]
     }
 
-    /// Takes bytes from the front of `input` until a packet is whole, and says whether one is; if not,
-    /// the input is used up. Reports come whole: none is cut by the end of an input.
+    /// Takes bytes from the front of `input` until a packet is complete. Returns whether one is; if
+    /// not, the whole input has been used. Inputs must hold whole reports.
+    ///
+    /// # Errors
+    /// [`OutOfStep`], with [`Framing::Length`] only.
     pub fn push(&mut self, input: &mut &[u8]) -> Result<bool, OutOfStep> {
         let whole = match self.framing {
             Framing::Cobs => self.push_cobs(input),
@@ -246,7 +273,7 @@ impl<B: AsMut<[u8]>> Receiver<B> {
                 return Ok(Some((LENGTH_HEAD, wanted)));
             }
             if buffer[..LENGTH_HEAD] == [0; LENGTH_HEAD] {
-                self.filled = 0; // An empty packet is no packet.
+                self.filled = 0; // Ignore an empty packet.
             }
         }
     }
@@ -256,12 +283,12 @@ impl<B: AsMut<[u8]>> Receiver<B> {
         let left = &mut self.left;
         loop {
             if *left > input.len() {
-                // The rest of the report is gone.
+                // The rest of the report was not received.
                 (*left, self.wanted, self.filled) = (0, 0, 0);
             }
             if *left == 0 {
                 let Some((report, _)) = input.split_at_checked(size) else {
-                    *input = &[]; // Half a report is no report.
+                    *input = &[]; // Ignore an incomplete report.
                     return None;
                 };
                 let (head, _) = report.split_at(pointer_bytes(size));
@@ -272,7 +299,7 @@ impl<B: AsMut<[u8]>> Receiver<B> {
                 let heard_all =
                     pointer == to_come || (pointer == no_beginning(size) && to_come > 0);
                 if !heard_all {
-                    // A report was lost: go on where the next packet begins.
+                    // A report was lost: continue where the next packet begins.
                     (self.wanted, self.filled) = (0, 0);
                     skip(left, input, pointer);
                 }
@@ -302,7 +329,7 @@ impl<B: AsMut<[u8]>> Receiver<B> {
     }
 }
 
-/// Leaves out bytes of a report of which `left` are in the input.
+/// Skips bytes of a report, of which `left` remain in the input.
 fn skip(left: &mut usize, input: &mut &[u8], bytes: usize) {
     let bytes = bytes.min(*left);
     *input = &input[bytes..];
@@ -368,7 +395,8 @@ mod tests {
         }
     }
 
-    /// One pointer byte of 64, two of 1024, two bytes of length for each packet, and no other room lost.
+    /// One pointer byte of 64, two of 1024, two bytes of length for each packet, and no other room
+    /// lost.
     #[test]
     fn reports_are_filled() {
         for (size, pointer) in [(64, 1), (1024, 2)] {

@@ -1,23 +1,25 @@
-//! The host's end: a state machine that asks, and notices what got lost. Time is passed in.
+//! The host's end: a state machine that sends requests and notices losses. Time is passed in.
 //!
 //! One operation at a time: [`Host::connect`], [`Host::send_camera`], [`Host::begin`] a frame, or
-//! [`Host::request`]. Then call [`Host::poll`] and do what it says, and give every received packet to
-//! [`Host::receive`], until one of them returns the [`Event`] that ends the operation. Each operation
-//! ends: a step that brings nothing new is counted, and after [`Limits::idle_steps`] of them in a
-//! row the operation has failed.
+//! [`Host::request`]. Then call [`Host::poll`] and do what it says, and give every received packet
+//! to [`Host::receive`], until one of them returns the [`Event`] that ends the operation. Every
+//! operation ends: steps without progress are counted, and after [`Limits::idle_steps`] of them in
+//! a row the operation has failed.
 
 use crate::message::*;
 use crate::wire::*;
+use core::fmt;
 
 /// Time in microseconds since any fixed moment.
 pub type Micros = u64;
 
-/// What the host reads from and writes to while it sends a frame or a camera.
+/// The host's data: read and written while it sends a frame or a camera.
 pub trait FrameIo {
-    /// Fills `out` with the units of spectral row `row` from unit `first` on.
+    /// Fills `out` with the units of spectral row `row` from unit `first` on
+    /// (see [`Codec`]; [`FrameShape::unit_bytes`] each).
     fn spectral(&mut self, row: u16, first: u16, out: &mut [u8]);
 
-    /// The place of packed raw row `row`.
+    /// The buffer of packed raw row `row`, of at least [`FrameShape::raw_bytes`].
     fn raw_row(&mut self, row: u16) -> &mut [u8];
 
     /// Fills `out` with the camera's bytes from `offset` on.
@@ -27,33 +29,49 @@ pub trait FrameIo {
     fn log(&mut self, _bytes: &[u8]) {}
 }
 
-/// How patient the host is and how much it takes at once.
+/// Time limits of the host and the amounts that it handles at once.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Longest packet that the host takes, bytes. Short ones get through a bad link better.
+    /// Longest packet that the host accepts, bytes. Short packets are more likely to pass a bad
+    /// link.
     pub packet_bytes: u16,
-    /// Packets that the device may send ahead. On HID at most 16 reports may be under way.
+    /// Packets that the device may have under way. On HID keep it to 16 reports.
     pub credit: u16,
-    /// Longest packet that the host sends, whatever the device would take, bytes.
+    /// Longest packet that the host sends, even if the device accepts longer ones, bytes.
     pub send_bytes: u16,
-    /// Rows that the host may send beyond the one whose raw row it waits for. On a link where credit holds
-    /// the device's answers up, what is sent far ahead finds no room there and has to be sent again.
+    /// Rows that the host may send beyond the one whose raw row it waits for. On a link whose
+    /// credit delays the device's answers, rows sent far ahead find no room in the device and must
+    /// be sent again.
     pub rows_ahead: u16,
-    /// After this long without a packet the host asks, µs.
+    /// The host asks again after this time without a packet, µs.
     pub timeout: Micros,
-    /// Fruitless steps after which an operation has failed.
+    /// Steps without progress after which an operation has failed.
     pub idle_steps: u16,
 }
+
+/// Default [`Limits::packet_bytes`]: a raw row of 2048 samples of 16 bits fits into one packet.
+const PACKET_BYTES: u16 = 4400;
+/// Default [`Limits::credit`]: 280 kB of packets under way at most.
+const CREDIT: u16 = 64;
+/// Default [`Limits::timeout`], µs: far above the round trips measured on serial lines and pipes,
+/// which are below 1 ms.
+const TIMEOUT: Micros = 250_000;
+/// Default [`Limits::idle_steps`]: with the default time-out 5 s until a silent device is given up.
+const IDLE_STEPS: u16 = 20;
+/// Shortest piece of a camera that the host sends, bytes.
+const MIN_CAMERA_PIECE: usize = 16;
+/// A piece of a camera is halved with each step without progress, this often at most.
+const MAX_CAMERA_HALVINGS: u16 = 8;
 
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            packet_bytes: 4400,
-            credit: 64,
+            packet_bytes: PACKET_BYTES,
+            credit: CREDIT,
             send_bytes: u16::MAX,
             rows_ahead: u16::MAX,
-            timeout: 250_000,
-            idle_steps: 20,
+            timeout: TIMEOUT,
+            idle_steps: IDLE_STEPS,
         }
     }
 }
@@ -63,7 +81,7 @@ impl Default for Limits {
 pub enum Poll {
     /// Send this many bytes of `out`, then poll again.
     Send(usize),
-    /// Wait for a packet until this time at most, then poll again.
+    /// Wait for a packet, at most until this time (µs), then poll again.
     Wait(Micros),
     /// The operation has ended.
     Done(Event),
@@ -74,47 +92,78 @@ pub enum Poll {
 pub enum Event {
     /// A session is open; see [`Host::device`].
     Connected,
-    /// The device speaks only other versions.
+    /// The device speaks only other versions of the protocol.
     NoCommonVersion {
-        /// Oldest that it speaks.
+        /// Oldest version that it speaks.
         oldest: u8,
-        /// Newest that it speaks.
+        /// Newest version that it speaks.
         newest: u8,
     },
     /// The camera is in force.
     CameraReady,
-    /// Every raw row is there and right.
+    /// Every raw row has arrived and its CRC is correct.
     FrameDone(FrameStart),
-    /// The device was asked, by its fault register, to lose this frame.
+    /// The device dropped this frame, as its fault register asked.
     FrameDropped(FrameStart),
     /// The answer to a request.
     Answer(ToHost),
-    /// The device said no.
+    /// The device refused.
     Refused(Nack),
-    /// Nothing came any more. A frame's [`Host::missing`] rows can be asked for in a new session.
+    /// The device no longer answers. The [`Host::missing`] rows of a frame can be requested in a
+    /// new session.
     NoAnswer,
-    /// The device answers but what is asked for does not get through.
+    /// The device answers, but the link loses too much for the operation to advance.
     NoProgress,
 }
 
-/// Counters of a host.
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connected => f.write_str("connected"),
+            Self::NoCommonVersion { oldest, newest } => write!(
+                f,
+                "the device speaks versions {oldest} to {newest} of the protocol, this host {} to \
+                 {}: update the {}",
+                VERSIONS.0,
+                VERSIONS.1,
+                if *newest < VERSIONS.0 { "device's firmware" } else { "host" }
+            ),
+            Self::CameraReady => f.write_str("the camera is in force"),
+            Self::FrameDone(start) => write!(f, "frame {} is complete", start.frame),
+            Self::FrameDropped(start) => {
+                write!(f, "the device dropped frame {}, as its fault register asked", start.frame)
+            }
+            Self::Answer(answer) => write!(f, "the device answered {answer:?}"),
+            Self::Refused(nack) => nack.fmt(f),
+            Self::NoAnswer => {
+                f.write_str("no answer from the device: is it switched on, and is this its port?")
+            }
+            Self::NoProgress => f.write_str(
+                "the device answers, but the link loses too much: use shorter packets \
+                 (Limits::packet_bytes and send_bytes) or a slower line",
+            ),
+        }
+    }
+}
+
+/// Counters of a host since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostStatistics {
     /// Packets sent.
     pub sent: u64,
     /// Bytes of the packets sent, before framing.
     pub sent_bytes: u64,
-    /// Packets received and understood.
+    /// Packets received with a correct CRC and of this session.
     pub received: u64,
-    /// Bytes of those.
+    /// Bytes of the packets received, without framing.
     pub received_bytes: u64,
-    /// Packets dropped for their CRC.
+    /// Packets dropped because of their CRC.
     pub damaged: u64,
-    /// Times that the host went back to an earlier part.
+    /// Number of times that the host went back to an earlier part.
     pub rewinds: u64,
-    /// Times that the host asked because nothing came.
+    /// Number of times that the host asked again because no packet came.
     pub timeouts: u64,
-    /// Raw rows whose pieces did not make up the row's CRC.
+    /// Raw rows whose pieces did not give the row's CRC.
     pub torn_rows: u64,
 }
 
@@ -132,27 +181,27 @@ enum Operation {
 struct Frame {
     begin: FrameBegin,
     start: Option<FrameStart>,
-    /// The announcement has to be sent (again).
+    /// Whether the announcement has to be sent (again).
     announce: bool,
-    /// Sizes on the link: foretold by the caller, confirmed by the device's FrameStart.
+    /// Sizes on the link: given by the caller, confirmed by the device's FrameStart.
     shape: FrameShape,
-    /// Next part to send; row = rows at the end of a pass.
+    /// Next part to send; its row is the number of rows at the end of a pass.
     cursor: Cursor,
-    /// What the device expects if it heard everything.
+    /// The part that the device expects if it has received everything.
     expected: Cursor,
-    /// Acks of packets older than this say nothing new about gaps.
+    /// Acknowledgements of packets older than this say nothing new about gaps.
     mark: u16,
-    /// A Ping is to be sent, as the pass is over or time has run out.
+    /// Whether to send a Ping, as the pass is over or the time has run out.
     ask: bool,
-    /// Furthest cursor that the device has reported in this pass.
+    /// Furthest position that the device has reported in this pass.
     reached: Cursor,
-    /// Raw rows that are not yet whole.
+    /// Number of raw rows that are not yet complete.
     missing: u16,
-    /// Rows sent whose raw rows have not come back.
+    /// Number of rows sent whose raw rows have not come back.
     ahead: u16,
-    /// Raw rows whose pieces did not fit together.
+    /// Number of raw rows whose pieces did not give the row's CRC.
     torn: u16,
-    /// Units per part now: halved when parts get lost, doubled when a row's worth got through.
+    /// Units per part: halved when parts are lost, doubled after each row.
     part_units: u16,
 }
 
@@ -164,7 +213,7 @@ impl Frame {
 }
 
 /// The host's end of the link. `R` has room for one number per raw row of the largest frame
-/// (`Vec<u16>`, `[u16; N]`): how many bytes of that row are there.
+/// (`Vec<u16>`, `[u16; N]`): how many bytes of that row have arrived.
 pub struct Host<R> {
     limits: Limits,
     rows: R,
@@ -176,15 +225,16 @@ pub struct Host<R> {
     heard: u16,
     told: u16,
     acknowledged: u16,
-    /// The operation's first packet: answers that acknowledge less belong to an earlier one.
+    /// The operation's first packet: answers that acknowledge an older one belong to an earlier
+    /// operation.
     first: u16,
     deadline: Micros,
-    /// Fruitless steps in a row.
+    /// Steps without progress in a row.
     idle: u16,
     statistics: HostStatistics,
 }
 
-/// Marks a raw row as whole in `rows`.
+/// Marks a raw row as complete in `rows`.
 const WHOLE: u16 = u16::MAX;
 
 impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
@@ -208,7 +258,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }
     }
 
-    /// Opens a session. `session` must differ from those before on the same device, as a random number
+    /// Opens a session. `session` must differ from earlier ones on the same device; a random number
     /// does.
     pub fn connect(&mut self, session: u16) {
         self.session = session;
@@ -217,19 +267,20 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         self.start(Operation::Hello);
     }
 
-    /// Sends the camera of [`FrameIo::camera`], unless the device already holds it.
+    /// Sends the camera of [`FrameIo::camera`], unless the device already holds it. `id`: its
+    /// [`camera_id`]; `total`: its bytes.
     pub fn send_camera(&mut self, id: u64, total: u32) {
         self.start(Operation::Camera { id, total, received: 0, ask: true });
     }
 
-    /// Sends a request and waits for its answer: any message but [`ToDevice::FrameBegin`].
+    /// Sends a request, any message except [`ToDevice::FrameBegin`], and waits for its answer.
     pub fn request(&mut self, message: ToDevice) {
         self.start(Operation::Request { message, ask: true });
     }
 
-    /// Begins a frame; the host chooses `begin.transfer` itself. `shape`: its sizes, as the device's
-    /// model will confirm. With `resume`, the raw rows that came in the last attempt at the same frame
-    /// are kept.
+    /// Begins a frame; the host chooses `begin.transfer` itself. `shape`: its sizes, which the
+    /// device's model has to confirm. With `resume`, raw rows received in the last attempt at the
+    /// same frame are kept.
     ///
     /// # Panics
     /// If `rows` has less room than the frame has rows.
@@ -257,7 +308,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }));
     }
 
-    /// Changes the room for rows, as for a larger frame; between operations only.
+    /// Changes the room for rows, for a larger frame for instance; only between operations.
     pub fn reserve_rows(&mut self, change: impl FnOnce(&mut R)) {
         change(&mut self.rows);
     }
@@ -267,12 +318,12 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         self.device.as_ref()
     }
 
-    /// Counters.
+    /// Counters since the host was made.
     pub fn statistics(&self) -> HostStatistics {
         self.statistics
     }
 
-    /// The first `rows` raw rows that are not yet whole.
+    /// Those of the first `rows` raw rows that are not yet complete.
     pub fn missing(&self, rows: u16) -> impl Iterator<Item = u16> + '_ {
         let state = self.rows.as_ref().iter().take(usize::from(rows));
         (0..rows).zip(state).filter(|(_, state)| **state != WHOLE).map(|(row, _)| row)
@@ -290,7 +341,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         Some(event)
     }
 
-    /// What to do now. `out` must hold the longest packet of either end.
+    /// What to do at time `now` (µs). `out` must hold the longest packet of either end.
     pub fn poll(&mut self, now: Micros, io: &mut impl FrameIo, out: &mut [u8]) -> Poll {
         let first = self.deadline == 0;
         let late = !first && now >= self.deadline;
@@ -366,7 +417,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             if frame.cursor.row < frame.shape.rows {
                 return Some(self.send_part(frame, io, out));
             }
-            return Some(self.send(Kind::Ping, 0, 0, out)); // The pass is over: what is missing?
+            return Some(self.send(Kind::Ping, 0, 0, out)); // The pass is over: ask what is missing.
         }
         if self.heard.wrapping_sub(self.told) >= self.limits.credit.div_ceil(2) {
             return Some(self.send(Kind::Ack, 0, 0, out));
@@ -420,8 +471,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         let limit = self.device.as_ref().map_or(0, |d| d.packet_bytes);
         let limit = usize::from(limit.min(self.limits.send_bytes)).min(out.len());
         let room = limit.saturating_sub(HEADER_BYTES + CameraHeader::BYTES + CHECK_BYTES);
-        // A link on which pieces get lost gets shorter ones.
-        let room = (room >> self.idle.min(8)).max(16);
+        // On a link that loses pieces, send shorter ones.
+        let room = (room >> self.idle.min(MAX_CAMERA_HALVINGS)).max(MIN_CAMERA_PIECE);
         let bytes = room.min((head.total - head.offset) as usize);
         let body = &mut out[HEADER_BYTES..];
         head.write(body);
@@ -451,8 +502,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         bytes
     }
 
-    /// Takes one packet, as a [`crate::framing::Receiver`] gives it. Returns an event if it ended the
-    /// operation.
+    /// Takes one packet, as a [`crate::framing::Receiver`] delivers it, at time `now` (µs). Returns
+    /// an event if it ends the operation.
     pub fn receive(&mut self, now: Micros, bytes: &[u8], io: &mut impl FrameIo) -> Option<Event> {
         let Ok(packet) = Packet::parse(bytes) else {
             self.statistics.damaged += 1;
@@ -553,7 +604,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                     self.idle = 0;
                     self.operation = Operation::Camera { id, total, received: there, ask: true };
                 } else if there < received {
-                    self.idle += 1; // The device forgot, or could not use, what it had.
+                    self.idle += 1; // The device has lost, or could not use, what it had.
                     self.operation = Operation::Camera { id, total, received: there, ask: true };
                 }
                 None
@@ -590,7 +641,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         let cursor = Cursor { row: body.row, unit: body.unit };
         let end = Cursor { row: frame.shape.rows, unit: 0 };
         if cursor > end || cursor.unit >= frame.shape.units {
-            return; // No place within the frame.
+            return; // Not a position within the frame.
         }
         if cursor > frame.reached {
             frame.reached = cursor;
@@ -599,7 +650,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         let all_heard = header.ack == self.seq.wrapping_sub(1);
         let rows = frame.shape.rows;
         if header.flags & GAP != 0 || (all_heard && cursor != frame.expected) {
-            // Go back to where the device is, in smaller steps.
+            // Go back to the device's position, and continue in smaller parts.
             frame.mark = self.seq;
             frame.ahead = 0;
             (frame.cursor, frame.expected) = (cursor, cursor);
@@ -610,13 +661,14 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             self.statistics.rewinds += 1;
             self.idle += 1;
         } else if all_heard && header.flags & PENDING != 0 {
-            // Raw rows wait for the credit that asking again gives.
+            // Raw rows wait for credit, which asking again gives.
             frame.ask |= frame.cursor.row == rows;
             self.idle += 1;
         } else if all_heard {
             frame.ahead = 0;
             if frame.cursor.row == rows {
-                // Everything was heard and answered: what is missing got lost on its way here.
+                // Everything was received and answered: what is missing was lost on its way to the
+                // host.
                 frame.mark = self.seq;
                 frame.start_pass();
                 self.idle += 1;
@@ -639,7 +691,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             || *state != head.offset
             || end > raw_bytes
         {
-            return None; // Of another frame, or a piece that is already there, or one too far.
+            return None; // Of another frame, already there, or out of order.
         }
         let raw = io.raw_row(head.row);
         raw[usize::from(head.offset)..end].copy_from_slice(piece);
@@ -663,7 +715,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         match frame.start {
             Some(start) => Some(Event::FrameDone(start)),
             None => {
-                frame.ask = true; // The announcement's answer was lost: ask for it.
+                frame.ask = true; // The answer to the announcement was lost: ask for it.
                 None
             }
         }

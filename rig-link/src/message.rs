@@ -1,8 +1,9 @@
-//! Control messages (postcard) and what they carry.
+//! Control messages, in the encoding of the `postcard` crate, and what they carry.
 //!
-//! Enums are append-only: a variant's number on the wire is its position. A message that this version
-//! does not know is answered with [`Nack::Unsupported`] and otherwise ignored.
+//! Enums only grow at their ends: the number of a variant on the link is its position. A message
+//! that this version does not know is answered with [`Nack::Unsupported`] and otherwise ignored.
 
+use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -12,10 +13,10 @@ pub const VERSIONS: (u8, u8) = (1, 1);
 /// First bytes of every Hello.
 pub const MAGIC: [u8; 6] = *b"camrig";
 
-/// Longest control message, bytes of postcard.
+/// Longest control message, bytes (a test encodes the largest).
 pub const CONTROL_BYTES: usize = 160;
 
-/// The host's first message: opens a session, and ends any other.
+/// The host's first message: opens a session and ends any other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// [`MAGIC`].
@@ -24,7 +25,7 @@ pub struct Hello {
     pub oldest: u8,
     /// Newest version that the host speaks.
     pub newest: u8,
-    /// Longest packet that the host takes, bytes.
+    /// Longest packet that the host accepts, bytes.
     pub packet_bytes: u16,
     /// Packets that the device may send beyond the newest that the host has acknowledged.
     pub credit: u16,
@@ -33,13 +34,13 @@ pub struct Hello {
 /// The device's answer to [`Hello`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelloReply {
-    /// The version that both speak from now on; 0 if there is none.
+    /// The version that both use from now on; 0 if there is none.
     pub version: u8,
     /// Oldest version that the device speaks.
     pub oldest: u8,
     /// Newest version that the device speaks.
     pub newest: u8,
-    /// What the device can do; absent if there is no common version.
+    /// What the device can do; `None` if there is no common version.
     pub device: Option<Capabilities>,
 }
 
@@ -48,23 +49,24 @@ pub struct HelloReply {
 pub struct Capabilities {
     /// Name and version of the firmware.
     pub firmware: String<40>,
-    /// Longest packet that the device takes, bytes.
+    /// Longest packet that the device accepts, bytes.
     pub packet_bytes: u16,
     /// Packets that the host may send beyond the newest that the device has acknowledged.
     pub credit: u16,
     /// Longest row, pixels.
     pub max_width: u16,
-    /// Most spectral bands.
+    /// Largest number of spectral bands.
     pub max_bands: u16,
-    /// Longest camera, bytes.
+    /// Longest camera ([`ToHost::Camera`]), bytes.
     pub max_camera: u32,
-    /// Arithmetics as a bit set of `1 <<` [`NumberFormat`].
+    /// Arithmetics that the device has, as a bit set of `1 <<` [`NumberFormat`].
     pub arithmetics: u8,
-    /// Row codecs as a bit set of `1 <<` [`Codec`].
+    /// Row codecs that the device reads, as a bit set of `1 <<` [`Codec`].
     pub codecs: u8,
-    /// Memory that the device's rows and buffers take, bytes.
+    /// Memory of the device's rows and buffers, bytes.
     pub memory_bytes: u32,
-    /// Effects of the sensor model that the firmware has, as a bit set of `1 <<` catalogue number.
+    /// Effects of the sensor model that the firmware has, as a bit set of `1 <<` number in the
+    /// catalogue of `camrig-sensor-core`.
     pub effects: u64,
     /// Identity of the camera that the device holds; 0 for none.
     pub camera: u64,
@@ -79,27 +81,28 @@ pub enum NumberFormat {
     Fixed,
 }
 
-/// How a spectral row is coded: units of 16 pixels, an exponent byte and 16 mantissas of 16 bits, 2.06 bytes per
-/// sample. Rounding is at most 2⁻¹⁷ of the largest of the 16; on a scene of high dynamic range 0.012 of a
-/// pixel's own noise at worst (12-bit mantissas would save a quarter of the bytes and make it 0.18).
+/// How a spectral row is encoded: units of 16 pixels with a shared exponent byte and 16 mantissas
+/// of 16 bits, 2.06 bytes per sample. The rounding error is at most 2⁻¹⁷ of the largest of the 16.
+/// On a scene of high dynamic range that is at worst 0.012 of a pixel's own noise; 12-bit mantissas
+/// would save a quarter of the bytes and make it 0.18.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Codec {
-    /// Irradiance: band after band, blocks of 16 pixels with a shared exponent and 16-bit mantissas.
+    /// Irradiance, W m⁻² nm⁻¹: the units of one band after those of the other.
     Bfp16,
-    /// Mean electrons per second of exposure, integrated over the bands by the host: one "band" of such
-    /// blocks.
+    /// Mean photo-electrons per second of exposure, e⁻/s, summed over the bands by the host: the
+    /// units of one band.
     Electrons16,
 }
 
 /// Announces a frame; its spectral rows follow.
 ///
-/// There is no message to resume a frame: raw rows depend on nothing but the camera, this message
-/// and the rows' own light, so the host announces the frame again and sends the rows it still needs.
+/// There is no message to resume a frame: raw rows depend only on the camera, this message and the
+/// light of the rows, so the host announces the frame again and sends the rows that it still needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameBegin {
     /// The host's number for this announcement, new each time.
     pub transfer: u16,
-    /// Frame number: with the camera's seed it fixes the temporal noise.
+    /// Frame number: with the camera's seed it determines the temporal noise.
     pub frame: u32,
     /// Rows of the frame.
     pub rows: u16,
@@ -107,17 +110,18 @@ pub struct FrameBegin {
     pub width: u16,
     /// Spectral bands.
     pub bands: u16,
-    /// How the spectral rows are coded.
+    /// How the spectral rows are encoded.
     pub codec: Codec,
-    /// Which arithmetic computes them.
+    /// Which arithmetic computes the raw rows.
     pub arithmetic: NumberFormat,
     /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`].
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.
     pub temperature_c: f32,
-    /// Whether the sensor saw the same light in the frame before (else none): for effects with a memory.
+    /// Whether the previous frame had the same light (else it was dark): for effects such as image
+    /// lag.
     pub lit_before: bool,
-    /// Exposure and gain; without it the device's registers say.
+    /// Exposure and gain; `None`: those of the device's registers.
     pub exposure: Option<Exposure>,
 }
 
@@ -130,12 +134,18 @@ pub struct Exposure {
     pub analog_gain: f32,
 }
 
-/// The sizes of a frame on the link, as the device's model says after [`FrameBegin`].
+impl fmt::Display for Exposure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} s at gain {}", self.exposure_s, self.analog_gain)
+    }
+}
+
+/// Sizes of a frame on the link, which the device's model confirms after [`FrameBegin`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameShape {
     /// Rows of the frame.
     pub rows: u16,
-    /// Units (codec blocks) of a spectral row.
+    /// Units of a spectral row ([`Codec`]).
     pub units: u16,
     /// Bytes of a unit.
     pub unit_bytes: u16,
@@ -146,7 +156,7 @@ pub struct FrameShape {
 }
 
 impl FrameShape {
-    /// Whether every size is one that can be worked with.
+    /// Whether no size is zero and none is beyond the protocol's limits.
     pub fn is_sound(&self) -> bool {
         self.rows > 0
             && self.units > 0
@@ -155,7 +165,7 @@ impl FrameShape {
     }
 }
 
-/// The device has begun a frame. What a sensor puts into its embedded data line.
+/// The device has begun a frame: what a sensor writes into its embedded data line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameStart {
     /// Echo of [`FrameBegin::transfer`].
@@ -172,23 +182,24 @@ pub struct FrameStart {
     pub seed: u64,
     /// Test pattern in force (register `test_pattern`).
     pub test_pattern: u16,
-    /// Fault that the fault register asked for.
+    /// Fault requested by the fault register.
     pub fault: Fault,
 }
 
-/// A fault that the device was asked to show, so that an ISP's own error handling can be tried.
+/// A fault that the device was asked to simulate, to test the error handling of an image signal
+/// processor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// None.
     #[default]
     None,
-    /// The frame never comes.
+    /// The frame is never delivered.
     DropFrame,
-    /// This row comes with all its bits inverted.
+    /// This row is delivered with all its bits inverted.
     CorruptRow(u16),
     /// The frame counter stands still.
     StuckCounter,
-    /// The frame comes this much later, in ms: the host, which has the clock, holds it back.
+    /// The frame is delivered this much later, ms: the host, which has the clock, delays it.
     LateFrame(u16),
 }
 
@@ -197,7 +208,7 @@ pub enum Fault {
 pub enum ToDevice {
     /// Begin a frame.
     FrameBegin(FrameBegin),
-    /// Forget the frame in progress.
+    /// Abandon the frame in progress.
     Abort,
     /// Read a register.
     RegRead(u16),
@@ -212,7 +223,7 @@ pub enum ToDevice {
 pub enum ToHost {
     /// A frame has begun.
     FrameStart(FrameStart),
-    /// There is no frame in progress any more.
+    /// The frame in progress was abandoned.
     Aborted,
     /// Value of a register, after a read or a write.
     Register(u16, u32),
@@ -222,40 +233,41 @@ pub enum ToHost {
     Camera {
         /// Which camera.
         id: u64,
-        /// Bytes that arrived without gaps from the beginning.
+        /// Bytes received without a gap from the beginning.
         received: u32,
-        /// Whether it is whole, checked and in force.
+        /// Whether it is complete, checked and in force.
         ready: bool,
     },
-    /// No.
+    /// The device refuses.
     Nack(Nack),
 }
 
-/// Why the device says no.
+/// Why the device refuses a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Nack {
-    /// It knows no such session: it was switched off and on, or another host said Hello.
+    /// It knows no such session: it was switched off and on, or another host has connected.
     NoSession,
     /// It has no such transfer in progress.
     NoTransfer(u16),
     /// It does not know this kind of message.
     Unsupported(u8),
-    /// It has no register at this address, or not for writing this value.
+    /// It has no register at this address, or the register does not take this value.
     Register(u16),
-    /// It cannot do what was asked.
+    /// Its model cannot do what was asked.
     Refused(Refusal),
 }
 
-/// What a model cannot do.
+/// What a device's model cannot do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// There is no camera yet.
+    /// The device has no camera yet.
     NoCamera,
-    /// The camera's bytes do not decode, or its values are out of range.
+    /// The camera's bytes do not decode, a value is out of range, the effects are out of order, or
+    /// the firmware lacks one of them.
     BadCamera,
-    /// More bytes of camera than there is memory for.
+    /// The camera has more bytes than there is memory for.
     CameraTooLong {
-        /// Most bytes.
+        /// Largest number of bytes.
         max: u32,
     },
     /// The camera's effects need more neighbouring rows than there is memory for.
@@ -265,35 +277,115 @@ pub enum Refusal {
         /// Longest row, pixels.
         max: u16,
     },
-    /// More bands than there is memory for.
+    /// The frame has more bands than there is memory for.
     TooManyBands {
-        /// Most bands.
+        /// Largest number of bands.
         max: u16,
     },
     /// The frame's size or bands are not the camera's.
     WrongShape,
-    /// Not this arithmetic.
+    /// The device does not have this arithmetic.
     Arithmetic,
-    /// Not this row codec.
+    /// The device does not read this row codec.
     Codec,
-    /// Not this packing: the camera has more bits.
+    /// The packing does not exist, or has fewer bits per sample than the camera.
     Packing,
-    /// Exposure time or gain is not a number, or out of range.
+    /// Exposure time or gain is not a positive finite number.
     Exposure,
 }
+
+impl fmt::Display for Nack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSession => f.write_str(
+                "the device knows no such session: it was switched off and on, or another host has \
+                 connected; connect again",
+            ),
+            Self::NoTransfer(transfer) => write!(
+                f,
+                "the device has no transfer {transfer} in progress: announce the frame again"
+            ),
+            Self::Unsupported(kind) => write!(
+                f,
+                "the device does not know packet kind {kind} or the message in it: update its \
+                 firmware"
+            ),
+            Self::Register(address) => write!(
+                f,
+                "register {address:#06x} does not exist, is read-only, or does not take this \
+                 value: see registers::address"
+            ),
+            Self::Refused(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Nack {}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoCamera => f.write_str("the device has no camera: send one before a frame"),
+            Self::BadCamera => f.write_str(
+                "the device cannot use the camera: its bytes do not decode, a value is out of \
+                 range, its effects are out of order, or the firmware lacks one of them; compare \
+                 them with Capabilities::effects",
+            ),
+            Self::CameraTooLong { max } => write!(
+                f,
+                "the camera is longer than the {max} bytes that the device has room for: use a \
+                 coarser crosstalk table"
+            ),
+            Self::Effects => f.write_str(
+                "the camera's effects read more neighbouring rows than the device has memory for: \
+                 leave out some of them",
+            ),
+            Self::TooWide { max } => write!(
+                f,
+                "rows are longer than the {max} pixels that the device has memory for: use a \
+                 camera with fewer columns"
+            ),
+            Self::TooManyBands { max } => write!(
+                f,
+                "there are more spectral bands than the {max} that the device takes: use fewer, \
+                 or sum them on the host (Codec::Electrons16)"
+            ),
+            Self::WrongShape => f.write_str(
+                "the frame's rows, width or bands are not those of the camera in force: send the \
+                 camera again, or correct the frame",
+            ),
+            Self::Arithmetic => f.write_str(
+                "the device does not compute in this arithmetic: choose one of \
+                 Capabilities::arithmetics",
+            ),
+            Self::Codec => f.write_str(
+                "the device does not read this row codec: choose one of Capabilities::codecs",
+            ),
+            Self::Packing => f.write_str(
+                "this packing does not exist, or has fewer bits per sample than the camera: use \
+                 8, 10, 12, 14 or 16, and at least the camera's",
+            ),
+            Self::Exposure => {
+                f.write_str("exposure time (s) and analogue gain must be positive finite numbers")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
 
 /// Counters of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// Packets heard and understood.
+    /// Packets received with a correct CRC and a known kind.
     pub packets: u32,
-    /// Packets dropped for their CRC.
+    /// Packets dropped because of their CRC.
     pub damaged: u32,
-    /// Packets older than the newest heard, dropped.
+    /// Packets dropped because a newer one was received before.
     pub stale: u32,
-    /// Times that a part did not fit the cursor.
+    /// Number of times that a part was out of order.
     pub gaps: u32,
-    /// Spectral rows received whole.
+    /// Spectral rows received completely.
     pub rows_in: u32,
     /// Raw rows computed.
     pub rows_out: u32,

@@ -5,16 +5,18 @@
 //! | format | group | bytes |
 //! |---|---|---|
 //! | RAW8 | 1 sample | the sample |
-//! | RAW10 | 4 samples | 4 bytes of upper 8 bits, then the 2 low bits of each, first sample lowest |
-//! | RAW12 | 2 samples | 2 bytes of upper 8 bits, then the 4 low bits of each, first sample lowest |
-//! | RAW14 | 4 samples | 4 bytes of upper 8 bits, then the 6 low bits of each, first sample lowest |
+//! | RAW10 | 4 samples | 4 bytes of upper 8 bits, the 2 low bits of each, first sample lowest |
+//! | RAW12 | 2 samples | 2 bytes of upper 8 bits, the 4 low bits of each, first sample lowest |
+//! | RAW14 | 4 samples | 4 bytes of upper 8 bits, the 6 low bits of each, first sample lowest |
 //! | RAW16 | 1 sample | upper byte, then lower byte |
 //!
 //! CSI-2 sends 16 bits with the most significant byte first; memory formats hold them little-endian
 //! ([`Packing::Le16`]).
 //!
-//! A row whose width is no multiple of the group is padded with zero samples. No function here
+//! A row whose width is not a multiple of the group is padded with zero samples. No function here
 //! panics: a buffer of the wrong size is an error.
+
+use core::fmt;
 
 /// How samples of a row are laid out in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,17 +35,29 @@ pub enum Packing {
     Le16,
 }
 
-/// A buffer does not have the size that the row needs.
+/// The buffer of a packed row does not have the size that the row needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WrongSize {
     /// Bytes that the row needs.
     pub needed: usize,
-    /// Bytes that are there.
+    /// Bytes of the buffer.
     pub found: usize,
 }
 
+impl fmt::Display for WrongSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "the buffer of the packed row has {} bytes, the row needs {} (Packing::row_bytes)",
+            self.found, self.needed
+        )
+    }
+}
+
+impl core::error::Error for WrongSize {}
+
 impl Packing {
-    /// The packed form of `bits` bits per sample, if there is one.
+    /// The packed format of `bits` bits per sample, if there is one.
     pub const fn of_bits(bits: u32) -> Option<Self> {
         Some(match bits {
             8 => Self::Raw8,
@@ -55,7 +69,7 @@ impl Packing {
         })
     }
 
-    /// Bits of a sample that the layout can hold.
+    /// Bits per sample of the format.
     pub const fn bits(self) -> u32 {
         match self {
             Self::Raw8 => 8,
@@ -66,7 +80,7 @@ impl Packing {
         }
     }
 
-    /// Samples and bytes of a group.
+    /// Number of samples and of bytes in a group.
     pub const fn group(self) -> (usize, usize) {
         match self {
             Self::Raw8 => (1, 1),
@@ -77,15 +91,18 @@ impl Packing {
         }
     }
 
-    /// Bytes of a row of `width` samples, without padding beyond the last group; saturates.
+    /// Bytes of a row of `width` samples, without padding beyond the last group; saturating.
     pub const fn row_bytes(self, width: usize) -> usize {
         let (samples, bytes) = self.group();
         width.div_ceil(samples).saturating_mul(bytes)
     }
 }
 
-/// Packs a row. `out` has exactly [`Packing::row_bytes`] bytes. Bits of a sample above those of the
-/// format are lost.
+/// Packs a row of samples (DN). `out` must have exactly [`Packing::row_bytes`] bytes. Bits of a
+/// sample above those of the format are lost.
+///
+/// # Errors
+/// [`WrongSize`] if `out` has another size.
 pub fn pack_row(packing: Packing, row: &[u16], out: &mut [u8]) -> Result<(), WrongSize> {
     check(packing, row.len(), out.len())?;
     match packing {
@@ -109,7 +126,11 @@ pub fn pack_row(packing: Packing, row: &[u16], out: &mut [u8]) -> Result<(), Wro
     Ok(())
 }
 
-/// Unpacks a row; the inverse of [`pack_row`]. `bytes` has exactly [`Packing::row_bytes`] bytes.
+/// Unpacks a row of samples (DN); the inverse of [`pack_row`]. `bytes` must have exactly
+/// [`Packing::row_bytes`] bytes.
+///
+/// # Errors
+/// [`WrongSize`] if `bytes` has another size.
 pub fn unpack_row(packing: Packing, bytes: &[u8], row: &mut [u16]) -> Result<(), WrongSize> {
     check(packing, row.len(), bytes.len())?;
     match packing {
@@ -150,7 +171,7 @@ fn pack<const S: usize, const B: usize>(
     }
 }
 
-/// Unpacks group by group; of the last one, the samples that are of the row.
+/// Unpacks group by group; from the last one only the samples that belong to the row.
 #[inline(always)]
 fn unpack<const S: usize, const B: usize>(
     bytes: &[u8],
@@ -198,7 +219,8 @@ mod tests {
         assert_eq!(pack(Packing::Raw10, &[0x3FC, 0, 0, 0]), [0xFF, 0, 0, 0, 0]);
         assert_eq!(pack(Packing::Raw10, &[3, 0, 2, 1]), [0, 0, 0, 0, 0b0110_0011]);
         assert_eq!(pack(Packing::Raw12, &[0x123, 0x456]), [0x12, 0x45, 0x63]);
-        // V4L2 SRGGB14P: byte 4 is P1[1:0] P0[5:0], byte 5 is P2[3:0] P1[5:2], byte 6 P3[5:0] P2[5:4].
+        // V4L2 SRGGB14P: byte 4 is P1[1:0] P0[5:0], byte 5 is P2[3:0] P1[5:2], byte 6 P3[5:0]
+        // P2[5:4].
         assert_eq!(
             pack(Packing::Raw14, &[0b000001, 0b000010, 0b010000, 0b100000]),
             [0, 0, 0, 0, 0b1000_0001, 0, 0b1000_0001]

@@ -1,34 +1,35 @@
 //! The rig's registers, at the addresses of MIPI CCS (Camera Command Set) where it has them.
 //!
-//! As in a real sensor, exposure is counted in lines: `exposure_s = lines x line_length_ns x 1e-9`, and
-//! gain is a code: `gain = code / 256` (CCS gain type 0 with m0 = 1, c0 = 0, m1 = 0, c1 = 256).
+//! As in a real sensor, exposure is counted in lines: `exposure_s = lines x line_length_ns x 1e-9`,
+//! and gain is a code: `gain = code / 256` (CCS gain type 0 with m0 = 1, c0 = 0, m1 = 0, c1 = 256).
 //!
-//! And as in a real sensor, what is written while it streams shows some frames later: a delay of 1 is the
-//! next frame, the least. Exposure and frame length take 2 and gain 1 unless the delay registers say
-//! otherwise (so do the IMX219 and others in libcamera's table of sensors). Before the first frame and in
-//! standby a write is in force at once; under group hold writes wait for its end. Frames that bring
-//! their own exposure leave the registers aside but count.
+//! As in a real sensor, a value written while the sensor streams takes effect some frames later; a
+//! delay of 1, the least, is the next frame. Exposure and frame length take 2 frames and gain 1
+//! unless the delay registers say otherwise (the values of the IMX219 and others in libcamera's
+//! table of sensors). Before the first frame and in standby a write takes effect at once; under
+//! group hold writes wait for its end. Frames that bring their own exposure do not use the
+//! registers, but are counted.
 
 use crate::message::{Exposure, Fault};
 
-/// Model number that this rig answers with.
+/// Model number of this rig.
 pub const MODEL_ID: u16 = 0xca39;
 
-/// Addresses.
+/// Addresses of the registers.
 pub mod address {
     /// Read-only: [`super::MODEL_ID`].
     pub const MODEL_ID: u16 = 0x0000;
     /// Read-only: frame counter, 16 bits, wraps.
     pub const FRAME_COUNT: u16 = 0x0005;
-    /// 1 streams, 0 stands by: frames without their own exposure are then dropped.
+    /// 1: streaming; 0: standby, in which frames without their own exposure are dropped.
     pub const MODE_SELECT: u16 = 0x0100;
-    /// 1 holds writes to exposure, gain and frame length back, 0 lets them go together.
+    /// 1: writes to exposure, gain and frame length are held back; 0: they take effect together.
     pub const GROUPED_PARAMETER_HOLD: u16 = 0x0104;
     /// Exposure, lines.
     pub const COARSE_INTEGRATION_TIME: u16 = 0x0202;
-    /// Analogue gain code.
+    /// Analogue gain code: 256 times the gain.
     pub const ANALOG_GAIN: u16 = 0x0204;
-    /// Lines per frame, exposure included: the exposure is cut to it.
+    /// Lines per frame; a longer exposure is limited to it.
     pub const FRAME_LENGTH_LINES: u16 = 0x0340;
     /// Test pattern: 0 none, 1 solid (register 0x0602), 2 colour bars, 4 PN9.
     pub const TEST_PATTERN: u16 = 0x0600;
@@ -36,21 +37,25 @@ pub mod address {
     pub const TEST_DATA: u16 = 0x0602;
     /// Line time, ns (manufacturer-specific).
     pub const LINE_LENGTH_NS: u16 = 0x3000;
-    /// Frames until a written exposure or frame length is in force, 1 to 4. Manufacturer-specific.
+    /// Frames until a written exposure or frame length takes effect, 1 to 4. Manufacturer-specific.
     pub const EXPOSURE_DELAY: u16 = 0x3004;
-    /// Frames until a written gain is in force, 1 to 4. Manufacturer-specific.
+    /// Frames until a written gain takes effect, 1 to 4. Manufacturer-specific.
     pub const GAIN_DELAY: u16 = 0x3006;
-    /// Fault to show with the next frame: 0 none, 1 drop it, 2 corrupt a row, 3 stop the frame counter
-    /// (until written 0), 4 late. Manufacturer-specific.
+    /// Fault of the next frame: 0 none, 1 drop it, 2 corrupt a row, 3 stop the frame counter (until
+    /// 0 is written), 4 deliver it late. Manufacturer-specific.
     pub const FAULT: u16 = 0x3100;
-    /// The corrupt row's number, or the lateness in ms.
+    /// Number of the corrupt row, or the delay in ms.
     pub const FAULT_ARGUMENT: u16 = 0x3102;
 }
 
-/// Longest delay, frames.
+/// Longest delay of a written value, frames.
 const MAX_DELAY: usize = 4;
+/// Longest line time, ns (10 ms).
+const MAX_LINE_NS: u32 = 10_000_000;
+/// Gain code of unity gain (CCS gain type 0, c1).
+const UNITY_GAIN_CODE: u16 = 256;
 
-/// What takes effect some frames after it was written.
+/// Values that take effect some frames after they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Timing {
     lines: u16,
@@ -61,17 +66,17 @@ struct Timing {
 /// Values of the writable registers and the frame counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Registers {
-    /// Frames begun, but for a stuck counter.
+    /// Frames begun; stands still with a stuck counter.
     pub frame_count: u16,
-    /// Whether frames without their own exposure are made.
+    /// Whether frames without their own exposure are computed.
     pub streaming: bool,
     /// As last written.
     written: Timing,
     /// As last written outside a group hold.
     released: Timing,
-    /// What was released when the last frames began, newest first.
+    /// Values released when the last frames began, newest first.
     begun: [Timing; MAX_DELAY - 1],
-    /// A frame has begun since power-on or the end of standby.
+    /// Whether a frame has begun since power-on or the end of standby.
     running: bool,
     hold: bool,
     exposure_delay: u16,
@@ -94,7 +99,7 @@ impl Default for Registers {
 impl Registers {
     /// Values at power-on.
     pub const fn new() -> Self {
-        let timing = Timing { lines: 1000, gain_code: 256, frame_length: 2000 };
+        let timing = Timing { lines: 1000, gain_code: UNITY_GAIN_CODE, frame_length: 2000 };
         Self {
             frame_count: 0,
             streaming: true,
@@ -113,7 +118,7 @@ impl Registers {
         }
     }
 
-    /// Value of a register, as last written.
+    /// Value of a register, as last written; `None` if there is no such register.
     pub fn read(&self, address: u16) -> Option<u32> {
         Some(match address {
             address::MODEL_ID => MODEL_ID.into(),
@@ -134,7 +139,8 @@ impl Registers {
         })
     }
 
-    /// Writes a register; false, and nothing changes, where that cannot be.
+    /// Writes a register. Returns false, and changes nothing, if there is no such register, it is
+    /// read-only or the value is not allowed.
     pub fn write(&mut self, address: u16, value: u32) -> bool {
         let allowed = self.set(address, value);
         if allowed && !self.hold {
@@ -148,7 +154,7 @@ impl Registers {
 
     fn set(&mut self, address: u16, value: u32) -> bool {
         if address == address::LINE_LENGTH_NS {
-            let allowed = (1..=10_000_000).contains(&value);
+            let allowed = (1..=MAX_LINE_NS).contains(&value);
             if allowed {
                 self.line_ns = value;
             }
@@ -183,7 +189,7 @@ impl Registers {
         allowed
     }
 
-    /// The exposure that the registers ask for in the frame that begins next.
+    /// Exposure and gain of the frame that begins next, as the registers have them.
     pub fn exposure(&self) -> Exposure {
         let in_force = |delay: u16| match usize::from(delay).checked_sub(2) {
             Some(frames_ago) => self.begun.get(frames_ago).copied().unwrap_or(self.released),
@@ -194,11 +200,12 @@ impl Registers {
         // Both factors are exact in f32 for all register values that matter (below 2^24).
         Exposure {
             exposure_s: f32::from(lines) * (self.line_ns as f32 * 1e-9),
-            analog_gain: f32::from(in_force(self.gain_delay).gain_code) / 256.0,
+            analog_gain: f32::from(in_force(self.gain_delay).gain_code)
+                / f32::from(UNITY_GAIN_CODE),
         }
     }
 
-    /// Begins a frame: counts it and takes the fault that it is to show.
+    /// Begins a frame: counts it and returns the fault that it is to have.
     pub fn next_frame(&mut self) -> Fault {
         self.begun.rotate_right(1);
         self.begun[0] = self.released;

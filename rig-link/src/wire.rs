@@ -1,33 +1,36 @@
-//! Packets: what both ends exchange whole or not at all.
+//! Packets: the units that both ends exchange, complete or not at all.
 //!
 //! ```text
 //! byte  0      kind
 //!       1      flags, meaning depends on the kind
 //!       2..4   session, chosen by the host at Hello
 //!       4..6   seq, the sender's packet counter
-//!       6..8   ack, the newest seq that the sender has heard from its peer
+//!       6..8   ack, the newest seq that the sender has received from its peer
 //!       8..n-4 body
 //!       n-4..n CRC-32C of everything before it
 //! ```
 //! All numbers are little-endian. Bodies of control messages are postcard; spectral and raw rows
 //! are raw bytes behind the fixed fields of [`PartHeader`] and [`RawHeader`].
 //!
-//! Nothing here panics on bytes from outside: [`Packet::parse`] checks length, kind and CRC, and the
-//! fixed fields are read with checked slicing. [`seal`] panics if its buffer is too small, which is
-//! the caller's own size.
+//! Nothing here panics on bytes from outside: [`Packet::parse`] checks length, kind and CRC, and
+//! the fixed fields are read with checked slicing. [`seal`] panics if its buffer, whose size the
+//! caller chooses, is too small.
 
-/// Bytes before the body.
+use crate::message::VERSIONS;
+use core::fmt;
+
+/// Bytes of the header before the body.
 pub const HEADER_BYTES: usize = 8;
-/// Bytes after the body.
+/// Bytes of the CRC after the body.
 pub const CHECK_BYTES: usize = 4;
 
-/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI) of some bytes.
+/// CRC-32C (Castagnoli; CRC-32/ISCSI in the catalogue of CRC algorithms) of some bytes.
 #[cfg(feature = "hardware-crc")]
 pub fn crc32c(bytes: &[u8]) -> u32 {
     crc32c::crc32c(bytes)
 }
 
-/// CRC-32C (Castagnoli; the catalogue's CRC-32/ISCSI) of some bytes.
+/// CRC-32C (Castagnoli; CRC-32/ISCSI in the catalogue of CRC algorithms) of some bytes.
 #[cfg(not(feature = "hardware-crc"))]
 pub fn crc32c(bytes: &[u8]) -> u32 {
     static CRC32C: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
@@ -51,7 +54,8 @@ pub enum Kind {
     Raw = 5,
     /// Device: its [`Cursor`]. Host: empty; it only carries `ack`.
     Ack = 6,
-    /// Host: empty; asks for an Ack. Not bound by credit, so a stuck link can always be asked.
+    /// Host: empty; asks for an Ack. It needs no credit, so it can be sent on a link that stands
+    /// still.
     Ping = 7,
     /// Device: bytes of its log, in the encoding that the firmware's logger uses.
     Log = 8,
@@ -64,9 +68,9 @@ impl Kind {
     }
 }
 
-/// Flag of a [`Kind::Part`]: the row's first part, and the row is not the one after the last.
+/// Flag of a [`Kind::Part`]: the first part of a row that does not follow the previous one.
 pub const JUMP: u8 = 1;
-/// Flag of a device's [`Kind::Ack`]: parts did not fit [`Cursor`]; send again from there.
+/// Flag of a device's [`Kind::Ack`]: parts did not continue at [`Cursor`]; send again from there.
 pub const GAP: u8 = 1;
 /// Flag of a device's [`Kind::Ack`]: raw rows wait for credit.
 pub const PENDING: u8 = 2;
@@ -82,11 +86,11 @@ pub struct Header {
     pub session: u16,
     /// The sender's packet counter.
     pub seq: u16,
-    /// Newest counter heard from the peer.
+    /// Newest packet counter received from the peer.
     pub ack: u16,
 }
 
-/// A packet that passed its check.
+/// A packet with a correct CRC.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'a> {
     /// The common fields.
@@ -100,7 +104,7 @@ pub struct Packet<'a> {
 pub enum Reject {
     /// Too short, or the CRC does not match.
     Damaged,
-    /// Whole, but of a kind that this version does not know.
+    /// Undamaged, but of a kind that this version does not know.
     UnknownKind {
         /// The kind's byte.
         kind: u8,
@@ -109,8 +113,29 @@ pub enum Reject {
     },
 }
 
+impl fmt::Display for Reject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Damaged => f.write_str(
+                "the packet is too short or its CRC-32C is wrong: drop it, the host will ask again",
+            ),
+            Self::UnknownKind { kind, session } => write!(
+                f,
+                "packet kind {kind} in session {session} is not one of protocol versions {} to {}: \
+                 update this end",
+                VERSIONS.0, VERSIONS.1
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Reject {}
+
 impl<'a> Packet<'a> {
     /// Checks and splits a received packet.
+    ///
+    /// # Errors
+    /// [`Reject`]: damaged, or of an unknown kind.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Reject> {
         let (rest, crc) = bytes.split_last_chunk::<CHECK_BYTES>().ok_or(Reject::Damaged)?;
         let (head, body) = rest.split_first_chunk::<HEADER_BYTES>().ok_or(Reject::Damaged)?;
@@ -147,7 +172,7 @@ pub fn after(a: u16, b: u16) -> bool {
     (a.wrapping_sub(b) as i16) > 0
 }
 
-/// Where in a frame the device is: the part it expects next.
+/// Position of the device within a frame: the part that it expects next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Cursor {
     /// Spectral row.
@@ -166,7 +191,7 @@ macro_rules! fixed_fields {
             /// Bytes on the wire.
             pub const BYTES: usize = 0 $(+ size_of::<$type>())*;
 
-            /// Splits the fields off the front of a body; nothing if the body is too short.
+            /// Splits the fields off the front of a body; `None` if the body is too short.
             pub fn split(body: &[u8]) -> Option<(Self, &[u8])> {
                 $(let (bytes, body) = body.split_first_chunk()?;
                 let $field = <$type>::from_le_bytes(*bytes);)*
@@ -191,11 +216,11 @@ macro_rules! fixed_fields {
 fixed_fields! {
     /// Front of a [`Kind::Camera`] body.
     CameraHeader {
-        /// [`crate::message::camera_id`] of the whole.
+        /// [`crate::message::camera_id`] of the whole camera.
         id: u64,
-        /// Bytes of the whole.
+        /// Bytes of the whole camera.
         total: u32,
-        /// Where this piece begins.
+        /// Offset of this piece, bytes.
         offset: u32,
     }
 }
@@ -219,10 +244,10 @@ fixed_fields! {
         transfer: u16,
         /// Raw row.
         row: u16,
-        /// Where in the packed row the bytes begin.
+        /// Offset of the bytes in the packed row.
         offset: u16,
-        /// CRC-32C of the whole packed row. A row may be put together from pieces of several
-        /// computations of it; this proves that they agreed.
+        /// CRC-32C of the whole packed row. A row may be assembled from pieces of several
+        /// computations of it; the CRC shows that they agree.
         row_crc: u32,
     }
 }

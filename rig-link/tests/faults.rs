@@ -40,8 +40,8 @@ fn a_clean_link_needs_no_repairs() {
     }
 }
 
-/// Found by fuzzing: a device that asks to go on at a place which the frame does not have would have the
-/// host read beyond its rows.
+/// Found by fuzzing: a device that asks to go on at a place which the frame does not have would
+/// have the host read beyond its rows.
 #[test]
 fn an_acknowledgement_from_outside_the_frame_is_no_place_to_go_back_to() {
     use camrig_rig_link::host::Poll;
@@ -53,7 +53,8 @@ fn an_acknowledgement_from_outside_the_frame_is_no_place_to_go_back_to() {
         bench.run(Some(6));
         let mut out = [0; 2000];
         AckBody { transfer: 1, row, unit }.write(&mut out[HEADER_BYTES..]);
-        // Numbers that the host takes: its own newest packet, and one that the device has not used yet.
+        // Numbers that the host takes: its own newest packet, and one that the device has not used
+        // yet.
         let ack = bench.host.statistics().sent as u16;
         let header = Header { kind: Kind::Ack, flags: GAP, session: bench.session, seq: 1000, ack };
         let n = seal(&mut out, header, AckBody::BYTES);

@@ -1,11 +1,12 @@
 //! The two arithmetics behind one pipeline.
 //!
-//! A stage is written once over [`Arith`]: [`Float`] (f32, for workstations and parts with an FPU) and
-//! [`Fixed`] (32-bit fixed point, for parts without). Values are handled in blocks of [`BLOCK`] pixels,
-//! which become a few vector instructions on a workstation and a plain loop on a microcontroller.
+//! Each stage is written once, for any [`Arith`]: [`Float`] (f32, for workstations and parts with a
+//! floating-point unit, FPU) or [`Fixed`] (32-bit fixed point, for parts without one). Values are
+//! handled in blocks of [`BLOCK`] pixels, which become a few vector instructions on a workstation
+//! and a plain loop on a microcontroller.
 //!
-//! Both use IEEE or integer basic operations only: no fused multiply-add, no platform library, so a
-//! result is the same bits everywhere.
+//! Both use only basic IEEE 754 or integer operations: no fused multiply-add and no platform
+//! library, so results have the same bits everywhere.
 
 mod fixed_point;
 mod float;
@@ -16,13 +17,13 @@ pub use float::Float;
 
 use crate::stream::Lanes;
 
-/// Pixels handled together.
+/// Pixels that are handled together.
 pub const BLOCK: usize = 64;
 
 /// One value for each pixel of a block.
 pub type Block<T> = [T; BLOCK];
 
-/// Blocks that hold a row of `width` pixels; what lies beyond the last pixel is padding.
+/// Number of blocks that hold a row of `width` pixels; values beyond the last pixel are padding.
 pub const fn blocks(width: usize) -> usize {
     width.div_ceil(BLOCK)
 }
@@ -30,11 +31,13 @@ pub const fn blocks(width: usize) -> usize {
 /// Largest signal, e⁻: above any full well in use, and what a fixed-point signal can hold.
 pub const MAX_SIGNAL_E: f32 = 524_287.0;
 
-/// Mean (e⁻) from which a Poisson count comes from a normal number, below it from a uniform one.
+/// Mean (e⁻) from which a Poisson count is made from a normal number; below it, from a uniform one.
+/// Errors of both methods: [`crate::effects::shot_noise`].
 pub const EXPANSION_FROM_E: f32 = 16.0;
 
-/// Streams of Poisson counts: uniform and normal numbers for each pixel. What a pixel draws does not depend
-/// on its neighbours' means; a stream that no pixel of the row needs is left out.
+/// Random streams of Poisson counts: uniform and normal numbers for each pixel. The numbers of a
+/// pixel do not depend on the means of its neighbours; a stream that no pixel of the row needs is
+/// not drawn.
 #[derive(Clone, Debug)]
 pub struct Counts {
     uniform: Option<Lanes>,
@@ -42,14 +45,16 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Streams for a row with some means below [`EXPANSION_FROM_E`] (`low`), some from there on (`high`).
+    /// Streams for a row with some means below [`EXPANSION_FROM_E`] (`low`), some from there on
+    /// (`high`).
     #[inline(always)]
     pub fn new(uniform: Lanes, normal: Lanes, low: bool, high: bool) -> Self {
         Self { uniform: low.then_some(uniform), normal: high.then_some(normal) }
     }
 }
 
-/// No normal number of a stream is larger.
+/// Bound on the magnitude of the normal numbers of a stream (the largest is 6.77, see
+/// [`crate::math::box_muller`]).
 pub const MAX_NORMAL: f32 = 6.8;
 
 /// Arithmetic of a sensor pipeline.
@@ -63,11 +68,11 @@ pub trait Arith: Copy + Send + Sync + 'static {
     /// Electrons per unit of irradiance mantissa, see [`crate::collect`].
     type Weight: Copy + Default + Send + Sync;
 
-    /// A signal of `e` electrons (saturated to the range).
+    /// The signal of `e` electrons, saturated to the range.
     fn signal(e: f32) -> Self::Signal;
-    /// A factor (saturated to the range).
+    /// The factor `f`, saturated to the range.
     fn factor(f: f32) -> Self::Factor;
-    /// A signal in electrons.
+    /// A signal as electrons, e⁻.
     fn electrons(s: Self::Signal) -> f32;
     /// A factor as a number.
     fn number(f: Self::Factor) -> f32;
@@ -79,14 +84,15 @@ pub trait Arith: Copy + Send + Sync + 'static {
     fn scale(s: Self::Signal, f: Self::Factor) -> Self::Signal;
     /// 1 + sigma * n: the gain of a pixel.
     fn gain(sigma: Self::Factor, n: Self::Factor) -> Self::Factor;
-    /// Standard normal numbers, one per pixel; uses two draws.
+    /// Standard normal numbers, one per pixel of a block; uses two draws.
     fn normals(lanes: &mut Lanes) -> Block<Self::Factor>;
-    /// Replaces means (e⁻) by Poisson counts: see [`crate::effects::shot_noise`] for method and error.
+    /// Replaces means (e⁻) by Poisson counts; method and error: [`crate::effects::shot_noise`].
     fn poisson(means: &mut [Block<Self::Signal>], counts: &mut Counts);
 
     /// A weight of 0..=1 (the collector scales by a power of two to get there).
     fn weight(w: f32) -> Self::Weight;
-    /// Weights between two nodes for 16 pixels: a + t (b - a) with t = first + i step, held to 0..=1.
+    /// Weights between two nodes for 16 pixels: a + t (b - a), with t = first + i step clamped to
+    /// 0..=1.
     fn lerp(
         a: &[Self::Weight; 16],
         b: &[Self::Weight; 16],
@@ -100,7 +106,7 @@ pub trait Arith: Copy + Send + Sync + 'static {
         exponent: i32,
         weight: &[Self::Weight; 16],
     );
-    /// The accumulated mean electrons.
+    /// The accumulated mean photo-electrons as a signal.
     fn collected(sum: Self::Sum) -> Self::Signal;
 
     /// DN = round(signal * dn_per_e + black), ties to even, clamped to 0..=max_dn.

@@ -1,41 +1,46 @@
 //! From spectral irradiance to mean photo-electrons (eq. 8 and 9 of Chen et al. 2009).
 //!
-//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response R of
-//! the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands are added in
-//! their order, so a device may receive and forget them one by one; it keeps one row of sums.
+//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response
+//! R of the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands
+//! are added in their order, so a device can receive and discard them one by one; it keeps one row
+//! of sums.
 
 use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
 use crate::crosstalk::{Crosstalk, MAX_NODES, place};
 use crate::spectral::{BandRow, GROUP, power_of_two};
 
-/// A group of pixels that share an exponent.
+/// Sums of a group of pixels that share an exponent.
 pub type Sums<S> = [S; GROUP];
 
-/// Ways in which a colour filter pattern can lie under a group: patterns of 3 and 6 columns shift by it.
+/// Number of alignments of a colour filter pattern with a group of 16: patterns of 3 and 6 columns
+/// shift from group to group.
 const PHASES: usize = 3;
 
-/// Sums the bands of rows for one frame.
+/// Sums the bands of the rows of one frame.
 pub struct Collector<'a, A: Arith> {
     config: &'a SensorConfig,
     crosstalk: Option<Crosstalk<'a>>,
-    /// Node positions in pixels from the left edge of column 0; one node where there is no table.
+    /// Positions of the nodes in pixels from the left edge of column 0; one node without a table.
     nodes: heapless::Vec<f32, MAX_NODES>,
     /// Response x exposure = weight x 2^scale, weights at most 1.
     scale: i32,
     per_unit: f32,
-    /// Weights at each node for the band and row at hand.
+    /// Weights at each node for the current band and row.
     weights: [[Sums<A::Weight>; PHASES]; MAX_NODES],
 }
 
-/// The exponent with which `largest` x 2^-exponent is at most 1.
+/// The exponent for which `largest` x 2^-exponent is at most 1.
 #[inline(always)]
 fn scale_of(largest: f32) -> i32 {
     ((largest.to_bits() >> 23) as i32 - 126).clamp(-100, 100)
 }
 
 impl<'a, A: Arith> Collector<'a, A> {
-    /// A collector for one frame.
+    /// A collector for one frame; without a crosstalk table all factors are 1.
+    ///
+    /// # Errors
+    /// What [`SensorConfig::check`], [`FrameSettings::check`] and [`Crosstalk::check`] refuse.
     pub fn new(
         config: &'a SensorConfig,
         settings: &FrameSettings,
@@ -60,7 +65,9 @@ impl<'a, A: Arith> Collector<'a, A> {
         Ok(Self { config, crosstalk, nodes, scale, per_unit, weights })
     }
 
-    /// Adds one band of row `y` to the row's sums.
+    /// Adds one band (irradiance, W m⁻² nm⁻¹) of row `y` to the row's sums,
+    /// [`crate::spectral::groups`] of the width. [`Arith::collected`] turns a sum into mean
+    /// photo-electrons.
     #[inline(always)]
     pub fn add_band(&mut self, y: u32, band: usize, row: BandRow<'_>, sums: &mut [Sums<A::Sum>]) {
         self.set_weights(y as usize, band);
@@ -89,7 +96,7 @@ impl<'a, A: Arith> Collector<'a, A> {
                 cell += 1;
             }
             let mut weights = self.between(cell, phase, first);
-            // A group that reaches over a node takes the rest of its pixels from the next cells.
+            // In a group that extends beyond a node, the remaining pixels use the next cells.
             let mut next = cell;
             while next + 1 < cells && self.node(next + 1) <= last {
                 next += 1;
@@ -103,7 +110,8 @@ impl<'a, A: Arith> Collector<'a, A> {
         }
     }
 
-    /// Adds a row of mean electrons per second of exposure: bands that were collected elsewhere.
+    /// Adds a row of mean photo-electrons per second of exposure (e⁻/s): bands that were summed
+    /// elsewhere. `exposure_s`: exposure time, s.
     #[inline(always)]
     pub fn add_rates(&mut self, row: BandRow<'_>, exposure_s: f32, sums: &mut [Sums<A::Sum>]) {
         let scale = scale_of(exposure_s);
@@ -140,7 +148,7 @@ impl<'a, A: Arith> Collector<'a, A> {
         )
     }
 
-    /// Sets the weights of a band at each node of a row.
+    /// Computes the weights of a band at each node of a row.
     #[inline(always)]
     fn set_weights(&mut self, y: usize, band: usize) {
         let config = self.config;

@@ -1,18 +1,21 @@
-//! What a sensor is: everything that is fixed from frame to frame, and the settings of one frame.
+//! What a sensor is: everything that stays fixed from frame to frame, and the settings of one
+//! frame.
 
 use crate::arith::MAX_SIGNAL_E;
-use crate::effects::{Effect, MAX_PARAMETERS};
+use crate::effects::{Effect, Entry, MAX_PARAMETERS, Needs, Parameter};
+use crate::pipeline::MAX_WINDOWS;
+use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Most channels of a colour filter array.
+/// Largest number of channels of a colour filter array.
 pub const MAX_CHANNELS: usize = 4;
-/// Most spectral bands.
+/// Largest number of spectral bands.
 pub const MAX_BANDS: usize = 64;
-/// Most effects in a chain.
+/// Largest number of effects in a chain.
 pub const MAX_EFFECTS: usize = 32;
 /// Largest side of a repeating colour filter pattern.
 pub const MAX_PATTERN: usize = 8;
-/// Largest width and height.
+/// Largest width and height, pixels.
 pub const MAX_SIDE: u32 = 32_768;
 
 /// A colour filter pattern: the channel of each pixel of a tile that repeats over the sensor.
@@ -44,63 +47,152 @@ pub struct SensorConfig {
     pub height: u32,
     /// Colour filter pattern.
     pub pattern: Pattern,
-    /// Channels.
+    /// Number of channels of the colour filter array.
     pub channels: u8,
-    /// Spectral bands.
+    /// Number of spectral bands.
     pub bands: u8,
     /// Centre of band 0, nm.
     pub first_band_nm: f32,
-    /// Distance of bands, nm.
+    /// Distance between the centres of bands, nm.
     pub band_step_nm: f32,
-    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands + band]`:
-    /// A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
+    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands +
+    /// band]`: A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
     pub response: heapless::Vec<f32, { MAX_CHANNELS * MAX_BANDS }>,
     /// Linear full well W, e⁻.
     pub full_well_e: f32,
     /// Bits of the converter, 8 to 16.
     pub bits: u8,
-    /// DN of no signal.
+    /// Black level: the DN of zero signal.
     pub black_level_dn: f32,
-    /// Seed of this physical sensor: fixes every fixed pattern.
+    /// Seed of this physical sensor: determines every fixed pattern.
     pub seed: u64,
-    /// The signal chain in order.
+    /// The signal chain, in the order of the physics (see [`SensorConfig::check`]).
     pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
 }
 
 /// What may change from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameSettings {
-    /// Frame number: names the temporal noise.
+    /// Frame number: selects the temporal noise.
     pub frame: u32,
     /// Integration time, s.
     pub exposure_s: f32,
-    /// Analog gain.
+    /// Analogue gain, 1 = unity.
     pub analog_gain: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
 }
 
-/// Why a sensor cannot be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a sensor, the settings of a frame or the memory for it were refused.
+///
+/// The text ([`fmt::Display`]) says what is wrong, where, and what would be accepted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum ConfigError {
     /// Width or height is 0 or above [`MAX_SIDE`].
     Size,
-    /// The pattern is not whole, or names a channel that is not there.
+    /// The pattern is incomplete, or refers to a channel that the sensor does not have.
     Pattern,
-    /// The response has not one finite value of 0 or more per channel and band.
+    /// The bands' wavelengths are not finite.
+    Bands,
+    /// The response does not have one finite value of 0 or more per channel and band.
     Response,
-    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on the scale.
+    /// Full well is not within 1 to 524287 e⁻, bits not within 8 to 16, or the black level not on
+    /// the converter's scale.
     Converter,
     /// Exposure or gain is not a positive number, or the temperature not finite.
     Settings,
     /// The memory handed in is too small.
     Memory,
-    /// The crosstalk table is not a whole rectangular grid of finite factors of 0 or more.
+    /// The crosstalk table is not a complete rectangular grid of finite factors of 0 or more.
     Crosstalk,
+    /// A parameter of an effect is not finite or out of its range.
+    Parameter {
+        /// Position of the effect in [`SensorConfig::effects`], from 0.
+        position: usize,
+        /// The effect.
+        effect: &'static Entry,
+        /// The parameter, with its unit and the accepted range.
+        parameter: &'static Parameter,
+        /// The value that was refused, in the parameter's unit.
+        value: f32,
+    },
+    /// An effect comes after one of a later [`Domain`](crate::effects::Domain).
+    Order {
+        /// Position of the effect in [`SensorConfig::effects`], from 0.
+        position: usize,
+        /// The effect.
+        effect: &'static Entry,
+        /// The effect just before it, which acts later in the signal chain.
+        after: &'static Entry,
+    },
+    /// More than [`MAX_WINDOWS`] effects read neighbouring rows.
+    Windows {
+        /// How many do.
+        count: usize,
+    },
 }
 
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Size => write!(f, "width and height must be 1 to {MAX_SIDE} pixels"),
+            Self::Pattern => f.write_str(
+                "the colour filter pattern must be 1, 2, 3, 4, 6 or 8 columns wide and name a \
+                 channel of the sensor in each cell",
+            ),
+            Self::Bands => f.write_str("the wavelengths of the bands must be finite, in nm"),
+            Self::Response => write!(
+                f,
+                "the response must have one finite value of 0 or more for each of 1 to \
+                 {MAX_CHANNELS} channels and 1 to {MAX_BANDS} bands"
+            ),
+            Self::Converter => write!(
+                f,
+                "full well must be 1 to {MAX_SIGNAL_E} e-, the converter must have 8 to 16 bits, \
+                 and the black level must lie between 0 and the largest DN"
+            ),
+            Self::Settings => f.write_str(
+                "exposure (s) and analogue gain must be positive numbers, the temperature (degC) \
+                 finite",
+            ),
+            Self::Memory => f.write_str(
+                "the memory is too small; pipeline::memory_blocks says how much is needed",
+            ),
+            Self::Crosstalk => f.write_str(
+                "the crosstalk table must be a complete grid of finite factors of 0 or more, its \
+                 positions and wavelengths rising",
+            ),
+            Self::Parameter { position, effect, parameter: p, value } => write!(
+                f,
+                "effect {position} ({}): {} = {value}; it must be {} to {} {}",
+                effect.kind, p.key, p.min, p.max, p.unit
+            ),
+            Self::Order { position, effect, after } => write!(
+                f,
+                "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order is \
+                 light, photo-electrons, charge, voltage",
+                effect.kind, effect.domain, after.kind, after.domain
+            ),
+            Self::Windows { count } => write!(
+                f,
+                "{count} effects read neighbouring rows; a chain takes at most {MAX_WINDOWS}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
 impl SensorConfig {
-    /// Checks what the row loop relies on.
+    /// Checks everything that the row loop relies on: sizes, pattern, response, converter, and the
+    /// chain of effects.
+    ///
+    /// Effects must come in the order of the physics: their [domains](crate::effects::Domain) must
+    /// not fall along the chain. Within a domain they act in the order in which they are listed.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
     pub fn check(&self) -> Result<(), ConfigError> {
         if !(1..=MAX_SIDE).contains(&self.width) || !(1..=MAX_SIDE).contains(&self.height) {
             return Err(ConfigError::Size);
@@ -121,6 +213,9 @@ impl SensorConfig {
         {
             return Err(ConfigError::Response);
         }
+        if !self.first_band_nm.is_finite() || !self.band_step_nm.is_finite() {
+            return Err(ConfigError::Bands);
+        }
         let max_dn = self.max_dn();
         if !(1.0..=MAX_SIGNAL_E).contains(&self.full_well_e)
             || !(8..=16).contains(&self.bits)
@@ -128,23 +223,56 @@ impl SensorConfig {
         {
             return Err(ConfigError::Converter);
         }
+        self.check_effects()
+    }
+
+    /// Parameters within their ranges, domains in order, and windows few enough.
+    fn check_effects(&self) -> Result<(), ConfigError> {
+        let mut before: Option<&'static Entry> = None;
+        for (position, effect) in self.effects.iter().enumerate() {
+            let entry = effect.entry();
+            for (parameter, value) in entry.parameters.iter().zip(effect.values()) {
+                if !parameter.accepts(value) {
+                    return Err(ConfigError::Parameter {
+                        position,
+                        effect: entry,
+                        parameter,
+                        value,
+                    });
+                }
+            }
+            if let Some(after) = before
+                && entry.domain < after.domain
+            {
+                return Err(ConfigError::Order { position, effect: entry, after });
+            }
+            before = Some(entry);
+        }
+        let reads_neighbours = |e: &&Effect| e.entry().needs == Needs::Neighbours;
+        let count = self.effects.iter().filter(reads_neighbours).count();
+        if count > MAX_WINDOWS {
+            return Err(ConfigError::Windows { count });
+        }
         Ok(())
     }
 
-    /// Largest DN.
+    /// Largest DN, 2^bits − 1.
     pub fn max_dn(&self) -> u16 {
         ((1u32 << self.bits.clamp(1, 16)) - 1) as u16
     }
 
-    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is full well
-    /// x conversion gain / (2^bits − 1) volts).
+    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is
+    /// full well x conversion gain / (2^bits − 1) volts).
     pub fn dn_per_e(&self, analog_gain: f32) -> f32 {
         analog_gain * f32::from(self.max_dn()) / self.full_well_e
     }
 }
 
 impl FrameSettings {
-    /// Checks that the figures are usable.
+    /// Checks that exposure and gain are positive finite numbers and the temperature is finite.
+    ///
+    /// # Errors
+    /// [`ConfigError::Settings`].
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
         if positive(self.exposure_s) && positive(self.analog_gain) && self.temperature_c.is_finite()
@@ -156,7 +284,7 @@ impl FrameSettings {
     }
 }
 
-/// On the wire an effect is its catalogue number and its values.
+/// On the link an effect is its number in the catalogue and its values.
 #[derive(Serialize, Deserialize)]
 struct WireEffect {
     id: u8,
@@ -172,7 +300,10 @@ impl Serialize for Effect {
 impl<'de> Deserialize<'de> for Effect {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let wire = WireEffect::deserialize(deserializer)?;
-        Effect::new(wire.id, &wire.values)
-            .ok_or_else(|| serde::de::Error::custom("unknown effect or value out of range"))
+        Effect::new(wire.id, &wire.values).ok_or_else(|| {
+            serde::de::Error::custom(
+                "an effect that this build does not have, or a parameter out of its range",
+            )
+        })
     }
 }

@@ -1,12 +1,13 @@
-//! Positional crosstalk: factors by position, channel and wavelength (section IV-C of Chen et al. 2009).
+//! Positional crosstalk: factors by position, channel and wavelength (section IV-C of Chen et al.
+//! 2009).
 
 use crate::config::ConfigError;
 
-/// Most columns of a crosstalk grid.
+/// Largest number of columns of a crosstalk grid.
 pub const MAX_NODES: usize = 33;
 
 /// Factors on a rectangular grid, relative to the sensor's centre; bilinear in position, linear in
-/// wavelength, the outermost value beyond the grid. They scale the spectral bands of a channel.
+/// wavelength, constant beyond the grid. They scale the spectral bands of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crosstalk<'a> {
     /// Columns, -1..1 over the sensor's half width, rising.
@@ -15,7 +16,8 @@ pub struct Crosstalk<'a> {
     pub y: &'a [f32],
     /// Wavelengths, nm, rising.
     pub wavelength_nm: &'a [f32],
-    /// Factors `[((channel * wavelengths + wavelength) * rows + row) * columns + column]`.
+    /// Factors (1 = no crosstalk) `[((channel * wavelengths + wavelength) * rows + row) * columns +
+    /// column]`.
     pub factors: &'a [f32],
 }
 
@@ -37,7 +39,11 @@ pub(crate) fn place(nodes: &[f32], v: f32) -> Place {
 }
 
 impl<'a> Crosstalk<'a> {
-    /// Checks that the table is whole.
+    /// Checks that the table is complete for this number of channels, its positions and wavelengths
+    /// finite and rising, its factors finite and 0 or more.
+    ///
+    /// # Errors
+    /// [`ConfigError::Crosstalk`].
     pub fn check(&self, channels: usize) -> Result<(), ConfigError> {
         let rising = |v: &[f32]| {
             !v.is_empty() && v.iter().all(|n| n.is_finite()) && v.windows(2).all(|w| w[0] < w[1])

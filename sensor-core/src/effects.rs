@@ -1,17 +1,21 @@
 //! Effects: the stages of the signal chain, one file each, and their catalogue.
 //!
 //! Everything the sensor does to the mean photo-electrons of a row is an effect: the base model of
-//! Chen et al. 2009 (shot noise, PRNU, dark current, full well, fixed pattern, read noise) as well as
-//! what a camera file adds with `[[effect]]`. An effect belongs to a [`Domain`]; domains run in the
-//! order of the physics, effects of one domain in the order in which they are listed.
+//! Chen et al. 2009 (shot noise, PRNU, dark current, full well, fixed pattern, read noise) as well
+//! as what a camera file adds with `[[effect]]`. An effect belongs to a [`Domain`]. Domains must
+//! come in the order of the physics ([`SensorConfig::check`](crate::config::SensorConfig::check)
+//! refuses any other); effects of one domain act in the order in which they are listed.
 //!
 //! # Adding an effect
-//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with units
-//! and ranges) and its [`Stage`]; one line in the `catalogue!` below; one test.
-//! Numbers in the catalogue name random streams and travel over the rig's link: never reuse one.
+//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with
+//! units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one feature in
+//! `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over the rig's
+//! link: never reuse one.
 //!
-//! Without the feature `catalogue` only the base model is compiled, eq. 10 of the paper and the coupling
-//! of neighbours: for a microcontroller with little flash.
+//! # Leaving effects out
+//! The base model, effects 1 to 7, is always compiled: eq. 10 of Chen et al. 2009 and the coupling
+//! of neighbours. Every other effect is compiled with the cargo feature of its name; `catalogue` is
+//! all of them. [`Effect::CATALOGUE`] and [`Effect::AVAILABLE`] list what this build has.
 
 mod context;
 mod declare;
@@ -22,22 +26,35 @@ pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
 use crate::stream::{LANES, Lanes};
+use core::fmt;
 
 /// Where in the signal chain an effect acts. Signals are in electrons everywhere, referred to the
 /// input: the voltage is signal x conversion gain x analog gain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Domain {
-    /// Mean photo-electrons before shot noise.
+    /// Mean photo-electrons before shot noise, e⁻.
     Light,
-    /// Photo-electrons with their shot noise.
+    /// Photo-electrons with their shot noise, e⁻.
     Photo,
-    /// All collected charge.
+    /// All collected charge, photo-electrons and dark charge, e⁻.
     Charge,
-    /// The signal on its way to the converter.
+    /// The signal on its way to the converter, input-referred, e⁻.
     Voltage,
 }
 
-/// What an effect reads beside the pixel itself.
+impl fmt::Display for Domain {
+    /// The quantity that effects of this domain act on.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Light => "light",
+            Self::Photo => "photo-electrons",
+            Self::Charge => "charge",
+            Self::Voltage => "voltage",
+        })
+    }
+}
+
+/// What an effect reads in addition to the pixel itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     /// Nothing.
@@ -48,21 +65,30 @@ pub enum Needs {
     PreviousFrame,
 }
 
-/// What an effect may read. Rows are in blocks; `here` is the row as it came in.
+/// What an effect may read in addition to the row that it changes. Rows are in blocks, signals in
+/// e⁻.
 pub struct Inputs<'a, S> {
-    /// The row above ([`Needs::Neighbours`]; beyond the edge the row on its other side), else empty.
+    /// The row above ([`Needs::Neighbours`]; at the upper edge the row below), else empty.
     pub above: &'a [Block<S>],
-    /// The row as it came in ([`Needs::Neighbours`]), else empty.
+    /// The row itself before this effect ([`Needs::Neighbours`]), else empty.
     pub here: &'a [Block<S>],
-    /// The row below ([`Needs::Neighbours`]), else empty.
+    /// The row below ([`Needs::Neighbours`]; at the lower edge the row above), else empty.
     pub below: &'a [Block<S>],
-    /// The row's mean photo-electrons in the frame before ([`Needs::PreviousFrame`]), else empty.
+    /// The row's mean photo-electrons in the previous frame ([`Needs::PreviousFrame`]), else empty.
     pub previous: &'a [Block<S>],
 }
 
 /// A stage of the signal chain.
 pub trait Stage {
-    /// Changes a row in place. Must not panic, and must depend on nothing but its arguments.
+    /// Changes what the frame's stages are told, once before its first row: for effects that alter
+    /// the settings of other stages instead of the signal. Does nothing by default. Effects are
+    /// prepared in the order of the chain; `cx` has this effect's own random streams.
+    fn prepare(&self, cx: &mut Context<'_>) {
+        let _ = cx;
+    }
+
+    /// Changes a row in place; signals are in electrons (e⁻). Must not panic, and must depend on
+    /// nothing but its arguments.
     fn apply<A: Arith>(
         &self,
         cx: &Context<'_>,
@@ -78,24 +104,31 @@ pub struct Parameter {
     pub key: &'static str,
     /// Unit ("1" where it has none).
     pub unit: &'static str,
-    /// What it is.
+    /// What it is (empty without the feature `texts`).
     pub doc: &'static str,
-    /// Smallest value allowed.
+    /// Smallest value allowed, in the unit.
     pub min: f32,
-    /// Largest value allowed.
+    /// Largest value allowed, in the unit.
     pub max: f32,
-    /// Value when left out; `None`: must be given.
+    /// Value when a camera file leaves it out; `None`: it must be given.
     pub default: Option<f32>,
 }
 
+impl Parameter {
+    /// Whether a value is finite and within the range.
+    pub fn accepts(&self, value: f32) -> bool {
+        (self.min..=self.max).contains(&value)
+    }
+}
+
 /// An entry of the catalogue.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// Number in random streams and on the link.
     pub id: u8,
     /// Name in camera files.
     pub kind: &'static str,
-    /// First lines of its documentation.
+    /// Its documentation: what it is, equation, source (empty without the feature `texts`).
     pub doc: &'static str,
     /// Where it acts.
     pub domain: Domain,
@@ -105,16 +138,15 @@ pub struct Entry {
     pub parameters: &'static [Parameter],
 }
 
-/// Most parameters an effect may have.
+/// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 8;
 
-/// A text of the catalogue, where texts are wanted.
+/// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {
     if cfg!(feature = "texts") { text } else { "" }
 }
 
 catalogue! {
-    base:
     1 => shot_noise::ShotNoise,
     2 => prnu::Prnu,
     3 => dark_current::DarkCurrent,
@@ -122,53 +154,51 @@ catalogue! {
     5 => row_offset_fpn::RowOffsetFpn,
     6 => read_noise::ReadNoise,
     7 => charge_coupling::ChargeCoupling,
-    catalogue:
-    8 => hot_pixels::HotPixels,
-    9 => defective_pixels::DefectivePixels,
-    10 => stuck_pixels::StuckPixels,
-    11 => row_temporal_noise::RowTemporalNoise,
-    12 => column_offset_fpn::ColumnOffsetFpn,
-    13 => column_temporal_noise::ColumnTemporalNoise,
-    14 => row_correlated_noise::RowCorrelatedNoise,
-    15 => periodic_pattern_noise::PeriodicPatternNoise,
-    16 => read_noise_spread::ReadNoiseSpread,
-    17 => random_telegraph_noise::RandomTelegraphNoise,
-    18 => heavy_tailed_read_noise::HeavyTailedReadNoise,
-    19 => reset_noise::ResetNoise,
-    20 => frame_offset_noise::FrameOffsetNoise,
-    21 => readout_channel_mismatch::ReadoutChannelMismatch,
-    22 => readout_channel_crosstalk::ReadoutChannelCrosstalk,
-    23 => pixel_offset_fpn::PixelOffsetFpn,
-    24 => amp_glow::AmpGlow,
-    25 => dark_current_gradient::DarkCurrentGradient,
-    26 => black_level_offset::BlackLevelOffset,
-    27 => column_gain_fpn::ColumnGainFpn,
-    28 => prnu_low_frequency::PrnuLowFrequency,
-    29 => nonlinearity::Nonlinearity,
-    30 => brighter_fatter::BrighterFatter,
-    31 => optical_crosstalk::OpticalCrosstalk,
-    32 => adc_nonlinearity::AdcNonlinearity,
-    33 => companding::Companding,
-    34 => image_lag::ImageLag,
-    35 => black_sun::BlackSun,
-    36 => exposure_offset::ExposureOffset,
-    37 => fringing::Fringing,
-    38 => green_imbalance::GreenImbalance,
-    39 => pdaf_pattern::PdafPattern,
-    40 => flicker_banding::FlickerBanding,
-    41 => light_flicker::LightFlicker,
-    42 => colour_shading::ColourShading,
-    43 => relative_illumination::RelativeIllumination,
-    44 => offset_clipping::OffsetClipping,
-    45 => blooming::Blooming,
-    #[cfg(feature = "exact")]
-    46 => exact_shot_noise::ExactShotNoise,
-    47 => system_gain::SystemGain,
-    48 => quantum_efficiency::QuantumEfficiency,
-    49 => prnu_correlated::PrnuCorrelated,
+    8 => hot_pixels::HotPixels if "hot-pixels",
+    9 => defective_pixels::DefectivePixels if "defective-pixels",
+    10 => stuck_pixels::StuckPixels if "stuck-pixels",
+    11 => row_temporal_noise::RowTemporalNoise if "row-temporal-noise",
+    12 => column_offset_fpn::ColumnOffsetFpn if "column-offset-fpn",
+    13 => column_temporal_noise::ColumnTemporalNoise if "column-temporal-noise",
+    14 => row_correlated_noise::RowCorrelatedNoise if "row-correlated-noise",
+    15 => periodic_pattern_noise::PeriodicPatternNoise if "periodic-pattern-noise",
+    16 => read_noise_spread::ReadNoiseSpread if "read-noise-spread",
+    17 => random_telegraph_noise::RandomTelegraphNoise if "random-telegraph-noise",
+    18 => heavy_tailed_read_noise::HeavyTailedReadNoise if "heavy-tailed-read-noise",
+    19 => reset_noise::ResetNoise if "reset-noise",
+    20 => frame_offset_noise::FrameOffsetNoise if "frame-offset-noise",
+    21 => readout_channel_mismatch::ReadoutChannelMismatch if "readout-channel-mismatch",
+    22 => readout_channel_crosstalk::ReadoutChannelCrosstalk if "readout-channel-crosstalk",
+    23 => pixel_offset_fpn::PixelOffsetFpn if "pixel-offset-fpn",
+    24 => amp_glow::AmpGlow if "amp-glow",
+    25 => dark_current_gradient::DarkCurrentGradient if "dark-current-gradient",
+    26 => black_level_offset::BlackLevelOffset if "black-level-offset",
+    27 => column_gain_fpn::ColumnGainFpn if "column-gain-fpn",
+    28 => prnu_low_frequency::PrnuLowFrequency if "prnu-low-frequency",
+    29 => nonlinearity::Nonlinearity if "nonlinearity",
+    30 => brighter_fatter::BrighterFatter if "brighter-fatter",
+    31 => optical_crosstalk::OpticalCrosstalk if "optical-crosstalk",
+    32 => adc_nonlinearity::AdcNonlinearity if "adc-nonlinearity",
+    33 => companding::Companding if "companding",
+    34 => image_lag::ImageLag if "image-lag",
+    35 => black_sun::BlackSun if "black-sun",
+    36 => exposure_offset::ExposureOffset if "exposure-offset",
+    37 => fringing::Fringing if "fringing",
+    38 => green_imbalance::GreenImbalance if "green-imbalance",
+    39 => pdaf_pattern::PdafPattern if "pdaf-pattern",
+    40 => flicker_banding::FlickerBanding if "flicker-banding",
+    41 => light_flicker::LightFlicker if "light-flicker",
+    42 => colour_shading::ColourShading if "colour-shading",
+    43 => relative_illumination::RelativeIllumination if "relative-illumination",
+    44 => offset_clipping::OffsetClipping if "offset-clipping",
+    45 => blooming::Blooming if "blooming",
+    46 => exact_shot_noise::ExactShotNoise if "exact-shot-noise",
+    47 => system_gain::SystemGain if "system-gain",
+    48 => quantum_efficiency::QuantumEfficiency if "quantum-efficiency",
+    49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
 }
 
-/// Chooses each pixel of a block with probability `fraction` (to 2⁻³²); uses two draws.
+/// Selects each pixel of a block with probability `fraction` (in steps of 2⁻³²); uses two draws.
 #[inline(always)]
 pub(crate) fn chosen(lanes: &mut Lanes, fraction: f32) -> Block<bool> {
     let limit = (f64::from(fraction) * 4_294_967_296.0) as u64;
@@ -246,15 +276,15 @@ fn scale_by_place<A: Arith>(
     }
 }
 
-/// v += Poisson(mean(position in -1..1)) for each pixel; means (e⁻) up to `most`.
+/// v += Poisson(mean(position in -1..1)) for each pixel; means are at most `largest_e` (e⁻).
 #[inline(always)]
 fn add_counts<A: Arith>(
     cx: &Context<'_>,
     row: &mut [Block<A::Signal>],
-    most: f32,
+    largest_e: f32,
     mean: impl Fn(f32) -> f32,
 ) {
-    let mut counts = cx.counts(0, true, most >= EXPANSION_FROM_E);
+    let mut counts = cx.counts(0, true, largest_e >= EXPANSION_FROM_E);
     for (b, block) in row.iter_mut().enumerate() {
         let mut extra = [A::Signal::default(); BLOCK];
         for (i, extra) in extra.iter_mut().enumerate() {
@@ -267,14 +297,16 @@ fn add_counts<A: Arith>(
     }
 }
 
+/// |x| from which exp(−|x|) is below half a unit in the last place of 1 in f32 (2⁻²⁴ = exp(−16.6)).
+const EXP_VANISHES: f32 = 17.0;
+
 /// Soft knee: min(q, limit) with a transition over `width`, q − w ln(1 + exp((q − limit)/w)).
 #[inline(always)]
 fn soft_min(q: f32, limit: f32, width: f32) -> f32 {
     let t = (q - limit) / width;
-    // Beyond ±17 the exponential is lost in the rounding.
-    if t < -17.0 {
+    if t < -EXP_VANISHES {
         q
-    } else if t > 17.0 {
+    } else if t > EXP_VANISHES {
         limit
     } else {
         q - width * crate::math::ln(1.0 + crate::math::exp(t))

@@ -1,25 +1,47 @@
-//! The sensor model of camrig: rows of spectral irradiance in, rows of raw DN out.
+//! A model of a CMOS image sensor, computed row by row: spectral irradiance in, raw digital numbers
+//! (DN) out.
 //!
-//! For workstations and microcontrollers alike: no allocator, no files, no lens, no link. From top to
-//! bottom:
+//! It runs on workstations and on microcontrollers: no allocator, no files, no lens, no link. From
+//! top to bottom:
 //!
-//! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects need.
-//! - [`effects`]: the stages of the chain, one file each: shot noise, PRNU, dark current, full well, fixed
-//!   patterns, read noise, and what real sensors have beyond that. Signals in electrons.
-//! - [`collect`]: spectral irradiance (W m⁻² nm⁻¹ per band) to mean photo-electrons, with quantum
-//!   efficiency and positional [`crosstalk`] per band.
+//! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects
+//!   need.
+//! - [`effects`]: the stages of the chain, one file each: shot noise, photo-response non-uniformity
+//!   (PRNU), dark current, full well, fixed patterns, read noise, and what else real sensors show.
+//! - [`collect`]: from spectral irradiance to mean photo-electrons, with quantum efficiency and
+//!   positional [`crosstalk`] per band.
 //! - [`spectral`]: the rows of irradiance in 16-bit block floating point.
 //! - [`config`]: what a sensor is, and the settings of a frame.
 //! - [`arith`]: the two arithmetics, f32 and fixed point, behind one trait.
 //! - [`stream`]: random streams keyed by (sensor seed, stage, frame, row).
 //! - [`math`]: elementary functions with the same bits on every machine.
 //!
+//! # Units
+//! | quantity | unit |
+//! |---|---|
+//! | irradiance on the pixel, per band | W m⁻² nm⁻¹ |
+//! | response of a channel to a band | e⁻ s⁻¹ per W m⁻² nm⁻¹ |
+//! | signals between collection and converter, input-referred | e⁻ |
+//! | exposure | s |
+//! | temperature | °C |
+//! | analogue gain | 1 (unity gain is 1) |
+//! | converter output | DN |
+//!
 //! # Promises
-//! The same configuration, settings and irradiance give the same DN on every machine, in any order of
-//! rows. Fixed patterns are functions of the sensor's seed and position: nothing is stored. Row functions
-//! do not panic and do not allocate.
+//! The same configuration, settings and irradiance give the same DN on every machine, in any order
+//! of rows. Fixed patterns are functions of the sensor's seed and the position: nothing is stored.
+//! Row functions do not panic and do not allocate. Only the effect `exact-shot-noise` breaks the
+//! first promise, as it uses the platform's logarithm.
+//!
+//! # Features
+//! The base model is always there. `catalogue` (default) adds every other effect; a firmware with
+//! little flash leaves it out and names the effects that it needs, each by the feature of its name
+//! (`hot-pixels`, `image-lag`, ...). `texts` (default) keeps the descriptions of effects and
+//! parameters.
 //!
 //! # Example
+//! A flat field of 500 e⁻ through shot noise and read noise. `examples/row_loop.rs` starts from
+//! spectral irradiance instead, as a firmware does.
 //! ```
 //! use camrig_sensor_core::arith::{Arith, BLOCK, Float};
 //! use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
@@ -50,6 +72,7 @@
 //! let mut flat = |_row: u32, out: &mut [[f32; BLOCK]]| out.fill([500.0; BLOCK]);
 //! let mut dn = [0; 64];
 //! pipeline.row(2, &mut flat, &mut dn);
+//! // 12 bits over a full well of 10 000 e⁻, above a black level of 64 DN.
 //! let mean = dn.iter().map(|&d| f32::from(d)).sum::<f32>() / 64.0;
 //! assert!((mean - (64.0 + 500.0 * 4095.0 / 10_000.0)).abs() < 8.0);
 //! # Ok::<(), camrig_sensor_core::config::ConfigError>(())
@@ -65,7 +88,7 @@ pub mod arith;
 pub mod collect;
 pub mod config;
 pub mod crosstalk;
-#[cfg_attr(not(feature = "catalogue"), allow(dead_code, reason = "what the others use"))]
+#[cfg_attr(not(feature = "catalogue"), allow(dead_code, reason = "only some effects use it"))]
 pub mod effects;
 pub mod math;
 pub mod pipeline;

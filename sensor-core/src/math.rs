@@ -8,7 +8,7 @@ use core::f32::consts::{FRAC_1_SQRT_2, LOG2_E};
 
 const LN2_HIGH: f32 = 0.693_359_4;
 const LN2_LOW: f32 = -2.121_944_4e-4;
-/// Adding and subtracting it rounds a number below 2²² to an integer, ties to even.
+/// 1.5 x 2²³: adding and subtracting it rounds a number below 2²² to an integer, ties to even.
 pub(crate) const ROUNDER: f32 = 12_582_912.0;
 
 /// Nearest integer, ties to even, for |x| < 2²².
@@ -27,7 +27,8 @@ pub fn ln(x: f32) -> f32 {
     let (f, k) = (m - 1.0, k as f32);
     let z = f * f;
     let z2 = z * z;
-    // By pairs (Estrin 1960): a short chain of dependent operations keeps the units busy.
+    // Evaluated in pairs (Estrin 1960): a short chain of dependent operations keeps the processor
+    // busy.
     let low = (3.333_333e-1 - 2.499_999_4e-1 * f) + z * (2.000_071_4e-1 - 1.666_805_8e-1 * f);
     let high = (1.424_932_3e-1 - 1.242_014_1e-1 * f) + z * (1.167_699_9e-1 - 1.151_461e-1 * f);
     let p = low + z2 * (high + z2 * 7.037_683_6e-2);
@@ -35,7 +36,8 @@ pub fn ln(x: f32) -> f32 {
     (f + y) + k * LN2_HIGH
 }
 
-/// exp(x) for -87 <= x <= 88 (outside, the value at the limit); relative error below 2e-7.
+/// exp(x) for -87 <= x <= 88, beyond which it stays at the value of the limit; relative error below
+/// 2e-7.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     let x = x.clamp(-87.0, 88.0);
@@ -54,8 +56,8 @@ pub fn pow(x: f32, y: f32) -> f32 {
     exp(y * ln(x))
 }
 
-/// 1/sqrt(x) for positive normal x to 7e-4: bits of x as its logarithm, one Newton step, with the constants
-/// of Moroz et al. 2018 (arXiv:1802.06302).
+/// 1/sqrt(x) for positive normal x to 7e-4: the bits of x as its logarithm, then one Newton step,
+/// with the constants of Moroz et al. 2018 (arXiv:1802.06302).
 #[inline(always)]
 fn rsqrt_start(x: f32) -> f32 {
     let y = f32::from_bits(0x5f1f_fff9_u32.wrapping_sub(x.to_bits() >> 1));
@@ -106,8 +108,8 @@ pub fn sin_turns(turns: f32) -> f32 {
 
 /// √(−2 ln((w + ½) 2⁻³²)), the radius of a pair of normal numbers; relative error below 6e-7.
 ///
-/// Normal numbers are most of the sensor's work, so this has as few multiplications as will do: a minimax
-/// polynomial of its own, constants folded in.
+/// Normal numbers are most of the work of a frame, so this uses as few multiplications as possible:
+/// a minimax polynomial made for it, with the constants folded in.
 #[inline(always)]
 fn radius(w: u32) -> f32 {
     // w + ½ = m 2^(k + 32), m between √½ and √2.
@@ -121,17 +123,18 @@ fn radius(w: u32) -> f32 {
     let high = (3.423_471e-1 - 3.274_660_3e-1 * f) + z * 2.127_222e-1;
     let p = (-6.667_217_4e-1 + 4.996_366e-1 * f) + z * (-3.974_817e-1 + f * high);
     let t = (((f * z) * p + z) - (f + f)) - k as f32 * (2.0 * core::f32::consts::LN_2);
-    // Rounding can leave ln(1) a hair above zero.
+    // Rounding can leave −2 ln(1) slightly below zero.
     let t = if t > 0.0 { t } else { 0.0 };
-    // h = ½/√t to 6.5e-4 (Moroz et al. 2018, their two multipliers folded into the start), then Newton.
+    // h = ½/√t to 6.5e-4 (Moroz et al. 2018, their two multipliers folded into the start), then
+    // Newton.
     let y = f32::from_bits(0x5edf_b700_u32.wrapping_sub(t.to_bits() >> 1));
     let h = y * (1.191_066_9 - t * y * y);
     let r = (t + t) * h;
     r * (1.500_000_4 - r * h)
 }
 
-/// A direction, uniform over the circle: (cos, sin) of an angle within ±π/4 from the word's lowest 29
-/// bits, swapped and mirrored by its top bits. Absolute error below 7e-7.
+/// A direction, uniform over the circle: (cos, sin) of an angle within ±π/4 from the word's lowest
+/// 29 bits, swapped and mirrored by its top bits. Absolute error below 7e-7.
 #[inline(always)]
 fn direction(w: u32) -> (f32, f32) {
     let v = (w << 3) as i32 as f32;
@@ -145,8 +148,8 @@ fn direction(w: u32) -> (f32, f32) {
     (f32::from_bits(x.to_bits() ^ (w & sign)), f32::from_bits(y.to_bits() ^ ((w << 1) & sign)))
 }
 
-/// A pair of standard normal numbers from two words of 32 uniform bits (Box & Muller 1958). The largest
-/// magnitude is 6.77.
+/// A pair of standard normal numbers from two words of 32 uniform bits (Box & Muller 1958). The
+/// largest magnitude is 6.77.
 #[inline(always)]
 pub fn box_muller(w0: u32, w1: u32) -> (f32, f32) {
     let r = radius(w0);

@@ -1,23 +1,25 @@
 //! Runs the signal chain row by row.
 //!
-//! A pipeline keeps as many rows as its effects need: one, and three more for each effect that reads its
-//! neighbours. Rows may be asked for in any order; in rising order each is computed once. What a row
-//! comes out as depends on its number and the frame only.
+//! A pipeline keeps as many rows as its effects need: one, and three more for each effect that
+//! reads its neighbours. Rows may be requested in any order; in rising order each is computed once.
+//! The result of a row depends only on its number and the frame.
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
 use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, SensorConfig};
 use crate::effects::{Context, Effect, Inputs, Needs, beside};
 use crate::stream::Key;
 
-/// Most effects of a chain that read their neighbours.
+/// Largest number of effects in a chain that read their neighbours.
 pub const MAX_WINDOWS: usize = 4;
 
-/// Where a pipeline gets its mean photo-electrons from.
+/// Source of the mean photo-electrons of a pipeline.
 pub trait MeanRows<A: Arith> {
-    /// Writes the mean photo-electrons of a row.
+    /// Writes the mean photo-electrons (e⁻) of a row into `out`, which holds
+    /// [`blocks`] of the width; values beyond the last pixel are ignored.
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]);
 
-    /// Writes the mean photo-electrons that the row had in the previous frame (no light by default).
+    /// Writes the mean photo-electrons (e⁻) that the row had in the previous frame; darkness by
+    /// default.
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         let _ = row;
         out.fill([A::Signal::default(); BLOCK]);
@@ -36,7 +38,7 @@ struct Link {
     key: Key,
 }
 
-/// Three rows of the chain just before an effect that reads its neighbours.
+/// Three rows of the signal just before an effect that reads its neighbours.
 struct Window<'a, S> {
     rows: &'a mut [Block<S>],
     /// Which row each third holds.
@@ -70,41 +72,24 @@ pub struct Pipeline<'a, A: Arith> {
     cx: Context<'a>,
     links: heapless::Vec<Link, MAX_EFFECTS>,
     windows: heapless::Vec<Window<'a, A::Signal>, MAX_WINDOWS>,
-    /// The finished row, and where an effect asks for it the previous frame's.
+    /// The finished row, and the previous frame's row if an effect needs it.
     row: &'a mut [Block<A::Signal>],
     previous: &'a mut [Block<A::Signal>],
 }
 
-/// Blocks of memory that [`Pipeline::new`] needs for a sensor.
+/// Number of blocks of memory that [`Pipeline::new`] needs for a sensor.
 pub fn memory_blocks(config: &SensorConfig) -> usize {
     let count = |needs| config.effects.iter().filter(|e| e.entry().needs == needs).count();
     let rows = 1 + 3 * count(Needs::Neighbours) + count(Needs::PreviousFrame).min(1);
     rows * blocks(config.width as usize)
 }
 
-/// What effects that are settings rather than stages say: the actual exposure, s, and the spread of read
-/// noise over pixels.
-#[cfg(feature = "catalogue")]
-fn settings_of(links: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
-    let (mut exposure_s, mut read_noise_spread) = (settings.exposure_s, None);
-    for link in links {
-        match link.effect {
-            Effect::ExposureOffset(e) => exposure_s = e.actual(exposure_s),
-            Effect::ReadNoiseSpread(e) => read_noise_spread = Some((e.spread, link.key)),
-            _ => {}
-        }
-    }
-    (exposure_s, read_noise_spread)
-}
-
-/// The base model has none.
-#[cfg(not(feature = "catalogue"))]
-fn settings_of(_: &[Link], settings: &FrameSettings) -> (f32, Option<(f32, Key)>) {
-    (settings.exposure_s, None)
-}
-
 impl<'a, A: Arith> Pipeline<'a, A> {
-    /// A pipeline for one frame, working in `memory` of at least [`memory_blocks`].
+    /// A pipeline for one frame that works in `memory` of at least [`memory_blocks`] blocks.
+    ///
+    /// # Errors
+    /// What [`SensorConfig::check`] and [`FrameSettings::check`] refuse, and
+    /// [`ConfigError::Memory`] if `memory` is too small.
     pub fn new(
         config: &'a SensorConfig,
         settings: &FrameSettings,
@@ -115,7 +100,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         let mut links: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
         for effect in &config.effects {
             let entry = effect.entry();
-            // Effects of one kind are told apart by their order.
+            // Effects of one kind differ by their order.
             let nth = links.iter().filter(|l| l.effect.entry().id == entry.id).count() as u32;
             let key = Key::new(config.seed).with(u32::from(entry.id)).with(nth);
             links.push(Link { effect: *effect, key }).map_err(|_| ConfigError::Memory)?;
@@ -132,13 +117,12 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             rest = left;
             windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
         }
-        let (exposure_s, read_noise_spread) = settings_of(&links, settings);
-        let cx = Context {
+        let mut cx = Context {
             width: config.width,
             height: config.height,
             row: 0,
             frame: settings.frame,
-            exposure_s,
+            exposure_s: settings.exposure_s,
             nominal_exposure_s: settings.exposure_s,
             temperature_c: settings.temperature_c,
             analog_gain: settings.analog_gain,
@@ -147,27 +131,31 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             black_level_dn: config.black_level_dn,
             max_dn: config.max_dn(),
             pattern: &config.pattern,
-            read_noise_spread,
-            #[cfg(feature = "exact")]
-            exact_shot_noise: links
-                .iter()
-                .find(|l| matches!(l.effect, Effect::ExactShotNoise(_)))
-                .map(|l| l.key),
-            key: Key::new(0),
+            #[cfg(feature = "read-noise-spread")]
+            read_noise_spread: None,
+            #[cfg(feature = "exact-shot-noise")]
+            exact_shot_noise: None,
+            key: Key::new(config.seed),
         };
+        for link in &links {
+            cx.key = link.key;
+            link.effect.prepare(&mut cx);
+        }
         Ok(Self { config, cx, links, windows, row, previous })
     }
 
-    /// Computes one row of DN. `out` holds the sensor's width; rows beyond the sensor give nothing.
+    /// Computes one row of DN into `out`, which holds the sensor's width. A row number beyond the
+    /// sensor leaves `out` as it is.
     #[inline(always)]
     pub fn row(&mut self, row: u32, source: &mut (impl MeanRows<A> + ?Sized), out: &mut [u16]) {
         if row >= self.cx.height {
             return;
         }
         let depth = self.windows.len() as u32;
-        // Rows go through the windows as through a staircase: when row t enters the first, row t - 1
-        // leaves it, and so on. A row that follows the last one asked for needs one step only: then each
-        // window holds the row that leaves it and the one above.
+        // Rows move through the windows one behind the other: when row t enters the first window,
+        // row t - 1 leaves it and enters the second, and so on. A row that follows the last one
+        // requested needs one step only: then each window holds the row that leaves it and the one
+        // above.
         let ready = |(level, window): (usize, &Window<'_, A::Signal>)| {
             let leaves = row + depth - 1 - level as u32;
             let above = leaves.saturating_sub(1);
@@ -177,8 +165,8 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         let first = if held { row + depth } else { row.saturating_sub(depth) };
         for t in first..=row + depth {
             for level in 0..=depth {
-                let asked_for = level < depth || t == row + depth;
-                if asked_for && t >= level && t - level < self.cx.height {
+                let requested = level < depth || t == row + depth;
+                if requested && t >= level && t - level < self.cx.height {
                     self.step(level as usize, t - level, source);
                 }
             }
@@ -195,7 +183,8 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         }
     }
 
-    /// Computes a row at a level: after the level's window, up to the next window (or the end).
+    /// Computes a row at a level: from the level's window to the next window, or to the end of the
+    /// chain.
     #[inline(always)]
     fn step(&mut self, level: usize, row: u32, source: &mut (impl MeanRows<A> + ?Sized)) {
         let mut cx = Context { row, ..self.cx };

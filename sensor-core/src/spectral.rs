@@ -1,18 +1,18 @@
-//! Rows of spectral irradiance in block floating point: what a sensor is fed with.
+//! Rows of spectral irradiance in block floating point: the input of a sensor.
 //!
 //! A band of a row holds one 16-bit mantissa per pixel and one exponent for each [`GROUP`] pixels:
-//! irradiance = mantissa x 2^exponent, W m⁻² nm⁻¹, mean over the pixel's photosensitive area. The largest
-//! mantissa of a group uses all 16 bits, so the rounding error is at most 2⁻¹⁷ of the group's largest
-//! value (for shot-noise limited pixels of like brightness about 1 % of their own noise, or less).
-//! The same rows go through memory, through files and over a rig's link, so results do not depend on where
-//! a sensor runs.
+//! irradiance = mantissa x 2^exponent, W m⁻² nm⁻¹, mean over the pixel's photosensitive area. The
+//! largest mantissa of a group uses all 16 bits, so the rounding error is at most 2⁻¹⁷ of the
+//! group's largest value (for shot-noise limited pixels of similar brightness, about 1 % of their
+//! own noise or less). The same rows are used in memory, in files and on a rig's link, so results
+//! do not depend on where a sensor runs.
 
 use crate::math;
 
 /// Pixels that share an exponent.
 pub const GROUP: usize = 16;
 
-/// One band of a row.
+/// One band of a row of irradiance: mantissa x 2^exponent, W m⁻² nm⁻¹.
 #[derive(Clone, Copy, Debug)]
 pub struct BandRow<'a> {
     /// One exponent per group of pixels.
@@ -21,15 +21,15 @@ pub struct BandRow<'a> {
     pub mantissas: &'a [u16],
 }
 
-/// Groups in a row of `width` pixels.
+/// Number of groups in a row of `width` pixels.
 pub const fn groups(width: usize) -> usize {
     width.div_ceil(GROUP)
 }
 
-/// The exponent for a group with this largest value.
+/// The exponent of a group with this largest value.
 #[inline(always)]
 fn exponent_for(largest: f32) -> i8 {
-    // The largest mantissa is to lie in 2^15..2^16.
+    // So that the largest mantissa lies in 2^15..2^16.
     let floor_log2 = (largest.to_bits() >> 23) as i32 - 127;
     (floor_log2 - 15).clamp(-126, 111) as i8
 }
@@ -40,9 +40,9 @@ pub(crate) fn power_of_two(exponent: i32) -> f32 {
     f32::from_bits(((exponent.clamp(-126, 127) + 127) as u32) << 23)
 }
 
-/// Encodes non-negative values (W m⁻² nm⁻¹) of one band of a row. `exponents` holds [`groups`] of the row's
-/// length, `mantissas` its length. Values that are not finite and positive become 0; values below 2⁻¹²⁶
-/// are lost.
+/// Encodes non-negative values (W m⁻² nm⁻¹) of one band of a row. `exponents` holds [`groups`] of
+/// the row's length, `mantissas` its length. Values that are not finite and positive become 0;
+/// values below 2⁻¹²⁶ are lost.
 #[inline(always)]
 pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
     let groups = values.chunks(GROUP).zip(mantissas.chunks_mut(GROUP)).zip(exponents);
@@ -50,7 +50,7 @@ pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
         let positive = |v: f32| if v > 0.0 && v < f32::MAX { v } else { 0.0 };
         let largest = values.iter().fold(0.0, |a: f32, &v| if positive(v) > a { v } else { a });
         let mut e = exponent_for(largest);
-        // Rounding up to 2^16 takes the next exponent.
+        // A mantissa that would round up to 2^16 needs the next exponent.
         if largest * power_of_two(-i32::from(e)) >= 65_535.5 {
             e += 1;
         }
@@ -62,7 +62,7 @@ pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
     }
 }
 
-/// Decodes one band of a row.
+/// Decodes one band of a row into irradiance, W m⁻² nm⁻¹.
 pub fn decode(row: BandRow<'_>, values: &mut [f32]) {
     let groups = values.chunks_mut(GROUP).zip(row.mantissas.chunks(GROUP)).zip(row.exponents);
     for ((values, mantissas), &e) in groups {

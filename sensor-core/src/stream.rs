@@ -1,23 +1,26 @@
-//! Random streams: 32 xoshiro128++ generators side by side, keyed by where their numbers are used.
+//! Random streams: 32 xoshiro128++ generators in parallel, keyed by where their numbers are used.
 //!
-//! A [`Key`] names a stream by (sensor seed, stage, and what it depends on: frame, row, or neither).
-//! Nothing is carried from one row to the next, so rows can be computed in any order, on any number of
-//! threads, again, or on another machine, and give the same numbers.
+//! A [`Key`] identifies a stream by sensor seed, stage, and what it depends on: frame, row, or
+//! neither. No state passes from one row to the next, so rows can be computed in any order, on any
+//! number of threads, repeatedly, or on another machine, and give the same numbers.
 //!
-//! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al. 2014).
-//! Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of the
-//! `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
-//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. Here the
-//! states are held word by word, so that one vector instruction serves all lanes; a test holds
-//! them against the crate's own generator.
+//! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al.
+//! 2014). Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of
+//! the `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
+//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. The
+//! states are stored word by word, so that one vector instruction serves all lanes; a test compares
+//! them with the crate's own generator.
 
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-/// Generators side by side: two vectors of the widest units, half a block.
+/// Generators in parallel: two of the widest vectors (512 bits), half a block.
 pub const LANES: usize = 32;
 
+/// Difference between the seeds of neighbouring lanes; odd, so that no two lanes of a stream share
+/// a seed.
 const LANE_STEP: u64 = 0xD134_2543_DE82_EF95;
+/// 2⁶⁴ over the golden ratio: the increment of SplitMix64 (Steele et al. 2014).
 const PHI: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// Output function of SplitMix64.
@@ -28,7 +31,7 @@ const fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The name of a stream.
+/// Identifies a random stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key(u64);
 
@@ -39,13 +42,13 @@ impl Key {
         Key(mix(sensor_seed ^ PHI))
     }
 
-    /// The stream of this name below that one. Words are told apart by their order.
+    /// The stream with this number below the present one. The order of words matters.
     #[inline(always)]
     pub const fn with(self, word: u32) -> Self {
         Key(mix(self.0.wrapping_add(PHI) ^ (word as u64)))
     }
 
-    /// Generators side by side for values per pixel.
+    /// Parallel generators for values per pixel.
     #[inline(always)]
     pub fn lanes(self) -> Lanes {
         Lanes::new(self.0)
@@ -58,7 +61,7 @@ impl Key {
     }
 }
 
-/// [`LANES`] xoshiro128++ generators; state word by word.
+/// [`LANES`] xoshiro128++ generators, their states stored word by word.
 #[derive(Clone, Debug)]
 pub struct Lanes {
     s: [[u32; LANES]; 4],

@@ -1,4 +1,5 @@
-//! The catalogue of effects is sound, and any effect at any corner of its ranges leaves a frame behind.
+//! The catalogue of effects is sound, and any effect at any corner of its ranges leaves a frame
+//! behind.
 
 mod common;
 

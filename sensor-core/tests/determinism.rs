@@ -64,7 +64,8 @@ fn rows_come_out_the_same_in_any_order<A: Arith>() {
     }
 }
 
-/// The base chain, and each effect that was there when the figures were pinned, with shot and read noise.
+/// The base chain, and each effect that was there when the figures were pinned, with shot and read
+/// noise.
 fn everything() -> Vec<Vec<Effect>> {
     let base = windows();
     let mut chains = vec![vec![], base.clone()];
@@ -95,8 +96,8 @@ fn digest_of<A: Arith>(config: impl Fn(&[Effect]) -> SensorConfig) -> u64 {
     })
 }
 
-/// Bit-exact: these figures are the same on every machine, and change only when the numbers of the model do
-/// (a changelog entry).
+/// Bit-exact: these figures are the same on every machine, and change only when the numbers of the
+/// model do (a changelog entry).
 #[test]
 fn pinned_digests() {
     let mono = |effects: &[Effect]| monochrome(100, 6, effects);

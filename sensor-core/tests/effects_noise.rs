@@ -1,7 +1,8 @@
-//! The statistic by which each temporal effect shows itself, against its closed form, in both arithmetics.
+//! The statistic by which each temporal effect shows itself, against its closed form, in both
+//! arithmetics.
 //!
-//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it is
-//! taken from the scatter over independent frames or pixels.
+//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it
+//! is taken from the scatter over independent frames or pixels.
 
 mod common;
 
@@ -16,7 +17,8 @@ const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 in_both_arithmetics! {
     column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
-    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag amp_glow dark_current_gradient
+    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
+    amp_glow dark_current_gradient
 }
 
 fn at(frame: u32) -> FrameSettings {
@@ -296,8 +298,8 @@ fn optical_crosstalk<A: Arith>() {
     near("noise stays independent", below, 0.0, error);
 }
 
-/// Beyond its edges the array goes on as its mirror image: in even light of a colour a Bayer sensor's pixels at the
-/// border are as those of their channel inside.
+/// Beyond its edges the array goes on as its mirror image: in even light of a colour a Bayer
+/// sensor's pixels at the border are as those of their channel inside.
 fn colours_of_the_border<A: Arith>() {
     let effects: [Effect; 4] = [
         optical_crosstalk::OpticalCrosstalk { side: 0.05, vertical: 0.03, diagonal: 0.01 }.into(),

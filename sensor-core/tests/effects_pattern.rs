@@ -1,7 +1,7 @@
 //! What each fixed effect does to known signals, against its equation, in both arithmetics.
 //!
-//! Signals are read back through a converter of 1/8 e⁻ per step, so equality means within half a step
-//! ([`HALF`]) plus the arithmetic's own error.
+//! Signals are read back through a converter of 1/8 e⁻ per step, so equality means within half a
+//! step ([`HALF`]) plus the arithmetic's own error.
 
 mod common;
 
@@ -16,7 +16,8 @@ const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 in_both_arithmetics! {
     full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern colour_shading
+    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern
+    colour_shading
     relative_illumination fringing adc_nonlinearity defects
 }
 
@@ -202,7 +203,8 @@ fn prnu_correlated<A: Arith>() {
     let v = flat::<A>(&config, &SETTINGS, 4000.0);
     let m: Vec<f64> = v.iter().map(|v| (v / 4000.0 - 1.0) / 0.02).collect();
     assert_eq!(v, flat::<A>(&config, &FrameSettings { frame: 5, ..SETTINGS }, 4000.0));
-    // Variance of a covariance over n pixels (Bartlett 1946): at most 2 Σ ρ²/n, and Σ ρ² over all lags is (1 + 2/4)².
+    // Variance of a covariance over n pixels (Bartlett 1946): at most 2 Σ ρ²/n, and Σ ρ² over all
+    // lags is (1 + 2/4)².
     let sd = (2.0 * 2.25 / (w * h) as f64).sqrt();
     for (dx, dy, expected) in
         [(0, 0, 1.0), (1, 0, 0.5), (0, 1, 0.5), (1, 1, 0.25), (2, 0, 0.0), (0, 2, 0.0), (2, 1, 0.0)]
@@ -332,7 +334,8 @@ fn adc_nonlinearity<A: Arith>() {
         let weights: Vec<f64> = (0..8)
             .map(|b| dn.iter().position(|&d| d >= 1 << b).map_or(0.0, |x| x as f64 / 32.0))
             .collect();
-        // The other codes follow from the weights by successive approximation, but for the ramp's steps.
+        // The other codes follow from the weights by successive approximation, but for the ramp's
+        // steps.
         let differ = dn.iter().enumerate().filter(|(x, d)| {
             let mut left = (*x as f64 + 0.5) / 32.0;
             let mut code = 0;

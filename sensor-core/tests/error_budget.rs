@@ -1,8 +1,8 @@
-//! Without noise the raw is within 1 DN of a reference in f64, in both arithmetics: 12 bits, the whole
-//! range, full wells of 2 ke⁻ to 100 ke⁻, gains of 1 to 16, 31 bands with crosstalk factors.
+//! Without noise the raw is within 1 DN of a reference in f64, in both arithmetics: 12 bits, the
+//! whole range, full wells of 2 ke⁻ to 100 ke⁻, gains of 1 to 16, 31 bands with crosstalk factors.
 //!
-//! Held to is not the rounded reference but its distance: |DN − reference| ≤ ½ + budget, so the budget is
-//! what the arithmetic itself costs.
+//! Held to is not the rounded reference but its distance: |DN − reference| ≤ ½ + budget, so the
+//! budget is what the arithmetic itself costs.
 
 mod common;
 
@@ -54,7 +54,8 @@ fn table() -> Table {
     Table { x, y, nm, factors }
 }
 
-/// A ramp over the columns to 1.1 of the range with some structure from band to band and pixel to pixel.
+/// A ramp over the columns to 1.1 of the range with some structure from band to band and pixel to
+/// pixel.
 fn cube(config: &SensorConfig, settings: &FrameSettings) -> Vec<Vec<Band>> {
     let mut next = uniforms(11);
     let response: f64 = config.response[BANDS..2 * BANDS].iter().map(|&r| f64::from(r)).sum();

@@ -1,10 +1,11 @@
-//! Counts instructions: with QEMU's `-icount shift=10` an instruction takes 1024 ns of the board's time, and
-//! TIMER0 of the CMSDK counts 40 ns each. Exact to one tick, and the same in every run. Instructions are not
-//! cycles: there is no pipeline and no flash in it.
+//! Counts instructions: with QEMU's `-icount shift=10` an instruction takes 1024 ns of the board's
+//! time, and TIMER0 of the CMSDK (Arm Cortex-M System Design Kit) has ticks of 40 ns. The count is
+//! exact to one tick and the same in every run. Instructions are not cycles: neither a pipeline nor
+//! flash wait states are emulated.
 
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use camrig_firmware_sim::running::AnyRunning;
 use camrig_firmware_sim::{Dispatch, Plain};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 const TIMER0: *mut u32 = 0x4000_0000 as *mut u32;
 const VALUE: usize = 1;
@@ -13,7 +14,7 @@ const RELOAD: usize = 2;
 /// Ticks per instruction: 1024 / 40.
 const TICKS_PER_16_INSTRUCTIONS: u64 = 16 * 1024 / 40;
 
-/// Thousands of instructions, and what is left below, for collecting bands and for computing rows.
+/// Thousands of instructions, and the remainder, for collecting bands and for computing rows.
 static COLLECT: Counter = Counter::new();
 static COMPUTE: Counter = Counter::new();
 

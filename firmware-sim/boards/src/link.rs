@@ -37,25 +37,25 @@ impl embedded_io::Write for Link {
 mod inner {
     use semihosting::io::{Read, Stdin, Stdout, Write, stdin, stdout};
 
-    /// One read or write moves as much as there is; QEMU carries 80 MB/s and more this way.
+    /// One read or write moves as many bytes as there are: 80 MB/s and more in QEMU.
     pub struct Inner(Stdin, Stdout);
 
     impl Inner {
         pub fn open() -> Self {
             match (stdin(), stdout()) {
                 (Ok(input), Ok(output)) => Self(input, output),
-                _ => semihosting::process::exit(4),
+                _ => semihosting::process::exit(crate::status::SEMIHOSTING),
             }
         }
 
-        /// 0 when the host has closed its end.
+        /// Returns 0 when the host has closed its end.
         pub fn read(&mut self, out: &mut [u8]) -> usize {
             self.0.read(out).unwrap_or(0)
         }
 
         pub fn write(&mut self, bytes: &[u8]) {
             if self.1.write_all(bytes).is_err() {
-                semihosting::process::exit(4)
+                semihosting::process::exit(crate::status::SEMIHOSTING)
             }
         }
     }
@@ -65,7 +65,7 @@ mod inner {
 mod inner {
     use crate::log::Uart;
 
-    /// UART0, polled. There is no end to a UART.
+    /// UART0, polled. A UART is never closed.
     pub struct Inner(Uart);
 
     impl Inner {

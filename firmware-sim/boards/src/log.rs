@@ -1,4 +1,4 @@
-//! The log: defmt on UART1 of the CMSDK, in rzCOBS.
+//! The log: defmt on UART1 of the CMSDK (Arm Cortex-M System Design Kit), encoded with rzCOBS.
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -10,16 +10,20 @@ pub struct Uart(*mut u32);
 const STATE: usize = 1;
 const CONTROL: usize = 2;
 const BAUD_DIVISOR: usize = 4;
+/// The smallest divisor that the UART takes.
+const FASTEST: u32 = 16;
+const ENABLE_TX: u32 = 1;
+const ENABLE_RX: u32 = 2;
 const TX_FULL: u32 = 1;
 #[cfg(feature = "uart")]
 const RX_FULL: u32 = 2;
 
 impl Uart {
-    /// Switches on UART 0 or 1 of an mps2 board, both directions.
+    /// Enables UART 0 or 1 of an mps2 board in both directions.
     pub fn open(number: usize) -> Self {
         let uart = Self((0x4000_4000 + 0x1000 * number) as *mut u32);
-        uart.write(BAUD_DIVISOR, 16);
-        uart.write(CONTROL, 3);
+        uart.write(BAUD_DIVISOR, FASTEST);
+        uart.write(CONTROL, ENABLE_TX | ENABLE_RX);
         uart
     }
 
@@ -66,7 +70,7 @@ static SHARED: Shared = Shared(UnsafeCell::new(State {
 }));
 static TAKEN: AtomicBool = AtomicBool::new(false);
 
-/// Switches the log on.
+/// Enables the log.
 pub fn init() {
     Uart::open(1);
 }
@@ -76,8 +80,8 @@ fn send(bytes: &[u8]) {
     bytes.iter().for_each(|&byte| uart.send(byte));
 }
 
-// SAFETY: `acquire` and `release` bracket the writes with a critical section and forbid re-entry, as
-// defmt::Logger asks.
+// SAFETY: `acquire` and `release` bracket the writes with a critical section and forbid re-entry,
+// as defmt::Logger asks.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
         // SAFETY: released in `release`.

@@ -1,9 +1,6 @@
-//! The rig's memory, all of it static: what the linker counts is what the rig takes.
+//! The memory of the rig, all of it static: the linker's figure is what the rig needs.
 
 use crate::FIRMWARE;
-use core::cell::UnsafeCell;
-use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, Ordering};
 use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory};
 use camrig_rig_link::device::Device;
 use camrig_rig_link::framing::Framing;
@@ -14,18 +11,22 @@ use camrig_sensor_core::arith::Float as Arithmetic;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, blocks};
 use camrig_sensor_core::collect::Sums;
 use camrig_sensor_core::spectral::{GROUP, groups};
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 /// Longest row, pixels.
 const WIDTH: usize = 2048;
-/// Most spectral bands: memory does not depend on it, as bands are added up as they come.
+/// Largest number of spectral bands; the memory does not depend on it, as bands are summed as they
+/// arrive.
 const BANDS: u16 = 31;
-/// Rows: three means and a pipeline of four, for one effect that reads its neighbours.
+/// Rows: three of means and a pipeline of four, for one effect that reads its neighbours.
 const ROWS: usize = 7;
 /// Longest packed raw row, bytes.
 pub const RAW_BYTES: usize = 2 * WIDTH;
 /// Longest packet received: a band of 2048 pixels is 4224 bytes.
 const PACKET: usize = 4400;
-/// Packets that the host may send ahead.
+/// Packets that the host may have under way.
 const CREDIT: u16 = 32;
 /// Longest packet sent.
 const ANSWER: usize = 1100;
@@ -43,7 +44,8 @@ const ZERO: (Signal, Sum) = (fixed::types::I20F12::ZERO, 0);
 /// Memory that is handed out once.
 struct Once<T>(UnsafeCell<T>, AtomicBool);
 
-// SAFETY: `take` gives the contents out once, and there is one core and no interrupt that uses them.
+// SAFETY: `take` gives the contents out once, and there is one core and no interrupt that uses
+// them.
 unsafe impl<T> Sync for Once<T> {}
 
 impl<T> Once<T> {
@@ -60,7 +62,7 @@ impl<T> Once<T> {
     }
 }
 
-// One static each, so that those of zeros take no flash.
+// One static each, so that those of zeros need no flash.
 static SIGNALS: Once<[Block<Signal>; ROWS * blocks(WIDTH)]> =
     Once::new([[ZERO.0; BLOCK]; ROWS * blocks(WIDTH)]);
 static SUMS: Once<[Sums<Sum>; groups(WIDTH)]> = Once::new([[ZERO.1; GROUP]; groups(WIDTH)]);
@@ -73,7 +75,7 @@ static PACKET_BYTES: Once<[u8; Framing::Cobs.max_encoded(PACKET)]> =
 static ANSWER_BYTES: Once<[u8; ANSWER]> = Once::new([0; ANSWER]);
 static FRAMED: Once<[u8; Framing::Cobs.max_encoded(ANSWER)]> =
     Once::new([0; Framing::Cobs.max_encoded(ANSWER)]);
-// Made when the firmware starts, so that their first values take no flash.
+// Made when the firmware starts, so that their initial values need no flash.
 static DEVICE: Once<MaybeUninit<Device<RAW_BYTES>>> = Once::new(MaybeUninit::zeroed());
 static RIG: Once<MaybeUninit<Rig<'static>>> = Once::new(MaybeUninit::zeroed());
 
@@ -111,6 +113,7 @@ pub fn take() -> Option<Parts> {
     Some(Parts { rig, device, buffers })
 }
 
+/// Pattern of unused stack.
 const PAINT: u32 = 0x5ac5_ac5a;
 
 unsafe extern "C" {
@@ -129,7 +132,7 @@ pub fn stack_size() -> usize {
     top as usize - bottom as usize
 }
 
-/// Fills what is left of the stack, to see later how deep it went.
+/// Fills the unused stack with a pattern, to measure later how deep it was used.
 #[inline(never)]
 pub fn paint_stack() {
     let (bottom, _) = stack();
@@ -144,7 +147,7 @@ pub fn paint_stack() {
     }
 }
 
-/// Most stack that was in use since [`paint_stack`], bytes.
+/// Largest stack use since [`paint_stack`], bytes.
 pub fn stack_used() -> usize {
     let (bottom, top) = stack();
     let mut word = bottom;

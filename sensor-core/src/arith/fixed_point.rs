@@ -4,17 +4,20 @@ use super::{Arith, BLOCK, Block, Counts, integer};
 use crate::stream::{LANES, Lanes};
 use fixed::types::{I4F28, I20F12};
 
-/// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸ within ±8.
+/// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸
+/// within ±8.
 ///
-/// Nothing per pixel needs an FPU; single figures per row or per group of pixels are converted from f32.
+/// No operation per pixel needs an FPU; single values per row or per group of pixels are converted
+/// from f32.
 ///
 /// # Error budget
-/// Mean photo-electrons to DN, against f64 with the same irradiance: the parts are the collected sum
-/// (half a step of 2⁻²⁰ e⁻ and 2⁻³⁰ of the largest weight per band), its rounding to a signal (2⁻¹³ e⁻), one
-/// such rounding per stage, and the scale of the converter (24 bits: 2⁻²⁴ of the signal). With 12 bits and
-/// a full well of 2 ke⁻ or more a step of the converter is G 4095 / W < 33 DN/e⁻ at gain 16, so that a dozen
-/// stages stay within 0.05 DN before the rounding to a whole DN: the raw is within 1 DN of the reference, and
-/// differs from it at all for pixels that close to a half. `tests/error_budget.rs` measures it.
+/// Mean photo-electrons to DN, against f64 with the same irradiance: the parts are the collected
+/// sum (half a step of 2⁻²⁰ e⁻ and 2⁻³⁰ of the largest weight per band), its rounding to a signal
+/// (2⁻¹³ e⁻), one such rounding per stage, and the scale of the converter (24 bits: 2⁻²⁴ of the
+/// signal). With 12 bits and a full well of 2 ke⁻ or more a step of the converter is G 4095 / W <
+/// 33 DN/e⁻ at gain 16, so that a dozen stages stay within 0.05 DN before the rounding to a whole
+/// DN: the raw is within 1 DN of the reference, and differs from it at all for pixels that close to
+/// a half. `tests/error_budget.rs` measures it.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed;
 
@@ -27,7 +30,7 @@ const SIGNAL_BITS: u32 = 12;
 /// Fractional bits of a factor.
 const FACTOR_BITS: u32 = 28;
 
-/// Nearest whole number of steps, saturated; 0 for what is not a number.
+/// Nearest whole number of steps, saturated; 0 for NaN.
 #[inline(always)]
 fn to_bits(x: f32, bits: u32) -> i32 {
     let scaled = x * (1u64 << bits) as f32;
@@ -140,7 +143,7 @@ impl Arith for Fixed {
     #[inline(always)]
     fn lerp(a: &[u32; 16], b: &[u32; 16], first: f32, step: f32) -> [u32; 16] {
         let one = 1i64 << WEIGHT_BITS;
-        // Held so that the sums below cannot overflow, far beyond any distance that matters.
+        // Clamped, far beyond any distance that matters, so that the sums below cannot overflow.
         let fraction = |f: f32| (f.clamp(-1e8, 1e8) * one as f32) as i64;
         let (mut t, step) = (fraction(first), fraction(step));
         let mut out = [0; 16];
@@ -163,7 +166,7 @@ impl Arith for Fixed {
                 *sum = sum.saturating_add((u64::from(m) * u64::from(w) + half) >> down);
             }
         } else {
-            // Far above any full well: only the saturation must be right.
+            // Far above any full well: only the saturation has to be right.
             for ((sum, &m), &w) in parts {
                 let part = u64::from(m) * u64::from(w);
                 let fits = shift < part.leading_zeros() as i32;
@@ -187,7 +190,8 @@ impl Arith for Fixed {
         max_dn: u16,
         out: &mut Block<u16>,
     ) {
-        // All 24 bits of the f32 in the scale where the DN's fraction then fits 64 bits.
+        // Keeps all 24 bits of the f32 in the scale wherever the fraction of a DN then fits 64
+        // bits.
         let exponent = (dn_per_e.to_bits() >> 23) as i32 - 127;
         let scale_bits = (23 - exponent).clamp(4, 32) as u32;
         let bits = scale_bits + SIGNAL_BITS;
@@ -219,7 +223,8 @@ mod tests {
         for _ in 0..blocks {
             let (x, y) = (Fixed::normals(&mut a), Float::normals(&mut b));
             for i in 0..BLOCK {
-                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius to 2⁻²⁵/r.
+                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius to
+                // 2⁻²⁵/r.
                 let j = i % LANES;
                 let r = f64::from(y[j]).hypot(f64::from(y[j + LANES])).max(3e-4);
                 let d = (x[i].to_num::<f64>() - f64::from(y[i])).abs();
@@ -232,12 +237,12 @@ mod tests {
         assert!(mean < 5e-7, "{mean:e}");
     }
 
-    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves the value
-    /// over a whole number.
+    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves the
+    /// value over a whole number.
     #[test]
     fn poisson_agrees_with_f32() {
-        // Means that both hold exactly. Allowed: the rounding error of f32, of the distribution function
-        // (a few 2⁻²⁴) below 16, of the count (a few times 2⁻²⁴ of it) from there on.
+        // Means that both hold exactly. Allowed: the rounding error of f32, of the distribution
+        // function (a few 2⁻²⁴) below 16, of the count (a few times 2⁻²⁴ of it) from there on.
         for (lambda, allowed) in [
             (0.0, 0.0),
             (0.3125, 1e-5),

@@ -9,8 +9,9 @@ use crate::stream::{LANES, Lanes};
 #[derive(Clone, Copy, Debug)]
 pub struct Float;
 
-/// Terms of the inversion: the chance of a count above this at a mean of 16 is 2e-12.
+/// Terms of the inversion: at a mean of 16 the probability of a larger count is 2e-12.
 const INVERSION_TERMS: usize = 52;
+/// 1/k.
 const INVERSE: [f32; INVERSION_TERMS + 1] = {
     let mut table = [0.0; INVERSION_TERMS + 1];
     let mut k = 1;
@@ -48,9 +49,10 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
     }
 }
 
-/// Chance of a count below which the inversion goes no further: half of what the 32 bits of a uniform number tell
-/// apart. The f32 sum of chances may stay below a u next to 1 for ever; its count ends here.
-const NO_CHANCE: f32 = 1.0 / 8_589_934_592.0;
+/// Probability of a count below which the inversion stops: half the resolution of a uniform number
+/// of 32 bits, 2⁻³³. Without it a u close to 1 might never be reached by the rounded sum of
+/// probabilities.
+const NEGLIGIBLE: f32 = 1.0 / 8_589_934_592.0;
 
 /// Inversion: the smallest count whose distribution function reaches u.
 #[inline(always)]
@@ -67,14 +69,14 @@ fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
     for step in INVERSE[1..].chunks(4) {
         for inverse_k in step {
             for i in 0..BLOCK {
-                left[i] = if term[i] > NO_CHANCE { left[i] } else { 0.0 };
+                left[i] = if term[i] > NEGLIGIBLE { left[i] } else { 0.0 };
                 let more = left[i] > 0.0;
                 term[i] *= lambda[i] * inverse_k;
                 count[i] += if more { 1.0 } else { 0.0 };
                 left[i] -= term[i];
             }
         }
-        // No early way out of this loop: it is a vector operation.
+        // A fold without early exit becomes a vector operation.
         if !left.iter().fold(false, |any, &l| any | (l > 0.0)) {
             break;
         }
@@ -167,8 +169,8 @@ impl Arith for Float {
                     expansion(mean, &words(normal));
                 }
             }
-            // One stream after the other, which leaves each loop enough registers; counts of small means
-            // wait for the second loop as −1 − count.
+            // One stream after the other, which leaves each loop enough registers. Between the
+            // loops the counts of small means are stored as −1 − count.
             (Some(uniform), Some(normal)) => {
                 for mean in &mut *means {
                     let words = words(uniform);
@@ -254,7 +256,8 @@ mod tests {
             for count in [most as u32, whole] {
                 let mean = f64::from(lambda);
                 let chance = (1..=count).fold((-mean).exp(), |p, k| p * mean / f64::from(k));
-                // 64 of 2³² numbers may reach a count whose chance is of the order of 2⁻³²; one more for rounding.
+                // 64 of 2³² numbers may reach a count whose chance is of the order of 2⁻³²; one
+                // more for rounding.
                 assert!(count == 0 || chance > 2f64.powi(-43), "{lambda}: {count}, {chance:e}");
             }
         }

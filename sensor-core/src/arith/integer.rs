@@ -1,7 +1,8 @@
-//! Elementary functions and random laws in 32-bit integers with 64-bit products, for parts without FPU.
+//! Elementary functions and random distributions in 32-bit integers with 64-bit products, for parts
+//! without an FPU.
 //!
-//! They read the same random words as the f32 ones and agree with them to the errors stated; constants
-//! are computed at compile time from the closed forms. Qn means n fractional bits.
+//! They use the same random words as those in f32 and agree with them within the errors stated;
+//! constants are computed at compile time from the closed forms. Qn means n fractional bits.
 
 use core::f64::consts::{LN_2, PI, SQRT_2};
 
@@ -86,7 +87,8 @@ fn normalise(x: u64) -> (u32, i32) {
     (m as u32, s)
 }
 
-/// Square root of a number of 64 or less in Q30, in Q28; error below 1e-8 of the number's root or 2⁻²⁸.
+/// Square root of a number of 64 or less in Q30, in Q28; error below 1e-8 of the number's root or
+/// 2⁻²⁸.
 fn sqrt28(x: u64) -> i32 {
     if x == 0 {
         return 0;
@@ -102,7 +104,8 @@ fn sqrt28(x: u64) -> i32 {
     }
 }
 
-/// A direction, uniform over the circle, as in `math::box_muller`: (cos, sin) in Q30; error below 4e-9.
+/// A direction, uniform over the circle, as in `math::box_muller`: (cos, sin) in Q30; error below
+/// 4e-9.
 #[inline(always)]
 fn direction(w: u32) -> (i32, i32) {
     const SIN: [i32; 4] =
@@ -123,8 +126,8 @@ fn direction(w: u32) -> (i32, i32) {
     (if w >> 31 != 0 { -x } else { x }, if (w >> 30) & 1 != 0 { -y } else { y })
 }
 
-/// A pair of standard normal numbers in Q28 (Box & Muller 1958); error below 2e-8 where the pair's radius
-/// is above 0.2, below 4e-5 anywhere.
+/// A pair of standard normal numbers in Q28 (Box & Muller 1958); error below 2e-8 where the pair's
+/// radius is above 0.2, below 4e-5 anywhere.
 pub(super) fn box_muller(w0: u32, w1: u32) -> (i32, i32) {
     let r = sqrt28(minus_two_ln(w0));
     let (x, y) = direction(w1);
@@ -133,6 +136,7 @@ pub(super) fn box_muller(w0: u32, w1: u32) -> (i32, i32) {
 
 /// See [`super::EXPANSION_FROM_E`].
 pub(super) const EXPANSION_FROM: u32 = super::EXPANSION_FROM_E as u32;
+/// As in `float`: at a mean of 16 the probability of a larger count is 2e-12.
 const TERMS: usize = 52;
 
 const fn exp_of_minus(x: f64) -> f64 {
@@ -192,8 +196,11 @@ fn mul_wide(p: u64, f: u32, bits: u32) -> u64 {
     ((high * u64::from(f)) << (32 - bits)) + ((low * u64::from(f)) >> bits)
 }
 
-/// Poisson count for a mean below 16 (Q12) by inversion: the smallest count whose distribution function,
-/// in Q56, reaches (w + ½) 2⁻³².
+/// Probability below which the inversion stops, 2⁻³³ in Q56: see `float::NEGLIGIBLE`.
+const NEGLIGIBLE: u64 = 1 << 23;
+
+/// Poisson count for a mean below 16 (Q12) by inversion: the smallest count whose distribution
+/// function, in Q56, reaches (w + ½) 2⁻³².
 pub(super) fn inversion(mean: u32, w: u32) -> u32 {
     let mean = mean.min((EXPANSION_FROM << 12) - 1);
     let place = |shift: u32, size: u32| ((mean >> shift) & (size - 1)) as usize;
@@ -205,9 +212,7 @@ pub(super) fn inversion(mean: u32, w: u32) -> u32 {
     let mut reached = p;
     let mut count = 0;
     for &inverse in INVERSE.iter().skip(1) {
-        // Rounded chances may sum to less than a u next to 1: where a chance is below half of what the 32 bits of a
-        // uniform number tell apart (2⁻³³ in Q56), the count ends.
-        if reached >= u || p < 1 << 23 {
+        if reached >= u || p < NEGLIGIBLE {
             break;
         }
         // mean / k in Q28.
@@ -219,8 +224,9 @@ pub(super) fn inversion(mean: u32, w: u32) -> u32 {
     count
 }
 
-/// Poisson count for a mean (Q12) of 16 and more from a normal number (Q28): floor of the third-order
-/// Cornish-Fisher expansion, see `float::expansion`. Error of the expansion's value below 2e-5.
+/// Poisson count for a mean (Q12) of 16 and more from a normal number (Q28): floor of the
+/// third-order Cornish-Fisher expansion, see `float::expansion`. Error of the expansion's value
+/// below 2e-5.
 pub(super) fn expansion(mean: u32, w: i32) -> u32 {
     const THIRD: i64 = q(1.0 / 3.0, 24);
     const SIXTH: i32 = q30(1.0 / 6.0);
@@ -288,7 +294,8 @@ mod tests {
 
     #[test]
     fn inversion_has_the_law_of_poisson() {
-        // Against the distribution function in f64: wrong only where that is within 1e-9 of the uniform.
+        // Against the distribution function in f64: wrong only where that is within 1e-9 of the
+        // uniform.
         for mean in [0, 1, 4095, 4096, 20_000, 65_535] {
             let lambda = f64::from(mean) / 4096.0;
             for w in (0..=u32::MAX).step_by(STEP * 7) {

@@ -1,19 +1,21 @@
 //! Errors of the converter's bits.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
-    /// Converter non-linearity: the weights of the converter's bits are not exact powers of two, so some codes
-    /// are wide, some narrow, some missing.
+    /// Converter non-linearity: the weights of the converter's bits are not exact powers of two, so
+    /// some codes are wide, some are narrow and some are missing.
     ///
-    /// A successive-approximation converter: code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN, the bits being tried
-    /// from the highest down. ε_b = σ 2^(b/2) z_b (matched unit elements: the error of a weight grows with its root), z
-    /// standard normal and fixed, g the common gain error that is taken out, Σ ε_b 2^b / Σ 4^b; known errors of the lowest bits are
-    /// added to that. IEEE 1241. Largest random step at the middle of the scale, about σ 2^(bits/2). Put it last of the
-    /// effects on the signal.
+    /// The model is a successive-approximation converter that tries the bits from the highest down.
+    /// Code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN. ε_b = σ 2^(b/2) z_b is the
+    /// error of bit b (in an array of matched unit elements the error of a weight grows with its
+    /// root), with z standard normal and fixed. The common gain error g = Σ ε_b 2^b / Σ 4^b is
+    /// taken out. Known errors of the lowest bits are added afterwards. The largest random step
+    /// lies at the middle of the scale and is about σ 2^(bits/2). Put this effect last of those on
+    /// the signal. IEEE 1241.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Pixel {
         /// Standard deviation of the error of the lowest bit's weight
         sigma_lsb: "DN", 0.0..=1.0, default 0.0;

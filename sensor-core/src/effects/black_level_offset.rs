@@ -1,13 +1,14 @@
 //! Error of the black level.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Black-level offset: the black level is another than the configuration says, and moves with gain,
+    /// Black-level offset: the black level differs from the configured one, and changes with gain,
     /// exposure and colour plane.
     ///
-    /// DN += b + b_G (G − 1) + b_t t + b_p for the plane p = 2 (y mod 2) + x mod 2 of a 2x2 pattern, before rounding.
+    /// DN += b + b_G (G − 1) + b_t t + b_p before rounding, where G is the analogue gain, t the
+    /// exposure, and p = 2 (y mod 2) + x mod 2 the colour plane of a 2x2 pattern.
     BlackLevelOffset, "black-level-offset", Voltage, Pixel {
         /// Constant part
         offset_dn: "DN", -1e4..=1e4, default 0.0;

@@ -1,13 +1,13 @@
 //! Black sun.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Black sun: light so strong that the pixel fills while its reset level is sampled; double sampling then
-    /// takes signal from signal, and the brightest spots turn dark.
+    /// Black sun: light so strong that the pixel fills while its reset level is being sampled.
+    /// Double sampling then subtracts signal from signal, and the brightest spots turn dark.
     ///
-    /// n = 0 where the photo-electrons of the exposure exceed k W, W the full well.
+    /// n = 0 where the photo-electrons of the exposure exceed k W, with W the full well.
     BlackSun, "black-sun", Photo, Pixel {
         /// Light k in full wells from which pixels turn dark
         onset: "full wells", 1.0..=1e4;

@@ -1,13 +1,13 @@
 //! Blooming.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
     /// Blooming: charge that a full pixel cannot hold spills into the pixels above and below.
     ///
-    /// n' = min(n, W) + s/2 (excess above + excess below), excess = max(n − W, 0), W the full well. One pixel far;
-    /// what is not passed on is drained.
+    /// n' = min(n, W) + s/2 (excess above + excess below), with excess = max(n − W, 0) and W the
+    /// full well. Charge spills one pixel far; the rest is drained.
     Blooming, "blooming", Photo, Neighbours {
         /// Fraction s of the excess that spills
         fraction: "1", 0.0..=1.0;
@@ -29,7 +29,8 @@ impl Stage for Blooming {
         };
         let beside = inputs.above.as_flattened().iter().zip(inputs.below.as_flattened());
         let here = inputs.here.as_flattened();
-        for ((out, here), (above, below)) in row.as_flattened_mut().iter_mut().zip(here).zip(beside) {
+        for ((out, here), (above, below)) in row.as_flattened_mut().iter_mut().zip(here).zip(beside)
+        {
             let kept = if *here < full { *here } else { full };
             *out = A::add(kept, A::add(spill(*above), spill(*below)));
         }

@@ -1,17 +1,19 @@
 //! Brighter-fatter effect.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, beside, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Brighter-fatter effect: charge already collected pushes what follows into the neighbours, so that
-    /// bright spots widen and noise is correlated in proportion to the square of the signal.
+    /// Brighter-fatter effect: charge already collected repels later charge into the neighbouring
+    /// pixels, so that bright spots widen and noise is correlated in proportion to the square of
+    /// the signal.
     ///
-    /// Across each edge between neighbours a/2 (q² − q'²) passes from the fuller pixel to the other. The mean of
-    /// a flat field stays; with b = aµ small its noise goes through the kernel 1 − 4b in the centre and b at
-    /// the four neighbours, so variance is µ((1 − 4b)² + 4b²) and the covariance of neighbours 2µ b(1 − 4b). Charge
-    /// is kept, but for what passes the array's edges. Antilogus et al. 2014, Astier et al. 2019 (a_01 there is 2a here, a_00 is −8a). Nearest neighbours
-    /// only; range aµ < 0.1.
+    /// Across each edge between two neighbours a/2 (q² − q'²) passes from the fuller pixel to the
+    /// other. The mean of a flat field does not change. With b = aµ small, its noise passes through
+    /// the kernel 1 − 4b in the centre and b at the four neighbours: the variance is µ((1 − 4b)² +
+    /// 4b²) and the covariance of neighbours 2µ b(1 − 4b). Charge is conserved, except what crosses
+    /// the edges of the array. Only nearest neighbours take part; valid for aµ < 0.1. Antilogus et
+    /// al. 2014; Astier et al. 2019 (their a_01 is 2a here, their a_00 is −8a).
     BrighterFatter, "brighter-fatter", Charge, Neighbours {
         /// Coefficient a
         coefficient: "1/e-", 0.0..=1e-4;

@@ -4,12 +4,14 @@ use super::{Context, Inputs, Stage, beside, effect};
 use crate::arith::{Arith, BLOCK, Block};
 
 effect! {
-    /// Charge coupling between neighbours: part of a pixel's signal shows in the eight around it, after
-    /// shot noise, so that neighbours' noise is correlated (interpixel capacitance, electrical crosstalk).
+    /// Charge coupling between neighbours: part of a pixel's signal appears in the eight pixels
+    /// around it, after shot noise, so that the noise of neighbours is correlated (interpixel
+    /// capacitance, electrical crosstalk).
     ///
-    /// q' = q ⊗ k with the 3x3 kernel k of `side` left and right, `vertical` above and below, `diagonal` at
-    /// the corners and 1 minus their sum in the centre. Moore, Ninkov & Forrest 2004. Charge is kept, but
-    /// for what passes the array's edges, beyond which its mirror image goes on: a flat field stays flat.
+    /// q' = q ⊗ k. The 3x3 kernel k has `side` to the left and right, `vertical` above and below,
+    /// `diagonal` at the corners, and 1 minus their sum in the centre. Beyond the edges the array
+    /// continues as its mirror image, so a flat field stays flat. Charge is conserved, except what
+    /// crosses those edges. Moore, Ninkov & Forrest 2004.
     ChargeCoupling, "charge-coupling", Charge, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;
@@ -42,8 +44,8 @@ pub(crate) fn kernel<A: Arith>(side: f32, vertical: f32, diagonal: f32) -> [A::F
 
 /// 3x3 convolution of a row with the kernel (centre, side, vertical, diagonal).
 ///
-/// Each pixel's three rows make what it keeps and what it gives to either side; terms are scaled before
-/// they are added, so that nothing saturates that would not in the end.
+/// Each pixel's three rows make what it keeps and what it gives to either side; terms are scaled
+/// before they are added, so that nothing saturates that would not in the end.
 #[inline(always)]
 pub(crate) fn convolve<A: Arith>(
     width: u32,

@@ -1,13 +1,13 @@
 //! Shading of single channels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Colour shading: channels fall off differently towards the corners, as filters and microlenses see light
-    /// at a slant.
+    /// Colour shading: the channels fall off differently towards the corners, because filters and
+    /// microlenses receive oblique light there.
     ///
-    /// µ *= 1 + k_c r² for channel c, r the distance from the centre, 1 at the corners.
+    /// µ *= 1 + k_c r² for channel c, with r the distance from the centre, 1 at the corners.
     ColourShading, "colour-shading", Light, Pixel {
         /// Change at the corners, first channel
         channel_0: "1", -0.9..=2.0, default 0.0;

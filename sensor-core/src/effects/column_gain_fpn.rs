@@ -1,12 +1,13 @@
 //! Gain pattern of columns.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Column gain fixed pattern: each column's amplifier has a gain of its own.
+    /// Column gain fixed pattern: each column's amplifier has its own gain.
     ///
-    /// v *= 1 + σ z(x), z standard normal and fixed. EMVA 1288 release 4.0, column part of PRNU.
+    /// v *= 1 + σ z(x), with z standard normal and fixed. EMVA 1288 release 4.0, column part of
+    /// PRNU.
     ColumnGainFpn, "column-gain-fpn", Voltage, Pixel {
         /// Standard deviation over columns of the relative gain
         sigma: "1", 0.0..=0.14;

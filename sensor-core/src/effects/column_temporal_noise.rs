@@ -1,14 +1,15 @@
 //! Temporal noise common to a column.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Column temporal noise: each column of each frame has an offset of its own (noise of column
-    /// amplifiers' or converters' references).
+    /// Column temporal noise: each column of each frame has its own offset (noise of the references
+    /// of column amplifiers or converters).
     ///
-    /// v += σ z(x, frame), z standard normal, white over columns and frames. Input-referred. Janesick 2007;
-    /// the column counterpart of [`row_temporal_noise`](super::row_temporal_noise).
+    /// v += σ z(x, frame), with z standard normal, white over columns and frames. Input-referred.
+    /// Janesick 2007. The counterpart for rows is
+    /// [`row_temporal_noise`](super::row_temporal_noise).
     ColumnTemporalNoise, "column-temporal-noise", Voltage, Pixel {
         /// Standard deviation over frames of a column's offset
         sigma_e: "e-", 0.0..=1e5;

@@ -1,13 +1,14 @@
 //! Piecewise linear response.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Companding: a piecewise linear response that compresses highlights before the converter.
+    /// Companding: a piecewise linear response that compresses highlights before the converter, as
+    /// in many automotive sensors.
     ///
-    /// v up to the first knee, from there on with the first slope, from the second knee on with the
-    /// second. Knees are given before compression. Found in sensors for vehicles.
+    /// The response has slope 1 up to the first knee, the first slope between the knees, and the
+    /// second slope beyond the second knee. Knees are given on the scale before compression.
     Companding, "companding", Voltage, Pixel {
         /// First knee as a fraction of full well
         knee_1: "1", 0.0..=1.0;

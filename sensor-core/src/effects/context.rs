@@ -1,4 +1,4 @@
-//! What a stage knows about the row it works on, and its random streams.
+//! What a stage is told about the row that it works on, and its random streams.
 
 use crate::arith::{BLOCK, Counts};
 use crate::config::Pattern;
@@ -6,7 +6,7 @@ use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;
 
-/// The facts of one row of one frame, as a stage sees them.
+/// What a stage is told about one row of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
     /// Pixels in a row.
@@ -17,34 +17,35 @@ pub struct Context<'a> {
     pub row: u32,
     /// Frame number.
     pub frame: u32,
-    /// Integration time, s, as it really is.
+    /// Actual integration time, s.
     pub exposure_s: f32,
-    /// Integration time, s, as asked for.
+    /// Requested integration time, s.
     pub nominal_exposure_s: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
-    /// Analog gain.
+    /// Analogue gain, 1 = unity.
     pub analog_gain: f32,
     /// DN per input-referred electron at this gain.
     pub dn_per_e: f32,
     /// Full well, e⁻.
     pub full_well_e: f32,
-    /// DN of no signal.
+    /// Black level: the DN of zero signal.
     pub black_level_dn: f32,
     /// Largest DN.
     pub max_dn: u16,
     /// Colour filter pattern.
     pub pattern: &'a Pattern,
-    /// Spread of read noise over pixels, and the root of its streams.
+    /// Spread of read noise over pixels (σ of its logarithm), and the root of its streams.
+    #[cfg(feature = "read-noise-spread")]
     pub(crate) read_noise_spread: Option<(f32, Key)>,
-    /// Root of the streams of exact shot noise, where it is asked for.
-    #[cfg(feature = "exact")]
+    /// Root of the streams of exact shot noise, if the chain has that effect.
+    #[cfg(feature = "exact-shot-noise")]
     pub(crate) exact_shot_noise: Option<Key>,
     /// Root of this stage's streams on this physical sensor.
     pub(crate) key: Key,
 }
 
-/// What a stream depends on beside sensor and stage.
+/// What a stream depends on in addition to sensor and stage.
 #[derive(Clone, Copy)]
 enum Over {
     Pixel = 1,
@@ -60,8 +61,9 @@ enum Over {
     Word,
 }
 
-/// The indices before and after `i` of `count`. Beyond its edges the array goes on as its mirror image, as it
-/// does in a sensor with dummy pixels around: a Bayer pattern's colours keep their order (a quad Bayer's do not).
+/// The indices before and after `i` of `count`. Beyond its edges the array continues as its mirror
+/// image, as in a sensor with dummy pixels around it: the colours of a Bayer pattern keep their
+/// order (those of a quad Bayer pattern do not).
 #[inline(always)]
 pub(crate) fn beside(i: u32, count: u32) -> [u32; 2] {
     let last = count.saturating_sub(1);
@@ -73,13 +75,14 @@ impl Context<'_> {
         self.key.with(part).with(over as u32)
     }
 
-    /// Fixed pattern: values per pixel of this physical sensor. `part` tells a stage's draws apart.
+    /// Fixed pattern: values per pixel of this physical sensor. `part` distinguishes the draws of
+    /// one stage.
     #[inline(always)]
     pub fn per_pixel(&self, part: u32) -> Lanes {
         self.per_pixel_of(part, self.row)
     }
 
-    /// The same of any row, for what a pixel shares with its neighbours.
+    /// The same for any row: for what a pixel shares with its neighbours.
     #[inline(always)]
     pub fn per_pixel_of(&self, part: u32, row: u32) -> Lanes {
         self.stream(part, Over::Pixel).with(row).lanes()
@@ -115,7 +118,8 @@ impl Context<'_> {
         self.stream(part, Over::ColumnFrame).with(self.frame).lanes()
     }
 
-    /// Stream of a row (any row: correlated noise asks for its neighbours'), the same in each frame.
+    /// Stream of a row (any row, as correlated noise needs its neighbours'), the same in each
+    /// frame.
     pub fn per_row(&self, part: u32, row: u32) -> impl Rng + use<> {
         self.stream(part, Over::Row).with(row).scalar()
     }
@@ -135,19 +139,21 @@ impl Context<'_> {
         self.stream(part, Over::Sensor).scalar()
     }
 
-    /// One word for a pixel in any frame: for effects on few pixels that look at other frames.
+    /// One 32-bit word for a pixel in any frame: for effects on few pixels that depend on other
+    /// frames.
     pub fn word(&self, part: u32, frame: u32, column: u32) -> u32 {
         let key = self.stream(part, Over::Word).with(frame).with(self.row).with(column);
         key.scalar().next_u32()
     }
 
-    /// Channel of a column's pixel in this row.
+    /// Channel of the pixel in this column of this row.
     #[inline(always)]
     pub fn channel(&self, column: usize) -> usize {
         self.pattern.channel(column, self.row as usize)
     }
 
-    /// Square of the distance from the centre, 1 at the corners.
+    /// Square of the distance from the centre, 1 at the corners; `u` is the position along the row,
+    /// -1..1.
     #[inline(always)]
     pub fn field2(&self, u: f32) -> f32 {
         let (w, h) = (self.width as f32, self.height as f32);
@@ -168,10 +174,10 @@ impl Context<'_> {
     }
 }
 
-/// A uniform number between 0 and 1, both left out, from 32 bits.
+/// A uniform number in the open interval 0 to 1 from 32 bits.
 #[inline(always)]
 pub(crate) fn unit(word: u32) -> f32 {
-    // 24 bits, so that rounding cannot reach 1.
+    // Its upper 24 bits, so that rounding cannot reach 1.
     ((word >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
 }
 

@@ -5,20 +5,22 @@ use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E, MAX_NORMAL};
 use crate::math;
 
 effect! {
-    /// Dark current: thermally generated charge, with shot noise, non-uniform over pixels (DSNU).
+    /// Dark current: thermally generated charge, with its shot noise and its non-uniformity over
+    /// pixels (DSNU).
     ///
-    /// A pixel's mean is d = t 2^((T − T_ref)/T_d) (I + σ z(x, y)), z standard normal and fixed. Charge:
-    /// Poisson(max(d, 0)) + min(d, 0), so that mean and spread over pixels are as stated even where the
-    /// normal law reaches below zero. N_dark of eq. 10 of Chen et al. 2009; doubling temperature as in
-    /// EMVA 1288. Range: temperatures for which one doubling temperature holds (some 40 K).
+    /// A pixel's mean is d = t 2^((T − T_ref)/T_d) (I + σ z(x, y)), with z standard normal and
+    /// fixed. The charge is Poisson(max(d, 0)) + min(d, 0), so that mean and spread over pixels are
+    /// as stated even where the normal law reaches below zero. N_dark of eq. 10 of Chen et al.
+    /// 2009; doubling temperature as in EMVA 1288. Valid over some 40 K, where one doubling
+    /// temperature holds.
     DarkCurrent, "dark-current", Charge, Pixel {
         /// Mean over pixels at the reference temperature
         mean_e_per_s: "e-/s", 0.0..=1e6;
         /// Standard deviation over pixels at the reference temperature
         dsnu_e_per_s: "e-/s", 0.0..=1e6, default 0.0;
-        /// Rise of temperature that doubles it
+        /// Temperature rise that doubles it
         doubling_c: "K", 1.0..=100.0, default 7.0;
-        /// Temperature of the two figures
+        /// Reference temperature
         reference_c: "degC", -100.0..=150.0, default 25.0;
     }
 }

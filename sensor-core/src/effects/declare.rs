@@ -17,7 +17,8 @@ macro_rules! effect {
         $name:ident, $kind:literal, $domain:ident, $needs:ident {
             $(
                 $(#[doc = $pdoc:literal])+
-                $key:ident: $unit:literal, $min:literal..=$max:literal $(, default $default:literal)?;
+                $key:ident: $unit:literal, $min:literal..=$max:literal
+                $(, default $default:literal)?;
             )*
         }
     ) => {
@@ -32,7 +33,7 @@ macro_rules! effect {
         }
 
         impl $name {
-            /// This effect's entry, but for its number.
+            /// This effect's entry, without its number in the catalogue.
             pub const ENTRY: $crate::effects::Entry = $crate::effects::Entry {
                 id: 0,
                 kind: $kind,
@@ -68,61 +69,62 @@ macro_rules! effect {
     (@default $default:literal) => { Some($default) };
 }
 
-/// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its dispatch.
+/// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its
+/// dispatch. An effect with `if "FEATURE"` is compiled with that feature of the crate only.
 macro_rules! catalogue {
-    (
-        base: $($base_id:literal => $base_module:ident::$base_name:ident,)+
-        catalogue: $($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+
-    ) => {
-        #[cfg(feature = "catalogue")]
-        catalogue! {
-            $($base_id => $base_module::$base_name,)+
-            $($(#[$cfg])? $id => $module::$name,)+
-        }
-        #[cfg(not(feature = "catalogue"))]
-        catalogue! { $($base_id => $base_module::$base_name,)+ }
-    };
-    ($($(#[$cfg:meta])? $id:literal => $module:ident::$name:ident,)+) => {
-        $($(#[$cfg])? pub mod $module;)+
+    ($($id:literal => $module:ident::$name:ident $(if $feature:literal)?,)+) => {
+        $($(#[cfg(feature = $feature)])? pub mod $module;)+
 
         /// Any effect of the catalogue.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[allow(missing_docs)]
-        pub enum Effect { $($(#[$cfg])? $name($module::$name),)+ }
+        pub enum Effect { $($(#[cfg(feature = $feature)])? $name($module::$name),)+ }
 
         impl Effect {
-            /// The catalogue.
+            /// The effects that are compiled in, in the order of their numbers.
             pub const CATALOGUE: &'static [Entry] =
-                &[$($(#[$cfg])? Entry { id: $id, ..$module::$name::ENTRY },)+];
+                &[$($(#[cfg(feature = $feature)])? Entry { id: $id, ..$module::$name::ENTRY },)+];
 
             /// The effects that are compiled in, as a bit set of `1 <<` number.
             pub const AVAILABLE: u64 = {
                 let mut set = 0;
-                $($(#[$cfg])? { set |= 1 << $id; })+
+                $($(#[cfg(feature = $feature)])? { set |= 1 << $id; })+
                 set
             };
 
-            /// Its entry.
+            /// Its entry in the catalogue.
             pub const fn entry(&self) -> &'static Entry {
                 match self {
-                    $($(#[$cfg])? Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },)+
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        Effect::$name(_) => const { &Entry { id: $id, ..$module::$name::ENTRY } },
+                    )+
                 }
             }
 
-            /// The effect of this number; `None` when there is none or a value is missing or out of range.
+            /// The effect with this number and these values, in the order and units of its entry's
+            /// parameters. `None` if it is not compiled in, or a value is missing or out of range.
             pub fn new(id: u8, values: &[f32]) -> Option<Self> {
                 let entry = Self::CATALOGUE.iter().find(|e| e.id == id)?;
                 let fits = values.len() == entry.parameters.len()
-                    && values.iter().zip(entry.parameters).all(|(v, p)| (p.min..=p.max).contains(v));
+                    && values.iter().zip(entry.parameters).all(|(v, p)| p.accepts(*v));
                 match id {
-                    $($(#[$cfg])? $id if fits => Some(Effect::$name($module::$name::from_values(values))),)+
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        $id if fits => Some($module::$name::from_values(values).into()),
+                    )+
                     _ => None,
                 }
             }
 
             /// Its parameters in the order of the entry.
             pub fn values(&self) -> heapless::Vec<f32, MAX_PARAMETERS> {
-                match self { $($(#[$cfg])? Effect::$name(e) => e.values(),)+ }
+                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.values(),)+ }
+            }
+
+            /// Runs [`Stage::prepare`].
+            pub(crate) fn prepare(&self, cx: &mut Context<'_>) {
+                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.prepare(cx),)+ }
             }
 
             /// Runs the stage.
@@ -133,12 +135,17 @@ macro_rules! catalogue {
                 inputs: &Inputs<'_, A::Signal>,
                 row: &mut [Block<A::Signal>],
             ) {
-                match self { $($(#[$cfg])? Effect::$name(e) => e.apply::<A>(cx, inputs, row),)+ }
+                match self {
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        Effect::$name(e) => e.apply::<A>(cx, inputs, row),
+                    )+
+                }
             }
         }
 
         $(
-            $(#[$cfg])?
+            $(#[cfg(feature = $feature)])?
             impl From<$module::$name> for Effect {
                 fn from(effect: $module::$name) -> Self {
                     Effect::$name(effect)

@@ -4,10 +4,11 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Dead and weak pixels: a few pixels respond with a fraction of the gain of the rest, or not at all.
+    /// Dead and weak pixels: a few pixels respond with a fraction of the others' gain, or not at
+    /// all.
     ///
-    /// A fraction f of pixels, fixed, has its photo-electrons multiplied by g. Chen et al. 2009, section VI:
-    /// defects visible in captures only.
+    /// The photo-electrons of a fixed fraction f of the pixels are multiplied by g. Chen et al.
+    /// 2009, section VI: defects that only the captures show.
     DefectivePixels, "defective-pixels", Photo, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

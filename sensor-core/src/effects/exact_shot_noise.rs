@@ -7,17 +7,22 @@ use rand_core::Rng;
 use rand_distr::{Distribution, Poisson};
 
 effect! {
-    /// Exact shot noise: has the stage [`shot_noise`](super::shot_noise) draw its counts from the exact Poisson
-    /// law in f64, by multiplication below a mean of 12 and by rejection above.
+    /// Exact shot noise: the stage [`shot_noise`](super::shot_noise) draws its counts from the
+    /// exact Poisson law in f64, by multiplication below a mean of 12 and by rejection above.
     ///
-    /// A property of the shot-noise stage, which looks it up; alone it does nothing. Some ten times slower
-    /// than the usual method. Not under the promise of the same bytes on every machine (logarithms of the
-    /// platform), and a pixel's count depends on the means before it in its row. `Poisson` of the
-    /// `rand_distr` crate; Ahrens & Dieter 1982.
+    /// This effect only alters the shot-noise stage; alone it does nothing. It is about ten times
+    /// slower than the usual method. Two promises do not hold with it: results may differ between
+    /// machines (logarithms of the platform), and a pixel's count depends on the means before it in
+    /// its row. `Poisson` of the `rand_distr` crate; Ahrens & Dieter 1982.
     ExactShotNoise, "exact-shot-noise", Light, Pixel {}
 }
 
 impl Stage for ExactShotNoise {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        // Of several the first one's streams.
+        cx.exact_shot_noise.get_or_insert(cx.key);
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,

@@ -1,14 +1,15 @@
 //! Error of the exposure time.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Exposure offset: the sensor exposes in steps, and for a little longer or shorter than told.
+    /// Exposure offset: the sensor exposes in discrete steps, and for slightly longer or shorter
+    /// than requested.
     ///
-    /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. Fixed point: t'/t up to 8. Of several
-    /// in a chain each works on what those before it make of t.
+    /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. In fixed point t'/t may
+    /// be up to 8. Several of these in a chain act one after the other.
     ExposureOffset, "exposure-offset", Light, Pixel {
         /// Error δ
         offset_us: "us", -1e4..=1e4, default 0.0;
@@ -17,18 +18,25 @@ effect! {
     }
 }
 
+/// Steps of exposure from which the time is not rounded to whole ones: `math::round` holds up to
+/// 2²², and a step is then below the rounding of the time in f32.
+const MOST_STEPS: f32 = 4e6;
+
 impl ExposureOffset {
-    /// The exposure time that comes of the one asked for, s.
+    /// The actual exposure time for a requested one, s.
     pub(crate) fn actual(&self, exposure_s: f32) -> f32 {
         let step_s = self.step_us * 1e-6;
         let steps = exposure_s / step_s;
-        // Beyond 2²² steps their rounding is below that of the time.
-        let whole = if steps < 4e6 { math::round(steps) * step_s } else { exposure_s };
+        let whole = if steps < MOST_STEPS { math::round(steps) * step_s } else { exposure_s };
         (whole + self.offset_us * 1e-6).max(0.0)
     }
 }
 
 impl Stage for ExposureOffset {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        cx.exposure_s = self.actual(cx.exposure_s);
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,

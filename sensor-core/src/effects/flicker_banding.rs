@@ -1,15 +1,17 @@
 //! Flicker with a rolling shutter.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row sees another part of it.
+    /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row integrates a
+    /// different part of the pulsation.
     ///
-    /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)): the mean of 1 + A sin(2πf τ) over the row's exposure t,
-    /// sinc(x) = sin(πx)/(πx), φ uniform in each frame.
+    /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)), which is the mean of 1 + A
+    /// sin(2πf τ) over the row's exposure t. sinc(x) = sin(πx)/(πx), and φ is uniform in each
+    /// frame.
     FlickerBanding, "flicker-banding", Light, Pixel {
         /// Depth A of the light's modulation
         depth: "1", 0.0..=1.0;
@@ -19,6 +21,9 @@ effect! {
         row_time_us: "us", 0.0..=1e4, default 20.0;
     }
 }
+
+/// Angle (rad) below which sin(x)/x is 1 in f32: it differs by x²/6 = 2e-7.
+const SMALL_ANGLE: f32 = 1e-3;
 
 impl Stage for FlickerBanding {
     #[inline(always)]
@@ -30,10 +35,10 @@ impl Stage for FlickerBanding {
     ) {
         let cycles = self.frequency_hz * cx.exposure_s;
         let x = core::f32::consts::PI * cycles;
-        let sinc = if x > 1e-3 { math::sin_turns(0.5 * cycles) / x } else { 1.0 };
+        let sinc = if x > SMALL_ANGLE { math::sin_turns(0.5 * cycles) / x } else { 1.0 };
         let row_cycles = f64::from(self.frequency_hz) * f64::from(self.row_time_us) * 1e-6;
         let phase = f64::from(cx.row) * row_cycles + 0.5 * f64::from(cycles);
-        // In units of 2⁻³² turns, which wrap as they should.
+        // In units of 2⁻³² turns, which wrap around at a whole turn.
         let turns = (phase * 4_294_967_296.0) as u64 as u32;
         let turns = turns.wrapping_add(cx.per_frame(0, cx.frame).next_u32());
         super::scale_all::<A>(row, 1.0 + self.depth * sinc * math::sin_cos_turns(turns).0);

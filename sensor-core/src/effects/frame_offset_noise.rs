@@ -1,16 +1,17 @@
 //! Drift of the whole frame's offset.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Frame offset noise: the offset of the whole frame wanders from frame to frame.
     ///
-    /// v += o_n with o_n = φ o_(n−1) + σ √(1−φ²) z_n, a first-order autoregression with variance σ² and
-    /// autocorrelation φ^|h|. Any frame can be had without the others: o_n is the sum of the last frames'
-    /// innovations until their weight falls below 0.001. Input-referred. EMVA 1288 release 4.0, section 2.5.
+    /// v += o_n with o_n = φ o_(n−1) + σ √(1−φ²) z_n, a first-order autoregression with variance σ²
+    /// and autocorrelation φ^|h|. Any frame can be computed without the others: o_n is the sum of
+    /// the last frames' innovations until their weight falls below 0.001. Input-referred. EMVA 1288
+    /// release 4.0, section 2.5.
     FrameOffsetNoise, "frame-offset-noise", Voltage, Pixel {
         /// Standard deviation over frames
         sigma_e: "e-", 0.0..=1e5;
@@ -18,6 +19,10 @@ effect! {
         correlation: "1", 0.0..=0.95, default 0.0;
     }
 }
+
+/// Weight below which an earlier frame's innovation is left out. That leaves out its
+/// square, 1e-6, of the variance.
+const LEAST_WEIGHT: f32 = 1e-3;
 
 impl Stage for FrameOffsetNoise {
     #[inline(always)]
@@ -28,7 +33,7 @@ impl Stage for FrameOffsetNoise {
         row: &mut [Block<A::Signal>],
     ) {
         let (mut sum, mut total, mut weight, mut frame) = (0.0, 0.0, 1.0, cx.frame);
-        while weight > 1e-3 {
+        while weight > LEAST_WEIGHT {
             sum += weight * normal(&mut cx.per_frame(0, frame));
             total += weight * weight;
             weight *= self.correlation;

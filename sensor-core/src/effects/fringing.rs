@@ -1,17 +1,18 @@
 //! Fringes.
 
+use super::context::unit;
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::context::unit;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Fringing (etalon): interference in a thin layer makes the response wave over the array where its
-    /// thickness changes.
+    /// Fringing (etalon): interference in a thin layer modulates the response across the array
+    /// where the layer's thickness changes.
     ///
-    /// µ *= 1 + A cos(2π(φ + f (u cos θ + v sin θ)/2)), u, v in −1..1 over the array, φ fixed: a wedge with f fringes
-    /// across. f is 2 n Δd/λ for a change of thickness Δd, so the figures hold for light of one wavelength.
+    /// µ *= 1 + A cos(2π(φ + f (u cos θ + v sin θ)/2)), with u, v in −1..1 over the array and φ
+    /// fixed: a wedge with f fringes across. f is 2 n Δd/λ for a change of thickness Δd, so the
+    /// parameters hold for one wavelength.
     Fringing, "fringing", Light, Pixel {
         /// Amplitude A
         amplitude: "1", 0.0..=0.9;

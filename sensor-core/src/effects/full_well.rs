@@ -4,10 +4,11 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Full well: a pixel holds no more charge than this. Charge above is lost.
+    /// Full well: a pixel holds no more charge than this; charge above it is lost.
     ///
-    /// q = min(q, W), W of eq. 11 of Chen et al. 2009. With a knee k the transition is soft (the pixel loses
-    /// charge before it is full): q − kW ln(1 + exp((q − W)/(kW))), at W below it by kW ln 2. Janesick 2007.
+    /// q = min(q, W), with W as in eq. 11 of Chen et al. 2009. With a knee k the transition is
+    /// soft, as the pixel loses charge before it is full: q − kW ln(1 + exp((q − W)/(kW))), which
+    /// at W lies below W by kW ln 2. Janesick 2007.
     FullWell, "full-well", Charge, Pixel {
         /// Linear full well
         full_well_e: "e-", 1.0..=524287.0;

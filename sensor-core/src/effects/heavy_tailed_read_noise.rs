@@ -1,17 +1,17 @@
 //! Read noise with heavy tails.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::unit;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
     /// Heavy-tailed read noise: a part of the read noise that follows a Tukey lambda distribution.
     ///
-    /// v += σ Q(u)/s, u uniform per pixel and frame, Q(u) = (u^λ − (1−u)^λ)/λ and s² = 2/λ² (1/(1+2λ) − B(1+λ, 1+λ)) its
-    /// variance. λ = 0.14 is close to normal, 0 logistic (kurtosis 4.2), −0.2 has very heavy tails. Within 0.01 of 0
-    /// the logistic limit serves. In addition to the white read noise; set that to 0 to have this alone.
-    /// Tukey 1962; Wei et al. 2020.
+    /// v += σ Q(u)/s, with u uniform per pixel and frame, Q(u) = (u^λ − (1−u)^λ)/λ and s² = 2/λ²
+    /// (1/(1+2λ) − B(1+λ, 1+λ)) its variance. λ = 0.14 is close to normal, 0 is logistic (kurtosis
+    /// 4.2), −0.2 has very heavy tails. For |λ| below 0.01 the logistic limit is used. It adds to
+    /// the white read noise; set that to 0 to have this alone. Tukey 1962; Wei et al. 2020.
     HeavyTailedReadNoise, "heavy-tailed-read-noise", Voltage, Pixel {
         /// Standard deviation
         sigma_e: "e-", 0.0..=1e5;
@@ -20,11 +20,16 @@ effect! {
     }
 }
 
+/// Shape |λ| below which the logistic limit stands for Q: (u^λ − (1−u)^λ)/λ then loses two digits
+/// in f32, and the quantile is off by λ/2 |ln u| of itself at most, 1 % at |ln u| = 2.
+const LOGISTIC_BELOW: f64 = 0.01;
+
 impl HeavyTailedReadNoise {
     /// Variance of Q.
     fn variance(&self) -> f32 {
         let l = f64::from(self.lambda);
-        if l.abs() < 0.01 {
+        if l.abs() < LOGISTIC_BELOW {
+            // Of the logistic law with scale 1.
             return core::f32::consts::PI * core::f32::consts::PI / 3.0;
         }
         let gamma = libm::tgamma(1.0 + l);
@@ -42,7 +47,7 @@ impl Stage for HeavyTailedReadNoise {
         row: &mut [Block<A::Signal>],
     ) {
         let lambda = self.lambda;
-        let logistic = lambda.abs() < 0.01;
+        let logistic = lambda.abs() < LOGISTIC_BELOW as f32;
         let scale = self.sigma_e * math::rsqrt(self.variance());
         let mut lanes = cx.per_pixel_and_frame(0);
         for block in row {

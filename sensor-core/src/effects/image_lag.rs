@@ -1,14 +1,14 @@
 //! Image lag.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Image lag: part of the photo-charge stays behind in the photodiode and shows in the next frame.
+    /// Image lag: part of the photo-charge stays in the photodiode and appears in the next frame.
     ///
-    /// n' = (1 − l) n + Poisson(l µ_before), µ_before the pixel's mean photo-electrons in the frame before. One frame
-    /// back only: a frame's own lag is not passed on. A frame without predecessor is taken as after dark.
-    /// Janesick 2001; Fossum & Hondongwa 2014.
+    /// n' = (1 − l) n + Poisson(l µ_before), with µ_before the pixel's mean photo-electrons in the
+    /// previous frame. It reaches back one frame only: lag is not passed on a second time. A frame
+    /// without a predecessor is taken to follow darkness. Janesick 2001; Fossum & Hondongwa 2014.
     ImageLag, "image-lag", Photo, PreviousFrame {
         /// Fraction l that stays behind
         fraction: "1", 0.0..=0.5;

@@ -1,13 +1,13 @@
 //! Jitter of the light.
 
-use crate::arith::{Arith, Block};
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Light flicker: the light is not the same in each frame (lamp or shutter jitter).
+    /// Light flicker: the light differs from frame to frame (jitter of lamp or shutter).
     ///
-    /// µ *= 1 + σ z(frame), z standard normal. EMVA 1288 release 4.0, section 6.6.
+    /// µ *= 1 + σ z(frame), with z standard normal. EMVA 1288 release 4.0, section 6.6.
     LightFlicker, "light-flicker", Light, Pixel {
         /// Standard deviation over frames of the relative light
         sigma: "1", 0.0..=0.14;

@@ -1,13 +1,13 @@
 //! Non-linear response.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Non-linearity: the source follower's gain falls as the signal rises.
+    /// Non-linearity: the gain of the source follower falls as the signal rises.
     ///
-    /// v' = v (1 − a (v/W)^n) for v > 0, W the full well. Janesick 2007.
+    /// v' = v (1 − a (v/W)^n) for v > 0, with W the full well. Janesick 2007.
     Nonlinearity, "nonlinearity", Voltage, Pixel {
         /// Loss a at full well
         loss: "1", -0.5..=0.5;
@@ -15,6 +15,10 @@ effect! {
         exponent: "1", 0.5..=6.0, default 1.0;
     }
 }
+
+/// Fraction of full well up to which the response is taken as linear: that is less than an electron
+/// for any full well, and `math::pow` needs a positive number.
+const LINEAR_BELOW: f32 = 1e-6;
 
 impl Stage for Nonlinearity {
     #[inline(always)]
@@ -26,7 +30,7 @@ impl Stage for Nonlinearity {
     ) {
         for v in row.as_flattened_mut() {
             let ratio = A::electrons(*v) / cx.full_well_e;
-            if ratio > 1e-6 {
+            if ratio > LINEAR_BELOW {
                 let loss = self.loss * math::pow(ratio, self.exponent);
                 *v = A::scale(*v, A::factor(1.0 - loss));
             }

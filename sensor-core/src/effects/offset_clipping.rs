@@ -1,13 +1,13 @@
 //! Clipping at the black level.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Offset clipping: the camera subtracts its black level and clips what falls below zero, before whatever
-    /// black level the file has is added.
+    /// Offset clipping: the camera subtracts its black level and clips what falls below zero,
+    /// before the black level of the file is added.
     ///
-    /// v = max(v, level), relative to the black level.
+    /// v = max(v, level), with the level relative to the black level.
     OffsetClipping, "offset-clipping", Voltage, Pixel {
         /// Lowest signal
         level_e: "e-", -1e4..=1e4, default 0.0;

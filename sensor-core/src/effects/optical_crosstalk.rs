@@ -1,18 +1,18 @@
 //! Neighbour coupling of light.
 
-use crate::arith::{Arith, Block};
 use super::charge_coupling::{convolve, kernel};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Optical crosstalk: part of the light that should go into a pixel is collected by its neighbours (by
-    /// reflection below the microlens or diffusion of charge), before shot noise, so that it blurs and mixes
-    /// colours but leaves the noise of pixels independent.
+    /// Optical crosstalk: part of the light meant for a pixel is collected by its neighbours
+    /// (reflection below the microlens, diffusion of charge). It acts before shot noise, so it
+    /// blurs and mixes colours but leaves the noise of pixels independent.
     ///
-    /// µ' = µ ⊗ k, the kernel as in [`charge_coupling`](super::charge_coupling). Light is kept, but
-    /// for what passes the array's edges. One kernel for all wavelengths: diffusion grows with wavelength, so
-    /// figures hold for the light they were measured with.
-    /// Chen et al. 2009, section IV-C.
+    /// µ' = µ ⊗ k, with the kernel of [`charge_coupling`](super::charge_coupling). Light is
+    /// conserved, except what crosses the edges of the array. There is one kernel for all
+    /// wavelengths: as diffusion grows with wavelength, the parameters hold for the light with
+    /// which they were measured. Chen et al. 2009, section IV-C.
     OpticalCrosstalk, "optical-crosstalk", Light, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;

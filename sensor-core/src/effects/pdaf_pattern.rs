@@ -1,10 +1,11 @@
 //! Pattern of focus pixels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Pattern of phase-detection pixels: pixels on a lattice are half covered and see less light.
+    /// Pattern of phase-detection pixels: the pixels of a lattice are partly covered and receive
+    /// less light.
     ///
     /// n *= g where x mod P_x = x_0 and y mod P_y = y_0.
     PdafPattern, "pdaf-pattern", Photo, Pixel {

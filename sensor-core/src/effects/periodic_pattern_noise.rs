@@ -1,15 +1,16 @@
 //! Coherent pick-up.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
 use rand_core::Rng;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Periodic pattern noise: a clock or supply line couples into the signal as a plane wave whose phase
-    /// is another in each frame.
+    /// Periodic pattern noise: a clock or a supply line couples into the signal as a plane wave
+    /// with a new phase in each frame.
     ///
-    /// v += A sin(2π(f_x x + f_y y) + φ_frame), φ uniform. Input-referred; variance A²/2. Hambly et al. 2018.
+    /// v += A sin(2π(f_x x + f_y y) + φ_frame), with φ uniform. Input-referred; its variance is
+    /// A²/2. Hambly et al. 2018.
     PeriodicPatternNoise, "periodic-pattern-noise", Voltage, Pixel {
         /// Amplitude
         amplitude_e: "e-", 0.0..=1e5;
@@ -28,7 +29,7 @@ impl Stage for PeriodicPatternNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        // Angles in units of 2⁻³² turns, which wrap as they should.
+        // Angles in units of 2⁻³² turns, which wrap around at a whole turn.
         let step = |cycles: f32| (cycles * 4_294_967_296.0) as i64 as u32;
         let start = cx.per_frame(0, cx.frame).next_u32();
         let mut turns = start.wrapping_add(step(self.cycles_per_row).wrapping_mul(cx.row));

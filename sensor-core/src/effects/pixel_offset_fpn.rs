@@ -1,13 +1,13 @@
 //! Fixed pattern of single pixels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Pixel offset fixed pattern: each pixel has an offset of its own, whatever the exposure.
+    /// Pixel offset fixed pattern: each pixel has its own offset, whatever the exposure.
     ///
-    /// v += σ z(x, y), z standard normal and fixed. Input-referred. The part of EMVA 1288's DSNU that does not
-    /// grow with exposure.
+    /// v += σ z(x, y), with z standard normal and fixed. Input-referred. The part of EMVA 1288's
+    /// DSNU that does not grow with exposure.
     PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pixel {
         /// Standard deviation over pixels
         sigma_e: "e-", 0.0..=1e5;

@@ -4,11 +4,11 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Photo-response non-uniformity: each pixel has its own gain, fixed over time.
+    /// Photo-response non-uniformity (PRNU): each pixel has its own gain, fixed over time.
     ///
-    /// y = n (1 + σ z(x, y)), z standard normal: eq. 10 of Chen et al. 2009, N_gain with mean 1. Acts on
-    /// photo-electrons with their shot noise, not on dark charge, as eq. 10 has it. Range: σ well below 1;
-    /// gains stay positive up to σ = 0.14.
+    /// y = n (1 + σ z(x, y)), with z standard normal: N_gain of eq. 10 of Chen et al. 2009, with
+    /// mean 1. It acts on photo-electrons with their shot noise and not on dark charge, as in eq.
+    /// 10. Valid for σ well below 1; gains stay positive up to σ = 0.14.
     Prnu, "prnu", Photo, Pixel {
         /// Standard deviation over pixels of the relative gain
         sigma: "1", 0.0..=0.14;

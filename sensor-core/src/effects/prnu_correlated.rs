@@ -5,13 +5,14 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
 
 effect! {
-    /// Correlated PRNU: structure of about a pixel's size in what lies above the pixels (microlenses, shields, filters)
-    /// changes the response of neighbours together.
+    /// Correlated PRNU: structures of about the size of a pixel above the array (microlenses, light
+    /// shields, filters) change the response of neighbouring pixels together.
     ///
-    /// n *= 1 + σ (z(x, y) + z(x+1, y) + z(x, y+1) + z(x+1, y+1))/2, z standard normal at the pixels' corners, fixed. Pixels
-    /// side by side are correlated by 1/2, diagonal ones by 1/4, others not at all; the autocovariance of a box of
-    /// one pixel's area seen by pixels (Bartlett's triangle, along rows and columns). `prnu` stands beside it for what pixels
-    /// have each for itself. Range: as `prnu`.
+    /// n *= 1 + σ (z(x, y) + z(x+1, y) + z(x, y+1) + z(x+1, y+1))/2, with z standard normal at the
+    /// corners of pixels, fixed. Pixels side by side are correlated by 1/2, diagonal ones by 1/4,
+    /// and others not at all: the autocovariance of a box of one pixel's area (Bartlett's triangle
+    /// along rows and columns). `prnu` is added for the part that is independent from pixel to
+    /// pixel. Valid where `prnu` is.
     PrnuCorrelated, "prnu-correlated", Photo, Pixel {
         /// Standard deviation over pixels of the relative gain
         sigma: "1", 0.0..=0.14;

@@ -1,15 +1,17 @@
 //! Smooth non-uniformity of response.
 
-use crate::arith::{Arith, Block};
-use crate::math;
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
+use crate::math;
 
 effect! {
-    /// Low-frequency PRNU: the response changes smoothly over the array (process gradients, coatings).
+    /// Low-frequency PRNU: the response changes smoothly over the array (process gradients,
+    /// coatings).
     ///
-    /// n *= 1 + m(x, y), m = Σ c_ij cos(iπ(u+1)/2) cos(jπ(v+1)/2) over i, j = 0..=order without (0, 0), c_ij normal and
-    /// fixed, scaled so that m's mean square over sensors and pixels is σ². EMVA 1288 release 4.0, annex C.5.
+    /// n *= 1 + m(x, y), with m = Σ c_ij cos(iπ(u+1)/2) cos(jπ(v+1)/2) over i, j = 0..=order
+    /// without (0, 0). The c_ij are normal and fixed, and scaled so that the mean square of m over
+    /// sensors and pixels is σ². EMVA 1288 release 4.0, annex C.5.
     PrnuLowFrequency, "prnu-low-frequency", Photo, Pixel {
         /// Root mean square of m
         sigma: "1", 0.0..=0.14;
@@ -18,6 +20,7 @@ effect! {
     }
 }
 
+/// Largest `order`.
 const MAX_ORDER: usize = 4;
 
 /// cos(π(u+1)/2).

@@ -4,10 +4,10 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Quantum efficiency: the sensor converts more or fewer photons than its curve says, at all wavelengths
-    /// alike.
+    /// Quantum efficiency: the sensor converts more or fewer photons than its curve says, at all
+    /// wavelengths alike.
     ///
-    /// µ *= r: the mean changes and the shot noise with it, the gain does not. Full range of r.
+    /// µ *= r. The mean changes, and the shot noise with it; the gain does not.
     QuantumEfficiency, "quantum-efficiency", Light, Pixel {
         /// Photo-electrons relative to what the curve gives
         ratio: "1", 0.0..=10.0;

@@ -1,16 +1,17 @@
 //! Read noise.
 
 use super::{Context, Inputs, Stage, effect};
-use crate::arith::{Arith, BLOCK, Block};
+use crate::arith::{Arith, Block};
 use crate::math;
 
 effect! {
-    /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the gain stage.
+    /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the
+    /// gain stage.
     ///
-    /// v += z √(r² − r_post² + (r_post/G)²), z standard normal, r the whole at unity gain, r_post the part
-    /// after the gain stage, G the analog gain; input-referred. N_read of eq. 10 of Chen et al. 2009 (white
-    /// part; it falls as the analog gain rises). Another deviation per pixel: see
-    /// [`read_noise_spread`](super::read_noise_spread).
+    /// v += z √(r² − r_post² + (r_post/G)²), with z standard normal, r the total at unity gain,
+    /// r_post the part after the gain stage and G the analogue gain. Input-referred. N_read of eq.
+    /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a different
+    /// value in each pixel see the effect `read-noise-spread`.
     ReadNoise, "read-noise", Voltage, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;
@@ -31,17 +32,10 @@ impl Stage for ReadNoise {
         let pre = self.read_e * self.read_e - post;
         let variance = pre.max(0.0) + post / (cx.analog_gain * cx.analog_gain);
         let sigma_e = math::sqrt(variance);
-        let mut lanes = cx.per_pixel_and_frame(0);
-        let Some((spread, key)) = cx.read_noise_spread else {
-            return super::add_normals::<A>(row, sigma_e, lanes);
-        };
-        let mut pattern = Context { key, ..*cx }.per_pixel(0);
-        for block in row {
-            let (z, p) = (A::normals(&mut lanes), A::normals(&mut pattern));
-            for i in 0..BLOCK {
-                let sigma = A::signal(sigma_e * math::exp(spread * A::number(p[i])));
-                block[i] = A::add(block[i], A::scale(sigma, z[i]));
-            }
+        #[cfg(feature = "read-noise-spread")]
+        if let Some((spread, key)) = cx.read_noise_spread {
+            return super::read_noise_spread::add::<A>(cx, key, spread, sigma_e, row);
         }
+        super::add_normals::<A>(row, sigma_e, cx.per_pixel_and_frame(0));
     }
 }

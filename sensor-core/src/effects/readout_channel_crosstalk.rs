@@ -1,11 +1,11 @@
 //! Crosstalk of read-out channels.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Read-out channel crosstalk: the two halves of a row are read at the same time from either side, and
-    /// each couples into the other.
+    /// Read-out channel crosstalk: the two halves of a row are read at the same time, one from
+    /// either side, and couple into each other.
     ///
     /// v(x) += c v(W − 1 − x): a faint mirror image. Freyhammer et al. 2001.
     ReadoutChannelCrosstalk, "readout-channel-crosstalk", Voltage, Pixel {

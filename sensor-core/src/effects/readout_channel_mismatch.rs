@@ -1,14 +1,15 @@
 //! Mismatch of read-out channels.
 
-use crate::arith::{Arith, Block};
 use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Read-out channel mismatch: columns are read through n channels in turn, each with its own offset and
-    /// gain.
+    /// Read-out channel mismatch: columns are read through n channels in turn, each with its own
+    /// offset and gain.
     ///
-    /// v = v (1 + σ_g z_g(x mod n)) + σ_o z_o(x mod n), z standard normal and fixed. Input-referred.
+    /// v = v (1 + σ_g z_g(x mod n)) + σ_o z_o(x mod n), with z standard normal and fixed.
+    /// Input-referred.
     ReadoutChannelMismatch, "readout-channel-mismatch", Voltage, Pixel {
         /// Channels n
         channels: "1", 1.0..=16.0;
@@ -19,6 +20,7 @@ effect! {
     }
 }
 
+/// Most read-out channels.
 const MAX_READOUT_CHANNELS: usize = 16;
 
 impl Stage for ReadoutChannelMismatch {

@@ -1,12 +1,13 @@
 //! Error of the relative illumination.
 
-use crate::arith::{Arith, Block};
 use super::{Context, Inputs, Stage, effect};
+use crate::arith::{Arith, Block};
 
 effect! {
-    /// Relative illumination: the fall-off towards the corners is another than the lens model has it.
+    /// Relative illumination: the fall-off towards the corners differs from the lens model's.
     ///
-    /// µ *= 1 + k r², r the distance from the centre, 1 at the corners, the same for all channels.
+    /// µ *= 1 + k r², with r the distance from the centre, 1 at the corners; the same for all
+    /// channels.
     RelativeIllumination, "relative-illumination", Light, Pixel {
         /// Change k at the corners
         corner: "1", -0.9..=2.0;

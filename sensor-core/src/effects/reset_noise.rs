@@ -1,14 +1,15 @@
 //! Reset noise.
 
+use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
-use super::{Context, Inputs, Stage, effect};
 
 effect! {
-    /// Reset (kTC) noise: the charge left on the sense node when its reset switch opens.
+    /// Reset (kTC) noise: charge left on the sense node when its reset switch opens.
     ///
-    /// v += z √(k T C)/q, z standard normal per pixel and frame, T the sensor's absolute temperature.
-    /// Correlated double sampling removes all but a part. Janesick 2007, section 7.
+    /// v += z √(k T C)/q, with z standard normal per pixel and frame, and T the sensor's absolute
+    /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007, section
+    /// 7.
     ResetNoise, "reset-noise", Voltage, Pixel {
         /// Capacitance of the sense node
         capacitance_ff: "fF", 0.0..=1e3;
@@ -18,8 +19,7 @@ effect! {
 }
 
 /// k/q² for a capacitance in fF, e⁻² per K and fF (SI values, exact).
-const E2_PER_K_FF: f32 =
-    (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
+const E2_PER_K_FF: f32 = (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
 
 impl Stage for ResetNoise {
     #[inline(always)]

@@ -5,10 +5,11 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Row temporal noise: each row of each frame has an offset of its own (noise of the row's sampling
+    /// Row temporal noise: each row of each frame has its own offset (noise of the row's sampling
     /// or reference).
     ///
-    /// v += σ z(y, frame), z standard normal, white over rows and frames. Input-referred. Wei et al. 2020.
+    /// v += σ z(y, frame), with z standard normal, white over rows and frames. Input-referred. Wei
+    /// et al. 2020.
     RowTemporalNoise, "row-temporal-noise", Voltage, Pixel {
         /// Standard deviation over frames of a row's offset
         sigma_e: "e-", 0.0..=1e5;

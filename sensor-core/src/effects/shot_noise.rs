@@ -6,14 +6,15 @@ use crate::arith::{Arith, Block, EXPANSION_FROM_E};
 effect! {
     /// Photon shot noise: the count of photo-electrons is Poisson distributed around its mean.
     ///
-    /// n ~ Poisson(µ): eq. 10 of Chen et al. 2009, N_shot in electrons.
+    /// n ~ Poisson(µ): N_shot of eq. 10 of Chen et al. 2009, in electrons.
     ///
-    /// Method: below µ = 16 inversion of the distribution function with 32 uniform bits; from there on
-    /// the floor of the third-order Cornish-Fisher expansion of the quantile in a normal number
-    /// (Cornish & Fisher 1938; Giles 2016 gives it for the Poisson law). Total variation distance to the
-    /// exact law: below 6e-5 at 16, below 3e-5 from 30 on, about 1e-7 below 16, where counts rarer than
-    /// 6e-8 do not occur. The bench `sensor` prints chi-square over 1e8 draws. Exact counts: the
-    /// `exact` feature's `exact-shot-noise`.
+    /// Method: below µ = 16 by inversion of the distribution function with 32 uniform bits; from
+    /// there on by the floor of the third-order Cornish-Fisher expansion of the quantile in a
+    /// normal number (Cornish & Fisher 1938; Giles 2016 gives it for the Poisson law). The total
+    /// variation distance to the exact law is below 6e-5 at 16, below 3e-5 from 30 on, and about
+    /// 1e-7 below 16, where counts rarer than 6e-8 do not occur. The bench `sensor` prints
+    /// chi-square over 1e8 draws. For exact counts see the effect `exact-shot-noise` (feature of
+    /// the same name).
     ShotNoise, "shot-noise", Light, Pixel {}
 }
 
@@ -25,7 +26,7 @@ impl Stage for ShotNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        #[cfg(feature = "exact")]
+        #[cfg(feature = "exact-shot-noise")]
         if let Some(key) = cx.exact_shot_noise {
             return super::exact_shot_noise::counts::<A>(cx, key, row);
         }

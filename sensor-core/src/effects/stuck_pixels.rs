@@ -6,8 +6,8 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Stuck pixels: a few pixels give the same signal whatever the light.
     ///
-    /// A fraction f of pixels, fixed, reads `level` x full well at the converter's input; 1 and above is
-    /// stuck white.
+    /// A fixed fraction f of the pixels reads `level` x full well at the converter's input; 1 and
+    /// above is stuck white.
     StuckPixels, "stuck-pixels", Voltage, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

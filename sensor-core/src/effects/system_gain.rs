@@ -4,10 +4,10 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// System gain: the read-out chain amplifies more or less than full well and bit depth say.
+    /// System gain: the read-out chain amplifies more or less than full well and bit depth imply.
     ///
-    /// v *= g: signal and noise alike, so that DN per electron are g G (2^bits − 1)/W. K of EMVA 1288. Put it after
-    /// the other effects on the signal, before those of the converter.
+    /// v *= g, signal and noise alike, so that DN per electron are g G (2^bits − 1)/W. K of EMVA
+    /// 1288. Put it after the other effects on the signal and before those of the converter.
     SystemGain, "system-gain", Voltage, Pixel {
         /// Gain relative to that of eq. 11
         ratio: "1", 0.1..=10.0;

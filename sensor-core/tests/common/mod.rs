@@ -129,8 +129,14 @@ pub fn column_means(v: &[f64], width: usize) -> Vec<f64> {
 #[macro_export]
 macro_rules! in_both_arithmetics {
     ($($name:ident)+) => {
-        mod float { use camrig_sensor_core::arith::Float; $(#[test] fn $name() { super::$name::<Float>(); })+ }
-        mod fixed { use camrig_sensor_core::arith::Fixed; $(#[test] fn $name() { super::$name::<Fixed>(); })+ }
+        mod float {
+            use camrig_sensor_core::arith::Float;
+            $(#[test] fn $name() { super::$name::<Float>(); })+
+        }
+        mod fixed {
+            use camrig_sensor_core::arith::Fixed;
+            $(#[test] fn $name() { super::$name::<Fixed>(); })+
+        }
     };
 }
 

@@ -1,11 +1,9 @@
-//! The row loop of `sensor-core` alone, to show that it cannot panic: `ci/tier-firmware` looks for panics in
-//! the linked program. Never run.
+//! The row loop of `camrig-sensor-core` alone. It is never run: `ci/tier-firmware` shows that the
+//! linked program contains no panics, and `sizes` measures the code of each effect with it.
 
 #![no_std]
 #![no_main]
 
-use core::hint::black_box;
-use cortex_m as _;
 #[cfg(feature = "fixed")]
 use camrig_sensor_core::arith::Fixed as Arithmetic;
 #[cfg(feature = "float")]
@@ -14,12 +12,15 @@ use camrig_sensor_core::arith::{Arith, Block};
 use camrig_sensor_core::collect::{Collector, Sums};
 use camrig_sensor_core::pipeline::Pipeline;
 use camrig_sensor_core::spectral::BandRow;
+use core::hint::black_box;
+use cortex_m as _;
 
 type Signal = <Arithmetic as Arith>::Signal;
 type Sum = <Arithmetic as Arith>::Sum;
 type Row<'a> = &'a mut [Block<Signal>];
 
-/// Adds bands and computes rows of any size with any effects: the pointers say nothing about what is behind.
+/// Adds bands and computes rows of any size with any effects: the compiler knows nothing about the
+/// arguments.
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn row_loop(

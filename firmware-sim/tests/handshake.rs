@@ -1,0 +1,113 @@
+//! What a rig says about itself is true, and a camera that it cannot compute is refused.
+
+use camrig_firmware_sim::{Memory, Rig, RowMemory, camera};
+use camrig_rig_link::device::Model;
+use camrig_rig_link::message::Refusal;
+use camrig_sensor_core::arith::BLOCK;
+use camrig_sensor_core::config::{Pattern, SensorConfig};
+use camrig_sensor_core::effects::{Effect, full_well, prnu, read_noise, shot_noise};
+
+const WIDTH: usize = 64;
+
+/// Runs a test with a rig for rows of 64 pixels.
+fn with_rig<T>(test: impl FnOnce(&mut Rig<'_>) -> T) -> T {
+    let mut float = ([[0.0; BLOCK]; 7], [[0.0; 16]; 4]);
+    let mut fixed = ([[Default::default(); BLOCK]; 7], [[Default::default(); 16]; 4]);
+    let (mut mantissas, mut exponents, mut crosstalk) = ([0; WIDTH], [0; 4], [0.0; 16]);
+    test(&mut Rig::new(
+        "test",
+        Memory {
+            float: RowMemory { rows: &mut float.0, sums: &mut float.1 },
+            fixed: RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 },
+            mantissas: &mut mantissas,
+            exponents: &mut exponents,
+            crosstalk: &mut crosstalk,
+            max_bands: 8,
+        },
+    ))
+}
+
+fn sensor(effects: &[Effect]) -> SensorConfig {
+    SensorConfig {
+        width: WIDTH as u32,
+        height: 2,
+        pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
+        channels: 1,
+        bands: 1,
+        first_band_nm: 550.0,
+        band_step_nm: 10.0,
+        response: [1e6].into_iter().collect(),
+        full_well_e: 10_000.0,
+        bits: 12,
+        black_level_dn: 64.0,
+        seed: 1,
+        effects: effects.iter().copied().collect(),
+    }
+}
+
+/// What a rig answers to a camera.
+fn sent(config: &SensorConfig) -> Result<(), Refusal> {
+    let mut bytes = [0; 1024];
+    let n = camera::encode(config, None, &mut bytes).expect("it fits");
+    with_rig(|rig| {
+        rig.camera_piece(0, &bytes[..n])?;
+        rig.camera_end()
+    })
+}
+
+#[test]
+fn capabilities_tell_each_effect_that_is_compiled_in() {
+    let effects = with_rig(|rig| rig.capabilities()).effects;
+    for number in 0..64 {
+        let compiled_in = Effect::CATALOGUE.iter().any(|e| e.id == number);
+        assert_eq!(effects >> number & 1 == 1, compiled_in, "effect {number}");
+    }
+}
+
+#[test]
+fn capabilities_are_the_memory() {
+    let c = with_rig(|rig| rig.capabilities());
+    assert_eq!((c.max_width, c.max_bands, c.arithmetics, c.codecs), (64, 8, 0b11, 0b11));
+    let rows = 2 * (7 * BLOCK * 4) + 4 * 16 * (4 + 8);
+    assert_eq!(c.memory_bytes as usize, rows + 64 * 2 + 4);
+}
+
+#[test]
+fn a_camera_of_every_effect_alone_is_taken() {
+    for entry in Effect::CATALOGUE {
+        let values: Vec<f32> = entry.parameters.iter().map(|p| p.min).collect();
+        let effect = Effect::new(entry.id, &values).expect(entry.kind);
+        assert_eq!(sent(&sensor(&[effect])), Ok(()), "{}", entry.kind);
+    }
+}
+
+#[test]
+fn a_chain_out_of_order_or_out_of_range_is_refused() {
+    let (shot, well): (Effect, Effect) = (
+        shot_noise::ShotNoise {}.into(),
+        full_well::FullWell { full_well_e: 1e4, knee: 0.0 }.into(),
+    );
+    assert_eq!(sent(&sensor(&[shot, well])), Ok(()));
+    assert_eq!(sent(&sensor(&[well, shot])), Err(Refusal::BadCamera));
+    for bad in [
+        prnu::Prnu { sigma: f32::NAN }.into(),
+        read_noise::ReadNoise { read_e: -1.0, read_e_post: 0.0 }.into(),
+    ] {
+        assert_eq!(sent(&sensor(&[bad])), Err(Refusal::BadCamera), "{bad:?}");
+    }
+}
+
+/// The number of an effect that this firmware does not have, as an effect without parameters.
+#[test]
+fn an_effect_that_is_not_compiled_in_is_refused() {
+    let config = sensor(&[shot_noise::ShotNoise {}.into()]);
+    let mut bytes = [0; 1024];
+    let n = camera::encode(&config, None, &mut bytes).expect("it fits");
+    // The chain is the configuration's end: its length 1, the number 1, and no values.
+    assert_eq!(bytes[n - 3..n], [1, 1, 0]);
+    bytes[n - 2] = 63;
+    with_rig(|rig| {
+        assert_eq!(rig.camera_piece(0, &bytes[..n]), Ok(()));
+        assert_eq!(rig.camera_end(), Err(Refusal::BadCamera));
+    });
+}
