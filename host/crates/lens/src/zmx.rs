@@ -1,9 +1,9 @@
 //! Zemax lens files (`.zmx`), in any of their encodings.
 //!
 //! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and
-//! model glasses, all aperture and field kinds, circular apertures and obscurations, configuration
-//! 1. Refused: tilts and decentres, other surface types, apertures that are not circular. Keywords
-//! of editing, drawing, tolerancing and merit functions are ignored.
+//! model glasses, all aperture and field kinds, circular apertures and obscurations, the first
+//! configuration. Refused: tilts and decentres, other surface types, apertures that are not
+//! circular. Keywords of editing, drawing, tolerancing and merit functions are ignored.
 
 use super::glass::{Catalogue, Glass};
 use super::prescription::{

@@ -4,7 +4,7 @@
 //!   files, as the Zemax and CODE V macros of ISETCam write them.
 //! - [`manifest`]: a manifest (`.toml`) that names tables (CSV, NPY), Zemax listings and CODE V
 //!   PSFs.
-
+//!
 //! PSFs are normalised to unit sum, whatever their normalisation in the file (Strehl ratio, 1 or
 //! 100 at the peak), and turned so that rows rise away from the axis with the chief ray at sample
 //! n/2.
