@@ -29,7 +29,7 @@ fn counts_have_the_exact_law<A: Arith>() {
     check_counts::<A>(&counter(1024, 1024));
 }
 
-#[cfg(feature = "exact")]
+#[cfg(feature = "exact-shot-noise")]
 #[test]
 fn exact_counts_have_the_exact_law() {
     use camrig_sensor_core::effects::exact_shot_noise::ExactShotNoise;

@@ -170,7 +170,7 @@ impl Camera {
             seed: sensor.seed,
             effects: self.chain().into_iter().collect(),
         };
-        config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e:?}")))?;
+        config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e}")))?;
         Ok(config)
     }
 

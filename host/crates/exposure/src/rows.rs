@@ -123,7 +123,7 @@ pub fn refused(e: ConfigError) -> Error {
     match e {
         ConfigError::Settings => Error::input("exposure, gain or temperature is out of range")
             .help("exposure and gain are positive numbers"),
-        e => Error::unsupported(format!("the sensor model refuses this configuration: {e:?}")),
+        e => Error::input(format!("the sensor model refuses this configuration: {e}")),
     }
 }
 

@@ -452,13 +452,13 @@ impl Rig {
                 "leave out effects that read neighbouring rows, or use a rig with more memory",
             ),
             Nack::Refused(refusal) => {
-                (format!("the rig refuses: {refusal:?}"), "check the camera and the settings")
+                (format!("the rig refuses: {refusal}"), "check the camera and the settings")
             }
             Nack::Register(address) => (
                 format!("the rig has no register {address:#06x} that takes this"),
                 "check the address and the value",
             ),
-            nack => (format!("the rig refuses: {nack:?}"), "start again; it may have been reset"),
+            nack => (format!("the rig refuses: {nack}"), "start again; it may have been reset"),
         };
         let error = match nack {
             Nack::Refused(Refusal::Arithmetic) => {

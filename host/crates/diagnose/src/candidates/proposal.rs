@@ -134,7 +134,11 @@ impl Proposal {
     /// Whether every parameter is within the catalogue's range.
     pub(super) fn is_possible(&self) -> bool {
         self.strength.is_finite()
-            && self.effects.iter().all(|e| Effect::new(e.entry().id, &e.values()).is_some())
+            && self
+                .effects
+                .iter()
+                .chain(&self.revised.0)
+                .all(|e| Effect::new(e.entry().id, &e.values()).is_some())
     }
 }
 
