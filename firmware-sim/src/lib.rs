@@ -66,9 +66,11 @@
 #![forbid(unsafe_code)]
 
 pub mod camera;
+pub mod memory;
 pub mod rig;
 pub mod running;
 pub mod serve;
 
-pub use rig::{Memory, Rig, RowMemory};
+pub use memory::{Memory, RowMemory};
+pub use rig::Rig;
 pub use serve::{Buffers, Dispatch, Plain, ServeError, serve, serve_rig};

@@ -1,53 +1,17 @@
 //! What a rig holds between frames: memory, camera, settings.
 
 use crate::camera::CameraStore;
+use crate::memory::{Memory, UNIT_BYTES};
 use crate::running::{self, AnyRunning, Frame, MAX_RING};
 use camrig_rig_link::device::{Begun, Model};
 use camrig_rig_link::message::*;
 use camrig_rig_link::packing::Packing;
 use camrig_rig_link::registers::Registers;
-#[cfg(feature = "fixed")]
-use camrig_sensor_core::arith::Fixed;
-#[cfg(feature = "float")]
-use camrig_sensor_core::arith::Float;
-use camrig_sensor_core::arith::{Arith, Block, blocks};
-use camrig_sensor_core::collect::Sums;
+use camrig_sensor_core::arith::blocks;
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::{Effect, Needs};
 use camrig_sensor_core::pipeline::memory_blocks;
 use camrig_sensor_core::spectral::{GROUP, groups};
-
-/// Bytes of a unit of a spectral row: the exponent and the mantissas of a group.
-pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
-
-/// Memory for rows in one arithmetic.
-pub struct RowMemory<'m, A: Arith> {
-    /// Mean photo-electrons of the rows around the one to compute, then the pipeline's memory. A
-    /// camera with `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
-    /// [`blocks`] each, and one more for an effect that reads the previous frame.
-    pub rows: &'m mut [Block<A::Signal>],
-    /// Sums of the row that is arriving, [`groups`] of the width.
-    pub sums: &'m mut [Sums<A::Sum>],
-}
-
-/// Memory of a rig; its sizes are the rig's limits.
-pub struct Memory<'m> {
-    /// Rows for [`NumberFormat::F32`].
-    #[cfg(feature = "float")]
-    pub float: RowMemory<'m, Float>,
-    /// Rows for [`NumberFormat::Fixed`].
-    #[cfg(feature = "fixed")]
-    pub fixed: RowMemory<'m, Fixed>,
-    /// Mantissas of the band that is arriving, and the DN of the row that is being sent. One per
-    /// pixel.
-    pub mantissas: &'m mut [u16],
-    /// Exponents of the band that is arriving, [`groups`] of the width.
-    pub exponents: &'m mut [i8],
-    /// The crosstalk table: nodes of its three axes and all factors.
-    pub crosstalk: &'m mut [f32],
-    /// Largest number of bands of a row.
-    pub max_bands: u16,
-}
 
 /// A rig without its link: [`Model`] for [`camrig_rig_link::device::Device`].
 pub struct Rig<'m> {

@@ -4,7 +4,7 @@
 //! a rig stores one band and not a spectral row. The mean photo-electrons of complete rows are kept
 //! in a ring of as many rows as one raw row depends on.
 
-use crate::rig::{Memory, RowMemory, UNIT_BYTES};
+use crate::memory::{Memory, RowMemory, UNIT_BYTES};
 use camrig_rig_link::message::*;
 use camrig_rig_link::packing::{Packing, pack_row};
 use camrig_rig_link::registers::{Registers, address};

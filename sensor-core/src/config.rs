@@ -3,9 +3,11 @@
 
 use crate::arith::MAX_SIGNAL_E;
 use crate::effects::{Effect, Entry, MAX_PARAMETERS, Needs, Parameter};
-use crate::pipeline::MAX_WINDOWS;
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Largest number of effects in a chain that read their neighbours.
+pub const MAX_WINDOWS: usize = 4;
 
 /// Largest number of channels of a colour filter array.
 pub const MAX_CHANNELS: usize = 4;

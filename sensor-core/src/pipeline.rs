@@ -5,12 +5,9 @@
 //! The result of a row depends only on its number and the frame.
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
-use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, SensorConfig};
+use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, MAX_WINDOWS, SensorConfig};
 use crate::effects::{Context, Effect, Inputs, Needs, beside};
 use crate::stream::Key;
-
-/// Largest number of effects in a chain that read their neighbours.
-pub const MAX_WINDOWS: usize = 4;
 
 /// Source of the mean photo-electrons of a pipeline.
 pub trait MeanRows<A: Arith> {

@@ -4,9 +4,10 @@ mod common;
 
 use camrig_sensor_core::arith::{BLOCK, Float};
 use camrig_sensor_core::collect::Collector;
+use camrig_sensor_core::config::MAX_WINDOWS;
 use camrig_sensor_core::config::{ConfigError, SensorConfig};
 use camrig_sensor_core::effects::*;
-use camrig_sensor_core::pipeline::{MAX_WINDOWS, Pipeline, memory_blocks};
+use camrig_sensor_core::pipeline::{Pipeline, memory_blocks};
 use common::*;
 
 fn check(effects: &[Effect]) -> Result<(), ConfigError> {

@@ -338,4 +338,11 @@ mod tests {
         let error = fill(true, "3").unwrap_err().to_string();
         assert!(error.contains("was not written by camrig"), "{error}");
     }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_an_error() {
+        let error = write_file(Path::new("/dev/full"), false, b"x").unwrap_err().to_string();
+        assert!(error.contains("No space left on device"), "{error}");
+    }
 }

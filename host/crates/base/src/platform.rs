@@ -85,15 +85,3 @@ pub(crate) fn give_name(file: &File, path: &Path) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())
     }
 }
-
-#[cfg(all(test, target_os = "linux"))]
-mod tests {
-    use crate::output::write_file;
-    use std::path::Path;
-
-    #[test]
-    fn a_full_disk_is_an_error() {
-        let error = write_file(Path::new("/dev/full"), false, b"x").unwrap_err().to_string();
-        assert!(error.contains("No space left on device"), "{error}");
-    }
-}

@@ -193,7 +193,7 @@ impl Camera {
     pub fn check_chain(&self) -> Result<()> {
         let chain = self.chain();
         let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
-        let most = camrig_sensor_core::pipeline::MAX_WINDOWS;
+        let most = camrig_sensor_core::config::MAX_WINDOWS;
         if chain.len() > MAX_EFFECTS || windows > most {
             return Err(Error::limit(format!("{} effects", self.effects.len())).help(format!(
                 "use at most {} effects, of which {most} read neighbouring pixels",

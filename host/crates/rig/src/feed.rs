@@ -2,7 +2,7 @@
 
 use camrig_base::{Error, Result};
 use camrig_exposure::{Chunk, IrradianceCube};
-use camrig_firmware_sim::rig::UNIT_BYTES;
+use camrig_firmware_sim::memory::UNIT_BYTES;
 use camrig_render::SimulatedSensor;
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::arith::{Arith, Float};
