@@ -57,7 +57,7 @@ fn real_raw_frames_are_read_as_numpy_reads_them() {
         sums.map(|[sum, count]| sum / count)
     };
     let device_a = [213.261_456, 111.215_469, 249.215_140, 213.444_678];
-    let pixel_4a = [1604.210_023, 1979.753_861, 1989.203_053, 1402.478_877];
+    let pixel_4a = [1604.210023, 1979.753861, 1989.203053, 1402.478877];
     for (file, size, sum, range, means) in [
         ("deviceA_iso_slantedbar_gbrg_574x212.npy", (212, 574), 23_946_274, (7, 374), device_a),
         ("deviceA_iso_slantedbar_gbrg_574x212.pgm", (212, 574), 23_946_274, (7, 374), device_a),
