@@ -1,9 +1,10 @@
-//! A diagnosis of 400 frames of 512 x 384: time, processor time and memory, beside the reading of the frames and the
-//! simulation of the model's replicates, without which no z can be told.
+//! A diagnosis of 400 frames of 512 x 384: time, processor time and memory, beside the reading of
+//! the frames and the simulation of the model's replicates, without which no z can be told.
 //!
-//! `cargo bench -p camrig-benches --bench diagnose`. The set is the built-in plan `diagnosis` with two and a half times its
-//! frames, taken of a sensor with row noise, column offsets and a little charge coupling that the model lacks. No other
-//! program does this: the goal is 60 s on two cores. Peak memory is that of this process, which holds no set.
+//! `cargo bench -p camrig-benches --bench diagnose`. The set is the built-in plan `diagnosis` with
+//! two and a half times its frames, taken of a sensor with row noise, column offsets and a little
+//! charge coupling that the model lacks. No other program does this: the goal is 60 s on two
+//! cores. Peak memory is that of this process, which holds no set.
 
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
@@ -53,7 +54,8 @@ vertical = 0.004
 "#;
 
 fn main() {
-    let folder = std::env::temp_dir().join(format!("camrig-bench-diagnose-{}", std::process::id()));
+    let name = format!("camrig-bench-diagnose-{}", std::process::id());
+    let folder = std::env::temp_dir().join(name);
     std::fs::create_dir_all(&folder).expect("a folder for 160 MB of frames");
     let set = folder.join("set");
     let load = |name: &str, text: &str| {

@@ -1,11 +1,13 @@
-//! EMVA 1288 analysis of 100 frames of 3 Mpixel against the `emva1288` package from PyPI, in one run.
+//! EMVA 1288 analysis of 100 frames of 3 Mpixel against the `emva1288` package from PyPI, in one
+//! run.
 //!
-//! `cargo bench -p camrig-benches --bench emva`. Both read the same NPY files (warm in the page cache) and
-//! give K, QE, noise, DSNU, PRNU, linearity, two histograms and four spectrograms; the package runs where
-//! `EMVA1288_PYTHON` (or `python3`) has it, by `tests/peers/emva1288_peer.py`, timed without Python's start and
-//! imports. The third figure is the floor: the same bytes read into a buffer that stays in the cache. The two take
-//! turns, three times; the best of each counts. Processor time (of all threads) is less disturbed by what else
-//! runs. Our peak memory is that of this process, which also made the frames one at a time.
+//! `cargo bench -p camrig-benches --bench emva`. Both read the same NPY files (warm in the page
+//! cache) and give K, QE, noise, DSNU, PRNU, linearity, two histograms and four spectrograms; the
+//! package runs where `EMVA1288_PYTHON` (or `python3`) has it, by `tests/peers/emva1288_peer.py`,
+//! timed without Python's start and imports. The third figure is the floor: the same bytes read
+//! into a buffer that stays in the cache. The two take turns, three times; the best of each
+//! counts. Processor time (of all threads) is less disturbed by what else runs. Our peak memory is
+//! that of this process, which also made the frames one at a time.
 
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
@@ -16,7 +18,8 @@ use camrig_benches::frames::read_all;
 use std::path::Path;
 use std::process::Command;
 
-/// Ten light levels and a dark of two frames, and a spatial pair of 39: 100 frames of one exposure time.
+/// Ten light levels and a dark of two frames, and a spatial pair of 39: 100 frames of one exposure
+/// time.
 const PLAN: &str = r#"
 format = "plan/1"
 [[stack]]
@@ -89,7 +92,8 @@ fn main() {
             assert!(figures.prnu_1288_percent.is_some());
         }));
         let output = Command::new(&python).arg(script).arg(&set).output();
-        let text = output.ok().filter(|o| o.status.success()).map(|o| o.stdout).unwrap_or_default();
+        let output = output.ok().filter(|o| o.status.success());
+        let text = output.map(|o| o.stdout).unwrap_or_default();
         let text = String::from_utf8_lossy(&text).into_owned();
         if let (Some(wall), Some(cpu)) = (number(&text, "seconds"), number(&text, "cpu_seconds")) {
             peer = peer.best(Time { wall, cpu });

@@ -1,7 +1,8 @@
-//! The rig's link: its rate against the transport's own, what the protocol adds to the bytes, the emulator's
-//! sensor stage against `camrig expose`, and frames per second over TCP.
+//! The rig's link: its rate against the transport's own, what the protocol adds to the bytes, the
+//! emulator's sensor stage against `camrig expose`, and frames per second over TCP.
 //!
-//! `cargo bench -p camrig-benches --bench link`. Ratios are of figures from one run on one machine.
+//! `cargo bench -p camrig-benches --bench link`. Ratios are of figures from one run on one
+//! machine.
 
 use camrig::Plane;
 use camrig::camera::Camera;
@@ -44,7 +45,8 @@ fn camera(height: usize) -> Camera {
     camera
 }
 
-/// Light from dark at the left to most of the full well at the right, different in each band and row.
+/// Light from dark at the left to most of the full well at the right, different in each band and
+/// row.
 fn cube(height: usize, bands: usize) -> IrradianceCube {
     let header = CubeHeader {
         width: WIDTH,
@@ -131,7 +133,8 @@ fn overhead() {
     }
 }
 
-/// The emulator's rows without a link against the sensor stage of `camrig expose`, one thread each.
+/// The emulator's rows without a link against the sensor stage of `camrig expose`, one thread
+/// each.
 fn sensor_stage() {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let camera = camera(256);
@@ -197,7 +200,8 @@ fn sensor_stage() {
         });
         let rate = |t: f64| (WIDTH * 256) as f64 / t / 1e6;
         println!(
-            "sensor stage, {bands} bands, one thread: expose {:.1} Mpixel/s, emulator {:.1} Mpixel/s with packing, {:.2} x",
+            "sensor stage, {bands} bands, one thread: expose {:.1} Mpixel/s, emulator \
+            {:.1} Mpixel/s with packing, {:.2} x",
             rate(times[0]),
             rate(times[1]),
             times[0] / times[1]
@@ -236,7 +240,8 @@ fn frames_per_second(tcp: &Raw) {
     {
         let cube = cube(HEIGHT, bands);
         let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
-        let feed = if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
+        let collapsed = bands == 1;
+        let feed = if collapsed { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
         let mut feed = feed.kept();
         let mut rig = Rig::open(&tcp_server()).unwrap();
         rig.set_camera(&sensor).unwrap();
@@ -263,7 +268,8 @@ fn frames_per_second(tcp: &Raw) {
         let bytes = feed.bytes() + HEIGHT * WIDTH * 3 / 2;
         let pace = fps.map_or("free".into(), |f: f64| format!("paced to {f}"));
         println!(
-            "  {} {pace}: {:.1} frames/s, latency p50 {:.1} ms, p99 {:.1} ms, processor {:.1} ms/frame; TCP alone {:.0} frames/s",
+            "  {} {pace}: {:.1} frames/s, latency p50 {:.1} ms, p99 {:.1} ms, processor \
+            {:.1} ms/frame; TCP alone {:.0} frames/s",
             if bands == 1 { "collapsed".into() } else { format!("{bands} bands") },
             f64::from(frames) / seconds,
             percentile(0.5),
@@ -274,8 +280,8 @@ fn frames_per_second(tcp: &Raw) {
     }
 }
 
-/// What a transport moves by itself, bytes/s: frames' worth of bytes there and back, in both directions at
-/// once.
+/// What a transport moves by itself, bytes/s: frames' worth of bytes there and back, in both
+/// directions at once.
 struct Raw {
     rate: f64,
 }

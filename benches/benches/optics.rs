@@ -1,9 +1,11 @@
-//! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the field), its
-//! scaling, the whole way from scene to irradiance, and the characterisation of a phone lens.
+//! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the
+//! field), its scaling, the whole way from scene to irradiance, and the characterisation of a
+//! phone lens.
 //!
-//! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one sixteenth of the
-//! area. Every figure has the processor time of all threads beside it: on a busy machine that is the one to look
-//! at. `benches/peers/optics` runs other programs on the same data within one run.
+//! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
+//! sixteenth of the area. Every figure has the processor time of all threads beside it: on a busy
+//! machine that is the one to look at. `benches/peers/optics` runs other programs on the same data
+//! within one run.
 
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::{Catalogue, Conditions, System, toml};
@@ -76,7 +78,8 @@ fn least(times: usize, mut run: impl FnMut()) -> Time {
     Time { wall: of(|t| t.wall), processor: of(|t| t.processor) }
 }
 
-/// User and system time of this process, seconds, in steps of 10 ms; NaN where there is no `/proc`.
+/// User and system time of this process, seconds, in steps of 10 ms; NaN where there is no
+/// `/proc`.
 fn processor_seconds() -> f64 {
     let ticks = || -> Option<f64> {
         let text = std::fs::read_to_string("/proc/self/stat").ok()?;
@@ -91,7 +94,8 @@ fn processor_seconds() -> f64 {
 fn peak_mib() -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
+    let kib = line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok());
+    kib.unwrap_or(f64::NAN) / 1024.0
 }
 
 /// Gaussian kernels that grow and stretch along the radius towards the corners.
@@ -162,8 +166,8 @@ fn exact(side: usize) {
     });
     black_box(channels);
     println!(
-        "exact: {side} x {side} x {BANDS} bands to 3 channels, 31 x 31 kernels at {} x {} nodes: {spent}, \
-         {:.0} Mcell/s, peak memory {:.0} MiB",
+        "exact: {side} x {side} x {BANDS} bands to 3 channels, 31 x 31 kernels at {} x {} nodes: \
+         {spent}, {:.0} Mcell/s, peak memory {:.0} MiB",
         tiling.across() + 1,
         tiling.down() + 1,
         (side * side * BANDS) as f64 / spent.wall * 1e-6,
@@ -211,8 +215,8 @@ fn collapsed(side: usize) {
     });
     black_box(channels);
     println!(
-        "collapsed: {COMPONENTS} components to 3 channels, 31 x 31 kernels at {} x {} nodes: {spent} (kernels {preparing}), \
-         peak memory {:.0} MiB",
+        "collapsed: {COMPONENTS} components to 3 channels, 31 x 31 kernels at {} x {} nodes: \
+         {spent} (kernels {preparing}), peak memory {:.0} MiB",
         tiling.across() + 1,
         tiling.down() + 1,
         peak_mib()
@@ -241,12 +245,14 @@ fn scaling(side: usize) {
         let rate = (side * side) as f64 / spent.processor * 1e-6;
         rates.push(rate);
         println!(
-            "scaling: {side} x {side}, {size} x {size} kernels, tiles of {}: {spent}, {rate:.0} Mcell per processor second",
+            "scaling: {side} x {side}, {size} x {size} kernels, tiles of {}: {spent}, \
+            {rate:.0} Mcell per processor second",
             tiling.tile
         );
     }
     println!(
-        "scaling: a cell at 1/16 and 1/4 of the area costs {:.2} and {:.2} of one at full area; 81 x 81 costs {:.2} of 31 x 31",
+        "scaling: a cell at 1/16 and 1/4 of the area costs {:.2} and {:.2} of one at full area; \
+        81 x 81 costs {:.2} of 31 x 31",
         rates[2] / rates[0],
         rates[2] / rates[1],
         rates[2] / rates[5]

@@ -1,8 +1,10 @@
-//! Exposures to one frame, and channels to spectra, at 16 Mpixel, against copying the same bytes in one run.
+//! Exposures to one frame, and channels to spectra, at 16 Mpixel, against copying the same bytes
+//! in one run.
 //!
-//! `cargo bench -p camrig-benches --bench scene`. Bytes: each input read once, each output written once. The copy is from
-//! and to memory that has been used before; a merged frame is written to new pages, which the system clears first:
-//! what that takes is told beside it. Spectra are written band by band to one plane.
+//! `cargo bench -p camrig-benches --bench scene`. Bytes: each input read once, each output written
+//! once. The copy is from and to memory that has been used before; a merged frame is written to
+//! new pages, which the system clears first: what that takes is told beside it. Spectra are
+//! written band by band to one plane.
 
 use camrig::Plane;
 use camrig::calibrate::exposures::{Exposure, Series};

@@ -1,7 +1,7 @@
 //! Throughput of the sensor stage against its peers, and the Poisson method against its law.
 //!
-//! `cargo bench -p camrig-benches --bench sensor`. Ratios are of figures from one run on one machine. The
-//! Python peers (numpy, GalSim) run when `python3` has them.
+//! `cargo bench -p camrig-benches --bench sensor`. Ratios are of figures from one run on one
+//! machine. The Python peers (numpy, GalSim) run when `python3` has them.
 
 use camrig_benches::sensor::{
     SETTINGS, chain, collected_rows, config, cube, frame, means, rows, spectral_config,
@@ -94,8 +94,8 @@ fn ratios() {
     );
     for (name, script) in [("numpy", "numpy_noise.py"), ("GalSim", "galsim_noise.py")] {
         let path = format!("{}/peers/{script}", env!("CARGO_MANIFEST_DIR"));
-        let run =
-            Command::new("python3").args([&path, &WIDTH.to_string(), &HEIGHT.to_string()]).output();
+        let (width, height) = (WIDTH.to_string(), HEIGHT.to_string());
+        let run = Command::new("python3").args([&path, &width, &height]).output();
         let text = run
             .ok()
             .filter(|o| o.status.success())
@@ -164,7 +164,8 @@ fn poisson() {
             }
         }
         println!(
-            "  mean {lambda:8.2}: chi-square {:6.2} per cell of {cells:4.0}, total variation {distance:.1e} (by chance {:.1e})",
+            "  mean {lambda:8.2}: chi-square {:6.2} per cell of {cells:4.0}, total variation \
+            {distance:.1e} (by chance {:.1e})",
             chi2 / cells,
             (cells / n / 2.0 / core::f64::consts::PI).sqrt()
         );

@@ -37,10 +37,12 @@ impl std::fmt::Display for Time {
     }
 }
 
-/// Of this process, user and system, where Linux tells it (in hundredths of a second); else not a number.
+/// Of this process, user and system, where Linux tells it (in hundredths of a second); else not a
+/// number.
 fn processor_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the program's name, which may hold blanks: state, then fields 4 on; 14 and 15 are the times.
+    // After the program's name, which may hold blanks: state, then fields 4 on; 14 and 15 are the
+    // times.
     let ticks = stat.rsplit_once(')').map(|(_, rest)| {
         rest.split_whitespace().skip(11).take(2).filter_map(|t| t.parse::<f64>().ok()).sum::<f64>()
     });

@@ -48,8 +48,8 @@ pub fn config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
     }
 }
 
-/// Mean electrons of a scene: a ramp from 1 e⁻ to 8000 e⁻ along each row, so that blocks with small and
-/// with large means occur as in a picture.
+/// Mean electrons of a scene: a ramp from 1 e⁻ to 8000 e⁻ along each row, so that blocks with
+/// small and with large means occur as in a picture.
 pub fn means(width: usize, height: usize) -> Vec<f32> {
     (0..width * height).map(|i| 1.0 + 8000.0 * (i % width) as f32 / width as f32).collect()
 }

@@ -11,8 +11,9 @@ const PYTHON_MODULES: [&str; 7] =
 
 /// Finds a real client: a program on the PATH, or the Python that has a module.
 ///
-/// `None` means the test must be skipped, and a line says so by name. With `CI=true` a missing client
-/// is a failure instead, unless `CAMRIG_ALLOW_SKIP` (names separated by commas or spaces) lists it.
+/// `None` means the test must be skipped, and a line says so by name. With `CI=true` a missing
+/// client is a failure instead, unless `CAMRIG_ALLOW_SKIP` (names separated by commas or spaces)
+/// lists it.
 pub fn client(name: &str) -> Option<PathBuf> {
     let found = if PYTHON_MODULES.contains(&name) {
         program("python3").filter(|python| {

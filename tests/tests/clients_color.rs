@@ -1,5 +1,5 @@
-//! A simulated ColorChecker, developed by real raw converters, against the colours that its reflectances
-//! have: judges our colour matrices, white balance, levels and pattern together.
+//! A simulated ColorChecker, developed by real raw converters, against the colours that its
+//! reflectances have: judges our colour matrices, white balance, levels and pattern together.
 
 use camrig::RawFrame;
 use camrig::camera::Camera;
@@ -21,8 +21,8 @@ const WHITE: usize = 18;
 
 type Lab = [f64; 3];
 
-/// The chart in D65 through the preset `mt9t012` on fewer, larger pixels, without the lens's shading: a
-/// chart's colours are judged in even light.
+/// The chart in D65 through the preset `mt9t012` on fewer, larger pixels, without the lens's
+/// shading: a chart's colours are judged in even light.
 fn chart() -> (RawFrame, DngInfo) {
     let folder = tempfile::tempdir().unwrap();
     let presets =
@@ -42,7 +42,8 @@ fn chart() -> (RawFrame, DngInfo) {
     let camera = Camera::load(path.to_str().unwrap()).unwrap();
     let scene = scene::open(&format!("colorchecker:width={CARD}")).unwrap();
     let light = Illuminant::parse("D65").unwrap();
-    let white = photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands()).unwrap();
+    let level = LightLevel::Lux(300.0);
+    let white = photometry::white_radiance(&light, level, &scene.bands()).unwrap();
     let lit = LitScene { scene: &*scene, white };
     let about = About { lux: Some(300.0), illuminant: None, made_of: "test".into() };
     let (cube, _) =
@@ -149,13 +150,13 @@ fn converters_see_the_chart_in_its_colours() {
         let (mean, max) = differences(&found, &expected);
         let (to_matrix, most) = differences(&found, &matrix);
         println!(
-            "{name:>16}: dE00 to truth mean {mean:.2} max {max:.2}; to the matrix mean {to_matrix:.2} \
-             max {most:.2}"
+            "{name:>16}: dE00 to truth mean {mean:.2} max {max:.2}; to the matrix mean \
+             {to_matrix:.2} max {most:.2}"
         );
         assert!(most < tolerance, "{name}: {most}");
     };
-    // A converter differs from its matrix by how it demosaics noise and by its arithmetic: less than what
-    // can just be seen (1) on every patch.
+    // A converter differs from its matrix by how it demosaics noise and by its arithmetic: less
+    // than what can just be seen (1) on every patch.
     if let Some(dcraw) = client("dcraw") {
         let (width, pixels) = ppm(&run(&dcraw, &[&"-w", &"-4", &"-o", &"1", &"-c", &path]));
         judge("dcraw", of_picture(width, &pixels), 1.0);
@@ -167,7 +168,8 @@ r = rawpy.imread(sys.argv[1])
 # LibRaw otherwise takes the brightest pixel for the white level.
 a = r.postprocess(use_camera_wb=True, no_auto_bright=True, output_bps=16, gamma=(1, 1),
     adjust_maximum_thr=0.0)
-sys.stdout.buffer.write(b'P6 %d %d 65535\\n' % (a.shape[1], a.shape[0]) + a.astype('>u2').tobytes())";
+sys.stdout.buffer.write(b'P6 %d %d 65535\\n' % (a.shape[1], a.shape[0]))
+sys.stdout.buffer.write(a.astype('>u2').tobytes())";
         let (width, pixels) = ppm(&run(&python, &[&"-c", &SCRIPT, &path]));
         judge("LibRaw (rawpy)", of_picture(width, &pixels), 1.0);
     }

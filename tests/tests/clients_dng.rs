@@ -1,4 +1,5 @@
-//! Real programs read what we write: every sample, the levels, the pattern, the metadata, the colours.
+//! Real programs read what we write: every sample, the levels, the pattern, the metadata, the
+//! colours.
 
 use camrig::RawFrame;
 use camrig::camera::Cfa;
@@ -14,6 +15,7 @@ const BAYER: [&str; 4] = ["RGGB", "GRBG", "GBRG", "BGGR"];
 /// Pseudo-random DN over the whole range.
 fn frame(bits: u32, cfa: &str) -> RawFrame {
     let top = ((1u32 << bits) - 1) as u16;
+    let samples = (0..WIDTH * HEIGHT).map(|i| (i.wrapping_mul(2654435761) >> 7) as u16 & top);
     RawFrame {
         width: WIDTH,
         height: HEIGHT,
@@ -21,7 +23,7 @@ fn frame(bits: u32, cfa: &str) -> RawFrame {
         cfa: Cfa::parse(cfa).unwrap(),
         black_level_dn: f64::from(top / 16),
         white_level_dn: top - top / 64,
-        data: (0..WIDTH * HEIGHT).map(|i| (i.wrapping_mul(2654435761) >> 7) as u16 & top).collect(),
+        data: samples.collect(),
     }
 }
 
@@ -85,7 +87,8 @@ import sys, json, rawpy
 out = []
 for path in sys.argv[1:]:
     with rawpy.imread(path) as r:
-        pattern = None if r.raw_pattern is None else ''.join('RGBG'[i] for i in r.raw_pattern.ravel())
+        cell = r.raw_pattern
+        pattern = None if cell is None else ''.join('RGBG'[i] for i in cell.ravel())
         out.append({'data': r.raw_image.ravel().tolist(), 'black': r.black_level_per_channel,
             'white': r.white_level, 'pattern': pattern, 'wb': r.camera_whitebalance})
 print(json.dumps(out))";
@@ -122,7 +125,8 @@ fn tifffile_reads_dng_and_tiff() {
     const SCRIPT: &str = "
 import sys, tifffile
 with tifffile.TiffFile(sys.argv[1]) as t:
-    page = t.pages[0].pages[0] if t.pages[0].is_subifd is False and t.pages[0].subifds else t.pages[0]
+    first = t.pages[0]
+    page = first.pages[0] if first.is_subifd is False and first.subifds else first
     sys.stdout.buffer.write(page.asarray().astype('<u2').tobytes())";
     let raw = frame(12, "GRBG");
     let expected: Vec<u8> = raw.data.iter().flat_map(|dn| dn.to_le_bytes()).collect();
@@ -267,8 +271,8 @@ fn bad_pixels() -> Vec<Opcode> {
     vec![Opcode::FixBadPixelsList { bayer_phase: 1, points: vec![(10, 20), (31, 41)] }]
 }
 
-/// darktable applies what we ask for: a flat field seen through the inverse of the gain map becomes flat,
-/// and dark spots at the listed pixels go.
+/// darktable applies what we ask for: a flat field seen through the inverse of the gain map
+/// becomes flat, and dark spots at the listed pixels go.
 #[test]
 fn darktable_executes_the_opcodes() {
     let Some(darktable) = client("darktable-cli") else { return };

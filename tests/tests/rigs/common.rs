@@ -11,8 +11,8 @@ use std::path::Path;
 pub const WIDTH: usize = 150;
 pub const HEIGHT: usize = 37;
 
-/// Effects on top of the presets: one that reads its neighbours, so that rows depend on one another; one with
-/// a memory.
+/// Effects on top of the presets: one that reads its neighbours, so that rows depend on one
+/// another; one with a memory.
 const EFFECTS: [&str; 3] = [
     "",
     "[[effect]]\nkind = \"charge-coupling\"\nside = 0.02\nvertical = 0.03\ndiagonal = 0.004\n",
@@ -20,7 +20,8 @@ const EFFECTS: [&str; 3] = [
      [[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 2.0\n",
 ];
 
-/// A preset with a small sensor of an awkward width: no multiple of a block, group or packing group.
+/// A preset with a small sensor of an awkward width: no multiple of a block, group or packing
+/// group.
 pub fn camera(folder: &Path, i: usize) -> Camera {
     let name = presets::NAMES[i];
     let text = presets::file(&format!("{name}.toml")).unwrap();
@@ -102,8 +103,8 @@ pub fn compare_frame(
     assert!(high - low > 300, "{}: DN from {low} to {high} only", camera.name);
 }
 
-/// Takes two frames of each of the three cameras in the given arithmetics and compares them with what the
-/// host computes.
+/// Takes two frames of each of the three cameras in the given arithmetics and compares them with
+/// what the host computes.
 pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
     compare_cameras(rig, arithmetics, 0..3);
 }

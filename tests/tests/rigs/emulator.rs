@@ -107,8 +107,8 @@ fn collapsed_rows_differ_by_their_rounding_only() {
     request.settings.exposure_s = 1.0;
     let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
     assert!(by_registers.to_raw(&sensor).unwrap() == collapsed);
-    // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is the
-    // same draw, so a DN moves by the rounding of the count and of the converter.
+    // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is
+    // the same draw, so a DN moves by the rounding of the count and of the converter.
     let worst = spectral.data.iter().zip(&collapsed.data).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(worst <= Some(1), "{worst:?}");
 }
@@ -149,14 +149,15 @@ fn registers_expose_and_faults_show() {
     let corrupt = rig.frame(&cube, &sensor, &request).unwrap();
     assert_eq!(corrupt.start.fault, Fault::CorruptRow(7));
     let rows = corrupt.packed.chunks(row_bytes).zip(by_message.packed.chunks(row_bytes));
-    let wrong: Vec<usize> = rows.enumerate().filter(|(_, (a, b))| a != b).map(|(i, _)| i).collect();
+    let wrong = rows.enumerate().filter(|(_, (a, b))| a != b).map(|(row, _)| row);
+    let wrong: Vec<usize> = wrong.collect();
     assert_eq!(wrong, [7]);
     rig.write_register(address::FAULT, 1).unwrap();
     assert!(rig.frame(&cube, &sensor, &request).unwrap().dropped);
     assert!(rig.frame(&cube, &sensor, &request).unwrap().packed == by_message.packed);
 
-    // What is written between frames shows after the sensor's delay: gain in the next frame, exposure in
-    // the one after.
+    // What is written between frames shows after the sensor's delay: gain in the next frame,
+    // exposure in the one after.
     request.by_registers = true;
     rig.write_register(address::COARSE_INTEGRATION_TIME, 500).unwrap();
     rig.write_register(address::ANALOG_GAIN, 256).unwrap();

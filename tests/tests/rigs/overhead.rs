@@ -39,7 +39,8 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     camera.sensor.bits = 12;
     let cube = cube(bands);
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
-    let mut feed = if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
+    let collapsed = bands == 1;
+    let mut feed = if collapsed { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
     let mut rig = Rig::with_transport(Url::Emulator, emulator::open_as(framing, limits)).unwrap();
     rig.set_camera(&sensor).unwrap();
     let before = rig.link_bytes();
@@ -56,13 +57,14 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     (after.0 - before.0 + after.1 - before.1) as f64 / rows - 1.0
 }
 
-/// In percent, for collapsed rows, 8 bands and 31. Streams: header, place, CRC and length of a packet, and
-/// COBS. Reports: besides their pointer (1 byte of 64, 2 of 1024), what each flush leaves unused, half a report in
-/// the mean, and how many there are depends on who waits for whom. At most 16 reports may be under way
-/// from the rig, so a host acknowledges a row of 2880 packed bytes 7 times in reports of 64 bytes (417 of
-/// its bytes in each packet of 7), each time with a report of its own: 448 bytes. Whatever the arrangement,
-/// an acknowledgement for every 16 reports is 6 % of what comes back, and the pointer 1.6 % of everything; so
-/// collapsed rows, 33 bytes there for 24 back, cannot come below 1.6 + 6 x 24 / 57 = 4.2 %.
+/// In percent, for collapsed rows, 8 bands and 31. Streams: header, place, CRC and length of a
+/// packet, and COBS. Reports: besides their pointer (1 byte of 64, 2 of 1024), what each flush
+/// leaves unused, half a report in the mean, and how many there are depends on who waits for whom.
+/// At most 16 reports may be under way from the rig, so a host acknowledges a row of 2880 packed
+/// bytes 7 times in reports of 64 bytes (417 of its bytes in each packet of 7), each time with a
+/// report of its own: 448 bytes. Whatever the arrangement, an acknowledgement for every 16 reports
+/// is 6 % of what comes back, and the pointer 1.6 % of everything; so collapsed rows, 33 bytes
+/// there for 24 back, cannot come below 1.6 + 6 x 24 / 57 = 4.2 %.
 #[test]
 fn streams_add_less_than_3_percent_and_reports_where_bands_are_many() {
     let tcp = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };

@@ -10,8 +10,8 @@ use camrig_rig_link::host::Limits;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// A QEMU that does not outlive its test. It is killed, not asked: a read of its standard input blocks it
-/// wholly.
+/// A QEMU that does not outlive its test. It is killed, not asked: a read of its standard input
+/// blocks it wholly.
 struct Board(Child);
 
 impl Drop for Board {
@@ -69,7 +69,8 @@ impl Emulated {
         Some(Self { board, rig, elf, folder })
     }
 
-    /// Closes the board's standard input, upon which the firmware ends, and returns its log in words.
+    /// Closes the board's standard input, upon which the firmware ends, and returns its log in
+    /// words.
     fn end(self) -> String {
         let Self { mut board, rig, elf, folder } = self;
         drop(rig);
@@ -102,7 +103,8 @@ fn frames_in_qemu(machine: &str, name: &str, arithmetic: Arithmetic) {
     assert!(stack[0] <= 56 * 1024 && stack[0] < stack[1], "{log}");
 }
 
-/// Firmware of the base model: the same frames, and a camera with other effects is told what is lacking.
+/// Firmware of the base model: the same frames, and a camera with other effects is told what is
+/// lacking.
 #[test]
 fn firmware_of_the_base_model_gives_the_frames_of_the_host() {
     for (machine, name, arithmetic) in [
@@ -136,9 +138,9 @@ fn cortex_m3_gives_the_frames_of_the_host() {
     frames_in_qemu("mps2-an385", "rig-m3.elf", Arithmetic::Fixed);
 }
 
-/// Instructions per pixel of the plain mt9v024 preset (every base effect) in seven bands, exact and
-/// repeatable under `-icount`. The bounds are 1.25 times what Rust 1.96 gave (2026-11), so that a compiler
-/// may differ but not an algorithm.
+/// Instructions per pixel of the plain mt9v024 preset (every base effect) in seven bands, exact
+/// and repeatable under `-icount`. The bounds are 1.25 times what Rust 1.96 gave (2026-11), so
+/// that a compiler may differ but not an algorithm.
 #[test]
 fn instructions_per_pixel_stay_within_bounds() {
     for (machine, name, arithmetic, max_collect, max_compute) in [
@@ -159,8 +161,9 @@ fn instructions_per_pixel_stay_within_bounds() {
     }
 }
 
-/// The honest link: a UART, byte by byte, opened as a serial port. QEMU carries about 50 kB/s to the board and
-/// holds the host up while the board computes; the packets that the host sends ahead take seconds.
+/// The honest link: a UART, byte by byte, opened as a serial port. QEMU carries about 50 kB/s to
+/// the board and holds the host up while the board computes; the packets that the host sends ahead
+/// take seconds.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_uart_carries_frames_too() {

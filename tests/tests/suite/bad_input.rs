@@ -1,4 +1,5 @@
-//! Bad input: exit status 2, a message that says what, where and what would be right, and no output.
+//! Bad input: exit status 2, a message that says what, where and what would be right, and no
+//! output.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;
@@ -179,7 +180,8 @@ fn irradiance_files() {
     let dir = folder();
     camrig_ok(
         dir.path(),
-        "simulate --camera c.toml --scene ramp --exposure 1ms -o first.npy --save-irradiance a.irr",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o first.npy \
+        --save-irradiance a.irr",
     );
     let whole = std::fs::read(dir.path().join("a.irr")).unwrap();
     let command = "expose --camera c.toml --irradiance a.irr --exposure 1ms -o out.npy";
@@ -203,7 +205,8 @@ fn a_full_disk() {
     let dir = folder();
     let output = camrig(
         dir.path(),
-        "simulate --camera c.toml --scene ramp --exposure 1ms --save-irradiance /dev/full -o out.npy",
+        "simulate --camera c.toml --scene ramp --exposure 1ms --save-irradiance /dev/full \
+        -o out.npy",
     );
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{told}");

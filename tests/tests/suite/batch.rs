@@ -1,4 +1,5 @@
-//! Sweeps rendered to data sets: the same pictures however the work is split, interrupted or repeated.
+//! Sweeps rendered to data sets: the same pictures however the work is split, interrupted or
+//! repeated.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::collections::BTreeMap;
@@ -81,8 +82,9 @@ fn the_manifest_says_what_each_picture_is() {
         camrig_ok(
             dir.path(),
             &format!(
-                "simulate --camera c.toml --scene {} --lux {} --exposure {}s --gain {} --frame-seed {} \
-                 --set sensor.seed={} --set sensor.noise.read_e={} --no-cache --force -o one.npy",
+                "simulate --camera c.toml --scene {} --lux {} --exposure {}s --gain {} \
+                 --frame-seed {} --set sensor.seed={} --set sensor.noise.read_e={} --no-cache \
+                 --force -o one.npy",
                 p["scene"].as_str().unwrap(),
                 number("lux"),
                 number("exposure_s"),
@@ -118,8 +120,9 @@ fn a_data_set_is_not_mixed_from_different_inputs() {
     refused(&["holds something else"]);
 }
 
-/// 200 times SIGKILL at moments spread over the whole run. After each: only whole files, each with the
-/// bytes that an undisturbed run gives it. A data set that is complete is followed by a new one.
+/// 200 times SIGKILL at moments spread over the whole run. After each: only whole files, each with
+/// the bytes that an undisturbed run gives it. A data set that is complete is followed by a new
+/// one.
 #[cfg(unix)]
 #[test]
 fn killed_at_any_moment_it_loses_and_doubles_nothing() {

@@ -1,9 +1,11 @@
-//! The closed loop: a spectral scene seen by our own camera at several exposures, and from those frames back to
-//! the response curve, the light and the reflectances that went in.
+//! The closed loop: a spectral scene seen by our own camera at several exposures, and from those
+//! frames back to the response curve, the light and the reflectances that went in.
 
 use super::{camera, camrig, camrig_ok, shared, small_camera};
 use camrig::calibrate::response::Response;
+use camrig::camera::Camera;
 use camrig::scene::chart::colorchecker;
+use camrig::scene::numpy::read_plane;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (752, 480);
@@ -21,8 +23,8 @@ fn camera_file(effects: &str) -> String {
     text
 }
 
-/// A folder with the camera `c.toml`, its quantum efficiency, and a plan of 8 frames per exposure of `scene` with
-/// darks beside them.
+/// A folder with the camera `c.toml`, its quantum efficiency, and a plan of 8 frames per exposure
+/// of `scene` with darks beside them.
 fn folder(effects: &str, scene: &str, light: &str, exposures: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
@@ -52,9 +54,9 @@ fn responses(dir: &Path) -> Vec<Response> {
     file["response"].clone().try_into().unwrap()
 }
 
-/// A linear camera and one that bends by 3 %, so that it is full at 97 % of the converter's range, above the 95 % that
-/// count as saturated (the stage of sensor-core and its inverse in closed form): the curve of
-/// every channel within 1 % over its whole range, its scale set at half of it.
+/// A linear camera and one that bends by 3 %, so that it is full at 97 % of the converter's range,
+/// above the 95 % that count as saturated (the stage of sensor-core and its inverse in closed
+/// form): the curve of every channel within 1 % over its whole range, its scale set at half of it.
 #[test]
 fn response_of_our_own_camera_within_1_percent() {
     let full_well_e = camera(&small_camera(8, 8, &[])).sensor.full_well_e;
@@ -89,9 +91,9 @@ fn response_of_our_own_camera_within_1_percent() {
     }
 }
 
-/// 26 lamps over 100 dB, small ones: diffraction alone spreads a hundred-thousandth of a large one over the whole frame. The
-/// merged frame against the irradiance that the optics stage made, in absolute terms (electrons per second times DN
-/// per electron), within 2 % at every lamp.
+/// 26 lamps over 100 dB, small ones: diffraction alone spreads a hundred-thousandth of a large one
+/// over the whole frame. The merged frame against the irradiance that the optics stage made, in
+/// absolute terms (electrons per second times DN per electron), within 2 % at every lamp.
 #[test]
 fn radiance_of_our_own_camera_over_100_db() {
     const LAMPS: usize = 26;
@@ -121,11 +123,12 @@ fn radiance_of_our_own_camera_over_100_db() {
     camrig_ok(
         dir.path(),
         &format!(
-            "simulate --camera c.toml --scene {scene} --exposure 1ms -o a.npy --save-irradiance a.irr"
+            "simulate --camera c.toml --scene {scene} --exposure 1ms -o a.npy \
+            --save-irradiance a.irr"
         ),
     );
-    let merged = camrig::scene::numpy::read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
-    let camera = camrig::camera::Camera::load(dir.path().join("c.toml").to_str().unwrap()).unwrap();
+    let merged = read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
+    let camera = Camera::load(dir.path().join("c.toml").to_str().unwrap()).unwrap();
     let cube = camrig::render::IrradianceCube::open(&dir.path().join("a.irr")).unwrap();
     let of = cube.header.spectral_bands();
     let response = camera.sensor.response(&of);
@@ -163,8 +166,9 @@ fn radiance_of_our_own_camera_over_100_db() {
     assert!(20.0 * (most / least).log10() > 100.0, "{:.1} dB", 20.0 * (most / least).log10());
 }
 
-/// Reflectances of the patches from merged frames, against those that were painted: each patch's error is stated,
-/// and none is larger than what leaving it out of the training costs, with a quarter for noise and rounding.
+/// Reflectances of the patches from merged frames, against those that were painted: each patch's
+/// error is stated, and none is larger than what leaving it out of the training costs, with a
+/// quarter for noise and rounding.
 #[test]
 fn reflectances_of_our_own_camera() {
     let dir = folder("", "colorchecker", D65, DOUBLING);
@@ -183,7 +187,8 @@ fn reflectances_of_our_own_camera() {
     let output = camrig_ok(
         dir.path(),
         &format!(
-            "scene spectral merged --camera c.toml --illuminant D65 --chart {chart} -o scene --json"
+            "scene spectral merged --camera c.toml --illuminant D65 --chart {chart} -o scene \
+            --json"
         ),
     );
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -258,8 +263,8 @@ fn frames_that_cannot_give_a_scene() {
     refused("scene response full -o out", &["saturated"]);
 }
 
-/// Real data through the commands they fit: a camera's seven exposures through a filter, and a photograph with a
-/// ColorChecker's spectra beside it.
+/// Real data through the commands they fit: a camera's seven exposures through a filter, and a
+/// photograph with a ColorChecker's spectra beside it.
 #[test]
 fn real_captures_give_a_curve_and_a_merged_frame() {
     let Some(path) = shared("data/captures/bllanos_narrowband_7x7") else { return };
@@ -287,11 +292,11 @@ fn real_captures_give_a_curve_and_a_merged_frame() {
     println!("{told}");
     // 8 bits (48 dB) and exposures 157 times apart (44 dB).
     assert!(told["dynamic_range_db"].as_f64().unwrap() > 70.0, "{told}");
-    // Merged light against the longest exposure alone, where that is neither dark nor full and nothing is flagged: exposures
-    // agree to 2 %, and clipped blacks to 1 or 2 DN of the 60. (Dark spots of 8-bit frames are often flagged: their
-    // short exposures are clipped to 0.)
-    let merged = camrig::scene::numpy::read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
-    let flags = camrig::scene::numpy::read_plane(&dir.path().join("merged/flags.npy")).unwrap();
+    // Merged light against the longest exposure alone, where that is neither dark nor full and
+    // nothing is flagged: exposures agree to 2 %, and clipped blacks to 1 or 2 DN of the 60. (Dark
+    // spots of 8-bit frames are often flagged: their short exposures are clipped to 0.)
+    let merged = read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
+    let flags = read_plane(&dir.path().join("merged/flags.npy")).unwrap();
     let captures = camrig::captures::CaptureSet::load(&path).unwrap();
     let series = camrig::calibrate::exposures::read(&captures, &ids).unwrap();
     let longest = series[0].exposures.last().unwrap();

@@ -34,8 +34,9 @@ fn the_same_command_gives_the_same_bytes() {
     assert!(read("a.dng") == read("b.dng"));
 }
 
-/// Frames of a flat scene share the fixed pattern and nothing else: their correlation is the fixed part of
-/// the variance. Predicted from the camera file, with four standard errors of a correlation, (1 - r²)/√n.
+/// Frames of a flat scene share the fixed pattern and nothing else: their correlation is the fixed
+/// part of the variance. Predicted from the camera file, with four standard errors of a
+/// correlation, (1 - r²)/√n.
 #[test]
 fn another_frame_seed_changes_temporal_noise_only() {
     let dir = tempfile::tempdir().unwrap();
@@ -71,7 +72,8 @@ fn another_frame_seed_changes_temporal_noise_only() {
     let expected = fixed / (fixed + temporal);
     let error = (1.0 - expected * expected) / f64::from(w * h).sqrt();
     let got = correlation(&a, &b);
-    // PRNU and row pattern are one draw of 65,536 and 256 values: their spread adds 1.2 % of the fixed part.
+    // PRNU and row pattern are one draw of 65,536 and 256 values: their spread adds 1.2 % of the
+    // fixed part.
     let draw = 0.012 * expected * (1.0 - expected);
     assert!((got - expected).abs() < 4.0 * error + draw, "{got} expected {expected} ± {error}");
     assert!(correlation(&a, &c).abs() < 0.03, "another sensor has another pattern");

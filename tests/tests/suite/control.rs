@@ -19,7 +19,8 @@ fn stream(dir: &Path, script: &str) -> Vec<(f64, f64)> {
     );
     let output = camrig_ok(
         dir,
-        "rig stream emulator: --camera c.toml --irradiance x.irr --script script.toml --frames 8 --json",
+        "rig stream emulator: --camera c.toml --irradiance x.irr --script script.toml --frames 8 \
+        --json",
     );
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let number = |v: &serde_json::Value| v.as_f64().unwrap();
@@ -34,8 +35,8 @@ fn delay(register: &str) -> usize {
     told["value"].as_u64().unwrap_or(1) as usize
 }
 
-/// What is written before frame 3 shows with the sensor's delays (its registers 0x3004 and 0x3006), not before
-/// and not after.
+/// What is written before frame 3 shows with the sensor's delays (its registers 0x3004 and
+/// 0x3006), not before and not after.
 #[test]
 fn a_script_takes_effect_with_the_delay_of_the_sensor() {
     let dir = tempfile::tempdir().unwrap();
@@ -107,7 +108,8 @@ impl Page {
     fn ask(&self, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
         let length = body.len();
         self.raw(&format!(
-            "{method} {path} HTTP/1.1\r\n{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+            "{method} {path} HTTP/1.1\r\n{headers}Content-Length: {length}\r\n\
+            Connection: close\r\n\r\n{body}"
         ))
     }
 
@@ -152,8 +154,8 @@ fn the_live_page_shows_frames_and_drives_the_control_loop() {
     assert_eq!(state["row_profile"].as_array().unwrap().len(), 96);
     assert_eq!(state["column_profile"].as_array().unwrap().len(), 64);
     assert!(state["noise_dn"].as_f64().unwrap() > 0.0);
-    let (status, _) =
-        page.ask("POST", "/api/control", &page.own(), "{\"exposure_s\":0.004,\"analog_gain\":2.0}");
+    let settings = "{\"exposure_s\":0.004,\"analog_gain\":2.0}";
+    let (status, _) = page.ask("POST", "/api/control", &page.own(), settings);
     assert_eq!(status, 200);
     page.until(|s| {
         let near = |key: &str, v: f64| (s[key].as_f64().unwrap() - v).abs() < 1e-6;
@@ -186,7 +188,8 @@ fn a_hostile_page_is_turned_away() {
         (
             "two origins",
             format!(
-                "Host: {host}\r\nOrigin: http://{host}\r\nOrigin: http://evil.example\r\n{with_token}"
+                "Host: {host}\r\nOrigin: http://{host}\r\nOrigin: http://evil.example\r\n\
+                {with_token}"
             ),
         ),
         ("a rebound name", format!("Host: evil.example:{port}\r\n{with_token}")),

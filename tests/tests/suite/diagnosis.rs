@@ -1,5 +1,5 @@
-//! The diagnosis as a person runs it: on captures of the model itself, of a sensor with hidden effects made by this program
-//! and by another one, and on captures that contradict themselves.
+//! The diagnosis as a person runs it: on captures of the model itself, of a sensor with hidden
+//! effects made by this program and by another one, and on captures that contradict themselves.
 
 use super::{camrig, camrig_ok, small_camera};
 use serde_json::Value;
@@ -66,7 +66,8 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     // The improved camera is a camera: it renders, and nothing is missing any more.
     camrig_ok(
         dir,
-        "simulate --camera d1/camera-improved.toml --scene ramp --lux 300 --exposure 10ms -o a.dng",
+        "simulate --camera d1/camera-improved.toml --scene ramp --lux 300 --exposure 10ms \
+        -o a.dng",
     );
     camrig_ok(dir, "compare d1/camera-improved.toml captures");
     let page = std::fs::read_to_string(dir.join("d1/report.html")).unwrap();
@@ -101,7 +102,8 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     contradictions(dir);
 }
 
-/// A colour camera of 256 x 192 pixels in a folder, and the same sensor of another seed with effects.
+/// A colour camera of 256 x 192 pixels in a folder, and the same sensor of another seed with
+/// effects.
 fn colour_folder(effects: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let mut base = camrig::camera::presets::file("mt9t012.toml").unwrap().to_string();
@@ -120,8 +122,9 @@ fn colour_folder(effects: &str) -> tempfile::TempDir {
     dir
 }
 
-/// The four gaps that Chen et al. 2009 left open (focus, transmittance of the lens, distance of the object, defects), with
-/// a noise of rows on top, in an edge, dots, charts at 300 lx and 10 lx, darks and flats.
+/// The four gaps that Chen et al. 2009 left open (focus, transmittance of the lens, distance of
+/// the object, defects), with a noise of rows on top, in an edge, dots, charts at 300 lx and 10
+/// lx, darks and flats.
 #[test]
 fn the_papers_gaps_are_found_together_and_its_measures_close() {
     let hidden = [
@@ -162,8 +165,9 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
         println!("{kind} {key}: {value} ± {se}");
         assert!((value - truth).abs() < 4.0 * se, "{kind} {key}: {value} ± {se}, {truth}");
     }
-    // The paper's measures agree to what two sensors of one kind differ by. That is much for so few pixels: the edge's middle
-    // third has 64 rows, a patch 72 samples, and a hot pixel lies in some.
+    // The paper's measures agree to what two sensors of one kind differ by. That is much for so
+    // few pixels: the edge's middle third has 64 rows, a patch 72 samples, and a hot pixel lies in
+    // some.
     let measures = &found["measures"];
     println!("{measures}");
     for m in measures["mtf_at_nyquist"].as_array().unwrap() {
@@ -266,20 +270,22 @@ fn effects_hidden_by_another_program_are_found() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    // What one random pattern would take at once, two explain better: the fourth. The mean of a shading and of defects is
-    // no quantum efficiency: the last.
+    // What one random pattern would take at once, two explain better: the fourth. The mean of a
+    // shading and of defects is no quantum efficiency: the last.
     let sets = [
         ("none", "--effects none --draw 17", vec![]),
         ("coupled", "--effects charge-coupling --times 10 --draw 18", vec!["charge-coupling"]),
         ("hot", "--effects hot-pixels --times 10 --draw 19", vec!["hot-pixels"]),
         (
             "two",
-            "--effects green-imbalance=0.0061,column-gain-fpn=0.00254 --cfa GRBG --draw 3943319205",
+            "--effects green-imbalance=0.0061,column-gain-fpn=0.00254 --cfa GRBG \
+            --draw 3943319205",
             vec!["column-gain-fpn", "green-imbalance"],
         ),
         (
             "shaded",
-            "--effects defective-pixels=0.00194,green-imbalance=0.00375,relative-illumination=0.00688 \
+            "--effects \
+             defective-pixels=0.00194,green-imbalance=0.00375,relative-illumination=0.00688 \
              --cfa GRBG --draw 4123995186",
             vec!["defective-pixels", "green-imbalance", "relative-illumination"],
         ),

@@ -1,4 +1,5 @@
-//! Disks that are full or read-only: words, exit status 2, whole files or none, and work that goes on later.
+//! Disks that are full or read-only: words, exit status 2, whole files or none, and work that goes
+//! on later.
 
 use super::{camrig_ok, small_camera};
 use std::path::Path;
@@ -15,8 +16,8 @@ lux = [30, 300]
 exposure_s = [0.005, 0.02]
 "#;
 
-/// Runs a script with `camrig` as `$camrig` in a folder whose `disk` is a file system of its own (of `options`),
-/// seen by nobody else. `None`, with a word, where the system does not allow that.
+/// Runs a script with `camrig` as `$camrig` in a folder whose `disk` is a file system of its own
+/// (of `options`), seen by nobody else. `None`, with a word, where the system does not allow that.
 fn on_a_disk(folder: &Path, options: &str, script: &str) -> Option<Output> {
     let mount = format!("mkdir -p disk && mount -t tmpfs -o {options} tmpfs disk");
     let bash = |script: &str| {
@@ -49,9 +50,11 @@ fn every_command_says_so_and_leaves_no_half_file() {
     let dir = folder();
     let commands = [
         "simulate --camera c.toml --scene ramp --exposure 1ms -o disk/out.dng",
-        "simulate --camera c.toml --scene ramp --exposure 1ms -o disk/out.tiff --save-irradiance disk/e.irr",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o disk/out.tiff \
+        --save-irradiance disk/e.irr",
         "simulate --camera c.toml --scene ramp --exposure 1ms --frames 9 -o disk/frames",
-        "simulate --camera c.toml --scene ramp --exposure 1ms -o rest.npy --report disk/page.html --force",
+        "simulate --camera c.toml --scene ramp --exposure 1ms -o rest.npy \
+        --report disk/page.html --force",
         "capture --camera c.toml --plan ptc -o disk/captures",
         "batch sweep.toml -o disk/set",
         "convert a.dng disk/out.npy",
@@ -67,7 +70,8 @@ fn every_command_says_so_and_leaves_no_half_file() {
     {
         for command in commands {
             let script = format!(
-                "\"$camrig\" {command}; echo status $? >&2; find disk -type f -size -1k >&2; find disk -name '.tmp*' >&2"
+                "\"$camrig\" {command}; echo status $? >&2; find disk -type f -size -1k >&2; \
+                find disk -name '.tmp*' >&2"
             );
             let Some(output) = on_a_disk(dir.path(), options, &script) else { return };
             let told = String::from_utf8_lossy(&output.stderr);
@@ -79,7 +83,8 @@ fn every_command_says_so_and_leaves_no_half_file() {
     }
 }
 
-/// A data set whose disk fills goes on when there is room, and is the one that had room from the start.
+/// A data set whose disk fills goes on when there is room, and is the one that had room from the
+/// start.
 #[test]
 fn a_batch_goes_on_when_there_is_room() {
     let dir = folder();

@@ -1,6 +1,7 @@
 //! Every command of the guide, run as it stands: one chapter is one session in an empty folder.
 //!
-//! A block ```` ```sh NAME ... ```` needs the programs named and is skipped, by name, without them.
+//! A block ```` ```sh NAME ... ```` needs the programs named and is skipped, by name, without
+//! them.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! What shells, editors and manuals are told of the program: completions, manual pages, schema, explanations.
+//! What shells, editors and manuals are told of the program: completions, manual pages, schema,
+//! explanations.
 
 use super::{camrig, camrig_ok};
 use camrig_tests::client;
@@ -95,7 +96,8 @@ fn explanations_and_schema_are_of_the_whole_catalogue() {
     assert!(output.status.code() == Some(2) && told.contains("sensor.noise.read_e"), "{told}");
 }
 
-/// The schema, by an independent checker: every preset passes, a misspelt key and a value out of range do not.
+/// The schema, by an independent checker: every preset passes, a misspelt key and a value out of
+/// range do not.
 #[test]
 fn presets_pass_the_schema() {
     let Some(python) = client("jsonschema") else { return };

@@ -21,11 +21,15 @@ radius_mm = -30.0
 thickness_mm = 14.0
 "#;
 
-const ZMX: &str = "VERS 140124\nMODE SEQ\nUNIT MM\nENPD 2.0\nFTYP 0\nXFLN 0 0\nYFLN 0 10\nWAVM 1 0.5876 1\nPWAV 1\n\
-    SURF 0\n  TYPE STANDARD\n  CURV 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  TYPE STANDARD\n  CURV 0.1\n  DISZ 2\n\
-    \x20 GLAS N-BK7 0 0\nSURF 2\n  TYPE STANDARD\n  CURV -0.03\n  DISZ 14\nSURF 3\n  TYPE STANDARD\n  CURV 0\n  DISZ 0\n";
+const ZMX: &str = "VERS 140124\nMODE SEQ\nUNIT MM\nENPD 2.0\nFTYP 0\nXFLN 0 0\nYFLN 0 10\n\
+    WAVM 1 0.5876 1\nPWAV 1\n\
+    SURF 0\n  TYPE STANDARD\n  CURV 0\n  DISZ INFINITY\n\
+    SURF 1\n  STOP\n  TYPE STANDARD\n  CURV 0.1\n  DISZ 2\n  GLAS N-BK7 0 0\n\
+    SURF 2\n  TYPE STANDARD\n  CURV -0.03\n  DISZ 14\n\
+    SURF 3\n  TYPE STANDARD\n  CURV 0\n  DISZ 0\n";
 
-const SEQ: &str = "RDM\nLEN\nEPD 2.0\nWL 587.6\nREF 1\nYAN 0 10\nSO 0 1e13\nS 10 2 NBK7_SCHOTT\nSTO\nS -30 14\nSI 0 0\nGO\n";
+const SEQ: &str = "RDM\nLEN\nEPD 2.0\nWL 587.6\nREF 1\nYAN 0 10\nSO 0 1e13\n\
+    S 10 2 NBK7_SCHOTT\nSTO\nS -30 14\nSI 0 0\nGO\n";
 
 /// A Huygens listing of a round spot, `change`d row by row.
 fn listing(change: impl Fn(usize, &mut Vec<f64>)) -> String {
@@ -220,7 +224,8 @@ fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
     let dir = dir.path();
     camrig_ok(
         dir,
-        "lens trace good.toml --wavelengths 550 --psf-size 64 --heights 5 --psf-tolerance 0.9 -o lens",
+        "lens trace good.toml --wavelengths 550 --psf-size 64 --heights 5 --psf-tolerance 0.9 \
+        -o lens",
     );
     let camera = |kind: &str, data: &str| {
         let text = small_camera(40, 30, &[("pitch_um", "40.0")]);
@@ -229,8 +234,8 @@ fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
         let lens = format!("[lens]\nkind = \"{kind}\"\n{data}\n");
         std::fs::write(dir.join("c.toml"), text[..from].to_owned() + &lens + &text[to..]).unwrap();
     };
-    let simulate = "simulate --camera ./c.toml --scene uniform:0.5 --exposure 5us --no-cache --json --force \
-        -o out.npy --report page.html";
+    let simulate = "simulate --camera ./c.toml --scene uniform:0.5 --exposure 5us --no-cache \
+        --json --force -o out.npy --report page.html";
     let optics = |arguments: &str| {
         let output = camrig_ok(dir, arguments);
         let object: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -264,8 +269,8 @@ fn a_program_built_without_graphics_processors_says_so() {
     refuses(dir.path(), &format!("{simulate} tpu"), &["cpu", "gpu", "auto"]);
 }
 
-/// A prescription is traced once: not again for what is in the cache, nor for another scene; and the picture does not
-/// depend on where its lens came from.
+/// A prescription is traced once: not again for what is in the cache, nor for another scene; and
+/// the picture does not depend on where its lens came from.
 #[test]
 fn a_lens_is_traced_once() {
     let dir = folder();
@@ -278,7 +283,8 @@ fn a_lens_is_traced_once() {
     std::fs::write(dir.join("c.toml"), text[..from].to_owned() + lens + &text[to..]).unwrap();
     let run = |name: &str, arguments: &str| {
         let command = format!(
-            "simulate --camera ./c.toml --exposure 5us --psf-tolerance 0.05 --json -o {name}.npy {arguments}"
+            "simulate --camera ./c.toml --exposure 5us --psf-tolerance 0.05 --json -o {name}.npy \
+            {arguments}"
         );
         let output = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
             .current_dir(dir)
@@ -321,7 +327,8 @@ fn a_lens_is_traced_once() {
     assert!(!run("kept", "--scene uniform:0.3").1);
 }
 
-/// Figures of the golden lenses as the program prints them, within what other programs' figures allow.
+/// Figures of the golden lenses as the program prints them, within what other programs' figures
+/// allow.
 #[test]
 fn printed_figures_are_those_of_the_oracles() {
     for (lens, name) in [("double-gauss", "double_gauss"), ("phone-80deg", "phone80")] {

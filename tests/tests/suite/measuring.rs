@@ -1,4 +1,5 @@
-//! Captures and measurements as a person types them: figures that can be known beforehand, and refusals.
+//! Captures and measurements as a person types them: figures that can be known beforehand, and
+//! refusals.
 
 use super::{camrig, camrig_ok, shared, small_camera};
 use serde_json::Value;
@@ -65,7 +66,8 @@ fn edges_that_cannot_be_measured() {
     let edges = json(dir, "measure mtf edge.dng --roi 50,20,60,80 --pitch-um 2.2 --json");
     let edge = &edges["edges"][0];
     assert!((edge["angle_deg"].as_f64().unwrap().abs() - 5.0).abs() < 0.1, "{edge}");
-    // Theory for f/4 and 2.2 µm with a full aperture: 145.5 cycles/mm; fill factor 0.8 makes it more.
+    // Theory for f/4 and 2.2 µm with a full aperture: 145.5 cycles/mm; fill factor 0.8 makes it
+    // more.
     let mtf50 = edge["mtf50_cycles_per_mm"].as_f64().unwrap();
     assert!((145.0..165.0).contains(&mtf50), "{mtf50}");
     camrig_ok(dir, &format!("{SHOOT} upright.dng --scene slanted-edge:angle=0"));
@@ -80,10 +82,11 @@ fn edges_that_cannot_be_measured() {
     refuses(dir, "measure mtf edge.dng --roi 50,20", &["not a region"]);
 }
 
-/// Program to program: MTF50 of simulated edges against theory (photon-weighted diffraction OTF x pixel, D65, 400 to
-/// 700 nm in steps of 50 nm; golden/README.md), within the 1 % required; found is 0.0 to 0.8 % more. Steps of 10 nm, as
-/// simulated, account for 0.1 to 0.25 %. A region some 200 µm wide leaves half a per cent of the light of f/8 outside,
-/// which raises the figure as much; a wider one has more noise (standard errors are 0.2 to 0.7 %).
+/// Program to program: MTF50 of simulated edges against theory (photon-weighted diffraction OTF x
+/// pixel, D65, 400 to 700 nm in steps of 50 nm; golden/README.md), within the 1 % required; found
+/// is 0.0 to 0.8 % more. Steps of 10 nm, as simulated, account for 0.1 to 0.25 %. A region some
+/// 200 µm wide leaves half a per cent of the light of f/8 outside, which raises the figure as
+/// much; a wider one has more noise (standard errors are 0.2 to 0.7 %).
 #[test]
 fn simulated_edges_have_the_mtf50_of_theory() {
     for (f_number, golden) in [
@@ -115,7 +118,8 @@ fn simulated_edges_have_the_mtf50_of_theory() {
             camrig_ok(
                 dir.path(),
                 &format!(
-                    "simulate --camera c.toml --scene slanted-edge --lux 300 --exposure {seconds}s -o edge.dng"
+                    "simulate --camera c.toml --scene slanted-edge --lux 300 \
+                    --exposure {seconds}s -o edge.dng"
                 ),
             );
             let found = json(
@@ -132,8 +136,8 @@ fn simulated_edges_have_the_mtf50_of_theory() {
     }
 }
 
-/// Figures from our frames beside those of the `emva1288` package on the same frames: 0.5 %, or three times our stated
-/// sampling error where that is larger.
+/// Figures from our frames beside those of the `emva1288` package on the same frames: 0.5 %, or
+/// three times our stated sampling error where that is larger.
 #[test]
 fn the_emva1288_package_agrees() {
     let Some(python) = camrig_tests::client("emva1288") else { return };
@@ -269,7 +273,8 @@ fn data_sheets_of_the_presets_are_up_to_date() {
         let page = std::fs::read_to_string(kept.join(&name)).unwrap_or_default();
         assert!(
             made == page,
-            "{name:?} has changed: camrig datasheet -o docs/datasheets --force, and say why in CHANGELOG.md"
+            "{name:?} has changed: camrig datasheet -o docs/datasheets --force, and say why in \
+            CHANGELOG.md"
         );
     }
 }
@@ -303,8 +308,8 @@ fn the_crosstalk_experiment() {
     std::fs::write(dir.join("c.toml"), text).unwrap();
     let mut table = "channel,wavelength_nm,x,y,factor\n".to_owned();
     for channel in ["r", "g", "b"] {
-        for (x, y) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
-        {
+        let nodes = (-1i32..=1).flat_map(|y| (-1i32..=1).map(move |x| (x, y)));
+        for (x, y) in nodes {
             let factor = 1.0 - 0.1 * f64::from(x * x) - 0.05 * f64::from(y * y);
             table.push_str(&format!("{channel},550,{x},{y},{factor}\n"));
         }
@@ -314,8 +319,8 @@ fn the_crosstalk_experiment() {
     let fit = json(dir, "crosstalk fit bench -o fit.csv --json");
     let nodes = fit["nodes"].as_array().unwrap();
     assert_eq!(nodes.len(), 3 * 7 * 13 * 17);
-    // Bilinear between nodes, so the truth is known at every point; four standard errors and what region
-    // and grid of so small a sensor differ by.
+    // Bilinear between nodes, so the truth is known at every point; four standard errors and what
+    // region and grid of so small a sensor differ by.
     let off = nodes.iter().filter(|n| {
         let at = |key: &str| n[key].as_f64().unwrap();
         let truth = 1.0 - 0.1 * at("x").abs() - 0.05 * at("y").abs();

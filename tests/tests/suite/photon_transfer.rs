@@ -5,7 +5,8 @@ use camrig::camera::Camera;
 use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, SimulatedSensor};
 use camrig::scene::Bands;
 
-/// (bits, full well, gain, read, read after gain, PRNU, dark e-/s, DSNU e-/s, row pattern, black level)
+/// (bits, full well, gain, read, read after gain, PRNU, dark e-/s, DSNU e-/s, row pattern, black
+/// level)
 type Figures = (u8, u32, f64, f64, f64, f64, f64, f64, f64, f64);
 
 const CAMERAS: [Figures; 10] = [
@@ -81,9 +82,9 @@ fn spatial_variance(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0))
 }
 
-/// Janesick's photon transfer: gain from the slope of temporal variance over mean, read noise from the dark
-/// pair, PRNU from the spatial variance of averaged flats. Tolerances are those of the requirement: 0.5 %,
-/// 2 %, 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
+/// Janesick's photon transfer: gain from the slope of temporal variance over mean, read noise from
+/// the dark pair, PRNU from the spatial variance of averaged flats. Tolerances are those of the
+/// requirement: 0.5 %, 2 %, 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
 fn recover(figures: Figures, arithmetic: Arithmetic) {
     let (bits, full_well, gain, read, post, prnu, dark, dsnu, row, black) = figures;
     let camera = camera(&small_camera(

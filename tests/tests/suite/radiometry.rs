@@ -10,17 +10,18 @@ fn camera(cfa: &str, qe: &str) -> String {
          magnification = 0.003344481605351171\nrelative_illumination = \"none\"\n\
          [sensor]\nwidth = 64\nheight = 64\npitch_um = 2.2\nfill_factor = 0.8\ncfa = \"{cfa}\"\n\
          qe = {qe}\nconversion_gain_uv_per_e = 50.0\nfull_well_e = 16000\nbits = 16\n\
-         black_level_dn = 400\n[sensor.noise]\nread_e = 0.0\ndark_current_e_per_s = 0.0\nprnu = 0.0\n\
-         row_fpn_e = 0.0\n"
+         black_level_dn = 400\n[sensor.noise]\nread_e = 0.0\ndark_current_e_per_s = 0.0\n\
+         prnu = 0.0\nrow_fpn_e = 0.0\n"
     )
 }
 
-/// Mean electrons of 16 frames of a perfect white of 100 cd/m² under D65, 10 ms, per channel letter.
+/// Mean electrons of 16 frames of a perfect white of 100 cd/m² under D65, 10 ms, per channel
+/// letter.
 fn mean_electrons(dir: &Path) -> Vec<(char, f64)> {
     camrig_ok(
         dir,
-        "simulate --camera c.toml --scene uniform:1.0 --illuminant D65 --luminance 100 --exposure 10ms \
-         --frames 16 -o out --force",
+        "simulate --camera c.toml --scene uniform:1.0 --illuminant D65 --luminance 100 \
+         --exposure 10ms --frames 16 -o out --force",
     );
     let mut sums = Vec::new();
     for i in 0..16 {
@@ -41,8 +42,8 @@ fn mean_electrons(dir: &Path) -> Vec<(char, f64)> {
     sums.into_iter().map(|(l, sum, n)| (l, sum / n * 16000.0 / 65535.0)).collect()
 }
 
-/// 0.5 % is the requirement. Shot noise of the mean is below 0.05 %; summing D65 in 10 nm bands instead of
-/// 1 nm differs by less than 0.1 %.
+/// 0.5 % is the requirement. Shot noise of the mean is below 0.05 %; summing D65 in 10 nm bands
+/// instead of 1 nm differs by less than 0.1 %.
 fn close(got: f64, golden: f64) {
     assert!((got / golden - 1.0).abs() < 0.005, "{got} e-, independent figure {golden} e-");
 }

@@ -81,13 +81,13 @@ fn long_and_short_exposures_share_a_frame() {
     assert_eq!(refused.status.code(), Some(2));
 }
 
-/// An upright edge that moves 6 pixels a frame is 6 pixels further in each frame, and leans by the part of the
-/// period in which rows are read.
+/// An upright edge that moves 6 pixels a frame is 6 pixels further in each frame, and leans by the
+/// part of the period in which rows are read.
 #[test]
 fn a_moving_edge_is_where_it_must_be_and_leans_with_the_shutter() {
     let dir = folder(96, 64);
-    let command = "simulate --camera c.toml --scene slanted-edge:angle=0.001 --exposure 8ms --frames 3 \
-                   --motion 6,0";
+    let command = "simulate --camera c.toml --scene slanted-edge:angle=0.001 --exposure 8ms \
+                   --frames 3 --motion 6,0";
     camrig_ok(dir.path(), &format!("{command} -o global"));
     camrig_ok(dir.path(), &format!("{command} --rolling 0.5 -o rolling"));
     // Where the green rows cross the middle of dark and bright, to a fraction of a pixel.
@@ -108,7 +108,8 @@ fn a_moving_edge_is_where_it_must_be_and_leans_with_the_shutter() {
             .expect("an edge");
         2.0 * (i as f64 + (middle - profile[i]) / (profile[i + 1] - profile[i]))
     };
-    // Linear interpolation between samples 2 pixels apart of an edge about 2 pixels wide: a third of a pixel.
+    // Linear interpolation between samples 2 pixels apart of an edge about 2 pixels wide: a third
+    // of a pixel.
     let start = edge("global", 0, 0..64);
     for frame in 1..3 {
         let moved = edge("global", frame, 0..64) - start;

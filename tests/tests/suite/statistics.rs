@@ -1,7 +1,7 @@
 //! Statistics of a seeded frame set per preset: a change of numbers must be made knowingly.
 //!
-//! `cargo insta review` (or `INSTA_UPDATE=always cargo test`) accepts new figures; they belong under
-//! "Numbers changed" in the changelog.
+//! `cargo insta review` (or `INSTA_UPDATE=always cargo test`) accepts new figures; they belong
+//! under "Numbers changed" in the changelog.
 
 use camrig::camera::{Camera, presets};
 use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, SimulatedSensor};
@@ -22,8 +22,8 @@ fn of_every_preset() {
     insta::assert_snapshot!(text);
 }
 
-/// Mean, variance, its temporal and fixed parts and the covariance with the right and lower neighbour of
-/// the same colour (DN, DN²), and a digest of all DN.
+/// Mean, variance, its temporal and fixed parts and the covariance with the right and lower
+/// neighbour of the same colour (DN, DN²), and a digest of all DN.
 fn figures(name: &str, arithmetic: Arithmetic) -> String {
     let mut camera = Camera::load(name).unwrap();
     camera.sensor.width = SIDE as u32;
@@ -76,13 +76,14 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
     let spatial = over(&|p| (mean_frame[p] - mean).powi(2)) - temporal / f64::from(FRAMES);
     let covariance = |step: usize| {
         over(&|p| {
-            let pair = |f: &Vec<f64>| (f[p] - mean_frame[p]) * (f[p + step] - mean_frame[p + step]);
+            let off = |f: &[f64], p: usize| f[p] - mean_frame[p];
+            let pair = |f: &Vec<f64>| off(f, p) * off(f, p + step);
             frames.iter().map(pair).sum::<f64>() / f64::from(FRAMES - 1)
         })
     };
     format!(
-        "mean {mean:.4}  temporal {temporal:.4}  fixed {spatial:.4}  covariance right {:.4} below {:.4}  \
-         digest {digest:016x}",
+        "mean {mean:.4}  temporal {temporal:.4}  fixed {spatial:.4}  covariance right {:.4} \
+         below {:.4}  digest {digest:016x}",
         covariance(2),
         covariance(2 * SIDE)
     )
