@@ -1,7 +1,53 @@
 //! camrig: a camera-system simulator for hardware-in-the-loop benches of image signal processors.
+//! Spectral scene → lens → sensor → Bayer raw, as a real camera makes it.
 //!
-//! A facade: each module is a crate of its own, bottom up as in `ARCHITECTURE.md`, which has the data
-//! flow with units. The command line ([`cli`]) and the live page of a rig ([`view`]) are here.
+//! A facade: each module is a crate of its own (`camrig::scene` is `camrig-scene`), and
+//! [`prelude`] has what most programs need. The program `camrig` is this crate's binary.
+//!
+//! | module | takes | gives |
+//! |---|---|---|
+//! | [`camera`] | a camera file (TOML) or a preset | lens, sensor and effects as checked values |
+//! | [`scene`] | charts, spectral cubes, illuminants | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
+//! | [`lens`], [`optics`] | prescriptions, tables over the field | spectral irradiance, W m⁻² nm⁻¹ |
+//! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
+//! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
+//! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
+//! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
+//! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; figures side by side |
+//! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows; files whole or not at all |
+//! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
+//!
+//! # Example
+//! A grey card under D65 at 300 lx, exposed for 10 ms:
+//! ```
+//! use camrig::prelude::*;
+//! use camrig::{render, scene};
+//!
+//! # fn main() -> Result<()> {
+//! let size = [("sensor.width", 64), ("sensor.height", 48)];
+//! let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
+//! let camera = Camera::load_with("mt9v024", &changes)?;
+//!
+//! let card = scene::open("uniform:0.18")?;
+//! let light = Illuminant::parse("D65")?;
+//! let white =
+//!     scene::photometry::white_radiance(&light, LightLevel::Lux(300.0), &card.bands())?;
+//! let lit = LitScene { scene: &*card, white };
+//! let (cube, _) =
+//!     render::irradiance(&camera, &lit, &Options::default(), About::default(), |_, _| ())?;
+//!
+//! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+//! let settings = camera.settings(0, 0.010, None); // frame 0, seconds, the camera file's gain
+//! let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+//! for (channel, mean_dn, saturated) in frame.channel_means() {
+//!     println!("{channel}: {mean_dn:.1} DN, {:.1} % saturated", 100.0 * saturated);
+//!     assert!(mean_dn > frame.black_level_dn && saturated == 0.0);
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//! `examples/` has this with a chart and a DNG, a client of a rig, EMVA 1288 figures from frames,
+//! and a diagnosis.
 
 pub mod cli;
 pub mod prelude;
