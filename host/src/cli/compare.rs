@@ -37,7 +37,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "gap {:.3} on held-out frames (1: a replicate of the right model; passes below {:.2})",
             found.gap, found.gap_limit
         );
-        println!("{:>8} {:>8}  {:>13} {:>13}  statistic", "z fit", "held-out", "measured", "model");
+        let [fit, held_out, measured, model] = ["z fit", "held-out", "measured", "model"];
+        println!("{fit:>8} {held_out:>8}  {measured:>13} {model:>13}  statistic");
         for row in found.statistics.iter().take(most) {
             let n = |value: Option<f64>| value.unwrap_or(f64::NAN);
             println!(

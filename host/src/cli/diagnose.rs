@@ -160,7 +160,8 @@ fn say(found: &Report) {
         let ([before, before_bright], [after, after_bright]) = (m.before, m.after);
         println!(
             "  {}: scatter of the luminance off by {before:.1} % → {after:.1} %, without dark \
-             patches {before_bright:.1} % → {after_bright:.1} % (two sensors of one kind: {:.1} %)",
+             patches {before_bright:.1} % → {after_bright:.1} % (two sensors of one kind: \
+             {:.1} %)",
             m.capture, m.expected[1],
         );
     }

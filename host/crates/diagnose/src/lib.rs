@@ -16,6 +16,24 @@
 //! the model, in units of what a replicate of the model scores against other replicates: 1.0 is as
 //! good as the right model can be. The **deviance** is twice the negative log-likelihood but for a
 //! constant: its fall is the evidence for an effect.
+//!
+//! ```no_run
+//! use camrig_diagnose::{Session, data::design, search, verdict};
+//!
+//! # fn main() -> camrig_base::Result<()> {
+//! let camera = camrig_camera::Camera::load("camera.toml")?;
+//! let set = camrig_captures::CaptureSet::load("captures".as_ref())?;
+//! let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<_>, _>>()?;
+//! let halves = design::divide(&camera, &set, &counts)?;
+//! let session = Session::open(&camera, &set, halves, &|_frames| ())?;
+//! let outcome = search::run(&session, &camera, &[], &|_kind| ())?;
+//! let report = verdict::report(&session, &outcome);
+//! for step in &report.steps {
+//!     println!("{} ({}): gap {:.2}", step.effect, step.status.word(), step.gap_after);
+//! }
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod candidates;
 pub mod data;
@@ -27,6 +45,5 @@ pub mod search;
 pub mod statistics;
 pub mod verdict;
 
-pub use data::design;
-pub use model::replicate;
-pub use search::session;
+pub use report::Report;
+pub use search::{Outcome, Session};

@@ -27,8 +27,8 @@ pub fn page(
 ) -> String {
     let mut page = Page::new("Diagnosis");
     page.paragraph(&format!(
-        "Verdict: {}. The gap on held-out frames went from {:.2} to {:.2}; 1 is what a replicate of \
-         the right model scores, {:.2} the limit that the right model passes once in some two \
+        "Verdict: {}. The gap on held-out frames went from {:.2} to {:.2}; 1 is what a replicate \
+         of the right model scores, {:.2} the limit that the right model passes once in some two \
          hundred sets. {} statistics.",
         found.verdict.word(),
         found.gap_before,
@@ -52,7 +52,7 @@ pub fn page(
         ));
     }
     for (i, step) in outcome.steps.iter().enumerate() {
-        step_section(&mut page, session, outcome, step, i + 1);
+        step_section(&mut page, session, outcome, (i + 1, step));
     }
     paper_measures(&mut page, &found.measures);
     page.heading("All statistics").drawing(
@@ -128,7 +128,12 @@ fn gaps(found: &Report) -> String {
 
 /// What one step did: the statistic that moved most, all that moved, and the candidates of the
 /// round.
-fn step_section(page: &mut Page, session: &Session, outcome: &Outcome, step: &Step, number: usize) {
+fn step_section(
+    page: &mut Page,
+    session: &Session,
+    outcome: &Outcome,
+    (number, step): (usize, &Step),
+) {
     let design = &session.holdout.design;
     page.heading(&format!("Step {number}: {}", step.trial.proposal.kind));
     let name =
@@ -227,9 +232,9 @@ fn paper_measures(page: &mut Page, m: &report::Measures) {
     }
     page.heading("MTF, patches and rows");
     page.paragraph(
-        "The measures of Chen et al. 2009, section VI, on held-out frames: response of the edge at \
-         half a cycle per pixel; mean absolute difference of the luminance's standard deviation \
-         from the model's, all patches and without the dark ones; root mean square difference of \
+        "The measures of Chen et al. 2009, section VI, on held-out frames: response of the edge \
+         at half a cycle per pixel; mean absolute difference of the luminance's standard \
+         deviation from the model's, all patches and without the dark ones; root mean square difference of \
          a row.",
     );
     let mut rows: Vec<Vec<String>> = Vec::new();

@@ -2,8 +2,9 @@
 //!
 //! An estimator reads the statistics that its effect moves most: measured less predicted, turned
 //! into the effect's parameters. What the present model already has of the effect is part of the
-//! prediction, so that an estimator gives the whole new value and may be repeated until it settles.
-//! Whether the effect is the true one it does not decide: the search judges by all statistics.
+//! prediction, so that an estimator gives the whole new value and may be repeated until it
+//! settles. Whether the effect is the true one it does not decide: the search judges by all
+//! statistics.
 
 mod blocks;
 mod common;

@@ -86,8 +86,9 @@ impl Evidence<'_> {
     /// Excess of the mean pixel variance over the model, DN².
     pub fn variance_excess(&self, stack: usize) -> Option<Estimated> {
         let classes = self.camera.sensor.channel_names.len() as u8;
+        let place = Place::Stack(stack);
         let parts: Option<Vec<Estimated>> =
-            (0..classes).map(|c| self.difference(Place::Stack(stack), What::Variance(c))).collect();
+            (0..classes).map(|c| self.difference(place, What::Variance(c))).collect();
         let parts = parts?;
         let n = parts.len() as f64;
         let var = parts.iter().map(|p| p.se * p.se).sum::<f64>() / (n * n);

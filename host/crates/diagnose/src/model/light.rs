@@ -146,7 +146,8 @@ mod tests {
         assert!(Arc::ptr_eq(&first, &of(&noisy)), "noise does not change the light");
 
         let mut slower = camera.clone();
-        let LensKind::DiffractionLimited { f_number, .. } = &mut slower.lens.kind else { panic!() };
+        let lens = &mut slower.lens.kind;
+        let LensKind::DiffractionLimited { f_number, .. } = lens else { panic!() };
         *f_number *= 2.0;
         // Irradiance on the axis is in proportion to 1/N² but for the 1 of eq. 7's 1 + 4 N².
         let sum = |e: &Electrons| e.data.iter().map(|&v| f64::from(v)).sum::<f64>();

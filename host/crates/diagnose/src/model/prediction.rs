@@ -93,7 +93,8 @@ impl Prediction {
         let unchanged = Self::new(before);
         let mut of = self.of.clone();
         for (key, p) in &mut of {
-            let (Some(a), Some(b)) = (changed.of.get(key), unchanged.of.get(key)) else { continue };
+            let (a, b) = (changed.of.get(key), unchanged.of.get(key));
+            let (Some(a), Some(b)) = (a, b) else { continue };
             let share = share_that_is_real(key, p.scale, before, after);
             p.scaled += share * (a.scaled - b.scaled);
             p.value += share * (a.value - b.value);

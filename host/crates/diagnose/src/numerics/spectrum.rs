@@ -121,7 +121,8 @@ impl Background {
         // The tile whose bounds, rounded down, enclose a place.
         let tile = |at: usize, tiles: usize, n: usize| ((at + 1) * tiles - 1) / n;
         let (x, y) = (bin % self.width, bin / self.width);
-        self.tiles[tile(y, self.down, self.height) * self.across + tile(x, self.across, self.width)]
+        let row = tile(y, self.down, self.height);
+        self.tiles[row * self.across + tile(x, self.across, self.width)]
     }
 
     /// The bin of a power that is the highest above it, and how many times.

@@ -28,7 +28,7 @@ const MISSED: f64 = EVIDENCE_IN_ALL / 2.0;
 const TAKES_OVER: f64 = 2.0;
 /// Deviation, standard deviations of both halves together, that is gross: no chance and no detail
 /// of a law, but another effect.
-const GROSS: f64 = 10.0;
+const GROSS_DEVIATION: f64 = 10.0;
 /// Share of an effect's evidence that gross deviations in the statistics it moves may have.
 const GROSS_SHARE: f64 = 0.1;
 /// Share of the held-out gap that named effects must close where something is left.
@@ -203,11 +203,13 @@ fn gross_deviations(session: &Session, state: &State) -> Vec<(Key, f64)> {
     // scatter.
     let halves = session.deviations(state);
     let in_each = |key: &Key| {
-        halves.iter().all(|half| half.get(key).is_none_or(|z| z.abs() > GROSS * FRAC_1_SQRT_2))
+        halves
+            .iter()
+            .all(|half| half.get(key).is_none_or(|z| z.abs() > GROSS_DEVIATION * FRAC_1_SQRT_2))
     };
     session
         .unexplained(state)
         .into_iter()
-        .filter(|(key, z)| z.abs() > GROSS && in_each(key) && !shape(key))
+        .filter(|(key, z)| z.abs() > GROSS_DEVIATION && in_each(key) && !shape(key))
         .collect()
 }

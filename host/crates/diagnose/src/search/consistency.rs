@@ -87,8 +87,8 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
         Error::disagreement(format!("{times:.2} times {what}"))
             .at(format!("capture {:?}", c.stack.id))
             .help(
-                "analog_gain in captures.toml is not that of these frames, or the camera processed \
-                 them",
+                "analog_gain in captures.toml is not that of these frames, or the camera \
+                 processed them",
             )
     })?;
     same_sensor(camera, &usable, black)

@@ -106,7 +106,11 @@ fn once(
 
 /// An effect that is dominated by a close rival of its round: in its place, beside those taken
 /// later, the rival explains more. Also how many effects were taken before it.
-fn dominated(session: &Session, base: &Camera, found: &Outcome) -> Result<Option<(String, usize)>> {
+fn dominated(
+    session: &Session,
+    camera: &Camera,
+    found: &Outcome,
+) -> Result<Option<(String, usize)>> {
     let steps = &found.steps;
     if steps.len() > REESTIMATED_EFFECTS {
         return Ok(None);
@@ -122,8 +126,8 @@ fn dominated(session: &Session, base: &Camera, found: &Outcome) -> Result<Option
         let mut named = found.after.named.clone();
         named.retain(|p| p.kind != own);
         rival.proposal.clone().join(&mut named);
-        let camera = with_all(base, &named);
-        let other = refit(session, session.state(camera, named)?)?;
+        let with_rival = with_all(camera, &named);
+        let other = refit(session, session.state(with_rival, named)?)?;
         if session.deviance(&other) < session.deviance(&found.after) {
             return Ok(Some((own.to_string(), at)));
         }

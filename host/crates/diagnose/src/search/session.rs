@@ -173,8 +173,8 @@ impl Session {
         let mut notes = halves.notes;
         if halves.fit.conditions.iter().any(|c| c.stack.role == Role::Flat && !c.even) {
             notes.push(
-                "the light of flats may be uneven (uniformity = \"unknown\"): smooth shading is not \
-                 judged"
+                "the light of flats may be uneven (uniformity = \"unknown\"): smooth shading is \
+                 not judged"
                     .into(),
             );
         }

@@ -160,7 +160,8 @@ mod tests {
     #[test]
     fn the_scatter_of_estimates_is_the_standard_error() {
         let mut named = wave(1.0, 0.25);
-        let estimates: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i % 2) * 0.2, 0.3]).collect();
+        let of = |i| vec![f64::from(i % 2) * 0.2, 0.3];
+        let estimates: Vec<Vec<f64>> = (0..16).map(of).collect();
         set_errors(&mut named, &estimates, 0.5);
         // Variance 16/15 0.1², half more; Student's t of 15 degrees of freedom; a frequency keeps
         // none.

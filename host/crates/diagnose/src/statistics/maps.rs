@@ -216,7 +216,8 @@ impl Maker<'_> {
     /// The dark stack after light, above dark, DN, and its mean relative to that light.
     fn after_light(&self, reference: &Condition) -> Option<Map> {
         let (i, c) = self.design.conditions.iter().enumerate().find(|(_, c)| {
-            c.stack.role == Role::Dark && c.before_e.iter().any(|&e| e > 0.0) && alike(c, reference)
+            let after_light = c.before_e.iter().any(|&e| e > 0.0);
+            c.stack.role == Role::Dark && after_light && alike(c, reference)
         })?;
         let mut m = self.map(MapKind::AfterLight, self.above_dark(&self.stacks[i], 1.0), true);
         let n = m.plane.data.len() as f64;

@@ -135,7 +135,8 @@ pub(super) fn statistics(t: &Temporal, c: &Condition, s: &Summary, out: &mut Col
     let names = [What::RowVariance, What::RowSlow, What::RowPeak];
     lines(&Lines { power: &t.row_power, across: w, names }, f, v, out);
     let row_variance = t.row_power.iter().sum::<f64>() / t.row_power.len() as f64;
-    out.add(What::RowLag, t.row_lag / row_variance.max(1e-12), 1.0 / (f * h).sqrt(), Scale::Linear);
+    let lag = t.row_lag / row_variance.max(1e-12);
+    out.add(What::RowLag, lag, 1.0 / (f * h).sqrt(), Scale::Linear);
     let names = [What::ColumnVariance, What::ColumnSlow, What::ColumnPeak];
     lines(&Lines { power: &t.column_power, across: h, names }, f, v, out);
     // Products of pixels of the same channel scatter by Σ v²/n over the channels, others by less.

@@ -349,8 +349,8 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
         for kx in 0..nx {
             let mut sum = 0.0;
             for (y, row) in blocks.chunks(across.max(1)).enumerate() {
-                let inner: f64 = row.iter().enumerate().map(|(x, b)| b * wave(kx, x, across)).sum();
-                sum += inner * wave(ky, y, down);
+                let terms = row.iter().enumerate().map(|(x, b)| b * wave(kx, x, across));
+                sum += terms.sum::<f64>() * wave(ky, y, down);
             }
             // Cosines at the centres of a grid are orthogonal, of mean square 1.
             left -= sum * sum / n;

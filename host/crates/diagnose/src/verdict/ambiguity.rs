@@ -17,15 +17,16 @@ pub(super) fn tie_breaker(a: &str, b: &str) -> &'static str {
     } else if any("decentre-tilt") || any("distortion") || any("lateral-colour") {
         "a grid of dots that fills the frame: radial displacement is the same all around the axis"
     } else if any("veiling-glare") || any("lens-transmittance") {
-        "charts with black patches in a bright surround at two illuminances, and flats without the lens"
+        "charts with black patches in a bright surround at two illuminances, and flats \
+         without the lens"
     } else if is("green-imbalance", "readout-channel-mismatch") {
         "flats by light of a known spectrum: mismatched columns move red against blue, unequal \
          greens do not"
     } else if any("relative-illumination") || any("colour-shading") {
         "flats with and without the lens"
     } else if any("charge-coupling") || any("brighter-fatter") {
-        "flats at five and more levels up to full well: the neighbours' correlation is constant or \
-         grows with the level"
+        "flats at five and more levels up to full well: the neighbours' correlation is constant \
+         or grows with the level"
     } else if any("read-noise-spread")
         || any("random-telegraph-noise")
         || any("heavy-tailed-read-noise")

@@ -72,6 +72,9 @@ pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<Found> {
     out
 }
 
+/// Dots by their column and row from the centre.
+type ByIndex = BTreeMap<(i32, i32), Dot>;
+
 /// The ideal grid.
 struct Grid {
     pitch: f64,
@@ -109,11 +112,11 @@ impl Grid {
 
     /// Dots from the centre outwards, each looked for where its neighbour towards the centre
     /// predicts it.
-    fn track(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char) -> BTreeMap<(i32, i32), Dot> {
-        let mut found: BTreeMap<(i32, i32), Dot> = BTreeMap::new();
+    fn track(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char) -> ByIndex {
+        let mut found: ByIndex = BTreeMap::new();
         for &index in &self.indices {
             let (column, row) = index;
-            let step = |v: i32, other: i32| if v.abs() >= other.abs() { v - v.signum() } else { v };
+            let step = |v: i32, u: i32| if v.abs() >= u.abs() { v - v.signum() } else { v };
             let inner = (step(column, row), step(row, column));
             let ideal = self.ideal(index);
             let shift = found.get(&inner).map_or([0.0; 2], |d| {
@@ -132,13 +135,7 @@ impl Grid {
     }
 
     /// Dots of another channel around those found.
-    fn around(
-        &self,
-        frame: &Plane<f32>,
-        cfa: &Cfa,
-        letter: char,
-        found: &BTreeMap<(i32, i32), Dot>,
-    ) -> BTreeMap<(i32, i32), Dot> {
+    fn around(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char, found: &ByIndex) -> ByIndex {
         let near = |dot: &Dot| self.locate(frame, cfa, letter, dot.at);
         found.iter().filter_map(|(index, dot)| Some((*index, near(dot)?))).collect()
     }
@@ -218,7 +215,7 @@ fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
 type Measured<'a> = dyn Fn((i32, i32), &Dot) -> (f64, f64) + 'a;
 
 /// What each ring shows of the reference channel.
-fn rings(grid: &Grid, found: &BTreeMap<(i32, i32), Dot>, black: f64, channel: usize) -> Vec<Found> {
+fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<Found> {
     let mut out = Vec::new();
     for ring in 0..RINGS {
         let of = |value: &Measured<'_>| -> Option<(f64, f64)> {
@@ -254,13 +251,7 @@ fn outwards((column, row): (i32, i32), shift: [f64; 2]) -> f64 {
 }
 
 /// What each ring shows of another channel.
-fn apart(
-    grid: &Grid,
-    own: &BTreeMap<(i32, i32), Dot>,
-    other: &BTreeMap<(i32, i32), Dot>,
-    black: f64,
-    channel: usize,
-) -> Vec<Found> {
+fn apart(grid: &Grid, own: &ByIndex, other: &ByIndex, black: f64, channel: usize) -> Vec<Found> {
     let (mut shifts, mut grounds) = (vec![Vec::new(); RINGS], vec![Vec::new(); RINGS]);
     for (index, dot) in other.iter().filter(|(i, _)| **i != (0, 0)) {
         let Some(first) = own.get(index) else { continue };

@@ -33,7 +33,8 @@ pub fn battery(camera: &Camera, design: &Design, pictures: &[Picture]) -> Vec<St
     let mut out = Vec::new();
     for (i, (target, picture)) in design.targets.iter().zip(pictures).enumerate() {
         for (figure, value, sd, scale) in figures(camera, target, picture).unwrap_or_default() {
-            if value.is_finite() && sd.is_finite() && (target.lux.is_some() || !figure.is_level()) {
+            let comparable = target.lux.is_some() || !figure.is_level();
+            if value.is_finite() && sd.is_finite() && comparable {
                 let (place, what) = (Place::Target(i), What::Of(figure));
                 out.push(Statistic { place, what, value, sd, scale });
             }
