@@ -41,7 +41,9 @@ fn main() -> Result<()> {
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
         let here = sensor.frame(&cube, None, &request.settings, Arithmetic::F32)?;
         if frame != here {
-            return Err(Error::disagreement(format!("frame {number} differs from this process's")));
+            return Err(Error::disagreement(format!(
+                "frame {number} differs from this process's"
+            )));
         }
         let (channel, mean_dn, _) = &frame.channel_means()[0];
         println!("frame {number}: mean of {channel} {mean_dn:.2} DN, the same bytes as here");

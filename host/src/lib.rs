@@ -53,7 +53,9 @@ pub mod cli;
 pub mod prelude;
 pub mod view;
 
-pub use camrig_base::{Error, ErrorKind, Plane, RawFrame, Result, alternatives, output, toml_text};
+pub use camrig_base::{
+    Error, ErrorKind, Plane, RawFrame, Result, alternatives, output, toml_text,
+};
 pub use camrig_batch as batch;
 pub use camrig_calibrate as calibrate;
 pub use camrig_camera as camera;

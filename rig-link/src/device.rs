@@ -117,7 +117,8 @@ impl Transfer {
     /// Continues at row `row` instead of at the cursor.
     fn jump(&mut self, row: u16) {
         self.cursor = Cursor { row, unit: 0 };
-        self.next_out = if row == 0 { 0 } else { row.saturating_add(self.start.shape.halo.into()) };
+        self.next_out =
+            if row == 0 { 0 } else { row.saturating_add(self.start.shape.halo.into()) };
     }
 }
 

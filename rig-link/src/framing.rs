@@ -151,7 +151,8 @@ impl<B: AsMut<[u8]>> Sender<B> {
                     && buffer[start..start + pointer] == [0xff; 2][..pointer]
                 {
                     let place = (self.filled - start - pointer) as u16;
-                    buffer[start..start + pointer].copy_from_slice(&place.to_le_bytes()[..pointer]);
+                    buffer[start..start + pointer]
+                        .copy_from_slice(&place.to_le_bytes()[..pointer]);
                 }
                 let (now, later) = rest.split_at(rest.len().min(start + size - self.filled));
                 buffer[self.filled..][..now.len()].copy_from_slice(now);

@@ -234,8 +234,9 @@ mod tests {
         for packing in ALL {
             for width in 0..23usize {
                 let mask = (1u32 << packing.bits()) - 1;
-                let row: Vec<u16> =
-                    (0..width as u32).map(|i| (i.wrapping_mul(40503) >> 3 & mask) as u16).collect();
+                let row: Vec<u16> = (0..width as u32)
+                    .map(|i| (i.wrapping_mul(40503) >> 3 & mask) as u16)
+                    .collect();
                 let mut bytes = vec![0; packing.row_bytes(width)];
                 pack_row(packing, &row, &mut bytes).unwrap();
                 let mut back = vec![0; width];

@@ -276,7 +276,8 @@ mod tests {
 
     #[test]
     fn a_sealed_packet_parses_and_any_flipped_bit_is_noticed() {
-        let header = Header { kind: Kind::Part, flags: JUMP, session: 0x1234, seq: 7, ack: 0xfffe };
+        let header =
+            Header { kind: Kind::Part, flags: JUMP, session: 0x1234, seq: 7, ack: 0xfffe };
         let mut bytes = [0u8; 40];
         PartHeader { transfer: 3, row: 513, unit: 9 }.write(&mut bytes[HEADER_BYTES..]);
         let n = seal(&mut bytes, header, 28);

@@ -56,7 +56,8 @@ fn an_acknowledgement_from_outside_the_frame_is_no_place_to_go_back_to() {
         // Numbers that the host takes: its own newest packet, and one that the device has not used
         // yet.
         let ack = bench.host.statistics().sent as u16;
-        let header = Header { kind: Kind::Ack, flags: GAP, session: bench.session, seq: 1000, ack };
+        let header =
+            Header { kind: Kind::Ack, flags: GAP, session: bench.session, seq: 1000, ack };
         let n = seal(&mut out, header, AckBody::BYTES);
         assert_eq!(bench.host.receive(bench.now, &out[..n], &mut bench.io), None);
         assert_eq!(bench.host.statistics().rewinds, 0, "{row} {unit}");

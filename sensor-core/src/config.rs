@@ -277,7 +277,9 @@ impl FrameSettings {
     /// [`ConfigError::Settings`].
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        if positive(self.exposure_s) && positive(self.analog_gain) && self.temperature_c.is_finite()
+        if positive(self.exposure_s)
+            && positive(self.analog_gain)
+            && self.temperature_c.is_finite()
         {
             Ok(())
         } else {

@@ -211,7 +211,8 @@ mod tests {
         }));
         assert!(e < 6e-7, "radius {e}");
         let e = worst(words.map(|w| {
-            let angle = f64::from((w << 3) as i32) / 2_147_483_648.0 * core::f64::consts::FRAC_PI_4;
+            let angle =
+                f64::from((w << 3) as i32) / 2_147_483_648.0 * core::f64::consts::FRAC_PI_4;
             let (x, y) = if w & (1 << 29) != 0 {
                 (angle.sin(), angle.cos())
             } else {

@@ -31,8 +31,11 @@ fn estimate(values: &[f64]) -> (f64, f64) {
 }
 
 fn column_temporal_noise<A: Arith>() {
-    let config =
-        monochrome(4096, 2, &[column_temporal_noise::ColumnTemporalNoise { sigma_e: 20.0 }.into()]);
+    let config = monochrome(
+        4096,
+        2,
+        &[column_temporal_noise::ColumnTemporalNoise { sigma_e: 20.0 }.into()],
+    );
     let (a, b) = (flat::<A>(&config, &at(0), 0.0), flat::<A>(&config, &at(1), 0.0));
     let (first, second) = a.split_at(4096);
     assert_eq!(first, second, "one offset per column");
@@ -179,7 +182,8 @@ fn heavy_tailed_read_noise<A: Arith>() {
         };
         // Moments and tail of the law by the midpoint rule.
         let points = 1 << 20;
-        let q: Vec<f64> = (0..points).map(|i| quantile((i as f64 + 0.5) / points as f64)).collect();
+        let q: Vec<f64> =
+            (0..points).map(|i| quantile((i as f64 + 0.5) / points as f64)).collect();
         let var = mean(&q.iter().map(|q| q * q).collect::<Vec<_>>());
         let kurtosis = mean(&q.iter().map(|q| q.powi(4)).collect::<Vec<_>>()) / (var * var);
         let tail = q.iter().filter(|q| q.abs() > 3.0 * var.sqrt()).count() as f64 / points as f64;
@@ -217,7 +221,12 @@ fn frame_offset_noise<A: Arith>() {
             .collect();
         // Variance of moments of a first-order autoregression (Bartlett).
         let spread = (2.0 * (1.0 + phi * phi) / (1.0 - phi * phi) / f64::from(n)).sqrt();
-        near("variance", mean(&o.iter().map(|o| o * o).collect::<Vec<_>>()), 625.0, 625.0 * spread);
+        near(
+            "variance",
+            mean(&o.iter().map(|o| o * o).collect::<Vec<_>>()),
+            625.0,
+            625.0 * spread,
+        );
         let error = ((1.0 - phi * phi) / f64::from(n)).sqrt();
         near("correlation of frames", correlation(&o[1..], &o[..o.len() - 1]), phi, error);
     }
@@ -316,7 +325,12 @@ fn colours_of_the_border<A: Arith>() {
             for (i, v) in (0..).zip(&dn) {
                 let (x, y) = (i % width, i / width);
                 let inside = dn[((2 + y % 2) * width + 2 + x % 2) as usize];
-                assert_eq!(*v, inside, "{} of {width} x {height} at {x}, {y}", effect.entry().kind);
+                assert_eq!(
+                    *v,
+                    inside,
+                    "{} of {width} x {height} at {x}, {y}",
+                    effect.entry().kind
+                );
             }
         }
     }

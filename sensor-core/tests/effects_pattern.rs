@@ -60,7 +60,8 @@ fn nonlinearity<A: Arith>() {
 }
 
 fn companding<A: Arith>() {
-    let effect = companding::Companding { knee_1: 0.25, slope_1: 0.5, knee_2: 0.5, slope_2: 0.125 };
+    let effect =
+        companding::Companding { knee_1: 0.25, slope_1: 0.5, knee_2: 0.5, slope_2: 0.125 };
     let (a, b) = (0.25 * full_well(), 0.5 * full_well());
     check_response::<A>(effect.into(), 8000.0, |v| {
         v.min(a) + 0.5 * (v.min(b) - a).max(0.0) + 0.125 * (v - b).max(0.0)
@@ -166,7 +167,8 @@ fn readout_channel_crosstalk<A: Arith>() {
 }
 
 fn pixel_offset_fpn<A: Arith>() {
-    let config = monochrome(256, 256, &[pixel_offset_fpn::PixelOffsetFpn { sigma_e: 30.0 }.into()]);
+    let config =
+        monochrome(256, 256, &[pixel_offset_fpn::PixelOffsetFpn { sigma_e: 30.0 }.into()]);
     let v = flat::<A>(&config, &SETTINGS, 0.0);
     near_variance("variance over pixels", variance(&v), 900.0, v.len(), 0.0);
     let later = FrameSettings { frame: 9, exposure_s: 1.0, ..SETTINGS };
@@ -206,9 +208,15 @@ fn prnu_correlated<A: Arith>() {
     // Variance of a covariance over n pixels (Bartlett 1946): at most 2 Σ ρ²/n, and Σ ρ² over all
     // lags is (1 + 2/4)².
     let sd = (2.0 * 2.25 / (w * h) as f64).sqrt();
-    for (dx, dy, expected) in
-        [(0, 0, 1.0), (1, 0, 0.5), (0, 1, 0.5), (1, 1, 0.25), (2, 0, 0.0), (0, 2, 0.0), (2, 1, 0.0)]
-    {
+    for (dx, dy, expected) in [
+        (0, 0, 1.0),
+        (1, 0, 0.5),
+        (0, 1, 0.5),
+        (1, 1, 0.25),
+        (2, 0, 0.0),
+        (0, 2, 0.0),
+        (2, 1, 0.0),
+    ] {
         let products = (0..h - dy)
             .flat_map(|y| (0..w - dx).map(move |x| (y * w + x, (y + dy) * w + x + dx)))
             .map(|(a, b)| m[a] * m[b]);

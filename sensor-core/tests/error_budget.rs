@@ -48,7 +48,8 @@ fn config(full_well_e: f32) -> SensorConfig {
 
 fn table() -> Table {
     let mut next = uniforms(7);
-    let (x, y, nm) = (vec![-0.93, -0.4, 0.013, 0.5, 1.0], vec![-1.0, 0.1, 0.9], vec![450.0, 660.0]);
+    let (x, y, nm) =
+        (vec![-0.93, -0.4, 0.013, 0.5, 1.0], vec![-1.0, 0.1, 0.9], vec![450.0, 660.0]);
     let factors =
         (0..3 * x.len() * y.len() * nm.len()).map(|_| (0.7 + 0.6 * next()) as f32).collect();
     Table { x, y, nm, factors }

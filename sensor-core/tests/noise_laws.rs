@@ -44,7 +44,8 @@ fn exact_counts_have_the_exact_law() {
 /// Mean, variance and chi-square against the exact law, a frame of draws for each mean.
 fn check_counts<A: Arith>(config: &SensorConfig) {
     // Means that the fixed-point arithmetic holds exactly.
-    for lambda in [0.0625f64, 0.75, 3.0, 9.5, 15.9375, 16.0, 20.0, 64.25, 400.0, 5000.0, 30_000.0] {
+    for lambda in [0.0625f64, 0.75, 3.0, 9.5, 15.9375, 16.0, 20.0, 64.25, 400.0, 5000.0, 30_000.0]
+    {
         let dn = frame::<A>(config, &SETTINGS, &mut Means(|_, _| lambda as f32));
         let n = dn.len() as f64;
         let counts: Vec<f64> = dn.iter().map(|&d| f64::from(d)).collect();
@@ -138,9 +139,11 @@ fn dark_pattern_has_the_stated_spread<A: Arith>() {
 }
 
 fn row_pattern<A: Arith>() {
-    let effects = [RowOffsetFpn { sigma_e: 12.0 }.into(), RowTemporalNoise { sigma_e: 5.0 }.into()];
+    let effects =
+        [RowOffsetFpn { sigma_e: 12.0 }.into(), RowTemporalNoise { sigma_e: 5.0 }.into()];
     let config = monochrome(2, 8192, &effects);
-    let rows = |frame| row_means(&flat::<A>(&config, &FrameSettings { frame, ..SETTINGS }, 0.0), 2);
+    let rows =
+        |frame| row_means(&flat::<A>(&config, &FrameSettings { frame, ..SETTINGS }, 0.0), 2);
     let (a, b) = (rows(0), rows(1));
     let n = a.len();
     near_variance("variance of rows", variance(&a), 169.0, n, 0.0);
@@ -166,7 +169,8 @@ fn fixed_and_temporal_parts<A: Arith>() {
     assert_eq!(a, v(0, 1), "repeatable");
     let (fixed, temporal) = (900.0 + 225.0, 3000.0 * 1.0001 + 100.0);
     // The row part is known from 512 rows only.
-    let error = (2f64 / a.len() as f64).sqrt() * (fixed + temporal) + 225.0 * (2f64 / 512.0).sqrt();
+    let error =
+        (2f64 / a.len() as f64).sqrt() * (fixed + temporal) + 225.0 * (2f64 / 512.0).sqrt();
     near("fixed part", covariance(&a, &b), fixed, error);
     let difference: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
     near_variance("temporal part", variance(&difference) / 2.0, temporal, a.len(), 0.0);

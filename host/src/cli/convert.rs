@@ -165,7 +165,11 @@ fn csi2_options(args: &Args, frames: &Frames) -> csi2::Options {
     csi2::Options {
         virtual_channel: args.virtual_channel,
         line_packets: args.line_packets,
-        embedded: if args.embedded { (0..frames.planes.len()).map(line).collect() } else { vec![] },
+        embedded: if args.embedded {
+            (0..frames.planes.len()).map(line).collect()
+        } else {
+            vec![]
+        },
     }
 }
 

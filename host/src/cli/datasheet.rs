@@ -38,7 +38,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         args.output.join(format!("{stem}.html"))
     };
     if let Some(taken) = cameras.iter().map(|c| path(c)).find(|p| p.exists() && !args.force) {
-        return Err(Error::input(format!("{} exists", taken.display())).help("--force replaces it"));
+        return Err(
+            Error::input(format!("{} exists", taken.display())).help("--force replaces it")
+        );
     }
     let bar = progress("cameras", cameras.len() as u64);
     for spec in cameras {

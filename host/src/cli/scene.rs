@@ -170,8 +170,7 @@ fn list(args: &ListArgs) -> Result<()> {
             .iter()
             .map(|(path, about)| json!({ "path": path.display().to_string(), "about": about }))
             .collect();
-        let object =
-            json!({ "charts": chart::NAMES, "illuminants": Illuminant::names(), "scenes": scenes });
+        let object = json!({ "charts": chart::NAMES, "illuminants": Illuminant::names(), "scenes": scenes });
         say!("{object}");
         return Ok(());
     }

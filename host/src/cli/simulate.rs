@@ -166,7 +166,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ("scene", args.view.scene.clone()),
         ("camera", camera.name.clone()),
         ("arithmetic", args.frames.arith.to_string()),
-        ("cells per pixel and direction", optics.oversample.iter().max().unwrap_or(&1).to_string()),
+        (
+            "cells per pixel and direction",
+            optics.oversample.iter().max().unwrap_or(&1).to_string(),
+        ),
         ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
     ];
     made_of.extend(optics.nodes.iter().flat_map(psf_rows));

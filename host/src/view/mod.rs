@@ -87,7 +87,12 @@ impl View {
         });
     }
 
-    fn answer(&self, mut request: Request, state: &Mutex<State>, controls: &mpsc::Sender<Control>) {
+    fn answer(
+        &self,
+        mut request: Request,
+        state: &Mutex<State>,
+        controls: &mpsc::Sender<Control>,
+    ) {
         let response = match self.refusal(&request) {
             Some((status, why)) => text(status, why),
             None => self.page(&mut request, state, controls),
@@ -110,7 +115,8 @@ impl View {
         }
         let api = request.url().starts_with("/api/");
         let token = request.headers().iter().find(|h| h.field.equiv(TOKEN));
-        if api && !token.is_some_and(|t| same(t.value.as_str().as_bytes(), self.token.as_bytes())) {
+        if api && !token.is_some_and(|t| same(t.value.as_str().as_bytes(), self.token.as_bytes()))
+        {
             return Some((
                 403,
                 "the token is missing or wrong: open the address that camrig printed",
@@ -124,7 +130,9 @@ impl View {
         let port = self.address.port();
         host == self.address.to_string()
             || self.address.ip().is_loopback()
-                && ["localhost", "127.0.0.1", "[::1]"].iter().any(|n| host == format!("{n}:{port}"))
+                && ["localhost", "127.0.0.1", "[::1]"]
+                    .iter()
+                    .any(|n| host == format!("{n}:{port}"))
     }
 
     fn page(

@@ -183,7 +183,8 @@ struct Noise {
 impl Noise {
     fn push(&mut self, data: &[u16]) {
         if self.mean.len() != data.len() {
-            *self = Self { frames: 0, mean: vec![0.0; data.len()], squares: vec![0.0; data.len()] };
+            *self =
+                Self { frames: 0, mean: vec![0.0; data.len()], squares: vec![0.0; data.len()] };
         }
         self.frames += 1;
         let n = self.frames as f32;

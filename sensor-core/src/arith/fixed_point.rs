@@ -121,7 +121,8 @@ impl Arith for Fixed {
     #[inline(always)]
     fn poisson(means: &mut [Block<I20F12>], counts: &mut Counts) {
         for mean in means {
-            let uniform = counts.uniform.as_mut().map_or([[0; LANES]; 2], |l| [l.draw(), l.draw()]);
+            let uniform =
+                counts.uniform.as_mut().map_or([[0; LANES]; 2], |l| [l.draw(), l.draw()]);
             let normal = counts.normal.as_mut().map_or([I4F28::ZERO; BLOCK], Self::normals);
             for ((m, &word), normal) in mean.iter_mut().zip(uniform.as_flattened()).zip(normal) {
                 let lambda = m.to_bits().max(0) as u32;

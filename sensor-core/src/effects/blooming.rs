@@ -29,7 +29,8 @@ impl Stage for Blooming {
         };
         let beside = inputs.above.as_flattened().iter().zip(inputs.below.as_flattened());
         let here = inputs.here.as_flattened();
-        for ((out, here), (above, below)) in row.as_flattened_mut().iter_mut().zip(here).zip(beside)
+        for ((out, here), (above, below)) in
+            row.as_flattened_mut().iter_mut().zip(here).zip(beside)
         {
             let kept = if *here < full { *here } else { full };
             *out = A::add(kept, A::add(spill(*above), spill(*below)));

@@ -67,7 +67,10 @@ enum Over {
 #[inline(always)]
 pub(crate) fn beside(i: u32, count: u32) -> [u32; 2] {
     let last = count.saturating_sub(1);
-    [if i > 0 { i - 1 } else { last.min(1) }, if i < last { i + 1 } else { last.saturating_sub(1) }]
+    [
+        if i > 0 { i - 1 } else { last.min(1) },
+        if i < last { i + 1 } else { last.saturating_sub(1) },
+    ]
 }
 
 impl Context<'_> {

@@ -30,7 +30,8 @@ impl Stage for PdafPattern {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let (period_x, period_y) = ((self.period_x as usize).max(1), (self.period_y as u32).max(1));
+        let (period_x, period_y) =
+            ((self.period_x as usize).max(1), (self.period_y as u32).max(1));
         if cx.row % period_y == self.first_y as u32 % period_y {
             let gain = A::factor(self.gain);
             let first = self.first_x as usize % period_x;

@@ -16,7 +16,8 @@ pub struct Band {
 
 impl Band {
     pub fn new(mut values: Vec<f32>) -> Self {
-        let (mut exponents, mut mantissas) = (vec![0; groups(values.len())], vec![0; values.len()]);
+        let (mut exponents, mut mantissas) =
+            (vec![0; groups(values.len())], vec![0; values.len()]);
         encode(&values, &mut exponents, &mut mantissas);
         decode(BandRow { exponents: &exponents, mantissas: &mantissas }, &mut values);
         Self { exponents, mantissas, values }

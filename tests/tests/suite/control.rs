@@ -57,8 +57,11 @@ fn a_script_takes_effect_with_the_delay_of_the_sensor() {
 #[test]
 fn wrong_scripts_are_refused_before_the_stream() {
     let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("s.toml"), "format = \"rig-script/1\"\nwrite = [{ frame = 1 }]")
-        .unwrap();
+    std::fs::write(
+        dir.path().join("s.toml"),
+        "format = \"rig-script/1\"\nwrite = [{ frame = 1 }]",
+    )
+    .unwrap();
     let output = camrig(
         dir.path(),
         "rig stream emulator: --camera mt9v024 --scene ramp --script s.toml --frames 2",

@@ -179,7 +179,8 @@ impl OutputDir {
         let place = self.path().join(&name);
         let shown = self.path.join(&name);
         if let Some(folder) = place.parent() {
-            fs::create_dir_all(folder).map_err(|e| Error::io("create the folder of", &shown, e))?;
+            fs::create_dir_all(folder)
+                .map_err(|e| Error::io("create the folder of", &shown, e))?;
         }
         fs::write(&place, bytes).map_err(|e| Error::io("write", &shown, e))
     }
@@ -264,7 +265,8 @@ fn cannot_create(path: &Path, error: io::Error) -> Error {
         _ => "check the folder and the space left on its disk",
     };
     // tempfile's errors name the temporary file, which means nothing to the caller.
-    let own = error.get_ref().and_then(|e| e.source()?.downcast_ref::<io::Error>()?.raw_os_error());
+    let own =
+        error.get_ref().and_then(|e| e.source()?.downcast_ref::<io::Error>()?.raw_os_error());
     Error::io("create", path, own.map_or(error, io::Error::from_raw_os_error)).help(help)
 }
 

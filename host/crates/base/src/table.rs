@@ -59,8 +59,11 @@ impl SpectralTable {
             let number = |column: usize| -> Result<f64> {
                 let field = &record[column];
                 field.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-                    Error::input(format!("{field:?} in column {} is not a number", &header[column]))
-                        .at(format!("line {line}"))
+                    Error::input(format!(
+                        "{field:?} in column {} is not a number",
+                        &header[column]
+                    ))
+                    .at(format!("line {line}"))
                 })
             };
             let nm = number(0)?;

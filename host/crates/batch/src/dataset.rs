@@ -196,5 +196,6 @@ fn differs(there: &str, now: &str) -> Error {
     } else {
         "this data set was begun from other inputs".to_string()
     };
-    Error::disagreement(what).help("finish it with what it was begun with, or give a new directory")
+    Error::disagreement(what)
+        .help("finish it with what it was begun with, or give a new directory")
 }

@@ -142,7 +142,8 @@ fn take(
     let settings = camera.settings(picture.frame, picture.exposure_s, picture.analog_gain);
     let before = (picture.burst > 0).then_some(&view.cube);
     let frame = sensor.frame(&view.cube, before, &settings, sweep.arithmetic)?;
-    let info = render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
+    let info =
+        render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;

@@ -210,9 +210,12 @@ impl Sweep {
             exposures_s: positive("exposure_s", &grid.exposure_s)?,
             gains: optional("analog_gain", grid.analog_gain.as_ref())?,
             sensor_seeds: match &grid.sensor_seed {
-                Some(seeds) => {
-                    seeds.values().map_err(|e| e.at("sensor_seed"))?.into_iter().map(Some).collect()
-                }
+                Some(seeds) => seeds
+                    .values()
+                    .map_err(|e| e.at("sensor_seed"))?
+                    .into_iter()
+                    .map(Some)
+                    .collect(),
                 None => vec![None],
             },
             text,

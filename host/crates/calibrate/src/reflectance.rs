@@ -119,7 +119,11 @@ impl Reflectance {
     /// # Errors
     /// A camera without the frame's channels, a reference that is not there or saturated, several
     /// lights without a chart, more components than training spectra allow.
-    pub fn estimate(frame: &LinearFrame, camera: &Camera, settings: &Settings<'_>) -> Result<Self> {
+    pub fn estimate(
+        frame: &LinearFrame,
+        camera: &Camera,
+        settings: &Settings<'_>,
+    ) -> Result<Self> {
         let bands = Bands::VISIBLE;
         let view = View::new(&frame.signal, &frame.cfa);
         let sensitivity = sensitivity(camera, &view.letters, &bands)?;

@@ -377,14 +377,15 @@ mod tests {
         // 8 x 8 patches with a range of 1000, in counts of a 12-bit camera at 1 s.
         let light =
             |x: usize, y: usize| 4.0 * 1000f64.powf(((x / 20) + 8 * (y / 20)) as f64 / 63.0);
-        let exposures = times.iter().zip(real).enumerate().map(|(i, (&seconds, &real))| Exposure {
-            id: format!("e{i}"),
-            seconds,
-            frames: 1,
-            signal: Plane::from_fn(160, 160, |x, y| {
-                (respond(light(x, y) * real).min(4095.0)).round() as f32
-            }),
-        });
+        let exposures =
+            times.iter().zip(real).enumerate().map(|(i, (&seconds, &real))| Exposure {
+                id: format!("e{i}"),
+                seconds,
+                frames: 1,
+                signal: Plane::from_fn(160, 160, |x, y| {
+                    (respond(light(x, y) * real).min(4095.0)).round() as f32
+                }),
+            });
         Series { name: "test".into(), exposures: exposures.collect() }
     }
 
@@ -457,7 +458,8 @@ mod tests {
         let set = camrig_captures::CaptureSet::load(&path).unwrap();
         let series = super::super::exposures::read(&set, &[]).unwrap();
         assert_eq!(series.len(), 14);
-        let dots: Vec<Series> = series.into_iter().filter(|s| s.name.starts_with("dots")).collect();
+        let dots: Vec<Series> =
+            series.into_iter().filter(|s| s.name.starts_with("dots")).collect();
         let responses = fit(&dots, &Cfa::parse("GBRG").unwrap(), 255.0).unwrap();
         for r in &responses {
             println!("{}: {} samples, residual {:.2} %", r.channel, r.samples, r.residual_percent);

@@ -151,8 +151,8 @@ pub fn fit_chart(
         let (mut white, mut square) = (Vec::new(), 0.0);
         for channel in 0..sensitivity.len() {
             let pairs = || expected.iter().zip(measured).map(|(e, m)| (e[channel], m[channel]));
-            let scale =
-                pairs().map(|(e, m)| e * m).sum::<f64>() / pairs().map(|(e, _)| e * e).sum::<f64>();
+            let scale = pairs().map(|(e, m)| e * m).sum::<f64>()
+                / pairs().map(|(e, _)| e * e).sum::<f64>();
             square += pairs().map(|(e, m)| (m / scale - e).powi(2)).sum::<f64>();
             white.push(scale);
         }

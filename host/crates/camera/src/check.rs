@@ -252,7 +252,12 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
     let dark = |key, v| keys.within(key, v, 0.0..=1e6, "e-/s");
     Ok(Noise {
         read_e,
-        read_e_post: keys.within("read_e_post", file.read_e_post, 0.0..=read_e, "e-, the whole")?,
+        read_e_post: keys.within(
+            "read_e_post",
+            file.read_e_post,
+            0.0..=read_e,
+            "e-, the whole",
+        )?,
         dark_current_e_per_s: dark("dark_current_e_per_s", file.dark_current_e_per_s)?,
         dark_doubling_c: keys.within("dark_doubling_c", file.dark_doubling_c, 1.0..=100.0, "K")?,
         temperature_ref_c: keys.within(

@@ -61,14 +61,16 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     })?;
     let entry = EffectKind::all().find(|e| e.kind == kind).ok_or_else(|| {
         let known: Vec<&str> = EffectKind::all().map(|e| e.kind).collect();
-        Error::input(format!("unknown effect {kind:?}")).help(toml_text::did_you_mean(kind, &known))
+        Error::input(format!("unknown effect {kind:?}"))
+            .help(toml_text::did_you_mean(kind, &known))
     })?;
     let keys: Vec<&str> = entry.parameters.iter().map(|p| p.key).collect();
     if let Some(key) = table.keys().find(|k| *k != "kind" && !keys.contains(&k.as_str())) {
         return Err(Error::input(format!("unknown key {key:?} of {kind:?}"))
             .help(toml_text::did_you_mean(key, &keys)));
     }
-    let values: Result<Vec<f32>> = entry.parameters.iter().map(|p| value(table, kind, p)).collect();
+    let values: Result<Vec<f32>> =
+        entry.parameters.iter().map(|p| value(table, kind, p)).collect();
     let values = values?;
     let sensor = Effect::CATALOGUE.iter().find(|e| e.kind == kind);
     let effect = match sensor.and_then(|e| Effect::new(e.id, &values)) {

@@ -40,7 +40,8 @@ fn table(name: &str) -> Value {
 }
 
 fn property(key: &Key) -> Value {
-    let number = |low: f64, high: f64| json!({ "type": "number", "minimum": low, "maximum": high });
+    let number =
+        |low: f64, high: f64| json!({ "type": "number", "minimum": low, "maximum": high });
     let mut property = match key.holds {
         Holds::Number(low, high) => number(low, high),
         Holds::Whole(low, high) => json!({ "type": "integer", "minimum": low, "maximum": high }),

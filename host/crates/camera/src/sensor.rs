@@ -99,10 +99,9 @@ impl SensorModel {
             // A green pixel in a row with red ones is gr, in a row with blue ones gb.
             let row_has_red = (0..cfa.width).any(|x| cfa.letter(x, y) == 'R');
             let apart = if row_has_red { "gr" } else { "gb" };
-            let index = self
-                .channel_names
-                .iter()
-                .position(|n| n.len() == 1 && n.starts_with(letter) || letter == 'g' && n == apart);
+            let index = self.channel_names.iter().position(|n| {
+                n.len() == 1 && n.starts_with(letter) || letter == 'g' && n == apart
+            });
             index.unwrap_or(0) as u8
         };
         let tile = (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (x, y)));
@@ -137,7 +136,8 @@ impl Camera {
         chain.push(FullWell { full_well_e: self.sensor.full_well_e as f32, knee: 0.0 }.into());
         chain.push(RowOffsetFpn { sigma_e: noise.row_fpn_e as f32 }.into());
         chain.push(
-            ReadNoise { read_e: noise.read_e as f32, read_e_post: noise.read_e_post as f32 }.into(),
+            ReadNoise { read_e: noise.read_e as f32, read_e_post: noise.read_e_post as f32 }
+                .into(),
         );
         chain.extend(of(Domain::Voltage));
         chain
@@ -176,7 +176,12 @@ impl Camera {
 
     /// Settings of a frame, exposure in seconds; gain as in the camera file unless given,
     /// temperature as in the camera file.
-    pub fn settings(&self, frame: u32, exposure_s: f64, analog_gain: Option<f64>) -> FrameSettings {
+    pub fn settings(
+        &self,
+        frame: u32,
+        exposure_s: f64,
+        analog_gain: Option<f64>,
+    ) -> FrameSettings {
         FrameSettings {
             frame,
             exposure_s: exposure_s as f32,

@@ -161,9 +161,12 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
                 .help("give light = { wavelength_nm = ... } and either fill or irradiance_w_m2"));
         }
         // What is not applied must not be written down as if it were.
-        Role::Flat if light.as_ref().is_some_and(|l| l.illuminant.is_some() || l.lux.is_some()) => {
-            return Err(Error::input("a flat under an illuminant")
-                .help("flats have narrow-band light: wavelength_nm with fill or irradiance_w_m2"));
+        Role::Flat
+            if light.as_ref().is_some_and(|l| l.illuminant.is_some() || l.lux.is_some()) =>
+        {
+            return Err(Error::input("a flat under an illuminant").help(
+                "flats have narrow-band light: wavelength_nm with fill or irradiance_w_m2",
+            ));
         }
         Role::Edge | Role::Chart | Role::Dots | Role::Scene
             if light.as_ref().is_some_and(|l| l.wavelength_nm.is_some())

@@ -289,7 +289,10 @@ mod tests {
             "light = { illuminant = \"A\" }",
         ] {
             let said = taken(light).unwrap_err().to_string();
-            assert!(said.contains("stack \"street\"") && said.contains("holds radiance"), "{said}");
+            assert!(
+                said.contains("stack \"street\"") && said.contains("holds radiance"),
+                "{said}"
+            );
             assert!(!out.exists(), "{light}");
         }
         taken("").unwrap();

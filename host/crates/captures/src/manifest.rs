@@ -197,8 +197,11 @@ fn check_sensor(s: Sensor) -> Result<SensorFacts> {
     let full_scale = ((1u32 << s.bits) - 1) as u16;
     let white = s.white_level_dn.unwrap_or(full_scale);
     if white > full_scale {
-        return Err(Error::input(format!("white_level_dn = {white} does not fit {} bits", s.bits))
-            .help(format!("use at most {full_scale}")));
+        return Err(Error::input(format!(
+            "white_level_dn = {white} does not fit {} bits",
+            s.bits
+        ))
+        .help(format!("use at most {full_scale}")));
     }
     if let Some(black) = s.black_level_dn
         && !(black >= 0.0 && black < f64::from(white))
@@ -343,7 +346,8 @@ mod tests {
     #[test]
     fn files_are_named_from_the_set_and_built_in_things_as_they_are() {
         let named = |illuminant: &str, scene: &str| {
-            let mut light = Some(Light { illuminant: Some(illuminant.into()), ..Light::default() });
+            let mut light =
+                Some(Light { illuminant: Some(illuminant.into()), ..Light::default() });
             let mut seen = Some(SceneSeen { scene: scene.into(), angle_deg: None });
             name_files_from(Path::new("set"), &mut light, &mut seen);
             (light.and_then(|l| l.illuminant).unwrap(), seen.unwrap().scene)
@@ -363,7 +367,10 @@ mod tests {
             ("black_level_dn = 4095.0\n", "black_level_dn"),
             ("cfa = \"rggb\"\n", "colour filter pattern"),
             ("pitch_um = -1.0\n", "pitch_um"),
-            ("[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n", "more than zero"),
+            (
+                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n",
+                "more than zero",
+            ),
             (
                 "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 1\n",
                 "no file matches",

@@ -15,7 +15,8 @@ use camrig_sensor_core::spectral::{GROUP, groups};
 use camrig_vector::vectorised;
 
 /// Mean photo-electrons of a row from its bands.
-type CollectFn<A> = fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
+type CollectFn<A> =
+    fn(&mut BandSums<'_, A>, &[Chunk<'_>], u32, &mut [Block<<A as Arith>::Signal>]);
 
 /// An arithmetic whose row functions are compiled here.
 pub trait Vector: Arith {

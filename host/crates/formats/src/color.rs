@@ -53,8 +53,10 @@ pub fn neutral(sensitivity: &[Spectrum; 3], light: &Spectrum) -> Result<[f64; 3]
     let white = respond(sensitivity, light, &Spectrum::constant(1.0));
     let top = white.iter().copied().fold(0.0, f64::max);
     if top <= 0.0 || top.is_nan() {
-        return Err(Error::input("a camera that sees nothing of the light between 380 and 780 nm")
-            .help("check the units of the quantum efficiency and of the illuminant"));
+        return Err(Error::input(
+            "a camera that sees nothing of the light between 380 and 780 nm",
+        )
+        .help("check the units of the quantum efficiency and of the illuminant"));
     }
     Ok(white.map(|v| v / top))
 }

@@ -298,7 +298,8 @@ pub fn decode_stream(bytes: &[u8]) -> Result<Stream> {
                 }
             }
             other => {
-                if let Some(&(_, packing)) = RAW.iter().find(|(data_type, _)| *data_type == other) {
+                if let Some(&(_, packing)) = RAW.iter().find(|(data_type, _)| *data_type == other)
+                {
                     let plane = open
                         .as_mut()
                         .ok_or_else(|| Error::input("a CSI-2 image line outside a frame"))?;
@@ -464,8 +465,8 @@ mod tests {
         assert_eq!(
             ccs_line(&[(0x0202, 1), (0x0203, 2)], 10),
             [
-                0x0A, 0xAA, 0x02, 0xA5, 0x55, 0x02, 0x5A, 0x01, 0x5A, 0x55, 0x02, 0x07, 0x07, 0x07,
-                0x55
+                0x0A, 0xAA, 0x02, 0xA5, 0x55, 0x02, 0x5A, 0x01, 0x5A, 0x55, 0x02, 0x07, 0x07,
+                0x07, 0x55
             ]
         );
     }

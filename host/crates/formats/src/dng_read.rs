@@ -116,7 +116,9 @@ fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
 /// first.
 fn unpack(file: &Tiff, bits: usize, bytes: &[u8], row: &mut [u16]) {
     if bits == 16 {
-        row.iter_mut().zip(bytes.chunks_exact(2)).for_each(|(s, b)| *s = file.sample([b[0], b[1]]));
+        row.iter_mut()
+            .zip(bytes.chunks_exact(2))
+            .for_each(|(s, b)| *s = file.sample([b[0], b[1]]));
         return;
     }
     let (mut pool, mut filled, mut next) = (0u32, 0, bytes.iter());

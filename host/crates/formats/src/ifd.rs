@@ -123,9 +123,10 @@ impl Ifd<'_> {
         let eights = f.data.chunks_exact(8);
         let values: Vec<f64> = match f.kind {
             5 => eights.map(halves).map(|(n, d)| f64::from(n) / f64::from(d)).collect(),
-            10 => {
-                eights.map(halves).map(|(n, d)| f64::from(n as i32) / f64::from(d as i32)).collect()
-            }
+            10 => eights
+                .map(halves)
+                .map(|(n, d)| f64::from(n as i32) / f64::from(d as i32))
+                .collect(),
             11 => f
                 .data
                 .chunks_exact(4)

@@ -149,7 +149,8 @@ impl PixelFormat {
             .map(|frame| {
                 let mut plane = Plane::filled(width, height, 0);
                 for (y, row) in frame.chunks_exact(stride).enumerate() {
-                    unpack_row(packing, &row[..row_bytes], plane.row_mut(y)).map_err(wrong_size)?;
+                    unpack_row(packing, &row[..row_bytes], plane.row_mut(y))
+                        .map_err(wrong_size)?;
                 }
                 check_range(&plane.data, self.bits)?;
                 Ok(plane)

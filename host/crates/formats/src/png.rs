@@ -45,8 +45,9 @@ fn write(
     data: &[u8],
 ) -> Result<Vec<u8>> {
     let failed = |e: codec::EncodingError| Error::input(format!("PNG: {e}"));
-    let side =
-        |n: usize| u32::try_from(n).map_err(|_| Error::limit(format!("PNG: a side of {n} pixels")));
+    let side = |n: usize| {
+        u32::try_from(n).map_err(|_| Error::limit(format!("PNG: a side of {n} pixels")))
+    };
     let mut bytes = Vec::new();
     let mut encoder = codec::Encoder::new(&mut bytes, side(width)?, side(height)?);
     encoder.set_color(color);

@@ -154,8 +154,11 @@ fn srgb_from_camera(camera_from_xyz: Matrix) -> Option<Matrix> {
 
 /// sRGB transfer function, IEC 61966-2-1, to 8 bits.
 fn gamma(linear: f64) -> u8 {
-    let encoded =
-        if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    let encoded = if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    };
     (encoded * 255.0).round() as u8
 }
 

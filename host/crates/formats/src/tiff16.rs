@@ -77,11 +77,17 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             DecodingResult::U8(data) => data.into_iter().map(u16::from).collect(),
             DecodingResult::U16(data) => data,
             _ => {
-                return Err(Error::unsupported("a TIFF of samples that are not unsigned integers"));
+                return Err(Error::unsupported(
+                    "a TIFF of samples that are not unsigned integers",
+                ));
             }
         };
         if data.len() != width * height {
-            return Err(Error::input(format!("TIFF: {} of {} pixels", data.len(), width * height)));
+            return Err(Error::input(format!(
+                "TIFF: {} of {} pixels",
+                data.len(),
+                width * height
+            )));
         }
         if frames.planes.is_empty() {
             frames.facts.bits = Some(depth.into());

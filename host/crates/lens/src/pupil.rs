@@ -317,7 +317,8 @@ fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
         None => Error::input("no ray reaches the centre of the stop")
             .at(format!("field {field_deg:.4}°, {} nm", train.nm)),
     };
-    error.help("the field is larger than the lens takes: give smaller fields, or check the surface")
+    error
+        .help("the field is larger than the lens takes: give smaller fields, or check the surface")
 }
 
 /// The part of the pupil that light passes, along azimuths around the chief ray.

@@ -161,7 +161,11 @@ impl Nodes {
         };
         let along = |values: &[f64]| {
             debug_assert!(row > 0 && row + 1 < self.rows);
-            slope(at(values, column, row - 1), at(values, column, row), at(values, column, row + 1))
+            slope(
+                at(values, column, row - 1),
+                at(values, column, row),
+                at(values, column, row + 1),
+            )
         };
         across(&self.l, -1.0) * along(&self.m) - along(&self.l) * across(&self.m, 1.0)
     }

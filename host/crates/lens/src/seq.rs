@@ -247,10 +247,10 @@ impl File {
 
 /// Commands that do not concern the path of light: labels, weights, solves, tolerances, buffers.
 const ADMINISTRATIVE: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "TEM", "PRE", "SLB", "CCY", "THC", "GLC", "KC", "AC",
-    "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA", "DDM",
-    "RAT", "PFR", "PTP", "POR", "RMD", "CIN", "SPT", "MFL", "COM", "TCE", "UID", "SAV", "OUT",
-    "STP", "IC", "CUF",
+    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "TEM", "PRE", "SLB", "CCY", "THC", "GLC", "KC",
+    "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "SCC", "PIM", "CUM", "DER", "GO", "CA",
+    "DDM", "RAT", "PFR", "PTP", "POR", "RMD", "CIN", "SPT", "MFL", "COM", "TCE", "UID", "SAV",
+    "OUT", "STP", "IC", "CUF",
 ];
 
 fn kind_of(keyword: &str) -> FieldKind {
@@ -270,7 +270,9 @@ impl File {
             );
         };
         let Some(defocus) = self.image else {
-            return Err(Error::input("no image (SI)").help("the file ends before its last surface"));
+            return Err(
+                Error::input("no image (SI)").help("the file ends before its last surface")
+            );
         };
         if self.image_bent {
             return Err(Error::unsupported("the image surface is curved").help("sensors are flat"));
@@ -280,7 +282,8 @@ impl File {
                 .help("only flat objects are traced"));
         }
         let stop = self.stop.unwrap_or_else(|| {
-            self.notes.push("STO is not given: the first surface is the stop, as in CODE V".into());
+            self.notes
+                .push("STO is not given: the first surface is the stop, as in CODE V".into());
             0
         });
         let Some(aperture) = self.aperture else {

@@ -172,8 +172,10 @@ impl System {
             low = high;
             high += (LIMIT - high) * STEP;
             if high > END {
-                return Err(Error::input(format!("no chief ray reaches the image height {mm} mm"))
-                    .help("give smaller fields"));
+                return Err(Error::input(format!(
+                    "no chief ray reaches the image height {mm} mm"
+                ))
+                .help("give smaller fields"));
             }
         }
         // 50 halvings of at most 90° reach the last bits of f64.
@@ -206,7 +208,8 @@ impl System {
             }
         }
         let stop = p.stop;
-        for (i, (surface, radius)) in self.prescription.surfaces.iter_mut().zip(radii).enumerate() {
+        for (i, (surface, radius)) in self.prescription.surfaces.iter_mut().zip(radii).enumerate()
+        {
             if i != stop && radius > 0.0 {
                 surface.clips.push(Clip::circle(radius));
             }
@@ -231,7 +234,9 @@ fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>
     for (i, s) in prescription.surfaces.iter().enumerate() {
         let after = match &s.medium {
             Medium::Air => 1.0,
-            Medium::Glass(glass) => index(glass).map_err(|e| e.at(format!("surface {}", i + 1)))?,
+            Medium::Glass(glass) => {
+                index(glass).map_err(|e| e.at(format!("surface {}", i + 1)))?
+            }
             Medium::Mirror => before,
         };
         train.push(TrainSurface {

@@ -42,7 +42,8 @@ pub(super) fn golden_lens(lens: &Value) -> Prescription {
         }
         if s["poly_odd_even_from_r1"].is_array() {
             let all = list(&s["poly_odd_even_from_r1"]);
-            let every = |from: usize| all.iter().skip(from).step_by(2).copied().collect::<Vec<_>>();
+            let every =
+                |from: usize| all.iter().skip(from).step_by(2).copied().collect::<Vec<_>>();
             text += &format!("odd = {:?}\neven = {:?}\n", every(0), every(1));
         }
     }
@@ -183,7 +184,10 @@ fn golden_lenses_psfs_and_wavefronts() {
             // The golden grid is a set of whole cells, ours ends at the rim: of 30 waves' slope
             // there little remains in the mean square.
             assert!((rms - at("opd_rms_waves")).abs() < 1e-3, "{name} {deg}° {nm} nm: OPD");
-            assert!(worst < 0.01 || samples.spot_rms_mm() > 0.02, "{name} {deg}° {nm} nm: {worst}");
+            assert!(
+                worst < 0.01 || samples.spot_rms_mm() > 0.02,
+                "{name} {deg}° {nm} nm: {worst}"
+            );
             if f == 5 {
                 let window = psf::Window { size: 33, ..window };
                 let fast = psf::diffraction(&samples, nm, &window);
@@ -432,8 +436,9 @@ mod fuzz {
         };
         let all =
             [read(zmx::read, ZMX), read(seq::read, SEQ), read(super::super::toml::read, TOML)];
-        let points =
-            |s: &System| characterise::field_points(s, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap();
+        let points = |s: &System| {
+            characterise::field_points(s, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap()
+        };
         let first = points(&all[0]);
         assert!(first[5].relative_illumination < 0.9);
         for other in &all[1..] {

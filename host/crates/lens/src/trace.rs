@@ -336,7 +336,9 @@ mod tests {
         };
         let (a, b) = (end(&conic), end(&series));
         for axis in 0..3 {
-            assert!((a.0[axis] - b.0[axis]).abs() < 1e-13 && (a.1[axis] - b.1[axis]).abs() < 1e-13);
+            assert!(
+                (a.0[axis] - b.0[axis]).abs() < 1e-13 && (a.1[axis] - b.1[axis]).abs() < 1e-13
+            );
         }
         assert!((doubled.sag(4.0).0 - 8e-3).abs() < 1e-15);
         assert!((doubled.sag(4.0).1 - 3e-3 * 2.0).abs() < 1e-15);

@@ -101,7 +101,9 @@ fn refuse(what: &str) -> Result<()> {
 impl File {
     fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
         match keyword {
-            "MODE" if word(rest, 0, keyword)? != "SEQ" => return refuse("a non-sequential system"),
+            "MODE" if word(rest, 0, keyword)? != "SEQ" => {
+                return refuse("a non-sequential system");
+            }
             "NAME" => self.name = rest.join(" "),
             "UNIT" => {
                 self.scale = Some(match word(rest, 0, keyword)? {
@@ -209,7 +211,9 @@ impl Draft {
             "OBDC" if numbers(keyword, rest)?.iter().any(|v| *v != 0.0) => {
                 return refuse("a decentred aperture");
             }
-            "SCBD" if rest.len() > 3 && numbers(keyword, &rest[3..])?.iter().any(|v| *v != 0.0) => {
+            "SCBD"
+                if rest.len() > 3 && numbers(keyword, &rest[3..])?.iter().any(|v| *v != 0.0) =>
+            {
                 return refuse("a tilted or decentred surface");
             }
             "STOP" => self.stop = true,

@@ -67,8 +67,9 @@ pub fn compare(first: &CaptureSet, second: &CaptureSet) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for capture in &first.captures {
         let Some(other) = second.captures.iter().find(|c| c.id == capture.id) else { continue };
-        let level =
-            |set: &CaptureSet, c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
+        let level = |set: &CaptureSet, c| {
+            Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?))
+        };
         let (p, q) = (level(first, capture)?, level(second, other)?);
         for (c, letter) in letters.iter().enumerate() {
             let (sp, sq) = (statistics(&p.channels[c]), statistics(&q.channels[c]));

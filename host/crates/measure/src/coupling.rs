@@ -51,7 +51,9 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
         let stack = Stack::read_moments(set, capture)?;
         let whites = (0..channels).map(|c| stack.channel_moments(c).whites).fold(0.0, f64::max);
         let total = variance(&stack);
-        if stack.frames > 1 && whites < SATURATED_SHARE && flat.as_ref().is_none_or(|f| total > f.2)
+        if stack.frames > 1
+            && whites < SATURATED_SHARE
+            && flat.as_ref().is_none_or(|f| total > f.2)
         {
             flat = Some((capture, stack, total));
         }
@@ -87,8 +89,9 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     // dρ/da of the formula above, c = 1 - 2 a - 2 b.
     let c = 1.0 - 2.0 * a - 2.0 * b;
     let norm = c * c + 2.0 * a * a + 2.0 * b * b;
-    let slope =
-        |share: f64| (2.0 * c - 4.0 * share) / norm + 8.0 * share * c * (c - share) / (norm * norm);
+    let slope = |share: f64| {
+        (2.0 * c - 4.0 * share) / norm + 8.0 * share * c * (c - share) / (norm * norm)
+    };
     Ok(Coupling {
         horizontal: Value::new(a, h.std_error / slope(a)),
         vertical: Value::new(b, v.std_error / slope(b)),

@@ -111,7 +111,8 @@ mod tests {
         let (width, height, card) = (360, 240, 0.8);
         let mut picture = Plane::filled(width, height, [0.01; 3]);
         for (index, xyz) in truth.iter().enumerate() {
-            let rgb = inverse.map(|row| 0.7 * row.iter().zip(xyz).map(|(m, v)| m * v).sum::<f64>());
+            let rgb =
+                inverse.map(|row| 0.7 * row.iter().zip(xyz).map(|(m, v)| m * v).sum::<f64>());
             let [left, top, edge] = colorchecker::patch(index, card);
             let at = |t: f64, size: usize| (t * width as f64 + size as f64 / 2.0) as usize;
             for y in at(top, height)..at(top + edge, height) {

@@ -225,7 +225,14 @@ impl Histogram {
     pub fn of(values: &[f32]) -> Self {
         if values.is_empty() {
             let counts = Vec::new();
-            return Self { start: 0.0, step: 0.0, counts, core_sigma: 0.0, outliers: 0, values: 0 };
+            return Self {
+                start: 0.0,
+                step: 0.0,
+                counts,
+                core_sigma: 0.0,
+                outliers: 0,
+                values: 0,
+            };
         }
         let pieces = || values.par_chunks(PIECE);
         let (low, high) = (pieces().map(range))

@@ -138,7 +138,8 @@ impl Sensor {
                 let at = y * self.width + x;
                 let light = shot.rate * shot.exposure_s * self.qe[cfa.channel(x, y)];
                 let mean = light + (dark[at] * doubled * shot.exposure_s).max(0.0);
-                let shot_e = if mean > 0.0 { Poisson::new(mean).unwrap().sample(rng) } else { 0.0 };
+                let shot_e =
+                    if mean > 0.0 { Poisson::new(mean).unwrap().sample(rng) } else { 0.0 };
                 let mut e = (shot_e * gain[at]).min(self.full_well_e);
                 e -= self.nonlinearity * e * e / self.full_well_e;
                 charge.push(e);
@@ -173,7 +174,10 @@ impl Hits {
         let entry = self.0.entry(name).or_default();
         entry.1 += 1;
         entry.0 += u32::from(z.abs() <= 2.0);
-        println!("{name}: {:.5} ± {:.5}, truth {truth:.5}, z {z:.2}", found.value, found.std_error);
+        println!(
+            "{name}: {:.5} ± {:.5}, truth {truth:.5}, z {z:.2}",
+            found.value, found.std_error
+        );
     }
 
     /// 95.4 % is what two standard errors mean; a single parameter of twenty cameras comes to 15

@@ -73,7 +73,8 @@ pub fn key(
 pub fn directory() -> Option<PathBuf> {
     let absolute =
         |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
-    let base = absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|h| h.join(".cache")))?;
+    let base =
+        absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|h| h.join(".cache")))?;
     Some(base.join("camrig").join("optics"))
 }
 
@@ -197,10 +198,13 @@ mod tests {
         let grid = SensorGrid { width: 24, height: 16, pitch_um: 2.2, fill_factor: 0.6 };
         let white = [1.0; 3];
         let options = Options::default();
-        let key =
-            |scene: &Ramp, white: &[f64], lens: &dyn Lens, grid: &SensorGrid, options: &Options| {
-                super::key(scene, white, &LensContent::Figures(lens), grid, options)
-            };
+        let key = |scene: &Ramp,
+                   white: &[f64],
+                   lens: &dyn Lens,
+                   grid: &SensorGrid,
+                   options: &Options| {
+            super::key(scene, white, &LensContent::Figures(lens), grid, options)
+        };
         let base = key(&Ramp(1.0), &white, &lens, &grid, &options).unwrap();
         let threads = Options { threads: Some(3), ..options };
         assert_eq!(base, key(&Ramp(1.0), &white, &lens, &grid, &threads).unwrap());

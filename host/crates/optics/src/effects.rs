@@ -144,7 +144,13 @@ impl OpticalEffect {
                   Distortion, fall-off and field-dependent blur are about the axis; the scene \
                   stays centred on the sensor.",
             parameters: &[
-                parameter("x_px", "pixels", "Axis right of the centre", (-500.0, 500.0), Some(0.0)),
+                parameter(
+                    "x_px",
+                    "pixels",
+                    "Axis right of the centre",
+                    (-500.0, 500.0),
+                    Some(0.0),
+                ),
                 parameter("y_px", "pixels", "Axis below the centre", (-500.0, 500.0), Some(0.0)),
             ],
             apply: |v, grid, optics| {

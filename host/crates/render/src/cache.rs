@@ -71,15 +71,17 @@ pub fn irradiance(
         }
         None => None,
     };
-    if let Some((mut cube, report)) = files.as_ref().and_then(|(cube, report)| load(cube, report)) {
+    if let Some((mut cube, report)) = files.as_ref().and_then(|(cube, report)| load(cube, report))
+    {
         cube.header = header;
         return Ok(Rendered { cube, report, hit: true, traced: false });
     }
     let (lens, traced) = described.lens(directory)?;
     let mut writer = IrradianceWriter::new(header)?;
     let lit = LitScene { scene: scene.scene, white };
-    let report =
-        optics::irradiance(&lit, &*lens, &grid, options, progress, |_, plane| writer.push(&plane))?;
+    let report = optics::irradiance(&lit, &*lens, &grid, options, progress, |_, plane| {
+        writer.push(&plane)
+    })?;
     let cube = writer.finish()?;
     if let Some((cube_path, report_path)) = &files {
         keep(&cube, cube_path, &report, report_path);

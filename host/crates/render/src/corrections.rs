@@ -60,7 +60,10 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
 /// without noise lit evenly to half the full well.
 fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32)>> {
     let is_defect = |effect: &Effect| {
-        matches!(effect, Effect::DefectivePixels(_) | Effect::StuckPixels(_) | Effect::HotPixels(_))
+        matches!(
+            effect,
+            Effect::DefectivePixels(_) | Effect::StuckPixels(_) | Effect::HotPixels(_)
+        )
     };
     let sensor = &camera.sensor;
     let bands = Bands::VISIBLE;

@@ -106,7 +106,11 @@ impl SimulatedSensor {
     ///
     /// # Errors
     /// Irradiance that cannot be read.
-    pub fn electrons(&self, cube: &IrradianceCube, settings: &FrameSettings) -> Result<Plane<f32>> {
+    pub fn electrons(
+        &self,
+        cube: &IrradianceCube,
+        settings: &FrameSettings,
+    ) -> Result<Plane<f32>> {
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0.0; width * height];
         let inputs = Inputs { sensor: self, cube, before: None, settings };

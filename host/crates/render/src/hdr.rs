@@ -84,9 +84,9 @@ impl Hdr {
             }
             Self::Staggered { offset, .. } => {
                 if !offset.is_multiple_of(period) {
-                    return Err(Error::input(format!("an offset of {offset} rows")).help(format!(
-                        "use a multiple of {period}, the height of the filter pattern"
-                    )));
+                    return Err(Error::input(format!("an offset of {offset} rows")).help(
+                        format!("use a multiple of {period}, the height of the filter pattern"),
+                    ));
                 }
                 let black = vec![long.black_level_dn.round() as u16; width];
                 let late = |y: usize| match y.checked_sub(offset) {
@@ -149,7 +149,8 @@ mod tests {
         assert_eq!(hdr.frames(3), [6, 7]);
         let odd = Hdr::parse("staggered:16:3").unwrap();
         assert!(odd.interleave(&frame(0), &frame(0)).is_err());
-        for wrong in ["rows", "rows:1", "rows:2:2", "zigzag:4", "staggered:nan", "staggered:4:-2"] {
+        for wrong in ["rows", "rows:1", "rows:2:2", "zigzag:4", "staggered:nan", "staggered:4:-2"]
+        {
             assert!(Hdr::parse(wrong).is_err(), "{wrong}");
         }
     }

@@ -108,8 +108,9 @@ fn refuse_light(spec: &str, light: &SceneLight<'_>) -> Result<()> {
         SceneLight { illuminant: Some(_), .. } => "an illuminant",
         SceneLight { illuminant: None, level: None } => return Ok(()),
     };
-    Err(Error::input(format!("{asked_for} for {spec:?}"))
-        .help("this scene holds radiance, light included; leave illuminant, lux and luminance out"))
+    Err(Error::input(format!("{asked_for} for {spec:?}")).help(
+        "this scene holds radiance, light included; leave illuminant, lux and luminance out",
+    ))
 }
 
 /// Width over height of a camera's frames.

@@ -58,7 +58,11 @@ impl OpticsStage {
     ///
     /// # Errors
     /// A scene, light or lens that cannot be read; a light level for a scene that holds radiance.
-    pub fn run(&self, camera: &Camera, progress: impl FnMut(usize, usize)) -> Result<OpticsOutput> {
+    pub fn run(
+        &self,
+        camera: &Camera,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<OpticsOutput> {
         self.run_frame(camera, 0, progress)
     }
 

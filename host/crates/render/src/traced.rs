@@ -36,7 +36,8 @@ impl Tracing {
         const HEIGHTS: usize = 21;
         const PSF_SIZE: usize = 128;
         let prescription = read_prescription(path, &Catalogue::default())?;
-        let conditions = Conditions { sensor_shift_mm: 1e-3 * defocus_um, ..Conditions::default() };
+        let conditions =
+            Conditions { sensor_shift_mm: 1e-3 * defocus_um, ..Conditions::default() };
         let given = format!("{prescription:?} {conditions:?}");
         let system = System::new(prescription, conditions).map_err(|e| e.at(path.display()))?;
         let plan = Plan {

@@ -28,7 +28,8 @@ fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
 
     let scene = camrig_scene::open("colorchecker").unwrap();
     let light = Illuminant::parse("D65").unwrap();
-    let white = photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands()).unwrap();
+    let white =
+        photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands()).unwrap();
     let frame = |device: Device| {
         let options = Options { device, ..Options::default() };
         let lit = LitScene { scene: &*scene, white: white.clone() };

@@ -55,7 +55,9 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     page.heading("Positional crosstalk");
     match &sheet.crosstalk {
         Some(crosstalk) => {
-            page.paragraph("Mean factor at the four corners of the image, relative to its centre.");
+            page.paragraph(
+                "Mean factor at the four corners of the image, relative to its centre.",
+            );
             page.table(&["channel", "nm", "corner factor"], &corners(crosstalk));
         }
         None => {
@@ -86,7 +88,12 @@ fn transfer(sheet: &Datasheet) -> Plot {
     let mut plot = Plot::new("MTF", "cycles per pixel", "modulation");
     plot.x_range(0.0, 1.0).y_range(0.0, 1.1);
     for edge in &sheet.edges {
-        plot.coloured(&edge.channel, Mark::Line, edge.curve.clone(), channel_colour(&edge.channel));
+        plot.coloured(
+            &edge.channel,
+            Mark::Line,
+            edge.curve.clone(),
+            channel_colour(&edge.channel),
+        );
     }
     plot
 }

@@ -26,7 +26,10 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
         false => f64::NAN,
     };
     let mut all = vec![
-        ("distortion", curves("Distortion", "real over paraxial height − 1, %", &distortion).svg()),
+        (
+            "distortion",
+            curves("Distortion", "real over paraxial height − 1, %", &distortion).svg(),
+        ),
         (
             "illumination",
             curves("Relative illumination", "ratio to the axis", &|h, w| {
@@ -72,7 +75,12 @@ fn mtf(lens: &Characterisation) -> String {
             let points =
                 frequencies.iter().map(|&f| [f, modulation(&line, f * psf.spacing_um * 1e-3)]);
             let label = format!("{:.3} mm {name}", psf.heights_mm[h]);
-            plot.coloured(&label, mark, points.collect(), ["#0072b2", "#d55e00", "#009e73"][i % 3]);
+            plot.coloured(
+                &label,
+                mark,
+                points.collect(),
+                ["#0072b2", "#d55e00", "#009e73"][i % 3],
+            );
         }
     }
     plot.svg()

@@ -43,13 +43,18 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
 /// The page of slanted edges.
 pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
     let mut page = Page::new("camrig measure mtf");
-    page.paragraph(&format!("{name}. Slanted-edge response after ISO 12233:2023 on raw channels."));
+    page.paragraph(&format!(
+        "{name}. Slanted-edge response after ISO 12233:2023 on raw channels."
+    ));
     let mut plot = Plot::new("MTF", "cycles per pixel", "response");
     plot.x_range(0.0, 1.0);
     for edge in edges {
         plot.series(&edge.channel, Mark::Line, edge.curve.clone());
     }
-    page.drawing(&plot.svg(), "spatial frequency response; the pixel's own aperture is part of it");
+    page.drawing(
+        &plot.svg(),
+        "spatial frequency response; the pixel's own aperture is part of it",
+    );
     let rows: Vec<Vec<String>> = edges
         .iter()
         .map(|e| {

@@ -59,8 +59,11 @@ pub fn page(
     page.drawing(&plot.svg(), "From a slanted edge, raw samples of the green channel");
     for (level, light) in levels.iter().enumerate() {
         page.heading(&format!("Standard deviation of the luminance, {} lx (Table I)", light.lux));
-        let caption =
-            format!("{} ms, gain {}, patches by number", light.exposure_s * 1e3, light.analog_gain);
+        let caption = format!(
+            "{} ms, gain {}, patches by number",
+            light.exposure_s * 1e3,
+            light.analog_gain
+        );
         page.drawing(&scatter_plot(sides, level), &caption);
         page.table(&table_headings(sides), &table_rows(sides, level));
     }
@@ -70,7 +73,8 @@ pub fn page(
         plot.coloured(side.name, Mark::Line, side.figures.profile.points.clone(), colour);
     }
     page.drawing(&plot.svg(), "One frame, one row, no smoothing");
-    let mut plot = Plot::new("Where edges lie along the row", "column", "captured − model, pixels");
+    let mut plot =
+        Plot::new("Where edges lie along the row", "column", "captured − model, pixels");
     for (side, colour) in sides.iter().zip(COLOURS).skip(1) {
         let points = side.differences.map(|d| d.displacements_px.clone()).unwrap_or_default();
         plot.coloured(side.name, Mark::Points, points, colour);

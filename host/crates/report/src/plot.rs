@@ -292,7 +292,11 @@ pub fn heat_map(
 
 /// Small pictures in rows and columns, with a heading per row and column. Each picture has its own
 /// range; the square root of the values is shown.
-pub fn picture_grid(title: &str, columns: &[String], rows: &[(String, Vec<Plane<f64>>)]) -> String {
+pub fn picture_grid(
+    title: &str,
+    columns: &[String],
+    rows: &[(String, Vec<Plane<f64>>)],
+) -> String {
     const CELL: f64 = 120.0;
     let left = 110.0;
     let (width, height) =
@@ -459,7 +463,8 @@ mod tests {
         plot.series("bad", Mark::Points, vec![[0.0, -1.0], [f64::NAN, 1.0], [1.0, 1.0]]);
         let svg = plot.svg();
         assert!(svg.contains("a &lt; b") && !svg.contains("NaN") && svg.ends_with("</svg>\n"));
-        let flat = heat_map("flat", &Plane::filled(3, 2, 1.0), [0.0, 1.0], [0.0, 1.0], "mm", false);
+        let flat =
+            heat_map("flat", &Plane::filled(3, 2, 1.0), [0.0, 1.0], [0.0, 1.0], "mm", false);
         assert!(flat.contains("data:image/png;base64,"));
         assert_eq!(picture_grid("empty", &[], &[]).matches("<image").count(), 0);
     }

@@ -121,7 +121,9 @@ fn collapsed_rows(
     let one_second =
         FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
     let mut collector = Collector::<Float>::new(&sensor.config, &one_second, sensor.crosstalk())
-        .map_err(|e| Error::unsupported(format!("the sensor model refuses this camera: {e:?}")))?;
+        .map_err(|e| {
+        Error::unsupported(format!("the sensor model refuses this camera: {e:?}"))
+    })?;
     let mut sums = vec![[<Float as Arith>::Sum::default(); GROUP]; groups(width)];
     let (mut exponents, mut mantissas) = (vec![0; groups(width)], vec![0; width]);
     for (row, out) in (first..).zip(out.chunks_mut(groups(width) * UNIT_BYTES)) {

@@ -18,7 +18,9 @@ impl LogDecoder {
     pub fn open(elf: &Path) -> Result<Self> {
         let bytes = std::fs::read(elf).map_err(|e| Error::io("read", elf, e))?;
         let wrong = |what: String| {
-            Error::input(what).at(elf.display()).help("give the ELF file of the firmware that runs")
+            Error::input(what)
+                .at(elf.display())
+                .help("give the ELF file of the firmware that runs")
         };
         let table = Table::parse(&bytes)
             .map_err(|e| wrong(format!("not a firmware with defmt messages: {e}")))?

@@ -93,7 +93,8 @@ impl Script {
                 writes.push((frame, Write::Gain(positive("analog_gain", g)?)));
             }
             for (name, &value) in &entry.registers {
-                let address = name.strip_prefix("0x").and_then(|h| u16::from_str_radix(h, 16).ok());
+                let address =
+                    name.strip_prefix("0x").and_then(|h| u16::from_str_radix(h, 16).ok());
                 let address = address.or_else(|| name.parse().ok()).ok_or_else(|| {
                     Error::input(format!("register {name:?}"))
                         .help("name registers by their address, for instance \"0x0202\"")

@@ -45,7 +45,9 @@ pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
     let name = format!("serial://{path}");
     let failed = |e: serialport::Error| {
         let what = match e.kind() {
-            serialport::ErrorKind::NoDevice => format!("cannot open {path}: {e}; it may be in use"),
+            serialport::ErrorKind::NoDevice => {
+                format!("cannot open {path}: {e}; it may be in use")
+            }
             _ => format!("cannot open {path}: {e}"),
         };
         Error::device(what)

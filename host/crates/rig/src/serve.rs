@@ -28,8 +28,10 @@ impl<T: io::Read> embedded_io::Read for Link<T> {
         loop {
             match self.stream.read(out) {
                 Err(e)
-                    if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {
-                }
+                    if matches!(
+                        e.kind(),
+                        io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
+                    ) => {}
                 other => return other,
             }
         }

@@ -225,11 +225,9 @@ mod tests {
                     }
                 }
                 let mut data = vec![0; 7];
-                data.extend(
-                    samples.iter().flat_map(|s| {
-                        if byte_order == 1 { s.to_be_bytes() } else { s.to_le_bytes() }
-                    }),
-                );
+                data.extend(samples.iter().flat_map(|s| {
+                    if byte_order == 1 { s.to_be_bytes() } else { s.to_le_bytes() }
+                }));
                 let path = dir.path().join(format!("{interleave}{byte_order}.hdr"));
                 std::fs::write(path.with_extension("dat"), data).unwrap();
                 let header = format!(

@@ -66,7 +66,11 @@ impl BandSource for Planes {
     }
 }
 
-fn struct_of(group: &Group, depth: usize, wanted: Option<&[&str]>) -> Result<Vec<(String, Value)>> {
+fn struct_of(
+    group: &Group,
+    depth: usize,
+    wanted: Option<&[&str]>,
+) -> Result<Vec<(String, Value)>> {
     let keep = |name: &String| wanted.is_none_or(|wanted| wanted.contains(&name.as_str()));
     let mut fields = Vec::new();
     for name in group.datasets().map_err(refused)?.into_iter().filter(keep) {

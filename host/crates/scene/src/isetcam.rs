@@ -234,7 +234,8 @@ pub fn write(
         ("dist", row(vec![1.2])),
     ];
     if let Some(white) = white {
-        let photons = bands.centres().zip(white).map(|(nm, w)| w / photons_to_energy(nm)).collect();
+        let photons =
+            bands.centres().zip(white).map(|(nm, w)| w / photons_to_energy(nm)).collect();
         let light = vec![
             ("name", text("white")),
             ("type", text("illuminant")),

@@ -122,8 +122,9 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
         "f4" => Sample::F32,
         "f8" => Sample::F64,
         _ => {
-            return Err(Error::unsupported(format!("samples of type {kind}"))
-                .help("save as float32, float16, float64, uint8, uint16, int16, uint32 or int32"));
+            return Err(Error::unsupported(format!("samples of type {kind}")).help(
+                "save as float32, float16, float64, uint8, uint16, int16, uint32 or int32",
+            ));
         }
     };
     Ok((sample, kind.starts_with('>')))
@@ -196,7 +197,8 @@ mod tests {
     use crate::{Grid, open as open_scene};
 
     fn npy(kind: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
-        let text = format!("{{'descr': '{kind}', 'fortran_order': {fortran}, 'shape': {shape}, }}");
+        let text =
+            format!("{{'descr': '{kind}', 'fortran_order': {fortran}, 'shape': {shape}, }}");
         let padded = (10 + text.len() + 1).next_multiple_of(64) - 10;
         let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
         bytes.extend((padded as u16).to_le_bytes());
@@ -220,8 +222,11 @@ mod tests {
         let message = open_scene(spec).err().unwrap().to_string();
         assert!(message.contains("wavelengths of the 4 bands"), "{message}");
 
-        std::fs::write(path.with_extension("toml"), "start_nm = 400\nstep_nm = 100\nscale = 2.0\n")
-            .unwrap();
+        std::fs::write(
+            path.with_extension("toml"),
+            "start_nm = 400\nstep_nm = 100\nscale = 2.0\n",
+        )
+        .unwrap();
         let scene = open_scene(spec).unwrap();
         let grid = Grid { width: 3, height: 2, left: -0.5, top: -1.0 / 3.0, cell: 1.0 / 3.0 };
         let plane = scene.plane(10, &grid).unwrap(); // 500 nm

@@ -73,7 +73,8 @@ pub fn observer() -> [Spectrum; 3] {
     let nm = |i: usize| OBSERVER_START_NM + i as f64;
     let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(nm).collect();
     [0, 1, 2].map(|i| {
-        Spectrum::new(wavelengths.clone(), OBSERVER[i].clone()).expect("the observer's table rises")
+        Spectrum::new(wavelengths.clone(), OBSERVER[i].clone())
+            .expect("the observer's table rises")
     })
 }
 
@@ -135,9 +136,14 @@ mod tests {
     fn bands_keep_the_luminance() {
         let bands = Bands::VISIBLE;
         let observer = observer_in_bands(&bands);
-        for (name, tolerance) in
-            [("A", 2e-3), ("D65", 1e-3), ("E", 1e-3), ("F2", 4e-3), ("F11", 1e-2), ("LED-B1", 2e-3)]
-        {
+        for (name, tolerance) in [
+            ("A", 2e-3),
+            ("D65", 1e-3),
+            ("E", 1e-3),
+            ("F2", 4e-3),
+            ("F11", 1e-2),
+            ("LED-B1", 2e-3),
+        ] {
             let light = Illuminant::parse(name).unwrap();
             let white = white_radiance(&light, LightLevel::Luminance(100.0), &bands).unwrap();
             let sum: f64 = white.iter().zip(&observer[1]).map(|(l, v)| l * v).sum();

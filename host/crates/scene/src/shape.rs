@@ -102,7 +102,8 @@ fn paint_disc(centre: Point, radius: f64, grid: &Grid, value: f32, plane: &mut P
     let top = (grid.top - centre[1]) / grid.cell;
     for y in touched(centre[1] - radius, centre[1] + radius, grid.top, grid.cell, grid.height) {
         let (y0, y1) = (top + y as f64, top + y as f64 + 1.0);
-        for x in touched(centre[0] - radius, centre[0] + radius, grid.left, grid.cell, grid.width) {
+        for x in touched(centre[0] - radius, centre[0] + radius, grid.left, grid.cell, grid.width)
+        {
             let (x0, x1) = (left + x as f64, left + x as f64 + 1.0);
             let far = x0.abs().max(x1.abs()).powi(2) + y0.abs().max(y1.abs()).powi(2);
             let covered = if far <= r * r {
@@ -174,7 +175,8 @@ fn paint_polygon(points: &[Point], grid: &Grid, value: f32, plane: &mut Plane<f3
     for (i, p) in cells.iter().enumerate() {
         let q = &cells[(i + 1) % cells.len()];
         twice_area += p[0] * q[1] - q[0] * p[1];
-        let local = |point: &Point| [point[0] - columns.start as f64, point[1] - rows.start as f64];
+        let local =
+            |point: &Point| [point[0] - columns.start as f64, point[1] - rows.start as f64];
         add_edge(local(p), local(q), width, rows.len(), &mut edges);
     }
     // An edge going up (v falling) opens the shape when its points run clockwise as seen (v down).

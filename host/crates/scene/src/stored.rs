@@ -156,8 +156,11 @@ pub(super) fn open(directory: &Path) -> Result<Cube> {
         return Err(wrong("a scene without pixels or bands".into()));
     }
     let bands = Bands { start_nm: about.start_nm, step_nm: about.step_nm, count: about.bands };
-    let source =
-        Pages { path: directory.join(DATA), size: (about.width, about.height), bands: about.bands };
+    let source = Pages {
+        path: directory.join(DATA),
+        size: (about.width, about.height),
+        bands: about.bands,
+    };
     Cube::new(Box::new(source), bands.centres().collect(), quantity)
         .map_err(|e| e.at(place.display()))
 }

@@ -52,9 +52,9 @@ impl Sample {
             Sample::I32 => f64::from(i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
             Sample::U32 => f64::from(u32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
             Sample::F32 => f64::from(f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
-            Sample::F64 => {
-                f64::from_le_bytes([raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7]])
-            }
+            Sample::F64 => f64::from_le_bytes([
+                raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7],
+            ]),
         }
     }
 

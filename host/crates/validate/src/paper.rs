@@ -257,9 +257,11 @@ impl Figures {
     /// # Errors
     /// A chart or edge that is not where it should be, saturated patches, a pattern without green.
     pub fn of(taken: &Taken, places: &Places) -> Result<Self> {
-        let first = taken.chart[0].first().ok_or_else(|| Error::input("a chart without frames"))?;
+        let first =
+            taken.chart[0].first().ok_or_else(|| Error::input("a chart without frames"))?;
         let (width, height, cfa) = (first.width, first.height, &first.cfa);
-        let corners = places.corners.unwrap_or_else(|| built_in_corners(width, height, CARD_WIDTH));
+        let corners =
+            places.corners.unwrap_or_else(|| built_in_corners(width, height, CARD_WIDTH));
         let edge = &taken.edge;
         let roi = places.roi.unwrap_or(Roi {
             x: edge.width / 4,
@@ -314,7 +316,8 @@ impl Figures {
             mtf50_percent: 100.0
                 * (self.mtf.mtf50_cycles_per_pixel / model.mtf.mtf50_cycles_per_pixel - 1.0),
             mtf_at_nyquist: [model.mtf.mtf_at_nyquist, self.mtf.mtf_at_nyquist],
-            luminance_std: [0, 1].map(|level| Scatter::of(&self.table[level], &model.table[level])),
+            luminance_std: [0, 1]
+                .map(|level| Scatter::of(&self.table[level], &model.table[level])),
             brightness_ratio: brightness(&self.table[0]) / brightness(&model.table[0]),
             profile_correlation: difference.correlation,
             displacement_at_edge_px: if xx > 0.0 { xy / xx * middle } else { 0.0 },

@@ -2,7 +2,9 @@
 
 use super::Output;
 use camrig_base::{Error, Result};
-use camrig_calibrate::reflectance::{LinearFrame, Reference, Reflectance, Settings, read_training};
+use camrig_calibrate::reflectance::{
+    LinearFrame, Reference, Reflectance, Settings, read_training,
+};
 use camrig_calibrate::spectral::{self, Report};
 use camrig_calibrate::view::Region;
 use camrig_camera::Camera;

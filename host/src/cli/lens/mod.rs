@@ -127,8 +127,8 @@ impl LensArgs {
             sensor_shift_mm: self.sensor_shift,
             stop_radius_mm: self.stop_radius,
         };
-        let system =
-            System::new(self.prescription()?, conditions).map_err(|e| e.at(self.file.display()))?;
+        let system = System::new(self.prescription()?, conditions)
+            .map_err(|e| e.at(self.file.display()))?;
         for note in &system.prescription.notes {
             eprintln!("note: {note}");
         }

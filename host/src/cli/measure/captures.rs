@@ -154,7 +154,8 @@ pub fn rates_of(args: &OnCaptures) -> Result<ExitCode> {
 }
 
 pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
-    let rows = compare::compare(&CaptureSet::load(&args.first)?, &CaptureSet::load(&args.second)?)?;
+    let rows =
+        compare::compare(&CaptureSet::load(&args.first)?, &CaptureSet::load(&args.second)?)?;
     let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
     let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
     // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).

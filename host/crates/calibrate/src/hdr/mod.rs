@@ -393,13 +393,12 @@ mod tests {
             400.0 * (2.0 + 0.3 * waves)
         };
         let times = [0.1, 0.4, 1.6];
-        let shifted = |dx: usize| {
-            series(
-                &times,
-                light,
-                move |j, x, y| if j == 2 { (x + 20 + dx, y + 20) } else { (x + 20, y + 20) },
-            )
-        };
+        let shifted =
+            |dx: usize| {
+                series(&times, light, move |j, x, y| {
+                    if j == 2 { (x + 20 + dx, y + 20) } else { (x + 20, y + 20) }
+                })
+            };
         let merged = merge(&shifted(4), &bayer, FULL, &[]).unwrap();
         assert_eq!(merged.shifts, [[0, 0], [0, 0], [-4, 0]]);
         let message = merge(&shifted(3), &bayer, FULL, &[]).err().unwrap().to_string();

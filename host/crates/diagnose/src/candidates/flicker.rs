@@ -381,7 +381,9 @@ mod tests {
         let wave = Wave::new(cycles, rows, 2);
         for (phase, [s, c]) in phases.iter().zip(wave.in_frames(&t)) {
             // Rounding of 8.25 to 32 bits, 4.8e-7, over 200 rows.
-            assert!((s - 0.25 * phase.cos()).abs() < 1e-6 && (c - 0.25 * phase.sin()).abs() < 1e-6);
+            assert!(
+                (s - 0.25 * phase.cos()).abs() < 1e-6 && (c - 0.25 * phase.sin()).abs() < 1e-6
+            );
         }
     }
 

@@ -54,7 +54,11 @@ const KINDS: [(&str, &[Free]); 9] = [
     ("relative-illumination", &[free("corner", 0.0, 0.02)]),
     (
         "colour-shading",
-        &[free("channel_0", 0.0, 0.02), free("channel_1", 0.0, 0.02), free("channel_2", 0.0, 0.02)],
+        &[
+            free("channel_0", 0.0, 0.02),
+            free("channel_1", 0.0, 0.02),
+            free("channel_2", 0.0, 0.02),
+        ],
     ),
     ("optical-crosstalk", &[free("side", 0.0, 0.01)]),
 ];
@@ -224,8 +228,9 @@ fn proposal(
 /// 1/3 on average. `None` where that is no light.
 fn mean_shading(camera: &Camera) -> Option<f64> {
     let channels = Channels::new(camera);
-    let of_channel =
-        |(c, share): (usize, f64)| share * value(camera, "colour-shading", &format!("channel_{c}"));
+    let of_channel = |(c, share): (usize, f64)| {
+        share * value(camera, "colour-shading", &format!("channel_{c}"))
+    };
     let by_channel: f64 = channels.shares().into_iter().enumerate().map(of_channel).sum();
     let common = value(camera, "relative-illumination", "corner");
     let mean = (1.0 + common / 3.0) * (1.0 + by_channel / 3.0);
@@ -335,7 +340,8 @@ fn slope(e: &Evidence<'_>, to: &Camera, step: f64) -> Option<Slope> {
 /// shift that the residual alone would have.
 fn blur(e: &Evidence<'_>, residual: &Residual) -> Option<Slope> {
     let present = value(e.camera, "defocus", "shift_um");
-    let mut shift = if present == 0.0 { quarter_wave_um(e.camera) } else { DEFOCUS_STEP * present };
+    let mut shift =
+        if present == 0.0 { quarter_wave_um(e.camera) } else { DEFOCUS_STEP * present };
     let mut best = None;
     for _ in 0..SECANTS {
         let to = with(e.camera, "defocus", "shift_um", shift)?;

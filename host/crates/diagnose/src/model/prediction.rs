@@ -201,7 +201,8 @@ mod tests {
         assert!((z(scatter, 0.25) - of(0.25)).abs() < 1e-9);
         // The scatter of a mean is what the model says.
         assert!(
-            (z(What::Of(Figure::PatchMean { patch: 1, channel: 0 }), 0.25) - of(0.05)).abs() < 1e-9
+            (z(What::Of(Figure::PatchMean { patch: 1, channel: 0 }), 0.25) - of(0.05)).abs()
+                < 1e-9
         );
     }
 }

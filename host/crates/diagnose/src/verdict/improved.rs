@@ -128,7 +128,8 @@ pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
     }
     tables.sort();
     tables.dedup();
-    let text = toml::to_string(&file).map_err(|e| Error::input(format!("the camera file: {e}")))?;
+    let text =
+        toml::to_string(&file).map_err(|e| Error::input(format!("the camera file: {e}")))?;
     Ok(Standalone { text, tables })
 }
 

@@ -114,7 +114,8 @@ fn stands_out(values: &[f32], w: usize, h: usize) -> Option<Most> {
     let mut medians: Vec<f64> = tiles.iter().map(|t| t.0).collect();
     let middle = median(&mut medians, f64::total_cmp);
     let off = |t: &f64| (t - middle).abs();
-    let (tile, columns, rows) = tiles.into_iter().max_by(|a, b| off(&a.0).total_cmp(&off(&b.0)))?;
+    let (tile, columns, rows) =
+        tiles.into_iter().max_by(|a, b| off(&a.0).total_cmp(&off(&b.0)))?;
     Some(Most {
         columns: (columns.start, columns.end - 1),
         rows: (rows.start, rows.end - 1),

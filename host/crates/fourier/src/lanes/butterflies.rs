@@ -101,10 +101,12 @@ impl Butterfly<8> for Dft8 {
         let first = Complex { re: simd.add_f32s(re, im), im: simd.sub_f32s(im, re) }
             .scale(simd, std::f32::consts::FRAC_1_SQRT_2);
         let Complex { re, im } = odd[3];
-        let third = Complex { re: simd.sub_f32s(im, re), im: simd.neg_f32s(simd.add_f32s(re, im)) }
-            .scale(simd, std::f32::consts::FRAC_1_SQRT_2);
+        let third =
+            Complex { re: simd.sub_f32s(im, re), im: simd.neg_f32s(simd.add_f32s(re, im)) }
+                .scale(simd, std::f32::consts::FRAC_1_SQRT_2);
         let Complex { re, im } = odd[2];
-        let down = Complex { re: simd.add_f32s(even[2].re, im), im: simd.sub_f32s(even[2].im, re) };
+        let down =
+            Complex { re: simd.add_f32s(even[2].re, im), im: simd.sub_f32s(even[2].im, re) };
         let up = Complex { re: simd.sub_f32s(even[2].re, im), im: simd.add_f32s(even[2].im, re) };
         [
             even[0].add(simd, odd[0]),

@@ -122,9 +122,13 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
             .help("the export is cut short or damaged; export it again"));
     }
     if rows.len() != shape[0] {
-        return Err(Error::input(format!("{} rows of values instead of {}", rows.len(), shape[0]))
-            .at(format!("line {}", rows.last().map_or(0, |(line, _)| *line)))
-            .help("the export is cut short; export it again"));
+        return Err(Error::input(format!(
+            "{} rows of values instead of {}",
+            rows.len(),
+            shape[0]
+        ))
+        .at(format!("line {}", rows.last().map_or(0, |(line, _)| *line)))
+        .help("the export is cut short; export it again"));
     }
     let centre = centre.unwrap_or([shape[0] / 2 + 1, shape[1] / 2 + 1]);
     if centre.iter().zip(shape).any(|(c, n)| *c < 1 || *c > n) {

@@ -92,7 +92,11 @@ fn a_hidden_nonlinearity_is_told() {
     let off = f.overall_system_gain / 0.4 - 1.0;
     assert!(off < -0.015, "{off}");
     near(f.linearised_system_gain, 0.4, 0.01, "linearised K");
-    assert!(bent.warnings.iter().any(|w| w.contains("not a straight line")), "{:?}", bent.warnings);
+    assert!(
+        bent.warnings.iter().any(|w| w.contains("not a straight line")),
+        "{:?}",
+        bent.warnings
+    );
 }
 
 #[test]

@@ -81,7 +81,8 @@ pub(super) fn set_warnings(
             }
             if !p.same_exposure {
                 out.push(
-                    "no dark stack of the spatial flat's exposure time: the nearest is used".into(),
+                    "no dark stack of the spatial flat's exposure time: the nearest is used"
+                        .into(),
                 );
             }
             if !selection.even_light {
@@ -107,7 +108,8 @@ pub(super) fn correlation_warning(
 ) -> Result<()> {
     let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
     for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
-        if rho.value.abs() > CORRELATED && rho.value.abs() > SIGNIFICANT_CORRELATION * rho.std_error
+        if rho.value.abs() > CORRELATED
+            && rho.value.abs() > SIGNIFICANT_CORRELATION * rho.std_error
         {
             warnings.push(format!(
                 "the temporal noise of a pixel and its neighbour {place} is correlated ({:+.2} % \

@@ -294,7 +294,11 @@ fn collect<T: Copy + Into<f64>>(frame: &Plane<T>, cfa: &Cfa, channel: char, roi:
         .map(|y| {
             (roi.x..roi.x + roi.width)
                 .filter(|&x| cfa.letter(x, y) == channel)
-                .map(|x| Sample { across: x as f64, along: y as f64, value: frame.at(x, y).into() })
+                .map(|x| Sample {
+                    across: x as f64,
+                    along: y as f64,
+                    value: frame.at(x, y).into(),
+                })
                 .collect()
         })
         .collect()

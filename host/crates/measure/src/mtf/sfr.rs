@@ -112,8 +112,9 @@ fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> 
         if inside { w[1].0 - w[0].0 } else { 0.0 }
     });
     if gap.fold(0.0, f64::max) > LARGEST_GAP * bin {
-        return Err(Error::input("the rows meet too few phases of the sampling")
-            .help("slant the edge by 2 to 10 degrees, away from 1/4, 1/2 and whole pixels a row"));
+        return Err(Error::input("the rows meet too few phases of the sampling").help(
+            "slant the edge by 2 to 10 degrees, away from 1/4, 1/2 and whole pixels a row",
+        ));
     }
     // Integral of the polygon from its first sample to distance d.
     let mut area = vec![0.0; samples.len()];

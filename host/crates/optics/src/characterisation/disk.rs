@@ -89,8 +89,8 @@ impl Characterisation {
     pub fn read(dir: &Path) -> Result<Self> {
         let path = dir.join("lens.toml");
         let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
-        let head: LensToml =
-            toml::from_str(&text).map_err(|e| Error::internal(e.to_string()).at(path.display()))?;
+        let head: LensToml = toml::from_str(&text)
+            .map_err(|e| Error::internal(e.to_string()).at(path.display()))?;
         if head.format != FORMAT {
             return Err(Error::input(format!("format \"{}\"", head.format))
                 .at(path.display())
@@ -245,11 +245,11 @@ fn read_psf(path: &Path, expected: [usize; 2]) -> Result<(usize, Vec<f32>)> {
             let data = npy.into_vec::<f32>().map_err(|e| Error::io("read", path, e))?;
             Ok((n as usize, data))
         }
-        _ => {
-            Err(Error::input(format!("array of shape {shape:?}")).at(path.display()).help(format!(
+        _ => Err(Error::input(format!("array of shape {shape:?}")).at(path.display()).help(
+            format!(
                 "lens.toml announces [heights, wavelengths, n, n] with {expected:?} square PSFs"
-            )))
-        }
+            ),
+        )),
     }
 }
 

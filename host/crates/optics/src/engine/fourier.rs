@@ -259,7 +259,14 @@ fn columns(
     (0..outputs.div_ceil(LANES))
         .into_par_iter()
         .map_init(
-            || (Split::zeros(down), Split::zeros(down), Split::zeros(pixels), Split::zeros(pixels)),
+            || {
+                (
+                    Split::zeros(down),
+                    Split::zeros(down),
+                    Split::zeros(pixels),
+                    Split::zeros(pixels),
+                )
+            },
             |(data, scratch, folded, spare), batch| {
                 folded.clear();
                 for alias in Alias::of_batch(batch * LANES, outputs, layout.padded_width, x.kept) {
@@ -311,7 +318,8 @@ fn load_columns(spectrum: &Spectrum, alias: &Alias, data: &mut Split) {
     };
     for y in 0..rows {
         let at = y * spectrum.stride;
-        for (source, target) in [(&spectrum.re, &mut data.re[y]), (&spectrum.im, &mut data.im[y])] {
+        for (source, target) in [(&spectrum.re, &mut data.re[y]), (&spectrum.im, &mut data.im[y])]
+        {
             let row = &source[at..at + spectrum.stride];
             match whole {
                 Some(k) => {

@@ -257,7 +257,12 @@ impl Band<'_> {
         Ok(plane)
     }
 
-    fn through_part(&self, part: &Otf, layout: &Layout, report: &mut Report) -> Result<Plane<f32>> {
+    fn through_part(
+        &self,
+        part: &Otf,
+        layout: &Layout,
+        report: &mut Report,
+    ) -> Result<Plane<f32>> {
         let source = self.source(layout, report);
         let geometry = fourier::Geometry {
             layout,

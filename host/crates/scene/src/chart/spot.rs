@@ -20,7 +20,8 @@ pub(super) fn bright_spot(options: &mut Options) -> Result<Painting> {
 fn spot(options: &mut Options, size: f64, ground: f64) -> Result<Painting> {
     let radius = options.number("size", size, 1e-6..=10.0)? / 2.0;
     let level = options.number("level", 1.0, 0.0..=1e9)?;
-    let centre = [options.number("x", 0.0, -10.0..=10.0)?, options.number("y", 0.0, -10.0..=10.0)?];
+    let centre =
+        [options.number("x", 0.0, -10.0..=10.0)?, options.number("y", 0.0, -10.0..=10.0)?];
     let ground = options.number("ground", ground, 0.0..=1.0)?;
     let mut painting = Painting::new(BANDS, &Spectrum::constant(ground));
     let light = painting.material(&Spectrum::constant(level));

@@ -67,11 +67,12 @@ impl Gpu {
         let info = adapter.get_info();
         let wanted =
             wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
-        let (device, queue) = pollster::block_on(adapter.request_device(&wanted)).map_err(|e| {
-            Error::device(format!("{} cannot be opened: {e}", info.name))
-                .help("use the processor")
-                .with_code("graphics-processor")
-        })?;
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&wanted)).map_err(|e| {
+                Error::device(format!("{} cannot be opened: {e}", info.name))
+                    .help("use the processor")
+                    .with_code("graphics-processor")
+            })?;
         let trouble = Arc::new(Mutex::new(None));
         let note = |trouble: &Mutex<Option<String>>, what: String| {
             *trouble.lock().unwrap_or_else(PoisonError::into_inner) = Some(what);

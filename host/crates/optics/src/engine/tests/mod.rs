@@ -249,7 +249,8 @@ fn the_two_ways_to_blur_agree() {
                 let v = (y as f64 + 0.5 - 40.0) / 96.0;
                 let exact = 1.0
                     + passed
-                        * (0.5 * (2.0 * PI * waves * u).cos() + 0.3 * (2.0 * PI * waves * v).sin());
+                        * (0.5 * (2.0 * PI * waves * u).cos()
+                            + 0.3 * (2.0 * PI * waves * v).sin());
                 let (a, b) = (f64::from(by_otf.at(x, y)), f64::from(by_psf.at(x, y)));
                 // The OTF route wraps a pattern that is not periodic in the padded frame: 5 sigma
                 // of margin. The PSF route adds the sample square (0.2 sigma) and cuts 1e-4 of the
@@ -274,7 +275,8 @@ fn no_light_is_lost_or_made_between_nodes() {
     // its light whatever the PSFs do, since each scatters its own cells' light.
     let mut lens = crate::Characterisation::example(33, 0.25);
     lens.relative_illumination.fill(1.0);
-    lens.real_height_mm = lens.heights_mm.iter().flat_map(|&h| std::iter::repeat_n(h, 3)).collect();
+    lens.real_height_mm =
+        lens.heights_mm.iter().flat_map(|&h| std::iter::repeat_n(h, 3)).collect();
     let scene = Exact {
         bands: one_band(500.0),
         average: |g: &Grid, x, y| {

@@ -57,7 +57,10 @@ fn lean_pixels(lens: &Characterisation, nm: f64, height: f64) -> f64 {
     let psfs = lens.psf.at_wavelength(nm);
     let n = lens.psf.size;
     let lean = |psf: &[f32]| -> f64 {
-        psf.iter().enumerate().map(|(k, &v)| f64::from(v) * ((k / n) as f64 - (n / 2) as f64)).sum()
+        psf.iter()
+            .enumerate()
+            .map(|(k, &v)| f64::from(v) * ((k / n) as f64 - (n / 2) as f64))
+            .sum()
     };
     let t = (height / 0.1).min(4.999);
     let (i, t) = (t as usize, t.fract());

@@ -233,7 +233,12 @@ impl Blurrer {
                     let kernels = kernels[pair / inputs.len()][pair % inputs.len()];
                     let n2 = kernels.size * kernels.size;
                     let kernel = &kernels.data[node * n2..(node + 1) * n2];
-                    pulp::Arch::new().dispatch(TransformKernel { plan, kernel, scratch, spectrum });
+                    pulp::Arch::new().dispatch(TransformKernel {
+                        plan,
+                        kernel,
+                        scratch,
+                        spectrum,
+                    });
                 },
             );
             strips.extend((start..end).map(|j| Strip {
@@ -316,7 +321,8 @@ fn fill(
     let (sources, pairs) = (&sources?, inputs.len() * out.len());
     let across = plan.tiling.across();
     for i in 0..across {
-        let corner = |di: usize, dj: usize| &nodes[(dj * (across + 1) + i + di) * pairs..][..pairs];
+        let corner =
+            |di: usize, dj: usize| &nodes[(dj * (across + 1) + i + di) * pairs..][..pairs];
         pulp::Arch::new().dispatch(BlurTile {
             plan,
             sources,

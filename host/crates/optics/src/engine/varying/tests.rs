@@ -42,7 +42,9 @@ fn direct(
                     if qy < height && qx < width {
                         let k: f64 = corners
                             .iter()
-                            .map(|&(w, n)| w * f64::from(kernels.data[(n * size + ky) * size + kx]))
+                            .map(|&(w, n)| {
+                                w * f64::from(kernels.data[(n * size + ky) * size + kx])
+                            })
                             .sum();
                         out.data[qy * width + qx] += k * f64::from(source.at(cx, cy));
                     }
