@@ -15,7 +15,7 @@ const LUX: f64 = DEFAULT_LUX;
 /// Samples kept in all: 256 MiB.
 const MOST_SAMPLES: usize = 64 << 20;
 
-/// Photo-electrons per second and pixel of a scene at [`LUX`].
+/// Photo-electrons per second and pixel of a scene at `LUX`.
 pub type Electrons = Arc<Plane<f32>>;
 
 /// Light of targets, kept while there is room.
@@ -29,7 +29,7 @@ pub struct Lights {
 type Kept = BTreeMap<String, (u64, Electrons)>;
 
 impl Lights {
-    /// Photo-electrons per second and pixel of every target at [`LUX`], to be multiplied by
+    /// Photo-electrons per second and pixel of every target at `LUX`, to be multiplied by
     /// [`share`]. Cameras that differ only in effects of the sensor share them.
     ///
     /// # Errors
@@ -98,7 +98,7 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
     format!("{scene:?} {optics:?} {sensor:?}")
 }
 
-/// Photo-electrons in a frame of a target per electron per second at [`LUX`].
+/// Photo-electrons in a frame of a target per electron per second at `LUX`.
 pub fn share(target: &Target) -> f64 {
     target.stack.exposure_s * target.light * target.lux.unwrap_or(LUX) / LUX
 }

@@ -168,7 +168,7 @@ fn share_that_is_real(key: &Key, scale: Scale, before: &[Values], after: &[Value
     if mean == 0.0 { 0.0 } else { (1.0 - 2.0 * variance / (mean * mean)).max(0.0) }
 }
 
-/// z² up to [`GROSS_DEVIATION`] g, beyond it g² (1 + ln (z/g)²).
+/// z² up to `GROSS_DEVIATION` g, beyond it g² (1 + ln (z/g)²).
 pub fn bounded(z: f64) -> f64 {
     let square = z * z;
     let gross = GROSS_DEVIATION * GROSS_DEVIATION;

@@ -18,7 +18,7 @@ const REFERENCE_LEVEL: f64 = 0.6;
 /// deviation of a tenth.
 const NORMAL_RATIO: f64 = 0.01;
 
-/// The reference flat: of the flats of known light that are at most [`REFERENCE_LEVEL`] as bright
+/// The reference flat: of the flats of known light that are at most `REFERENCE_LEVEL` as bright
 /// as the brightest, the one with most light in its weakest channel. It follows from the design
 /// alone, so that measurement and replicates have the same one.
 pub fn reference_flat(design: &Design) -> Option<usize> {

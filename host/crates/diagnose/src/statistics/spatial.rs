@@ -123,7 +123,7 @@ fn variance(values: &[f64]) -> f64 {
 }
 
 /// Describes a map of pixels in channels. Where the light may be uneven, rows and columns tell
-/// only what changes within [`SMOOTH_LINES`] of them.
+/// only what changes within `SMOOTH_LINES` of them.
 pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
@@ -251,7 +251,7 @@ pub fn aperiodic(lines: f64) -> f64 {
     lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
 }
 
-/// Lines less the mean of the [`SMOOTH_LINES`] around each; near the ends of fewer, as many on
+/// Lines less the mean of the `SMOOTH_LINES` around each; near the ends of fewer, as many on
 /// either side, so that a slope leaves nothing.
 fn without_smooth(lines: &[f64]) -> Vec<f64> {
     let less_mean = |i: usize| {
