@@ -1,5 +1,5 @@
-//! A camera as bytes on the link: the configuration of the sensor in the encoding of the `postcard`
-//! crate, then the crosstalk table as f32.
+//! A camera as bytes on the link: the configuration of the sensor in the encoding of the
+//! `postcard` crate, then the crosstalk table as f32.
 //!
 //! ```text
 //! u16  bytes of the configuration       u16 x 3  crosstalk columns, rows, wavelengths (0 without)
@@ -15,8 +15,8 @@ use camrig_sensor_core::crosstalk::Crosstalk;
 /// Bytes of the four lengths at the front.
 const HEAD_BYTES: usize = 8;
 
-/// Longest configuration in postcard, bytes: a full chain of effects with all their parameters, and
-/// four channels of 64 bands.
+/// Longest configuration in postcard, bytes: a full chain of effects with all their parameters,
+/// and four channels of 64 bands.
 pub const CONFIG_BYTES: usize = 3072;
 
 /// A received camera.

@@ -15,9 +15,11 @@ pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
 pub struct RowMemory<'m, A: Arith> {
     /// Mean photo-electrons of the rows around the one to compute, then the pipeline's memory. A
     /// camera with `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
-    /// [`blocks`](camrig_sensor_core::arith::blocks) each, and one more for an effect that reads the previous frame.
+    /// [`blocks`](camrig_sensor_core::arith::blocks) each, and one more for an effect that reads
+    /// the previous frame.
     pub rows: &'m mut [Block<A::Signal>],
-    /// Sums of the row that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of the width.
+    /// Sums of the row that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of the
+    /// width.
     pub sums: &'m mut [Sums<A::Sum>],
 }
 
@@ -32,7 +34,8 @@ pub struct Memory<'m> {
     /// Mantissas of the band that is arriving, and the DN of the row that is being sent. One per
     /// pixel.
     pub mantissas: &'m mut [u16],
-    /// Exponents of the band that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of the width.
+    /// Exponents of the band that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of
+    /// the width.
     pub exponents: &'m mut [i8],
     /// The crosstalk table: nodes of its three axes and all factors.
     pub crosstalk: &'m mut [f32],

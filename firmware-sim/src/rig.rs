@@ -62,8 +62,8 @@ pub fn halo(config: &SensorConfig) -> usize {
     config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
 }
 
-/// Sizes on the link of a frame of this camera; `None` if they exceed the number range of the link.
-/// Host and device both compute them and compare.
+/// Sizes on the link of a frame of this camera; `None` if they exceed the number range of the
+/// link. Host and device both compute them and compare.
 pub fn frame_shape(config: &SensorConfig, codec: Codec, raw_bits: u8) -> Option<FrameShape> {
     let width = config.width as usize;
     let bands = match codec {

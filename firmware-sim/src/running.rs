@@ -1,8 +1,8 @@
 //! A frame in progress: units of spectral rows in, packed raw rows out.
 //!
-//! Bands are added one after the other, in their order, to the sums of the row that is arriving, so
-//! a rig stores one band and not a spectral row. The mean photo-electrons of complete rows are kept
-//! in a ring of as many rows as one raw row depends on.
+//! Bands are added one after the other, in their order, to the sums of the row that is arriving,
+//! so a rig stores one band and not a spectral row. The mean photo-electrons of complete rows are
+//! kept in a ring of as many rows as one raw row depends on.
 
 use crate::memory::{Memory, RowMemory, UNIT_BYTES};
 use camrig_rig_link::message::*;

@@ -1,7 +1,7 @@
 //! Ten frames from a rig, compared bit for bit with those of this process.
 //!
-//! `cargo run --release -p camrig --example rig_client -- tcp://127.0.0.1:7420`; without an address
-//! the emulator in this process is the rig.
+//! `cargo run --release -p camrig --example rig_client -- tcp://127.0.0.1:7420`; without an
+//! address the emulator in this process is the rig.
 
 use camrig::exposure::CubeHeader;
 use camrig::prelude::*;
@@ -12,7 +12,8 @@ fn main() -> Result<()> {
     let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
     let camera = Camera::load_with("mt9v024", &changes)?;
 
-    // Even irradiance of 10 µW m⁻² nm⁻¹ in three bands; `examples/simulate.rs` makes that of a scene.
+    // Even irradiance of 10 µW m⁻² nm⁻¹ in three bands; `examples/simulate.rs` makes that of a
+    // scene.
     let header = CubeHeader {
         width: 320,
         height: 240,

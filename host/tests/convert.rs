@@ -44,8 +44,8 @@ fn folder() -> (tempfile::TempDir, RawFrame) {
     (folder, raw)
 }
 
-/// Through every format and back to DNG: the same samples, and with the facts given again where a format
-/// does not carry them, the same frame.
+/// Through every format and back to DNG: the same samples, and with the facts given again where a
+/// format does not carry them, the same frame.
 #[test]
 fn a_chain_through_every_format_is_lossless() {
     let (folder, raw) = folder();

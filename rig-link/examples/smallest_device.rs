@@ -1,5 +1,6 @@
-//! The smallest device: a camera whose raw samples are the light it is sent, and the host that asks
-//! it for a frame. Both ends run in one process, and packets go from one to the other in memory.
+//! The smallest device: a camera whose raw samples are the light it is sent, and the host that
+//! asks it for a frame. Both ends run in one process, and packets go from one to the other in
+//! memory.
 //!
 //! A real device keeps `Smallest` and `Device` as they are; instead of the loop in `run` it reads
 //! bytes from a port, puts packets together with `framing::Receiver`, and writes the answers with

@@ -1,5 +1,5 @@
-//! The device's end: a state machine that answers. It has no clock and never speaks first; noticing
-//! lost packets is the host's task.
+//! The device's end: a state machine that answers. It has no clock and never speaks first;
+//! noticing lost packets is the host's task.
 //!
 //! Spectral rows arrive part by part in the order of a [`Cursor`]. A part out of order is dropped
 //! and the host is told where to continue (go-back-N). A raw row is computed as soon as the rows
@@ -124,8 +124,8 @@ impl Transfer {
 
 /// The device's end of the link. `RAW`: longest packed raw row, bytes.
 ///
-/// The model is an argument of the functions and not a member, so that during a frame it may borrow
-/// what it computes with.
+/// The model is an argument of the functions and not a member, so that during a frame it may
+/// borrow what it computes with.
 pub struct Device<const RAW: usize> {
     packet_bytes: u16,
     credit: u16,
@@ -271,8 +271,8 @@ impl<const RAW: usize> Device<RAW> {
     }
 
     /// Whether [`Device::transmit`] must be called before the next packet is given to
-    /// [`Device::receive`]. Otherwise packets that have already arrived may be taken first, so that
-    /// answers are sent together.
+    /// [`Device::receive`]. Otherwise packets that have already arrived may be taken first, so
+    /// that answers are sent together.
     pub fn is_pressed(&self, model: &impl Model) -> bool {
         let rows = self.transfer.as_ref().map_or(0, Transfer::waiting);
         !self.answers.is_empty() || rows > model.rows_ahead()

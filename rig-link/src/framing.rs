@@ -2,8 +2,8 @@
 //!
 //! * [`Framing::Cobs`] for byte streams that may lose or damage bytes (serial lines): consistent
 //!   overhead byte stuffing (COBS; Cheshire & Baker 1999), packets end with a zero byte. After any
-//!   damage the next zero byte begins a new packet. It costs at most 1 byte in 254, and 2 bytes per
-//!   packet.
+//!   damage the next zero byte begins a new packet. It costs at most 1 byte in 254, and 2 bytes
+//!   per packet.
 //! * [`Framing::Length`] for byte streams that lose nothing (TCP, pipes): a 4-byte length before
 //!   each packet. An impossible length means that the two ends are out of step: [`OutOfStep`],
 //!   after which only a new connection helps.
@@ -82,8 +82,8 @@ pub struct Sender<B> {
 }
 
 impl<B: AsMut<[u8]>> Sender<B> {
-    /// A sender; `buffer` must hold [`Framing::max_encoded`] of the longest packet, or at least one
-    /// report.
+    /// A sender; `buffer` must hold [`Framing::max_encoded`] of the longest packet, or at least
+    /// one report.
     pub fn new(framing: Framing, buffer: B) -> Self {
         Self { framing, buffer, filled: 0 }
     }
@@ -208,8 +208,8 @@ impl<B: AsMut<[u8]>> Receiver<B> {
         &self.buffer.as_mut()[self.packet.0..self.packet.1]
     }
 
-    /// Takes bytes from the front of `input` until a packet is complete. Returns whether one is; if
-    /// not, the whole input has been used. Inputs must hold whole reports.
+    /// Takes bytes from the front of `input` until a packet is complete. Returns whether one is;
+    /// if not, the whole input has been used. Inputs must hold whole reports.
     ///
     /// # Errors
     /// [`OutOfStep`], with [`Framing::Length`] only.

@@ -56,7 +56,8 @@ const CREDIT: u16 = 64;
 /// Default [`Limits::timeout`], µs: far above the round trips measured on serial lines and pipes,
 /// which are below 1 ms.
 const TIMEOUT: Micros = 250_000;
-/// Default [`Limits::idle_steps`]: with the default time-out 5 s until a silent device is given up.
+/// Default [`Limits::idle_steps`]: with the default time-out 5 s until a silent device is given
+/// up.
 const IDLE_STEPS: u16 = 20;
 /// Shortest piece of a camera that the host sends, bytes.
 const MIN_CAMERA_PIECE: usize = 16;
@@ -258,8 +259,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }
     }
 
-    /// Opens a session. `session` must differ from earlier ones on the same device; a random number
-    /// does.
+    /// Opens a session. `session` must differ from earlier ones on the same device; a random
+    /// number does.
     pub fn connect(&mut self, session: u16) {
         self.session = session;
         (self.seq, self.heard, self.told, self.acknowledged) = (1, 0, 0, 0);
@@ -502,8 +503,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         bytes
     }
 
-    /// Takes one packet, as a [`crate::framing::Receiver`] delivers it, at time `now` (µs). Returns
-    /// an event if it ends the operation.
+    /// Takes one packet, as a [`crate::framing::Receiver`] delivers it, at time `now` (µs).
+    /// Returns an event if it ends the operation.
     pub fn receive(&mut self, now: Micros, bytes: &[u8], io: &mut impl FrameIo) -> Option<Event> {
         let Ok(packet) = Packet::parse(bytes) else {
             self.statistics.damaged += 1;

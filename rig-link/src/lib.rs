@@ -1,8 +1,8 @@
 //! The link between a host and a camera rig: packets, framing, and the state machine of each end.
 //!
 //! A rig is a device that computes what an image sensor would read out: it receives the light of a
-//! frame as spectral rows and answers with raw rows. The link is sans-IO: bytes and the time go in,
-//! bytes and events come out. Nothing here reads a port or a clock, allocates, or knows what a
+//! frame as spectral rows and answers with raw rows. The link is sans-IO: bytes and the time go
+//! in, bytes and events come out. Nothing here reads a port or a clock, allocates, or knows what a
 //! sensor is. Layers, from bottom to top:
 //!
 //! * [`framing`] separates packets on a byte stream or in reports of USB HID (human interface
@@ -22,11 +22,12 @@
 //! new one.
 //!
 //! **Credit.** Each end may have a fixed number of packets under way beyond the newest that the
-//! other has acknowledged; every packet acknowledges. So no buffer on the way has to hold more than
-//! credit times packet size, and the 64 unread HID reports that Linux queues are never exceeded.
+//! other has acknowledged; every packet acknowledges. So no buffer on the way has to hold more
+//! than credit times packet size, and the 64 unread HID reports that Linux queues are never
+//! exceeded.
 //!
-//! **Trust.** Lengths and positions from outside are checked against what was agreed. A packet with
-//! a wrong CRC, an old counter or another session's number is dropped and counted.
+//! **Trust.** Lengths and positions from outside are checked against what was agreed. A packet
+//! with a wrong CRC, an old counter or another session's number is dropped and counted.
 //!
 //! # Example
 //! A host connects to a device, both in one process. `examples/smallest_device.rs` goes on from

@@ -83,8 +83,8 @@ pub enum NumberFormat {
 
 /// How a spectral row is encoded: units of 16 pixels with a shared exponent byte and 16 mantissas
 /// of 16 bits, 2.06 bytes per sample. The rounding error is at most 2⁻¹⁷ of the largest of the 16.
-/// On a scene of high dynamic range that is at worst 0.012 of a pixel's own noise; 12-bit mantissas
-/// would save a quarter of the bytes and make it 0.18.
+/// On a scene of high dynamic range that is at worst 0.012 of a pixel's own noise; 12-bit
+/// mantissas would save a quarter of the bytes and make it 0.18.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Codec {
     /// Irradiance, W m⁻² nm⁻¹: the units of one band after those of the other.
@@ -97,7 +97,8 @@ pub enum Codec {
 /// Announces a frame; its spectral rows follow.
 ///
 /// There is no message to resume a frame: raw rows depend only on the camera, this message and the
-/// light of the rows, so the host announces the frame again and sends the rows that it still needs.
+/// light of the rows, so the host announces the frame again and sends the rows that it still
+/// needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameBegin {
     /// The host's number for this announcement, new each time.

@@ -10,8 +10,8 @@
 //! | RAW14 | 4 samples | 4 bytes of upper 8 bits, the 6 low bits of each, first sample lowest |
 //! | RAW16 | 1 sample | upper byte, then lower byte |
 //!
-//! CSI-2 sends 16 bits with the most significant byte first; memory formats hold them little-endian
-//! ([`Packing::Le16`]).
+//! CSI-2 sends 16 bits with the most significant byte first; memory formats hold them
+//! little-endian ([`Packing::Le16`]).
 //!
 //! A row whose width is not a multiple of the group is padded with zero samples. No function here
 //! panics: a buffer of the wrong size is an error.

@@ -1,7 +1,8 @@
 //! The rig's registers, at the addresses of MIPI CCS (Camera Command Set) where it has them.
 //!
-//! As in a real sensor, exposure is counted in lines: `exposure_s = lines x line_length_ns x 1e-9`,
-//! and gain is a code: `gain = code / 256` (CCS gain type 0 with m0 = 1, c0 = 0, m1 = 0, c1 = 256).
+//! As in a real sensor, exposure is counted in lines: `exposure_s = lines x line_length_ns x
+//! 1e-9`, and gain is a code: `gain = code / 256` (CCS gain type 0 with m0 = 1, c0 = 0, m1 = 0, c1
+//! = 256).
 //!
 //! As in a real sensor, a value written while the sensor streams takes effect some frames later; a
 //! delay of 1, the least, is the next frame. Exposure and frame length take 2 frames and gain 1
@@ -37,12 +38,13 @@ pub mod address {
     pub const TEST_DATA: u16 = 0x0602;
     /// Line time, ns (manufacturer-specific).
     pub const LINE_LENGTH_NS: u16 = 0x3000;
-    /// Frames until a written exposure or frame length takes effect, 1 to 4. Manufacturer-specific.
+    /// Frames until a written exposure or frame length takes effect, 1 to 4.
+    /// Manufacturer-specific.
     pub const EXPOSURE_DELAY: u16 = 0x3004;
     /// Frames until a written gain takes effect, 1 to 4. Manufacturer-specific.
     pub const GAIN_DELAY: u16 = 0x3006;
-    /// Fault of the next frame: 0 none, 1 drop it, 2 corrupt a row, 3 stop the frame counter (until
-    /// 0 is written), 4 deliver it late. Manufacturer-specific.
+    /// Fault of the next frame: 0 none, 1 drop it, 2 corrupt a row, 3 stop the frame counter
+    /// (until 0 is written), 4 deliver it late. Manufacturer-specific.
     pub const FAULT: u16 = 0x3100;
     /// Number of the corrupt row, or the delay in ms.
     pub const FAULT_ARGUMENT: u16 = 0x3102;

@@ -41,8 +41,8 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
-    /// Host: [`crate::message::Hello`]. Device: [`crate::message::HelloReply`]. The only kind whose
-    /// layout no later version may change.
+    /// Host: [`crate::message::Hello`]. Device: [`crate::message::HelloReply`]. The only kind
+    /// whose layout no later version may change.
     Hello = 1,
     /// Postcard: [`crate::message::ToDevice`] or [`crate::message::ToHost`].
     Control = 2,
@@ -150,8 +150,8 @@ impl<'a> Packet<'a> {
     }
 }
 
-/// Completes a packet whose body was written to `buffer[HEADER_BYTES..][..body_bytes]`. Returns the
-/// packet's length.
+/// Completes a packet whose body was written to `buffer[HEADER_BYTES..][..body_bytes]`. Returns
+/// the packet's length.
 ///
 /// # Panics
 /// If the buffer is shorter than header, body and CRC.

@@ -1,9 +1,9 @@
 //! The row loop of a camera firmware: spectral rows in, raw rows out, in memory of fixed size.
 //!
 //! Everything but `main` is what a `no_std` firmware has: no allocator, no file, no thread. On a
-//! microcontroller [`Memory`] lies in a `static`, `receive_band` reads from the link (USB, a serial
-//! line, a DMA buffer) and `send_row` writes to it. A part without FPU takes `Fixed` instead of
-//! `Float`.
+//! microcontroller [`Memory`] lies in a `static`, `receive_band` reads from the link (USB, a
+//! serial line, a DMA buffer) and `send_row` writes to it. A part without FPU takes `Fixed`
+//! instead of `Float`.
 //!
 //! ```text
 //! cargo run -p camrig-sensor-core --example row_loop
@@ -106,9 +106,9 @@ fn sensor() -> SensorConfig {
 
 /// One frame, row by row.
 ///
-/// `receive_band` fills in band `band` of spectral row `row`; `send_row` takes the DN of a raw row.
-/// Rows are asked for in rising order, once each; with an effect that reads its neighbours one row
-/// ahead of the raw row that they make.
+/// `receive_band` fills in band `band` of spectral row `row`; `send_row` takes the DN of a raw
+/// row. Rows are asked for in rising order, once each; with an effect that reads its neighbours
+/// one row ahead of the raw row that they make.
 ///
 /// # Errors
 /// What the sensor model refuses about the sensor, the settings or the size of the memory.

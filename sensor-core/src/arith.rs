@@ -1,9 +1,9 @@
 //! The two arithmetics behind one pipeline.
 //!
-//! Each stage is written once, for any [`Arith`]: [`Float`] (f32, for workstations and parts with a
-//! floating-point unit, FPU) or [`Fixed`] (32-bit fixed point, for parts without one). Values are
-//! handled in blocks of [`BLOCK`] pixels, which become a few vector instructions on a workstation
-//! and a plain loop on a microcontroller.
+//! Each stage is written once, for any [`Arith`]: [`Float`] (f32, for workstations and parts with
+//! a floating-point unit, FPU) or [`Fixed`] (32-bit fixed point, for parts without one). Values
+//! are handled in blocks of [`BLOCK`] pixels, which become a few vector instructions on a
+//! workstation and a plain loop on a microcontroller.
 //!
 //! Both use only basic IEEE 754 or integer operations: no fused multiply-add and no platform
 //! library, so results have the same bits everywhere.
@@ -31,8 +31,8 @@ pub const fn blocks(width: usize) -> usize {
 /// Largest signal, e⁻: above any full well in use, and what a fixed-point signal can hold.
 pub const MAX_SIGNAL_E: f32 = 524_287.0;
 
-/// Mean (e⁻) from which a Poisson count is made from a normal number; below it, from a uniform one.
-/// Errors of both methods: [`crate::effects::shot_noise`].
+/// Mean (e⁻) from which a Poisson count is made from a normal number; below it, from a uniform
+/// one. Errors of both methods: [`crate::effects::shot_noise`].
 pub const EXPANSION_FROM_E: f32 = 16.0;
 
 /// Random streams of Poisson counts: uniform and normal numbers for each pixel. The numbers of a

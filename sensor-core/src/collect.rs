@@ -1,9 +1,9 @@
 //! From spectral irradiance to mean photo-electrons (eq. 8 and 9 of Chen et al. 2009).
 //!
-//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b, response
-//! R of the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk factor F. Bands
-//! are added in their order, so a device can receive and discard them one by one; it keeps one row
-//! of sums.
+//! µ(x, y) = t Σ_b E_b(x, y) R_c,b F_c,b(x, y): exposure time t, irradiance E_b of band b,
+//! response R of the pixel's channel c ([`SensorConfig::response`]) and positional crosstalk
+//! factor F. Bands are added in their order, so a device can receive and discard them one by one;
+//! it keeps one row of sums.
 
 use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};

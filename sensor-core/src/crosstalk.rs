@@ -16,8 +16,8 @@ pub struct Crosstalk<'a> {
     pub y: &'a [f32],
     /// Wavelengths, nm, rising.
     pub wavelength_nm: &'a [f32],
-    /// Factors (1 = no crosstalk) `[((channel * wavelengths + wavelength) * rows + row) * columns +
-    /// column]`.
+    /// Factors (1 = no crosstalk) `[((channel * wavelengths + wavelength) * rows + row) * columns
+    /// + column]`.
     pub factors: &'a [f32],
 }
 
@@ -39,8 +39,8 @@ pub(crate) fn place(nodes: &[f32], v: f32) -> Place {
 }
 
 impl<'a> Crosstalk<'a> {
-    /// Checks that the table is complete for this number of channels, its positions and wavelengths
-    /// finite and rising, its factors finite and 0 or more.
+    /// Checks that the table is complete for this number of channels, its positions and
+    /// wavelengths finite and rising, its factors finite and 0 or more.
     ///
     /// # Errors
     /// [`ConfigError::Crosstalk`].

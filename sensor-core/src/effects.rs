@@ -14,8 +14,8 @@
 //!
 //! # Leaving effects out
 //! The base model, effects 1 to 7, is always compiled: eq. 10 of Chen et al. 2009 and the coupling
-//! of neighbours. Every other effect is compiled with the cargo feature of its name; `catalogue` is
-//! all of them. [`Effect::CATALOGUE`] and [`Effect::AVAILABLE`] list what this build has.
+//! of neighbours. Every other effect is compiled with the cargo feature of its name; `catalogue`
+//! is all of them. [`Effect::CATALOGUE`] and [`Effect::AVAILABLE`] list what this build has.
 
 mod context;
 mod declare;
@@ -74,7 +74,8 @@ pub struct Inputs<'a, S> {
     pub here: &'a [Block<S>],
     /// The row below ([`Needs::Neighbours`]; at the lower edge the row above), else empty.
     pub below: &'a [Block<S>],
-    /// The row's mean photo-electrons in the previous frame ([`Needs::PreviousFrame`]), else empty.
+    /// The row's mean photo-electrons in the previous frame ([`Needs::PreviousFrame`]), else
+    /// empty.
     pub previous: &'a [Block<S>],
 }
 

@@ -1,13 +1,14 @@
-//! A model of a CMOS image sensor, computed row by row: spectral irradiance in, raw digital numbers
-//! (DN) out.
+//! A model of a CMOS image sensor, computed row by row: spectral irradiance in, raw digital
+//! numbers (DN) out.
 //!
 //! It runs on workstations and on microcontrollers: no allocator, no files, no lens, no link. From
 //! top to bottom:
 //!
 //! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects
 //!   need.
-//! - [`effects`]: the stages of the chain, one file each: shot noise, photo-response non-uniformity
-//!   (PRNU), dark current, full well, fixed patterns, read noise, and what else real sensors show.
+//! - [`effects`]: the stages of the chain, one file each: shot noise, photo-response
+//!   non-uniformity (PRNU), dark current, full well, fixed patterns, read noise, and what else
+//!   real sensors show.
 //! - [`collect`]: from spectral irradiance to mean photo-electrons, with quantum efficiency and
 //!   positional [`crosstalk`] per band.
 //! - [`spectral`]: the rows of irradiance in 16-bit block floating point.

@@ -1,5 +1,5 @@
-//! Elementary functions in f32 from IEEE basic operations only: the same bits on every machine, and
-//! straight-line code that compilers turn into vector instructions.
+//! Elementary functions in f32 from IEEE basic operations only: the same bits on every machine,
+//! and straight-line code that compilers turn into vector instructions.
 //!
 //! Coefficients are those of the Cephes library (Moshier, netlib, public domain). Errors measured
 //! against f64 by the tests below.
@@ -36,8 +36,8 @@ pub fn ln(x: f32) -> f32 {
     (f + y) + k * LN2_HIGH
 }
 
-/// exp(x) for -87 <= x <= 88, beyond which it stays at the value of the limit; relative error below
-/// 2e-7.
+/// exp(x) for -87 <= x <= 88, beyond which it stays at the value of the limit; relative error
+/// below 2e-7.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     let x = x.clamp(-87.0, 88.0);
@@ -108,8 +108,8 @@ pub fn sin_turns(turns: f32) -> f32 {
 
 /// √(−2 ln((w + ½) 2⁻³²)), the radius of a pair of normal numbers; relative error below 6e-7.
 ///
-/// Normal numbers are most of the work of a frame, so this uses as few multiplications as possible:
-/// a minimax polynomial made for it, with the constants folded in.
+/// Normal numbers are most of the work of a frame, so this uses as few multiplications as
+/// possible: a minimax polynomial made for it, with the constants folded in.
 #[inline(always)]
 fn radius(w: u32) -> f32 {
     // w + ½ = m 2^(k + 32), m between √½ and √2.

@@ -1,8 +1,8 @@
 //! Runs the signal chain row by row.
 //!
 //! A pipeline keeps as many rows as its effects need: one, and three more for each effect that
-//! reads its neighbours. Rows may be requested in any order; in rising order each is computed once.
-//! The result of a row depends only on its number and the frame.
+//! reads its neighbours. Rows may be requested in any order; in rising order each is computed
+//! once. The result of a row depends only on its number and the frame.
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
 use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, MAX_WINDOWS, SensorConfig};

@@ -5,11 +5,11 @@
 //! number of threads, repeatedly, or on another machine, and give the same numbers.
 //!
 //! **Definition.** Key words are folded into 64 bits by the SplitMix64 finaliser (Steele et al.
-//! 2014). Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)` of
-//! the `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of all
-//! lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64. The
-//! states are stored word by word, so that one vector instruction serves all lanes; a test compares
-//! them with the crate's own generator.
+//! 2014). Lane j (0..32) of a stream is `Xoshiro128PlusPlus::seed_from_u64(key + j * LANE_STEP)`
+//! of the `rand_xoshiro` crate (Blackman & Vigna 2021). Draw n of a stream is the n-th output of
+//! all lanes; within a block of 64 pixels the first draw serves pixels 0..32, the second 32..64.
+//! The states are stored word by word, so that one vector instruction serves all lanes; a test
+//! compares them with the crate's own generator.
 
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;

@@ -29,9 +29,9 @@ fn check<A: Arith>(config: &SensorConfig, table: Option<&Table>, next: &mut impl
         MeanRows::<A>::mean_row(&mut means, y as u32, &mut out);
         for (x, (got, want)) in out.as_flattened().iter().zip(want).enumerate() {
             let got = f64::from(A::electrons(*got));
-            // Positions of pixels and nodes are good to 1e-7 of the width, cells down to 1/80 of it
-            // wide, factors up to 2: 1e-5 of the mean at most. Fixed point: a step of 2⁻¹² e⁻ and
-            // 2⁻³⁰ of the largest weight per band.
+            // Positions of pixels and nodes are good to 1e-7 of the width, cells down to 1/80 of
+            // it wide, factors up to 2: 1e-5 of the mean at most. Fixed point: a step of 2⁻¹² e⁻
+            // and 2⁻³⁰ of the largest weight per band.
             let allowed = 1e-5 * want + 3e-4;
             assert!(
                 (got - want).abs() < allowed,

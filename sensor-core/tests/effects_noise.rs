@@ -1,8 +1,8 @@
 //! The statistic by which each temporal effect shows itself, against its closed form, in both
 //! arithmetics.
 //!
-//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form it
-//! is taken from the scatter over independent frames or pixels.
+//! Tolerances are 4.5 standard errors of the sample (`near`); where the error has no simple form
+//! it is taken from the scatter over independent frames or pixels.
 
 mod common;
 

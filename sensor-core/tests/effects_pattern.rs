@@ -362,7 +362,8 @@ fn adc_nonlinearity<A: Arith>() {
     // ε_0 less the common gain error, a quarter per mille of it; levels of 1/32 DN.
     near_variance("weight of the lowest bit", variance(&lowest), sigma * sigma, 60, 0.0);
 
-    // One known error: the code before the bit is set is wider, the last code with it set narrower.
+    // One known error: the code before the bit is set is wider, the last code with it set
+    // narrower.
     let effect = adc_nonlinearity::AdcNonlinearity::from_values(&[0.0, 0.0, 0.0, 0.25]);
     let dn = converted::<A>(effect, 1);
     for code in 1..200u16 {

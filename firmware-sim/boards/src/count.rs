@@ -1,7 +1,7 @@
 //! Counts instructions: with QEMU's `-icount shift=10` an instruction takes 1024 ns of the board's
 //! time, and TIMER0 of the CMSDK (Arm Cortex-M System Design Kit) has ticks of 40 ns. The count is
-//! exact to one tick and the same in every run. Instructions are not cycles: neither a pipeline nor
-//! flash wait states are emulated.
+//! exact to one tick and the same in every run. Instructions are not cycles: neither a pipeline
+//! nor flash wait states are emulated.
 
 use camrig_firmware_sim::running::AnyRunning;
 use camrig_firmware_sim::{Dispatch, Plain};

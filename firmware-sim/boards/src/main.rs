@@ -1,5 +1,6 @@
-//! Firmware of the camera rig for the Cortex-M boards that QEMU emulates: mps2-an386 (M4F, f32) and
-//! mps2-an385 (M3, fixed point). Fixed memory, no heap; the log is written to UART1 with defmt.
+//! Firmware of the camera rig for the Cortex-M boards that QEMU emulates: mps2-an386 (M4F, f32)
+//! and mps2-an385 (M3, fixed point). Fixed memory, no heap; the log is written to UART1 with
+//! defmt.
 
 #![no_std]
 #![no_main]

@@ -16,8 +16,8 @@ use fixed::types::{I4F28, I20F12};
 /// (2⁻¹³ e⁻), one such rounding per stage, and the scale of the converter (24 bits: 2⁻²⁴ of the
 /// signal). With 12 bits and a full well of 2 ke⁻ or more a step of the converter is G 4095 / W <
 /// 33 DN/e⁻ at gain 16, so that a dozen stages stay within 0.05 DN before the rounding to a whole
-/// DN: the raw is within 1 DN of the reference, and differs from it at all for pixels that close to
-/// a half. `tests/error_budget.rs` measures it.
+/// DN: the raw is within 1 DN of the reference, and differs from it at all for pixels that close
+/// to a half. `tests/error_budget.rs` measures it.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed;
 
@@ -224,8 +224,8 @@ mod tests {
         for _ in 0..blocks {
             let (x, y) = (Fixed::normals(&mut a), Float::normals(&mut b));
             for i in 0..BLOCK {
-                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius to
-                // 2⁻²⁵/r.
+                // Errors of radius and direction in f32; and it holds u to 2⁻²⁵ near 1, a radius
+                // to 2⁻²⁵/r.
                 let j = i % LANES;
                 let r = f64::from(y[j]).hypot(f64::from(y[j + LANES])).max(3e-4);
                 let d = (x[i].to_num::<f64>() - f64::from(y[i])).abs();
@@ -238,8 +238,8 @@ mod tests {
         assert!(mean < 5e-7, "{mean:e}");
     }
 
-    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves the
-    /// value over a whole number.
+    /// Counts of both arithmetics from the same words: the same but where rounding of f32 moves
+    /// the value over a whole number.
     #[test]
     fn poisson_agrees_with_f32() {
         // Means that both hold exactly. Allowed: the rounding error of f32, of the distribution

@@ -1,5 +1,5 @@
-//! Elementary functions and random distributions in 32-bit integers with 64-bit products, for parts
-//! without an FPU.
+//! Elementary functions and random distributions in 32-bit integers with 64-bit products, for
+//! parts without an FPU.
 //!
 //! They use the same random words as those in f32 and agree with them within the errors stated;
 //! constants are computed at compile time from the closed forms. Qn means n fractional bits.

@@ -6,16 +6,16 @@ use crate::arith::{Arith, Block};
 use crate::math;
 
 effect! {
-    /// Converter non-linearity: the weights of the converter's bits are not exact powers of two, so
-    /// some codes are wide, some are narrow and some are missing.
+    /// Converter non-linearity: the weights of the converter's bits are not exact powers of two,
+    /// so some codes are wide, some are narrow and some are missing.
     ///
-    /// The model is a successive-approximation converter that tries the bits from the highest down.
-    /// Code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN. ε_b = σ 2^(b/2) z_b is the
-    /// error of bit b (in an array of matched unit elements the error of a weight grows with its
-    /// root), with z standard normal and fixed. The common gain error g = Σ ε_b 2^b / Σ 4^b is
-    /// taken out. Known errors of the lowest bits are added afterwards. The largest random step
-    /// lies at the middle of the scale and is about σ 2^(bits/2). Put this effect last of those on
-    /// the signal. IEEE 1241.
+    /// The model is a successive-approximation converter that tries the bits from the highest
+    /// down. Code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN. ε_b = σ 2^(b/2) z_b
+    /// is the error of bit b (in an array of matched unit elements the error of a weight grows
+    /// with its root), with z standard normal and fixed. The common gain error g = Σ ε_b 2^b / Σ
+    /// 4^b is taken out. Known errors of the lowest bits are added afterwards. The largest random
+    /// step lies at the middle of the scale and is about σ 2^(bits/2). Put this effect last of
+    /// those on the signal. IEEE 1241.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Pixel {
         /// Standard deviation of the error of the lowest bit's weight
         sigma_lsb: "DN", 0.0..=1.0, default 0.0;

@@ -5,12 +5,12 @@ use crate::arith::{Arith, Block};
 use crate::math;
 
 effect! {
-    /// Amplifier glow: circuits beside the array emit light while they run, which is strongest near
-    /// one place.
+    /// Amplifier glow: circuits beside the array emit light while they run, which is strongest
+    /// near one place.
     ///
-    /// q += Poisson(t I exp(−d²/(2w²))), where t is the exposure and d the distance from that place
-    /// in half widths of the array. It depends neither on temperature nor on the light. Janesick
-    /// 2001, section 7.
+    /// q += Poisson(t I exp(−d²/(2w²))), where t is the exposure and d the distance from that
+    /// place in half widths of the array. It depends neither on temperature nor on the light.
+    /// Janesick 2001, section 7.
     AmpGlow, "amp-glow", Charge, Pixel {
         /// Rate at the brightest place
         rate_e_per_s: "e-/s", 0.0..=1e5;

@@ -9,11 +9,11 @@ effect! {
     /// the signal.
     ///
     /// Across each edge between two neighbours a/2 (q² − q'²) passes from the fuller pixel to the
-    /// other. The mean of a flat field does not change. With b = aµ small, its noise passes through
-    /// the kernel 1 − 4b in the centre and b at the four neighbours: the variance is µ((1 − 4b)² +
-    /// 4b²) and the covariance of neighbours 2µ b(1 − 4b). Charge is conserved, except what crosses
-    /// the edges of the array. Only nearest neighbours take part; valid for aµ < 0.1. Antilogus et
-    /// al. 2014; Astier et al. 2019 (their a_01 is 2a here, their a_00 is −8a).
+    /// other. The mean of a flat field does not change. With b = aµ small, its noise passes
+    /// through the kernel 1 − 4b in the centre and b at the four neighbours: the variance is µ((1
+    /// − 4b)² + 4b²) and the covariance of neighbours 2µ b(1 − 4b). Charge is conserved, except
+    /// what crosses the edges of the array. Only nearest neighbours take part; valid for aµ < 0.1.
+    /// Antilogus et al. 2014; Astier et al. 2019 (their a_01 is 2a here, their a_00 is −8a).
     BrighterFatter, "brighter-fatter", Charge, Neighbours {
         /// Coefficient a
         coefficient: "1/e-", 0.0..=1e-4;

@@ -6,8 +6,8 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Column offset fixed pattern: each column's amplifier or converter has its own offset.
     ///
-    /// v += σ z(x), with z standard normal and fixed. Input-referred. EMVA 1288 release 4.0, column
-    /// part of DSNU.
+    /// v += σ z(x), with z standard normal and fixed. Input-referred. EMVA 1288 release 4.0,
+    /// column part of DSNU.
     ColumnOffsetFpn, "column-offset-fpn", Voltage, Pixel {
         /// Standard deviation over columns
         sigma_e: "e-", 0.0..=1e5;

@@ -4,8 +4,8 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 
 effect! {
-    /// Column temporal noise: each column of each frame has its own offset (noise of the references
-    /// of column amplifiers or converters).
+    /// Column temporal noise: each column of each frame has its own offset (noise of the
+    /// references of column amplifiers or converters).
     ///
     /// v += σ z(x, frame), with z standard normal, white over columns and frames. Input-referred.
     /// Janesick 2007. The counterpart for rows is

@@ -155,7 +155,8 @@ impl Context<'_> {
         self.pattern.channel(column, self.row as usize)
     }
 
-    /// Square of the distance from the centre, 1 at the corners; `u` is the position along the row,
+    /// Square of the distance from the centre, 1 at the corners; `u` is the position along the
+    /// row,
     /// -1..1.
     #[inline(always)]
     pub fn field2(&self, u: f32) -> f32 {

@@ -9,8 +9,8 @@ effect! {
     /// pixels (DSNU).
     ///
     /// A pixel's mean is d = t 2^((T − T_ref)/T_d) (I + σ z(x, y)), with z standard normal and
-    /// fixed. The charge is Poisson(max(d, 0)) + min(d, 0), so that mean and spread over pixels are
-    /// as stated even where the normal law reaches below zero. N_dark of eq. 10 of Chen et al.
+    /// fixed. The charge is Poisson(max(d, 0)) + min(d, 0), so that mean and spread over pixels
+    /// are as stated even where the normal law reaches below zero. N_dark of eq. 10 of Chen et al.
     /// 2009; doubling temperature as in EMVA 1288. Valid over some 40 K, where one doubling
     /// temperature holds.
     DarkCurrent, "dark-current", Charge, Pixel {

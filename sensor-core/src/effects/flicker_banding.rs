@@ -6,8 +6,8 @@ use crate::math;
 use rand_core::Rng;
 
 effect! {
-    /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row integrates a
-    /// different part of the pulsation.
+    /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row integrates
+    /// a different part of the pulsation.
     ///
     /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)), which is the mean of 1 + A
     /// sin(2πf τ) over the row's exposure t. sinc(x) = sin(πx)/(πx), and φ is uniform in each

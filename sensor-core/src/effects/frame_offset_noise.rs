@@ -8,10 +8,10 @@ use crate::math;
 effect! {
     /// Frame offset noise: the offset of the whole frame wanders from frame to frame.
     ///
-    /// v += o_n with o_n = φ o_(n−1) + σ √(1−φ²) z_n, a first-order autoregression with variance σ²
-    /// and autocorrelation φ^|h|. Any frame can be computed without the others: o_n is the sum of
-    /// the last frames' innovations until their weight falls below 0.001. Input-referred. EMVA 1288
-    /// release 4.0, section 2.5.
+    /// v += o_n with o_n = φ o_(n−1) + σ √(1−φ²) z_n, a first-order autoregression with variance
+    /// σ² and autocorrelation φ^|h|. Any frame can be computed without the others: o_n is the sum
+    /// of the last frames' innovations until their weight falls below 0.001. Input-referred. EMVA
+    /// 1288 release 4.0, section 2.5.
     FrameOffsetNoise, "frame-offset-noise", Voltage, Pixel {
         /// Standard deviation over frames
         sigma_e: "e-", 0.0..=1e5;

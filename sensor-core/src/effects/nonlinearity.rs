@@ -16,8 +16,8 @@ effect! {
     }
 }
 
-/// Fraction of full well up to which the response is taken as linear: that is less than an electron
-/// for any full well, and `math::pow` needs a positive number.
+/// Fraction of full well up to which the response is taken as linear: that is less than an
+/// electron for any full well, and `math::pow` needs a positive number.
 const LINEAR_BELOW: f32 = 1e-6;
 
 impl Stage for Nonlinearity {

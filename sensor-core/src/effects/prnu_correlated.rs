@@ -5,8 +5,8 @@ use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
 
 effect! {
-    /// Correlated PRNU: structures of about the size of a pixel above the array (microlenses, light
-    /// shields, filters) change the response of neighbouring pixels together.
+    /// Correlated PRNU: structures of about the size of a pixel above the array (microlenses,
+    /// light shields, filters) change the response of neighbouring pixels together.
     ///
     /// n *= 1 + σ (z(x, y) + z(x+1, y) + z(x, y+1) + z(x+1, y+1))/2, with z standard normal at the
     /// corners of pixels, fixed. Pixels side by side are correlated by 1/2, diagonal ones by 1/4,

@@ -9,13 +9,13 @@ effect! {
     /// Random telegraph noise: a trap in the source follower of a few pixels switches the signal
     /// between two levels.
     ///
-    /// For a fixed fraction f of the pixels, v += A b(frame), with b either 0 or 1. The amplitude A
-    /// = a (1 − w − w ln u), u uniform, has mean a and is fixed; its distribution goes from one
+    /// For a fixed fraction f of the pixels, v += A b(frame), with b either 0 or 1. The amplitude
+    /// A = a (1 − w − w ln u), u uniform, has mean a and is fixed; its distribution goes from one
     /// value for all (w = 0) to exponential (w = 1). In each frame the trap is renewed with
     /// probability q, and then is 1 with probability d. So b has mean d, variance d(1−d) and
-    /// autocorrelation (1−q)^|n|. Any frame can be computed without the others: the last renewal is
-    /// sought up to 128 frames back (at q = 0.03 one trap in fifty reaches that limit and starts
-    /// afresh). Wang et al. 2006; Goiffon et al. 2009.
+    /// autocorrelation (1−q)^|n|. Any frame can be computed without the others: the last renewal
+    /// is sought up to 128 frames back (at q = 0.03 one trap in fifty reaches that limit and
+    /// starts afresh). Wang et al. 2006; Goiffon et al. 2009.
     RandomTelegraphNoise, "random-telegraph-noise", Voltage, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

@@ -10,8 +10,8 @@ effect! {
     ///
     /// v += z √(r² − r_post² + (r_post/G)²), with z standard normal, r the total at unity gain,
     /// r_post the part after the gain stage and G the analogue gain. Input-referred. N_read of eq.
-    /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a different
-    /// value in each pixel see the effect `read-noise-spread`.
+    /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a
+    /// different value in each pixel see the effect `read-noise-spread`.
     ReadNoise, "read-noise", Voltage, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;

@@ -8,7 +8,8 @@ effect! {
     /// Reset (kTC) noise: charge left on the sense node when its reset switch opens.
     ///
     /// v += z √(k T C)/q, with z standard normal per pixel and frame, and T the sensor's absolute
-    /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007, section
+    /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007,
+    /// section
     /// 7.
     ResetNoise, "reset-noise", Voltage, Pixel {
         /// Capacitance of the sense node

@@ -7,8 +7,8 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Row-wise fixed pattern: each row has its own offset, the same in every frame.
     ///
-    /// v += σ z(y), with z standard normal: N_fpn of eq. 10 of Chen et al. 2009, a vector over rows
-    /// with zero mean. Input-referred.
+    /// v += σ z(y), with z standard normal: N_fpn of eq. 10 of Chen et al. 2009, a vector over
+    /// rows with zero mean. Input-referred.
     RowOffsetFpn, "row-offset-fpn", Voltage, Pixel {
         /// Standard deviation over rows
         sigma_e: "e-", 0.0..=1e5;

@@ -1,12 +1,12 @@
 //! Scenes from a real camera (Chen et al. 2009, section II).
 //!
-//! - [`exposures`] reads the exposures (s) of one view as mean frames, DN above black; [`ceiling`] finds
-//!   where their signals end.
+//! - [`exposures`] reads the exposures (s) of one view as mean frames, DN above black; [`ceiling`]
+//!   finds where their signals end.
 //! - [`response`] fits the camera's response curve, DN against the DN of a linear camera.
 //! - [`hdr`] merges the exposures to one linear frame, DN/s, with its standard deviation.
 //! - [`view`] takes a linear frame apart into channels and finds a ColorChecker in it.
-//! - [`spectral`] estimates reflectance spectra (0 to 1 per band) from the channels, [`reflectance`]
-//!   those of a whole view, with the light taken out.
+//! - [`spectral`] estimates reflectance spectra (0 to 1 per band) from the channels,
+//!   [`reflectance`] those of a whole view, with the light taken out.
 //! - [`files`] are `response.toml` and `hdr.toml`.
 //!
 //! ```
@@ -20,7 +20,8 @@
 //! let bands = Bands::VISIBLE;
 //! let table = colorchecker::reflectances();
 //! let patches: Vec<Vec<f64>> =
-//!     (0..24).map(|i| Ok(table.spectrum(i)?.in_bands(&bands))).collect::<Result<_, camrig_base::Error>>()?;
+//!     (0..24).map(|i| Ok(table.spectrum(i)?.in_bands(&bands))).collect::<Result<_,
+//!     camrig_base::Error>>()?;
 //! let camera = Camera::load("mt9v024")?;
 //! let light = Illuminant::parse("D65")?.in_bands(&bands);
 //! let channels = Channels::new(&camera.sensor.response(&bands), &light)?;

@@ -29,8 +29,8 @@ pub struct LinearFrame {
 }
 
 impl LinearFrame {
-    /// Reads the directory of a merged frame ([`crate::hdr`]), or a raw frame whose file says its black
-    /// level and pattern.
+    /// Reads the directory of a merged frame ([`crate::hdr`]), or a raw frame whose file says its
+    /// black level and pattern.
     ///
     /// # Errors
     /// A file that is missing or cannot be read.

@@ -33,12 +33,12 @@ const AXIS_POINTS: i32 = 61;
 /// Side of the windows: the paper's 11 x 11 regions in whole periods of a Bayer pattern.
 const WINDOW: usize = 12;
 
-/// Mean signal at the centre as a fraction of saturation: little noise, and nothing saturates where
-/// crosstalk brightens a channel.
+/// Mean signal at the centre as a fraction of saturation: little noise, and nothing saturates
+/// where crosstalk brightens a channel.
 const FILL: f64 = 0.5;
 
-/// Half field for lenses whose focal length the camera file does not give, degrees: that of a normal
-/// to moderately wide lens.
+/// Half field for lenses whose focal length the camera file does not give, degrees: that of a
+/// normal to moderately wide lens.
 const DEFAULT_CORNER_DEG: f64 = 30.0;
 
 /// A point looked at.

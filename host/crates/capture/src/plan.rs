@@ -82,8 +82,8 @@ struct PlanLight {
     lux: Option<f64>,
 }
 
-/// Bandwidth of narrow-band light unless a plan says otherwise, nm: that of the filters of Chen et al.
-/// 2009, section IV-C.
+/// Bandwidth of narrow-band light unless a plan says otherwise, nm: that of the filters of Chen et
+/// al. 2009, section IV-C.
 const WIDTH_NM: f64 = 10.0;
 
 fn default_width_nm() -> f64 {

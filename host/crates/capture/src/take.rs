@@ -17,13 +17,13 @@ use camrig_scene::photometry::HC;
 use camrig_sensor_core::config::FrameSettings;
 use std::path::Path;
 
-/// Mean signal of a flat as a fraction of saturation where the plan does not say: the point at which
-/// EMVA 1288 measures non-uniformity.
+/// Mean signal of a flat as a fraction of saturation where the plan does not say: the point at
+/// which EMVA 1288 measures non-uniformity.
 const DEFAULT_FILL: f64 = 0.5;
 
-/// Share of saturated samples beyond which a stack that is not said to saturate is refused. A trade:
-/// clipping bends means and variances from the first clipped sample on, but hot pixels saturate in any
-/// light, and a stack must not be refused for them.
+/// Share of saturated samples beyond which a stack that is not said to saturate is refused. A
+/// trade: clipping bends means and variances from the first clipped sample on, but hot pixels
+/// saturate in any light, and a stack must not be refused for them.
 const MOST_SATURATED: f64 = 1e-3;
 
 /// How a plan is taken.

@@ -1,12 +1,12 @@
 //! Spectral irradiance on the sensor grid, in memory or in a file.
 //!
-//! Samples are in the 16-bit block floating point of [`camrig_sensor_core::spectral`]: what a sensor takes in, on a
-//! workstation and over a rig's link alike.
+//! Samples are in the 16-bit block floating point of [`camrig_sensor_core::spectral`]: what a
+//! sensor takes in, on a workstation and over a rig's link alike.
 //!
 //! # File
-//! `CAMRIGIR`, the length of the header as u32 little-endian, the header (JSON, [`CubeHeader`]), then for
-//! each band for each row: one exponent (i8) per 16 pixels, one mantissa (u16 little-endian) per pixel.
-//! Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent. Nothing follows.
+//! `CAMRIGIR`, the length of the header as u32 little-endian, the header (JSON, [`CubeHeader`]),
+//! then for each band for each row: one exponent (i8) per 16 pixels, one mantissa (u16
+//! little-endian) per pixel. Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent. Nothing follows.
 
 use camrig_base::Bands;
 use camrig_base::output::OutputFile;
@@ -35,8 +35,8 @@ pub struct CubeHeader {
     pub band_step_nm: f64,
     /// Number of bands.
     pub bands: usize,
-    /// Factor on the samples that makes them W m⁻² nm⁻¹. Lets one result of the optics stage, kept for a
-    /// white of 1, serve every light level.
+    /// Factor on the samples that makes them W m⁻² nm⁻¹. Lets one result of the optics stage, kept
+    /// for a white of 1, serve every light level.
     #[serde(default = "one")]
     pub level: f64,
     /// Scene illuminance for which it was made, lx, where there is one.

@@ -1,5 +1,5 @@
-//! The sensor stage over irradiance: cubes of spectral irradiance on the sensor grid, and the chain of
-//! `camrig-sensor-core` compiled once for the vector instructions of this machine.
+//! The sensor stage over irradiance: cubes of spectral irradiance on the sensor grid, and the
+//! chain of `camrig-sensor-core` compiled once for the vector instructions of this machine.
 
 mod irradiance;
 pub mod parallel;

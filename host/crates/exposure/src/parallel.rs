@@ -1,8 +1,8 @@
 //! Several rigs that compute the rows of a frame side by side, and to their host are one.
 //!
-//! Spectral rows are kept as they come until the link has nothing more to give, or [`Parallel`] holds as many
-//! as it may; then each rig takes a run of raw rows and the spectral rows around it. Raw rows depend on
-//! nothing else, so they are the same whoever computes them.
+//! Spectral rows are kept as they come until the link has nothing more to give, or [`Parallel`]
+//! holds as many as it may; then each rig takes a run of raw rows and the spectral rows around it.
+//! Raw rows depend on nothing else, so they are the same whoever computes them.
 
 use crate::rows::Vector;
 use camrig_firmware_sim::Rig;
@@ -100,8 +100,8 @@ fn rows<'a>(
     }
 }
 
-// Sums of bands and packing, compiled for the vector instructions of this machine; the chain itself is that of
-// `rows`.
+// Sums of bands and packing, compiled for the vector instructions of this machine; the chain
+// itself is that of `rows`.
 
 #[vectorised]
 fn units(running: &mut AnyRunning<'_>, row: u16, bytes: &[u8]) {

@@ -1,7 +1,7 @@
 //! Rows of the sensor, compiled for the vector instructions of this machine.
 //!
-//! A pipeline inlines every effect of the catalogue, which is much code: it is made here once for each
-//! arithmetic, and takes its light from whoever has some.
+//! A pipeline inlines every effect of the catalogue, which is much code: it is made here once for
+//! each arithmetic, and takes its light from whoever has some.
 
 use super::irradiance::Chunk;
 use camrig_base::{Error, Result};

@@ -22,15 +22,15 @@ pub struct Corrections {
 
 /// Wavelength at which the shading is taken, nm: the peak of vision.
 const SHADING_NM: f64 = 555.0;
-/// Relative illumination below which the gain grows no further: where a lens vignettes to black there is
-/// only noise to amplify, and 100 is more gain than any raw converter is asked for.
+/// Relative illumination below which the gain grows no further: where a lens vignettes to black
+/// there is only noise to amplify, and 100 is more gain than any raw converter is asked for.
 const LEAST_ILLUMINATION: f64 = 0.01;
 /// Rows and columns of nodes of the gain map: those of the crosstalk table of Chen et al. 2009.
 const NODES: [u32; 2] = [13, 17];
-/// Deviation from the signal of a good pixel, relative to it, beyond which a pixel is listed as bad. It
-/// trades pixels left in the picture against pixels interpolated for nothing: a tenth lies above the
-/// pixel response non-uniformity of real sensors (a few per cent) and below what stands out in a
-/// converted picture.
+/// Deviation from the signal of a good pixel, relative to it, beyond which a pixel is listed as
+/// bad. It trades pixels left in the picture against pixels interpolated for nothing: a tenth lies
+/// above the pixel response non-uniformity of real sensors (a few per cent) and below what stands
+/// out in a converted picture.
 const BAD: f64 = 0.1;
 
 /// The corrections for frames taken with `settings` (hot pixels come and go with exposure and

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-/// Test material that is not part of the repository: `place` in the folder that `CAMRIG_SHARED` names,
-/// or in `shared` beside the repository. Prints that a test is skipped where it is absent.
+/// Test material that is not part of the repository: `place` in the folder that `CAMRIG_SHARED`
+/// names, or in `shared` beside the repository. Prints that a test is skipped where it is absent.
 #[must_use]
 pub fn shared(place: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared");

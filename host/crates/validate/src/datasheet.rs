@@ -40,12 +40,12 @@ const EDGE_LUX: f64 = 300.0;
 /// Where the search for the edge's exposure starts and ends, s.
 const FIRST_EXPOSURE_S: f64 = 1e-3;
 const LONGEST_EXPOSURE_S: f64 = 10.0;
-/// Signal of the edge's bright side as a fraction of the range: half, and what is near enough to it.
-/// Noise falls with light, and nothing saturates.
+/// Signal of the edge's bright side as a fraction of the range: half, and what is near enough to
+/// it. Noise falls with light, and nothing saturates.
 const FILL: f64 = 0.5;
 const LEAST_FILL: f64 = 0.3;
-/// Least and largest factor between two exposures of the search: it must go on where the signal is that
-/// of rounding, and must not overshoot where a dark frame says next to nothing.
+/// Least and largest factor between two exposures of the search: it must go on where the signal is
+/// that of rounding, and must not overshoot where a dark frame says next to nothing.
 const STEP: (f64, f64) = (1.5, 20.0);
 
 /// Frames per point of the crosstalk bench.

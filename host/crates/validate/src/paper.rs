@@ -411,9 +411,9 @@ pub const REPORTED: Scatter = Scatter { all_percent: 8.0, without_dark_percent: 
 /// figures, and 1 % by which two sensors of one kind differ on average.
 const REPORTED_TOLERANCE_PERCENT: f64 = 0.5 + 1.0;
 
-/// Differences that are no more than noise and the luck of another sensor of the same kind. Each lies
-/// well below the difference that its cause in `captured.toml` makes and above what the same model with
-/// another seed gives; the test of this module has both.
+/// Differences that are no more than noise and the luck of another sensor of the same kind. Each
+/// lies well below the difference that its cause in `captured.toml` makes and above what the same
+/// model with another seed gives; the test of this module has both.
 mod none_left {
     /// MTF50 of the edge, per cent.
     pub const MTF50_PERCENT: f64 = 2.0;

@@ -13,7 +13,8 @@
 //! relative_illumination = ["illumination.csv"]  # ratio; or listings over the field in degrees
 //! chief_ray_angle = ["cra.csv"]                 # degrees; optional
 //!
-//! # Point-spread functions: every height with every wavelength. Zemax listing, CODE V listing, CSV
+//! # Point-spread functions: every height with every wavelength. Zemax listing, CODE V listing,
+//! CSV
 //! # or NPY (n x n).
 //! [[psf]]
 //! height_mm = 0.0
