@@ -8,13 +8,13 @@
 //! |---|---|---|
 //! | [`camera`] | a camera file (TOML) or a preset | lens, sensor and effects as checked values |
 //! | [`scene`] | charts, spectral cubes, illuminants | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
-//! | [`lens`], [`optics`] | prescriptions, tables over the field | spectral irradiance, W m⁻² nm⁻¹ |
+//! | [`lens`], [`optics`] | prescriptions, tables over the field | irradiance, W m⁻² nm⁻¹ |
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
-//! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; figures side by side |
-//! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows; files whole or not at all |
+//! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; both compared |
+//! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
 //! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
 //!
 //! # Example

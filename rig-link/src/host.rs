@@ -418,7 +418,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             if frame.cursor.row < frame.shape.rows {
                 return Some(self.send_part(frame, io, out));
             }
-            return Some(self.send(Kind::Ping, 0, 0, out)); // The pass is over: ask what is missing.
+            // The pass is over: ask what is missing.
+            return Some(self.send(Kind::Ping, 0, 0, out));
         }
         if self.heard.wrapping_sub(self.told) >= self.limits.credit.div_ceil(2) {
             return Some(self.send(Kind::Ack, 0, 0, out));

@@ -299,8 +299,8 @@ impl fmt::Display for Nack {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSession => f.write_str(
-                "the device knows no such session: it was switched off and on, or another host has \
-                 connected; connect again",
+                "the device knows no such session: it was switched off and on, or another host \
+                 has connected; connect again",
             ),
             Self::NoTransfer(transfer) => write!(
                 f,

@@ -117,12 +117,13 @@ impl fmt::Display for Reject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Damaged => f.write_str(
-                "the packet is too short or its CRC-32C is wrong: drop it, the host will ask again",
+                "the packet is too short or its CRC-32C is wrong: drop it, the host will ask \
+                 again",
             ),
             Self::UnknownKind { kind, session } => write!(
                 f,
-                "packet kind {kind} in session {session} is not one of protocol versions {} to {}: \
-                 update this end",
+                "packet kind {kind} in session {session} is not one of protocol versions {} to \
+                 {}: update this end",
                 VERSIONS.0, VERSIONS.1
             ),
         }
@@ -182,7 +183,10 @@ pub struct Cursor {
 }
 
 macro_rules! fixed_fields {
-    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty),* $(,)? }) => {
+    (
+        $(#[$doc:meta])*
+        $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty),* $(,)? }
+    ) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct $name { $($(#[$field_doc])* pub $field: $type),* }

@@ -172,8 +172,8 @@ impl fmt::Display for ConfigError {
             ),
             Self::Order { position, effect, after } => write!(
                 f,
-                "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order is \
-                 light, photo-electrons, charge, voltage",
+                "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order \
+                 is light, photo-electrons, charge, voltage",
                 effect.kind, effect.domain, after.kind, after.domain
             ),
             Self::Windows { count } => write!(

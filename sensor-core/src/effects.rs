@@ -298,7 +298,8 @@ fn add_counts<A: Arith>(
     }
 }
 
-/// |x| from which exp(−|x|) is below half a unit in the last place of 1 in f32 (2⁻²⁴ = exp(−16.6)).
+/// |x| from which exp(−|x|) is below half a unit in the last place of 1 in f32: 2⁻²⁴ is
+/// exp(−16.6).
 const EXP_VANISHES: f32 = 17.0;
 
 /// Soft knee: min(q, limit) with a transition over `width`, q − w ln(1 + exp((q − limit)/w)).

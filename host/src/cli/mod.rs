@@ -5,7 +5,9 @@
 /// `println!` of this program: a reader that has gone is an error with words, not a panic.
 macro_rules! println {
     () => { $crate::cli::stdout::print(format_args!("\n")) };
-    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*))) };
+    ($($what:tt)*) => {
+        $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*)))
+    };
 }
 
 /// `print!`, likewise.

@@ -170,7 +170,9 @@ fn list(args: &ListArgs) -> Result<()> {
             .iter()
             .map(|(path, about)| json!({ "path": path.display().to_string(), "about": about }))
             .collect();
-        let object = json!({ "charts": chart::NAMES, "illuminants": Illuminant::names(), "scenes": scenes });
+        let illuminants = Illuminant::names();
+        let object =
+            json!({ "charts": chart::NAMES, "illuminants": illuminants, "scenes": scenes });
         say!("{object}");
         return Ok(());
     }
@@ -239,7 +241,8 @@ fn info(args: &InfoArgs) -> Result<()> {
         let object = json!({
             "scene": args.scene, "quantity": quantity,
             "width": size.map(|s| s.0), "height": size.map(|s| s.1),
-            "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band, "notes": notes,
+            "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band,
+            "notes": notes,
         });
         say!("{object}");
         return Ok(());

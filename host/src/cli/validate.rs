@@ -33,8 +33,8 @@ enum What {
         camrig validate paper --model my.toml --captured captures/ --json\n\n\
         Without --captured, a camera with the causes that the paper names (focus, lens \
         transmittance, subject distance, defects) stands for the real one, and a second model has \
-        them too. Exit status 1 where the differences have not the sizes of the paper or do not go \
-        with their causes; with --captured, where any is left.")]
+        them too. Exit status 1 where the differences have not the sizes of the paper or do not \
+        go with their causes; with --captured, where any is left.")]
     Paper(PaperArgs),
 }
 

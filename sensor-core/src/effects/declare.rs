@@ -124,7 +124,9 @@ macro_rules! catalogue {
 
             /// Runs [`Stage::prepare`].
             pub(crate) fn prepare(&self, cx: &mut Context<'_>) {
-                match self { $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.prepare(cx),)+ }
+                match self {
+                    $($(#[cfg(feature = $feature)])? Effect::$name(e) => e.prepare(cx),)+
+                }
             }
 
             /// Runs the stage.

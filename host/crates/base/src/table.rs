@@ -36,8 +36,8 @@ impl SpectralTable {
         let malformed = |e: csv::Error| {
             let line = e.position().map_or(1, csv::Position::line);
             Error::input(format!("not a table: {e}")).at(format!("line {line}")).help(
-                "give a CSV with a header line wavelength_nm,NAME,... and as many numbers in every \
-                 line as the header has names",
+                "give a CSV with a header line wavelength_nm,NAME,... and as many numbers in \
+                 every line as the header has names",
             )
         };
         let header = reader.headers().map_err(malformed)?.clone();

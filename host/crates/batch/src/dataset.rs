@@ -45,7 +45,8 @@ impl Dataset {
             if occupied {
                 return Err(Error::input(format!("{} holds something else", directory.display()))
                     .help(
-                        "give a new or empty directory, or that of the same sweep to go on with it",
+                        "give a new or empty directory, or that of the same sweep to go on with \
+                         it",
                     ));
             }
             fs::create_dir_all(directory).map_err(|e| Error::io("create", directory, e))?;

@@ -60,8 +60,8 @@ pub fn read(set: &CaptureSet, ids: &[String]) -> Result<Vec<Series>> {
     }
     if series.is_empty() {
         return Err(Error::input("fewer than two exposures of any view").help(
-            "shoot the same view at several exposure times: captures of one role, scene, light and \
-             gain with different exposure_s",
+            "shoot the same view at several exposure times: captures of one role, scene, light \
+             and gain with different exposure_s",
         ));
     }
     Ok(series)

@@ -225,8 +225,8 @@ fn fit_channel(
     {
         let factor = libm::exp(mean);
         return Err(Error::disagreement(format!(
-            "channel {channel}: capture {name:?} has {factor:.2} times the light that its exposure \
-             time and the other captures say"
+            "channel {channel}: capture {name:?} has {factor:.2} times the light that its \
+             exposure time and the other captures say"
         ))
         .help("correct its exposure_s, or leave it out: the light or the shutter changed"));
     }

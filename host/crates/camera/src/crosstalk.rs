@@ -97,7 +97,8 @@ impl CrosstalkTable {
                 x.len()
             ))
             .help(format!(
-                "the nodes must form a whole rectangular grid of at most {} columns, one line each",
+                "the nodes must form a whole rectangular grid of at most {} columns, one line \
+                 each",
                 camrig_sensor_core::crosstalk::MAX_NODES
             )));
         }

@@ -234,8 +234,8 @@ fn paper_measures(page: &mut Page, m: &report::Measures) {
     page.paragraph(
         "The measures of Chen et al. 2009, section VI, on held-out frames: response of the edge \
          at half a cycle per pixel; mean absolute difference of the luminance's standard \
-         deviation from the model's, all patches and without the dark ones; root mean square difference of \
-         a row.",
+         deviation from the model's, all patches and without the dark ones; root mean square \
+         difference of a row.",
     );
     let mut rows: Vec<Vec<String>> = Vec::new();
     for r in &m.mtf_at_nyquist {

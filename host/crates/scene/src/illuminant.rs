@@ -3,7 +3,7 @@
 //! | name | source |
 //! | --- | --- |
 //! | `A` | ISO/CIE 11664-2: Planck's law with the convention of that standard, 100 at 560 nm |
-//! | `D50` `D55` `D65` `D75` | ISO/CIE 11664-2, CIE 15: daylight at 5000 K ... times 1.4388/1.4380 |
+//! | `D50` `D55` `D65` `D75` | ISO/CIE 11664-2, CIE 15: daylight, 5000 K ... times 1.4388/1.4380 |
 //! | `D5600K` | the same method at exactly that correlated colour temperature, 4000 K to 25000 K |
 //! | `E` | equal power at all wavelengths |
 //! | `F1` ... `F12` | CIE 15 table of fluorescent lamps, 380 to 780 nm |

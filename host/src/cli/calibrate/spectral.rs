@@ -19,7 +19,8 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  \
     camrig scene spectral merged/ --camera cam.toml --illuminant D65 --chart 120,80,900,590 \
     -o scene/\n  \
-    camrig scene spectral frame.dng --camera mt9v024 --illuminant A --white 40,40,30,30 -o scene/")]
+    camrig scene spectral frame.dng --camera mt9v024 --illuminant A --white 40,40,30,30 \
+    -o scene/")]
 pub struct SpectralArgs {
     /// Directory of `scene hdr`, or a raw frame that says its black level and pattern
     frame: PathBuf,

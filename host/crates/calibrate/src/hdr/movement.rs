@@ -239,13 +239,13 @@ impl<'a> Samples<'a> {
             let (wrong, factor) = if earlier { (pair, -most) } else { (pair + 1, most) };
             let Exposure { id, seconds, .. } = &*exposures[wrong];
             return Err(Error::disagreement(format!(
-                "capture {id:?} has {:.2} times the light that its exposure time of {seconds} s and the \
-                 other captures say",
+                "capture {id:?} has {:.2} times the light that its exposure time of {seconds} s \
+                 and the other captures say",
                 libm::exp(factor)
             ))
             .help(
-                "correct the exposure_s that is wrong, or leave that capture out; a camera that is \
-                 not linear needs its response",
+                "correct the exposure_s that is wrong, or leave that capture out; a camera that \
+                 is not linear needs its response",
             )
             .with_code("exposure-time"));
         }

@@ -230,8 +230,8 @@ fn psf_grid(
                 ))
                 .at(dir.display())
                 .help(format!(
-                    "{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that height \
-                     or wavelength"
+                    "{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that \
+                     height or wavelength"
                 )));
             };
             let text = read_text(path)?;

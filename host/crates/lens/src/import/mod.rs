@@ -56,7 +56,8 @@ impl Table {
             let same = |w: &&f64| (**w - nm).abs() < 0.5 || **w == 0.0;
             let column = self.wavelengths.iter().position(|w| same(&w)).ok_or_else(|| {
                 Error::input(format!("no values for {nm} nm")).help(format!(
-                    "the table has {:?} nm; give the missing wavelength or leave it out everywhere",
+                    "the table has {:?} nm; give the missing wavelength or leave it out \
+                     everywhere",
                     self.wavelengths
                 ))
             })?;

@@ -82,15 +82,15 @@ impl NodeReport {
         }
         match self.heights {
             Some(heights) if heights.mean > self.tolerance => Some(format!(
-                "the heights of the lens data are so far apart that PSFs between them misplace about \
-                 {} of the light in the mean, more than the {limit} asked for; give PSFs at more \
-                 heights",
+                "the heights of the lens data are so far apart that PSFs between them misplace \
+                 about {} of the light in the mean, more than the {limit} asked for; give PSFs \
+                 at more heights",
                 percent(heights.mean)
             )),
             Some(_) => None,
             None => Some(
-                "the lens data hold PSFs at fewer than five heights: how wrong they are between is \
-                 not known"
+                "the lens data hold PSFs at fewer than five heights: how wrong they are between \
+                 is not known"
                     .into(),
             ),
         }
