@@ -1,5 +1,5 @@
-//! A simulated ColorChecker, developed by real raw converters, against the colours that its
-//! reflectances have: judges our colour matrices, white balance, levels and pattern together.
+//! A simulated ColorChecker, developed by real raw converters and compared with the colours of its
+//! reflectances. This judges colour matrices, white balance, levels and pattern together.
 
 use camrig::RawFrame;
 use camrig::camera::Camera;
@@ -21,8 +21,8 @@ const WHITE: usize = 18;
 
 type Lab = [f64; 3];
 
-/// The chart in D65 through the preset `mt9t012` on fewer, larger pixels, without the lens's
-/// shading: a chart's colours are judged in even light.
+/// The chart in D65 through the preset `mt9t012` on fewer, larger pixels, without the shading of
+/// the lens, because colours of a chart are judged in even light.
 fn chart() -> (RawFrame, DngInfo) {
     let folder = tempfile::tempdir().unwrap();
     let presets =
@@ -80,7 +80,7 @@ fn patches<T>(
         .collect()
 }
 
-/// What the patches' reflectances look like in D65, XYZ with white at Y = 1.
+/// Colours of the patches' reflectances in D65: XYZ with white at Y = 1.
 fn truth() -> Vec<[f64; 3]> {
     let light = Illuminant::parse("D65").unwrap().power;
     let lit = |reflectance: &Spectrum| {
@@ -98,13 +98,13 @@ fn d65() -> [f64; 3] {
     xyz_of_srgb([1.0; 3])
 }
 
-/// L*a*b* with the white patch brought to its true luminance: exposure is not judged.
+/// L*a*b* with the white patch scaled to its true luminance, because exposure is not judged.
 fn labs(xyz: &[[f64; 3]], truth: &[[f64; 3]]) -> Vec<Lab> {
     let scale = truth[WHITE][1] / xyz[WHITE][1];
     xyz.iter().map(|v| lab(v.map(|t| t * scale), d65())).collect()
 }
 
-/// What the DNG's own D65 matrix makes of the raw patches.
+/// XYZ of the raw patches by the D65 matrix in the DNG itself.
 fn by_matrix(raw: &RawFrame, info: &DngInfo) -> Vec<[f64; 3]> {
     let inverse = color::inverse(&info.color_matrix_d65.unwrap()).unwrap();
     let at = |x: usize, y: usize| (raw.cfa.channel(x, y), f64::from(raw.data[y * WIDTH + x]));
@@ -118,7 +118,7 @@ fn by_matrix(raw: &RawFrame, info: &DngInfo) -> Vec<[f64; 3]> {
     patches(at, mean)
 }
 
-/// Patches of a picture of linear sRGB values, which may lack a border all round.
+/// Patches of a picture of linear sRGB values; the converter may have cropped a border all round.
 fn of_picture(width: usize, pixels: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let border = (WIDTH - width) / 2;
     let mean = |values: Vec<[f64; 3]>| {
@@ -155,8 +155,8 @@ fn converters_see_the_chart_in_its_colours() {
         );
         assert!(most < tolerance, "{name}: {most}");
     };
-    // A converter differs from its matrix by how it demosaics noise and by its arithmetic: less
-    // than what can just be seen (1) on every patch.
+    // A converter differs from its matrix by its treatment of noise in demosaicing and by its
+    // arithmetic, on every patch by less than the eye can just see (1).
     if let Some(dcraw) = client("dcraw") {
         let (width, pixels) = ppm(&run(&dcraw, &[&"-w", &"-4", &"-o", &"1", &"-c", &path]));
         judge("dcraw", of_picture(width, &pixels), 1.0);

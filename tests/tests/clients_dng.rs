@@ -1,5 +1,4 @@
-//! Real programs read what we write: every sample, the levels, the pattern, the metadata, the
-//! colours.
+//! Real programs read our files: every sample, the levels, the pattern, the metadata, the colours.
 
 use camrig::RawFrame;
 use camrig::camera::Cfa;
@@ -43,7 +42,7 @@ fn info() -> DngInfo {
     }
 }
 
-/// A file in a folder of its own, which goes when the guard does.
+/// A file in a temporary folder, which is removed with the guard.
 fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -51,7 +50,7 @@ fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
-/// Every variant of pattern and depth.
+/// Every pattern with every bit depth.
 fn variants() -> impl Iterator<Item = RawFrame> {
     [10, 12, 14, 16].into_iter().flat_map(|bits| BAYER.map(|cfa| frame(bits, cfa)))
 }
@@ -207,7 +206,7 @@ fn exiftool_and_exiv2_have_nothing_to_complain_of() {
     }
 }
 
-/// The printed hints are run as they are, with a sink put in place of the dots.
+/// The printed hints are run as printed, with a sink in place of the dots.
 #[test]
 fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
     let folder = tempfile::tempdir().unwrap();
@@ -222,7 +221,7 @@ fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
         for hint in pixels.hints(&path, WIDTH, HEIGHT) {
             let words: Vec<&str> = hint.split_whitespace().collect();
             if let Some(ffmpeg) = (words[0] == "ffmpeg").then(|| client("ffmpeg")).flatten() {
-                // Copying the stream shows that ffmpeg takes it for frames of this size and depth.
+                // Copying the stream shows that ffmpeg reads frames of this size and depth.
                 let mut all: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"-v", &"error"];
                 let input = &words[1..words.len() - 1];
                 all.extend(input.iter().map(|w| w as &dyn AsRef<std::ffi::OsStr>));
@@ -231,7 +230,7 @@ fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
                 }
                 assert!(run(&ffmpeg, &all) == bytes, "{hint}");
             }
-            // GStreamer 1.22 knows Bayer of 8 bits only.
+            // GStreamer 1.22 supports Bayer frames of 8 bits only.
             let gstreamer = words[0] == "gst-launch-1.0" && (bits == 8 || raw.cfa.is_mono());
             if let Some(gstreamer) = gstreamer.then(|| client("gst-launch-1.0")).flatten() {
                 let copy = path.with_extension("copy");
@@ -252,7 +251,7 @@ fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
     }
 }
 
-/// A gain map per phase of the pattern: 1 at the centre, 2 at the corners.
+/// A gain map for each phase of the pattern: 1 at the centre, 2 at the corners.
 fn gain_maps() -> Vec<Opcode> {
     let phase = |top: u32, left: u32| {
         Opcode::GainMap(GainMap {
@@ -271,14 +270,14 @@ fn bad_pixels() -> Vec<Opcode> {
     vec![Opcode::FixBadPixelsList { bayer_phase: 1, points: vec![(10, 20), (31, 41)] }]
 }
 
-/// darktable applies what we ask for: a flat field seen through the inverse of the gain map
-/// becomes flat, and dark spots at the listed pixels go.
+/// darktable applies the opcodes: a flat field divided by the gain map becomes flat, and dark
+/// spots at the listed pixels vanish.
 #[test]
 fn darktable_executes_the_opcodes() {
     let Some(darktable) = client("darktable-cli") else { return };
     let mut raw = frame(12, "GRBG");
     let signal = |x: usize, y: usize| {
-        // The map's own interpolation: bilinear between nodes at 0, 1/2 and 1 of the image.
+        // The interpolation of the map: bilinear between nodes at 0, 1/2 and 1 of the image.
         let across = |p: usize, n: usize| ((p as f64 + 0.5) / n as f64 * 2.0 - 1.0).abs();
         let (u, v) = (across(x, WIDTH), across(y, HEIGHT));
         1200.0 / (1.0 + 0.5 * (u + v))
@@ -326,7 +325,7 @@ fn darktable_executes_the_opcodes() {
     let spot = |p: &[f64]| at(p, 20, 10) / at(p, 26, 10);
     println!("corner/centre {:.3} -> {:.3}", corner(&plain), corner(&fixed));
     println!("spot/neighbour {:.3} -> {:.3}", spot(&plain), spot(&fixed));
-    // A picture of 8 bits with a tone curve: one level of about 200 is 0.5 %.
+    // In a picture of 8 bits with a tone curve, one level of about 200 is 0.5 %.
     assert!(corner(&plain) < 0.9 && (corner(&fixed) - 1.0).abs() < 0.02);
     assert!(spot(&plain) < 0.9 && (spot(&fixed) - 1.0).abs() < 0.02);
 }

@@ -1,4 +1,4 @@
-//! Small cameras with everything that matters, and light that uses it.
+//! Small cameras with effects of every kind, and irradiance that exercises them.
 
 use camrig::Plane;
 use camrig::camera::{Camera, presets};
@@ -11,8 +11,8 @@ use std::path::Path;
 pub const WIDTH: usize = 150;
 pub const HEIGHT: usize = 37;
 
-/// Effects on top of the presets: one that reads its neighbours, so that rows depend on one
-/// another; one with a memory.
+/// Effects in addition to those of the presets: one reads its neighbours, so that rows depend on
+/// one another; one remembers the frame before.
 const EFFECTS: [&str; 3] = [
     "",
     "[[effect]]\nkind = \"charge-coupling\"\nside = 0.02\nvertical = 0.03\ndiagonal = 0.004\n",
@@ -20,8 +20,7 @@ const EFFECTS: [&str; 3] = [
      [[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 2.0\n",
 ];
 
-/// A preset with a small sensor of an awkward width: no multiple of a block, group or packing
-/// group.
+/// A preset with a small sensor whose width is a multiple of no block, group or packing group.
 pub fn camera(folder: &Path, i: usize) -> Camera {
     let name = presets::NAMES[i];
     let text = presets::file(&format!("{name}.toml")).unwrap();
@@ -77,7 +76,8 @@ pub fn sensor(camera: &Camera, cube: &IrradianceCube) -> SimulatedSensor {
     SimulatedSensor::new(camera, &cube.header, 1.0).unwrap()
 }
 
-/// Takes a frame of a camera and compares it with what the host computes; nothing happened before.
+/// Takes a frame of a camera that has taken none before, and compares it with the result of the
+/// host.
 pub fn compare_frame(
     rig: &mut Rig,
     camera: &Camera,
@@ -104,7 +104,7 @@ pub fn compare_frame(
 }
 
 /// Takes two frames of each of the three cameras in the given arithmetics and compares them with
-/// what the host computes.
+/// the results of the host.
 pub fn compare(rig: &mut Rig, arithmetics: &[Arithmetic]) {
     compare_cameras(rig, arithmetics, 0..3);
 }
@@ -130,7 +130,7 @@ pub fn one_frame(rig: &mut Rig, arithmetic: Arithmetic) {
     compare_frame(rig, &camera, &cube(&camera, BANDS), arithmetic, 0);
 }
 
-/// One frame of the plain mt9v024 sensor; its pixels.
+/// Takes one frame of the unchanged mt9v024 sensor and returns its number of pixels.
 pub fn count_frame(rig: &mut Rig, arithmetic: Arithmetic) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let mut camera = camera(folder.path(), 1);

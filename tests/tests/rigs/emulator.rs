@@ -42,7 +42,7 @@ fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
     common::compare(&mut Rig::open(&url).unwrap(), &BOTH);
 }
 
-/// Stands between a host and a rig and cuts the first connection after so many bytes to the rig.
+/// A proxy between a host and a rig that cuts the first connection after `after` bytes to the rig.
 fn cutting_proxy(rig: String, after: u64) -> String {
     use std::io::Read;
     use std::net::{Shutdown, TcpListener, TcpStream};
@@ -73,7 +73,7 @@ fn a_frame_goes_on_after_the_connection_broke() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(folder.path(), 1);
     let cube = common::cube(&camera, BANDS);
-    // The camera is some 4 KB, the frame 90.
+    // The camera takes some 4 KB on the link, the frame 90.
     for after in [6_000, 20_000, 60_000] {
         let mut rig = Rig::open(&cutting_proxy(tcp_server(None), after)).unwrap();
         common::compare_frame(&mut rig, &camera, &cube, Arithmetic::F32, 0);
@@ -100,15 +100,17 @@ fn collapsed_rows_differ_by_their_rounding_only() {
     let spectral = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     request.collapse = true;
     let collapsed = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
-    // Exposure is the rig's, whoever integrated the bands: by registers as by request.
+    // The rig applies the exposure, whether rig or host integrated the bands, by registers as by
+    // request.
     rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
     rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
     request.by_registers = true;
     request.settings.exposure_s = 1.0;
     let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
     assert!(by_registers.to_raw(&sensor).unwrap() == collapsed);
-    // The mean moves by at most 2^-17 of the group's largest, well below a DN here; the noise is
-    // the same draw, so a DN moves by the rounding of the count and of the converter.
+    // The mean moves by at most 2^-17 of the largest of its group, far less than a DN here. The
+    // noise is the same draw, so a DN changes only by the rounding of the count and of the
+    // converter.
     let worst = spectral.data.iter().zip(&collapsed.data).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(worst <= Some(1), "{worst:?}");
 }
@@ -156,7 +158,7 @@ fn registers_expose_and_faults_show() {
     assert!(rig.frame(&cube, &sensor, &request).unwrap().dropped);
     assert!(rig.frame(&cube, &sensor, &request).unwrap().packed == by_message.packed);
 
-    // What is written between frames shows after the sensor's delay: gain in the next frame,
+    // Writes between frames take effect after the delay of the sensor: gain in the next frame,
     // exposure in the one after.
     request.by_registers = true;
     rig.write_register(address::COARSE_INTEGRATION_TIME, 500).unwrap();

@@ -1,4 +1,4 @@
-//! What goes wrong says so, with exit status 2.
+//! Faults of links and rigs are reported with exit status 2.
 
 use crate::common;
 use crate::emulator::tcp_server;

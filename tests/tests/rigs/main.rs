@@ -1,7 +1,8 @@
-//! Rigs: whatever sensor stage a frame ran on, its bytes are the same.
+//! Rigs: a frame has the same bytes on whatever rig its sensor stage ran.
 //!
-//! Tiers: the emulator in this process, over TCP, over a pseudo-terminal (always); firmware on
-//! Cortex-M boards in QEMU (`ci/tier-firmware` builds it and says where in CAMRIG_FIRMWARE).
+//! Always tested: the emulator in this process, over TCP and over a pseudo-terminal. With
+//! firmware: Cortex-M boards in QEMU (`ci/tier-firmware` builds it and gives its folder in
+//! CAMRIG_FIRMWARE).
 
 mod common;
 mod emulator;

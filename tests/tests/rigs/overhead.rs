@@ -1,4 +1,4 @@
-//! Bytes on a clean link beyond those of the spectral rows and the packed raw rows.
+//! Bytes on a clean link in addition to those of the spectral rows and the packed raw rows.
 
 use camrig::Plane;
 use camrig::camera::Camera;
@@ -32,7 +32,7 @@ fn cube(bands: usize) -> IrradianceCube {
     writer.finish().unwrap()
 }
 
-/// The share that the link adds in one frame of 12 bits, both directions together.
+/// Share that the protocol adds in one frame of 12 bits, both directions together.
 fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     let mut camera = Camera::load("mt9v024").unwrap();
     (camera.sensor.width, camera.sensor.height) = (WIDTH as u32, HEIGHT as u32);
@@ -57,14 +57,14 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     (after.0 - before.0 + after.1 - before.1) as f64 / rows - 1.0
 }
 
-/// In percent, for collapsed rows, 8 bands and 31. Streams: header, place, CRC and length of a
-/// packet, and COBS. Reports: besides their pointer (1 byte of 64, 2 of 1024), what each flush
-/// leaves unused, half a report in the mean, and how many there are depends on who waits for whom.
-/// At most 16 reports may be under way from the rig, so a host acknowledges a row of 2880 packed
-/// bytes 7 times in reports of 64 bytes (417 of its bytes in each packet of 7), each time with a
-/// report of its own: 448 bytes. Whatever the arrangement, an acknowledgement for every 16 reports
-/// is 6 % of what comes back, and the pointer 1.6 % of everything; so collapsed rows, 33 bytes
-/// there for 24 back, cannot come below 1.6 + 6 x 24 / 57 = 4.2 %.
+/// In per cent, for collapsed rows, 8 bands and 31. Streams add the header, place, CRC and length
+/// of a packet, and COBS. Reports add their pointer (1 byte of 64, 2 of 1024) and what each flush
+/// leaves unused, half a report in the mean; the number of flushes depends on which end waits for
+/// the other. At most 16 reports from the rig may be under way, so a host acknowledges a row of
+/// 2880 packed bytes 7 times in reports of 64 bytes (417 of its bytes in each packet of 7), each
+/// time with a report of its own: 448 bytes. In any arrangement, an acknowledgement for every 16
+/// reports is 6 % of what comes back and the pointer 1.6 % of everything, so collapsed rows, with
+/// 33 bytes sent for 24 returned, cannot come below 1.6 + 6 x 24 / 57 = 4.2 %.
 #[test]
 fn streams_add_less_than_3_percent_and_reports_where_bands_are_many() {
     let tcp = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };

@@ -10,8 +10,8 @@ use camrig_rig_link::host::Limits;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// A QEMU that does not outlive its test. It is killed, not asked: a read of its standard input
-/// blocks it wholly.
+/// A QEMU process that ends with its test. It is killed, because it does not react to a request
+/// while it waits for standard input.
 struct Board(Child);
 
 impl Drop for Board {
@@ -22,7 +22,7 @@ impl Drop for Board {
     }
 }
 
-/// The firmware for a board, or nothing and a line that says so.
+/// The firmware for a board. `None`, with a line that says so, if it was not built.
 fn firmware(name: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os("CAMRIG_FIRMWARE") else {
         println!("not here: ci/tier-firmware builds the firmware and runs this in QEMU");
@@ -35,7 +35,7 @@ fn firmware(name: &str) -> Option<PathBuf> {
     Some(path)
 }
 
-/// A board whose link is its standard input and output, and its log.
+/// A board with its link on standard input and output, and with a log.
 struct Emulated {
     board: Board,
     rig: Rig,
@@ -61,7 +61,7 @@ impl Emulated {
             .unwrap();
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let board = Board(child);
-        // Instructions are emulated: a row may take long.
+        // QEMU emulates every instruction, so a row may take long.
         let limits = Limits { timeout: 20_000_000, ..Limits::default() };
         let link = ByteLink::new(machine.to_string(), Framing::Cobs, limits, input, output);
         let rig = Rig::with_transport(Url::Emulator, Box::new(link)).unwrap();
@@ -69,8 +69,8 @@ impl Emulated {
         Some(Self { board, rig, elf, folder })
     }
 
-    /// Closes the board's standard input, upon which the firmware ends, and returns its log in
-    /// words.
+    /// Closes the board's standard input, upon which the firmware ends, and returns its log as
+    /// text.
     fn end(self) -> String {
         let Self { mut board, rig, elf, folder } = self;
         drop(rig);
@@ -83,7 +83,7 @@ impl Emulated {
     }
 }
 
-/// The numbers in what follows `label` in a log.
+/// The numbers that follow `label` in a log.
 fn figures(log: &str, label: &str) -> Vec<usize> {
     let (_, rest) = log.split_once(label).expect(log);
     let line = rest.lines().next().unwrap_or_default();
@@ -103,8 +103,8 @@ fn frames_in_qemu(machine: &str, name: &str, arithmetic: Arithmetic) {
     assert!(stack[0] <= 56 * 1024 && stack[0] < stack[1], "{log}");
 }
 
-/// Firmware of the base model: the same frames, and a camera with other effects is told what is
-/// lacking.
+/// Firmware of the base model gives the same frames; a camera with other effects is refused with
+/// their names.
 #[test]
 fn firmware_of_the_base_model_gives_the_frames_of_the_host() {
     for (machine, name, arithmetic) in [
@@ -138,9 +138,9 @@ fn cortex_m3_gives_the_frames_of_the_host() {
     frames_in_qemu("mps2-an385", "rig-m3.elf", Arithmetic::Fixed);
 }
 
-/// Instructions per pixel of the plain mt9v024 preset (every base effect) in seven bands, exact
-/// and repeatable under `-icount`. The bounds are 1.25 times what Rust 1.96 gave (2026-11), so
-/// that a compiler may differ but not an algorithm.
+/// Instructions per pixel of the unchanged mt9v024 preset (every effect of the base model) in
+/// seven bands, exact and repeatable under `-icount`. The bounds are 1.25 times the counts of Rust
+/// 1.96 (2026-11): another compiler passes, another algorithm does not.
 #[test]
 fn instructions_per_pixel_stay_within_bounds() {
     for (machine, name, arithmetic, max_collect, max_compute) in [
@@ -161,9 +161,8 @@ fn instructions_per_pixel_stay_within_bounds() {
     }
 }
 
-/// The honest link: a UART, byte by byte, opened as a serial port. QEMU carries about 50 kB/s to
-/// the board and holds the host up while the board computes; the packets that the host sends ahead
-/// take seconds.
+/// A real UART, byte by byte, opened as a serial port. QEMU carries about 50 kB/s to the board and
+/// stops reading while the board computes, so the packets that the host sends ahead take seconds.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_uart_carries_frames_too() {

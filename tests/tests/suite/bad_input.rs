@@ -1,10 +1,10 @@
-//! Bad input: exit status 2, a message that says what, where and what would be right, and no
-//! output.
+//! Bad input ends with exit status 2, a message that says what is wrong, where, and what would be
+//! right, and no output.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;
 
-/// Runs a command that must refuse, and checks what it says.
+/// Runs a command that must fail with status 2, and checks its message.
 pub fn refuses(dir: &Path, arguments: &str, says: &[&str]) {
     let output = camrig(dir, arguments);
     let told = String::from_utf8_lossy(&output.stderr);
@@ -51,7 +51,8 @@ fn arguments() {
     );
 }
 
-/// Standard output that nobody reads, or that is full: words and status 2, no panic.
+/// A standard output that is closed or full ends a command with a message and status 2, not with a
+/// panic.
 #[cfg(target_os = "linux")]
 #[test]
 fn standard_output_that_takes_nothing() {

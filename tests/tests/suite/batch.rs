@@ -59,7 +59,7 @@ fn shards_in_any_order_make_what_one_process_makes() {
     let whole = files(&dir.path().join("whole"));
     assert!(whole == files(&dir.path().join("parts")));
     assert_eq!(whole.len(), 2 * 64 + 2, "{:?}", whole.keys());
-    // From another working directory, and again over what is there.
+    // From another working directory, and again over the finished set.
     let above = dir.path().parent().unwrap();
     let name = dir.path().file_name().unwrap().to_string_lossy();
     camrig_ok(above, &format!("batch {name}/sweep.toml -o {name}/there --no-cache"));
@@ -75,7 +75,7 @@ fn the_manifest_says_what_each_picture_is() {
     let records: Vec<serde_json::Value> =
         manifest.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(records.len(), 64);
-    // A picture is the frame that `simulate` takes with the parameters of its record.
+    // A picture is the frame that `simulate` gives for the parameters of its record.
     for record in records.iter().step_by(21) {
         let p = &record["parameters"];
         let number = |key: &str| p[key].as_f64().unwrap();
@@ -120,9 +120,8 @@ fn a_data_set_is_not_mixed_from_different_inputs() {
     refused(&["holds something else"]);
 }
 
-/// 200 times SIGKILL at moments spread over the whole run. After each: only whole files, each with
-/// the bytes that an undisturbed run gives it. A data set that is complete is followed by a new
-/// one.
+/// SIGKILL 200 times, at moments spread over the whole run. After each there are only whole files,
+/// each with the bytes of an undisturbed run. When a data set is complete, a new one begins.
 #[cfg(unix)]
 #[test]
 fn killed_at_any_moment_it_loses_and_doubles_nothing() {
@@ -141,7 +140,7 @@ fn killed_at_any_moment_it_loses_and_doubles_nothing() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // 0.618...: the moments fill the run evenly, whatever their number.
+        // Multiples of 0.618... modulo 1 fill the run evenly, whatever their number.
         let moment = f64::from(i) * 0.618_033_988_75 % 1.0;
         std::thread::sleep(Duration::from_secs_f64(moment * span_s));
         child.kill().unwrap();

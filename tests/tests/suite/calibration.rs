@@ -1,5 +1,5 @@
-//! The closed loop: a spectral scene seen by our own camera at several exposures, and from those
-//! frames back to the response curve, the light and the reflectances that went in.
+//! The closed loop: our own camera takes a spectral scene at several exposures, and calibration
+//! recovers the response curve, the light and the reflectances.
 
 use super::{camera, camrig, camrig_ok, shared, small_camera};
 use camrig::calibrate::response::Response;
@@ -9,7 +9,7 @@ use camrig::scene::numpy::read_plane;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (752, 480);
-/// Width of the chart's card in frame widths (the chart's default).
+/// Width of the card of the chart in frame widths (the default of the chart).
 const CARD: f64 = 0.8;
 
 /// A small MT9T012 whose pixels do not depend on their place, with `effects` appended.
@@ -54,9 +54,10 @@ fn responses(dir: &Path) -> Vec<Response> {
     file["response"].clone().try_into().unwrap()
 }
 
-/// A linear camera and one that bends by 3 %, so that it is full at 97 % of the converter's range,
-/// above the 95 % that count as saturated (the stage of sensor-core and its inverse in closed
-/// form): the curve of every channel within 1 % over its whole range, its scale set at half of it.
+/// A linear camera, and one that bends by 3 % and so saturates at 97 % of the converter's range,
+/// above the 95 % that count as saturated. The reference is the stage of sensor-core and its
+/// inverse in closed form. The curve of every channel must be within 1 % over its whole range,
+/// with the scale set at half of it.
 #[test]
 fn response_of_our_own_camera_within_1_percent() {
     let full_well_e = camera(&small_camera(8, 8, &[])).sensor.full_well_e;
@@ -83,7 +84,7 @@ fn response_of_our_own_camera_within_1_percent() {
                 points.iter().map(|&dn| r.linear_dn(dn) / electrons(dn)).collect();
             let (low, high) =
                 ratio.iter().fold((f64::MAX, 0.0f64), |(a, b), &v| (a.min(v), b.max(v)));
-            // Scale is free: within ± 1 % of the middle.
+            // The scale is free, hence within ± 1 % of the middle.
             let worst = (high / low).sqrt() - 1.0;
             println!("bent by {fraction}: {} within {:.2} %", r.channel, 100.0 * worst);
             assert!(worst < 0.01, "{} {fraction}: {:.2} %", r.channel, 100.0 * worst);
@@ -91,16 +92,17 @@ fn response_of_our_own_camera_within_1_percent() {
     }
 }
 
-/// 26 lamps over 100 dB, small ones: diffraction alone spreads a hundred-thousandth of a large one
-/// over the whole frame. The merged frame against the irradiance that the optics stage made, in
-/// absolute terms (electrons per second times DN per electron), within 2 % at every lamp.
+/// 26 lamps over 100 dB. They are small, because diffraction alone spreads a hundred-thousandth of
+/// a large one over the whole frame. The merged frame is compared in absolute terms (electrons per
+/// second times DN per electron) with the irradiance of the optics stage, within 2 % at every
+/// lamp.
 #[test]
 fn radiance_of_our_own_camera_over_100_db() {
     const LAMPS: usize = 26;
     let exposures = "[2e-5, 8e-5, 3.2e-4, 1.28e-3, 5.12e-3, 2.048e-2, 8.192e-2, 0.32768]";
     let scene = "lamps.npy:quantity=radiance,start_nm=500,step_nm=50";
     let dir = folder("", scene, "", exposures);
-    // A cell of the scene is some ten pixels; a lamp has 2 x 2 of them.
+    // A cell of the scene is some ten pixels wide; a lamp has 2 x 2 of them.
     let (rows, columns, bands) = (48, 75, 3);
     let place = |lamp: usize| (5 + lamp % 7 * 10, 5 + lamp / 7 * 11);
     let mut radiance = vec![1e-6f32; rows * columns];
@@ -166,9 +168,9 @@ fn radiance_of_our_own_camera_over_100_db() {
     assert!(20.0 * (most / least).log10() > 100.0, "{:.1} dB", 20.0 * (most / least).log10());
 }
 
-/// Reflectances of the patches from merged frames, against those that were painted: each patch's
-/// error is stated, and none is larger than what leaving it out of the training costs, with a
-/// quarter for noise and rounding.
+/// Reflectances of the patches from merged frames against the painted ones. The error of each
+/// patch is printed, and none is larger than the error when the patch is left out of the training,
+/// with a quarter added for noise and rounding.
 #[test]
 fn reflectances_of_our_own_camera() {
     let dir = folder("", "colorchecker", D65, DOUBLING);
@@ -192,7 +194,8 @@ fn reflectances_of_our_own_camera() {
         ),
     );
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    // What the sensor's noise leaves of 24 means of 8 frames, and the lens's blur at patch edges.
+    // Error from the noise of the sensor in 24 means of 8 frames, and from blur at the edges of
+    // patches.
     assert!(told["chart_residual"].as_f64().unwrap() < 0.005, "{told}");
     let left_out = &told["leave_one_out"]["rmse_per_patch"];
     let cube = camrig::scene::open_file(dir.path().join("scene").to_str().unwrap()).unwrap();
@@ -223,7 +226,7 @@ fn reflectances_of_our_own_camera() {
     assert!(ours.as_f64().unwrap() * 1.5 < plain.as_f64().unwrap(), "{ours} {plain}");
 }
 
-/// What cannot give a scene is refused in words.
+/// Frames that cannot give a scene are refused with a reason.
 #[test]
 fn frames_that_cannot_give_a_scene() {
     let dir = folder("", "colorchecker", D65, "[0.016, 0.032]");
@@ -249,13 +252,13 @@ fn frames_that_cannot_give_a_scene() {
     let manifest = std::fs::read_to_string(dir.path().join("captures/captures.toml")).unwrap();
     let rewrite =
         |text: String| std::fs::write(dir.path().join("captures/captures.toml"), text).unwrap();
-    // The same frames, said to be of five times the exposure.
+    // The same frames, declared to have five times the exposure.
     rewrite(manifest.replacen("exposure_s = 0.032", "exposure_s = 0.16", 1));
     refused("scene hdr captures -o out", &["times the light", "exposure_s"]);
     rewrite(manifest.replacen("width = 752", "width = 750", 1));
     refused("scene hdr captures -o out", &["752 x 480", "750 x 480"]);
     rewrite(manifest);
-    // Every patch beyond full scale at both exposures.
+    // Every patch is beyond full scale at both exposures.
     let bright =
         std::fs::read_to_string(dir.path().join("plan.toml")).unwrap().replace("300.0", "90000.0");
     std::fs::write(dir.path().join("plan.toml"), bright).unwrap();
@@ -263,8 +266,8 @@ fn frames_that_cannot_give_a_scene() {
     refused("scene response full -o out", &["saturated"]);
 }
 
-/// Real data through the commands they fit: a camera's seven exposures through a filter, and a
-/// photograph with a ColorChecker's spectra beside it.
+/// Real data through the commands for them: seven exposures of a camera through a filter, and a
+/// photograph with the spectra of a ColorChecker beside it.
 #[test]
 fn real_captures_give_a_curve_and_a_merged_frame() {
     let Some(path) = shared("data/captures/bllanos_narrowband_7x7") else { return };
@@ -290,11 +293,11 @@ fn real_captures_give_a_curve_and_a_merged_frame() {
     );
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     println!("{told}");
-    // 8 bits (48 dB) and exposures 157 times apart (44 dB).
+    // 8 bits (48 dB), and exposures whose times have a ratio of 157 (44 dB).
     assert!(told["dynamic_range_db"].as_f64().unwrap() > 70.0, "{told}");
     // Merged light against the longest exposure alone, where that is neither dark nor full and
-    // nothing is flagged: exposures agree to 2 %, and clipped blacks to 1 or 2 DN of the 60. (Dark
-    // spots of 8-bit frames are often flagged: their short exposures are clipped to 0.)
+    // nothing is flagged. Exposures agree to 2 %, and clipped blacks to 1 or 2 DN of the 60. (Dark
+    // spots of 8-bit frames are often flagged, because their short exposures are clipped to 0.)
     let merged = read_plane(&dir.path().join("merged/radiance.npy")).unwrap();
     let flags = read_plane(&dir.path().join("merged/flags.npy")).unwrap();
     let captures = camrig::captures::CaptureSet::load(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The main job from the command line.
+//! The main task from the command line: scenes to raw files.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;
@@ -34,9 +34,9 @@ fn the_same_command_gives_the_same_bytes() {
     assert!(read("a.dng") == read("b.dng"));
 }
 
-/// Frames of a flat scene share the fixed pattern and nothing else: their correlation is the fixed
-/// part of the variance. Predicted from the camera file, with four standard errors of a
-/// correlation, (1 - r²)/√n.
+/// Frames of a flat scene share only the fixed pattern, so their correlation is the fixed part of
+/// the variance. It is predicted from the camera file, with four standard errors of a correlation,
+/// (1 - r²)/√n.
 #[test]
 fn another_frame_seed_changes_temporal_noise_only() {
     let dir = tempfile::tempdir().unwrap();
@@ -72,8 +72,8 @@ fn another_frame_seed_changes_temporal_noise_only() {
     let expected = fixed / (fixed + temporal);
     let error = (1.0 - expected * expected) / f64::from(w * h).sqrt();
     let got = correlation(&a, &b);
-    // PRNU and row pattern are one draw of 65,536 and 256 values: their spread adds 1.2 % of the
-    // fixed part.
+    // PRNU and row pattern are one draw of 65,536 and of 256 values; their spread adds 1.2 % of
+    // the fixed part.
     let draw = 0.012 * expected * (1.0 - expected);
     assert!((got - expected).abs() < 4.0 * error + draw, "{got} expected {expected} ± {error}");
     assert!(correlation(&a, &c).abs() < 0.03, "another sensor has another pattern");
@@ -147,14 +147,14 @@ fn json_goes_to_standard_output_alone() {
     assert!(object["frames"][0]["channels"]["g"]["mean_dn"].as_f64().unwrap() > 42.0);
 }
 
-/// As a newcomer types it; the page holds pictures and asks nothing of the network.
+/// As a newcomer runs it; the page contains its pictures and requests nothing from the network.
 #[test]
 fn the_demo_makes_raws_pictures_and_a_page() {
     let dir = tempfile::tempdir().unwrap();
     camrig_ok(dir.path(), "demo -o out");
     let page = std::fs::read_to_string(dir.path().join("out/report.html")).unwrap();
     assert_eq!(page.matches("data:image/png;base64,").count(), 2);
-    // With the colon: base64 spells any four letters now and then.
+    // With the colon, because base64 contains any four letters now and then.
     assert!(!page.contains("http:") && !page.contains("https:"), "the page is self-contained");
     for name in ["colorchecker-300lx.dng", "colorchecker-10lx.png", "camera.toml"] {
         assert!(dir.path().join("out").join(name).exists(), "{name}");

@@ -28,15 +28,15 @@ fn stream(dir: &Path, script: &str) -> Vec<(f64, f64)> {
     settings.map(|s| (number(&s["exposure_s"]), number(&s["analog_gain"]))).collect()
 }
 
-/// Frames until a write shows, from the rig's own register; 1 is the next frame.
+/// Frames until a write takes effect, from the register of the rig; 1 is the next frame.
 fn delay(register: &str) -> usize {
     let output = camrig(Path::new("."), &format!("rig register emulator: {register} --json"));
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     told["value"].as_u64().unwrap_or(1) as usize
 }
 
-/// What is written before frame 3 shows with the sensor's delays (its registers 0x3004 and
-/// 0x3006), not before and not after.
+/// Writes before frame 3 take effect after the delays of the sensor (registers 0x3004 and 0x3006),
+/// neither earlier nor later.
 #[test]
 fn a_script_takes_effect_with_the_delay_of_the_sensor() {
     let dir = tempfile::tempdir().unwrap();
@@ -47,9 +47,9 @@ fn a_script_takes_effect_with_the_delay_of_the_sensor() {
     );
     let first = |changed: &dyn Fn(&(f64, f64)) -> bool| settings.iter().position(changed).unwrap();
     let near = |a: f64, b: f64| (a - b).abs() < 1e-6;
-    // Written before the first frame: in force at once.
+    // A write before the first frame is in force at once.
     assert!(near(settings[0].0, 0.005) && near(settings[0].1, 1.0), "{settings:?}");
-    // A delay of 1 is the next frame to begin, which is frame 3.
+    // With a delay of 1 the write acts on the next frame to begin, which is frame 3.
     assert_eq!(first(&|s| near(s.1, 2.0)), 2 + delay("0x3006"), "{settings:?}");
     assert_eq!(first(&|s| near(s.0, 0.010)), 2 + delay("0x3004"), "{settings:?}");
 }
@@ -70,7 +70,7 @@ fn wrong_scripts_are_refused_before_the_stream() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("before_frame"));
 }
 
-/// The live page of an emulator, and its address taken apart: host and port, token.
+/// The live page of an emulator, with its address split into host, port and token.
 struct Page {
     child: Child,
     host: String,
@@ -95,7 +95,7 @@ impl Page {
         Self { child, host: host.to_string(), token: token.to_string() }
     }
 
-    /// Sends a request as it stands and returns status and body.
+    /// Sends a request unchanged and returns status and body.
     fn raw(&self, request: &str) -> (u16, String) {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -126,7 +126,7 @@ impl Page {
         serde_json::from_str(&body).unwrap()
     }
 
-    /// The state when it is as wanted.
+    /// Waits for a state and returns it.
     fn until(&self, wanted: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
         let end = Instant::now() + Duration::from_secs(60);
         loop {
@@ -222,16 +222,16 @@ fn a_hostile_page_is_turned_away() {
     }
     let (status, _) = page.ask("POST", "/api/control", &page.own(), &"x".repeat(5000));
     assert_eq!(status, 413);
-    // No answer to a preflight gives permission.
+    // No answer to a preflight request gives permission.
     let preflight = format!(
         "Host: {host}\r\nOrigin: http://evil.example\r\nAccess-Control-Request-Method: POST\r\n\
          Access-Control-Request-Headers: x-camrig-token\r\n"
     );
     assert_eq!(page.ask("OPTIONS", "/api/control", &preflight, "").0, 403);
-    // Nothing of all this moved the rig, and it still runs.
+    // None of these requests reached the rig, and it still runs.
     let state = page.until(|s| s["frames"].as_u64() > Some(5));
     assert!((state["exposure_s"].as_f64().unwrap() - 0.01).abs() < 1e-6, "{state}");
-    // The page itself is there, for its own origin too.
+    // The page itself is served, also to its own origin.
     let (status, body) =
         page.ask("GET", "/", &format!("Host: {host}\r\nOrigin: http://{host}\r\n"), "");
     assert!(status == 200 && body.contains("camrig rig view") && !body.contains(token.as_str()));

@@ -1,5 +1,6 @@
-//! The diagnosis as a person runs it: on captures of the model itself, of a sensor with hidden
-//! effects made by this program and by another one, and on captures that contradict themselves.
+//! The diagnosis as a user runs it: on captures of the model itself, of a sensor with hidden
+//! effects made by this program and by another one, and on captures that contradict their
+//! manifest.
 
 use super::{camrig, camrig_ok, small_camera};
 use serde_json::Value;
@@ -9,7 +10,7 @@ use std::process::Command;
 const EFFECTS: &str = "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 0.4\n\
     [[effect]]\nkind = \"column-offset-fpn\"\nsigma_e = 0.5\n";
 
-/// A folder with the base model, the same sensor with effects, and what to take of it.
+/// A folder with the base model, the same sensor with effects, and a plan.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let base = small_camera(128, 128, &[("cfa", "\"mono\""), ("read_e_post", "0.0")]);
@@ -63,7 +64,7 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
         // Four standard errors; the stated error of a fixed pattern is that of its 128 columns.
         assert!((value - truth).abs() < 4.0 * se, "{step}");
     }
-    // The improved camera is a camera: it renders, and nothing is missing any more.
+    // The improved camera file renders, and a second diagnosis finds nothing missing.
     camrig_ok(
         dir,
         "simulate --camera d1/camera-improved.toml --scene ramp --lux 300 --exposure 10ms \
@@ -81,7 +82,7 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
         assert_eq!(read("d1"), read("d2"), "{file}");
     }
 
-    // A rig takes the same captures, so that the diagnosis is the same.
+    // A rig takes the same captures, so the diagnosis is the same.
     let rig = "capture --camera true.toml --plan diagnosis --frame-seed 5 --rig emulator: -o rig";
     camrig_ok(dir, rig);
     for stack in ["dark-long", "flat-02"] {
@@ -91,7 +92,7 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     camrig_ok(dir, "diagnose base.toml rig -o d4");
     assert_eq!(diagnosis(&dir.join("d4")), found, "from a rig as from files");
 
-    // Without its own entry an effect is not pressed into another name.
+    // With its own entry left out of the catalogue, an effect does not get the name of another.
     let left = camrig(dir, "diagnose base.toml captures -o d3 --without row-temporal-noise");
     assert_eq!(left.status.code(), Some(1));
     let found = diagnosis(&dir.join("d3"));
@@ -122,9 +123,9 @@ fn colour_folder(effects: &str) -> tempfile::TempDir {
     dir
 }
 
-/// The four gaps that Chen et al. 2009 left open (focus, transmittance of the lens, distance of
-/// the object, defects), with a noise of rows on top, in an edge, dots, charts at 300 lx and 10
-/// lx, darks and flats.
+/// The four gaps that Chen et al. 2009 left open (focus, transmittance of the lens, object
+/// distance, defects), with row noise in addition, in an edge, dots, charts at 300 lx and 10 lx,
+/// darks and flats.
 #[test]
 fn the_papers_gaps_are_found_together_and_its_measures_close() {
     let hidden = [
@@ -141,7 +142,8 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
         .collect();
     let dir = colour_folder(&effects);
     let dir = dir.path();
-    // Named in full or in part, that is status 0 or 1: a single hot pixel in a patch may stay.
+    // Status 0 or 1: all of it is named or most of it, because a single hot pixel in a patch may
+    // remain.
     assert!(matches!(camrig(dir, "diagnose base.toml set -o d").status.code(), Some(0 | 1)));
     let found = diagnosis(&dir.join("d"));
     let mut expected: Vec<&str> = hidden.iter().map(|h| h.0).collect();
@@ -165,9 +167,9 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
         println!("{kind} {key}: {value} ± {se}");
         assert!((value - truth).abs() < 4.0 * se, "{kind} {key}: {value} ± {se}, {truth}");
     }
-    // The paper's measures agree to what two sensors of one kind differ by. That is much for so
-    // few pixels: the edge's middle third has 64 rows, a patch 72 samples, and a hot pixel lies in
-    // some.
+    // In the measures of the paper, model and captures agree within the difference of two sensors
+    // of one kind. That difference is large for so few pixels: the middle third of the edge has 64
+    // rows, a patch has 72 samples, and some contain a hot pixel.
     let measures = &found["measures"];
     println!("{measures}");
     for m in measures["mtf_at_nyquist"].as_array().unwrap() {
@@ -184,7 +186,7 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
     for m in measures["row_profile"].as_array().unwrap() {
         assert!(m["after"].as_f64().unwrap() < 0.8 * m["before"].as_f64().unwrap(), "{m}");
     }
-    // The improved camera loads, with the effects as entries that have the parameters told.
+    // The improved camera file loads and has the effects as entries with the reported parameters.
     let improved = std::fs::read_to_string(dir.join("d/camera-improved.toml")).unwrap();
     let entries = improved.parse::<toml::Table>().unwrap();
     let entries = entries["effect"].as_array().unwrap();
@@ -205,7 +207,8 @@ fn the_papers_gaps_are_found_together_and_its_measures_close() {
     assert!(page.contains("MTF at Nyquist") && page.contains("row profile"));
 }
 
-/// Nothing hidden in lens or sensor: no name; then an effect of the optics alone: that name.
+/// With nothing hidden in lens or sensor, no effect is named; with one effect of the optics alone,
+/// that effect is.
 #[test]
 fn optics_that_agree_are_left_alone_and_glare_is_named() {
     let same = colour_folder("");
@@ -221,7 +224,7 @@ fn optics_that_agree_are_left_alone_and_glare_is_named() {
     assert!((value - 0.03).abs() < 4.0 * se, "{value} ± {se}");
 }
 
-/// Captures that cannot be what their manifest says.
+/// Captures that contradict their manifest.
 fn contradictions(dir: &Path) {
     let manifest = std::fs::read_to_string(dir.join("same/captures.toml")).unwrap();
     let refuses = |text: &str, says: &[&str]| {
@@ -249,7 +252,7 @@ fn contradictions(dir: &Path) {
     table["sensor"].as_table_mut().unwrap().insert("white_level_dn".into(), 16_383.into());
     refuses(&table.to_string(), &["14 bits", "10 bits"]);
     std::fs::write(dir.join("same/captures.toml"), &manifest).unwrap();
-    // Too few frames to fit some and judge with others.
+    // Too few frames to fit to some and judge with others.
     camrig_ok(dir, "capture --camera base.toml --plan diagnosis --frames 2 -o few");
     let output = camrig(dir, "diagnose base.toml few -o bad");
     let told = String::from_utf8_lossy(&output.stderr);
@@ -270,8 +273,8 @@ fn effects_hidden_by_another_program_are_found() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    // What one random pattern would take at once, two explain better: the fourth. The mean of a
-    // shading and of defects is no quantum efficiency: the last.
+    // In the fourth set, two effects explain better what one random pattern would explain at once.
+    // In the last, the mean of a shading and of defects is no quantum efficiency.
     let sets = [
         ("none", "--effects none --draw 17", vec![]),
         ("coupled", "--effects charge-coupling --times 10 --draw 18", vec!["charge-coupling"]),

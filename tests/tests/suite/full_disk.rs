@@ -1,5 +1,5 @@
-//! Disks that are full or read-only: words, exit status 2, whole files or none, and work that goes
-//! on later.
+//! Full and read-only disks: a message, exit status 2, whole files or none, and work that can be
+//! resumed.
 
 use super::{camrig_ok, small_camera};
 use std::path::Path;
@@ -17,7 +17,8 @@ exposure_s = [0.005, 0.02]
 "#;
 
 /// Runs a script with `camrig` as `$camrig` in a folder whose `disk` is a file system of its own
-/// (of `options`), seen by nobody else. `None`, with a word, where the system does not allow that.
+/// (mounted with `options`) that no other process sees. `None`, with a line that says so, where
+/// the system does not allow that.
 fn on_a_disk(folder: &Path, options: &str, script: &str) -> Option<Output> {
     let mount = format!("mkdir -p disk && mount -t tmpfs -o {options} tmpfs disk");
     let bash = |script: &str| {
@@ -44,7 +45,7 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-/// Every kind of output, on a disk that takes a little of it and on one that takes nothing.
+/// Every kind of output, on a disk with room for a little of it and on one without any.
 #[test]
 fn every_command_says_so_and_leaves_no_half_file() {
     let dir = folder();
@@ -64,7 +65,8 @@ fn every_command_says_so_and_leaves_no_half_file() {
         "demo -o disk/demo",
         "man -o disk/man",
     ];
-    // A page of the disk holds 4 KiB; what is there of a file before the disk fills must not stay.
+    // A page of the disk holds 4 KiB; the part of a file written before the disk fills must not
+    // remain.
     for (options, cause) in
         [("size=4k,nr_inodes=64", "No space left"), ("ro", "Read-only file system")]
     {
@@ -83,8 +85,8 @@ fn every_command_says_so_and_leaves_no_half_file() {
     }
 }
 
-/// A data set whose disk fills goes on when there is room, and is the one that had room from the
-/// start.
+/// A data set whose disk fills up is resumed when there is room, and then equals one that had room
+/// from the start.
 #[test]
 fn a_batch_goes_on_when_there_is_room() {
     let dir = folder();

@@ -1,4 +1,5 @@
-//! Every command of the guide, run as it stands: one chapter is one session in an empty folder.
+//! Runs every command of the guide as it is printed. One chapter is one session in an empty
+//! folder.
 //!
 //! A block ```` ```sh NAME ... ```` needs the programs named and is skipped, by name, without
 //! them.
@@ -6,7 +7,7 @@
 use std::path::Path;
 use std::process::Command;
 
-/// A block of commands: programs it needs, and its text.
+/// A block of commands: the programs that it needs, and its text.
 type Block = (Vec<String>, String);
 
 fn blocks(markdown: &str) -> Vec<Block> {
@@ -113,7 +114,7 @@ fn many_pictures() {
     chapter("many.md");
 }
 
-/// A chapter that no test runs would rot, and a link that leads nowhere too.
+/// Every chapter is run by a test, and no link is dead.
 #[test]
 fn every_chapter_is_run_and_every_link_leads_somewhere() {
     let guide = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/guide"));

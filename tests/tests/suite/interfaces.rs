@@ -1,4 +1,4 @@
-//! What shells, editors and manuals are told of the program: completions, manual pages, schema,
+//! Descriptions of the program for shells, editors and manuals: completions, manual pages, schema,
 //! explanations.
 
 use super::{camrig, camrig_ok};
@@ -42,7 +42,7 @@ fn every_command_has_a_manual_page_and_an_example() {
     }
 }
 
-/// Bash itself loads the completions and completes a command and an option with them.
+/// Bash loads the completions and completes a command and an option with them.
 #[test]
 fn bash_completes() {
     let Some(bash) = client("bash") else { return };
@@ -96,8 +96,8 @@ fn explanations_and_schema_are_of_the_whole_catalogue() {
     assert!(output.status.code() == Some(2) && told.contains("sensor.noise.read_e"), "{told}");
 }
 
-/// The schema, by an independent checker: every preset passes, a misspelt key and a value out of
-/// range do not.
+/// An independent checker of schemas: every preset passes; a misspelt key and a value out of range
+/// do not.
 #[test]
 fn presets_pass_the_schema() {
     let Some(python) = client("jsonschema") else { return };

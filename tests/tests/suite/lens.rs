@@ -1,4 +1,4 @@
-//! `camrig lens` and lenses in cameras, as their users meet them.
+//! `camrig lens`, and lenses in cameras.
 
 use super::bad_input::refuses;
 use super::{camrig, camrig_ok, shared, small_camera};
@@ -31,7 +31,7 @@ const ZMX: &str = "VERS 140124\nMODE SEQ\nUNIT MM\nENPD 2.0\nFTYP 0\nXFLN 0 0\nY
 const SEQ: &str = "RDM\nLEN\nEPD 2.0\nWL 587.6\nREF 1\nYAN 0 10\nSO 0 1e13\n\
     S 10 2 NBK7_SCHOTT\nSTO\nS -30 14\nSI 0 0\nGO\n";
 
-/// A Huygens listing of a round spot, `change`d row by row.
+/// A Huygens listing of a round spot; `change` alters each row.
 fn listing(change: impl Fn(usize, &mut Vec<f64>)) -> String {
     let mut text = String::from(
         "Listing of Huygens PSF Data\n\nFile : a.zmx\nTitle: one\n\n0.5500 um at 0.00 deg.\n\
@@ -80,13 +80,13 @@ fn json(dir: &Path, arguments: &str) -> Value {
 fn the_same_lens_in_every_format_and_an_imported_one() {
     let dir = folder();
     let dir = dir.path();
-    // The lens maker's equation for a thick lens, n of N-BK7 at 587.6 nm.
+    // The lensmaker's equation for a thick lens, with n of N-BK7 at 587.6 nm.
     let (n, r1, r2, d) = (1.5168_f64, 10.0, -30.0, 2.0);
     let power = (n - 1.0) * (1.0 / r1 - 1.0 / r2 + (n - 1.0) * d / (n * r1 * r2));
     let info = json(dir, "lens info good.toml --json");
     assert!((info["efl_mm"].as_f64().unwrap() * power - 1.0).abs() < 1e-5, "{info}");
     let other = |file: &str| json(dir, &format!("lens info {file} --json"))["efl_mm"].as_f64();
-    // CURV −0.03 of the Zemax file is another radius.
+    // CURV −0.03 of the Zemax file is another radius than that of the other formats.
     assert!(other("good.seq").is_some() && other("good.zmx").unwrap() < 17.0);
     camrig_ok(dir, "lens import manifest.toml -o imported");
     let imported = json(dir, "lens info imported --json");
@@ -113,7 +113,7 @@ fn drawings() {
                 text.starts_with("<svg") && text.trim_end().ends_with("</svg>"),
                 "{what} {name}"
             );
-            // Pictures are in letters and digits of their own.
+            // Drawings contain letters and digits as shapes, not as text.
             let words = !text.contains("NaN") && !text.contains("inf");
             assert!(words || *name == "psf", "{what} {name}");
         }
@@ -252,7 +252,7 @@ fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
     assert!(page.contains("PSFs between heights of the lens data"), "the page tells it too");
     let (_, told) = optics(&format!("{simulate} --psf-tolerance 1e-7"));
     assert!(told.contains("warning") && told.contains("misplace"), "{told}");
-    // Stopped down: a PSF near the limit of diffraction is quickly traced.
+    // Stopped down, because a PSF near the diffraction limit is quickly traced.
     std::fs::write(dir.join("slow.toml"), SINGLET.replace("= 5.0", "= 16.0")).unwrap();
     camera("prescription", "file = \"slow.toml\"");
     let (psf, told) = optics(&format!("{simulate} --psf-tolerance 0.05"));
@@ -269,8 +269,8 @@ fn a_program_built_without_graphics_processors_says_so() {
     refuses(dir.path(), &format!("{simulate} tpu"), &["cpu", "gpu", "auto"]);
 }
 
-/// A prescription is traced once: not again for what is in the cache, nor for another scene; and
-/// the picture does not depend on where its lens came from.
+/// A prescription is traced once: not again for a result in the cache, nor for another scene. The
+/// picture does not depend on where its lens came from.
 #[test]
 fn a_lens_is_traced_once() {
     let dir = folder();
@@ -304,7 +304,7 @@ fn a_lens_is_traced_once() {
     let (checks, edge) = ("--scene checkerboard", "--scene slanted-edge");
     let first = run("first", checks);
     assert_eq!((first.0, first.1), (false, true));
-    // The cube is there: the lens is not even read.
+    // The cube is in the cache, so the lens is not even read.
     let second = run("second", checks);
     assert_eq!((second.0, second.1), (true, false));
     assert_eq!(first.2, second.2);
@@ -327,8 +327,8 @@ fn a_lens_is_traced_once() {
     assert!(!run("kept", "--scene uniform:0.3").1);
 }
 
-/// Figures of the golden lenses as the program prints them, within what other programs' figures
-/// allow.
+/// Figures of the reference lenses as the program prints them, within the tolerance of the other
+/// programs that gave the references.
 #[test]
 fn printed_figures_are_those_of_the_oracles() {
     for (lens, name) in [("double-gauss", "double_gauss"), ("phone-80deg", "phone80")] {

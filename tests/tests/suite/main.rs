@@ -1,4 +1,4 @@
-//! Tests of camrig as its users meet it: the program, the files, the figures.
+//! Tests of the program, its files and its figures, as a user meets them.
 
 mod bad_input;
 mod batch;
@@ -40,7 +40,7 @@ fn camrig_ok(directory: &Path, arguments: &str) -> Output {
     output
 }
 
-/// A camera file: a preset's text with lines replaced, in small.
+/// A camera file: the text of a preset with a small sensor and some lines replaced.
 fn small_camera(width: u32, height: u32, changes: &[(&str, &str)]) -> String {
     let text = camrig::camera::presets::file("mt9t012.toml").expect("preset");
     let mut out = String::new();
@@ -61,7 +61,7 @@ fn small_camera(width: u32, height: u32, changes: &[(&str, &str)]) -> String {
     out
 }
 
-/// A camera in memory of a file's text.
+/// The camera that a file of this text describes.
 fn camera(text: &str) -> camrig::camera::Camera {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("camera.toml");
@@ -69,7 +69,7 @@ fn camera(text: &str) -> camrig::camera::Camera {
     camrig::camera::Camera::load(path.to_str().expect("utf-8")).expect("the camera loads")
 }
 
-/// The folder of real inputs and independent figures, when it is there.
+/// A file or folder of real inputs and independent figures. `None` where it is absent.
 fn shared(path: &str) -> Option<std::path::PathBuf> {
     let root = std::env::var_os("CAMRIG_SHARED").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),

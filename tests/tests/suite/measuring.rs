@@ -1,4 +1,4 @@
-//! Captures and measurements as a person types them: figures that can be known beforehand, and
+//! Captures and measurements from the command line: figures that are known beforehand, and
 //! refusals.
 
 use super::{camrig, camrig_ok, shared, small_camera};
@@ -45,7 +45,7 @@ fn patches_and_profiles_of_a_frame() {
     let against = &same["channels"]["g"]["against"];
     assert_eq!(against["ratio_of_means"], 1.0);
     assert_eq!(against["rms_dn"], 0.0);
-    // The file says black level and pattern; a NPY does not.
+    // The DNG states black level and pattern; an NPY file does not.
     camrig_ok(dir, &format!("{SHOOT} a.npy --scene colorchecker"));
     refuses(dir, "measure patches a.npy", &["black level", "--black"]);
     refuses(dir, "measure patches a.dng --corners 0,0,9,0,9,9,0,9", &["patch 1"]);
@@ -66,8 +66,8 @@ fn edges_that_cannot_be_measured() {
     let edges = json(dir, "measure mtf edge.dng --roi 50,20,60,80 --pitch-um 2.2 --json");
     let edge = &edges["edges"][0];
     assert!((edge["angle_deg"].as_f64().unwrap().abs() - 5.0).abs() < 0.1, "{edge}");
-    // Theory for f/4 and 2.2 µm with a full aperture: 145.5 cycles/mm; fill factor 0.8 makes it
-    // more.
+    // Theory for f/4 and 2.2 µm with full aperture gives 145.5 cycles/mm; a fill factor of 0.8
+    // raises it.
     let mtf50 = edge["mtf50_cycles_per_mm"].as_f64().unwrap();
     assert!((145.0..165.0).contains(&mtf50), "{mtf50}");
     camrig_ok(dir, &format!("{SHOOT} upright.dng --scene slanted-edge:angle=0"));
@@ -82,11 +82,11 @@ fn edges_that_cannot_be_measured() {
     refuses(dir, "measure mtf edge.dng --roi 50,20", &["not a region"]);
 }
 
-/// Program to program: MTF50 of simulated edges against theory (photon-weighted diffraction OTF x
-/// pixel, D65, 400 to 700 nm in steps of 50 nm; golden/README.md), within the 1 % required; found
-/// is 0.0 to 0.8 % more. Steps of 10 nm, as simulated, account for 0.1 to 0.25 %. A region some
-/// 200 µm wide leaves half a per cent of the light of f/8 outside, which raises the figure as
-/// much; a wider one has more noise (standard errors are 0.2 to 0.7 %).
+/// MTF50 of simulated edges against theory (photon-weighted diffraction OTF x pixel, D65, 400 to
+/// 700 nm in steps of 50 nm; golden/README.md), within the required 1 %; observed are 0.0 to 0.8 %
+/// more. The simulated steps of 10 nm account for 0.1 to 0.25 %. A region some 200 µm wide leaves
+/// half a per cent of the light of f/8 outside, which raises the figure as much; a wider one has
+/// more noise (standard errors are 0.2 to 0.7 %).
 #[test]
 fn simulated_edges_have_the_mtf50_of_theory() {
     for (f_number, golden) in [
@@ -136,8 +136,8 @@ fn simulated_edges_have_the_mtf50_of_theory() {
     }
 }
 
-/// Figures from our frames beside those of the `emva1288` package on the same frames: 0.5 %, or
-/// three times our stated sampling error where that is larger.
+/// Figures of our frames against those of the `emva1288` package on the same frames: 0.5 %, or
+/// three times our stated sampling error if that is larger.
 #[test]
 fn the_emva1288_package_agrees() {
     let Some(python) = camrig_tests::client("emva1288") else { return };
@@ -194,7 +194,7 @@ fn sets_are_compared_and_what_is_wrong_with_them_is_told() {
     std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
     camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o a");
     camrig_ok(dir, "capture --camera c.toml --plan plan.toml --frame-seed 900 -o b");
-    // The same camera differs by noise only, another one by more.
+    // The same camera differs by noise only, another camera by more.
     camrig_ok(dir, "measure compare a b");
     std::fs::write(dir.join("noisy.toml"), small_camera(96, 64, &[("read_e", "5.0")])).unwrap();
     camrig_ok(dir, "capture --camera noisy.toml --plan plan.toml --frame-seed 900 -o noisy");
@@ -226,7 +226,7 @@ fn sets_are_compared_and_what_is_wrong_with_them_is_told() {
         refuses(dir, "measure ptc a --json", &[says]);
         refuses(dir, "measure emva a --json", &[says]);
     }
-    // A plan that saturates without saying so leaves nothing behind.
+    // A plan that saturates without declaring it leaves no files.
     std::fs::write(dir.join("plan.toml"), PLAN.replace("0.7]", "1.3]")).unwrap();
     refuses(
         dir,
@@ -247,7 +247,7 @@ fn captures_at_several_gains() {
         .replace("exposure_s = 0.01\nfill", &format!("{gains}\nfill"));
     std::fs::write(dir.join("plan.toml"), plan).unwrap();
     camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o both");
-    // The standard measures one gain: it is said which, and that there is another.
+    // The standard measures one gain: the output says which, and that there is another.
     let emva = json(dir, "measure emva both --json");
     let warned = emva["warnings"].to_string();
     assert!(warned.contains("figures of analog gain 1 and 550 nm only"), "{warned}");
@@ -261,7 +261,7 @@ fn captures_at_several_gains() {
     assert!((emva["overall_system_gain"].as_f64().unwrap() / k(0) - 1.0).abs() < 0.05);
 }
 
-/// The pages under docs/datasheets are those that the command makes.
+/// The pages in docs/datasheets are those that the command makes.
 #[test]
 fn data_sheets_of_the_presets_are_up_to_date() {
     let dir = tempfile::tempdir().unwrap();
@@ -319,8 +319,8 @@ fn the_crosstalk_experiment() {
     let fit = json(dir, "crosstalk fit bench -o fit.csv --json");
     let nodes = fit["nodes"].as_array().unwrap();
     assert_eq!(nodes.len(), 3 * 7 * 13 * 17);
-    // Bilinear between nodes, so the truth is known at every point; four standard errors and what
-    // region and grid of so small a sensor differ by.
+    // The factors are bilinear between nodes, so the truth is known at every point. Tolerance:
+    // four standard errors, and the difference between region and grid on so small a sensor.
     let off = nodes.iter().filter(|n| {
         let at = |key: &str| n[key].as_f64().unwrap();
         let truth = 1.0 - 0.1 * at("x").abs() - 0.05 * at("y").abs();
@@ -329,7 +329,7 @@ fn the_crosstalk_experiment() {
         (factor["value"].as_f64().unwrap() - truth).abs() > 4.0 * error + 0.01
     });
     assert!(off.count() < nodes.len() / 50);
-    // What was fitted is a camera's table.
+    // The fitted table is one that a camera file can use.
     let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
     std::fs::write(dir.join("d.toml"), text.replace("x.csv", "fit.csv")).unwrap();
     camrig_ok(dir, "simulate --camera d.toml --scene uniform:0.5 --exposure 5ms -o d.npy");
@@ -355,13 +355,14 @@ fn real_captures() {
     assert!(
         near(&emva["overall_system_gain"], 0.2808) && near(&emva["temporal_dark_noise_dn"], 3.07)
     );
-    // The response bends by 1.8 %: K at small signals lies above the standard's, and it is told.
+    // The response bends by 1.8 %, so K at small signals is above that of the standard, and the
+    // output says so.
     let ptc = measure("ptc", "emva1288_ref001_CCD_12Bit");
     assert!(near(&ptc["system_gain_dn_per_e"]["value"], 0.2808), "{ptc}");
     assert!(ptc["notes"].to_string().contains("not a straight line"));
     let rates = measure("rates", "bllanos_narrowband_7x7");
     assert_eq!(rates["series"].as_array().unwrap().len(), 14);
-    // A set whose light is not known has no quantum efficiency, and says so.
+    // A set with unknown light has no quantum efficiency, and the output says so.
     let ptc = measure("ptc", "imx541_alvium1800u2040m");
     assert!(ptc["system_gain_dn_per_e"]["value"].as_f64().unwrap() > 0.0);
     let emva = measure("emva", "imx541_alvium1800u2040m");

@@ -1,4 +1,4 @@
-//! Photon transfer on simulated flats gives back what the camera file says, in both arithmetics.
+//! Photon transfer on simulated flats recovers the values of the camera file, in both arithmetics.
 
 use super::{camera, small_camera};
 use camrig::camera::Camera;
@@ -83,8 +83,8 @@ fn spatial_variance(values: &[f64]) -> (f64, f64) {
 }
 
 /// Janesick's photon transfer: gain from the slope of temporal variance over mean, read noise from
-/// the dark pair, PRNU from the spatial variance of averaged flats. Tolerances are those of the
-/// requirement: 0.5 %, 2 %, 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
+/// the dark pair, PRNU from the spatial variance of averaged flats. The required tolerances are
+/// 0.5 %, 2 % and 5 %; the sampling errors are 0.1 %, 0.3 % and up to 1 %.
 fn recover(figures: Figures, arithmetic: Arithmetic) {
     let (bits, full_well, gain, read, post, prnu, dark, dsnu, row, black) = figures;
     let camera = camera(&small_camera(
@@ -128,7 +128,7 @@ fn recover(figures: Figures, arithmetic: Arithmetic) {
     let (_, light_variance) = bench.pair(level);
     let temporal = (light_variance + dark_variance) / f64::from(stacked);
     let got_prnu = (spatial - temporal).max(0.0).sqrt() / mean;
-    // eq. 10 multiplies shot noise by the pixel's gain too: the slope is K (1 + p²).
+    // Eq. 10 multiplies shot noise by the pixel's gain too, so the slope is K (1 + p²).
     let got_gain = slope / (1.0 + got_prnu * got_prnu);
     let got_read = ((dark_variance - 1.0 / 12.0) / (got_gain * got_gain)).sqrt();
     let at_gain = (read * read - post * post + post * post / (gain * gain)).sqrt();

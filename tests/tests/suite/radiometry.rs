@@ -3,7 +3,7 @@
 use super::{camrig_ok, shared};
 use std::path::Path;
 
-/// The camera of ../shared/golden/isetcam/a_sensor_means.json but for its colour filters.
+/// The camera of `golden/isetcam/a_sensor_means.json`, except for its colour filters.
 fn camera(cfa: &str, qe: &str) -> String {
     format!(
         "[lens]\nkind = \"diffraction-limited\"\nf_number = 4.0\nfocal_length_mm = 4.0\n\
@@ -15,7 +15,7 @@ fn camera(cfa: &str, qe: &str) -> String {
     )
 }
 
-/// Mean electrons of 16 frames of a perfect white of 100 cd/m² under D65, 10 ms, per channel
+/// Mean electrons in 16 frames of a perfect white of 100 cd/m² under D65, 10 ms, for each channel
 /// letter.
 fn mean_electrons(dir: &Path) -> Vec<(char, f64)> {
     camrig_ok(
@@ -42,8 +42,8 @@ fn mean_electrons(dir: &Path) -> Vec<(char, f64)> {
     sums.into_iter().map(|(l, sum, n)| (l, sum / n * 16000.0 / 65535.0)).collect()
 }
 
-/// 0.5 % is the requirement. Shot noise of the mean is below 0.05 %; summing D65 in 10 nm bands
-/// instead of 1 nm differs by less than 0.1 %.
+/// The required tolerance is 0.5 %. Shot noise of the mean is below 0.05 %; summing D65 in bands
+/// of 10 nm instead of 1 nm makes a difference below 0.1 %.
 fn close(got: f64, golden: f64) {
     assert!((got / golden - 1.0).abs() < 0.005, "{got} e-, independent figure {golden} e-");
 }

@@ -1,17 +1,19 @@
-//! Real scenes and real quantum efficiency through the main job, and real raw frames read.
+//! Real scenes with a real quantum efficiency through the simulation, and real raw frames through
+//! the readers.
 
 use super::{camrig_ok, shared, small_camera};
 use camrig::formats;
 
-/// Mean DN of red, green and blue, from closed forms alone (`tests/peers/real_scenes.py`).
+/// Mean DN of red, green and blue, from closed forms only (`tests/peers/real_scenes.py`).
 const MEANS_DN: [(&str, [f64; 3]); 2] = [
     ("samson_hyperspectral_95x95.npz", [108.06, 90.41, 75.74]),
     ("fruitmcc_estimated_reflectance_316x338x31.npz", [93.23, 83.28, 67.82]),
 ];
 
-/// What the mean of a channel may be off, DN: the shot noise of 430 e⁻ is 21 e⁻ or 3.3 DN, 0.05 DN
-/// in the mean of 4800 pixels, of which this is three; the closed forms leave out blur, which
-/// moves light to pixels of another colour. A mistake of 1 % in the light would be 0.3 to 0.7 DN.
+/// Tolerance of the mean of a channel, DN. The shot noise of 430 e⁻ is 21 e⁻ or 3.3 DN, which is
+/// 0.05 DN in the mean of 4800 pixels; this is three times that. The closed forms leave out blur,
+/// which moves light to pixels of another colour. A mistake of 1 % in the light would be 0.3 to
+/// 0.7 DN.
 const TOLERANCE_DN: f64 = 0.15;
 
 #[test]
@@ -41,9 +43,9 @@ fn real_scenes_with_a_real_sensor() {
     }
 }
 
-/// Sum, least and largest sample, and the means of the four cells of the Bayer pattern, by NumPy.
-/// That device A is GBRG and the Pixel 4a's crop GRBG is known from elsewhere: their two greens
-/// lie on a diagonal, and in device A, whose target is grey, they agree.
+/// Sum, smallest and largest sample, and the means of the four cells of the Bayer pattern, by
+/// NumPy. The patterns are known independently: GBRG for device A and GRBG for the crop of the
+/// Pixel 4a. The two greens lie on a diagonal, and in device A, whose target is grey, they agree.
 #[test]
 fn real_raw_frames_are_read_as_numpy_reads_them() {
     let Some(raw) = shared("data/raw") else { return };

@@ -1,9 +1,9 @@
-//! Sequences: brackets, two exposures in a frame, scenes that move, streams; and pages about them.
+//! Sequences: brackets, two exposures in a frame, moving scenes, streams, and their reports.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;
 
-/// A camera without noise, lens fall-off and fixed pattern: what differs is what was asked for.
+/// A camera without noise, fall-off and fixed pattern, so that frames differ only as requested.
 fn folder(width: u32, height: u32) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let quiet = [
@@ -23,7 +23,7 @@ fn read(path: &Path) -> camrig::formats::Frames {
     camrig::formats::read(path).unwrap()
 }
 
-/// Mean above black, e⁻ in proportion, and its standard error from shot noise and rounding.
+/// Mean above black, proportional to e⁻, and its standard error from shot noise and rounding.
 fn mean(data: &[u16]) -> (f64, f64) {
     const DN_PER_E: f64 = 1023.0 / 6500.0;
     let n = data.len() as f64;
@@ -68,7 +68,7 @@ fn long_and_short_exposures_share_a_frame() {
     let long = of(&rows, &|y| y % 4 < 2);
     let short = of(&rows, &|y| y % 4 >= 2);
     assert_ratio(mean(&long), mean(&short), 8.0);
-    // Long rows are those of the plain frame: the same pixels, exposed the same.
+    // Long rows equal those of the plain frame: the same pixels with the same exposure.
     let plain = read(&dir.path().join("plain.npy")).planes.remove(0);
     assert!(long == of(&plain, &|y| y % 4 < 2));
     let staggered = read(&dir.path().join("staggered.npy")).planes.remove(0);
@@ -81,8 +81,8 @@ fn long_and_short_exposures_share_a_frame() {
     assert_eq!(refused.status.code(), Some(2));
 }
 
-/// An upright edge that moves 6 pixels a frame is 6 pixels further in each frame, and leans by the
-/// part of the period in which rows are read.
+/// An upright edge that moves 6 pixels per frame is 6 pixels further on in each frame, and leans
+/// by the part of the period in which rows are read.
 #[test]
 fn a_moving_edge_is_where_it_must_be_and_leans_with_the_shutter() {
     let dir = folder(96, 64);
@@ -90,7 +90,8 @@ fn a_moving_edge_is_where_it_must_be_and_leans_with_the_shutter() {
                    --frames 3 --motion 6,0";
     camrig_ok(dir.path(), &format!("{command} -o global"));
     camrig_ok(dir.path(), &format!("{command} --rolling 0.5 -o rolling"));
-    // Where the green rows cross the middle of dark and bright, to a fraction of a pixel.
+    // Place where the green rows cross the middle between dark and bright, to a fraction of a
+    // pixel.
     let edge = |name: &str, frame: usize, rows: std::ops::Range<usize>| -> f64 {
         let plane = read(&dir.path().join(format!("{name}/{frame:04}.dng"))).planes.remove(0);
         let count = rows.len() as f64;
@@ -108,8 +109,8 @@ fn a_moving_edge_is_where_it_must_be_and_leans_with_the_shutter() {
             .expect("an edge");
         2.0 * (i as f64 + (middle - profile[i]) / (profile[i + 1] - profile[i]))
     };
-    // Linear interpolation between samples 2 pixels apart of an edge about 2 pixels wide: a third
-    // of a pixel.
+    // Tolerance of linear interpolation, between samples 2 pixels apart, of an edge about 2 pixels
+    // wide: a third of a pixel.
     let start = edge("global", 0, 0..64);
     for frame in 1..3 {
         let moved = edge("global", frame, 0..64) - start;

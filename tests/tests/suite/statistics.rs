@@ -1,4 +1,4 @@
-//! Statistics of a seeded frame set per preset: a change of numbers must be made knowingly.
+//! Statistics of a seeded frame set for each preset, so that no figure changes unnoticed.
 //!
 //! `cargo insta review` (or `INSTA_UPDATE=always cargo test`) accepts new figures; they belong
 //! under "Numbers changed" in the changelog.
@@ -40,7 +40,7 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
         illuminant: None,
         made_of: String::new(),
     };
-    // Equal irradiance in all bands that half fills the green well in 10 ms.
+    // Equal irradiance in all bands that half fills the green pixels in 10 ms.
     let exposure_s = 0.01;
     let green: f64 = camera.sensor.response(&bands)[1].iter().sum();
     let level = 0.5 * camera.sensor.full_well_e / (green * exposure_s);
