@@ -1,10 +1,11 @@
-//! A diagnosis of 400 frames of 512 x 384: time, processor time and memory, beside the reading of
-//! the frames and the simulation of the model's replicates, without which no z can be told.
+//! A diagnosis of 400 frames of 512 x 384: time, processor time and memory, compared with reading
+//! the frames and with simulating the replicates of the model, which any diagnosis needs.
 //!
 //! `cargo bench -p camrig-benches --bench diagnose`. The set is the built-in plan `diagnosis` with
-//! two and a half times its frames, taken of a sensor with row noise, column offsets and a little
-//! charge coupling that the model lacks. No other program does this: the goal is 60 s on two
-//! cores. Peak memory is that of this process, which holds no set.
+//! two and a half times its frames, taken with a sensor that has row noise, column offsets and
+//! slight charge coupling, which the model lacks. No other program does this, so there is no peer;
+//! the goal is 60 s on two cores. Peak memory is that of this process, which never holds the whole
+//! set.
 
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
@@ -100,7 +101,7 @@ fn main() {
         whole.cpu / replicate.cpu,
         whole.wall / 60.0
     );
-    // Left behind only where the run was broken off.
+    // The folder stays only if the run is interrupted.
     let _ = std::fs::remove_dir_all(&folder);
 }
 

@@ -1,13 +1,14 @@
-//! EMVA 1288 analysis of 100 frames of 3 Mpixel against the `emva1288` package from PyPI, in one
-//! run.
+//! EMVA 1288 analysis of 100 frames of 3 Mpixel, against the `emva1288` package from PyPI in the
+//! same run.
 //!
 //! `cargo bench -p camrig-benches --bench emva`. Both read the same NPY files (warm in the page
-//! cache) and give K, QE, noise, DSNU, PRNU, linearity, two histograms and four spectrograms; the
-//! package runs where `EMVA1288_PYTHON` (or `python3`) has it, by `tests/peers/emva1288_peer.py`,
-//! timed without Python's start and imports. The third figure is the floor: the same bytes read
-//! into a buffer that stays in the cache. The two take turns, three times; the best of each
-//! counts. Processor time (of all threads) is less disturbed by what else runs. Our peak memory is
-//! that of this process, which also made the frames one at a time.
+//! cache) and compute K, QE, noise, DSNU, PRNU, linearity, two histograms and four spectrograms.
+//! The package runs if `EMVA1288_PYTHON` (or `python3`) has it, through
+//! `tests/peers/emva1288_peer.py`, and is timed without the start of Python and its imports. The
+//! third figure is the lower bound: reading the same bytes into a buffer that stays in the cache.
+//! The two take turns, three times, and the best time of each counts. Processor time (of all
+//! threads) depends less on other load. Our peak memory is that of this process, which also made
+//! the frames, one at a time.
 
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
@@ -18,8 +19,8 @@ use camrig_benches::frames::read_all;
 use std::path::Path;
 use std::process::Command;
 
-/// Ten light levels and a dark of two frames, and a spatial pair of 39: 100 frames of one exposure
-/// time.
+/// Ten light levels and a dark of two frames each, and a spatial pair of 39: 100 frames with one
+/// exposure time.
 const PLAN: &str = r#"
 format = "plan/1"
 [[stack]]
@@ -110,7 +111,7 @@ fn main() {
     } else {
         println!("  emva1288: SKIP, python3 has no emva1288 (pip install 'numpy<2' emva1288)");
     }
-    // Left behind only where the run was broken off.
+    // The folder stays only if the run is interrupted.
     let _ = std::fs::remove_dir_all(&folder);
 }
 
@@ -122,7 +123,7 @@ fn frames(folder: &Path, set: &Path) {
     take::take(&camera, &shots, set, &take::TakeOptions::default(), || ()).expect("frames");
 }
 
-/// A number in the JSON of the peer's script, one key per line.
+/// A number in the JSON of the peer script, which has one key per line.
 fn number(text: &str, key: &str) -> Option<f64> {
     let line = text.lines().find(|l| l.trim_start().starts_with(&format!("\"{key}\"")))?;
     line.split_once(':')?.1.trim().trim_end_matches(',').parse().ok()

@@ -1,7 +1,7 @@
-//! The rig's link: its rate against the transport's own, what the protocol adds to the bytes, the
-//! emulator's sensor stage against `camrig expose`, and frames per second over TCP.
+//! The link to a rig: its rate against that of the bare transport, the bytes that the protocol
+//! adds, the emulator's sensor stage against `camrig expose`, and frames per second over TCP.
 //!
-//! `cargo bench -p camrig-benches --bench link`. Ratios are of figures from one run on one
+//! `cargo bench -p camrig-benches --bench link`. Ratios are between figures of one run on one
 //! machine.
 
 use camrig::Plane;
@@ -37,7 +37,7 @@ fn main() {
     link_rate("pty", &Raw::pty(), Rig::open(&pty_server()).unwrap());
 }
 
-/// The mt9v024 preset with another size and converter.
+/// The mt9v024 preset with another size and bit depth.
 fn camera(height: usize) -> Camera {
     let mut camera = Camera::load("mt9v024").unwrap();
     (camera.sensor.width, camera.sensor.height) = (WIDTH as u32, height as u32);
@@ -45,8 +45,8 @@ fn camera(height: usize) -> Camera {
     camera
 }
 
-/// Light from dark at the left to most of the full well at the right, different in each band and
-/// row.
+/// Irradiance from dark at the left to most of the full well at the right, different in each band
+/// and row.
 fn cube(height: usize, bands: usize) -> IrradianceCube {
     let header = CubeHeader {
         width: WIDTH,
@@ -99,7 +99,7 @@ fn pty_server() -> String {
     format!("serial://{}", receiver.recv().unwrap())
 }
 
-/// Bytes on the link beyond those of the rows, in whole frames on a clean link.
+/// Bytes on the link in addition to those of the rows, for whole frames on a clean link.
 fn overhead() {
     println!(
         "bytes on the link beyond rows of {WIDTH} pixels and their raw rows, both directions:"
@@ -133,7 +133,7 @@ fn overhead() {
     }
 }
 
-/// The emulator's rows without a link against the sensor stage of `camrig expose`, one thread
+/// Rows of the emulator without a link, against the sensor stage of `camrig expose`, one thread
 /// each.
 fn sensor_stage() {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -215,10 +215,10 @@ fn seconds(run: impl FnOnce()) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-/// Processor time that this process has used, s (Linux; else nothing).
+/// Processor time that this process has used, s (on Linux; otherwise zero).
 fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the name in parentheses; fields 14 and 15 of proc(5), in ticks of 10 ms.
+    // The name ends with a parenthesis; then fields 14 and 15 of proc(5), in ticks of 10 ms.
     let fields: Vec<f64> = stat
         .rsplit(')')
         .next()
@@ -231,7 +231,7 @@ fn cpu_s() -> f64 {
     fields.iter().sum::<f64>() * 0.01
 }
 
-/// What a bench asks: stored irradiance to raw frames over TCP.
+/// The rate that a bench sees: stored irradiance to raw frames over TCP.
 fn frames_per_second(tcp: &Raw) {
     println!("{WIDTH} x {HEIGHT} RAW12 over TCP, host to emulator and raw back, unpacked:");
     let camera = camera(HEIGHT);
@@ -249,7 +249,7 @@ fn frames_per_second(tcp: &Raw) {
         let (mut start, mut cpu) = (Instant::now(), cpu_s());
         for i in 0..=frames {
             if i == 1 {
-                // The first frame makes the rows.
+                // The first frame computes the rows.
                 (start, cpu) = (Instant::now(), cpu_s());
             }
             if let (Some(fps), Some(n)) = (fps, i.checked_sub(1)) {
@@ -280,8 +280,8 @@ fn frames_per_second(tcp: &Raw) {
     }
 }
 
-/// What a transport moves by itself, bytes/s: frames' worth of bytes there and back, in both
-/// directions at once.
+/// Rate of the bare transport, bytes/s: as many bytes as frames take, sent and returned at the
+/// same time.
 struct Raw {
     rate: f64,
 }
@@ -307,7 +307,7 @@ impl Raw {
     }
 
     fn measure<S: Read + Write + Send>(mut near: (S, S), mut far: (S, S), bytes: usize) -> Self {
-        // As in a collapsed frame of 12 bits: 33 bytes go there for 24 that come back.
+        // As in a collapsed frame of 12 bits: 33 bytes are sent for 24 returned.
         let back = bytes / 57 * 24;
         let there = bytes - back;
         let write = |to: &mut S, bytes: usize| {
@@ -322,7 +322,8 @@ impl Raw {
                 got += from.read(&mut chunk).unwrap();
             }
         };
-        // The ends stay open until all is read: a terminal that is hung up drops what it holds.
+        // The ends stay open until everything is read, because a closed terminal drops what it
+        // holds.
         let seconds = seconds(|| {
             std::thread::scope(|scope| {
                 scope.spawn(|| write(&mut near.0, there));
@@ -335,7 +336,7 @@ impl Raw {
     }
 }
 
-/// Rate of frames with a test pattern, which the sensor stage need not compute.
+/// Rate of frames with a test pattern, for which the sensor stage computes nothing.
 fn link_rate(name: &str, raw: &Raw, mut rig: Rig) {
     let camera = camera(HEIGHT);
     let cube = cube(HEIGHT, 1);

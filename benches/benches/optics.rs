@@ -1,11 +1,11 @@
 //! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the
-//! field), its scaling, the whole way from scene to irradiance, and the characterisation of a
+//! field), its scaling, the whole stage from scene to irradiance, and the characterisation of a
 //! phone lens.
 //!
 //! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
-//! sixteenth of the area. Every figure has the processor time of all threads beside it: on a busy
-//! machine that is the one to look at. `benches/peers/optics` runs other programs on the same data
-//! within one run.
+//! sixteenth of the area. Every figure has the processor time of all threads beside it, which is
+//! the one to compare on a busy machine. `benches/peers/optics` runs other programs on the same
+//! data in one run.
 
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::{Catalogue, Conditions, System, toml};
@@ -71,7 +71,7 @@ fn time(run: impl FnOnce()) -> Time {
     Time { wall: start.elapsed().as_secs_f64(), processor: processor_seconds() - before }
 }
 
-/// The least of several runs.
+/// The shortest of several runs.
 fn least(times: usize, mut run: impl FnMut()) -> Time {
     let all: Vec<Time> = (0..times).map(|_| time(&mut run)).collect();
     let of = |pick: fn(&Time) -> f64| all.iter().map(pick).fold(f64::MAX, f64::min);
@@ -90,7 +90,7 @@ fn processor_seconds() -> f64 {
     ticks().map_or(f64::NAN, |t| t / 100.0)
 }
 
-/// Most memory this process has held, MiB; NaN where there is no `/proc`.
+/// Peak memory of this process, MiB; NaN where there is no `/proc`.
 fn peak_mib() -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
@@ -143,13 +143,13 @@ fn rows_of(source: &Plane<f32>, first: usize, count: usize) -> Plane<f32> {
     Plane { width: w, height: count, data: source.data[first * w..(first + count) * w].to_vec() }
 }
 
-/// Response of a channel in a band: three bells.
+/// Response of a channel in a band: three bell curves.
 fn response(channel: usize, band: usize) -> f32 {
     let x = (band as f32 - [22.0, 14.0, 6.0][channel]) / 5.0;
     (-x * x).exp()
 }
 
-/// W: every band through its own kernels, and into three channels.
+/// W: every band through its own kernels and into three channels.
 fn exact(side: usize) {
     let source = image(side);
     let tiling = Tiling::new(1, (side, side), 31, 15, 341);
@@ -196,7 +196,7 @@ fn collapsed(side: usize) {
     });
     let all: Vec<&Kernels> = all.iter().collect();
     let all: Vec<&[&Kernels]> = all.chunks(COMPONENTS).collect();
-    // Components are the image from other rows on: a scene is rendered strip by strip.
+    // Components are the image from different rows on, because a scene is rendered strip by strip.
     let rows: Vec<_> = (0..COMPONENTS)
         .map(|k| {
             let source = &source;
@@ -223,7 +223,7 @@ fn collapsed(side: usize) {
     );
 }
 
-/// One band of other sizes, kernels and tiles.
+/// One band with other sizes, kernels and tiles.
 fn scaling(side: usize) {
     let mut rates = Vec::new();
     for (side, size, largest) in [
@@ -259,7 +259,7 @@ fn scaling(side: usize) {
     );
 }
 
-/// A checkerboard that costs next to nothing to render: the engine's own time is what is measured.
+/// A checkerboard that takes hardly any time to render, so that the engine's own time is measured.
 struct Checks {
     bands: usize,
 }
@@ -343,7 +343,7 @@ fn render(lens: &dyn Lens, grid: &SensorGrid, bands: usize, options: &Options) -
     spent
 }
 
-/// The same lens without its mapping.
+/// The same lens without its geometric mapping.
 struct Unmapped(Characterisation);
 
 impl Lens for Unmapped {
@@ -361,7 +361,7 @@ impl Lens for Unmapped {
     }
 }
 
-/// From scene to irradiance: what the stages add, and that bands cost alike.
+/// From scene to irradiance: the time that each stage adds, and whether all bands take the same.
 fn stages(side: usize) {
     let grid = SensorGrid { width: side, height: side, pitch_um: 1.4, fill_factor: 0.9 };
     let options = Options { oversample: Some(1), ..Options::default() };
@@ -434,7 +434,7 @@ fn characterisation() {
     println!("characterise: 21 fields x {BANDS} wavelengths, 128 x 128: {spent}");
 }
 
-/// Inputs, answer and time of one 1024 x 1024 band for `benches/peers/optics_peers.py`.
+/// Inputs, result and time of one band of 1024 x 1024 for `benches/peers/optics_peers.py`.
 fn dump(folder: &std::path::Path) -> std::io::Result<()> {
     let side = 1024;
     let tiling = Tiling::new(1, (side, side), 31, 15, 256);

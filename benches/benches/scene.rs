@@ -1,10 +1,10 @@
-//! Exposures to one frame, and channels to spectra, at 16 Mpixel, against copying the same bytes
-//! in one run.
+//! Merging exposures into one frame, and channels into spectra, at 16 Mpixel, against copying the
+//! same bytes in the same run.
 //!
-//! `cargo bench -p camrig-benches --bench scene`. Bytes: each input read once, each output written
-//! once. The copy is from and to memory that has been used before; a merged frame is written to
-//! new pages, which the system clears first: what that takes is told beside it. Spectra are
-//! written band by band to one plane.
+//! `cargo bench -p camrig-benches --bench scene`. Each input byte counts as read once and each
+//! output byte as written once. The copy is between buffers that have been used before; a merged
+//! frame is written to new pages, which the system clears first, and that time is printed beside
+//! it. Spectra are written band by band to one plane.
 
 use camrig::Plane;
 use camrig::calibrate::exposures::{Exposure, Series};
@@ -68,7 +68,7 @@ fn told(what: &str, seconds: f64, bytes: usize) {
     );
 }
 
-/// Four exposures of a view of 80 dB with shot and read noise.
+/// Four exposures of a scene of 80 dB with shot and read noise.
 fn merging() {
     const TIMES: [f64; 4] = [0.001, 0.008, 0.064, 0.512];
     let noise = |i: usize, j: usize| {
@@ -91,7 +91,7 @@ fn merging() {
     let time = seconds(|| {
         black_box(hdr::merge(&series, &cfa, FULL_SCALE_DN, &[]).expect("a merged frame"));
     });
-    // Signals in; radiance, its deviation and a flag out.
+    // Input: signals. Output: radiance, its standard deviation and a flag.
     let result = 4 + 4 + 1;
     told("merging 4 exposures of 16 Mpixel", time, SIDE * SIDE * (4 * TIMES.len() + result));
     println!("  of which new pages for the result {:.2} s", new_pages(SIDE * SIDE * result));

@@ -1,7 +1,8 @@
-//! Throughput of the sensor stage against its peers, and the Poisson method against its law.
+//! Throughput of the sensor stage against its peers, and the counts of the Poisson method against
+//! the exact law.
 //!
-//! `cargo bench -p camrig-benches --bench sensor`. Ratios are of figures from one run on one
-//! machine. The Python peers (numpy, GalSim) run when `python3` has them.
+//! `cargo bench -p camrig-benches --bench sensor`. Ratios are between figures of one run on one
+//! machine. The Python peers (numpy, GalSim) run if `python3` has them.
 
 use camrig_benches::sensor::{
     SETTINGS, chain, collected_rows, config, cube, frame, means, rows, spectral_config,
@@ -28,7 +29,7 @@ fn main() {
     poisson();
 }
 
-/// The whole chain and each of its stages alone, one core.
+/// The whole chain, and each of its stages alone, on one core.
 fn stages(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("sensor stage");
     group.throughput(Throughput::Elements((WIDTH * 64) as u64));
@@ -45,7 +46,7 @@ fn stages(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Cost against frame size: linear.
+/// Time against frame size, which should be linear.
 fn frame_sizes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame size");
     for megapixels in [1usize, 4, 16] {
@@ -72,7 +73,7 @@ fn megapixels_per_s(pixels: usize, mut run: impl FnMut()) -> f64 {
     pixels as f64 / best / 1e6
 }
 
-/// Ratios to the memory floor, to threads and to the peers.
+/// Ratios to the time of the memory traffic alone, to several threads and to the peers.
 fn ratios() {
     let pixels = WIDTH * HEIGHT;
     let means = means(WIDTH, HEIGHT);
@@ -147,7 +148,7 @@ fn poisson() {
         let top = seen.len() - 1;
         let mut dn = vec![0; width * 500];
         for part in 0..height / 500 {
-            // Another sensor, that is other streams, for each part.
+            // Another sensor seed, and so other random streams, for each part.
             sensor.seed = part as u64;
             rows(&sensor, 0, &means, &mut dn);
             dn.iter().for_each(|&d| seen[usize::from(d).min(top)] += 1.0);

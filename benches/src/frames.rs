@@ -1,9 +1,9 @@
-//! Frames of a set, as bytes: the least that any analysis of it takes.
+//! Frames of a set as bytes: reading them is the least that any analysis does.
 
 use camrig::captures::CaptureSet;
 use std::path::Path;
 
-/// Reads every frame's bytes, piece by piece into one buffer per thread.
+/// Reads the bytes of every frame, piece by piece, into one buffer per thread.
 pub fn read_all(set: &Path) {
     use rayon::prelude::*;
     let set = CaptureSet::load(set).expect("the set loads");

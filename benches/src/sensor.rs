@@ -1,4 +1,4 @@
-//! The sensor stage of the product, over light in memory.
+//! The sensor stage of the product, with light in memory.
 
 use camrig::Plane;
 use camrig::exposure::rows::{self as product, BandSums, Vector};
@@ -12,11 +12,11 @@ use camrig_sensor_core::effects::{
 };
 use camrig_sensor_core::pipeline::MeanRows;
 
-/// Settings of all frames here.
+/// Settings of all frames of the benches.
 pub const SETTINGS: FrameSettings =
     FrameSettings { frame: 3, exposure_s: 0.02, analog_gain: 1.0, temperature_c: 25.0 };
 
-/// The chain that is timed: all of eq. 10 and 11.
+/// The chain that is timed: all effects of eq. 10 and 11.
 pub fn chain() -> Vec<Effect> {
     vec![
         ShotNoise {}.into(),
@@ -49,7 +49,7 @@ pub fn config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
 }
 
 /// Mean electrons of a scene: a ramp from 1 e⁻ to 8000 e⁻ along each row, so that blocks with
-/// small and with large means occur as in a picture.
+/// small and with large means occur, as in a picture.
 pub fn means(width: usize, height: usize) -> Vec<f32> {
     (0..width * height).map(|i| 1.0 + 8000.0 * (i % width) as f32 / width as f32).collect()
 }
@@ -74,7 +74,7 @@ impl MeanRows<Float> for Stored<'_> {
     }
 }
 
-/// Rows from `first_row` on, as `camrig expose` computes them.
+/// Computes rows from `first_row` on, as `camrig expose` does.
 pub fn rows(config: &SensorConfig, first_row: u32, means: &[f32], dn: &mut [u16]) {
     let mut source = Stored { means, width: config.width as usize, first_row };
     product::rows::<Float>(config, &SETTINGS, &mut source, first_row as usize, dn)
@@ -110,7 +110,7 @@ pub fn spectral_config(width: u32, height: u32, effects: &[Effect]) -> SensorCon
     }
 }
 
-/// Light for some 4000 e⁻ in the brightest column.
+/// Irradiance for some 4000 e⁻ in the brightest column.
 pub fn cube(width: usize, height: usize) -> IrradianceCube {
     let header = CubeHeader {
         width,
@@ -141,7 +141,7 @@ impl MeanRows<Float> for FromCube<'_> {
     }
 }
 
-/// The whole way from a cube to DN with positional crosstalk factors, as `camrig expose` goes it.
+/// The whole path from a cube to DN, with positional crosstalk factors, as in `camrig expose`.
 pub fn collected_rows(config: &SensorConfig, cube: &IrradianceCube, dn: &mut [u16]) {
     let nodes =
         |n: usize| (0..n).map(|i| i as f32 / (n - 1) as f32 * 2.0 - 1.0).collect::<Vec<_>>();
