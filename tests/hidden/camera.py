@@ -18,7 +18,7 @@ FILTERS = {"r": (610, 45), "g": (535, 45), "b": (455, 40), "mono": (560, 160)}
 
 
 def stream(seed, *names):
-    """A random generator of its own for each thing that is random."""
+    """A separate random generator for each random quantity."""
     return np.random.default_rng([seed, zlib.crc32("/".join(map(str, names)).encode())])
 
 
@@ -29,7 +29,7 @@ def digits(x, n=4):
 
 @dataclass(frozen=True)
 class Camera:
-    """What camera.toml says. Electrons, seconds, degrees Celsius."""
+    """The values in camera.toml. Electrons, seconds, degrees Celsius."""
     width: int
     height: int
     cfa: str            # "mono" or a 2x2 pattern, row-major
@@ -55,7 +55,7 @@ class Camera:
 
     @property
     def saturation_e(self):
-        """Signal that takes the code to full scale: the black level takes its part."""
+        """Signal at which the code reaches full scale, above the black level."""
         return (WHITE - self.black_dn) / self.gain
 
     @property
@@ -76,7 +76,7 @@ class Camera:
         return np.array([area * photons * self.qe(f)[at] for f in self.planes])
 
     def spread(self, per_plane):
-        """One value per plane to a map of the frame (a scalar for mono)."""
+        """Expands one value per plane to a map of the frame (a scalar for mono)."""
         if len(per_plane) == 1:
             return np.float32(per_plane[0])
         cell = np.asarray(per_plane, np.float32).reshape(2, 2)
@@ -142,7 +142,7 @@ def design(camera, name):
 
 
 def camera_files(c):
-    """Names and texts of the camera file and what it refers to."""
+    """Names and texts of the camera file and of the files that it refers to."""
     names = list(dict.fromkeys(sorted(c.planes, key="rgbmono".index)))
     columns = np.column_stack([WAVELENGTHS] + [c.qe(n) for n in names])
     head = "wavelength_nm," + ",".join("qe" if n == "mono" else n for n in names)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Whether the hidden-data generator can be trusted: base statistics by closed form, and every effect measured back.
+"""Checks the generator: base statistics against closed forms, and every effect measured from its frames.
 
     check.py [--draw N] [--times 10] [KIND ...]
 
@@ -62,7 +62,7 @@ def base(seed, cfa):
 
 
 def effects(seed, times, kinds):
-    """Every effect, at `times` its limit, measured back."""
+    """Every effect at `times` its limit, measured from the frames."""
     for kind in kinds:
         cfa = "GRBG" if generate.KINDS[kind].needs_cfa else "mono"
         world, (effect,), sensor = generate.build(seed, [(kind, None)], times, SIZE, cfa=cfa)
@@ -70,7 +70,7 @@ def effects(seed, times, kinds):
 
 
 def files(seed):
-    """The written set says what was simulated, and nothing of what is hidden."""
+    """The written set states what was simulated, and nothing about what is hidden."""
     with tempfile.TemporaryDirectory() as folder:
         out = f"{folder}/set"
         built = generate.build(seed, [("system-gain", None), ("row-temporal-noise", None)], 10, (32, 32))
@@ -88,8 +88,8 @@ def files(seed):
 
 
 def lenses(seed):
-    """Images of the lens by closed forms. No noise: the last figure is the accuracy of the cells, and for places of dots
-    one in a hundred, what a window of whole pixels leaves."""
+    """Images of the lens by closed forms. There is no noise: the last figure is the accuracy of the cells, and for
+    positions of dots 1 %, the error of a window of whole pixels."""
     x = 0.3
     yield "pupil in focus", float(pupil_transfer(x, 0.0)), 2 / np.pi * (np.arccos(x) - x * np.sqrt(1 - x * x)), 1e-12
     c = draw(stream(seed, "camera"), 200, 100, "mono")   # whole periods of the dots, 10 pixels

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Whether the detection limits are what they say: matched statistics of sets with effects at their limit.
+"""Tests the detection limits: matched statistics of sets with effects at their limit must be 5.
 
     detect.py [--draws 8] [--first 1] [KIND ...]
 
@@ -26,7 +26,7 @@ def each_stack(f):
 
 
 def gathered(parts):
-    """Estimates of an amount with information each: their best mean over its standard deviation."""
+    """Combines estimates of an amount by their information: the best mean over its standard deviation."""
     x, information = np.array(list(parts)).T
     return np.sum(x * information) / np.sqrt(np.sum(information))
 
@@ -50,7 +50,7 @@ def shared(axis):
 
 
 def offset_map(f):
-    """The best map of offsets, row means taken out."""
+    """The best map of offsets, with row means removed."""
     weights, variance = f.w.info.offset_weights()
     dark = [x.mean(0) for s, x, _, _ in each_stack(f) if s.role == "dark"]
     m = np.tensordot(weights, dark, 1)

@@ -1,4 +1,4 @@
-"""How each hidden effect shows in frames, measured plainly: (estimate, what the truth says, standard deviation).
+"""Plain measurements of each hidden effect in frames: (estimate, true value, standard deviation).
 
 Closed forms and sampling errors only; nothing is shared with the simulation but the truth itself. Electrons, by the
 gain of the camera file.
@@ -23,7 +23,7 @@ class Frames:
         return self.taken[name]
 
     def residual(self, name):
-        """Frames less the mean frame; its square is short of the variance by (n - 1) / n."""
+        """Frames minus the mean frame; the mean square is the variance times (n - 1) / n."""
         return self[name] - self[name].mean(0)
 
     def pixel_variance(self, name):
@@ -33,11 +33,11 @@ class Frames:
         return self[name].mean()
 
     def mean_sd(self, name):
-        """Of a stack's mean, from its temporal variance."""
+        """Standard deviation of the mean of a stack, from its temporal variance."""
         return np.sqrt(self.pixel_variance(name).mean() / self[name].size)
 
     def dark_slope(self):
-        """Map of dark current, e-/s, and its pixel variance less that of the sensor's own spread."""
+        """Map of dark current, e-/s, and its pixel variance without that of the sensor's own spread."""
         noise = self.pixel_variance("dark-long").mean() / 16 + self.pixel_variance("dark-short").mean() / 32
         return (self["dark-long"].mean(0) - self["dark-short"].mean(0)) / 0.99, noise / 0.99**2
 
@@ -58,7 +58,7 @@ class Frames:
 
 
 def component(groups, white, s2, dof):
-    """Variance of `groups` (zero mean) less what white noise leaves, against s^2."""
+    """Variance of `groups` (zero mean) minus that of white noise, against s^2."""
     total = np.sum(groups**2) / dof
     return total - white, s2, np.sqrt(2 / dof) * total
 
@@ -162,7 +162,7 @@ def pixel_offsets(f):
 
 
 def count(seen, number, share):
-    """Pixels found against binomial expectation (one is added to the variance for small numbers)."""
+    """Number of pixels found against the binomial expectation (one is added to the variance for small numbers)."""
     return seen, number * share, np.sqrt(number * share * (1 - share) + 1)
 
 
@@ -242,7 +242,7 @@ def shared_prnu(f):
 
 
 def ratio(f, high, low, shift):
-    """Light of two flats, each over its expectation: `shift(name)` is the relative change hidden in it."""
+    """Light of two flats, each divided by its expectation; `shift(name)` is the relative change hidden in it."""
     (a, sa), (b, sb) = f.light(high), f.light(low)
     ea, eb = f.expected(high), f.expected(low)
     return a / ea / (b / eb) - 1, (1 + shift(high)) / (1 + shift(low)) - 1, np.hypot(sa / ea, sb / eb)
@@ -281,7 +281,7 @@ def plane_means(f, name, i, j):
 
 
 def crosstalk(f):
-    """Red over green (GRBG) in the flat of 460 nm, where red gets nearly nothing of its own."""
+    """Red over green (GRBG) in the flat at 460 nm, where red itself receives nearly nothing."""
     gr, r, b, gb = next(s for s in f.w.stacks if s.id == "flat-460nm").electrons
     k = f.a
     (red, sr), (green, sg) = plane_means(f, "flat-460nm", 0, 1), plane_means(f, "flat-460nm", 0, 0)
@@ -389,7 +389,7 @@ def checker(f):
 
 
 def bar(f):
-    """Frames less the mean frame against the bar's positions less theirs."""
+    """Frames minus the mean frame, fitted by the bar's positions minus their mean."""
     x = f.residual("dark-short")
     start = f.sensor.seed % 97
     at = np.array([(f.w.x[0] - f.effect.step * n - start) % f.w.width < f.w.width / 8 for n in range(32)], float)

@@ -30,7 +30,7 @@ SIZES = {"small": (256, 256), "full": (512, 384)}
 
 
 class World:
-    """What an effect may know: the base camera, the captures and what they can show."""
+    """What an effect may use: the base camera, the captures and their detection limits."""
 
     def __init__(self, camera, stacks):
         self.camera, self.stacks = camera, stacks
@@ -60,7 +60,7 @@ def build(seed, effects, times, size=(256, 256), design_name="small", cfa="mono"
 
 
 def truth(seed, hidden):
-    """What is hidden, for the scorer alone."""
+    """The hidden effects, for the scorer only."""
     plain = lambda d: {k: v if isinstance(v, (int, str)) else float(v) for k, v in d.items()}
     return {"draw": seed, "effects": [
         {"kind": e.kind, "catalogued": e.catalogued, "limit": float(e.limit()), "times": e.amount / float(e.limit()),

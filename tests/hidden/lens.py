@@ -17,7 +17,7 @@ from camera import F_NUMBER, LIGHT_SPEED, PLANCK, WAVELENGTHS, digits
 
 TABLES = pathlib.Path(__file__).resolve().parents[2] / "host/src/scene/data"   # CIE 1931, ColorChecker: facts
 FINE, MARGIN = 5, 128
-# A lamp without light at the ends of the filters' tables.
+# The lamp has no light at the ends of the filter tables.
 LAMP = np.round(np.sin(np.pi * np.clip((WAVELENGTHS - 410) / 280, 0, 1)) ** 2, 4)
 
 
@@ -34,7 +34,7 @@ def table(name):
 
 @dataclass(frozen=True)
 class Lens:
-    """A perfect lens and what it may have beside. Lengths: corner = half the sensor's diagonal."""
+    """A perfect lens and its possible faults. Lengths are in units of half the sensor's diagonal."""
     f_number: float = F_NUMBER
     shift_um: float = 0.0     # sensor out of focus
     size: float = 1.0         # of the image
@@ -61,7 +61,7 @@ def pupil_transfer(x, waves):
 
 
 def covered(distance, cell):
-    """Share of a cell that lies inside an outline `distance` away from its middle, inside positive."""
+    """Share of a cell inside an outline at `distance` from the middle of the cell, positive inside."""
     return np.clip(0.5 + distance / cell, 0, 1)
 
 
@@ -124,7 +124,7 @@ def image(c, lens, scene):
 
     fx, fy = np.fft.rfftfreq(columns, 1 / FINE)[None, :], np.fft.fftfreq(rows, 1 / FINE)[:, None]
     frequency, aperture = np.hypot(fx, fy), np.sqrt(c.fill_factor)
-    # Cells hold what they cover: their own square is taken out again.
+    # Cells hold averages over their square, whose transfer function is divided out again.
     square = np.sinc(fx * aperture) * np.sinc(fy * aperture) / (np.sinc(fx / FINE) * np.sinc(fy / FINE))
     radii = np.linspace(0, 1, 400)
 
@@ -164,6 +164,6 @@ def image(c, lens, scene):
 
 
 def exposure_for(c, lens, electrons, reflectance, lux):
-    """Time, s, in which the strongest filter gets `electrons` behind this lens."""
+    """Time, s, in which pixels of the strongest filter collect `electrons` behind this lens."""
     most = max(np.sum(e) for e in electrons_per_lux_s(c, lens).values())
     return digits(electrons / (most * reflectance * lux), 3)

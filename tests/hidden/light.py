@@ -15,7 +15,7 @@ def neighbours(a):
 
 
 class SystemGain(MisSet):
-    """Another gain DN/e-. Limit from variance over mean of the flats, whatever the scale of the light:
+    """Another gain, DN/e-. Limit from variance over mean of the flats, which does not depend on the scale of the light:
     the variance of N samples is known to sqrt(2 / N), of which shot noise is a share."""
     kind, parameter = "system-gain", "gain_dn_per_e"
 
@@ -28,7 +28,7 @@ class SystemGain(MisSet):
 
     @property
     def factor(self):
-        """True over written; a gain that would saturate the brightest flat is too low instead."""
+        """True over stated gain; a gain that would saturate the brightest flat is made too low instead."""
         return 1 + self.amount * (self.sign if self.amount < 0.05 else -1)
 
     def camera(self, c):
@@ -39,7 +39,7 @@ class SystemGain(MisSet):
 
 
 class QuantumEfficiency(MeanShift):
-    """All light counts for more or less, r times; seen in the means of flats."""
+    """All light counts r times; seen in the means of flats."""
     kind, parameter = "quantum-efficiency", "ratio"
 
     def __init__(self, world, rng):
@@ -82,7 +82,7 @@ class ColumnGain(Component):
 
 
 class PrnuCorrelated(Component):
-    """White noise at the corners of pixels: a pixel's gain is off by s times half the sum of its four.
+    """White noise at the corners of pixels: a pixel's gain differs by s times half the sum of its four corners.
 
     Power (1 + cos kx)(1 + cos ky) beside the white map of variance g.
     """
@@ -160,7 +160,7 @@ class Shading(Effect):
 
 
 class RelativeIllumination(Shading):
-    """The lens: all planes alike."""
+    """Fall-off of the lens, the same in all planes."""
     kind, parameter = "relative-illumination", "corner"
 
     def draw(self):
@@ -168,7 +168,7 @@ class RelativeIllumination(Shading):
 
 
 class ColourShading(Shading):
-    """Filters and microlenses: one of red, green, blue."""
+    """Fall-off of filters and microlenses, in one of red, green, blue."""
     kind, needs_cfa = "colour-shading", True
 
     def draw(self):
@@ -178,7 +178,7 @@ class ColourShading(Shading):
 
 
 class LightShift(MeanShift):
-    """Seen in the means of flats, whatever the scale of the light."""
+    """Effects seen in the means of flats, with the scale of the light left free."""
 
     def open_to(self):
         return [self.w.info.mu]
@@ -339,8 +339,8 @@ class ConverterBit(Effect):
 
 
 class ImageLag(LightShift):
-    """A share of the electrons of the frame before comes late, each by chance (Poisson for a small share). Seen in the
-    dark after a bright flat; every other frame comes after one of its own kind: the scale of the light takes it up."""
+    """A share of the electrons of the previous frame arrives late, each at random (Poisson for a small share). Seen in
+    the dark after a bright flat; every other frame follows one of its own kind, so the scale of the light absorbs it."""
     kind, parameter = "image-lag", "fraction"
 
     def before(self, stack):
@@ -357,7 +357,7 @@ class ImageLag(LightShift):
 
 
 class ExposureOffset(LightShift):
-    """Light is collected for t + dt (dark charge of dt is beyond notice)."""
+    """Light is collected for t + dt (the dark charge of dt is negligible)."""
     kind, parameter = "exposure-offset", "offset_us"
 
     def __init__(self, world, rng):

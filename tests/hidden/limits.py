@@ -1,4 +1,4 @@
-"""Analytic detection limits: what the frames of a design can show at best.
+"""Analytic detection limits: the smallest amounts that the frames of a design can show.
 
 All limits are 5 standard deviations of the statistic that is matched to the effect, over all stacks of the set,
 base parameters known as in camera.toml but for what a sensor of that description leaves open (the mean over its
@@ -19,7 +19,7 @@ FIVE = 5.0
 
 
 class Information:
-    """Of a design: sizes and variances of each stack (rows of the arrays) and colour plane (columns)."""
+    """Sizes and variances in a design, for each stack (rows of the arrays) and colour plane (columns)."""
 
     def __init__(self, camera, stacks):
         c = self.camera = camera
@@ -48,8 +48,8 @@ class Information:
         return groups / 2 / (map_var / m + s2) ** 2
 
     def offset_weights(self):
-        """Weights of the dark stacks' mean maps in the best offset map, and its pixel variance: in each stack there
-        is temporal noise, and in all the same map of dark current."""
+        """Weights of the dark stacks' mean maps in the best offset map, and its pixel variance: each stack has
+        temporal noise of its own, and all have the same map of dark current."""
         t = self.warm_t[self.dark]
         cov = np.diag((self.var[:, 0] / self.n)[self.dark]) + self.camera.dsnu_e_per_s**2 * np.outer(t, t)
         weights = np.linalg.solve(cov, np.ones(t.size))
@@ -113,7 +113,7 @@ class Information:
         return self.camera.read_e**2 / self.var
 
     def samples(self):
-        """Independent pixel samples per stack and plane once the pixel means are taken out."""
+        """Independent pixel samples per stack and plane once the pixel means are removed."""
         return np.broadcast_to(self.nu[:, None] * self.pixels / self.planes, self.var.shape)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Hides effects of the lens, or the four gaps of Chen et al. 2009 together, and looks whether `camrig diagnose` finds them.
+"""Hides effects of the lens, or the four gaps of Chen et al. 2009 together, for `camrig diagnose` to find.
 
 The sensor and its frames are those of `generate.py`, images are those of `lens.py`: neither shares code with camrig. The
 set has an edge, a grid of dots, and a ColorChecker in good and in poor light beside the dark and flat stacks.
@@ -26,7 +26,7 @@ from sensor import Sensor
 WIDTH, HEIGHT = 256, 192
 
 
-# Amounts are drawn evenly.
+# Amounts are drawn from a uniform distribution.
 ALONE = {
     "defocus": {"shift_um": (5, 12)},
     "distortion": {"k1": (-0.03, -0.005)},
@@ -37,7 +37,7 @@ ALONE = {
     "colour-shading": {"corner": (0.03, 0.1)},
     "optical-crosstalk": {"side": (0.004, 0.02)},
 }
-# Where the axis is shows only in what is about it.
+# The position of the axis shows only in effects that are centred on it.
 DECENTRED = {
     "distortion": {"k1": (-0.05, -0.02)},
     "decentre-tilt": {"x_px": (4, 12), "y_px": (-12, -4)},
@@ -55,8 +55,8 @@ IN_LENS = {"defocus", "distortion", "decentre-tilt", "lens-transmittance", "veil
 
 
 def stacks(camera, plain):
-    """The small design's, and of scenes: a reflectance of 0.8 is at 60 % of saturation behind the plain lens at 300 lx,
-    and at 10 lx at 40 %."""
+    """Stacks of the small design, and scenes: behind the plain lens a reflectance of 0.8 is at 60 % of saturation at
+    300 lx, and at 40 % at 10 lx."""
     bright = {"exposure_s": exposure_for(camera, plain, 0.6 * camera.saturation_e, 0.8, 300.0)}
     dim = {"exposure_s": digits(5 * bright["exposure_s"]), "analog_gain": 4.0}
 
@@ -98,7 +98,7 @@ def write(out, world, sensor):
 
 
 def diagnose(camrig, folder, seed, kinds):
-    """What `camrig diagnose` says of a set, and what was hidden in it."""
+    """The answer of `camrig diagnose` for a set, and what was hidden in it."""
     world, sensor, hidden = build(seed, kinds)
     write(f"{folder}/set", world, sensor)
     command = [camrig, "diagnose", f"{folder}/set/camera.toml", f"{folder}/set", "-o", f"{folder}/found"]

@@ -1,4 +1,4 @@
-"""Hidden things that no catalogue entry describes: they must come back as unexplained, never under a name."""
+"""Hidden effects that no catalogue entry describes: the diagnosis must report them as unexplained, never by a name."""
 import numpy as np
 
 from limits import FIVE, rare_pixels
@@ -7,7 +7,7 @@ from sensor import F, Effect
 
 
 class Outside(Effect):
-    """`says`: what a description must mention to be of use (any of these)."""
+    """`says`: words of which a useful description contains at least one."""
     catalogued = False
     says = ()
 
@@ -130,7 +130,7 @@ class Spokes(Outside):
 
 
 class GainRectangle(Spokes):
-    """A rectangle of other gain; the amount is the rms of the pattern over the frame, its mean taken out."""
+    """A rectangle of another gain; the amount is the rms of the pattern over the frame, without its mean."""
     kind, says = "outside-gain-rectangle", ("gain", "flat", "rectang", "region", "block", "local", "pattern", "low-frequency", "polynomial")
 
     def __init__(self, world, rng):

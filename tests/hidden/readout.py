@@ -333,7 +333,7 @@ class AmpGlow(Effect):
         maps.glow = maps.glow + F(self.amount) * self.shape
 
     def details(self):
-        # In half widths and half heights from the middle, as others say it.
+        # In half widths and half heights from the middle, as in camera files.
         return {"x": 2 * self.x0 - 1, "y": 2 * self.y0 - 1, "width_pixels": self.width}
 
 
@@ -345,7 +345,7 @@ class MeanShift(Effect):
         raise NotImplementedError
 
     def open_to(self):
-        """Shifts of which nothing is known."""
+        """Shifts of unknown size."""
         return []
 
     def limit(self):
@@ -353,7 +353,7 @@ class MeanShift(Effect):
 
 
 class MisSet(Effect):
-    """A figure of the camera file is wrong; the amount is its relative error."""
+    """A value in the camera file is wrong; the amount is its relative error."""
     field = ""
 
     def __init__(self, world, rng):
@@ -362,7 +362,7 @@ class MisSet(Effect):
 
     @property
     def factor(self):
-        """True over written; errors too large to be subtracted are added."""
+        """True over stated value; errors too large to be subtracted are added."""
         return 1 + self.amount * (self.sign if self.amount < 0.5 else 1)
 
     def camera(self, c):
@@ -395,7 +395,7 @@ class ReadNoise(MisSet):
 
 
 class DarkCurrent(MeanShift, MisSet):
-    """Mean dark current of another size; its spread over the pixels as written."""
+    """Mean dark current of another size; its spread over the pixels as stated."""
     kind, parameter, field = "dark-current", "mean_e_per_s", "dark_e_per_s"
 
     def shift(self):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Hides effects in many sets, lets `camrig diagnose` look at each, and fills the table of docs/diagnosis.md.
+"""Hides effects in many sets, runs `camrig diagnose` on each, and fills the table of docs/diagnosis.md.
 
     score.py --camrig target/release/camrig --draws 20 --results scores.jsonl -o docs/diagnosis.md
 
@@ -27,7 +27,7 @@ from camera import stream
 
 
 def jobs(a):
-    """All sets to be made: key, kinds, multiples of the limit. Random choices hang on seed and key alone."""
+    """All sets to be made: key, kinds, multiples of the limit. Random choices depend on seed and key alone."""
     kinds = a.kinds or list(generate.CATALOGUED)
     singles = [k for k in kinds if k in generate.CATALOGUED]
     for d in range(a.draws):

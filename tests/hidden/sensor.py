@@ -1,4 +1,4 @@
-"""A frame of the base camera, with places where hidden effects act. Electrons until the converter.
+"""A frame of the base camera, with hooks for hidden effects. Signals are in electrons up to the converter.
 
     light rate -> Poisson -> x PRNU -> + dark charge (Poisson) -> full well -> + read noise + row pattern
                -> x gain + black level -> rounding, clip
@@ -13,18 +13,18 @@ F = np.float32
 
 
 class Effect:
-    """Something hidden: its equation as hooks, its amount, and the smallest amount that can be seen."""
+    """A hidden effect: its equation as hooks, its amount, and the smallest amount that can be detected."""
     kind = ""
     parameter = ""      # name of the amount
     needs_cfa = False
     catalogued = True
 
     def __init__(self, world, rng):
-        """Draws what else it has (shape, frequency, place); the amount is set afterwards."""
+        """Draws its other parameters (shape, frequency, place); the amount is set afterwards."""
         self.w, self.rng, self.amount = world, rng, 0.0
 
     def limit(self):
-        """Smallest amount that the ideal matched statistic sees at five of its standard deviations."""
+        """Smallest amount at which the ideal matched statistic is five of its standard deviations."""
         raise NotImplementedError
 
     def sd(self):
@@ -36,7 +36,7 @@ class Effect:
         return {}
 
     def camera(self, c):
-        """The true camera, where the hidden thing is a wrong figure in the camera file."""
+        """The true camera, if the hidden effect is a wrong value in the camera file."""
         return c
 
     def fixed(self, maps):
@@ -55,7 +55,7 @@ class Effect:
         return z
 
     def signal(self, v, shot):
-        """Electrons at the converter's input, read noise in."""
+        """Electrons at the converter's input, with read noise."""
         return v
 
     def convert(self, y, code):
@@ -82,7 +82,7 @@ class Maps:
 
 
 class Shot:
-    """One frame as it is made: its stack, number, the sensor, and random streams by name."""
+    """A frame being made: its stack, its number, the sensor, and random streams by name."""
 
     def __init__(self, sensor, stack, n):
         self.sensor, self.stack, self.n = sensor, stack, n

@@ -1,11 +1,11 @@
-"""Figures from the results of score.py: what was hidden against what was said."""
+"""Figures from the results of score.py: hidden effects against the answers."""
 import collections
 
 import numpy as np
 
 import generate
 
-# Names that mean the hidden thing although the catalogue has no entry of that name.
+# Other names that count as right for a hidden effect.
 ALSO = {"dsnu": {"dark-current"}}
 PASSES = 1.27   # gap of a model that agrees, 99.5 %
 NO_ANSWER = {"verdict": None, "gap_after": np.inf, "steps": [], "ambiguous": [], "unexplained": []}
@@ -13,7 +13,7 @@ BEGIN, END = "<!-- score: begin -->", "<!-- score: end -->"
 
 
 def essence(d):
-    """What is kept of a diagnosis.json."""
+    """The part of a diagnosis.json that is kept."""
     return {
         "verdict": d["verdict"], "gap_before": d["gap_before"], "gap_after": d["gap_after"],
         "steps": [{"effect": s["effect"], "status": s["status"], "parameters": {
@@ -57,7 +57,7 @@ class Case:
         return any(word in said for k in self.hidden for word in generate.KINDS[k].says)
 
     def parameters(self):
-        """(kind, key, value, standard error, truth, Cramer-Rao sd or None) of what was named rightly."""
+        """(kind, key, value, standard error, truth, Cramer-Rao sd or None) of every right name."""
         for e in self.effects:
             for step in self.answer["steps"]:
                 if e["kind"] in self.meant(step):
@@ -127,7 +127,7 @@ def figures(cases):
     known = [p for c in catalogued for p in c.parameters()]
     bounded = [(value - true) / sd for _, _, value, _, true, sd in known if sd]
     if bounded:
-        # median absolute deviation over that of a normal variable: a few outliers do not hide the rest
+        # median absolute deviation over that of a normal variable, which a few outliers hardly change
         rows.append(("parameter error over the Cramér-Rao bound (1.48 x median magnitude)",
                      f"{1.4826 * np.median(np.abs(bounded)):.2f} over {len(bounded)}", "1.5"))
     within = sum(abs(value - true) <= 1.645 * error for _, _, value, error, true, _ in known)
@@ -159,7 +159,7 @@ def summary(lines):
 
 
 def one_line(line):
-    """A result in a few words."""
+    """A result in one line."""
     if "failure" in line:
         return f"{line['key']}: FAILED {line['failure'][:200]}"
     c = Case(line)
