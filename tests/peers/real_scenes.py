@@ -2,7 +2,7 @@
 
     python3 real_scenes.py DATA     (the folder with scenes/, sensors/, illuminants/, photometry/)
 
-Prints the figures of `real_scenes_with_a_real_sensor` in tests/tests/suite/real_data.rs: the sensor of the
+Prints the figures of `real_scenes_have_the_means_of_closed_forms` in tests/tests/suite/real_data.rs: the sensor of the
 preset mt9t012 cut to 160 x 120 pixels, RGGB, with the quantum efficiency of the MT9V024 and no IR cut,
 20 ms under D65 at 300 lx. Equation numbers are those of Chen et al. 2009. Left out: blur (which moves light
 over a few pixels and leaves the mean) and noise (whose mean is zero).

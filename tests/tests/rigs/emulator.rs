@@ -69,7 +69,7 @@ fn cutting_proxy(rig: String, after: u64) -> String {
 }
 
 #[test]
-fn a_frame_goes_on_after_the_connection_broke() {
+fn a_frame_resumes_after_the_connection_broke() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(folder.path(), 1);
     let cube = common::cube(&camera, BANDS);
@@ -116,7 +116,7 @@ fn collapsed_rows_differ_by_their_rounding_only() {
 }
 
 #[test]
-fn registers_expose_and_faults_show() {
+fn registers_set_the_exposure_and_faults_happen_as_ordered() {
     let folder = tempfile::tempdir().unwrap();
     let camera = common::camera(folder.path(), 0);
     let cube = common::cube(&camera, BANDS);

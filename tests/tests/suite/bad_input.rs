@@ -29,7 +29,7 @@ fn folder() -> tempfile::TempDir {
 const GOOD: &str = "simulate --camera c.toml --scene uniform:0.5 -o out.npy --exposure";
 
 #[test]
-fn arguments() {
+fn wrong_arguments_are_refused() {
     let dir = folder();
     let refuses = |arguments: &str, says: &[&str]| refuses(dir.path(), arguments, says);
     refuses(&format!("{GOOD} 0ms"), &["above zero", "20ms"]);
@@ -55,7 +55,7 @@ fn arguments() {
 /// panic.
 #[cfg(target_os = "linux")]
 #[test]
-fn standard_output_that_takes_nothing() {
+fn closed_or_full_standard_output_ends_with_a_message() {
     let dir = folder();
     let commands = [
         "presets",
@@ -96,7 +96,7 @@ fn standard_output_that_takes_nothing() {
 }
 
 #[test]
-fn camera_files() {
+fn faulty_camera_files_are_refused() {
     let dir = folder();
     let good = small_camera(64, 48, &[]);
     for (from, to, says) in [
@@ -118,7 +118,7 @@ fn camera_files() {
 }
 
 #[test]
-fn quantum_efficiency_files() {
+fn faulty_quantum_efficiency_files_are_refused() {
     let dir = folder();
     let camera = small_camera(64, 48, &[("qe", "\"qe.csv\"")]);
     std::fs::write(dir.path().join("c.toml"), camera).unwrap();
@@ -144,7 +144,7 @@ fn quantum_efficiency_files() {
 }
 
 #[test]
-fn scene_files() {
+fn faulty_scene_files_are_refused() {
     use std::io::Write;
     let dir = folder();
     let command = "simulate --camera c.toml --scene s.npy --exposure 1ms -o out.npy";
@@ -177,7 +177,7 @@ fn scene_files() {
 }
 
 #[test]
-fn irradiance_files() {
+fn faulty_irradiance_files_are_refused() {
     let dir = folder();
     camrig_ok(
         dir.path(),
@@ -202,7 +202,7 @@ fn irradiance_files() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk() {
+fn a_full_disk_is_reported_and_nothing_is_written() {
     let dir = folder();
     let output = camrig(
         dir.path(),

@@ -124,7 +124,7 @@ fn a_data_set_is_not_mixed_from_different_inputs() {
 /// each with the bytes of an undisturbed run. When a data set is complete, a new one begins.
 #[cfg(unix)]
 #[test]
-fn killed_at_any_moment_it_loses_and_doubles_nothing() {
+fn a_batch_killed_at_any_moment_loses_and_repeats_nothing() {
     const KILLS: u32 = 200;
     let dir = folder();
     let begun = Instant::now();

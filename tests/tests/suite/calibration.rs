@@ -59,7 +59,7 @@ fn responses(dir: &Path) -> Vec<Response> {
 /// inverse in closed form. The curve of every channel must be within 1 % over its whole range,
 /// with the scale set at half of it.
 #[test]
-fn response_of_our_own_camera_within_1_percent() {
+fn response_of_a_known_camera_is_within_1_percent() {
     let full_well_e = camera(&small_camera(8, 8, &[])).sensor.full_well_e;
     let bent = "\n[[effect]]\nkind = \"nonlinearity\"\nloss = 0.03\nexponent = 1.0\n";
     for (effects, fraction) in [("", 0.0), (bent, 0.03)] {
@@ -97,7 +97,7 @@ fn response_of_our_own_camera_within_1_percent() {
 /// second times DN per electron) with the irradiance of the optics stage, within 2 % at every
 /// lamp.
 #[test]
-fn radiance_of_our_own_camera_over_100_db() {
+fn radiance_over_100_db_is_within_2_percent() {
     const LAMPS: usize = 26;
     let exposures = "[2e-5, 8e-5, 3.2e-4, 1.28e-3, 5.12e-3, 2.048e-2, 8.192e-2, 0.32768]";
     let scene = "lamps.npy:quantity=radiance,start_nm=500,step_nm=50";
@@ -172,7 +172,7 @@ fn radiance_of_our_own_camera_over_100_db() {
 /// patch is printed, and none is larger than the error when the patch is left out of the training,
 /// with a quarter added for noise and rounding.
 #[test]
-fn reflectances_of_our_own_camera() {
+fn reflectances_of_a_known_scene_are_within_their_stated_errors() {
     let dir = folder("", "colorchecker", D65, DOUBLING);
     camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml -o captures");
     camrig_ok(dir.path(), "scene hdr captures -o merged");
@@ -228,7 +228,7 @@ fn reflectances_of_our_own_camera() {
 
 /// Frames that cannot give a scene are refused with a reason.
 #[test]
-fn frames_that_cannot_give_a_scene() {
+fn frames_that_cannot_give_a_scene_are_refused() {
     let dir = folder("", "colorchecker", D65, "[0.016, 0.032]");
     camrig_ok(dir.path(), "capture --camera c.toml --plan plan.toml --frames 2 -o captures");
     let refused = |arguments: &str, says: &[&str]| {

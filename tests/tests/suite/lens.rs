@@ -77,7 +77,7 @@ fn json(dir: &Path, arguments: &str) -> Value {
 }
 
 #[test]
-fn the_same_lens_in_every_format_and_an_imported_one() {
+fn one_lens_has_the_same_figures_in_every_format() {
     let dir = folder();
     let dir = dir.path();
     // The lensmaker's equation for a thick lens, with n of N-BK7 at 587.6 nm.
@@ -94,7 +94,7 @@ fn the_same_lens_in_every_format_and_an_imported_one() {
 }
 
 #[test]
-fn drawings() {
+fn drawings_are_whole_svg_files() {
     let dir = folder();
     let dir = dir.path();
     camrig_ok(dir, "lens import manifest.toml -o imported");
@@ -113,7 +113,7 @@ fn drawings() {
                 text.starts_with("<svg") && text.trim_end().ends_with("</svg>"),
                 "{what} {name}"
             );
-            // Drawings contain letters and digits as shapes, not as text.
+            // A PSF is a picture in base64, in which any letters may occur.
             let words = !text.contains("NaN") && !text.contains("inf");
             assert!(words || *name == "psf", "{what} {name}");
         }
@@ -125,7 +125,7 @@ fn drawings() {
 }
 
 #[test]
-fn prescriptions_that_cannot_be() {
+fn impossible_prescriptions_are_refused() {
     let dir = folder();
     let dir = dir.path();
     let broken = |name: &str, text: String, says: &[&str]| {
@@ -160,7 +160,7 @@ fn prescriptions_that_cannot_be() {
 }
 
 #[test]
-fn exports_that_cannot_be() {
+fn impossible_psf_exports_are_refused() {
     let dir = folder();
     let dir = dir.path();
     let write = |name: &str, text: &str| std::fs::write(dir.join(name), text).unwrap();
@@ -194,7 +194,7 @@ fn exports_that_cannot_be() {
 }
 
 #[test]
-fn heights_are_added_for_a_tolerance_and_the_error_is_told() {
+fn heights_are_added_until_the_tolerance_is_met() {
     let dir = folder();
     let dir = dir.path();
     let trace = "lens trace good.toml --wavelengths 550 --psf-size 64 --heights 5 -o";
@@ -219,7 +219,7 @@ fn heights_are_added_for_a_tolerance_and_the_error_is_told() {
 }
 
 #[test]
-fn a_camera_tells_how_wrong_its_interpolated_psfs_are() {
+fn simulate_reports_the_error_of_interpolated_psfs() {
     let dir = folder();
     let dir = dir.path();
     camrig_ok(
@@ -330,7 +330,7 @@ fn a_lens_is_traced_once() {
 /// Figures of the reference lenses as the program prints them, within the tolerance of the other
 /// programs that gave the references.
 #[test]
-fn printed_figures_are_those_of_the_oracles() {
+fn printed_figures_agree_with_reference_programs() {
     for (lens, name) in [("double-gauss", "double_gauss"), ("phone-80deg", "phone80")] {
         let Some(oracle) = shared(&format!("golden/lenses/oracle_{name}.json")) else { return };
         let text = std::fs::read_to_string(oracle).unwrap().replace("NaN", "null");

@@ -59,7 +59,7 @@ fn patches_and_profiles_of_a_frame() {
 }
 
 #[test]
-fn edges_that_cannot_be_measured() {
+fn edges_that_cannot_be_measured_are_refused() {
     let dir = folder(160, 120, &[("cfa", "\"mono\""), ("f_number", "4.0")]);
     let dir = dir.path();
     camrig_ok(dir, &format!("{SHOOT} edge.dng --scene slanted-edge"));
@@ -188,7 +188,7 @@ light = { wavelength_nm = 550.0 }
 "#;
 
 #[test]
-fn sets_are_compared_and_what_is_wrong_with_them_is_told() {
+fn sets_are_compared_and_faulty_ones_are_refused() {
     let dir = folder(96, 64, &[]);
     let dir = dir.path();
     std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
@@ -238,7 +238,7 @@ fn sets_are_compared_and_what_is_wrong_with_them_is_told() {
 }
 
 #[test]
-fn captures_at_several_gains() {
+fn captures_at_several_gains_are_measured_gain_by_gain() {
     let dir = folder(96, 64, &[("cfa", "\"mono\"")]);
     let dir = dir.path();
     let gains = "exposure_s = 0.01\nanalog_gain = [1, 4]";
@@ -300,7 +300,7 @@ fn an_emva_page_is_written_whole_or_not_at_all() {
 }
 
 #[test]
-fn the_crosstalk_experiment() {
+fn the_crosstalk_experiment_recovers_its_table() {
     let dir = folder(204, 156, &[("prnu", "0.002")]);
     let dir = dir.path();
     let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
@@ -344,7 +344,7 @@ fn the_crosstalk_experiment() {
 }
 
 #[test]
-fn real_captures() {
+fn real_captures_have_their_published_figures() {
     let Some(captures) = shared("data/captures") else { return };
     let dir = tempfile::tempdir().unwrap();
     let measure = |what: &str, set: &str| {

@@ -142,11 +142,11 @@ fn recover(figures: Figures, arithmetic: Arithmetic) {
 }
 
 #[test]
-fn ten_cameras_in_floating_point() {
+fn photon_transfer_recovers_ten_cameras_in_floating_point() {
     CAMERAS.into_iter().for_each(|c| recover(c, Arithmetic::F32));
 }
 
 #[test]
-fn ten_cameras_in_fixed_point() {
+fn photon_transfer_recovers_ten_cameras_in_fixed_point() {
     CAMERAS.into_iter().for_each(|c| recover(c, Arithmetic::Fixed));
 }

@@ -49,14 +49,14 @@ fn close(got: f64, golden: f64) {
 }
 
 #[test]
-fn flat_quantum_efficiency() {
+fn electrons_with_a_flat_quantum_efficiency_agree_with_isetcam() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("c.toml"), camera("mono", "0.6")).unwrap();
     close(mean_electrons(dir.path())[0].1, 1242.199);
 }
 
 #[test]
-fn bayer_with_real_quantum_efficiency() {
+fn electrons_of_a_bayer_sensor_agree_with_isetcam() {
     let Some(inputs) = shared("golden/isetcam/a_bayer_qe_inputs.csv") else { return };
     let dir = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(inputs).unwrap();

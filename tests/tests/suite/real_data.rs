@@ -17,7 +17,7 @@ const MEANS_DN: [(&str, [f64; 3]); 2] = [
 const TOLERANCE_DN: f64 = 0.15;
 
 #[test]
-fn real_scenes_with_a_real_sensor() {
+fn real_scenes_have_the_means_of_closed_forms() {
     let Some(scenes) = shared("data/scenes") else { return };
     let Some(qe) = shared("data/sensors/onsemi_aptina_MT9V024_RGB.csv") else { return };
     let dir = tempfile::tempdir().unwrap();
