@@ -1,5 +1,5 @@
-//! The device's end against arbitrary bytes: as bytes of the link, and as bodies of packets with a
-//! correct CRC.
+//! The device side of the link against arbitrary bytes: as bytes of the link, and as bodies of
+//! packets with a correct CRC.
 
 #![no_main]
 
@@ -23,8 +23,8 @@ const KINDS: [Kind; 8] = [
     Kind::Log,
 ];
 
-/// A whole conversation: chunks of [kind, length, body...]; an odd kind byte of 0xff sends the
-/// body as it is.
+/// A whole conversation in chunks of [kind, length, body...]; the kind byte 0xff sends the body
+/// without framing.
 fn converse(data: &[u8]) {
     let mut rows = vec![[0.0f32; BLOCK]; 13 * 2];
     let mut sums = vec![[0.0f32; 16]; 4];

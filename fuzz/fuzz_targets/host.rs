@@ -1,5 +1,5 @@
-//! The host's end against arbitrary answers: it ends every operation, and writes only within its
-//! buffers.
+//! The host side of the link against arbitrary answers: it ends every operation and writes only
+//! within its buffers.
 
 #![no_main]
 
@@ -64,7 +64,7 @@ fn converse(data: &[u8]) {
             _ => host.request(ToDevice::Statistics),
         }
         let mut done = false;
-        // Every operation ends on its own: the answers are finite, and then there are time-outs.
+        // Every operation ends by itself, because the answers are finite and time-outs follow.
         for _ in 0..200_000 {
             match host.poll(now, &mut io, &mut out) {
                 Poll::Done(_) => {

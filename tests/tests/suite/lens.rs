@@ -77,7 +77,7 @@ fn json(dir: &Path, arguments: &str) -> Value {
 }
 
 #[test]
-fn one_lens_has_the_same_figures_in_every_format() {
+fn lenses_of_every_format_are_read() {
     let dir = folder();
     let dir = dir.path();
     // The lensmaker's equation for a thick lens, with n of N-BK7 at 587.6 nm.
