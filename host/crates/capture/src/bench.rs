@@ -3,7 +3,7 @@
 //! No lens; parallel light through a narrow-band filter, as strong on the sensor at every tilt
 //! (the beam is turned up by 1/cos θ); the sensor is turned so that the point looked at sees the
 //! light from where its chief ray would come. What a pixel makes of light from there is the
-//! camera's hidden crosstalk table, which the fit ([`camrig_measure::crosstalk`]) is to find. Read
+//! camera's hidden crosstalk table, which the fit (`camrig_measure::crosstalk`) is to find. Read
 //! out are windows around the points, so one frame of the whole sensor serves all points of a
 //! scan.
 

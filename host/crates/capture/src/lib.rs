@@ -3,8 +3,8 @@
 //! [`plan`] says which stacks to take: exposures in s, gains, temperatures in °C, narrow-band
 //! light in nm and W m⁻² or as a fraction of saturation, scenes with an illuminant and lx.
 //! [`take`] takes them and writes a capture set (`captures.toml` beside raw frames in DN, see
-//! [`camrig_captures`]). [`bench`] stands for the bench of the crosstalk experiment of Chen et al.
-//! 2009: parallel light through filters on a sensor that is turned.
+//! [`camrig_captures`]). [`mod@bench`] stands for the bench of the crosstalk experiment of Chen et
+//! al. 2009: parallel light through filters on a sensor that is turned.
 //!
 //! ```
 //! use camrig_camera::Camera;
