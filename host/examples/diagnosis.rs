@@ -37,12 +37,9 @@ fn main() -> Result<()> {
     );
     for step in &report.steps {
         for (name, parameter) in &step.parameters {
-            let (value, error) = (parameter.value, parameter.std_error);
-            println!(
-                "{} ({}): {name} = {value:.3?} ± {error:.3?}",
-                step.effect,
-                step.status.word()
-            );
+            let value = parameter.value;
+            let error = parameter.std_error.map_or("unknown".into(), |e| format!("{e:.3}"));
+            println!("{} ({}): {name} = {value:.3?} ± {error}", step.effect, step.status.word());
         }
     }
     Ok(())
