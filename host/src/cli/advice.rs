@@ -8,6 +8,7 @@ use camrig_base::Error;
 /// What to type, by the code of an error ([`Error::code`]): flags of the command, or a sentence
 /// about another command.
 const ADVICE: &[(&str, &str)] = &[
+    ("built-without-graphics", "--features gpu; --device cpu"),
     ("chart-not-drawn", "camrig scene export CHART -o FILE draws it"),
     ("exposure-time", "--only, --response"),
     ("frame-too-large", "--collapse"),

@@ -13,11 +13,11 @@
 //!
 //! // The EMVA 1288 figures of a preset, on a small piece of its sensor.
 //! let mut camera = Camera::load("mt9v024")?;
-//! camera.sensor.noise.read_e = 12.0;
+//! camera.sensor.noise.read_e = 30.0;
 //! let sheet = Datasheet::measure(&camera, (64, 48))?;
 //! let green = &sheet.emva.channels[1].figures;
 //! let dark_noise_e = green.temporal_dark_noise_e.expect("above the noise of rounding");
-//! assert!((dark_noise_e / 12.0 - 1.0).abs() < 0.1);
+//! assert!((dark_noise_e / 30.0 - 1.0).abs() < 0.1);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 

@@ -15,7 +15,7 @@ impl Gpu {
     pub fn open(_any: bool) -> Result<&'static Self> {
         Err(Error::unsupported("this camrig was built without graphics processors")
             .help("build it with the feature `gpu`, or use the processor")
-            .with_code("graphics-processor"))
+            .with_code("built-without-graphics"))
     }
 
     pub fn name(&self) -> &str {
