@@ -15,7 +15,7 @@ import numpy as np
 
 from camera import F_NUMBER, LIGHT_SPEED, PLANCK, WAVELENGTHS, digits
 
-TABLES = pathlib.Path(__file__).resolve().parents[2] / "host/src/scene/data"   # CIE 1931, ColorChecker: facts
+TABLES = pathlib.Path(__file__).resolve().parents[2] / "host/crates/scene/src/data"   # CIE 1931, ColorChecker: facts
 FINE, MARGIN = 5, 128
 # The lamp has no light at the ends of the filter tables.
 LAMP = np.round(np.sin(np.pi * np.clip((WAVELENGTHS - 410) / 280, 0, 1)) ** 2, 4)
