@@ -109,7 +109,7 @@ impl Fft {
 
     /// Forward transform of sixteen sequences in place.
     pub fn forward(&self, data: &mut Split, scratch: &mut Split) {
-        Arch::new().dispatch(Transform { fft: self, data, scratch });
+        middle(&self.stages, data, scratch);
     }
 
     /// Backward transform (e^(+2πi...), unscaled) of sixteen sequences in place.
@@ -128,15 +128,7 @@ impl Fft {
         data: &mut Split,
         scratch: &mut Split,
     ) {
-        match self.stages.split_first() {
-            Some((first, rest)) => {
-                pass(simd, first, input, data.writer());
-                middle(simd, rest, data, scratch);
-            }
-            // A transform of length 1.
-            None => (0..registers::<S>())
-                .for_each(|i| data.writer().write(simd, i, 0, [input.read(simd, i)])),
-        }
+        leading(simd, &self.stages, input, data, scratch);
     }
 
     /// Forward transform of `input`; its spectrum goes into the products and sums of `output`.
@@ -148,21 +140,17 @@ impl Fft {
         input: Weighted<'_, S>,
         data: &mut Split,
         scratch: &mut Split,
-        output: Products<'_>,
+        mut output: Products<'_>,
     ) {
-        match self.stages.as_slice() {
-            [first, rest @ .., last] => {
-                pass(simd, first, input, data.writer());
-                middle(simd, rest, data, scratch);
-                pass(simd, last, data.reader(), output);
-            }
-            _ => {
-                self.forward_from(simd, input, data, scratch);
-                let mut output = output;
-                for i in 0..self.length * registers::<S>() {
-                    output.write(simd, i, 0, [data.reader().read(simd, i)]);
-                }
-            }
+        let (first, last) = match self.stages.as_slice() {
+            [first @ .., last] if !first.is_empty() => (first, Some(last)),
+            all => (all, None),
+        };
+        leading(simd, first, input, data, scratch);
+        match last {
+            Some(last) => pass(simd, last, data.reader(), output),
+            None => (0..self.length * registers::<S>())
+                .for_each(|i| output.write(simd, i, 0, [data.reader().read(simd, i)])),
         }
     }
 }
@@ -200,28 +188,48 @@ impl Split {
     }
 }
 
-/// All stages of a transform; the bounds of [`Simd`] types carry the instruction set.
-struct Transform<'a> {
-    fft: &'a Fft,
+/// The stages at the beginning of a transform: from `input` into `data`.
+#[inline(always)]
+fn leading<S: Simd>(
+    simd: S,
+    stages: &[Stage],
+    input: Weighted<'_, S>,
+    data: &mut Split,
+    scratch: &mut Split,
+) {
+    match stages.split_first() {
+        Some((first, rest)) => {
+            pass(simd, first, input, data.writer());
+            middle(rest, data, scratch);
+        }
+        // A transform of length 1.
+        None => (0..registers::<S>())
+            .for_each(|i| data.writer().write(simd, i, 0, [input.read(simd, i)])),
+    }
+}
+
+/// Stages that read and write memory, with `data` and `scratch` in turn. Compiled once, here, not
+/// wherever a transform is used.
+fn middle(stages: &[Stage], data: &mut Split, scratch: &mut Split) {
+    Arch::new().dispatch(Middle { stages, data, scratch });
+}
+
+/// What [`middle`] does; the bounds of [`Simd`] types carry the instruction set.
+struct Middle<'a> {
+    stages: &'a [Stage],
     data: &'a mut Split,
     scratch: &'a mut Split,
 }
 
-impl WithSimd for Transform<'_> {
+impl WithSimd for Middle<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        middle(simd, &self.fft.stages, self.data, self.scratch);
-    }
-}
-
-/// Stages that read and write memory, with `data` and `scratch` in turn.
-#[inline(always)]
-fn middle<S: Simd>(simd: S, stages: &[Stage], data: &mut Split, scratch: &mut Split) {
-    for stage in stages {
-        pass(simd, stage, data.reader(), scratch.writer());
-        std::mem::swap(data, scratch);
+        for stage in self.stages {
+            pass(simd, stage, self.data.reader(), self.scratch.writer());
+            std::mem::swap(self.data, self.scratch);
+        }
     }
 }
 
