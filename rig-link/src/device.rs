@@ -317,16 +317,17 @@ impl<const RAW: usize> Device<RAW> {
                 self.sending = None;
                 ToHost::Aborted
             }
-            ToDevice::RegRead(address) => match self.registers.read(address) {
-                Some(value) => ToHost::Register(address, value),
-                None => ToHost::Nack(Nack::Register(address)),
-            },
+            ToDevice::RegRead(address) => register(address, self.registers.read(address)),
             ToDevice::RegWrite(address, value) => {
-                if self.registers.write(address, value) {
-                    ToHost::Register(address, value)
-                } else {
-                    ToHost::Nack(Nack::Register(address))
-                }
+                let taken = self.registers.write(address, value);
+                register(address, taken.then_some(value))
+            }
+            ToDevice::ByteRead(address) => {
+                register(address, self.registers.read_byte(address).map(u32::from))
+            }
+            ToDevice::ByteWrite(address, byte) => {
+                let taken = self.registers.write_byte(address, byte);
+                register(address, taken.then_some(byte.into()))
             }
             ToDevice::Statistics => ToHost::Statistics(self.statistics),
         };
@@ -548,6 +549,11 @@ impl<const RAW: usize> Device<RAW> {
         self.told = self.heard;
         seal(out, header, body_bytes)
     }
+}
+
+/// The answer about a register: its value, or that there is none or it does not take this.
+fn register(address: u16, value: Option<u32>) -> ToHost {
+    value.map_or(ToHost::Nack(Nack::Register(address)), |v| ToHost::Register(address, v))
 }
 
 fn count(counter: &mut u32) {

@@ -4,7 +4,8 @@
 //! [`Host::request`]. Then call [`Host::poll`] and do what it says, and give every received packet
 //! to [`Host::receive`], until one of them returns the [`Event`] that ends the operation. Every
 //! operation ends: steps without progress are counted, and after [`Limits::idle_steps`] of them in
-//! a row the operation has failed.
+//! a row the operation has failed. A device that goes on talking and gets no further is given up
+//! after [`Limits::patience`], counted from its last progress.
 
 use crate::message::*;
 use crate::wire::*;
@@ -47,6 +48,14 @@ pub struct Limits {
     pub timeout: Micros,
     /// Steps without progress after which an operation has failed.
     pub idle_steps: u16,
+}
+
+impl Limits {
+    /// Longest time without progress, µs, whatever the device says meanwhile: twice the time after
+    /// which a silent one is given up.
+    pub fn patience(&self) -> Micros {
+        2 * self.timeout * (Micros::from(self.idle_steps) + 1)
+    }
 }
 
 /// Default [`Limits::packet_bytes`]: a raw row of 2048 samples of 16 bits fits into one packet.
@@ -172,7 +181,8 @@ pub struct HostStatistics {
 enum Operation {
     None,
     Hello,
-    Camera { id: u64, total: u32, received: u32, ask: bool },
+    /// `furthest`: the most bytes that the device has said it has.
+    Camera { id: u64, total: u32, received: u32, furthest: u32, ask: bool },
     Request { message: ToDevice, ask: bool },
     Frame(Frame),
 }
@@ -196,6 +206,8 @@ struct Frame {
     ask: bool,
     /// Furthest position that the device has reported in this pass.
     reached: Cursor,
+    /// Furthest position that the device has reported in any pass.
+    furthest: Cursor,
     /// Number of raw rows that are not yet complete.
     missing: u16,
     /// Number of rows sent whose raw rows have not come back.
@@ -232,6 +244,12 @@ pub struct Host<R> {
     deadline: Micros,
     /// Steps without progress in a row.
     idle: u16,
+    /// When the operation last got further, and whether it has since the last poll. Going again
+    /// where it was before is not getting further.
+    progressed: Micros,
+    advanced: bool,
+    /// How the device began the frame whose raw rows are in `rows`.
+    begun: Option<FrameStart>,
     statistics: HostStatistics,
 }
 
@@ -255,6 +273,9 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             first: 1,
             deadline: 0,
             idle: 0,
+            progressed: 0,
+            advanced: false,
+            begun: None,
             statistics: HostStatistics::default(),
         }
     }
@@ -271,7 +292,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
     /// Sends the camera of [`FrameIo::camera`], unless the device already holds it. `id`: its
     /// [`camera_id`]; `total`: its bytes.
     pub fn send_camera(&mut self, id: u64, total: u32) {
-        self.start(Operation::Camera { id, total, received: 0, ask: true });
+        self.hold_camera(0);
+        self.start(Operation::Camera { id, total, received: 0, furthest: 0, ask: true });
     }
 
     /// Sends a request, any message except [`ToDevice::FrameBegin`], and waits for its answer.
@@ -281,7 +303,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
 
     /// Begins a frame; the host chooses `begin.transfer` itself. `shape`: its sizes, which the
     /// device's model has to confirm. With `resume`, raw rows received in the last attempt at the
-    /// same frame are kept.
+    /// same frame are kept, unless the device begins it with another exposure, fault or test
+    /// pattern.
     ///
     /// # Panics
     /// If `rows` has less room than the frame has rows.
@@ -290,6 +313,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         let rows = &mut self.rows.as_mut()[..usize::from(shape.rows)];
         if !resume {
             rows.fill(0);
+            self.begun = None;
         }
         let missing = rows.iter().filter(|&&r| r != WHOLE).count() as u16;
         self.start(Operation::Frame(Frame {
@@ -302,6 +326,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             mark: self.seq,
             ask: false,
             reached: Cursor::default(),
+            furthest: Cursor::default(),
             missing,
             ahead: 0,
             torn: 0,
@@ -335,6 +360,14 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         self.first = self.seq;
         self.deadline = 0;
         self.idle = 0;
+        self.advanced = false;
+    }
+
+    /// Notes which camera the device has, as it has said since its Hello.
+    fn hold_camera(&mut self, id: u64) {
+        if let Some(device) = &mut self.device {
+            device.camera = id;
+        }
     }
 
     fn end(&mut self, event: Event) -> Option<Event> {
@@ -349,11 +382,15 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         if first || late {
             self.deadline = now + self.limits.timeout;
         }
+        if first || core::mem::take(&mut self.advanced) {
+            self.progressed = now;
+        }
         if late {
             self.statistics.timeouts += 1;
             self.idle += 1;
         }
-        if self.idle > self.limits.idle_steps {
+        let stuck = now.saturating_sub(self.progressed) > self.limits.patience();
+        if stuck || self.idle > self.limits.idle_steps {
             let event = if late { Event::NoAnswer } else { Event::NoProgress };
             self.operation = Operation::None;
             return Poll::Done(event);
@@ -374,8 +411,8 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                 self.operation = Operation::Request { message, ask: false };
                 self.send_postcard(Kind::Control, &message, out)
             }),
-            Operation::Camera { id, total, received, ask } => (ask || late).then(|| {
-                self.operation = Operation::Camera { id, total, received, ask: false };
+            Operation::Camera { id, total, received, furthest, ask } => (ask || late).then(|| {
+                self.operation = Operation::Camera { id, total, received, furthest, ask: false };
                 self.send_camera_piece(CameraHeader { id, total, offset: received }, io, out)
             }),
             Operation::Frame(mut frame) => {
@@ -591,33 +628,45 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                 if start.fault == Fault::DropFrame {
                     return self.end(Event::FrameDropped(start));
                 }
+                if self.begun.is_some_and(|earlier| !same_rows(&earlier, &start)) {
+                    self.rows.as_mut()[..usize::from(frame.shape.rows)].fill(0);
+                    frame.missing = frame.shape.rows;
+                    frame.start_pass();
+                }
+                self.begun = Some(start);
                 frame.start = Some(start);
                 self.operation = Operation::Frame(frame);
                 (frame.missing == 0).then_some(Event::FrameDone(start)).and_then(|e| self.end(e))
             }
             (
-                Operation::Camera { id, total, received, .. },
+                Operation::Camera { id, total, received, furthest, .. },
                 ToHost::Camera { id: got, received: there, ready },
             ) if got == id => {
                 if ready {
+                    self.hold_camera(id);
                     return self.end(Event::CameraReady);
                 }
-                if there > received && there < total {
+                if there > furthest && there < total {
                     self.idle = 0;
-                    self.operation = Operation::Camera { id, total, received: there, ask: true };
+                    self.advanced = true;
                 } else if there < received {
                     self.idle += 1; // The device has lost, or could not use, what it had.
-                    self.operation = Operation::Camera { id, total, received: there, ask: true };
+                }
+                if there != received && there < total {
+                    let furthest = furthest.max(there);
+                    self.operation =
+                        Operation::Camera { id, total, received: there, furthest, ask: true };
                 }
                 None
             }
             (Operation::Request { message: asked, .. }, answer) => {
                 let fits = match (asked, answer) {
-                    (ToDevice::RegRead(a), ToHost::Register(b, _))
-                    | (ToDevice::RegWrite(a, _), ToHost::Register(b, _))
-                    | (
-                        ToDevice::RegRead(a) | ToDevice::RegWrite(a, _),
-                        ToHost::Nack(Nack::Register(b)),
+                    (
+                        ToDevice::RegRead(a)
+                        | ToDevice::RegWrite(a, _)
+                        | ToDevice::ByteRead(a)
+                        | ToDevice::ByteWrite(a, _),
+                        ToHost::Register(b, _) | ToHost::Nack(Nack::Register(b)),
                     ) => a == b,
                     (ToDevice::Statistics, ToHost::Statistics(_))
                     | (ToDevice::Abort, ToHost::Aborted) => true,
@@ -648,6 +697,10 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         if cursor > frame.reached {
             frame.reached = cursor;
             self.idle = 0;
+        }
+        if cursor > frame.furthest {
+            frame.furthest = cursor;
+            self.advanced = true;
         }
         let all_heard = header.ack == self.seq.wrapping_sub(1);
         let rows = frame.shape.rows;
@@ -699,6 +752,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         raw[usize::from(head.offset)..end].copy_from_slice(piece);
         *state = end as u16; // at most raw_bytes, a u16
         self.idle = 0;
+        self.advanced = true;
         if end < raw_bytes {
             return None;
         }
@@ -722,4 +776,10 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             }
         }
     }
+}
+
+/// Whether raw rows of two attempts at a frame belong together.
+fn same_rows(a: &FrameStart, b: &FrameStart) -> bool {
+    let of = |start: &FrameStart| (start.exposure, start.fault, start.test_pattern, start.seed);
+    of(a) == of(b)
 }

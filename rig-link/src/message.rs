@@ -217,6 +217,10 @@ pub enum ToDevice {
     RegWrite(u16, u32),
     /// Send [`Statistics`].
     Statistics,
+    /// Read the byte at an address, high byte of a register first.
+    ByteRead(u16),
+    /// Write the byte at an address.
+    ByteWrite(u16, u8),
 }
 
 /// From device to host.
@@ -226,7 +230,7 @@ pub enum ToHost {
     FrameStart(FrameStart),
     /// The frame in progress was abandoned.
     Aborted,
-    /// Value of a register, after a read or a write.
+    /// Value of a register, or of the byte at an address, after a read or a write.
     Register(u16, u32),
     /// Counters since power-on.
     Statistics(Statistics),

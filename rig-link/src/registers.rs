@@ -10,6 +10,10 @@
 //! table of sensors). Before the first frame and in standby a write takes effect at once; under
 //! group hold writes wait for its end. Frames that bring their own exposure do not use the
 //! registers, but are counted.
+//!
+//! CCS addresses bytes, high byte first. A register is read and written as a whole at its own
+//! address ([`Registers::read`], [`Registers::write`]), and byte by byte, as many drivers do, at
+//! the address of each byte ([`Registers::read_byte`], [`Registers::write_byte`]).
 
 use crate::message::{Exposure, Fault};
 
@@ -48,6 +52,31 @@ pub mod address {
     pub const FAULT: u16 = 0x3100;
     /// Number of the corrupt row, or the delay in ms.
     pub const FAULT_ARGUMENT: u16 = 0x3102;
+}
+
+/// Bytes of each register, by its address (MIPI CCS; the frame counter has 8 bits there).
+const BYTES: [(u16, u16); 14] = [
+    (address::MODEL_ID, 2),
+    (address::FRAME_COUNT, 1),
+    (address::MODE_SELECT, 1),
+    (address::GROUPED_PARAMETER_HOLD, 1),
+    (address::COARSE_INTEGRATION_TIME, 2),
+    (address::ANALOG_GAIN, 2),
+    (address::FRAME_LENGTH_LINES, 2),
+    (address::TEST_PATTERN, 2),
+    (address::TEST_DATA, 2),
+    (address::LINE_LENGTH_NS, 4),
+    (address::EXPOSURE_DELAY, 2),
+    (address::GAIN_DELAY, 2),
+    (address::FAULT, 2),
+    (address::FAULT_ARGUMENT, 2),
+];
+
+/// The register that has a byte at `address`, and the place of that byte in its value, bits.
+fn place(address: u16) -> Option<(u16, u32)> {
+    let mut registers = BYTES.iter();
+    let &(register, bytes) = registers.find(|(at, n)| (*at..at + n).contains(&address))?;
+    Some((register, 8 * u32::from(register + bytes - 1 - address)))
 }
 
 /// Longest delay of a written value, frames.
@@ -90,6 +119,9 @@ pub struct Registers {
     line_ns: u32,
     fault: u16,
     fault_argument: u16,
+    /// A register some of whose bytes have been written, and its value with them: one that it
+    /// does not take until its lower bytes have come.
+    part: Option<(u16, u32)>,
 }
 
 impl Default for Registers {
@@ -117,12 +149,32 @@ impl Registers {
             line_ns: 10_000,
             fault: 0,
             fault_argument: 0,
+            part: None,
         }
     }
 
-    /// Value of a register, as last written; `None` if there is no such register.
+    /// Value of a register, as last written; at the address of a further byte of a register, that
+    /// byte. `None` if there is no such register.
     pub fn read(&self, address: u16) -> Option<u32> {
-        Some(match address {
+        self.value(address).or_else(|| self.read_byte(address).map(u32::from))
+    }
+
+    /// The byte at an address, high byte first; `None` if no register is there.
+    pub fn read_byte(&self, address: u16) -> Option<u8> {
+        let (register, shift) = place(address)?;
+        Some((self.latest(register)? >> shift) as u8)
+    }
+
+    /// Value of a register with the bytes of it that wait for others.
+    fn latest(&self, register: u16) -> Option<u32> {
+        match self.part {
+            Some((of, value)) if of == register => Some(value),
+            _ => self.value(register),
+        }
+    }
+
+    fn value(&self, register: u16) -> Option<u32> {
+        Some(match register {
             address::MODEL_ID => MODEL_ID.into(),
             address::FRAME_COUNT => self.frame_count.into(),
             address::MODE_SELECT => self.streaming.into(),
@@ -141,10 +193,42 @@ impl Registers {
         })
     }
 
-    /// Writes a register. Returns false, and changes nothing, if there is no such register, it is
-    /// read-only or the value is not allowed.
+    /// Writes a register; at the address of a further byte of a register, that byte. Returns
+    /// false, and changes nothing, if there is no such register, it is read-only or the value is
+    /// not allowed.
     pub fn write(&mut self, address: u16, value: u32) -> bool {
+        match place(address) {
+            Some((register, _)) if register != address => {
+                u8::try_from(value).is_ok_and(|byte| self.write_byte(address, byte))
+            }
+            _ => self.write_whole(address, value),
+        }
+    }
+
+    /// Writes the byte at an address, high byte first. It takes effect at once where the register
+    /// takes the value with it, else with the register's last byte. Returns false, and changes
+    /// nothing, if there is no such register, it is read-only or the value is not allowed.
+    pub fn write_byte(&mut self, address: u16, byte: u8) -> bool {
+        let read_only = [address::MODEL_ID, address::FRAME_COUNT];
+        let Some((register, shift)) = place(address) else { return false };
+        let Some(value) = self.latest(register) else { return false };
+        if read_only.contains(&register) {
+            return false;
+        }
+        let value = value & !(0xff << shift) | u32::from(byte) << shift;
+        let waits = shift > 0;
+        let taken = self.write_whole(register, value);
+        if !taken && waits {
+            self.part = Some((register, value));
+        }
+        taken || waits
+    }
+
+    fn write_whole(&mut self, address: u16, value: u32) -> bool {
         let allowed = self.set(address, value);
+        if self.part.is_some_and(|(register, _)| register == address) {
+            self.part = None;
+        }
         if allowed && !self.hold {
             self.released = self.written;
             if !self.running {
@@ -319,6 +403,43 @@ mod tests {
             assert!(!r.write(address, value), "{address:#06x} <- {value}");
         }
         assert_eq!(r, before);
+    }
+
+    #[test]
+    fn a_register_is_its_bytes_the_high_one_first() {
+        let mut r = Registers::default();
+        assert!(r.write(address::COARSE_INTEGRATION_TIME, 0x0123));
+        assert_eq!((r.read_byte(0x0202), r.read_byte(0x0203)), (Some(0x01), Some(0x23)));
+        assert_eq!(r.read(0x0203), Some(0x23));
+        assert!(r.write(0x0203, 0x45));
+        assert_eq!(r.read(0x0202), Some(0x0145));
+        assert!(r.write_byte(0x0202, 0x02));
+        assert_eq!(r.read(0x0202), Some(0x0245));
+        assert!(!r.write(0x0203, 0x100), "a byte has 8 bits");
+        assert!(r.write(address::LINE_LENGTH_NS, 0x0001_2345));
+        let line: std::vec::Vec<_> = (0x3000..0x3004).map(|a| r.read_byte(a).unwrap()).collect();
+        assert_eq!(line, [0x00, 0x01, 0x23, 0x45]);
+        assert_eq!(r.read_byte(address::FRAME_COUNT + 1), None, "CCS counts frames in 8 bits");
+        assert!(!r.write_byte(0x0001, 0) && !r.write_byte(address::FRAME_COUNT, 0));
+        assert!(!r.write_byte(0x4444, 0));
+    }
+
+    #[test]
+    fn a_byte_whose_register_takes_no_such_value_waits_for_the_lower_byte() {
+        let mut r = Registers::default();
+        assert!(r.write(address::COARSE_INTEGRATION_TIME, 0x0100));
+        // With this byte alone the exposure would be 0 lines.
+        assert!(r.write_byte(0x0202, 0x00));
+        assert_eq!((r.read(0x0202), r.read_byte(0x0202)), (Some(0x0100), Some(0x00)));
+        assert!(r.write_byte(0x0203, 0x40));
+        assert_eq!(r.read(0x0202), Some(0x0040));
+        // A whole value takes the place of a byte that waits.
+        assert!(r.write_byte(0x0202, 0x01) && r.write_byte(0x0203, 0x00));
+        assert!(r.write_byte(0x0202, 0x00) && r.write(0x0202, 0x0300) && r.write(0x0203, 0x07));
+        assert_eq!(r.read(0x0202), Some(0x0307));
+        // A low byte that makes a value not taken is refused.
+        assert!(r.write(0x0202, 0x0001) && !r.write(0x0203, 0));
+        assert_eq!(r.read(0x0202), Some(0x0001));
     }
 
     #[test]

@@ -176,6 +176,8 @@ enum Place {
     Directory(OutputDir),
     /// One file, or standard output, into which frame after frame goes.
     Stream(OutputFile),
+    /// One file with all frames, written when they are there.
+    Stack(Option<Frames>),
 }
 
 /// Where frames go; made before any work, so that a bad output fails at once.
@@ -232,16 +234,16 @@ impl FrameArgs {
             Some(kind @ Kind::Raw(Format::Raw(_) | Format::Pgm)) => {
                 (kind, Place::Stream(OutputFile::create(&self.output, self.force)?))
             }
-            Some(_) if several => {
+            Some(Kind::Picture | Kind::Raw(Format::Dng | Format::Png)) if several => {
                 return Err(Error::unsupported(format!(
                     "{} frames into {}",
                     self.count(),
                     self.output.display()
                 ))
                 .help(
-                    "several frames go into a directory (a name without extension), or one after \
-                     the other as .pgm or headerless pixels (NAME_640x480_SGRBG10.raw, or - with \
-                     --to SGRBG10)",
+                    "several frames go into a directory (a name without extension), into one file \
+                     (.npy .tiff .fits .csi2), or one after the other as .pgm or headerless \
+                     pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
                 ));
             }
             Some(kind) => {
@@ -249,7 +251,7 @@ impl FrameArgs {
                     return Err(Error::input(format!("{} exists", self.output.display()))
                         .help("give another name, or --force to replace it"));
                 }
-                (kind, Place::File)
+                (kind, if several { Place::Stack(None) } else { Place::File })
             }
         };
         Ok(FrameSink {
@@ -267,28 +269,43 @@ impl FrameArgs {
 impl FrameSink {
     /// Writes the next frame.
     pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
-        let bytes = match &self.kind {
-            Kind::Picture => png::encode_rgb(&preview::render(frame, info))?,
+        let number = self.written.len();
+        if let Kind::Raw(format) = &self.kind
+            && number == 0
+        {
+            let left_out = format.leaves_out(&Facts::of(frame));
+            left_out.iter().for_each(|note| eprintln!("note: {note}"));
+        }
+        let encoded = || match &self.kind {
+            Kind::Picture => png::encode_rgb(&preview::render(frame, info)),
             Kind::Raw(format) => {
                 let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
-                format.encode(&Frames { facts, ..Frames::from_raw(frame) })?
+                format.encode(&Frames { facts, ..Frames::from_raw(frame) })
             }
         };
-        let number = self.written.len();
         let name = match &mut self.place {
             Place::File => {
-                write_file(&self.path, self.force, &bytes)?;
+                write_file(&self.path, self.force, &encoded()?)?;
                 self.path.display().to_string()
             }
             Place::Directory(directory) => {
                 let name = format!("{number:04}.dng");
-                directory.write(Path::new(&name), &bytes)?;
+                directory.write(Path::new(&name), &encoded()?)?;
                 self.path.join(name).display().to_string()
             }
             Place::Stream(file) => {
+                let bytes = encoded()?;
                 // Frame by frame: who reads a pipe waits for whole frames.
                 let written = file.write_all(&bytes).and_then(|()| file.flush());
                 written.map_err(|e| Error::io("write", &self.path, e))?;
+                format!("{} frame {number}", self.path.display())
+            }
+            Place::Stack(stack) => {
+                let mut one = Frames::from_raw(frame);
+                match stack {
+                    Some(stack) => stack.planes.append(&mut one.planes),
+                    None => *stack = Some(one),
+                }
                 format!("{} frame {number}", self.path.display())
             }
         };
@@ -307,6 +324,11 @@ impl FrameSink {
             Place::File => {}
             Place::Directory(directory) => directory.finish()?,
             Place::Stream(file) => file.finish()?,
+            Place::Stack(stack) => {
+                if let (Some(stack), Kind::Raw(format)) = (stack, &self.kind) {
+                    write_file(&self.path, self.force, &format.encode(&stack)?)?;
+                }
+            }
         }
         if let Some((file, frames)) = self.report {
             write_report(file, &page(&frames))?;

@@ -10,8 +10,8 @@ use std::process::ExitCode;
 /// Convert raw frames between file formats without changing a sample.
 ///
 /// Formats follow the names: .dng .tiff .npy .pgm .png (16-bit grey) .fits .csi2 (MIPI CSI-2
-/// packets) and .raw, headerless pixels in the V4L2 format that the name says. Input is recognised
-/// by its content, except for headerless pixels.
+/// packets) and .raw, headerless pixels in the V4L2 or GenICam format that the name says. Input is
+/// recognised by its content, also within gzip, except for headerless pixels.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   camrig convert frame.dng frame.npy
@@ -79,6 +79,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut frames = read(args)?;
+    frames.facts.notes.iter().for_each(|note| eprintln!("note: {note}"));
     if let Some(index) = args.frame {
         let count = frames.planes.len();
         if index >= count {
@@ -100,6 +101,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     .map_err(|e| e.at(args.input.display()))?;
     output::write_file(&args.output, args.force, &bytes)?;
+    format.leaves_out(&frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     if args.hint {
         hint(&args.output, &format, &frames);
     }

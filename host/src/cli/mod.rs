@@ -34,6 +34,8 @@ mod lens;
 mod measure;
 mod presets;
 mod rig;
+mod rig_pace;
+mod rig_stream;
 mod rig_view;
 mod scene;
 mod shell;

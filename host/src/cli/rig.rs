@@ -1,26 +1,15 @@
 //! `camrig rig`: talk to rigs, or be one.
 
-use super::arguments::{self, DeviceArgs, arithmetic, duration, positive};
-use super::simulate::ViewArgs;
-use camrig_base::output;
-use camrig_base::{Error, Plane, RawFrame, Result};
-use camrig_camera::Camera;
-use camrig_exposure::IrradianceCube;
-use camrig_formats::{Frames, csi2};
-use camrig_render::{Arithmetic, SimulatedSensor};
-use camrig_rig::script::Script;
-use camrig_rig::{
-    self as rig, FrameRequest, Rig, RigFrame, emulator::Emulator, feed::Feed, log::LogDecoder,
-    serve::ServeError,
-};
+use camrig_base::{Error, Result};
+use camrig_rig::script::exposure_cut;
+use camrig_rig::{self as rig, Rig, emulator::Emulator, log::LogDecoder, serve::ServeError};
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 
 /// Talk to sensor rigs, or be one
 #[derive(clap::Args, Debug)]
@@ -40,7 +29,7 @@ pub struct Args {
 enum Command {
     List(ListArgs),
     Info(InfoArgs),
-    Stream(Box<StreamArgs>),
+    Stream(Box<super::rig_stream::Args>),
     Serve(ServeArgs),
     Log(LogArgs),
     Register(RegisterArgs),
@@ -67,94 +56,6 @@ struct InfoArgs {
     json: bool,
 }
 
-/// Send frames of irradiance, take raw frames back
-#[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  \
-    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms \
-    --frames 100\n  \
-    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 \
-    -o out.csi2\n  \
-    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 \
-    --json\n\n\
-    A script:\n  \
-    format = \"rig-script/1\"\n  \
-    [[write]]\n  \
-    before_frame = 5\n  \
-    exposure_s = 0.02            # or analog_gain, or registers = { \"0x0202\" = 800 }")]
-struct StreamArgs {
-    /// Address of the rig
-    url: String,
-    /// Camera file or preset
-    #[arg(long, value_name = "C")]
-    camera: String,
-    /// Scene to look at
-    #[arg(
-        long,
-        value_name = "S",
-        required_unless_present = "irradiance",
-        conflicts_with = "irradiance"
-    )]
-    scene: Option<String>,
-    /// Light on a reflectance scene
-    #[arg(long, default_value = "D65", value_name = "I")]
-    illuminant: String,
-    /// Scene illuminance, lx
-    #[arg(long, value_parser = positive, value_name = "X")]
-    lux: Option<f64>,
-    #[command(flatten)]
-    device: DeviceArgs,
-    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
-    /// each frame, over and over
-    #[arg(long, value_name = "FILE|DIR")]
-    irradiance: Option<PathBuf>,
-    /// Integration time; the rig's registers decide unless given
-    #[arg(
-        long,
-        value_parser = duration,
-        value_name = "TIME",
-        required_unless_present_any = ["by_registers", "script"]
-    )]
-    exposure: Option<f64>,
-    /// Take exposure and gain from the rig's registers
-    #[arg(long, conflicts_with_all = ["exposure", "gain"])]
-    by_registers: bool,
-    /// Write registers as this script says, before the frames it names; implies --by-registers
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
-    script: Option<PathBuf>,
-    /// Analog gain; the camera file's unless given
-    #[arg(long, value_parser = positive, value_name = "G")]
-    gain: Option<f64>,
-    /// Frames to send
-    #[arg(
-        long,
-        default_value_t = 10,
-        value_name = "N",
-        value_parser = clap::value_parser!(u32).range(1..)
-    )]
-    frames: u32,
-    /// Number of the first frame
-    #[arg(long, default_value_t = 0, value_name = "K")]
-    frame_seed: u32,
-    /// Arithmetic of the rig's sensor stage
-    #[arg(long, value_parser = arithmetic(), default_value_t)]
-    arith: Arithmetic,
-    /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
-    #[arg(long)]
-    collapse: bool,
-    /// Pace to this frame rate, frames per second
-    #[arg(long, value_parser = positive, value_name = "F")]
-    fps: Option<f64>,
-    /// Keep the frames as a CSI-2 stream with embedded data lines
-    #[arg(short, long, value_name = "FILE.csi2")]
-    output: Option<PathBuf>,
-    /// Replace existing output
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
-}
-
 /// Be a rig: the emulator, on TCP, a pseudo-terminal or a device file
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
@@ -163,9 +64,14 @@ struct StreamArgs {
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
 #[command(group(clap::ArgGroup::new("link").required(true).args(["tcp", "pty", "device"])))]
 struct ServeArgs {
-    /// Listen on HOST:PORT
+    /// Listen on HOST:PORT. One host is served at a time, and given up when another one comes and
+    /// it has been silent for 10 s
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
+    /// Listen on an address that other machines reach. A rig asks no password: whoever connects
+    /// reads and writes its registers and takes its frames
+    #[arg(long, requires = "tcp")]
+    allow_remote: bool,
     /// Make a pseudo-terminal and print its name
     #[arg(long)]
     pty: bool,
@@ -210,7 +116,9 @@ struct LogArgs {
     0x0600 test pattern: 0 none, 1 solid, 2 bars, 4 PN9\n  \
     0x0602 DN of the solid pattern\n  \
     0x3100 fault: 0 none, 1 drop a frame, 2 corrupt a row, 3 stuck counter, 4 late frame\n  \
-    0x3102 the corrupt row, or the lateness in ms")]
+    0x3102 the corrupt row, or the lateness in ms\n\n\
+    An address in the table is the whole register; the addresses after it are its further bytes, \
+    high byte first. With --byte the address in the table is the high byte.")]
 struct RegisterArgs {
     /// Address of the rig
     url: String,
@@ -220,6 +128,9 @@ struct RegisterArgs {
     /// Value to write
     #[arg(value_parser = number)]
     value: Option<u32>,
+    /// Read or write the one byte at the address, as a driver does that writes byte by byte
+    #[arg(long)]
+    byte: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -246,7 +157,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::List(args) => list(args),
         Command::Info(args) => info(args),
-        Command::Stream(args) => stream(args),
+        Command::Stream(args) => return super::rig_stream::run(args),
         Command::Serve(args) => serve(args),
         Command::Log(args) => log(args),
         Command::Register(args) => register(args),
@@ -334,194 +245,6 @@ fn info(args: &InfoArgs) -> Result<()> {
     Ok(())
 }
 
-/// Where the frames' light comes from.
-fn cubes(args: &StreamArgs, camera: &Camera) -> Result<Vec<IrradianceCube>> {
-    if let Some(scene) = &args.scene {
-        let view = ViewArgs {
-            camera: args.camera.clone(),
-            scene: scene.clone(),
-            illuminant: args.illuminant.clone(),
-            lux: args.lux,
-            luminance: None,
-            oversample: None,
-            psf_tolerance: None,
-            device: args.device,
-            set: Vec::new(),
-            motion: None,
-            rolling: 0.0,
-            no_cache: false,
-        };
-        return Ok(vec![view.view()?.1.cube]);
-    }
-    let path =
-        args.irradiance.as_ref().ok_or_else(|| Error::input("neither scene nor irradiance"))?;
-    let mut files = vec![path.clone()];
-    if path.is_dir() {
-        let entries = std::fs::read_dir(path).map_err(|e| Error::io("read", path, e))?;
-        files =
-            entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect();
-        files.sort();
-    }
-    let cubes = files.iter().map(|p| IrradianceCube::open(p)).collect::<Result<Vec<_>>>()?;
-    let same = cubes.windows(2).all(|w| {
-        let (a, b) = (&w[0].header, &w[1].header);
-        (a.width, a.height, a.spectral_bands(), a.level)
-            == (b.width, b.height, b.spectral_bands(), b.level)
-    });
-    if cubes.is_empty() || !same {
-        return Err(Error::disagreement(
-            "irradiance files of different sizes, bands or light, or none",
-        )
-        .at(path.display())
-        .help(format!("give files made for {} at one light level", camera.name)));
-    }
-    Ok(cubes)
-}
-
-/// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
-/// for all frames. A trade: a gibibyte that any workstation has to spare.
-const KEPT_BYTES: usize = 1 << 30;
-
-fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &StreamArgs) -> Feed<'a> {
-    if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
-}
-
-fn stream(args: &StreamArgs) -> Result<()> {
-    let camera = Camera::load(&args.camera)?;
-    let script = args.script.as_deref().map(Script::load).transpose()?;
-    let mut file = args
-        .output
-        .as_ref()
-        .map(|path| output::OutputFile::create(path, args.force))
-        .transpose()?;
-    let mut rig = Rig::open(&args.url)?;
-    rig.on_broken_link(arguments::broken_link);
-    let cubes = cubes(args, &camera)?;
-    let sensor = SimulatedSensor::new(&camera, &cubes[0].header, 1.0)?;
-    rig.set_camera(&sensor)?;
-    let mut feeds: Vec<Feed<'_>> = cubes.iter().map(|cube| feed(cube, &sensor, args)).collect();
-    if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
-        feeds = feeds.into_iter().map(Feed::kept).collect();
-    }
-    let before = rig.link_bytes();
-    let bar = arguments::progress("frames", args.frames.into());
-    let (mut latency, mut dropped, mut in_force) = (Vec::new(), 0, Vec::new());
-    let mut kept = (Vec::<RawFrame>::new(), Vec::new());
-    let start = Instant::now();
-    for i in 0..args.frames {
-        if let Some(fps) = args.fps {
-            let due = start + Duration::from_secs_f64(f64::from(i) / fps);
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        }
-        for write in script.iter().flat_map(|script| script.before(i)) {
-            write.apply(&mut rig).map_err(|e| e.at(format!("script, before frame {i}")))?;
-        }
-        let seed = args.frame_seed.wrapping_add(i);
-        let cube = i as usize % cubes.len();
-        let request = FrameRequest {
-            settings: camera.settings(seed, args.exposure.unwrap_or(1.0), args.gain),
-            arithmetic: args.arith,
-            collapse: args.collapse,
-            lit_before: i > 0 && cubes.len() == 1,
-            by_registers: args.by_registers || script.is_some(),
-        };
-        let sent = Instant::now();
-        let frame = rig.frame_from(&mut feeds[cube], &sensor, &request)?;
-        latency.push(sent.elapsed().as_secs_f64());
-        in_force.push(frame_settings(&frame));
-        if frame.dropped {
-            dropped += 1;
-        } else if file.is_some() {
-            kept.0.push(frame.to_raw(&sensor)?);
-            kept.1.push(vec![frame.embedded_line()]);
-        }
-        bar.inc(1);
-    }
-    let seconds = start.elapsed().as_secs_f64();
-    bar.finish_and_clear();
-    if let Some(file) = &mut file {
-        let (raws, embedded) = kept;
-        let first =
-            raws.first().ok_or_else(|| Error::input("every frame was dropped, as asked"))?;
-        let mut frames = Frames::from_raw(first);
-        let plane = |raw: RawFrame| Plane { width: raw.width, height: raw.height, data: raw.data };
-        frames.planes = raws.into_iter().map(plane).collect();
-        let options = csi2::Options { line_packets: true, embedded, ..Default::default() };
-        let bytes = csi2::encode_with(&frames, &options)?;
-        let path = args.output.clone().unwrap_or_default();
-        file.write_all(&bytes).map_err(|e| Error::io("write", &path, e))?;
-    }
-    if let Some(file) = file {
-        file.finish()?;
-    }
-    report(args, &rig, before, seconds, latency, dropped, in_force);
-    Ok(())
-}
-
-/// What the sensor says about a frame.
-fn frame_settings(frame: &RigFrame) -> Value {
-    let start = &frame.start;
-    json!({
-        "counter": start.counter,
-        "frame": start.frame,
-        "exposure_s": start.exposure.exposure_s,
-        "analog_gain": start.exposure.analog_gain,
-        "dropped": frame.dropped,
-    })
-}
-
-fn report(
-    args: &StreamArgs,
-    rig: &Rig,
-    before: (u64, u64),
-    seconds: f64,
-    mut latency: Vec<f64>,
-    dropped: u32,
-    in_force: Vec<Value>,
-) {
-    latency.sort_by(f64::total_cmp);
-    // Nearest rank.
-    let percentile = |p: f64| latency[((p * latency.len() as f64).ceil() as usize).max(1) - 1];
-    let (sent, received) = rig.link_bytes();
-    let (sent, received) = (sent - before.0, received - before.1);
-    let fps = f64::from(args.frames) / seconds;
-    let s = rig.statistics();
-    let repairs: Value = json!({
-        "damaged_packets": s.damaged,
-        "rewinds": s.rewinds,
-        "timeouts": s.timeouts,
-    });
-    let (p50, p99) = (1e3 * percentile(0.5), 1e3 * percentile(0.99));
-    if args.json {
-        println!(
-            "{}",
-            json!({
-                "frames": args.frames,
-                "dropped_on_request": dropped,
-                "seconds": seconds,
-                "frames_per_s": fps,
-                "latency_p50_ms": p50,
-                "latency_p99_ms": p99,
-                "sent_bytes": sent,
-                "received_bytes": received,
-                "repairs": repairs,
-                "settings": in_force,
-            })
-        );
-    } else {
-        println!("{} frames in {seconds:.2} s: {fps:.2} frames/s", args.frames);
-        println!("latency p50 {p50:.1} ms, p99 {p99:.1} ms");
-        let rate = |bytes: u64| bytes as f64 / seconds / 1e6;
-        println!("sent {:.3} MB/s, received {:.3} MB/s", rate(sent), rate(received));
-        if s.damaged + s.rewinds + s.timeouts > 0 {
-            println!("repairs: {repairs}");
-        }
-        if dropped > 0 {
-            println!("{dropped} frames were dropped, as the rig's fault register asked");
-        }
-    }
-}
-
 fn serve(args: &ServeArgs) -> Result<()> {
     let emulator = Emulator::new(args.versions);
     // The address is data: scripts wait for it.
@@ -530,6 +253,9 @@ fn serve(args: &ServeArgs) -> Result<()> {
         let _ = std::io::stdout().flush();
     };
     if let Some(address) = &args.tcp {
+        let opens = "connect to this rig, which asks no password: they read and write its \
+                     registers and take its frames";
+        remote(address, args.allow_remote, opens)?;
         let listening = |address: &str| ready(format!("tcp://{address}"));
         return rig::serve::tcp(address, emulator, listening, link_failed);
     }
@@ -538,6 +264,21 @@ fn serve(args: &ServeArgs) -> Result<()> {
         return rig::serve::device(path, args.report, emulator, link_failed);
     }
     rig::serve::pty(emulator, |path| ready(format!("serial://{path}")), link_failed)
+}
+
+/// Refuses to listen where other machines connect, unless that is allowed; then says what they
+/// can do.
+pub(super) fn remote(address: &str, allowed: bool, opens: &str) -> Result<()> {
+    if !rig::serve::is_open_to_others(address) {
+        return Ok(());
+    }
+    let what = format!("other machines on the network can {opens}");
+    if !allowed {
+        return Err(Error::input(format!("{address} is not of the loopback interface: {what}"))
+            .help("listen on 127.0.0.1:PORT, or allow it with --allow-remote"));
+    }
+    eprintln!("note: {address}: {what}");
+    Ok(())
 }
 
 fn link_failed(why: ServeError<std::io::Error>) {
@@ -566,10 +307,22 @@ fn register(args: &RegisterArgs) -> Result<()> {
     let address = u16::try_from(args.address)
         .map_err(|_| Error::input("registers have addresses of 16 bits").at(args.address))?;
     let mut rig = Rig::open(&args.url)?;
-    if let Some(value) = args.value {
-        rig.write_register(address, value)?;
+    match (args.value, args.byte) {
+        (None, _) => {}
+        (Some(value), false) => rig.write_register(address, value)?,
+        (Some(value), true) => {
+            let byte = u8::try_from(value)
+                .map_err(|_| Error::input(format!("{value} is no byte")).help("0 to 255"))?;
+            rig.write_byte(address, byte)?;
+        }
     }
-    let value = rig.read_register(address)?;
+    let value =
+        if args.byte { rig.read_byte(address)?.into() } else { rig.read_register(address)? };
+    if args.value.is_some()
+        && let Some(cut) = exposure_cut(&mut rig)?
+    {
+        eprintln!("note: {cut}");
+    }
     if args.json {
         println!("{}", json!({ "address": address, "value": value }));
     } else {

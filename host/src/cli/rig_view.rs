@@ -3,7 +3,7 @@
 use super::arguments::{arithmetic, broken_link, duration, positive};
 use super::simulate::ViewArgs;
 use crate::view::{Control, State, Told, View};
-use camrig_base::Result;
+use camrig_base::{ErrorKind, Result};
 use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_rig::script::Write;
 use camrig_rig::{FrameRequest, Rig};
@@ -40,14 +40,51 @@ pub struct Args {
     /// End after this many frames
     #[arg(long, value_name = "N")]
     frames: Option<u32>,
-    /// Where the page is served; another interface than the loopback one shows the page to the
-    /// network
+    /// Where the page is served
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0")]
     listen: String,
+    /// Serve the page where other machines reach it: who has its token sees the frames and moves
+    /// the sliders, and the token goes over the network unencrypted
+    #[arg(long)]
+    allow_remote: bool,
+}
+
+/// What the page asked since the last frame, the last word of each.
+fn asked(controls: &mpsc::Receiver<Control>) -> impl Iterator<Item = Write> {
+    let later = |a: Control, b: Control| Control {
+        exposure_s: b.exposure_s.or(a.exposure_s),
+        analog_gain: b.analog_gain.or(a.analog_gain),
+    };
+    let Control { exposure_s, analog_gain } = controls.try_iter().fold(Control::default(), later);
+    [exposure_s.map(Write::Exposure), analog_gain.map(Write::Gain)].into_iter().flatten()
+}
+
+/// Writes what the page asked; what the rig cannot do the page is told, and the stream goes on as
+/// it was.
+fn apply(writes: impl Iterator<Item = Write>, rig: &mut Rig, state: &Mutex<State>) -> Result<()> {
+    let mut refused = Vec::new();
+    let mut writes = writes.peekable();
+    if writes.peek().is_none() {
+        return Ok(());
+    }
+    for write in writes {
+        match write.apply(rig) {
+            Ok(()) => {}
+            Err(e) if matches!(e.kind(), ErrorKind::Limit | ErrorKind::Input) => {
+                refused.push(e.what().to_string());
+            }
+            Err(e) => return Err(e),
+        }
+    }
+    let refused = (!refused.is_empty()).then(|| refused.join("; "));
+    state.lock().unwrap_or_else(PoisonError::into_inner).refused = refused;
+    Ok(())
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
+    let opens = "see and drive the rig with this page's token, which the network carries in clear";
+    super::rig::remote(&args.listen, args.allow_remote, opens)?;
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(broken_link);
@@ -70,10 +107,7 @@ pub fn run(args: &Args) -> Result<()> {
     let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
     let mut last = Instant::now();
     for number in 0..args.frames.unwrap_or(u32::MAX) {
-        while let Ok(Control { exposure_s, analog_gain }) = controls.try_recv() {
-            let writes = [exposure_s.map(Write::Exposure), analog_gain.map(Write::Gain)];
-            writes.into_iter().flatten().try_for_each(|write| write.apply(&mut rig))?;
-        }
+        apply(asked(&controls), &mut rig, &state)?;
         let request = FrameRequest {
             settings: camera.settings(number, args.exposure, Some(args.gain)),
             arithmetic: args.arith,
@@ -97,7 +131,9 @@ pub fn run(args: &Args) -> Result<()> {
             locked().dropped += 1;
         } else {
             let raw = frame.to_raw(&sensor)?;
-            locked().push(raw, told);
+            let mut state = locked();
+            state.injected = frame.injected();
+            state.push(raw, told);
         }
     }
     Ok(())

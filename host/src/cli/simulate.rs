@@ -243,6 +243,9 @@ pub fn expose_frames(
 ) -> Result<()> {
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
     stage.on_broken_link(arguments::broken_link);
+    if let Some(held) = stage.cleared() {
+        eprintln!("note: cleared the rig's {held}, which an earlier host had left");
+    }
     stage.set_camera(sensor)?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.

@@ -77,12 +77,18 @@ impl View {
         format!("http://{}/#{}", self.address, self.token)
     }
 
-    /// Answers requests until the process ends, on a thread of its own. What the page asks of the
-    /// rig goes to `controls`.
+    /// Answers requests until the process ends. What the page asks of the rig goes to `controls`.
+    ///
+    /// Each request has a thread of its own, as its connection has in the server: an answer waits
+    /// for the request's body, which may never come, and for a client that may never read.
     pub fn serve(self, state: Arc<Mutex<State>>, controls: mpsc::Sender<Control>) {
+        let page = Arc::new(self);
         std::thread::spawn(move || {
-            for request in self.server.incoming_requests() {
-                self.answer(request, &state, &controls);
+            for request in page.server.incoming_requests() {
+                let (page, state, controls) = (page.clone(), state.clone(), controls.clone());
+                // Where there is no thread left, the connection is closed.
+                let _ = std::thread::Builder::new()
+                    .spawn(move || page.answer(request, &state, &controls));
             }
         });
     }
@@ -169,7 +175,11 @@ impl View {
                         Ok(()) => data("application/json", b"{}"),
                         Err(_) => text(409, "the stream has ended"),
                     },
-                    _ => text(400, "use {\"exposure_s\": 0.01, \"analog_gain\": 2.0}"),
+                    _ => text(
+                        400,
+                        "use {\"exposure_s\": 0.01, \"analog_gain\": 2.0}: above zero, at most 60 \
+                         s and a gain of 255",
+                    ),
                 }
             }
             (_, "/" | "/view.js" | "/view.css" | "/api/state" | "/api/frame.png") => {
@@ -230,4 +240,40 @@ fn token() -> Result<String> {
     getrandom::fill(&mut bytes)
         .map_err(|e| Error::device(format!("no random numbers for the token: {e}")))?;
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_formats::DngInfo;
+    use std::io::Write;
+    use std::net::TcpStream;
+    use std::time::Duration;
+
+    #[test]
+    fn a_request_whose_body_never_comes_does_not_hold_up_others() {
+        let page = View::listen("127.0.0.1:0").unwrap();
+        let (address, token) = (page.address, page.token.clone());
+        let (sender, _controls) = mpsc::channel();
+        page.serve(Arc::new(Mutex::new(State::new(DngInfo::default()))), sender);
+        let connect = |request: String| {
+            let mut stream = TcpStream::connect(address).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        };
+        let post = |headers: &str, body: &str| {
+            connect(format!(
+                "POST /api/control HTTP/1.1\r\nHost: {address}\r\n{headers}\
+                 Content-Length: 300000\r\n\r\n{body}"
+            ))
+        };
+        let _stuck = [post("", ""), post("", "{"), post(&format!("{TOKEN}: {token}\r\n"), "{")];
+        let mut answer = String::new();
+        let headers = format!("Host: {address}\r\n{TOKEN}: {token}\r\nConnection: close");
+        connect(format!("GET /api/state HTTP/1.1\r\n{headers}\r\n\r\n"))
+            .read_to_string(&mut answer)
+            .unwrap();
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    }
 }

@@ -36,6 +36,10 @@ pub struct State {
     analog_gain: f64,
     frames_per_s: f64,
     noise: Noise,
+    /// What the page asked for last and the rig cannot do, with its limit.
+    pub refused: Option<String>,
+    /// What the rig did to the last frame on request of its registers.
+    pub injected: Option<String>,
     /// Why the stream ended.
     pub ended: Option<String>,
 }
@@ -66,6 +70,8 @@ impl State {
             analog_gain: 0.0,
             frames_per_s: 0.0,
             noise: Noise::default(),
+            refused: None,
+            injected: None,
             ended: None,
         }
     }
@@ -92,7 +98,7 @@ impl State {
     /// given.
     pub fn json(&self, row: Option<usize>, column: Option<usize>) -> Value {
         let Some(frame) = &self.frame else {
-            return json!({ "frames": 0, "ended": self.ended });
+            return json!({ "frames": 0, "refused": self.refused, "ended": self.ended });
         };
         let row = row.unwrap_or(frame.height / 2).min(frame.height - 1);
         let column = column.unwrap_or(frame.width / 2).min(frame.width - 1);
@@ -124,6 +130,8 @@ impl State {
             "column_profile": line(frame.height, &|y| (column, y)),
             "noise_frames": self.noise.frames,
             "noise_dn": self.noise.mean_sigma(),
+            "refused": self.refused,
+            "injected": self.injected,
             "ended": self.ended,
         })
     }

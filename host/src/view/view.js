@@ -58,7 +58,8 @@ async function update() {
   size = [state.width, state.height];
   const means = state.channels.map(([name, mean, full]) => `${name} ${mean.toFixed(1)}` + (full > 0.001 ? ` (${(100 * full).toFixed(1)} % full)` : ""));
   at("told").textContent = `frame ${state.frames}, counter ${state.counter}, ${state.frames_per_s.toFixed(1)} frames/s` +
-    (state.dropped ? `, ${state.dropped} dropped` : "") + `; mean DN ${means.join(", ")}` +
+    (state.dropped ? `, ${state.dropped} dropped` : "") + (state.injected ? `, ${state.injected}` : "") +
+    `; mean DN ${means.join(", ")}` + (state.refused ? `; ${state.refused}` : "") +
     (state.ended ? `; the stream ended: ${state.ended}` : "");
   at("exposure-now").textContent = seconds(state.exposure_s);
   at("gain-now").textContent = state.analog_gain.toFixed(2);

@@ -117,7 +117,7 @@ fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
     let length = file.metadata().map_err(failed)?.len();
     let layout = Layout::read(&mut BufReader::new(&file), length)?;
     let Layout { count, height, width, sample, .. } = layout;
-    if layout.fortran || matches!(sample, Sample::Wide(..)) {
+    if layout.fortran || matches!(sample, Sample::Wide { .. }) {
         return Ok(None);
     }
     let file = Arc::new(file);

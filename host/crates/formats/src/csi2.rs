@@ -180,6 +180,19 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
 /// Bits per sample other than 8, 10, 12, 14 or 16; lines that are not whole groups of samples or
 /// exceed 65535 bytes, as CSI-2 demands; a virtual channel above 3; samples beyond the bits.
 pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
+    encode_numbered(frames, options, &[])
+}
+
+/// Frames as packets with these frame numbers, so that a receiver sees from a gap that a frame was
+/// lost; frames beyond the list are numbered by their place, from 1.
+///
+/// # Errors
+/// Those of [`encode_with`].
+pub fn encode_numbered(
+    frames: &Frames,
+    options: &Options,
+    numbers: &[u16],
+) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let raw = RAW.iter().find(|(_, packing)| packing.bits() == bits);
     let &(image, packing) = raw.ok_or_else(|| {
@@ -203,7 +216,8 @@ pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
     let mut line = vec![0; row_bytes];
     for (index, plane) in frames.planes.iter().enumerate() {
         check_range(&plane.data, bits)?;
-        let number = (index % 65535 + 1) as u16;
+        let counted = (index % 65535 + 1) as u16;
+        let number = numbers.get(index).copied().unwrap_or(counted);
         writer.short(data_type::FRAME_START, number);
         for payload in options.embedded.get(index).into_iter().flatten() {
             writer.long(data_type::EMBEDDED, payload)?;
@@ -449,6 +463,16 @@ mod tests {
         assert_eq!(stream.frames, frames());
         assert_eq!(stream.embedded, options.embedded);
         assert_eq!((stream.frame_numbers, stream.corrected_headers), (vec![1, 2], 1));
+    }
+
+    #[test]
+    fn frame_numbers_come_back_as_given() {
+        let numbered = |numbers: &[u16]| {
+            let bytes = encode_numbered(&frames(), &Options::default(), numbers).unwrap();
+            decode_stream(&bytes).unwrap().frame_numbers
+        };
+        assert_eq!(numbered(&[7, 9]), [7, 9]);
+        assert_eq!(numbered(&[]), [1, 2]);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 use super::dng_info::{DngInfo, black_levels};
 use super::opcodes;
 use super::{Facts, check_range, preview};
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Cfa, Error, RawFrame, Result};
 use std::io::Cursor;
 use tiff::encoder::{
     DirectoryEncoder, Rational, SRational, TiffEncoder, TiffKindStandard, TiffValue,
@@ -96,8 +96,14 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
         put(d, 262, 34892u16)?; // PhotometricInterpretation: LinearRaw
     } else {
         put(d, 262, 32803u16)?; // PhotometricInterpretation: CFA
-        let codes: Vec<u8> = cfa.letters.iter().map(|&c| color_code(c)).collect();
-        let planes: Vec<u8> = cfa.channels().into_iter().map(color_code).collect();
+        let codes: Vec<u8> = cfa.letters.iter().map(|&c| color_code(cfa, c)).collect();
+        // Filters that share a code, such as white and infrared, share a plane.
+        let mut planes: Vec<u8> = Vec::new();
+        for code in cfa.channels().into_iter().map(|c| color_code(cfa, c)) {
+            if !planes.contains(&code) {
+                planes.push(code);
+            }
+        }
         put(d, 33421, [cfa.height as u16, cfa.width as u16])?; // CFARepeatPatternDim
         put(d, 33422, &codes[..])?; // CFAPattern
         put(d, 50710, &planes[..])?; // CFAPlaneColor
@@ -199,10 +205,18 @@ fn write_camera(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written 
 /// CFA colour codes of TIFF/EP and DNG.
 const COLOR_CODES: [char; 7] = ['R', 'G', 'B', 'C', 'M', 'Y', 'W'];
 
-/// The CFA colour code of a letter; a letter without a code of its own is written as white, the
-/// least misleading of them.
-fn color_code(letter: char) -> u8 {
-    COLOR_CODES.iter().position(|&c| c == letter).unwrap_or(6) as u8
+/// The CFA colour code of white: a pixel without a filter (DNG 1.4, CFAPlaneColor).
+const WHITE: u8 = 6;
+
+/// The CFA colour code of a letter of a pattern. `C` is cyan beside magenta or yellow, and clear
+/// in the patterns of cars (RCCC, RCCB, RCCG). A letter without a code of its own is written as
+/// white, the least misleading of them.
+pub(super) fn color_code(cfa: &Cfa, letter: char) -> u8 {
+    let complementary = cfa.letters.iter().any(|l| matches!(l, 'M' | 'Y'));
+    if letter == 'C' && !complementary {
+        return WHITE;
+    }
+    COLOR_CODES.iter().position(|&c| c == letter).map_or(WHITE, |code| code as u8)
 }
 
 /// The letter of a CFA colour code.

@@ -1,21 +1,20 @@
-//! DNG reader: uncompressed colour-filter-array and linear raw DNGs, in strips or tiles, 8 to 16
-//! bits per sample, packed or in words.
+//! DNG reader: colour-filter-array and linear raw DNGs, in strips or tiles, 8 to 16 bits per
+//! sample, packed, in words, or as lossless JPEG.
 //!
 //! The linearization table is applied to the samples, and the frame is cropped to the active area,
-//! to which pattern and black levels refer. Row and column black-level deltas are not applied.
+//! to which pattern and black levels refer. Row and column black-level deltas are not applied,
+//! which a note says.
 
-use super::dng::color_letter;
+use super::dng::{color_code, color_letter};
 use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
-use super::{Facts, Frames, area, full_scale, opcodes, truncated};
+use super::{Facts, Frames, full_scale, opcodes, tiff_samples};
 use camrig_base::{Cfa, Error, Plane, Result};
 
 /// PhotometricInterpretation of a colour filter array.
 const CFA: u64 = 32803;
 /// PhotometricInterpretation of linear raw samples without a colour filter array.
 const LINEAR_RAW: u64 = 34892;
-/// Compression: none.
-const UNCOMPRESSED: u64 = 1;
 /// SubIFDs that are read: the raw image and a few previews are usual; the limit bounds the work
 /// that a damaged file can ask for.
 const MAX_SUB_IFDS: usize = 64;
@@ -38,23 +37,33 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         .ok_or_else(|| {
             Error::input("a DNG without a raw image").help("is it a JPEG preview only?")
         })?;
-    let stored = samples(&file, raw)?;
+    let stored = tiff_samples::read(&file, raw)?;
     let plane = crop(linear(stored, raw), raw)?;
-    let cfa = pattern(raw)?;
+    // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
+    // not tell, and the letters of filters that have no code of their own.
+    let mut note = Facts::default();
+    note.merge_note(&raw.text(270).unwrap_or_default());
+    let cfa = pattern(raw, note.cfa)?;
     let black = black_levels(raw, cfa.width, cfa.height)?;
     let white = raw.uint(50717).and_then(|w| u16::try_from(w).ok());
     let white = white.unwrap_or_else(|| full_scale(raw.uint(258).unwrap_or(16) as u32));
-    // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
-    // not tell.
-    let mut note = Facts::default();
-    note.merge_note(&raw.text(270).unwrap_or_default());
+    // Noise and highlights reach above the level at which a sensor counts as saturated.
+    let largest = plane.data.iter().copied().max().unwrap_or(0).max(white);
     let mut facts = Facts {
-        bits: note.bits.or(Some((u16::BITS - white.leading_zeros()).max(1))),
+        bits: note.bits.or(Some((u16::BITS - largest.leading_zeros()).max(1))),
         cfa: Some(cfa),
         black_level_dn: Some(black.iter().sum::<f64>() / black.len() as f64),
         white_level_dn: Some(white),
-        dng: None,
+        ..Facts::default()
     };
+    let deltas = [50715, 50716].map(|tag| raw.floats(tag).unwrap_or_default()); // H, V
+    if deltas.iter().flatten().any(|d| *d != 0.0) {
+        facts.notes.push(
+            "the file's black levels differ by row or column (BlackLevelDelta), which is not \
+             applied"
+                .into(),
+        );
+    }
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
     let mut info = info(&main, raw, exif.as_ref())?;
     if black.iter().any(|b| *b != black[0]) {
@@ -62,74 +71,6 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     }
     facts.dng = Some(info);
     Ok(Frames { planes: vec![plane], facts })
-}
-
-/// The stored samples.
-fn samples(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
-    let need = |tag: u16, name: &str| {
-        raw.uint(tag).ok_or_else(|| Error::input(format!("a DNG raw image without {name}")))
-    };
-    let (width, height) = (need(256, "ImageWidth")? as usize, need(257, "ImageLength")? as usize);
-    let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
-    let compression = raw.uint(259).unwrap_or(UNCOMPRESSED);
-    if compression != UNCOMPRESSED {
-        return Err(Error::unsupported(format!("a DNG with compression {compression}"))
-            .help("only uncompressed DNGs are read; convert it to uncompressed first"));
-    }
-    if !(8..=16).contains(&bits) || per_pixel != 1 {
-        return Err(Error::unsupported(format!(
-            "a DNG of {per_pixel} samples of {bits} bits per pixel"
-        ))
-        .help("one sample of 8 to 16 bits is read"));
-    }
-    let tiled = raw.uint(322).is_some();
-    let (chunk_width, chunk_height, offsets) = if tiled {
-        (need(322, "TileWidth")?, need(323, "TileLength")?, raw.uints(324))
-    } else {
-        let rows = raw.uint(278).unwrap_or(height as u64).min(height as u64);
-        (width as u64, rows, raw.uints(273))
-    };
-    let offsets = offsets.ok_or_else(|| Error::input("a DNG raw image without its samples"))?;
-    let (chunk_width, chunk_height) = (chunk_width as usize, chunk_height as usize);
-    area(chunk_width, chunk_height)?;
-    let row_bytes = chunk_width.saturating_mul(bits as usize).div_ceil(8);
-    let across = width.div_ceil(chunk_width);
-    let needed = across.saturating_mul(height.div_ceil(chunk_height));
-    if offsets.len() < needed || area(width, height)? > file.bytes.len().saturating_mul(8) {
-        return Err(truncated(needed, offsets.len()).at("DNG strips or tiles"));
-    }
-    let mut plane = Plane::filled(width, height, 0);
-    for (index, &offset) in offsets.iter().take(needed).enumerate() {
-        let (left, top) = (index % across * chunk_width, index / across * chunk_height);
-        let count = chunk_width.min(width - left);
-        for y in top..(top + chunk_height).min(height) {
-            let start = (offset as usize).saturating_add((y - top).saturating_mul(row_bytes));
-            let bytes = file.slice(start, (count * bits as usize).div_ceil(8))?;
-            let row = &mut plane.row_mut(y)[left..left + count];
-            unpack(file, bits as usize, bytes, row);
-        }
-    }
-    Ok(plane)
-}
-
-/// Unpacks a row: words of 16 bits in the file's byte order, narrower samples most significant bit
-/// first.
-fn unpack(file: &Tiff, bits: usize, bytes: &[u8], row: &mut [u16]) {
-    if bits == 16 {
-        row.iter_mut()
-            .zip(bytes.chunks_exact(2))
-            .for_each(|(s, b)| *s = file.sample([b[0], b[1]]));
-        return;
-    }
-    let (mut pool, mut filled, mut next) = (0u32, 0, bytes.iter());
-    for sample in row {
-        while filled < bits {
-            pool = pool << 8 | u32::from(*next.next().unwrap_or(&0));
-            filled += 8;
-        }
-        filled -= bits;
-        *sample = (pool >> filled & ((1 << bits) - 1)) as u16;
-    }
 }
 
 /// Applies the linearization table; indices beyond its end take the last entry.
@@ -157,7 +98,12 @@ fn crop(plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
     }
 }
 
-fn pattern(raw: &Ifd) -> Result<Cfa> {
+/// The pattern of the tags; that of camrig's note where both have the same codes.
+fn pattern(raw: &Ifd, noted: Option<Cfa>) -> Result<Cfa> {
+    if raw.uint(50711).is_some_and(|layout| layout > 1) {
+        return Err(Error::unsupported("a DNG with a staggered colour filter array (CFALayout)")
+            .help("rows and columns of a rectangular array are read"));
+    }
     if raw.uint(262) == Some(LINEAR_RAW) {
         return Cfa::parse("mono");
     }
@@ -171,7 +117,14 @@ fn pattern(raw: &Ifd) -> Result<Cfa> {
         Some(letters) if width > 0 && width.checked_mul(height) == Some(letters.len()) => {
             let letters: Vec<char> = letters.chars().collect();
             let rows: Vec<String> = letters.chunks(width).map(|r| r.iter().collect()).collect();
-            Cfa::parse(&rows.join("/"))
+            // One row of four would read as two rows of two.
+            let rows = if (width, height) == (4, 1) { [&rows[..], &rows].concat() } else { rows };
+            let tagged = Cfa::parse(&rows.join("/"))?;
+            let same = |n: &Cfa| {
+                (n.width, n.height) == (width, height)
+                    && n.letters.iter().zip(codes).all(|(&l, &c)| color_code(n, l) == c)
+            };
+            Ok(noted.filter(same).unwrap_or(tagged))
         }
         _ => {
             Err(Error::unsupported(format!("colour filter pattern {codes:?}, {height} x {width}"))

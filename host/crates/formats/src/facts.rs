@@ -17,6 +17,8 @@ pub struct Facts {
     pub white_level_dn: Option<u16>,
     /// Camera, exposure and colour, where the file is a DNG.
     pub dng: Option<DngInfo>,
+    /// Remarks of the reader for a person: what it took for granted, and what it did not apply.
+    pub notes: Vec<String>,
 }
 
 impl Facts {
@@ -27,7 +29,7 @@ impl Facts {
             cfa: Some(frame.cfa.clone()),
             black_level_dn: Some(frame.black_level_dn),
             white_level_dn: Some(frame.white_level_dn),
-            dng: None,
+            ..Self::default()
         }
     }
 
@@ -40,7 +42,7 @@ impl Facts {
             }
         };
         add("bits", self.bits.map(|v| v.to_string()));
-        add("cfa", self.cfa.as_ref().map(|v| v.to_string()));
+        add("cfa", self.cfa.as_ref().map(pattern_text));
         add("black", self.black_level_dn.map(|v| v.to_string()));
         add("white", self.white_level_dn.map(|v| v.to_string()));
         text
@@ -59,7 +61,7 @@ impl Facts {
                     self.bits =
                         value.parse().ok().filter(|b| (1..=16).contains(b)).or(self.bits.take());
                 }
-                "cfa" => self.cfa = Cfa::parse(value).ok(),
+                "cfa" => self.cfa = pattern(value),
                 "black" => {
                     self.black_level_dn = value.parse().ok().filter(|v: &f64| v.is_finite());
                 }
@@ -68,4 +70,22 @@ impl Facts {
             }
         }
     }
+}
+
+/// A pattern as the note has it: four letters are two rows of two.
+fn pattern_text(cfa: &Cfa) -> String {
+    let text = cfa.to_string();
+    if (cfa.width, cfa.height) == (4, 1) && !cfa.is_mono() {
+        // The same pattern, as two rows of four.
+        return format!("{text}/{text}");
+    }
+    text
+}
+
+fn pattern(text: &str) -> Option<Cfa> {
+    let square = text.len() == 4 && text.chars().all(|c| c.is_ascii_uppercase());
+    if square {
+        return Cfa::parse(&format!("{}/{}", &text[..2], &text[2..])).ok();
+    }
+    Cfa::parse(text).ok()
 }

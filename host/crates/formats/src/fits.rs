@@ -1,11 +1,23 @@
-//! FITS: the primary image, 16 bits, after the FITS Standard 4.0. Unsigned samples are stored
-//! as signed ones with BZERO = 32768 (section 5.2.5). Several frames are a third axis.
+//! FITS after the FITS Standard 4.0. Several frames are a third axis.
+//!
+//! Written is the primary image, 16 bits: unsigned samples are stored as signed ones with
+//! BZERO = 32768 (section 5.2.5). Read is the first image of the file, primary or extension, plain
+//! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
+//! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
+//! YBAYROFF, and ROWORDER.
 //!
 //! The top row is stored first. The standard leaves the direction open; astronomical viewers show
-//! the first row at the bottom.
+//! the first row at the bottom, and ROWORDER = 'BOTTOM-UP' says that a file is made for them: its
+//! rows are turned, and its pattern is that of the turned frame (Siril's documentation, "Row
+//! order").
 
-use super::{Facts, Frames, area, truncated};
-use camrig_base::{Error, Plane, Result};
+mod header;
+mod rice;
+mod tiles;
+
+use self::header::Header;
+use super::{Facts, Frames, area, narrow, truncated};
+use camrig_base::{Cfa, Error, Plane, Result};
 
 /// Bytes of a header card (section 3.3.1).
 const CARD: usize = 80;
@@ -28,7 +40,7 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     }
     value("BZERO", "32768");
     value("BSCALE", "1");
-    card(format!("COMMENT {}", frames.facts.note()));
+    notes(&frames.facts.note()).into_iter().for_each(card);
     card("END".into());
     let mut bytes = head.into_bytes();
     bytes.resize(bytes.len().next_multiple_of(BLOCK), b' ');
@@ -39,105 +51,153 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the primary image of FITS bytes, of 8 or 16 bits, with BZERO and BSCALE applied.
+/// The cards of a note: several where it is too long for one, without words too long for a card,
+/// which would be cut.
+fn notes(note: &str) -> Vec<String> {
+    let mut cards: Vec<String> = Vec::new();
+    for word in note.split(' ').skip(1) {
+        match cards.last_mut() {
+            Some(card) if card.len() + 1 + word.len() <= CARD => *card += &format!(" {word}"),
+            _ => cards.push(format!("COMMENT camrig {word}")),
+        }
+    }
+    cards.retain(|card| card.len() <= CARD);
+    if cards.is_empty() { vec!["COMMENT camrig".into()] } else { cards }
+}
+
+/// Reads the first image of FITS bytes, with BZERO and BSCALE applied.
 ///
 /// # Errors
-/// A header without END, other types of samples, values that are not DN from 0 to 65535, data that
-/// are shorter than the header says.
+/// A damaged header, a file without images, values that are not DN from 0 to 65535, compressions
+/// that lose values, data that are shorter than the header says.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
-    let mut header = Header::default();
+    let mut rest = bytes;
     let mut facts = Facts::default();
-    let mut cards = bytes.chunks(CARD);
-    let mut used = 0;
-    loop {
-        let card = cards.next().filter(|c| c.len() == CARD);
-        let card =
-            card.ok_or_else(|| Error::input("a FITS header without END").help("truncated?"))?;
-        used += CARD;
-        let text = String::from_utf8_lossy(card);
-        let (key, rest) = text.split_at_checked(8).unwrap_or((&text, ""));
-        match key.trim_end() {
-            "END" => break,
-            "COMMENT" => facts.merge_note(rest),
-            key => header.take(key, rest)?,
-        }
-    }
-    let [width, height, count] = header.axes;
-    let sample_size = match header.bitpix {
-        8 => 1,
-        16 => 2,
-        other => {
-            return Err(Error::unsupported(format!("FITS BITPIX {other}"))
-                .help("images of 8 or 16 bits are read"));
-        }
-    };
-    let pixels = area(width, height)?;
-    let data = &bytes[used.next_multiple_of(BLOCK).min(bytes.len())..];
-    let frame_bytes = pixels.saturating_mul(sample_size);
-    let needed = frame_bytes.saturating_mul(count);
-    if count == 0 || needed > data.len() {
-        return Err(truncated(needed, data.len()));
-    }
-    let sample = |b: &[u8]| {
-        let stored = match *b {
-            [a] => f64::from(a),
-            [a, b] => f64::from(i16::from_be_bytes([a, b])),
-            _ => f64::NAN, // chunks_exact gives no other sizes
+    let mut found = None;
+    let mut others = 0;
+    while rest.len() >= BLOCK {
+        let header = match Header::read(rest) {
+            Ok(header) => header,
+            Err(error) if found.is_none() => return Err(error),
+            Err(_) => break, // what follows the image is none of ours
         };
-        let dn = header.bzero + header.bscale * stored;
-        if dn.fract() != 0.0 || !(0.0..=65535.0).contains(&dn) {
-            return Err(Error::input(format!("FITS value {dn}")).help("raw DN are 0 to 65535"));
+        let data = &rest[header.bytes.min(rest.len())..];
+        if header.has_image() {
+            if found.is_none() {
+                header.comments.iter().for_each(|c| facts.merge_note(c));
+                found = Some(planes(&header, data, &mut facts)?);
+            } else {
+                others += 1;
+            }
         }
-        Ok(dn as u16)
-    };
-    let planes = data[..needed]
-        .chunks_exact(frame_bytes)
-        .map(|frame| {
-            let data = frame.chunks_exact(sample_size).map(sample).collect::<Result<_>>()?;
-            Ok(Plane { width, height, data })
-        })
-        .collect::<Result<_>>()?;
+        let Ok(length) = header.data_bytes() else { break };
+        rest = data.get(length.next_multiple_of(BLOCK)..).unwrap_or(&[]);
+    }
+    if others > 0 {
+        facts.notes.push(format!("the file has {others} more image(s), which are not read"));
+    }
+    let planes = found.ok_or_else(|| {
+        Error::input("a FITS file without an image").help("is it a table, or truncated?")
+    })?;
     Ok(Frames { planes, facts })
 }
 
-/// The keywords that describe the data.
-struct Header {
-    bitpix: i64,
-    naxis: i64,
-    axes: [usize; 3],
-    bzero: f64,
-    bscale: f64,
-}
-
-impl Default for Header {
-    fn default() -> Self {
-        Self { bitpix: 0, naxis: 0, axes: [0, 0, 1], bzero: 0.0, bscale: 1.0 }
-    }
-}
-
-impl Header {
-    fn take(&mut self, key: &str, rest: &str) -> Result<()> {
-        let value = rest.strip_prefix("= ").unwrap_or("").split('/').next().unwrap_or("").trim();
-        let bad = || Error::input(format!("FITS keyword {key}: {value:?}"));
-        let integer = || value.parse::<i64>().map_err(|_| bad());
-        // The standard allows D for the exponent.
-        let real = || value.replace('D', "E").parse::<f64>().map_err(|_| bad());
-        match key {
-            "BITPIX" => self.bitpix = integer()?,
-            "NAXIS" => {
-                self.naxis = integer()?;
-                if !(2..=3).contains(&self.naxis) {
-                    return Err(bad().help("the primary image has two axes, or three for a stack"));
-                }
-            }
-            "NAXIS1" | "NAXIS2" | "NAXIS3" => {
-                let axis = usize::from(key.as_bytes()[5] - b'1');
-                self.axes[axis] = usize::try_from(integer()?).map_err(|_| bad())?;
-            }
-            "BZERO" => self.bzero = real()?,
-            "BSCALE" => self.bscale = real()?,
-            _ => {}
+/// The frames of an image.
+fn planes(header: &Header, data: &[u8], facts: &mut Facts) -> Result<Vec<Plane<u16>>> {
+    let image = header.image()?;
+    let [width, height, count] = image.axes;
+    let pixels = area(width, height)?;
+    let total = pixels.saturating_mul(count);
+    let stored = if header.is_compressed() {
+        tiles::read(header, &image, data)?
+    } else {
+        let needed = total.saturating_mul(image.sample_bytes());
+        if count == 0 || needed > data.len() {
+            return Err(truncated(needed, data.len()));
         }
-        Ok(())
+        image.values(&data[..needed])?
+    };
+    let samples = samples(&image, stored, facts)?;
+    let mut planes: Vec<_> = samples
+        .chunks_exact(pixels)
+        .map(|data| Plane { width, height, data: data.to_vec() })
+        .collect();
+    let turned = header.text("ROWORDER").is_some_and(|t| t.eq_ignore_ascii_case("BOTTOM-UP"));
+    if turned {
+        for plane in &mut planes {
+            plane.data = plane.data.rchunks(width).flatten().copied().collect();
+        }
+        facts.notes.push(
+            "the rows are turned: the file stores the bottom row first (ROWORDER BOTTOM-UP)".into(),
+        );
     }
+    if facts.cfa.is_none() {
+        facts.cfa = pattern(header, turned, facts);
+    }
+    Ok(planes)
 }
+
+/// Values of an image, as they are stored.
+enum Stored {
+    Integers(Vec<i64>),
+    Floats(Vec<f64>),
+}
+
+/// Samples below this in 16-bit words without BZERO are the upper half of unsigned words, not
+/// negative: a quarter of the range. Signed data go below zero by their noise, by far less.
+const UNSIGNED_BELOW: i64 = -16384;
+
+/// The values with BZERO and BSCALE applied, as DN.
+fn samples(image: &header::Image, stored: Stored, facts: &mut Facts) -> Result<Vec<u16>> {
+    let help = |e: Error| e.at("FITS image");
+    let values = match stored {
+        Stored::Floats(values) => {
+            let dn = |v: f64| narrow::float(image.bzero + image.bscale * v);
+            return values.into_iter().map(dn).collect::<Result<_>>().map_err(help);
+        }
+        Stored::Integers(values) => values,
+    };
+    if let Some(blank) = image.blank
+        && values.contains(&blank)
+    {
+        return Err(Error::unsupported("a FITS image with undefined pixels (BLANK)")
+            .help("raw frames have a value at every pixel"));
+    }
+    let least = values.iter().copied().min().unwrap_or(0);
+    if image.bitpix == 16 && !image.scaled && least < UNSIGNED_BELOW {
+        facts.notes.push(format!(
+            "16-bit samples down to {least} without BZERO: taken as unsigned, as the file's \
+             writer left out BZERO = 32768"
+        ));
+        return Ok(values.into_iter().map(|v| v as i16 as u16).collect());
+    }
+    let dn = |v: i64| match (image.bzero, image.bscale) {
+        (0.0, 1.0) => narrow::integer(v.into()),
+        (bzero, bscale) => narrow::float(bzero + bscale * v as f64),
+    };
+    values.into_iter().map(dn).collect::<Result<_>>().map_err(help)
+}
+
+/// The colour filter pattern that camera programs write; a note where it is not understood.
+fn pattern(header: &Header, turned: bool, facts: &mut Facts) -> Option<Cfa> {
+    let text = header.text("BAYERPAT").or_else(|| header.text("COLORTYP"))?;
+    let mut unknown = |why: String| {
+        facts.notes.push(format!("the colour filter pattern is not taken over: {why}"));
+        None
+    };
+    let bayer = Cfa::parse(text.trim()).ok().filter(|c| (c.width, c.height) == (2, 2));
+    let Some(mut cfa) = bayer else { return unknown(format!("BAYERPAT = {text:?}")) };
+    let offset = |key: &str| header.number(key).unwrap_or(0.0);
+    let (right, down) = (offset("XBAYROFF"), offset("YBAYROFF"));
+    if right.fract() != 0.0 || down.fract() != 0.0 || (turned && down % 2.0 != 0.0) {
+        return unknown(format!("XBAYROFF = {right}, YBAYROFF = {down}, in rows that are turned"));
+    }
+    let odd = |v: f64| v.rem_euclid(2.0) as usize;
+    let at = |i: usize| cfa.letter(i % 2 + odd(right), i / 2 + odd(down));
+    let letters = (0..4).map(at).collect();
+    cfa.letters = letters;
+    Some(cfa)
+}
+
+#[cfg(test)]
+mod tests;

@@ -14,11 +14,14 @@
 //! | DNG | [`dng`] | one | all, with colour matrices and corrections |
 //! | 16-bit TIFF | [`tiff16`] | any number | all |
 //! | NumPy array | [`npy`] | any number | none |
-//! | PGM | [`pgm`] | any number | all |
+//! | PGM, PAM | [`pgm`] | any number | all |
 //! | PNG | [`mod@png`] | one | all |
 //! | FITS | [`fits`] | any number | all |
 //! | CSI-2 packets | [`csi2`] | any number | bits |
 //! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
+//!
+//! Any of them but the last may lie in a gzip file. What a reader takes for granted stands in
+//! [`Facts::notes`], and [`Format::leaves_out`] says what a format cannot carry.
 //!
 //! # Example
 //! A frame of 4 x 2 pixels, 10 bits, as a TIFF file's bytes and back:
@@ -52,7 +55,10 @@ mod dng_info;
 mod dng_read;
 mod facts;
 pub mod fits;
+mod gzip;
 mod ifd;
+mod ljpeg;
+mod narrow;
 pub mod npy;
 pub mod opcodes;
 pub mod pgm;
@@ -62,6 +68,7 @@ pub mod preview;
 #[cfg(test)]
 mod tests;
 pub mod tiff16;
+mod tiff_samples;
 
 use camrig_base::{Error, Plane, RawFrame, Result};
 pub use dng_info::DngInfo;
@@ -87,11 +94,11 @@ pub enum Format {
     Tiff,
     /// NumPy array, H x W or N x H x W, `<u2`.
     Npy,
-    /// Portable grey map (`P5`), one image after another.
+    /// Portable grey map (`P5`; `P2` and `P7` are read), one image after another.
     Pgm,
     /// 16-bit grey PNG, one frame.
     Png,
-    /// FITS primary image, 16 bits with BZERO; several frames along the third axis.
+    /// FITS image, 16 bits with BZERO; several frames along the third axis.
     Fits,
     /// MIPI CSI-2 packet stream as it leaves the receiver's lane merger.
     Csi2,
@@ -164,8 +171,8 @@ impl Format {
             "csi2" => Self::Csi2,
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
                 Error::unsupported(format!("raw format {name:?}")).help(
-                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format like \
-                     SGRBG10P",
+                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 or GenICam pixel format \
+                     like SGRBG10P",
                 )
             })?),
         })
@@ -195,12 +202,21 @@ impl Format {
         match bytes {
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Some(Self::Npy),
             [0x89, b'P', b'N', b'G', ..] => Some(Self::Png),
-            [b'P', b'5', ..] => Some(Self::Pgm),
+            [b'P', b'2' | b'5' | b'7', b, ..] if b.is_ascii_whitespace() => Some(Self::Pgm),
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => {
                 Some(if ifd::is_dng(bytes) { Self::Dng } else { Self::Tiff })
             }
             _ if bytes.starts_with(b"SIMPLE  =") => Some(Self::Fits),
             _ if csi2::is_stream(bytes) => Some(Self::Csi2),
+            _ => None,
+        }
+    }
+
+    /// What a file of this format does not say although a reader would take it to: a sentence for
+    /// a person, `None` where nothing is left out.
+    pub fn leaves_out(&self, facts: &Facts) -> Option<String> {
+        match self {
+            Self::Raw(pixels) => pixels.leaves_out(facts),
             _ => None,
         }
     }
@@ -235,11 +251,18 @@ impl Format {
     }
 }
 
-/// Reads frames from the bytes of any self-describing format.
+/// Reads frames from the bytes of any self-describing format, also within gzip.
 ///
 /// # Errors
 /// Bytes of no known format, or a file that is damaged or uses what the reader does not support.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
+    let unpacked;
+    let bytes = if gzip::is_gzip(bytes) {
+        unpacked = gzip::inflate(bytes, gzip::LARGEST)?;
+        &unpacked
+    } else {
+        bytes
+    };
     let frames = match Format::sniff(bytes) {
         Some(Format::Dng) => dng_read::decode(bytes),
         Some(Format::Tiff) => tiff16::decode(bytes),
@@ -249,8 +272,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
         Some(Format::Raw(_)) | None => Err(Error::unsupported("not in a known raw format").help(
-            "known by content: DNG, TIFF, NPY, PGM (P5), PNG, FITS, CSI-2 packets; headerless raw \
-             needs a name like NAME_640x480_SGRBG10P.raw",
+            "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 packets; \
+             headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
         )),
     }?;
     debug_assert!(!frames.planes.is_empty());

@@ -1,10 +1,11 @@
 //! NumPy `.npy` arrays: H x W, or N x H x W for a stack.
 //!
 //! The writer makes version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. The reader
-//! takes unsigned and signed integers of 1 to 8 bytes whose values fit in 16 bits, in C or Fortran
-//! order.
+//! takes integers and floats of 1 to 8 bytes whose values are whole and fit in 16 bits, in either
+//! byte order, in C or Fortran order. A last axis of one channel, as image readers give grey
+//! frames, is left out: H x W x 1 is one frame, not H frames of one column.
 
-use super::{Facts, Frames, area, truncated};
+use super::{Facts, Frames, area, narrow, truncated};
 use camrig_base::{Error, Plane, Result};
 use std::io::{Cursor, Read, Seek};
 
@@ -62,8 +63,26 @@ pub enum Sample {
     U16,
     /// 16-bit unsigned, big-endian.
     U16Big,
-    /// Other little-endian integers: number of bytes, and whether they are signed.
-    Wide(usize, bool),
+    /// Other types whose values are whole and fit.
+    Wide {
+        /// Integers or floats.
+        kind: Kind,
+        /// Bytes per sample: 1 to 8.
+        size: usize,
+        /// Whether the most significant byte comes first.
+        big_endian: bool,
+    },
+}
+
+/// Kinds of numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Unsigned integers.
+    Unsigned,
+    /// Signed integers.
+    Signed,
+    /// IEEE floating-point numbers of 4 or 8 bytes.
+    Float,
 }
 
 impl Sample {
@@ -72,8 +91,36 @@ impl Sample {
         match self {
             Self::U8 => 1,
             Self::U16 | Self::U16Big => 2,
-            Self::Wide(size, _) => size,
+            Self::Wide { size, .. } => size,
         }
+    }
+
+    /// A type by NumPy's name.
+    fn parse(descr: &str) -> Option<Self> {
+        match descr {
+            "|u1" => return Some(Self::U8),
+            "<u2" => return Some(Self::U16),
+            ">u2" => return Some(Self::U16Big),
+            _ => {}
+        }
+        let mut letters = descr.chars();
+        let big_endian = match letters.next()? {
+            '<' | '|' => false,
+            '>' => true,
+            _ => return None,
+        };
+        let kind = match letters.next()? {
+            'u' => Kind::Unsigned,
+            'i' => Kind::Signed,
+            'f' => Kind::Float,
+            _ => return None,
+        };
+        let size = letters.as_str().parse().ok()?;
+        let known = match kind {
+            Kind::Float => matches!(size, 4 | 8),
+            _ => matches!(size, 1 | 2 | 4 | 8),
+        };
+        known.then_some(Self::Wide { kind, size, big_endian })
     }
 
     /// The samples in some bytes, DN.
@@ -84,18 +131,9 @@ impl Sample {
             Self::U16Big => {
                 bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect()
             }
-            Self::Wide(size, signed) => {
-                let value = |b: &[u8]| {
-                    let mut word = [if signed && b[size - 1] > 127 { 0xff } else { 0 }; 16];
-                    word[..size].copy_from_slice(b);
-                    i128::from_le_bytes(word)
-                };
-                let narrow = |value: i128| {
-                    u16::try_from(value).map_err(|_| {
-                        Error::input(format!("value {value}")).help("raw DN are 0 to 65535")
-                    })
-                };
-                bytes.chunks_exact(size).map(|b| narrow(value(b))).collect::<Result<_>>()?
+            Self::Wide { kind, size, big_endian } => {
+                let value = |b: &[u8]| wide(kind, big_endian, b);
+                bytes.chunks_exact(size).map(value).collect::<Result<_>>()?
             }
         })
     }
@@ -123,27 +161,19 @@ impl Layout {
         let header = npyz::NpyHeader::from_reader(&mut *file).map_err(broken)?;
         let (count, height, width) = match *header.shape() {
             [height, width] => (1, height, width),
-            [count, height, width] => (count, height, width),
+            [height, width, 1] if width > 1 => (1, height, width),
+            [count, height, width] | [count, height, width, 1] => (count, height, width),
             _ => {
                 return Err(Error::unsupported(format!("an array of shape {:?}", header.shape()))
                     .help("frames are H x W or N x H x W"));
             }
         };
         let descr = header.dtype().descr();
-        let sample = match descr.trim_matches('\'') {
-            "|u1" => Sample::U8,
-            "<u2" => Sample::U16,
-            ">u2" => Sample::U16Big,
-            "<i2" => Sample::Wide(2, true),
-            "<u4" => Sample::Wide(4, false),
-            "<i4" => Sample::Wide(4, true),
-            "<u8" => Sample::Wide(8, false),
-            "<i8" => Sample::Wide(8, true),
-            other => {
-                return Err(Error::unsupported(format!("an array of type {other}"))
-                    .help("raw DN are 16-bit unsigned: array.astype('<u2')"));
-            }
-        };
+        let descr = descr.trim_matches('\'');
+        let sample = Sample::parse(descr).ok_or_else(|| {
+            Error::unsupported(format!("an array of type {descr}"))
+                .help("raw DN are 16-bit unsigned: array.astype('<u2')")
+        })?;
         let (width, height, count) = (width as usize, height as usize, count as usize);
         let offset = file.stream_position().map_err(broken)?;
         let needed = area(width, height)?.saturating_mul(sample.size()).saturating_mul(count);
@@ -156,6 +186,22 @@ impl Layout {
         }
         let fortran = header.order() == npyz::Order::Fortran;
         Ok(Self { count, height, width, fortran, sample, offset })
+    }
+}
+
+/// A value of up to 8 bytes as DN.
+fn wide(kind: Kind, big_endian: bool, b: &[u8]) -> Result<u16> {
+    let negative = kind == Kind::Signed && b[if big_endian { 0 } else { b.len() - 1 }] > 127;
+    let mut word = [if negative { 0xff } else { 0 }; 16];
+    word[..b.len()].copy_from_slice(b);
+    if big_endian {
+        word[..b.len()].reverse();
+    }
+    let bits = i128::from_le_bytes(word);
+    match kind {
+        Kind::Float if b.len() == 4 => narrow::float(f32::from_bits(bits as u32).into()),
+        Kind::Float => narrow::float(f64::from_bits(bits as u64)),
+        _ => narrow::integer(bits),
     }
 }
 
@@ -197,5 +243,53 @@ mod tests {
         let frames = decode(&bytes).unwrap();
         assert_eq!((frames.width(), frames.height()), (3, 2));
         assert_eq!(frames.planes[0].data, [1, 2, 3, 4, 5, 6]);
+    }
+
+    /// What `numpy.save` writes of values of a type.
+    fn array(descr: &str, shape: &str, data: impl IntoIterator<Item = u8>) -> Vec<u8> {
+        header(descr, shape).into_iter().chain(data).collect()
+    }
+
+    #[test]
+    fn one_channel_is_no_axis_of_frames() {
+        let words = || [1u16, 2, 3, 4, 5, 6].map(u16::to_le_bytes).into_iter().flatten();
+        for (shape, size) in [
+            ("(2, 3, 1)", (1, 2, 3)),
+            ("(1, 2, 3)", (1, 2, 3)),
+            ("(1, 2, 3, 1)", (1, 2, 3)),
+            ("(2, 3, 1, 1)", (2, 3, 1)),
+            ("(6, 1, 1)", (6, 1, 1)),
+        ] {
+            let frames = decode(&array("<u2", shape, words())).unwrap();
+            let found = (frames.planes.len(), frames.height(), frames.width());
+            assert_eq!(found, size, "{shape}");
+            let samples: Vec<u16> = frames.planes.into_iter().flat_map(|p| p.data).collect();
+            assert_eq!(samples, [1, 2, 3, 4, 5, 6]);
+        }
+    }
+
+    #[test]
+    fn whole_numbers_of_any_type_are_read() {
+        let values = [0u16, 300, 65535];
+        let read = |descr: &str, data: Vec<u8>| {
+            decode(&array(descr, "(1, 3)", data)).map(|f| f.planes[0].data.clone())
+        };
+        let all = |of: &dyn Fn(u16) -> Vec<u8>| values.iter().flat_map(|&v| of(v)).collect();
+        for (descr, data) in [
+            (">u4", all(&|v| u32::from(v).to_be_bytes().to_vec())),
+            (">i4", all(&|v| i32::from(v).to_be_bytes().to_vec())),
+            ("<i8", all(&|v| i64::from(v).to_le_bytes().to_vec())),
+            ("<f4", all(&|v| f32::from(v).to_le_bytes().to_vec())),
+            (">f8", all(&|v| f64::from(v).to_be_bytes().to_vec())),
+        ] {
+            assert_eq!(read(descr, data).unwrap(), values, "{descr}");
+        }
+        for (descr, data) in [
+            ("<f4", [0.5f32, 1.0, 2.0].map(f32::to_le_bytes).concat()),
+            (">i2", [-1i16, 1, 2].map(i16::to_be_bytes).concat()),
+            ("<i4", [-1i32, 1, 2].map(i32::to_le_bytes).concat()),
+        ] {
+            assert!(read(descr, data).is_err(), "{descr}");
+        }
     }
 }

@@ -1,10 +1,11 @@
-//! Portable grey map `P5`, after netpbm's pgm(5): with a maximum above 255 samples take two bytes,
+//! Portable grey maps, after netpbm's pgm(5) and pam(5): `P5` (binary), `P2` (in figures) and `P7`
+//! (arbitrary map of one channel). With a maximum above 255 binary samples take two bytes,
 //! big-endian. Several images may follow one another. The bits are those of the maximum value.
 
 use super::{Facts, Frames, area, check_range, full_scale, truncated};
 use camrig_base::{Error, Plane, Result};
 
-/// Frames as PGM bytes, one image after another.
+/// Frames as `P5` bytes, one image after another.
 ///
 /// # Errors
 /// Samples beyond the bits.
@@ -26,38 +27,26 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads PGM bytes.
+/// Reads PGM and PAM bytes.
 ///
 /// # Errors
-/// A damaged header, images of different sizes, a file shorter than its headers say.
-pub fn decode(mut bytes: &[u8]) -> Result<Frames> {
+/// A damaged header, images of several channels or of different sizes, samples above the maximum,
+/// a file shorter than its headers say.
+pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
+    let mut bytes = bytes.trim_ascii_start();
     while !bytes.is_empty() {
-        let mut header = Header { bytes, facts: &mut frames.facts };
-        header.magic()?;
-        let (width, height, top) = (header.number()?, header.number()?, header.number()?);
-        // Exactly one white space separates the maximum from the samples.
-        let data = header.bytes.get(1..).unwrap_or(&[]);
-        let pixels = area(width, height)?;
-        if !(1..=65535).contains(&top) {
-            return Err(Error::input(format!("PGM maximum {top}")).help("it is 1 to 65535"));
-        }
-        let sample_size = if top < 256 { 1 } else { 2 };
-        let needed = pixels.saturating_mul(sample_size);
-        if data.len() < needed {
-            return Err(truncated(needed, data.len()));
-        }
-        let (samples, rest) = data.split_at(needed);
-        let data = match sample_size {
-            1 => samples.iter().map(|&b| u16::from(b)).collect(),
-            _ => samples.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect(),
-        };
-        if frames.planes.first().is_some_and(|p| (p.width, p.height) != (width, height)) {
+        let mut reader = Reader { bytes, facts: &mut frames.facts };
+        let image = reader.image()?;
+        // Some writers end an image with a newline.
+        bytes = reader.bytes.trim_ascii_start();
+        let (plane, top) = image;
+        if frames.planes.first().is_some_and(|p| (p.width, p.height) != (plane.width, plane.height))
+        {
             return Err(Error::unsupported("images of different sizes in one PGM file"));
         }
-        frames.planes.push(Plane { width, height, data });
+        frames.planes.push(plane);
         frames.facts.bits = frames.facts.bits.or(Some(usize::BITS - top.leading_zeros()));
-        bytes = rest;
     }
     if frames.planes.is_empty() {
         return Err(Error::input("an empty file"));
@@ -65,18 +54,106 @@ pub fn decode(mut bytes: &[u8]) -> Result<Frames> {
     Ok(frames)
 }
 
-struct Header<'a, 'f> {
+struct Reader<'a, 'f> {
     bytes: &'a [u8],
     facts: &'f mut Facts,
 }
 
-impl Header<'_, '_> {
-    fn magic(&mut self) -> Result<()> {
-        self.bytes = self
-            .bytes
-            .strip_prefix(b"P5")
-            .ok_or_else(|| Error::input("not a binary PGM image").help("it must begin with P5"))?;
-        Ok(())
+impl Reader<'_, '_> {
+    /// The next image, and its maximum value.
+    fn image(&mut self) -> Result<(Plane<u16>, usize)> {
+        let magic = self.bytes.get(..2).unwrap_or(b"");
+        self.bytes = self.bytes.get(2..).unwrap_or(b"");
+        let (width, height, top) = match magic {
+            b"P2" | b"P5" => (self.number()?, self.number()?, self.number()?),
+            b"P7" => self.pam_header()?,
+            _ => {
+                return Err(Error::input("not a grey PGM or PAM image")
+                    .help("it must begin with P2, P5 or P7"));
+            }
+        };
+        let pixels = area(width, height)?;
+        if !(1..=65535).contains(&top) {
+            return Err(Error::input(format!("PGM maximum {top}")).help("it is 1 to 65535"));
+        }
+        let data = match magic {
+            b"P2" => self.figures(pixels)?,
+            _ => {
+                if magic == b"P5" {
+                    // Exactly one white space separates the maximum from the samples.
+                    self.bytes = self.bytes.get(1..).unwrap_or(b"");
+                }
+                self.binary(pixels, top)?
+            }
+        };
+        if let Some(above) = data.iter().find(|&&dn| usize::from(dn) > top) {
+            return Err(Error::input(format!("DN {above} above the PGM maximum {top}"))
+                .help("the file is damaged, or its header is of another one"));
+        }
+        Ok((Plane { width, height, data }, top))
+    }
+
+    fn binary(&mut self, pixels: usize, top: usize) -> Result<Vec<u16>> {
+        let sample_size = if top < 256 { 1 } else { 2 };
+        let needed = pixels.saturating_mul(sample_size);
+        if self.bytes.len() < needed {
+            return Err(truncated(needed, self.bytes.len()));
+        }
+        let (samples, rest) = self.bytes.split_at(needed);
+        self.bytes = rest;
+        Ok(match sample_size {
+            1 => samples.iter().map(|&b| u16::from(b)).collect(),
+            _ => samples.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect(),
+        })
+    }
+
+    /// Samples in figures; each takes two bytes at least, the last one.
+    fn figures(&mut self, pixels: usize) -> Result<Vec<u16>> {
+        if pixels > self.bytes.len().div_ceil(2) {
+            return Err(truncated(2 * pixels, self.bytes.len()));
+        }
+        let sample = |_| {
+            let value = self.number()?;
+            u16::try_from(value).map_err(|_| {
+                Error::input(format!("PGM sample {value}")).help("samples are 0 to 65535")
+            })
+        };
+        (0..pixels).map(sample).collect()
+    }
+
+    /// Width, height and maximum of the lines of a PAM header.
+    fn pam_header(&mut self) -> Result<(usize, usize, usize)> {
+        let (mut width, mut height, mut depth, mut top) = (0, 0, 0, 0);
+        loop {
+            let end = self.bytes.iter().position(|&b| b == b'\n');
+            let end = end.ok_or_else(|| Error::input("a PAM header without ENDHDR"))?;
+            let line = String::from_utf8_lossy(&self.bytes[..end]).into_owned();
+            self.bytes = &self.bytes[end + 1..];
+            if let Some(comment) = line.strip_prefix('#') {
+                self.facts.merge_note(comment);
+                continue;
+            }
+            let (key, value) = line.trim().split_once(char::is_whitespace).unwrap_or((&line, ""));
+            let number = || {
+                value.trim().parse::<usize>().map_err(|_| {
+                    Error::input(format!("PAM header: {key} {value:?}"))
+                        .help("a whole number expected")
+                })
+            };
+            match key.trim() {
+                "ENDHDR" => break,
+                "WIDTH" => width = number()?,
+                "HEIGHT" => height = number()?,
+                "DEPTH" => depth = number()?,
+                "MAXVAL" => top = number()?,
+                _ => {} // TUPLTYPE: one channel is grey whatever it is called
+            }
+        }
+        if depth != 1 {
+            return Err(Error::unsupported(format!("a PAM image of {depth} channels"))
+                .help("raw frames have one"));
+        }
+        Ok((width, height, top))
     }
 
     /// The next number after white space and comments; camrig's own comment carries the facts.
@@ -99,6 +176,49 @@ impl Header<'_, '_> {
         std::str::from_utf8(text)
             .ok()
             .and_then(|t| t.parse().ok())
-            .ok_or_else(|| Error::input("PGM header: width, height and maximum expected"))
+            .ok_or_else(|| Error::input("PGM: a number expected").help("truncated?"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> String {
+        match decode(bytes) {
+            Ok(f) => {
+                let planes: Vec<&[u16]> = f.planes.iter().map(|p| &p.data[..]).collect();
+                format!("{} {} {:?} {planes:?}", f.width(), f.height(), f.facts.bits)
+            }
+            Err(e) => e.to_string(),
+        }
+    }
+
+    #[test]
+    fn the_kinds_of_grey_map_are_read() {
+        let expected = "2 1 Some(10) [[5, 1023]]";
+        assert_eq!(read(b"P2\n# figures\n2 1\n1023\n5 1023\n"), expected);
+        assert_eq!(read(b"P2 2 1 1023 5 1023"), expected);
+        assert_eq!(read(b"P5\n2 1\n1023\n\x00\x05\x03\xff\n"), expected);
+        let pam = b"P7\nWIDTH 2\n# a line\nHEIGHT 1\nDEPTH 1\nMAXVAL 1023\nTUPLTYPE GRAYSCALE\n\
+                    ENDHDR\n\x00\x05\x03\xff";
+        assert_eq!(read(pam), expected);
+        let two = b"P5 1 1 255\n\x20\nP5 1 1 255\n\x0a";
+        assert_eq!(read(two), "1 1 Some(8) [[32], [10]]");
+    }
+
+    #[test]
+    fn what_is_no_grey_map_is_refused() {
+        for (bytes, said) in [
+            (&b"P7\nWIDTH 1\nHEIGHT 1\nDEPTH 3\nMAXVAL 255\nENDHDR\n\x01\x02\x03"[..], "3 channels"),
+            (b"P7\nWIDTH 1\n", "ENDHDR"),
+            (b"P2 99999999 99999999 255 1", "truncated"),
+            (b"P2 2 1 255 1", "number expected"),
+            (b"P2 1 1 255 256", "256 above"),
+            (b"P5 1 1 100\n\xff", "255 above"),
+            (b"P5 1 1 255\n\x01junk", "P2, P5 or P7"),
+        ] {
+            assert!(read(bytes).contains(said), "{}", read(bytes));
+        }
     }
 }

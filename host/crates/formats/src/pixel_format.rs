@@ -1,12 +1,18 @@
-//! Headerless raw pixels, named as Linux V4L2 names them.
+//! Headerless raw pixels, named as Linux V4L2, libcamera and GenICam name them.
 //!
 //! `SGRBG10P` is a GRBG Bayer pattern, 10 bits packed as MIPI sends them; without the `P` each
 //! sample is a little-endian 16-bit word (8 bits: a byte). `Y10P`, `Y12`, ... are without colour
-//! filters. The file name carries pixel format and size: `flat_640x480_SGRBG10P.raw`.
+//! filters. Other names ([`names`]) stand for the same layouts or for the packings of machine
+//! vision ([`Layout`]). The file name carries pixel format and size:
+//! `flat_640x480_SGRBG10P.raw`.
+
+mod layout;
+mod names;
+
+pub use layout::Layout;
 
 use super::{Facts, Frames, area, check_range, truncated};
 use camrig_base::{Cfa, Error, Plane, Result};
-use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 use std::fmt;
 use std::path::Path;
 
@@ -17,75 +23,62 @@ pub struct PixelFormat {
     pub cfa: Cfa,
     /// Bits per sample: 8, 10, 12, 14 or 16.
     pub bits: u32,
-    /// Whether samples are packed as MIPI CSI-2 sends them, instead of in 16-bit words.
-    pub packed: bool,
+    /// How samples lie in bytes.
+    pub layout: Layout,
 }
 
 impl PixelFormat {
-    /// Reads a V4L2 name: `SRGGB8`, `SGRBG10`, `SBGGR12P`, `Y16`, `GREY`, ...
+    /// Reads a name of V4L2 (`SRGGB8`, `SGRBG10`, `SBGGR12P`, `Y16`, `GREY`) or its four-character
+    /// code (`pRAA`), of libcamera (`SRGGB10_CSI2P`, `R10`), of GenICam (`BayerRG12p`,
+    /// `Mono12Packed`) or FFmpeg (`bayer_rggb16le`, `gray12be`). A name of words with `_BE` behind
+    /// it has the high byte first.
     ///
     /// # Errors
-    /// A name that V4L2 does not have.
+    /// A name that is none of these.
     pub fn parse(name: &str) -> Result<Self> {
-        let bad = || {
+        names::find(name).ok_or_else(|| {
             Error::unsupported(format!("pixel format {name:?}")).help(
                 "use V4L2's names: S + RGGB, GRBG, GBRG or BGGR, or Y, + 8, 10, 12, 14 or 16, + P \
-                 for MIPI-packed; for instance SGRBG10P",
+                 for MIPI-packed, for instance SGRBG10P; or GenICam's, for instance BayerRG12p",
             )
-        };
-        let upper = name.to_ascii_uppercase();
-        let upper = if upper == "GREY" { "Y8".into() } else { upper };
-        let (body, packed) = upper.strip_suffix('P').map_or((&upper[..], false), |b| (b, true));
-        let digits = body.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-        let bits = body[digits..].parse().map_err(|_| bad())?;
-        let cfa = match &body[..digits] {
-            "Y" => "mono",
-            "SRGGB" => "RGGB",
-            "SGRBG" => "GRBG",
-            "SGBRG" => "GBRG",
-            "SBGGR" => "BGGR",
-            _ => return Err(bad()),
-        };
-        // 8 and 16 bits fill their bytes: V4L2 has no packed names for them.
-        if Packing::of_bits(bits).is_none() || (packed && matches!(bits, 8 | 16)) {
-            return Err(bad());
-        }
-        Ok(Self { cfa: Cfa::parse(cfa)?, bits, packed })
+        })
     }
 
     /// Whether a file of this name is headerless: `.raw` and `.bin`.
     pub fn is_headerless(path: &Path) -> bool {
-        path.extension().is_some_and(|e| e == "raw" || e == "bin")
+        let headerless = |e: &std::ffi::OsStr| {
+            e.eq_ignore_ascii_case("raw") || e.eq_ignore_ascii_case("bin")
+        };
+        path.extension().is_some_and(headerless)
     }
 
     /// Pixel format, and width and height in pixels where given, from the words of a file name,
     /// separated by `_`.
     ///
     /// # Errors
-    /// No word that is a pixel format.
+    /// No word that is a pixel format, or one of a compressed kind.
     pub fn from_file_name(path: &Path) -> Result<(Self, Option<(usize, usize)>)> {
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
         let size = |word: &str| {
             let (w, h) = word.split_once('x')?;
             Some((w.parse().ok()?, h.parse().ok()?))
         };
-        let words = || stem.split('_');
-        let pixels = words().rev().find_map(|w| Self::parse(w).ok()).ok_or_else(|| {
+        let words: Vec<&str> = stem.split('_').collect();
+        let format = (0..words.len()).rev().find_map(|last| {
+            // Some names have an underscore: SRGGB10_CSI2P.
+            let joined = last.checked_sub(1).map(|i| words[i..=last].join("_"));
+            let found = joined.and_then(|name| names::find(&name));
+            Some((last, found.or_else(|| names::find(words[last]))?))
+        });
+        let (last, pixels) = format.ok_or_else(|| {
             Error::input(format!("no pixel format in the name {path:?}"))
                 .help("name it like NAME_640x480_SGRBG10P.raw, or give the pixel format")
         })?;
-        Ok((pixels, words().rev().find_map(size)))
-    }
-
-    /// The layout of a row.
-    pub fn packing(&self) -> Packing {
-        match (self.packed, self.bits) {
-            (_, 8) => Packing::Raw8,
-            (true, 10) => Packing::Raw10,
-            (true, 12) => Packing::Raw12,
-            (true, 14) => Packing::Raw14,
-            _ => Packing::Le16,
+        if let Some(kind) = words.get(last + 1).filter(|word| names::is_other_layout(word)) {
+            return Err(Error::unsupported(format!("pixel format {}_{kind}", words[last]))
+                .help("pixels in words, MIPI-packed, and packed as GenICam does are read"));
         }
+        Ok((pixels, words.iter().rev().find_map(|w| size(w))))
     }
 
     /// Frames as pixels one after another, rows without padding.
@@ -94,26 +87,43 @@ impl PixelFormat {
     /// Frames of another colour filter pattern, samples beyond the bits.
     pub fn encode(&self, frames: &Frames) -> Result<Vec<u8>> {
         self.check(&frames.facts)?;
-        let packing = self.packing();
-        let row_bytes = packing.row_bytes(frames.width());
+        let row_bytes = self.layout.row_bytes(self.bits, frames.width())?;
         let mut bytes = vec![0; row_bytes * frames.height() * frames.planes.len()];
         let rows = frames.planes.iter().flat_map(|p| p.data.chunks_exact(p.width));
         for plane in &frames.planes {
             check_range(&plane.data, self.bits)?;
         }
         for (out, row) in bytes.chunks_exact_mut(row_bytes).zip(rows) {
-            pack_row(packing, row, out).map_err(wrong_size)?;
+            self.layout.pack(self.bits, row, out)?;
         }
         Ok(bytes)
     }
 
-    /// Refuses frames of another pattern, which must not be relabelled silently.
+    /// Refuses frames of another pattern, which must not be relabelled silently. Names without
+    /// colour filters also serve for patterns that have no name ([`PixelFormat::leaves_out`]).
     fn check(&self, facts: &Facts) -> Result<()> {
-        if let Some(cfa) = facts.cfa.as_ref().filter(|c| **c != self.cfa) {
+        let nameless = self.cfa.is_mono() && facts.cfa.as_ref().is_some_and(|c| !is_bayer(c));
+        if let Some(cfa) = facts.cfa.as_ref().filter(|c| **c != self.cfa && !nameless) {
+            let help = if is_bayer(cfa) {
+                "choose the pixel format of the frame's own pattern"
+            } else {
+                "no pixel format names this pattern: choose one without colour filters, such as \
+                 Y12, and tell readers the pattern"
+            };
             return Err(Error::unsupported(format!("a frame with pattern {cfa} as {self}"))
-                .help("choose the pixel format of the frame's own pattern"));
+                .help(help));
         }
         Ok(())
+    }
+
+    /// What the pixels of these facts do not say although their format's name seems to: a colour
+    /// filter pattern that has no name.
+    pub fn leaves_out(&self, facts: &Facts) -> Option<String> {
+        let cfa = facts.cfa.as_ref().filter(|c| self.cfa.is_mono() && !c.is_mono())?;
+        Some(format!(
+            "the pattern {cfa} is not in the file: {self} has no colour filters, and no pixel \
+             format names this pattern; tell it to readers"
+        ))
     }
 
     /// Frames from pixels one after another, `width` x `height` each. `stride` is the distance
@@ -129,8 +139,7 @@ impl PixelFormat {
         stride: Option<usize>,
     ) -> Result<Frames> {
         area(width, height)?;
-        let packing = self.packing();
-        let row_bytes = packing.row_bytes(width);
+        let row_bytes = self.layout.row_bytes(self.bits, width)?;
         let stride = stride.unwrap_or(row_bytes);
         if stride < row_bytes {
             return Err(Error::input(format!("a stride of {stride} bytes"))
@@ -149,8 +158,7 @@ impl PixelFormat {
             .map(|frame| {
                 let mut plane = Plane::filled(width, height, 0);
                 for (y, row) in frame.chunks_exact(stride).enumerate() {
-                    unpack_row(packing, &row[..row_bytes], plane.row_mut(y))
-                        .map_err(wrong_size)?;
+                    self.layout.unpack(self.bits, &row[..row_bytes], plane.row_mut(y))?;
                 }
                 check_range(&plane.data, self.bits)?;
                 Ok(plane)
@@ -166,52 +174,52 @@ impl PixelFormat {
         let path = path.display();
         let order = self.cfa.to_string().to_ascii_lowercase();
         let mono = self.cfa.is_mono();
-        let word = if self.bits == 8 { "8" } else { "16le" };
+        let end = if self.layout == Layout::WordsBig { "be" } else { "le" };
         let mut hints = Vec::new();
-        if !self.packed {
+        let row_bytes = self.layout.row_bytes(self.bits, width).unwrap_or(0);
+        if matches!(self.layout, Layout::Words | Layout::WordsBig) {
             let format = match (mono, self.bits) {
                 (true, 8) => "gray".into(),
-                (true, bits @ (10 | 12 | 14)) => format!("gray{bits}le"),
-                (true, _) => "gray16le".into(),
-                _ => format!("bayer_{order}{word}"),
+                (true, bits @ (10 | 12 | 14)) => format!("gray{bits}{end}"),
+                (true, _) => format!("gray16{end}"),
+                (_, 8) => format!("bayer_{order}8"),
+                _ => format!("bayer_{order}16{end}"),
             };
             hints.push(format!(
                 "ffmpeg -f rawvideo -pixel_format {format} -video_size {width}x{height} -i {path} \
                  out.png"
             ));
-        }
-        let caps = match (mono, self.bits) {
-            (true, 8) => "video/x-raw,format=GRAY8".into(),
-            (true, _) => "video/x-raw,format=GRAY16_LE".into(),
-            (_, 8) => format!("video/x-bayer,format={order}"),
-            (_, bits) => format!("video/x-bayer,format={order}{bits}le"),
-        };
-        if !self.packed {
-            let size = self.packing().row_bytes(width) * height;
+            let caps = match (mono, self.bits) {
+                (true, 8) => "video/x-raw,format=GRAY8".into(),
+                (true, _) => format!("video/x-raw,format=GRAY16_{}", end.to_uppercase()),
+                (_, 8) => format!("video/x-bayer,format={order}"),
+                (_, bits) => format!("video/x-bayer,format={order}{bits}{end}"),
+            };
             hints.push(format!(
-                "gst-launch-1.0 filesrc location={path} blocksize={size} ! \
-                 {caps},width={width},height={height},framerate=1/1 ! ..."
+                "gst-launch-1.0 filesrc location={path} blocksize={} ! \
+                 {caps},width={width},height={height},framerate=1/1 ! ...",
+                row_bytes * height
             ));
         }
-        hints.push(format!(
-            "V4L2 pixel format {self}, bytesperline {}",
-            self.packing().row_bytes(width)
-        ));
+        let whose = match self.layout {
+            Layout::Words | Layout::Mipi => "V4L2 pixel format",
+            _ => "pixel format",
+        };
+        hints.push(format!("{whose} {self}, bytesperline {row_bytes}"));
         hints
     }
 }
 
+/// Whether a pattern is one of the four that pixel formats name.
+fn is_bayer(cfa: &Cfa) -> bool {
+    cfa.height == 2 && names::BAYER.iter().any(|name| cfa.to_string() == *name)
+}
+
 impl fmt::Display for PixelFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let packed = if self.packed { "P" } else { "" };
-        if self.cfa.is_mono() {
-            write!(f, "Y{}{packed}", self.bits)
-        } else {
-            write!(f, "S{}{}{packed}", self.cfa, self.bits)
-        }
+        f.write_str(&names::name(self))
     }
 }
 
-fn wrong_size(e: camrig_rig_link::packing::WrongSize) -> Error {
-    Error::input(format!("a row of {} bytes where {} are needed", e.found, e.needed))
-}
+#[cfg(test)]
+mod tests;

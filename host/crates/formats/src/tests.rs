@@ -70,11 +70,12 @@ fn samples_come_back_from_every_format() {
                 }
                 assert_eq!(bytes, format.encode(&frames).unwrap(), "same input, same bytes");
             }
-            for packed in [false, true] {
-                if packed && matches!(bits, 8 | 16) {
+            use pixel_format::Layout;
+            for layout in [Layout::Words, Layout::WordsBig, Layout::Mipi] {
+                if layout != Layout::Words && matches!(bits, 8 | 16) {
                     continue;
                 }
-                let pixels = PixelFormat { cfa: Cfa::parse(cfa).unwrap(), bits, packed };
+                let pixels = PixelFormat { cfa: Cfa::parse(cfa).unwrap(), bits, layout };
                 assert_eq!(PixelFormat::parse(&pixels.to_string()).unwrap(), pixels);
                 let bytes = pixels.encode(&frames).unwrap();
                 let back = pixels.decode(&bytes, 12, 10, None).unwrap();
@@ -114,11 +115,149 @@ fn dng_metadata_come_back() {
 
 #[test]
 fn dng_of_other_patterns_comes_back() {
-    for cfa in ["RRGG/RRGG/GGBB/GGBB", "RG/GW", "GBGRGR/RGRBGB/GBGRGR/RGRBGB/BGBGRG/RGRGBG"] {
+    for (cfa, codes) in [
+        ("RRGG/RRGG/GGBB/GGBB", &[0, 0, 1, 1, 0, 0, 1, 1, 1, 1, 2, 2, 1, 1, 2, 2][..]),
+        ("RG/GW", &[0, 1, 1, 6]),
+        ("RC/CC", &[0, 6, 6, 6]),
+        ("RC/CB", &[0, 6, 6, 2]),
+        ("CY/GM", &[3, 5, 1, 4]),
+        ("BGRG/GIGI/RGBG/GIGI", &[2, 1, 0, 1, 1, 6, 1, 6, 0, 1, 2, 1, 1, 6, 1, 6]),
+        ("RGBW/RGBW", &[0, 1, 2, 6, 0, 1, 2, 6]),
+    ] {
         let raw = frame(12, 12, 10, cfa);
-        let back = decode(&dng::encode(&raw, &DngInfo::default()).unwrap()).unwrap();
-        assert_eq!(back.raw(0).unwrap(), raw, "{cfa}");
+        let bytes = dng::encode(&raw, &DngInfo::default()).unwrap();
+        assert!(bytes.windows(codes.len()).any(|w| w == codes), "{cfa}");
+        assert_eq!(decode(&bytes).unwrap().raw(0).unwrap(), raw, "{cfa}");
+        // Formats whose note alone carries the pattern.
+        for format in [Format::Tiff, Format::Pgm, Format::Png, Format::Fits] {
+            let bytes = format.encode(&Frames::from_raw(&raw)).unwrap();
+            assert_eq!(decode(&bytes).unwrap().raw(0).unwrap(), raw, "{cfa} {format:?}");
+        }
     }
+    let large = frame(12, 12, 10, "GBGRGR/RGRBGB/GBGRGR/RGRBGB/BGBGRG/RGRGBG");
+    let back = decode(&dng::encode(&large, &DngInfo::default()).unwrap()).unwrap();
+    assert_eq!(back.raw(0).unwrap(), large);
+}
+
+/// Tags of a DNG: number, type, count, value or offset.
+type Tags = Vec<(u16, u16, u32, u32)>;
+
+/// A little-endian DNG of RGGB pixels with its raw in the first directory: `data` begins at 8.
+fn by_hand(width: u32, height: u32, data: &[u8], more: Tags) -> Vec<u8> {
+    let mut tags: Tags = vec![
+        (256, 4, 1, width),
+        (257, 4, 1, height),
+        (258, 3, 1, 16),
+        (262, 3, 1, 32803),
+        (277, 3, 1, 1),
+        (33421, 3, 2, 2 << 16 | 2),
+        (33422, 1, 4, 0x0201_0100),
+        (50706, 1, 4, 0x0000_0401),
+    ];
+    tags.extend(more);
+    tags.sort();
+    let mut bytes = b"II*\0".to_vec();
+    bytes.extend((8 + data.len() as u32).to_le_bytes());
+    bytes.extend(data);
+    bytes.extend((tags.len() as u16).to_le_bytes());
+    for (tag, kind, count, value) in tags {
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(count.to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+    }
+    bytes.extend([0; 4]);
+    bytes
+}
+
+fn plain_strip(white: u32) -> Tags {
+    vec![(259, 3, 1, 1), (273, 4, 1, 8), (278, 4, 1, 2), (279, 4, 1, 16), (50717, 4, 1, white)]
+}
+
+#[test]
+fn samples_above_the_white_level_are_kept() {
+    let samples = [0u16, 5, 2000, 2050, 7, 1999, 2001, 1];
+    let data: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let frames = decode(&by_hand(4, 2, &data, plain_strip(2000))).unwrap();
+    let raw = frames.raw(0).unwrap();
+    assert_eq!((raw.bits, raw.white_level_dn, &raw.data[..]), (12, 2000, &samples[..]));
+    let again = decode(&Format::Dng.encode(&frames).unwrap()).unwrap();
+    assert_eq!(again.raw(0).unwrap(), raw);
+}
+
+#[test]
+fn what_a_dng_reader_does_not_apply_is_said_or_refused() {
+    let mut tags = plain_strip(4000);
+    tags.push((50716, 10, 1, 8)); // BlackLevelDeltaV: a fraction of the samples' bytes
+    let data: Vec<u8> = (1..9u16).flat_map(|v| v.to_le_bytes()).collect();
+    let frames = decode(&by_hand(4, 2, &data, tags)).unwrap();
+    assert!(frames.facts.notes[0].contains("BlackLevelDelta"), "{:?}", frames.facts.notes);
+    for (tag, said) in [((50711, 3, 1, 2), "CFALayout"), ((259, 3, 1, 34892), "lossy")] {
+        let mut tags = plain_strip(4000);
+        tags.retain(|t| t.0 != tag.0);
+        tags.push(tag);
+        let error = decode(&by_hand(4, 2, &data, tags)).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+/// Lossless JPEG in one strip, in two tiles, and in a strip of two rows as one.
+#[test]
+fn lossless_jpeg_fills_strips_and_tiles_row_by_row() {
+    let samples: Vec<u16> = (0..32u16).map(|i| i * 97 % 4096).collect();
+    let of = |columns: std::ops::Range<usize>| -> Vec<u16> {
+        samples.chunks(8).flat_map(|row| row[columns.clone()].to_vec()).collect()
+    };
+    let plain = ljpeg::encode(&samples, (4, 4, 2), (12, 1), 0);
+    let folded = ljpeg::encode(&samples, (8, 2, 2), (12, 6), 0);
+    for strip in [plain, folded] {
+        let tags = vec![
+            (259, 3, 1, 7),
+            (273, 4, 1, 8),
+            (278, 4, 1, 4),
+            (279, 4, 1, strip.len() as u32),
+            (50717, 4, 1, 4095),
+        ];
+        let frames = decode(&by_hand(8, 4, &strip, tags)).unwrap();
+        assert_eq!(frames.planes[0].data, samples);
+    }
+    let tiles = [0..4, 4..8].map(|c| ljpeg::encode(&of(c), (4, 4, 1), (12, 7), 0));
+    let lengths: Vec<u32> = tiles.iter().map(|t| t.len() as u32).collect();
+    // The tiles' lengths and offsets lie before them.
+    let mut data: Vec<u8> = lengths.iter().flat_map(|v| v.to_le_bytes()).collect();
+    data.extend([24, 24 + lengths[0]].iter().flat_map(|v| v.to_le_bytes()));
+    data.extend(tiles.concat());
+    let tags = vec![
+        (259, 3, 1, 7),
+        (322, 4, 1, 4),
+        (323, 4, 1, 4),
+        (324, 4, 2, 16),
+        (325, 4, 2, 8),
+        (50717, 4, 1, 4095),
+    ];
+    let file = by_hand(8, 4, &data, tags);
+    assert_eq!(decode(&file).unwrap().planes[0].data, samples);
+    for length in 0..file.len() {
+        assert!(decode(&file[..length]).is_err(), "{length}");
+    }
+}
+
+#[test]
+fn frames_within_gzip_are_read_and_bombs_refused() {
+    use std::io::Write;
+    let pack = |bytes: &[u8]| {
+        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        gz.write_all(bytes).unwrap();
+        gz.finish().unwrap()
+    };
+    let frames = Frames::from_raw(&frame(6, 4, 12, "RGGB"));
+    let packed = pack(&Format::Fits.encode(&frames).unwrap());
+    assert_eq!(decode(&packed).unwrap(), frames);
+    for length in 3..packed.len() {
+        assert!(decode(&packed[..length]).is_err(), "{length}");
+    }
+    let error = gzip::inflate(&pack(&[0; 100_000]), 99_999).unwrap_err();
+    assert!(error.to_string().contains("more than 99999"), "{error}");
 }
 
 /// A packed big-endian DNG with its raw in the first directory, written by hand.
@@ -209,7 +348,7 @@ proptest! {
     #[test]
     fn random_bytes_never_panic(
         magic in prop::sample::select(vec![
-            &b"II*\0"[..], b"MM\0*", b"\x93NUMPY\x01\0", b"\x93NUMPY\x02\0", b"P5\n", b"SIMPLE  =",
+            &b"II*\0"[..], b"MM\0*", b"P2\n", b"P7\n", b"\x1f\x8b\x08\0", b"\x93NUMPY\x01\0", b"\x93NUMPY\x02\0", b"P5\n", b"SIMPLE  =",
             b"\x89PNG\r\n\x1a\n", b"II+\0\x08\0\0\0", b"\0\x01\0\x1a",
         ]),
         rest in proptest::collection::vec(any::<u8>(), 0..300),

@@ -1,9 +1,12 @@
 //! Grey TIFF: 16-bit words, uncompressed, one page per frame.
 //!
-//! The reader takes grey pages of 8 or 16 bits, classic or BigTIFF, uncompressed or with one of
-//! the compressions of the `tiff` crate (LZW, Deflate, PackBits).
+//! The reader takes grey pages of whole numbers from 0 to 65535, stored as integers or floats of 8
+//! to 64 bits, classic or BigTIFF, uncompressed or with one of the compressions of the `tiff`
+//! crate (LZW, Deflate, PackBits); uncompressed ones also packed, of 9 to 15 bits. Samples of
+//! pages whose white is 0 stay as stored, and a note says so.
 
-use super::{Facts, Frames, check_range};
+use super::ifd::Tiff;
+use super::{Facts, Frames, check_range, narrow, tiff_samples};
 use camrig_base::{Error, Plane, Result};
 use std::io::{Cursor, ErrorKind};
 use tiff::decoder::{Decoder, DecodingResult};
@@ -45,62 +48,223 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 /// Reads TIFF bytes.
 ///
 /// # Errors
-/// Pages that are not grey of 8 or 16 bits or differ in size, a damaged or truncated file.
+/// Pages that are not grey or differ in size, values that are not DN from 0 to 65535, a damaged or
+/// truncated file.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
-    let failed = |e: tiff::TiffError| match e {
-        tiff::TiffError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
-            Error::input("a truncated TIFF or DNG").help("the file is incomplete; get it again")
-        }
-        e => Error::input(format!("TIFF: {e}")),
-    };
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     loop {
-        let (width, height) = file.dimensions().map_err(failed)?;
-        let (width, height) = (width as usize, height as usize);
-        let color = file.colortype().map_err(failed)?;
-        let tiff::ColorType::Gray(depth @ (8 | 16)) = color else {
-            return Err(Error::unsupported(format!("a TIFF of colour type {color:?}"))
-                .help("raw frames are grey, 8 or 16 bits"));
-        };
-        // Checked before the pixels are read, so that a forged size costs no memory.
-        if file
-            .find_tag(Tag::Compression)
-            .is_ok_and(|c| c.is_none_or(|c| c.into_u16().is_ok_and(|c| c == 1)))
-        {
-            let needed = super::area(width, height)?.saturating_mul(usize::from(depth) / 8);
-            if needed > bytes.len() {
-                return Err(super::truncated(needed, bytes.len()));
-            }
-        }
-        let data = match file.read_image().map_err(failed)? {
-            DecodingResult::U8(data) => data.into_iter().map(u16::from).collect(),
-            DecodingResult::U16(data) => data,
-            _ => {
-                return Err(Error::unsupported(
-                    "a TIFF of samples that are not unsigned integers",
-                ));
-            }
-        };
-        if data.len() != width * height {
-            return Err(Error::input(format!(
-                "TIFF: {} of {} pixels",
-                data.len(),
-                width * height
-            )));
-        }
+        let page = Page::read(&mut file, bytes)?;
         if frames.planes.is_empty() {
-            frames.facts.bits = Some(depth.into());
+            frames.facts.bits = page.bits;
             if let Ok(note) = file.get_tag_ascii_string(Tag::ImageDescription) {
                 frames.facts.merge_note(&note);
             }
-        } else if (frames.width(), frames.height()) != (width, height) {
+            if page.white_is_zero {
+                frames.facts.notes.push(
+                    "the file calls 0 white (PhotometricInterpretation WhiteIsZero): its samples \
+                     are taken as stored, not inverted"
+                        .into(),
+                );
+            }
+        } else if (frames.width(), frames.height()) != (page.plane.width, page.plane.height) {
             return Err(Error::unsupported("pages of different sizes in one TIFF file"));
         }
-        frames.planes.push(Plane { width, height, data });
+        frames.planes.push(page.plane);
         if !file.more_images() {
             return Ok(frames);
         }
         file.next_image().map_err(failed)?;
+    }
+}
+
+fn failed(e: tiff::TiffError) -> Error {
+    match e {
+        tiff::TiffError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
+            Error::input("a truncated TIFF or DNG").help("the file is incomplete; get it again")
+        }
+        e => Error::input(format!("TIFF: {e}")),
+    }
+}
+
+/// One page.
+struct Page {
+    plane: Plane<u16>,
+    /// Bits per sample, where samples are unsigned integers of at most 16.
+    bits: Option<u32>,
+    white_is_zero: bool,
+}
+
+impl Page {
+    /// The page at which the file stands.
+    fn read(file: &mut Decoder<Cursor<&[u8]>>, bytes: &[u8]) -> Result<Self> {
+        let (width, height) = file.dimensions().map_err(failed)?;
+        let (width, height) = (width as usize, height as usize);
+        let color = file.colortype().map_err(failed)?;
+        let tiff::ColorType::Gray(depth @ (8..=16 | 32 | 64)) = color else {
+            return Err(Error::unsupported(format!("a TIFF of colour type {color:?}"))
+                .help("raw frames are grey, 8 to 16 bits, or of whole numbers in 32 or 64"));
+        };
+        let mut number = |tag, missing| {
+            let value = file.find_tag(tag).ok().flatten();
+            value.map_or(Some(missing), |v| v.into_u16().ok())
+        };
+        let uncompressed = number(Tag::Compression, 1) == Some(1);
+        let white_is_zero = number(Tag::PhotometricInterpretation, 1) == Some(0);
+        // Checked before the pixels are read, so that a forged size costs no memory.
+        if uncompressed {
+            let bits = super::area(width, height)?.saturating_mul(usize::from(depth));
+            if bits / 8 > bytes.len() {
+                return Err(super::truncated(bits / 8, bytes.len()));
+            }
+        }
+        let bits = (depth <= 16).then_some(u32::from(depth));
+        if !matches!(depth, 8 | 16 | 32 | 64) {
+            let plane = packed(file, bytes, depth, uncompressed)?;
+            return Ok(Self { plane, bits, white_is_zero });
+        }
+        let image = file.read_image().map_err(failed)?;
+        let whole = matches!(image, DecodingResult::U8(_) | DecodingResult::U16(_));
+        let data = samples(image, white_is_zero)?;
+        if data.len() != width * height {
+            let text = format!("TIFF: {} of {} pixels", data.len(), width * height);
+            return Err(Error::input(text));
+        }
+        let plane = Plane { width, height, data };
+        Ok(Self { plane, bits: bits.filter(|_| whole), white_is_zero })
+    }
+}
+
+/// The samples as stored: where white is 0, the `tiff` crate has inverted them.
+fn samples(image: DecodingResult, inverted: bool) -> Result<Vec<u16>> {
+    let integers = |values: &mut dyn Iterator<Item = i128>| values.map(narrow::integer).collect();
+    let floats = |values: &mut dyn Iterator<Item = f64>| values.map(narrow::float).collect();
+    match image {
+        DecodingResult::U8(data) => {
+            Ok(data.into_iter().map(|v| u16::from(if inverted { !v } else { v })).collect())
+        }
+        DecodingResult::U16(data) if inverted => Ok(data.into_iter().map(|v| !v).collect()),
+        DecodingResult::U16(data) => Ok(data),
+        DecodingResult::U32(data) => {
+            integers(&mut data.into_iter().map(|v| i128::from(if inverted { !v } else { v })))
+        }
+        DecodingResult::U64(data) => {
+            integers(&mut data.into_iter().map(|v| i128::from(if inverted { !v } else { v })))
+        }
+        // The crate refuses signed samples whose white is 0.
+        DecodingResult::I8(data) => integers(&mut data.into_iter().map(i128::from)),
+        DecodingResult::I16(data) => integers(&mut data.into_iter().map(i128::from)),
+        DecodingResult::I32(data) => integers(&mut data.into_iter().map(i128::from)),
+        DecodingResult::I64(data) => integers(&mut data.into_iter().map(i128::from)),
+        DecodingResult::F32(data) => {
+            let stored = |v| f64::from(if inverted { 1.0 - v } else { v });
+            floats(&mut data.into_iter().map(stored))
+        }
+        DecodingResult::F64(data) => {
+            floats(&mut data.into_iter().map(|v| if inverted { 1.0 - v } else { v }))
+        }
+        DecodingResult::F16(data) => floats(&mut data.into_iter().map(f64::from)),
+    }
+}
+
+/// A page of packed samples, which the `tiff` crate does not read.
+fn packed(
+    file: &mut Decoder<Cursor<&[u8]>>,
+    bytes: &[u8],
+    depth: u8,
+    uncompressed: bool,
+) -> Result<Plane<u16>> {
+    let refused = |what: &str| {
+        Error::unsupported(format!("a TIFF of {depth} bits per sample, {what}"))
+            .help("samples of 9 to 15 bits are read from uncompressed classic TIFF files")
+    };
+    if !uncompressed {
+        return Err(refused("compressed"));
+    }
+    let signed = file.find_tag(Tag::SampleFormat).ok().flatten();
+    if signed.is_some_and(|v| v.into_u16().ok() != Some(1)) {
+        return Err(refused("not unsigned integers"));
+    }
+    let directory = file.ifd_pointer().ok_or_else(|| refused("without a directory"))?;
+    let tiff = Tiff::open(bytes).map_err(|_| refused("BigTIFF"))?;
+    tiff_samples::read(&tiff, &tiff.ifd(directory.0 as usize)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A little-endian page of 3 x 2 with one strip.
+    fn page(bits: u16, photometric: u16, format: u16, strip: &[u8]) -> Vec<u8> {
+        let tags = [
+            (256u16, 3u16),
+            (257, 2),
+            (258, bits),
+            (259, 1),
+            (262, photometric),
+            (273, 8),
+            (277, 1),
+            (278, 2),
+            (279, strip.len() as u16),
+            (339, format),
+        ];
+        let mut bytes = b"II*\0".to_vec();
+        bytes.extend((8 + strip.len() as u32).to_le_bytes());
+        bytes.extend(strip);
+        bytes.extend((tags.len() as u16).to_le_bytes());
+        for (tag, value) in tags {
+            bytes.extend(tag.to_le_bytes());
+            bytes.extend([3, 0, 1, 0, 0, 0]);
+            bytes.extend(u32::from(value).to_le_bytes());
+        }
+        bytes.extend([0; 4]);
+        bytes
+    }
+
+    fn bytes_of<const N: usize>(values: impl IntoIterator<Item = [u8; N]>) -> Vec<u8> {
+        values.into_iter().flatten().collect()
+    }
+
+    const DN: [u16; 6] = [0, 1, 500, 4095, 32767, 70];
+
+    #[test]
+    fn samples_whose_white_is_zero_stay_as_stored() {
+        let words = bytes_of(DN.map(u16::to_le_bytes));
+        let floats = bytes_of(DN.map(|v| f32::from(v).to_le_bytes()));
+        let wide = bytes_of(DN.map(|v| u32::from(v).to_le_bytes()));
+        for (bits, format, strip) in [(16, 1, words), (32, 3, floats), (32, 1, wide)] {
+            let white = decode(&page(bits, 0, format, &strip)).unwrap();
+            assert_eq!(white.planes[0].data, DN, "{bits} bits, format {format}");
+            assert!(white.facts.notes[0].contains("as stored"), "{:?}", white.facts.notes);
+            let black = decode(&page(bits, 1, format, &strip)).unwrap();
+            assert_eq!((black.planes, black.facts.notes), (white.planes, vec![]));
+        }
+        let small = decode(&page(8, 0, 1, &[0, 1, 2, 3, 254, 255])).unwrap();
+        assert_eq!(small.planes[0].data, [0, 1, 2, 3, 254, 255]);
+    }
+
+    #[test]
+    fn whole_numbers_in_other_types_are_read_and_others_refused() {
+        let signed = bytes_of(DN.map(|v| (v as i16).to_le_bytes()));
+        assert_eq!(decode(&page(16, 1, 2, &signed)).unwrap().planes[0].data, DN);
+        for (bits, format, strip, said) in [
+            (16, 2, bytes_of([0i16, 1, -1, 3, 4, 5].map(i16::to_le_bytes)), "-1"),
+            (32, 3, bytes_of([0f32, 1.0, 0.5, 3.0, 4.0, 5.0].map(f32::to_le_bytes)), "0.5"),
+            (32, 3, bytes_of([f32::NAN; 6].map(f32::to_le_bytes)), "NaN"),
+            (32, 1, bytes_of([65536u32; 6].map(u32::to_le_bytes)), "65536"),
+        ] {
+            let error = decode(&page(bits, 1, format, &strip)).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn packed_samples_are_read() {
+        // 0x123 0x456 0x789, then a row that begins on a byte.
+        let strip = [0x12, 0x34, 0x56, 0x78, 0x90, 0xAB, 0xCD, 0xEF, 0x01, 0x20];
+        let frames = decode(&page(12, 1, 1, &strip)).unwrap();
+        assert_eq!(frames.planes[0].data, [0x123, 0x456, 0x789, 0xABC, 0xDEF, 0x012]);
+        assert_eq!(frames.facts.bits, Some(12));
+        assert!(decode(&page(12, 1, 1, &strip[..9])).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! The dark and flat stacks of a capture set as levels: conditions and moments, for photon
 //! transfer and EMVA 1288.
 
+use super::codes::{BitsSeen, Codes};
 use super::moments::Moments;
 use super::stack::Stack;
 use camrig_base::{Error, Result};
@@ -33,6 +34,13 @@ pub struct Level {
     pub photons: Option<f64>,
     /// Moments of each channel.
     pub channels: Vec<Moments>,
+    /// Bits in which the samples vary.
+    pub seen: BitsSeen,
+}
+
+/// The codes of the samples of these levels.
+pub fn codes(darks: &[Level], flats: &[Level]) -> Codes {
+    Codes::of(darks.iter().chain(flats).map(|level| level.seen))
 }
 
 /// Captures of one analog gain and, for flats, one kind of light, chosen for a photon transfer.
@@ -122,6 +130,7 @@ impl Level {
             light: capture.light.clone(),
             photons: photons(set, capture),
             channels: (0..channels).map(|c| stack.channel_moments(c)).collect(),
+            seen: stack.seen,
         }
     }
 }

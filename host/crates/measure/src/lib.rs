@@ -53,6 +53,7 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+pub mod codes;
 pub mod compare;
 pub mod correlation;
 pub mod coupling;

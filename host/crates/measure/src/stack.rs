@@ -4,6 +4,7 @@
 //! are summed as integers, so that the moments do not depend on batches or threads. Frames stored
 //! uncompressed need only the memory of the current strips, whatever the length of the stack.
 
+use super::codes::BitsSeen;
 use super::moments::Moments;
 use super::site::Site;
 use super::sums::Sums;
@@ -27,6 +28,8 @@ pub struct Stack {
     pub frame_means: Vec<Vec<f64>>,
     /// Moments of each site.
     pub moments: Vec<Moments>,
+    /// Bits in which the samples vary.
+    pub seen: BitsSeen,
 }
 
 impl Stack {
@@ -70,6 +73,7 @@ impl Stack {
             frame_means: sums.frame_means(),
             moments,
             sites,
+            seen: sums.seen,
             sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
         })
     }

@@ -71,14 +71,15 @@ fn add_frames<const N: usize, const FIRST: bool>(
 /// Sums or numbers of samples for each site of the pattern, row by row.
 pub type PerSite = Vec<f64>;
 
-/// Sums of the samples of some rows, with the smallest and the largest sample.
+/// Sums of the samples of some rows, with the smallest and the largest sample, and the bits in
+/// which samples differ from the first.
 pub fn sums(
     samples: &[u16],
     (width, step_x, step_y): (usize, usize, usize),
-) -> (PerSite, u16, u16) {
+) -> (PerSite, u16, u16, u16) {
     let mut lanes = vec![[0; SAMPLE_LANES]; step_y];
-    let (low, high) = sum_lanes(samples, width, &mut lanes);
-    (lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect(), low, high)
+    let (low, high, varied) = sum_lanes(samples, width, &mut lanes);
+    (lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect(), low, high, varied)
 }
 
 /// Numbers of samples of some rows that lie from `low` to `high`.
@@ -101,8 +102,13 @@ fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<It
 /// Adds rows to the lanes of their row of the pattern. The samples of a strip do not overflow a
 /// lane.
 #[vectorised]
-fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16) {
+fn sum_lanes(
+    samples: &[u16],
+    width: usize,
+    sums: &mut [[u32; SAMPLE_LANES]],
+) -> (u16, u16, u16) {
     let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
+    let (first, mut varied) = (samples.first().copied().unwrap_or(0), [0; SAMPLE_LANES]);
     let step_y = sums.len();
     for (y, row) in samples.chunks_exact(width).enumerate() {
         let sums = &mut sums[y % step_y];
@@ -112,16 +118,19 @@ fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) ->
                 sums[i] += u32::from(chunk[i]);
                 low[i] = low[i].min(chunk[i]);
                 high[i] = high[i].max(chunk[i]);
+                varied[i] |= chunk[i] ^ first;
             }
         }
         for (i, &v) in rest.iter().enumerate() {
             sums[i] += u32::from(v);
             low[i] = low[i].min(v);
             high[i] = high[i].max(v);
+            varied[i] |= v ^ first;
         }
     }
     let low = low.iter().fold(u16::MAX, |a, &b| a.min(b));
-    (low, high.iter().fold(0, |a, &b| a.max(b)))
+    let varied = varied.iter().fold(0, |a, &b| a | b);
+    (low, high.iter().fold(0, |a, &b| a.max(b)), varied)
 }
 
 #[vectorised]
@@ -274,7 +283,7 @@ mod tests {
         add(&[&frames[2]], false, &mut sum, &mut sum_sq);
         let shape = (width, step_x, step_y);
         let m = StripMoments::of(3, shape, &sum, &sum_sq);
-        let (totals, low, high) = sums(&frames[1], shape);
+        let (totals, low, high, varied) = sums(&frames[1], shape);
         let some = counts(&frames[1], shape, (100, 1000));
         for site in 0..step_x * step_y {
             let (x0, y0) = (site % step_x, site / step_x);
@@ -300,6 +309,7 @@ mod tests {
         }
         let range = (frames[1].iter().min(), frames[1].iter().max());
         assert_eq!((Some(&low), Some(&high)), range);
+        assert_eq!(varied, frames[1].iter().fold(0, |bits, v| bits | (v ^ frames[1][0])));
         let row: f64 = (0..width).step_by(2).map(|x| f64::from(sum[4 * width + x])).sum();
         assert_eq!(m.rows[4 * step_x], row);
     }

@@ -1,5 +1,6 @@
 //! The sums over a stack while it is read, and the moments that follow from them.
 
+use super::codes::BitsSeen;
 use super::moments::Moments;
 use super::site::Site;
 use super::spatial::PlaneMoments;
@@ -19,6 +20,8 @@ pub struct Sums {
     white: u16,
     /// Number of frames added.
     pub frames: usize,
+    /// Bits in which the samples vary.
+    pub seen: BitsSeen,
     /// Sums of the pixels, where they are kept beyond a batch.
     sum: Vec<u32>,
     sum_sq: Vec<u64>,
@@ -44,6 +47,7 @@ struct Tally {
     zeros: Option<Vec<f64>>,
     whites: Option<Vec<f64>>,
     largest: u16,
+    seen: BitsSeen,
 }
 
 impl Sums {
@@ -54,6 +58,7 @@ impl Sums {
             height,
             white,
             frames: 0,
+            seen: BitsSeen::default(),
             sum: Vec::new(),
             sum_sq: Vec::new(),
             frame_sums: vec![Vec::new(); sites.len()],
@@ -134,6 +139,7 @@ impl Sums {
             let of_strips = || done.iter().map(|d| &d.0[f]);
             let largest = of_strips().map(|t| t.largest).max().unwrap_or(0);
             frame.check_largest(sensor, largest)?;
+            self.seen = of_strips().fold(self.seen, |seen, t| seen.and(t.seen));
             for site in 0..self.sites.len() {
                 self.frame_sums[site].push(of_strips().map(|t| t.sums[site]).sum());
                 let count = |c: &Option<Vec<f64>>| c.as_ref().map_or(0.0, |c| c[site]);
@@ -255,13 +261,14 @@ fn own_unless_kept<'a, T: Copy + Default>(
 
 impl Tally {
     fn of(samples: &[u16], shape: (usize, usize, usize), white: u16) -> Self {
-        let (sums, low, high) = strips::sums(samples, shape);
+        let (sums, low, high, varied) = strips::sums(samples, shape);
         let counted = |low, high| strips::counts(samples, shape, (low, high));
         Self {
             sums,
             zeros: (low == 0).then(|| counted(0, 0)),
             whites: (high >= white).then(|| counted(white, u16::MAX)),
             largest: high,
+            seen: samples.first().map_or(BitsSeen::default(), |&v| BitsSeen::new(v, varied)),
         }
     }
 }

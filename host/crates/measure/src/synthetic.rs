@@ -32,6 +32,8 @@ pub struct Sensor {
     pub nonlinearity: f64,
     /// Shares of a pixel's charge that each neighbour in its row and in its column gets.
     pub coupling: [f64; 2],
+    /// Bits by which the stored samples are moved up.
+    pub moved_up: u32,
     pub seed: u64,
 }
 
@@ -54,6 +56,7 @@ impl Default for Sensor {
             qe: [0.5; 3],
             nonlinearity: 0.0,
             coupling: [0.0; 2],
+            moved_up: 0,
             seed: 1,
         }
     }
@@ -75,7 +78,11 @@ impl Sensor {
         let mut toml = format!(
             "format = \"captures/1\"\n[sensor]\nwidth = {}\nheight = {}\nbits = {}\ncfa = \"{}\"\n\
              black_level_dn = {:?}\npitch_um = 2.0\n",
-            self.width, self.height, self.bits, self.cfa, self.black_dn
+            self.width,
+            self.height,
+            self.bits + self.moved_up,
+            self.cfa,
+            self.black_dn * f64::from(1u32 << self.moved_up)
         );
         let fixed = self.fixed();
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.seed + 1000);
@@ -159,7 +166,8 @@ impl Sensor {
             let e = kept + side * in_row + vertical * in_column;
             (e + noise[at]) * self.gain * shot.analog_gain + self.black_dn
         };
-        (0..charge.len()).map(|at| dn(at).round().clamp(0.0, white) as u16).collect()
+        let stored = |at| (dn(at).round().clamp(0.0, white) as u16) << self.moved_up;
+        (0..charge.len()).map(stored).collect()
     }
 }
 

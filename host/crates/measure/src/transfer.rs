@@ -1,11 +1,11 @@
 //! The photon transfer fit of one channel: system gain, dark noise and dark current from moments.
 
+use super::codes::Codes;
 use super::dark::{DarkLine, spans};
 use super::fit::Fit;
-use super::ladder::{Level, exposures};
+use super::ladder::{self, Level, exposures};
 use super::moments::{Moments, SATURATED_SHARE};
 use super::response::Response;
-use super::rounding::{QUANTISATION, rounding};
 use super::value::Value;
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
@@ -106,6 +106,8 @@ pub struct Transfer {
     pub gain_if_straight: Value,
     /// Mean of the saturated levels, DN, and their largest share of samples at the white level.
     pub plateau: Option<(f64, f64)>,
+    /// The codes of the samples.
+    pub codes: Codes,
 }
 
 impl Transfer {
@@ -137,6 +139,7 @@ impl Transfer {
             .map(|(f, &ok)| ok && knee.clear(&f.channels[channel], white))
             .collect();
         let light = exposures(flats);
+        let codes = ladder::codes(darks, flats);
         loop {
             if used.iter().filter(|u| **u).count() < 2 {
                 return Err(Error::input("fewer than two flat levels below saturation").help(
@@ -145,7 +148,7 @@ impl Transfer {
                 ));
             }
             let response = light.as_ref().and_then(|h| fit_response(h, &signal, &used));
-            let data = Data { channel, darks, flats, signal: &signal, used: &used };
+            let data = Data { channel, darks, flats, signal: &signal, used: &used, codes };
             let fit = data.fit(response)?;
             let top = used.iter().rposition(|u| *u).unwrap_or(0);
             if data.below_the_rest(top, response)? {
@@ -177,6 +180,7 @@ impl Transfer {
                 reduced_chi2: fit.reduced_chi2,
                 gain_if_straight: straight.gain,
                 plateau,
+                codes: data.codes,
             });
         }
     }
@@ -188,9 +192,10 @@ impl Transfer {
     pub fn read_noise(&self, spread: f64) -> Option<Value> {
         let (k, v) = (self.gain, self.dark_variance);
         let (black, _) = self.dark.offset_and_rate();
-        let mut variance = v.value - QUANTISATION;
+        let mut variance = v.value - self.codes.quantisation();
         for _ in 0..ROUNDING_STEPS {
-            variance = v.value - rounding(variance.max(0.0), black.value, spread.max(0.0));
+            let rounding = self.codes.rounding(variance.max(0.0), black.value, spread.max(0.0));
+            variance = v.value - rounding;
         }
         if variance <= 0.0 {
             return None;
@@ -240,6 +245,7 @@ struct Data<'a> {
     flats: &'a [Level],
     signal: &'a [Value],
     used: &'a [bool],
+    codes: Codes,
 }
 
 /// Result of a fit of the variances.
@@ -267,7 +273,7 @@ impl Data<'_> {
             .collect();
         let moments = levels.iter().map(|(_, l)| &l.channels[self.channel]);
         let measured: Vec<f64> = moments.clone().map(|m| m.temporal).collect();
-        let sampling: Vec<f64> = moments.map(variance_error).collect();
+        let sampling: Vec<f64> = moments.map(|m| variance_error(m, &self.codes)).collect();
         let exposures: Vec<f64> = self.darks.iter().map(|d| d.exposure_s).collect();
         let has_rate = spans(&exposures);
 
@@ -360,9 +366,9 @@ impl Data<'_> {
 
 /// Standard error of a level's temporal variance, DN². A constant frame has no scatter; its
 /// variance is still uncertain by rounding.
-fn variance_error(m: &Moments) -> f64 {
+fn variance_error(m: &Moments, codes: &Codes) -> f64 {
     let samples = m.pixels() * m.frames as f64;
-    m.temporal_error.max(QUANTISATION * (2.0 / samples).sqrt())
+    m.temporal_error.max(codes.quantisation() * (2.0 / samples).sqrt())
 }
 
 /// x g'(x)², DN: the factor of K in the variance of a flat with signal `s` (DN).

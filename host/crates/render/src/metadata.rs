@@ -9,6 +9,7 @@ use camrig_formats::{DngInfo, color};
 use camrig_scene::chart::colorchecker;
 use camrig_scene::{Illuminant, photometry};
 use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::Effect;
 
 /// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and
 /// D65, white of the scene's light, and the noise profile of the sensor model.
@@ -33,6 +34,7 @@ pub fn dng_info(
         f_number,
         focal_length_mm,
         noise_profile: noise_profile(camera, gain),
+        black_levels_dn: black_levels(camera),
         ..DngInfo::default()
     };
     if let Some(sensitivity) = sensitivity(camera) {
@@ -70,6 +72,27 @@ pub fn frame_info(
         (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
     }
     Ok(info)
+}
+
+/// Black level of each cell of the colour filter pattern, DN, where an effect `black-level-offset`
+/// gives the planes of 2 x 2 pixels levels of their own: a file tells them, as a camera's does
+/// that knows them of its converters. Empty where they are equal, as what is common to all is an
+/// error that the camera does not know, and where planes are not cells of the pattern.
+fn black_levels(camera: &Camera) -> Vec<f64> {
+    let mut planes = [0.0; 4];
+    for effect in &camera.effects {
+        if let Effect::BlackLevelOffset(b) = effect {
+            let own = [b.plane_0_dn, b.plane_1_dn, b.plane_2_dn, b.plane_3_dn];
+            planes.iter_mut().zip(own).for_each(|(sum, own)| *sum += f64::from(own));
+        }
+    }
+    let cfa = &camera.sensor.cfa;
+    if planes == [planes[0]; 4] || !cfa.width.is_multiple_of(2) || !cfa.height.is_multiple_of(2) {
+        return Vec::new();
+    }
+    let plane = |i: usize| planes[i / cfa.width % 2 * 2 + i % cfa.width % 2];
+    let level = |i| (camera.sensor.black_level_dn + plane(i)).max(0.0);
+    (0..cfa.width * cfa.height).map(level).collect()
 }
 
 /// Electrons per energy of the channels R, G, B with lens and filters, where the camera has these.

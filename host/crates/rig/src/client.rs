@@ -11,10 +11,11 @@ use camrig_formats::csi2;
 use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
-    Capabilities, Codec, Fault, FrameBegin, FrameStart, Nack, NumberFormat, Refusal, Statistics,
-    ToDevice, ToHost, camera_id,
+    Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack, NumberFormat,
+    Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
 use camrig_rig_link::packing::{Packing, unpack_row};
+use camrig_rig_link::registers::{MODEL_ID, address};
 use camrig_sensor_core::config::FrameSettings;
 use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -27,8 +28,15 @@ const RECONNECTS: u32 = 3;
 /// host has gone and a USB device is enumerated again.
 const REOPEN_TRIES: u32 = 10;
 const REOPEN_WAIT: Duration = Duration::from_millis(200);
+/// No try begins later than this after the link broke: a rig that opens and does not answer takes
+/// each of them some time.
+const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
+/// Log bytes kept for [`Rig::take_log`]; the oldest go first.
+const LOG_BYTES: usize = 1 << 20;
 /// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
 const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
+/// Gain code of unity gain.
+const UNITY_GAIN_CODE: f32 = 256.0;
 /// Addresses of the embedded line in CCS's manufacturer-specific range: what a frame was exposed
 /// with.
 mod embedded {
@@ -37,6 +45,10 @@ mod embedded {
     pub const FRAME: u16 = 0x3208;
     pub const SEED: u16 = 0x320c;
 }
+
+/// Registers that change what a frame shows, and what they hold.
+const INJECTING: [(u16, &str); 2] =
+    [(address::FAULT, "fault"), (address::TEST_PATTERN, "test pattern")];
 
 /// How a frame is to be taken.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +77,8 @@ pub struct RigFrame {
     pub packing: Packing,
     /// The rig was asked, through its fault register, to drop this frame: there are no rows.
     pub dropped: bool,
+    /// Exposure in lines, where the rig's registers decided and it has a line time.
+    pub lines: Option<u16>,
 }
 
 /// A caller's function that hears of faults.
@@ -83,6 +97,8 @@ pub struct Rig {
     log: Vec<u8>,
     /// Hears of links that broke and are opened again.
     link_broken: Option<Listener>,
+    /// The rig's line time, ns, once it was asked; `Some(None)` where it has none.
+    line_ns: Option<Option<u32>>,
 }
 
 fn open(url: &Url) -> Result<Box<dyn Transport>> {
@@ -127,6 +143,7 @@ impl Rig {
             since: Instant::now(),
             log: Vec::new(),
             link_broken: None,
+            line_ns: None,
         };
         rig.connect()?;
         Ok(rig)
@@ -153,7 +170,7 @@ impl Rig {
         self.transport.as_ref().map_or((0, 0), |t| t.bytes())
     }
 
-    /// Log bytes that came over the link since the last call.
+    /// Log bytes that came over the link since the last call: the last mebibyte of them.
     pub fn take_log(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.log)
     }
@@ -185,7 +202,90 @@ impl Rig {
     /// # Errors
     /// A register or a value that the rig does not take, a link that fails.
     pub fn write_register(&mut self, address: u16, value: u32) -> Result<()> {
+        self.line_ns = None;
         self.request(ToDevice::RegWrite(address, value)).map(drop)
+    }
+
+    /// Reads the byte at an address: registers are their bytes, high byte first (MIPI CCS).
+    ///
+    /// # Errors
+    /// An address without a register, a firmware that knows no bytes, a link that fails.
+    pub fn read_byte(&mut self, address: u16) -> Result<u8> {
+        match self.request(ToDevice::ByteRead(address))? {
+            ToHost::Register(_, value) => Ok(value as u8),
+            other => Err(self.unexpected(other)),
+        }
+    }
+
+    /// Writes the byte at an address. Where its register takes no value with it alone, it takes
+    /// effect with the register's last byte.
+    ///
+    /// # Errors
+    /// Those of [`Rig::read_byte`], a value that the register does not take.
+    pub fn write_byte(&mut self, address: u16, value: u8) -> Result<()> {
+        self.line_ns = None;
+        self.request(ToDevice::ByteWrite(address, value)).map(drop)
+    }
+
+    /// Reads a register; `None` where the rig has none there.
+    ///
+    /// # Errors
+    /// A link that fails.
+    pub fn register_if_there(&mut self, address: u16) -> Result<Option<u32>> {
+        self.host.request(ToDevice::RegRead(address));
+        match self.run(&mut None)? {
+            Event::Answer(ToHost::Register(_, value)) => Ok(Some(value)),
+            Event::Answer(other) => Err(self.unexpected(other)),
+            Event::Refused(Nack::Register(_)) => Ok(None),
+            event => Err(self.failed(event)),
+        }
+    }
+
+    /// What the rig's fault and test-pattern registers do to the frames that follow, in words;
+    /// `None` for nothing. Registers outlast the host that wrote them.
+    ///
+    /// # Errors
+    /// A link that fails.
+    pub fn injected(&mut self) -> Result<Option<String>> {
+        let mut said = Vec::new();
+        for (address, what) in INJECTING {
+            let value = self.register_if_there(address)?.unwrap_or(0);
+            if value != 0 {
+                said.push(format!("{what} {value} (register {address:#06x})"));
+            }
+        }
+        Ok((!said.is_empty()).then(|| said.join(" and ")))
+    }
+
+    /// Clears the rig's fault and test-pattern registers, and says what they held.
+    ///
+    /// # Errors
+    /// A link that fails.
+    pub fn clear_injected(&mut self) -> Result<Option<String>> {
+        let held = self.injected()?;
+        for (address, _) in INJECTING.iter().filter(|_| held.is_some()) {
+            if self.register_if_there(*address)?.is_some_and(|value| value != 0) {
+                self.write_register(*address, 0)?;
+            }
+        }
+        Ok(held)
+    }
+
+    /// Lets the rig know that this host is still there: a server gives up a host that has been
+    /// silent for [`crate::serve::GIVEN_UP_AFTER`] when another one knocks.
+    ///
+    /// # Errors
+    /// A link that fails, a rig that does not answer.
+    pub fn keep_alive(&mut self) -> Result<()> {
+        self.device_statistics().map(drop)
+    }
+
+    /// The rig's line time, ns; asked once.
+    fn line_ns(&mut self) -> Result<Option<u32>> {
+        if self.line_ns.is_none() {
+            self.line_ns = Some(self.register_if_there(address::LINE_LENGTH_NS)?);
+        }
+        Ok(self.line_ns.flatten())
     }
 
     /// Sends the rig the sensor that it is to be, unless it is that sensor already.
@@ -266,38 +366,8 @@ impl Rig {
         sensor: &SimulatedSensor,
         request: &FrameRequest,
     ) -> Result<RigFrame> {
-        let config = &sensor.config;
-        let codec = feed.codec();
-        let raw_bits = RAW_BITS.into_iter().find(|&b| b >= config.bits).unwrap_or(16);
-        let too_large = || {
-            Error::limit(format!(
-                "a frame of {} x {} pixels in {} bands is too large for the link",
-                config.width, config.height, config.bands
-            ))
-            .help("send fewer bands, or mean electrons")
-            .with_code("frame-too-large")
-        };
-        let shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
-        let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
-        let begin = FrameBegin {
-            transfer: 0,
-            frame: request.settings.frame,
-            rows: shape.rows,
-            width: config.width as u16, // frame_shape has a unit count, so the width is small
-            bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
-            codec,
-            arithmetic: match request.arithmetic {
-                Arithmetic::F32 => NumberFormat::F32,
-                Arithmetic::Fixed => NumberFormat::Fixed,
-            },
-            raw_bits,
-            temperature_c: request.settings.temperature_c,
-            lit_before: request.lit_before,
-            exposure: (!request.by_registers).then_some(camrig_rig_link::message::Exposure {
-                exposure_s: request.settings.exposure_s,
-                analog_gain: request.settings.analog_gain,
-            }),
-        };
+        let (begin, shape, packing) = announcement(sensor, feed.codec(), request)?;
+        let line_ns = if request.by_registers { self.line_ns()? } else { None };
         let raw_bytes = usize::from(shape.raw_bytes);
         self.host.reserve_rows(|rows| rows.resize(rows.len().max(shape.rows.into()), 0));
         let packed = vec![0; raw_bytes * usize::from(shape.rows)];
@@ -315,8 +385,10 @@ impl Rig {
                         std::thread::sleep(Duration::from_millis(ms.into()));
                     }
                     let dropped = matches!(outcome, Ok(Event::FrameDropped(_)));
-                    let packed = transfer.map(|t| t.packed).unwrap_or_default();
-                    return Ok(RigFrame { start, packed, packing, dropped });
+                    let packed = transfer.map(|t| t.packed).filter(|_| !dropped);
+                    let packed = packed.unwrap_or_default();
+                    let lines = line_ns.and_then(|ns| whole_lines(start.exposure.exposure_s, ns));
+                    return Ok(RigFrame { start, packed, packing, dropped, lines });
                 }
                 Ok(event @ (Event::NoAnswer | Event::Refused(Nack::NoSession))) => {
                     self.failed(event)
@@ -339,6 +411,8 @@ impl Rig {
     /// Closes the link and opens it again, as soon as the other end lets go of it.
     fn reopen(&mut self) -> Result<()> {
         self.transport = None;
+        self.line_ns = None;
+        let began = Instant::now();
         let mut tries = 0..REOPEN_TRIES;
         loop {
             std::thread::sleep(REOPEN_WAIT);
@@ -346,7 +420,8 @@ impl Rig {
                 self.transport = Some(transport);
                 self.connect()
             });
-            if outcome.is_ok() || tries.next().is_none() {
+            let over = tries.next().is_none() || began.elapsed() >= REOPEN_PATIENCE;
+            if outcome.is_ok() || over {
                 return outcome;
             }
             self.transport = None;
@@ -478,13 +553,60 @@ impl Rig {
     }
 }
 
+/// What the host says before a frame, the sizes on the link that follow from it, and how raw rows
+/// come back.
+fn announcement(
+    sensor: &SimulatedSensor,
+    codec: Codec,
+    request: &FrameRequest,
+) -> Result<(FrameBegin, FrameShape, Packing)> {
+    let config = &sensor.config;
+    let raw_bits = RAW_BITS.into_iter().find(|&b| b >= config.bits).unwrap_or(16);
+    let too_large = || {
+        Error::limit(format!(
+            "a frame of {} x {} pixels in {} bands is too large for the link",
+            config.width, config.height, config.bands
+        ))
+        .help("send fewer bands, or mean electrons")
+        .with_code("frame-too-large")
+    };
+    let shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
+    let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
+    let begin = FrameBegin {
+        transfer: 0,
+        frame: request.settings.frame,
+        rows: shape.rows,
+        width: config.width as u16, // frame_shape has a unit count, so the width is small
+        bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
+        codec,
+        arithmetic: match request.arithmetic {
+            Arithmetic::F32 => NumberFormat::F32,
+            Arithmetic::Fixed => NumberFormat::Fixed,
+        },
+        raw_bits,
+        temperature_c: request.settings.temperature_c,
+        lit_before: request.lit_before,
+        exposure: (!request.by_registers).then_some(Exposure {
+            exposure_s: request.settings.exposure_s,
+            analog_gain: request.settings.analog_gain,
+        }),
+    };
+    Ok((begin, shape, packing))
+}
+
+/// An exposure of a whole number of lines, in lines. Exact: f32 has 24 bits, the number 16.
+fn whole_lines(exposure_s: f32, line_ns: u32) -> Option<u16> {
+    let lines = (f64::from(exposure_s) / (f64::from(line_ns) * 1e-9)).round();
+    (1.0..=f64::from(u16::MAX)).contains(&lines).then_some(lines as u16)
+}
+
 impl RigFrame {
     /// The frame's embedded data line (CCS tagged data): what the sensor says about the frame.
     /// Exposure (s) and gain as f32, frame number and seed as integers, most significant byte
     /// first, at the manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the
-    /// registers that CCS has at its own.
+    /// registers that CCS has at its own. Exposure in lines and gain code are among them where
+    /// registers decided.
     pub fn embedded_line(&self) -> Vec<u8> {
-        use camrig_rig_link::registers::{MODEL_ID, address};
         let start = &self.start;
         let mut registers = Vec::new();
         let mut push = |address: u16, bytes: &[u8]| {
@@ -492,6 +614,11 @@ impl RigFrame {
         };
         push(address::MODEL_ID, &MODEL_ID.to_be_bytes());
         push(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
+        if let Some(lines) = self.lines {
+            let code = (start.exposure.analog_gain * UNITY_GAIN_CODE) as u16; // exact
+            push(address::COARSE_INTEGRATION_TIME, &lines.to_be_bytes());
+            push(address::ANALOG_GAIN, &code.to_be_bytes());
+        }
         push(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
         push(embedded::EXPOSURE_S, &start.exposure.exposure_s.to_be_bytes());
         push(embedded::ANALOG_GAIN, &start.exposure.analog_gain.to_be_bytes());
@@ -500,11 +627,26 @@ impl RigFrame {
         csi2::ccs_line(&registers, self.packing.bits())
     }
 
+    /// What the rig did to the samples on request, in words: a fault or a test pattern.
+    pub fn injected(&self) -> Option<String> {
+        match (self.start.fault, self.start.test_pattern) {
+            _ if self.dropped => Some("it was dropped".into()),
+            (Fault::CorruptRow(row), _) => Some(format!("row {row} is corrupt")),
+            (_, 0) => None,
+            (_, pattern) => Some(format!("it is test pattern {pattern}")),
+        }
+    }
+
     /// Unpacks the frame into digital numbers.
     ///
     /// # Errors
-    /// None for a frame of the sensor given.
+    /// A dropped frame, which has no rows.
     pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
+        if self.dropped {
+            let what = format!("the rig dropped frame {}, as it was asked", self.start.frame);
+            return Err(Error::disagreement(what)
+                .help("write 0 to its fault register 0x3100, and 1 to 0x0100"));
+        }
         let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
         let mut data = vec![0; width * height];
         let rows = self.packed.par_chunks(self.packing.row_bytes(width));
@@ -559,5 +701,7 @@ impl FrameIo for Io<'_, '_, '_> {
 
     fn log(&mut self, bytes: &[u8]) {
         self.log.extend_from_slice(bytes);
+        let beyond = self.log.len().saturating_sub(LOG_BYTES);
+        self.log.drain(..beyond);
     }
 }

@@ -1,5 +1,6 @@
 //! The rig emulator: the firmware's own code with a workstation's memory.
 
+use super::inbox::Inlet;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
 use camrig_exposure::parallel::Parallel;
 use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory, ServeError, serve};
@@ -142,7 +143,7 @@ struct ChannelEnd {
     received: mpsc::Receiver<Vec<u8>>,
     left: Vec<u8>,
     used: usize,
-    sent: mpsc::Sender<io::Result<Vec<u8>>>,
+    sent: Inlet,
 }
 
 impl embedded_io::ErrorType for ChannelEnd {
@@ -167,7 +168,7 @@ impl embedded_io::Read for ChannelEnd {
 
 impl embedded_io::Write for ChannelEnd {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.sent.send(Ok(bytes.to_vec())).map_err(|_| io::ErrorKind::BrokenPipe)?;
+        self.sent.put(bytes)?;
         Ok(bytes.len())
     }
 
@@ -198,9 +199,9 @@ pub fn open() -> Box<dyn Transport> {
 /// Starts an emulator behind an in-process link that frames packets as another kind of link does.
 pub fn open_as(framing: Framing, limits: Limits) -> Box<dyn Transport> {
     let (to_device, received) = mpsc::channel();
-    let (sent, from_device) = mpsc::channel();
+    let (sent, from_device) = ByteLink::<ChannelWriter>::inbox(framing, &limits);
     let mut end = Some(ChannelEnd { received, left: Vec::new(), used: 0, sent });
     std::thread::spawn(move || Emulator::new(None).run(framing, || end.take(), drop));
     let writer = ChannelWriter(to_device);
-    Box::new(ByteLink::from_chunks("emulator:".into(), framing, limits, writer, from_device))
+    Box::new(ByteLink::from_inbox("emulator:".into(), framing, limits, writer, from_device))
 }

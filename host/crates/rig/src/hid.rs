@@ -5,15 +5,21 @@ use camrig_base::{Error, Result};
 use camrig_rig_link::framing::{Framing, Receiver, Sender};
 use camrig_rig_link::host::Limits;
 use hidapi::{HidApi, HidDevice};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Reports that may be under way from the device: Linux drops unread ones beyond 63 without a
 /// word, other systems beyond 30.
 const REPORTS_UNDER_WAY: u16 = 16;
 
+/// Reports of an earlier session that are read at most: far more than any system keeps.
+const OLD_REPORTS: usize = 1024;
+
 /// Bytes of a report where the descriptor cannot be read: the largest of a full-speed interrupt
 /// endpoint (USB 2.0, 5.7.3).
 const DEFAULT_REPORT: u16 = 64;
+
+/// Longest wait for a report that is asked of the system at once.
+const LONGEST_READ: Duration = Duration::from_secs(60);
 
 /// Report sizes that can carry the protocol, bytes.
 const REPORT_BYTES: std::ops::RangeInclusive<u16> = 8..=4096;
@@ -52,7 +58,8 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
     let report = report_size(&device).unwrap_or(DEFAULT_REPORT);
     // Reports of an earlier session.
     let mut old = vec![0; usize::from(report)];
-    while matches!(device.read_timeout(&mut old, 0), Ok(n) if n > 0) {}
+    let mut left = || matches!(device.read_timeout(&mut old, 0), Ok(n) if n > 0);
+    (0..OLD_REPORTS).take_while(|_| left()).for_each(drop);
     let framing = Framing::Report(report);
     Ok(Box::new(HidLink {
         name,
@@ -153,7 +160,8 @@ impl Transport for HidLink {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<bool> {
-        let wait = wait.as_millis().min(60_000) as i32;
+        let until = Instant::now() + wait.min(LONGEST_READ);
+        let mut read = false;
         loop {
             let mut rest = &self.report[self.used..];
             let whole = self.receiver.push(&mut rest) == Ok(true);
@@ -161,9 +169,14 @@ impl Transport for HidLink {
             if whole {
                 return Ok(true);
             }
+            let left = until.saturating_duration_since(Instant::now());
+            if read && left.is_zero() {
+                return Ok(false);
+            }
+            read = true;
             let n = self
                 .device
-                .read_timeout(&mut self.report, wait)
+                .read_timeout(&mut self.report, left.as_millis() as i32) // at most LONGEST_READ
                 .map_err(|e| gone(&self.name, e))?;
             if n == 0 {
                 return Ok(false);

@@ -28,6 +28,7 @@ pub mod client;
 pub mod emulator;
 pub mod feed;
 pub mod hid;
+mod inbox;
 mod list;
 pub mod log;
 mod platform;

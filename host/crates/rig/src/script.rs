@@ -18,7 +18,9 @@
 
 use super::Rig;
 use camrig_base::{Error, Result, toml_text};
-use camrig_rig_link::registers::address::{ANALOG_GAIN, COARSE_INTEGRATION_TIME, LINE_LENGTH_NS};
+use camrig_rig_link::registers::address::{
+    ANALOG_GAIN, COARSE_INTEGRATION_TIME, FRAME_LENGTH_LINES, LINE_LENGTH_NS,
+};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -49,7 +51,8 @@ pub struct Script {
 /// One write.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Write {
-    /// Exposure, s: turned into lines by the rig's line time.
+    /// Exposure, s: turned into lines by the rig's line time. One that is longer than the frame
+    /// lengthens the frame, as drivers do.
     Exposure(f64),
     /// Analog gain: turned into the gain code.
     Gain(f64),
@@ -115,18 +118,69 @@ impl Write {
     /// Writes to a rig.
     ///
     /// # Errors
-    /// A value that the register does not take.
+    /// A value that the register does not take, with its limit.
     pub fn apply(self, rig: &mut Rig) -> Result<()> {
         match self {
             Self::Register(address, value) => rig.write_register(address, value),
-            Self::Gain(gain) => rig.write_register(ANALOG_GAIN, (gain * 256.0).round() as u32),
+            Self::Gain(gain) => rig.write_register(ANALOG_GAIN, gain_code(gain)?),
             Self::Exposure(exposure_s) => {
-                let line_s = f64::from(rig.read_register(LINE_LENGTH_NS)?) * 1e-9;
-                let lines = (exposure_s / line_s).round().max(1.0);
-                rig.write_register(COARSE_INTEGRATION_TIME, lines as u32)
+                let lines = lines(exposure_s, rig.read_register(LINE_LENGTH_NS)?)?;
+                let frame = rig.register_if_there(FRAME_LENGTH_LINES)?;
+                if frame.is_some_and(|frame| frame < lines) {
+                    rig.write_register(FRAME_LENGTH_LINES, lines)?;
+                }
+                rig.write_register(COARSE_INTEGRATION_TIME, lines)
             }
         }
     }
+}
+
+/// Largest value of the rig's exposure, gain and frame length registers, which have 16 bits.
+const MOST: u32 = 0xffff;
+/// Gain code of unity gain.
+const UNITY_GAIN: f64 = 256.0;
+
+/// An exposure (s) in lines of a line time (ns).
+fn lines(exposure_s: f64, line_ns: u32) -> Result<u32> {
+    let line_s = f64::from(line_ns) * 1e-9;
+    let lines = (exposure_s / line_s).round();
+    if (1.0..=f64::from(MOST)).contains(&lines) {
+        return Ok(lines as u32);
+    }
+    let (shortest, longest) = (line_s, f64::from(MOST) * line_s);
+    let limit = if lines < 1.0 {
+        format!("the shortest is one line, {shortest:.9} s")
+    } else {
+        format!("the longest is {MOST} lines of {shortest:.9} s, {longest:.6} s")
+    };
+    Err(Error::limit(format!("an exposure of {exposure_s} s is beyond the rig's limit: {limit}"))
+        .help("stay within it, or write another line time to register 0x3000"))
+}
+
+/// The code of a gain.
+fn gain_code(gain: f64) -> Result<u32> {
+    let code = (gain * UNITY_GAIN).round();
+    if (1.0..=f64::from(MOST)).contains(&code) {
+        return Ok(code as u32);
+    }
+    let (least, most) = (1.0 / UNITY_GAIN, f64::from(MOST) / UNITY_GAIN);
+    let what = format!("a gain of {gain} is beyond the rig's limits, {least:.4} to {most:.3}");
+    Err(Error::limit(what).help("stay within them"))
+}
+
+/// What the frame length does to the exposure as last written, where it cuts it.
+///
+/// # Errors
+/// A link that fails.
+pub fn exposure_cut(rig: &mut Rig) -> Result<Option<String>> {
+    let lines = rig.register_if_there(COARSE_INTEGRATION_TIME)?;
+    let frame = rig.register_if_there(FRAME_LENGTH_LINES)?;
+    Ok(lines.zip(frame).filter(|(lines, frame)| lines > frame).map(|(lines, frame)| {
+        format!(
+            "the exposure of {lines} lines is cut to the frame length of {frame} lines \
+             (register {FRAME_LENGTH_LINES:#06x})"
+        )
+    }))
 }
 
 #[cfg(test)]
@@ -144,6 +198,34 @@ mod tests {
         assert_eq!(script.before(1).count(), 0);
         let fifth = [Write::Gain(2.0), Write::Register(0x0202, 800)];
         assert_eq!(script.before(5).collect::<Vec<_>>(), fifth);
+    }
+
+    /// The emulator's line time is 10 µs, its frame 2000 lines.
+    #[test]
+    fn an_exposure_longer_than_the_frame_lengthens_the_frame() {
+        let mut rig = Rig::open("emulator:").unwrap();
+        Write::Exposure(0.015).apply(&mut rig).unwrap();
+        let read = |rig: &mut Rig| {
+            [COARSE_INTEGRATION_TIME, FRAME_LENGTH_LINES].map(|a| rig.read_register(a).unwrap())
+        };
+        assert_eq!(read(&mut rig), [1500, 2000]);
+        Write::Exposure(0.03).apply(&mut rig).unwrap();
+        assert_eq!(read(&mut rig), [3000, 3000]);
+        assert_eq!(exposure_cut(&mut rig).unwrap(), None);
+        rig.write_register(FRAME_LENGTH_LINES, 2500).unwrap();
+        let said = exposure_cut(&mut rig).unwrap().unwrap();
+        assert!(said.contains("3000 lines is cut") && said.contains("2500 lines"), "{said}");
+    }
+
+    #[test]
+    fn what_no_register_takes_is_refused_with_the_limit() {
+        let said = |e: Error| e.to_string();
+        assert_eq!(lines(0.02, 10_000).unwrap(), 2000);
+        assert!(said(lines(0.7, 10_000).unwrap_err()).contains("0.655350 s"));
+        assert!(said(lines(4e-6, 10_000).unwrap_err()).contains("one line"));
+        assert_eq!(gain_code(2.5).unwrap(), 640);
+        assert!(said(gain_code(300.0).unwrap_err()).contains("255.996"));
+        assert!(said(gain_code(1e-4).unwrap_err()).contains("0.0039"));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use camrig_rig_link::host::Limits;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest packet from the rig, bytes: 3.7 ms at 3 Mbit/s, so that little is lost with a damaged
 /// one.
@@ -20,6 +20,11 @@ const UNDER_WAY: u64 = 16;
 const BITS_PER_BYTE: u64 = 10;
 /// Wait for an answer beyond the time on the line, µs.
 const PATIENCE_US: u64 = 1_000_000;
+/// Writes that may wait for the line: far more than credit lets a host send ahead.
+const QUEUED_WRITES: usize = 256;
+/// Longest wait for a place among them, and how often it is tried.
+const QUEUE_PATIENCE: Duration = Duration::from_secs(10);
+const QUEUE_STEP: Duration = Duration::from_millis(5);
 /// How often a read looks whether the link was closed.
 const READ_TIMEOUT: Duration = Duration::from_millis(100);
 
@@ -78,13 +83,13 @@ impl io::Read for StoppableReader {
 /// other end stops reading (seen with 4.10 on Linux); here only that thread waits, and the packets
 /// that credit allows.
 struct QueuedWriter {
-    queue: mpsc::Sender<Vec<u8>>,
+    queue: mpsc::SyncSender<Vec<u8>>,
     stop: Arc<AtomicBool>,
 }
 
 impl QueuedWriter {
     fn new(mut port: Box<dyn serialport::SerialPort>, stop: Arc<AtomicBool>) -> Self {
-        let (queue, packets) = mpsc::channel::<Vec<u8>>();
+        let (queue, packets) = mpsc::sync_channel::<Vec<u8>>(QUEUED_WRITES);
         let stopped = stop.clone();
         std::thread::spawn(move || {
             for packet in packets {
@@ -108,8 +113,19 @@ impl QueuedWriter {
 
 impl Write for QueuedWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.queue.send(bytes.to_vec()).map_err(|_| io::ErrorKind::BrokenPipe)?;
-        Ok(bytes.len())
+        let until = Instant::now() + QUEUE_PATIENCE;
+        let mut packet = bytes.to_vec();
+        loop {
+            packet = match self.queue.try_send(packet) {
+                Ok(()) => return Ok(bytes.len()),
+                Err(mpsc::TrySendError::Full(packet)) if Instant::now() < until => packet,
+                Err(mpsc::TrySendError::Full(_)) => return Err(io::ErrorKind::TimedOut.into()),
+                Err(mpsc::TrySendError::Disconnected(_)) => {
+                    return Err(io::ErrorKind::BrokenPipe.into());
+                }
+            };
+            std::thread::sleep(QUEUE_STEP);
+        }
     }
 
     fn flush(&mut self) -> io::Result<()> {

@@ -7,16 +7,78 @@ pub use camrig_firmware_sim::ServeError;
 use camrig_rig_link::framing::Framing;
 use std::fs::File;
 use std::io;
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener, TcpStream, ToSocketAddrs};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+/// A host that has been silent for so long is given up when another one knocks. A trade: longer
+/// than a host needs for the light of its next frame in a stream, and short for those who wait.
+/// [`crate::Rig::keep_alive`] breaks the silence.
+pub const GIVEN_UP_AFTER: Duration = Duration::from_secs(10);
+/// Longest wait for the device to let go of a host that was given up, and how often it is looked.
+const LET_GO: Duration = Duration::from_secs(2);
+const LET_GO_STEP: Duration = Duration::from_millis(10);
+
+/// Whether a host is served, and when it was last heard.
+struct Guest {
+    busy: AtomicBool,
+    began: Instant,
+    /// ms after `began`.
+    heard: AtomicU64,
+    /// Another handle on its link.
+    link: Mutex<Option<TcpStream>>,
+}
+
+impl Guest {
+    fn new() -> Self {
+        let (busy, heard) = (AtomicBool::new(false), AtomicU64::new(0));
+        Self { busy, began: Instant::now(), heard, link: Mutex::new(None) }
+    }
+
+    fn link(&self) -> MutexGuard<'_, Option<TcpStream>> {
+        self.link.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn now(&self) -> u64 {
+        self.began.elapsed().as_millis() as u64
+    }
+
+    fn hear(&self) {
+        self.heard.store(self.now(), Ordering::Relaxed);
+    }
+
+    fn silence(&self) -> Duration {
+        Duration::from_millis(self.now().saturating_sub(self.heard.load(Ordering::Relaxed)))
+    }
+
+    /// Ends a link that has been silent for too long. Returns whether the device is free.
+    fn give_up(&self, patience: Duration) -> bool {
+        if self.silence() < patience {
+            return false;
+        }
+        // It may have closed by itself.
+        let _ = self.link().as_ref().map(|stream| stream.shutdown(Shutdown::Both));
+        let until = Instant::now() + LET_GO;
+        while self.busy.load(Ordering::Acquire) && Instant::now() < until {
+            std::thread::sleep(LET_GO_STEP);
+        }
+        !self.busy.swap(true, Ordering::AcqRel)
+    }
+}
+
+/// Whether other machines can connect to what listens at an address: anything but the loopback
+/// interface.
+pub fn is_open_to_others(address: &str) -> bool {
+    address.to_socket_addrs().is_ok_and(|mut all| all.any(|a| !a.ip().is_loopback()))
+}
 
 /// A `std` stream as an `embedded_io` link.
 struct Link<T> {
     stream: T,
-    /// Set while a host is served.
-    busy: Option<Arc<AtomicBool>>,
+    /// The host at the other end, where there may be others.
+    guest: Option<Arc<Guest>>,
 }
 
 impl<T> embedded_io::ErrorType for Link<T> {
@@ -32,7 +94,16 @@ impl<T: io::Read> embedded_io::Read for Link<T> {
                         e.kind(),
                         io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
                     ) => {}
-                other => return other,
+                Ok(n) => {
+                    // Zeros alone are empty packets, which any noise is made of.
+                    if let Some(guest) = &self.guest
+                        && out[..n].iter().any(|&byte| byte != 0)
+                    {
+                        guest.hear();
+                    }
+                    return Ok(n);
+                }
+                Err(e) => return Err(e),
             }
         }
     }
@@ -50,8 +121,9 @@ impl<T: io::Write> embedded_io::Write for Link<T> {
 
 impl<T> Drop for Link<T> {
     fn drop(&mut self) {
-        if let Some(busy) = &self.busy {
-            busy.store(false, Ordering::Release);
+        if let Some(guest) = &self.guest {
+            *guest.link() = None;
+            guest.busy.store(false, Ordering::Release);
         }
     }
 }
@@ -63,7 +135,8 @@ fn failures(
     move |outcome| outcome.unwrap_or_else(&mut failed)
 }
 
-/// Serves hosts on a TCP address, one at a time; others are turned away at once. Calls `ready`
+/// Serves hosts on a TCP address, one at a time; others are turned away at once, unless the one
+/// served has been silent for [`GIVEN_UP_AFTER`]. There is no password. Calls `ready`
 /// with the address in force (a port 0 has become a number), and `link_failed` from another thread
 /// with each fault that ends a link.
 ///
@@ -71,9 +144,19 @@ fn failures(
 /// An address at which this machine cannot listen.
 pub fn tcp(
     address: &str,
+    emulator: Emulator,
+    ready: impl FnOnce(&str),
+    link_failed: impl FnMut(ServeError<io::Error>) + Send + 'static,
+) -> Result<()> {
+    tcp_patient(address, emulator, ready, link_failed, GIVEN_UP_AFTER)
+}
+
+fn tcp_patient(
+    address: &str,
     mut emulator: Emulator,
     ready: impl FnOnce(&str),
     link_failed: impl FnMut(ServeError<io::Error>) + Send + 'static,
+    patience: Duration,
 ) -> Result<()> {
     let failed = |e: io::Error| {
         Error::device(format!("cannot listen: {e}"))
@@ -82,9 +165,9 @@ pub fn tcp(
     };
     let listener = TcpListener::bind(address).map_err(failed)?;
     ready(&listener.local_addr().map_err(failed)?.to_string());
-    let busy = Arc::new(AtomicBool::new(false));
+    let guest = Arc::new(Guest::new());
     let (accepted, links) = mpsc::channel();
-    let served = busy.clone();
+    let served = guest.clone();
     std::thread::spawn(move || {
         emulator.run(
             Framing::Length,
@@ -92,20 +175,22 @@ pub fn tcp(
                 links
                     .recv()
                     .ok()
-                    .map(|stream: TcpStream| Link { stream, busy: Some(served.clone()) })
+                    .map(|stream: TcpStream| Link { stream, guest: Some(served.clone()) })
             },
             failures(link_failed),
         );
     });
     for stream in listener.incoming() {
         let stream = stream.map_err(failed)?;
-        if busy.swap(true, Ordering::AcqRel) {
+        if guest.busy.swap(true, Ordering::AcqRel) && !guest.give_up(patience) {
             // Turned away; whether that works is the other side's business.
             let _ = stream.shutdown(Shutdown::Both);
             continue;
         }
         // Without it packets wait for one another; with it or not, they arrive.
         let _ = stream.set_nodelay(true);
+        guest.hear();
+        *guest.link() = stream.try_clone().ok();
         if accepted.send(stream).is_err() {
             break;
         }
@@ -127,7 +212,7 @@ pub fn device(
     let framing = report_bytes.map_or(Framing::Cobs, Framing::Report);
     let open = || File::options().read(true).write(true).open(path);
     let mut first = Some(open().map_err(|e| Error::io("open", path, e))?);
-    let next = || first.take().or_else(|| open().ok()).map(|stream| Link { stream, busy: None });
+    let next = || first.take().or_else(|| open().ok()).map(|stream| Link { stream, guest: None });
     emulator.run(framing, next, failures(link_failed));
     Ok(())
 }
@@ -145,7 +230,47 @@ pub fn pty(
     let terminal = PseudoTerminal::open()?;
     ready(&terminal.name);
     let PseudoTerminal { end, .. } = terminal;
-    let mut link = Some(Link { stream: end, busy: None });
+    let mut link = Some(Link { stream: end, guest: None });
     emulator.run(Framing::Cobs, || link.take(), failures(link_failed));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Rig;
+
+    #[test]
+    fn a_silent_host_is_given_up_when_another_one_comes_and_a_talking_one_is_not() {
+        const PATIENCE: Duration = Duration::from_millis(600);
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let ready = |address: &str| sender.send(address.to_string()).unwrap();
+            tcp_patient("127.0.0.1:0", Emulator::with_threads(1, None), ready, drop, PATIENCE)
+        });
+        let address = receiver.recv().unwrap();
+        let _silent = TcpStream::connect(&address).unwrap();
+        let url = format!("tcp://{address}");
+        assert!(Rig::open(&url).is_err(), "it has not been silent for long");
+        std::thread::sleep(PATIENCE);
+        let mut first = Rig::open(&url).unwrap();
+        for _ in 0..10 {
+            std::thread::sleep(PATIENCE / 10);
+            first.keep_alive().unwrap();
+        }
+        assert!(Rig::open(&url).is_err(), "the first one talks");
+        std::thread::sleep(2 * PATIENCE);
+        assert!(Rig::open(&url).is_ok(), "it has been silent since");
+        assert!(first.keep_alive().is_err(), "it was given up");
+    }
+
+    #[test]
+    fn only_loopback_addresses_are_closed_to_others() {
+        for address in ["127.0.0.1:0", "[::1]:7420", "127.0.0.2:1"] {
+            assert!(!is_open_to_others(address), "{address}");
+        }
+        for address in ["0.0.0.0:0", "[::]:7420", "192.168.1.2:1"] {
+            assert!(is_open_to_others(address), "{address}");
+        }
+    }
 }

@@ -5,20 +5,37 @@ use camrig_base::{Error, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::Needs;
 
 /// Where frames are exposed.
 pub struct SensorStage {
     rig: Option<Rig>,
     arithmetic: Arithmetic,
+    cleared: Option<String>,
+}
+
+/// The sensor's effects that depend on the light of the frame before. A rig knows that light only
+/// where it is the frame's own, or none.
+pub fn remembering(sensor: &SimulatedSensor) -> impl Iterator<Item = &'static str> + '_ {
+    let entries = sensor.config.effects.iter().map(|effect| effect.entry());
+    entries.filter(|entry| entry.needs == Needs::PreviousFrame).map(|entry| entry.kind)
 }
 
 impl SensorStage {
-    /// Opens the rig at an address; without one, frames are exposed in this process.
+    /// Opens the rig at an address; without one, frames are exposed in this process. Faults and
+    /// test patterns that an earlier host left in the rig's registers are cleared.
     ///
     /// # Errors
     /// Those of [`Rig::open`].
     pub fn open(rig: Option<&str>, arithmetic: Arithmetic) -> Result<Self> {
-        Ok(Self { rig: rig.map(Rig::open).transpose()?, arithmetic })
+        let mut rig = rig.map(Rig::open).transpose()?;
+        let cleared = rig.as_mut().map(Rig::clear_injected).transpose()?.flatten();
+        Ok(Self { rig, arithmetic, cleared })
+    }
+
+    /// What an earlier host had left in the rig's registers and was cleared, in words.
+    pub fn cleared(&self) -> Option<&str> {
+        self.cleared.as_deref()
     }
 
     /// See [`Rig::on_broken_link`]; in this process there is no link.
@@ -36,11 +53,12 @@ impl SensorStage {
         self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(sensor))
     }
 
-    /// One frame under `cube`, after one under `before` (dark where none). A rig knows the light
-    /// before a frame only where it is that of the frame itself.
+    /// One frame under `cube`, after one under `before` (dark where none).
     ///
     /// # Errors
-    /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`].
+    /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`]; light that changes under a sensor
+    /// that remembers it ([`remembering`]), on a rig; a frame that the rig spoiled on request of
+    /// another host.
     pub fn frame(
         &mut self,
         sensor: &SimulatedSensor,
@@ -51,13 +69,58 @@ impl SensorStage {
         let Some(rig) = &mut self.rig else {
             return sensor.frame(cube, before, settings, self.arithmetic);
         };
+        let lit_before = before.is_some_and(|b| std::ptr::eq(b, cube));
+        if before.is_some()
+            && !lit_before
+            && let Some(effect) = remembering(sensor).next()
+        {
+            return Err(changing_light(effect));
+        }
         let request = FrameRequest {
             settings: *settings,
             arithmetic: self.arithmetic,
             collapse: false,
-            lit_before: before.is_some_and(|b| std::ptr::eq(b, cube)),
+            lit_before,
             by_registers: false,
         };
-        rig.frame(cube, sensor, &request)?.to_raw(sensor)
+        let frame = rig.frame(cube, sensor, &request)?;
+        if let Some(what) = frame.injected() {
+            let what = format!("frame {} is not the sensor's: {what}", settings.frame);
+            return Err(Error::disagreement(what).help(
+                "another host has written the rig's fault or test-pattern register; begin again",
+            ));
+        }
+        frame.to_raw(sensor)
+    }
+}
+
+/// Light that changes from frame to frame, under a sensor with an effect that remembers it.
+pub fn changing_light(effect: &str) -> Error {
+    Error::unsupported(format!(
+        "{effect} depends on the light of the frame before, which a rig knows only where the \
+         light stands still: not under motion or changing irradiance"
+    ))
+    .help("expose these frames in this process, or leave the effect out of the camera file")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_rig_link::registers::address;
+
+    /// A stage on an emulator in whose registers something was left. It is a link of its own, so
+    /// the registers are written before the stage begins with what [`SensorStage::open`] does.
+    #[test]
+    fn what_an_earlier_host_left_in_the_registers_is_cleared_and_said() {
+        let mut rig = Rig::open("emulator:").unwrap();
+        assert_eq!(rig.clear_injected().unwrap(), None);
+        for (register, value) in
+            [(address::FAULT_ARGUMENT, 5), (address::FAULT, 2), (address::TEST_PATTERN, 1)]
+        {
+            rig.write_register(register, value).unwrap();
+        }
+        let said = rig.clear_injected().unwrap().unwrap();
+        assert_eq!(said, "fault 2 (register 0x3100) and test pattern 1 (register 0x0600)");
+        assert_eq!(rig.injected().unwrap(), None);
     }
 }

@@ -5,7 +5,7 @@ use camrig_base::{Error, Result};
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 use std::net::{TcpStream, ToSocketAddrs};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest wait for a connection, and for a rig that stops reading.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -46,6 +46,23 @@ struct Closing(TcpStream);
 impl std::io::Write for Closing {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         self.0.write(bytes)
+    }
+
+    /// A rig that takes a byte now and then gets no more time than one that takes none.
+    fn write_all(&mut self, mut bytes: &[u8]) -> std::io::Result<()> {
+        let until = Instant::now() + PATIENCE;
+        while !bytes.is_empty() {
+            match self.0.write(bytes) {
+                Ok(0) => return Err(std::io::ErrorKind::WriteZero.into()),
+                Ok(n) => bytes = &bytes[n..],
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+            if !bytes.is_empty() && Instant::now() >= until {
+                return Err(std::io::ErrorKind::TimedOut.into());
+            }
+        }
+        Ok(())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {

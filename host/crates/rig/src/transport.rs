@@ -1,11 +1,11 @@
 //! What all links have in common: whole packets out, whole packets in.
 
+use super::inbox::{Inlet, Outlet, Taken, inbox};
 use camrig_base::{Error, Result};
 use camrig_rig_link::framing::{Framing, Receiver, Sender};
 use camrig_rig_link::host::Limits;
 use std::io::{self, Read, Write};
-use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A link to a rig. Packets may get lost; those that arrive are checked by their receiver.
 pub trait Transport: Send {
@@ -22,7 +22,8 @@ pub trait Transport: Send {
     /// A link that has failed or was closed.
     fn flush(&mut self) -> Result<()>;
 
-    /// Waits for a packet. Returns whether one came.
+    /// Waits for a packet, at most `wait` from the call on, whatever else arrives meanwhile.
+    /// Returns whether one came.
     ///
     /// # Errors
     /// A link that has failed or was closed, bytes that are not the protocol.
@@ -44,16 +45,15 @@ pub const MAX_PACKET: usize = 32 * 1024;
 /// Bytes read at a time from a byte stream: two of the longest packets.
 const READ_BYTES: usize = 2 * MAX_PACKET;
 
-type Chunk = io::Result<Vec<u8>>;
-
-/// A byte stream with framing. A thread reads at all times, so that the rig is never held up in
-/// sending and two ends can never wait for each other.
+/// A byte stream with framing. A thread reads at all times, so that a rig that keeps to its credit
+/// is never held up in sending and two ends can never wait for each other. Another one is: its
+/// bytes wait in the system's buffers.
 pub struct ByteLink<W> {
     name: String,
     limits: Limits,
     writer: W,
     sender: Sender<Vec<u8>>,
-    chunks: mpsc::Receiver<Chunk>,
+    arrived: Outlet,
     chunk: Vec<u8>,
     used: usize,
     receiver: Receiver<Vec<u8>>,
@@ -69,39 +69,39 @@ impl<W: Write + Send> ByteLink<W> {
         writer: W,
         mut reader: impl Read + Send + 'static,
     ) -> Self {
-        let (sender, chunks) = mpsc::channel();
+        let (inlet, arrived) = Self::inbox(framing, &limits);
         std::thread::spawn(move || {
             let mut buffer = vec![0; READ_BYTES];
             loop {
-                let chunk = match reader.read(&mut buffer) {
+                match reader.read(&mut buffer) {
                     Ok(0) => return,
-                    Ok(n) => Ok(buffer[..n].to_vec()),
+                    Ok(n) if inlet.put(&buffer[..n]).is_err() => return,
+                    Ok(_) => {}
                     Err(e)
                         if matches!(
                             e.kind(),
                             io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
-                        ) =>
-                    {
-                        continue;
-                    }
-                    Err(e) => Err(e),
-                };
-                let last = chunk.is_err();
-                if sender.send(chunk).is_err() || last {
-                    return;
+                        ) => {}
+                    Err(e) => return inlet.fail(e),
                 }
             }
         });
-        Self::from_chunks(name, framing, limits, writer, chunks)
+        Self::from_inbox(name, framing, limits, writer, arrived)
     }
 
-    /// A link whose bytes arrive in chunks; the channel's end is the link's end.
-    pub fn from_chunks(
+    /// A queue for what a rig that keeps to its credit may have under way.
+    pub(crate) fn inbox(framing: Framing, limits: &Limits) -> (Inlet, Outlet) {
+        let packet = framing.max_encoded(limits.packet_bytes.into());
+        inbox(READ_BYTES + packet * usize::from(limits.credit))
+    }
+
+    /// A link whose bytes arrive in a queue; the queue's end is the link's end.
+    pub(crate) fn from_inbox(
         name: String,
         framing: Framing,
         limits: Limits,
         writer: W,
-        chunks: mpsc::Receiver<Chunk>,
+        arrived: Outlet,
     ) -> Self {
         let buffer = || vec![0; 2 * framing.max_encoded(MAX_PACKET)];
         Self {
@@ -109,7 +109,7 @@ impl<W: Write + Send> ByteLink<W> {
             limits,
             writer,
             sender: Sender::new(framing, buffer()),
-            chunks,
+            arrived,
             chunk: Vec::new(),
             used: 0,
             receiver: Receiver::new(framing, buffer()),
@@ -119,8 +119,8 @@ impl<W: Write + Send> ByteLink<W> {
 
     fn closed(&self, why: &str) -> Error {
         Error::device(format!("the rig closed the link{why}")).at(&self.name).help(
-            "it may be busy with another host: an emulator serves one at a time; otherwise check \
-             the rig and its cable, and try again",
+            "it may be busy with another host: an emulator serves one at a time, and gives up one \
+             that has been silent for 10 s; otherwise check the rig and its cable, and try again",
         )
     }
 }
@@ -148,6 +148,8 @@ impl<W: Write + Send> Transport for ByteLink<W> {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<bool> {
+        let until = Instant::now() + wait;
+        let mut taken = false;
         loop {
             let mut bytes = &self.chunk[self.used..];
             let whole = self.receiver.push(&mut bytes).map_err(|_| {
@@ -159,21 +161,17 @@ impl<W: Write + Send> Transport for ByteLink<W> {
             if whole {
                 return Ok(true);
             }
-            let next = if wait.is_zero() {
-                self.chunks.try_recv().map_err(|e| e == mpsc::TryRecvError::Disconnected)
-            } else {
-                self.chunks
-                    .recv_timeout(wait)
-                    .map_err(|e| e == mpsc::RecvTimeoutError::Disconnected)
-            };
-            match next {
-                Ok(Ok(chunk)) => {
-                    self.bytes.1 += chunk.len() as u64;
-                    (self.chunk, self.used) = (chunk, 0);
+            if taken && Instant::now() >= until {
+                return Ok(false);
+            }
+            match self.arrived.take(&mut self.chunk, until) {
+                Taken::Bytes => {
+                    self.bytes.1 += self.chunk.len() as u64;
+                    (self.used, taken) = (0, true);
                 }
-                Ok(Err(e)) => return Err(self.closed(&format!(": {e}"))),
-                Err(true) => return Err(self.closed("")),
-                Err(false) => return Ok(false),
+                Taken::Nothing => return Ok(false),
+                Taken::Ended(Ok(())) => return Err(self.closed("")),
+                Taken::Ended(Err(e)) => return Err(self.closed(&format!(": {e}"))),
             }
         }
     }
@@ -188,5 +186,45 @@ impl<W: Write + Send> Transport for ByteLink<W> {
 
     fn bytes(&self) -> (u64, u64) {
         self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A reader that always has a chunk of these bytes, at once or after a pause.
+    struct Talker(&'static [u8], Duration);
+
+    impl Read for Talker {
+        fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+            std::thread::sleep(self.1);
+            let n = out.len() / self.0.len() * self.0.len();
+            let n = if self.1.is_zero() { n } else { self.0.len() };
+            out[..n].iter_mut().zip(self.0.iter().cycle()).for_each(|(o, b)| *o = *b);
+            Ok(n)
+        }
+    }
+
+    #[test]
+    fn a_peer_that_talks_without_a_packet_gets_no_more_time_than_a_silent_one() {
+        let now_and_then = Duration::from_millis(5);
+        for (framing, text, pause) in [
+            (Framing::Length, &[0u8; 4][..], Duration::ZERO),
+            (Framing::Length, &[0u8; 4][..], now_and_then),
+            (Framing::Cobs, &b"sensor ready\r\n"[..], now_and_then),
+        ] {
+            let limits = Limits { credit: 4, packet_bytes: 1000, ..Limits::default() };
+            let talker = Talker(text, pause);
+            let mut link = ByteLink::new("x".into(), framing, limits, io::sink(), talker);
+            for wait in [0, 100] {
+                let began = Instant::now();
+                assert!(!link.receive(Duration::from_millis(wait)).unwrap());
+                assert!(began.elapsed() < Duration::from_secs(5), "{framing:?} {pause:?} {wait}");
+            }
+            // Twice what its credit lets under way, one read, and what a reader has at hand.
+            let most = 2 * (4 * 1010 + 2 * READ_BYTES);
+            assert!(link.chunk.capacity() <= 2 * most, "{}", link.chunk.capacity());
+        }
     }
 }

@@ -42,6 +42,7 @@ impl FrameSource {
     fn open(&self) -> Result<Opened> {
         let mut frames = formats::read(&self.frame).map_err(|e| e.at(self.frame.display()))?;
         let facts = &frames.facts;
+        facts.notes.iter().for_each(|note| eprintln!("note: {note}"));
         let cfa = match (&self.cfa, &facts.cfa) {
             (Some(text), _) => Cfa::parse(text)?,
             (None, Some(cfa)) => cfa.clone(),

@@ -22,11 +22,11 @@ pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow, StdErrors};
 
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
+use super::codes::Codes;
 use super::dark::{self, DarkLine, SAME_EXPOSURE};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
 use super::ptc::QUANTISATION_LIMITED;
-use super::rounding::QUANTISATION;
 use super::stack::Stack;
 use super::transfer::{Knee, Transfer};
 use camrig_base::{Error, Result};
@@ -36,7 +36,7 @@ use camrig_captures::{Capture, CaptureSet};
 const TRANSFER_RANGE: f64 = 0.7;
 /// Range of the linearity fit over saturation (section 6.7).
 const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
-/// Largest temporal dark noise that quantisation can hide, DN (eq. 54: 0.40 DN at a variance below
+/// Largest temporal dark noise that quantisation can hide, in steps of the codes (DN; eq. 54: 0.40 DN at a variance below
 /// 0.24 DN²).
 const HIDDEN_NOISE_DN: f64 = 0.40;
 /// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
@@ -175,6 +175,8 @@ struct Steps<'a> {
     saturation: usize,
     /// Index of the last level in the range of the photon transfer.
     last: usize,
+    /// The codes of the samples.
+    codes: Codes,
 }
 
 impl<'a> Steps<'a> {
@@ -195,7 +197,8 @@ impl<'a> Steps<'a> {
             return Err(Error::input("fewer than two levels below 70 % of saturation")
                 .help("add flats between dark and saturation"));
         };
-        Ok(Self { levels, channel: c, signal, variance, photons, dark, saturation, last })
+        let codes = ladder::codes(darks, levels);
+        Ok(Self { levels, channel: c, signal, variance, photons, dark, saturation, last, codes })
     }
 
     /// K and its standard error, DN/e⁻.
@@ -214,14 +217,20 @@ impl<'a> Steps<'a> {
         Ok((k, sum.sqrt() / signal.iter().map(|s| s * s).sum::<f64>()))
     }
 
+    /// Dark variance below which quantisation hides the dark noise, DN².
+    fn quantisation_limit(&self) -> f64 {
+        QUANTISATION_LIMITED * self.codes.square()
+    }
+
     /// The figures that follow from signals, variances and photons for a gain of `k`.
     fn figures(&self, k: f64) -> Figures {
         let photons = self.photons.as_ref();
         let responsivity =
             photons.map(|p| slope_through_zero(&p[..=self.last], &self.signal[..=self.last]));
         let efficiency = responsivity.map(|r| r / k);
-        let dark_dn2 = self.dark.at_zero.max(QUANTISATION_LIMITED);
-        let hidden = self.dark.at_zero < QUANTISATION_LIMITED;
+        let limit = self.quantisation_limit();
+        let dark_dn2 = self.dark.at_zero.max(limit);
+        let hidden = self.dark.at_zero < limit;
         // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases left out the ¼).
         let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
         let saturation_p = photons.map(|p| p[self.saturation]);
@@ -236,7 +245,7 @@ impl<'a> Steps<'a> {
             overall_system_gain: k,
             responsivity_dn_per_photon: responsivity,
             temporal_dark_noise_dn: dark_dn2.sqrt(),
-            temporal_dark_noise_e: (!hidden).then(|| (dark_dn2 - QUANTISATION).sqrt() / k),
+            temporal_dark_noise_e: (!hidden).then(|| (dark_dn2 - self.codes.quantisation()).sqrt() / k),
             absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold_e / eta),
             absolute_sensitivity_threshold_e: threshold_e,
             saturation_capacity_p: saturation_p,
@@ -298,10 +307,11 @@ fn ladder_figures(
     let mut figures = steps.figures(k);
     if figures.temporal_dark_noise_e.is_none() {
         warnings.push(format!(
-            "channel {name}: the dark variance ({:.3} DN²) is below 0.24 DN²: quantisation hides \
+            "channel {name}: the dark variance ({:.3} DN²) is below {:.2} DN²: quantisation hides \
              the dark noise, whose upper limit is {:.2} e⁻",
             steps.dark.at_zero,
-            HIDDEN_NOISE_DN / k
+            steps.quantisation_limit(),
+            HIDDEN_NOISE_DN * steps.codes.step_dn / k
         ));
     }
     let deviations = steps.linearity(&mut figures);

@@ -147,3 +147,21 @@ fn what_cannot_be_measured_is_refused() {
     let said = measure(&CaptureSet::load(directory.path()).unwrap()).unwrap_err().to_string();
     assert!(said.contains("DN in 6 bits"), "{said}");
 }
+
+/// Samples at the top of wider words: the same figures in electrons, the step told.
+#[test]
+fn left_aligned_samples_are_measured_in_their_own_steps() {
+    let figures = |moved_up| {
+        let sensor = Sensor { gain: 0.15, read_e: 5.0, bits: 10, moved_up, ..Sensor::default() };
+        let directory = tempfile::tempdir().unwrap();
+        sensor.write(directory.path(), &shots(&sensor));
+        let result = measure(&CaptureSet::load(directory.path()).unwrap()).unwrap();
+        let told = result.warnings.iter().any(|w| w.contains("multiple of 64 DN"));
+        let f = result.channels[0].figures.clone();
+        (f.temporal_dark_noise_e, f.absolute_sensitivity_threshold_e, told)
+    };
+    let ((whole, threshold, untold), (moved, moved_threshold, told)) = (figures(0), figures(6));
+    near(moved, whole.unwrap(), 1e-9, "dark noise");
+    near(Some(moved_threshold), threshold, 1e-9, "threshold");
+    assert!(told && !untold);
+}

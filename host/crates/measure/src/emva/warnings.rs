@@ -2,7 +2,7 @@
 
 use super::SpatialPair;
 use crate::correlation::NoiseCorrelation;
-use crate::ladder::{Level, Selection};
+use crate::ladder::{self, Level, Selection};
 use crate::stack::Stack;
 use crate::transfer::Transfer;
 use camrig_base::Result;
@@ -36,6 +36,7 @@ pub(super) fn set_warnings(
     pair: Option<&SpatialPair>,
 ) -> Vec<String> {
     let mut out = Vec::new();
+    out.extend(ladder::codes(darks, levels).note());
     if set.sensor.cfa.is_none() {
         out.push("the set names no colour filter pattern: taken as one channel".into());
     }

@@ -21,6 +21,7 @@
 mod notes;
 
 use self::notes::{channel_notes, sensor_notes};
+use super::codes::Codes;
 use super::dark::{self, DarkLine};
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
@@ -35,7 +36,7 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
 
-/// Temporal variance of the dark, DN², below which rounding is no longer equivalent to added noise
+/// Temporal variance of the dark, in squares of the codes' step (DN²), below which rounding is no longer equivalent to added noise
 /// (EMVA 1288 release 4.0, eq. 53 and 54).
 pub const QUANTISATION_LIMITED: f64 = 0.24;
 
@@ -140,6 +141,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     let flats = Flats::read(set, selection, &darks)?;
 
     let mut notes = sensor_notes(set, selection, &darks);
+    notes.extend(ladder::codes(&darks, &flats.levels).note());
     // The longest stack has the least noise in its fixed patterns; among equals the longest
     // exposure.
     let longest = (0..darks.len()).max_by(|&a, &b| {
@@ -163,7 +165,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
         figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
         leave_out_rounded_patterns(
             &mut figures,
-            k,
+            (k, &transfer.codes),
             dsnu_level.channels[c].temporal,
             &name,
             &mut notes,
@@ -344,23 +346,26 @@ const ROUNDED: f64 = 0.05;
 /// (`variance`, DN²).
 fn leave_out_rounded_patterns(
     f: &mut Figures,
-    k: f64,
+    (k, codes): (f64, &Codes),
     variance: f64,
     name: &str,
     notes: &mut Vec<String>,
 ) {
     let note = |what: &str, noise: f64| {
         format!(
-            "channel {name}: {what} not determined: with a noise of {noise:.2} DN, rounding to \
-             whole DN changes patterns that are smaller than a DN"
+            "channel {name}: {what} not determined: with a noise of {:.2} DN, rounding to {} \
+             changes patterns that are smaller than {}",
+            noise * codes.step_dn,
+            if codes.step_dn > 1.0 { "codes" } else { "whole DN" },
+            if codes.step_dn > 1.0 { "their step" } else { "a DN" },
         )
     };
-    let at_zero = f.read_noise_e.map_or(0.0, |r| r.value * k);
+    let at_zero = f.read_noise_e.map_or(0.0, |r| r.value * k) / codes.step_dn;
     if rounding_of_patterns(at_zero * at_zero) > ROUNDED {
         (f.row_fpn_e, f.column_fpn_e, f.pixel_fpn_e) = (None, None, None);
         notes.push(note("row_fpn_e, column_fpn_e and pixel_fpn_e", at_zero));
     }
-    let longest = (variance - QUANTISATION).max(0.0);
+    let longest = (variance / codes.square() - QUANTISATION).max(0.0);
     if rounding_of_patterns(longest) > ROUNDED {
         (f.dsnu_e, f.dsnu_e_per_s) = (None, None);
         notes.push(note("dsnu_e and dsnu_e_per_s", longest.sqrt()));

@@ -157,3 +157,25 @@ fn random_cameras_come_back_over_gains() {
     }
     hits.check();
 }
+
+/// Samples at the top of wider words: the same figures in electrons, the step told.
+#[test]
+fn left_aligned_samples_are_measured_in_their_own_steps() {
+    let sensor =
+        Sensor { gain: 0.1, read_e: 5.0, row_fpn_e: 0.0, bits: 10, ..Sensor::default() };
+    let whole = measured(&sensor);
+    let moved = measured(&Sensor { moved_up: 6, ..sensor });
+    let figures: [(&str, f64, fn(&Figures) -> Option<Value>); 3] = [
+        ("read noise", 1.0, |f| f.read_noise_e),
+        ("full well", 1.0, |f| f.full_well_e),
+        ("gain", 64.0, |f| f.system_gain_dn_per_e),
+    ];
+    for (name, scale, get) in figures {
+        let (a, b) = (get(&whole.figures).unwrap(), get(&moved.figures).unwrap());
+        assert!((b.value / (scale * a.value) - 1.0).abs() < 1e-6, "{name}: {a:?} {b:?}");
+    }
+    let told = |ptc: &Ptc| ptc.notes.iter().any(|n| n.contains("multiple of 64 DN"));
+    assert!(told(&moved) && !told(&whole), "{:?}", moved.notes);
+    let hidden = |ptc: &Ptc| ptc.notes.iter().filter(|n| n.contains("not determined")).count();
+    assert_eq!(hidden(&moved), hidden(&whole), "{:?} {:?}", moved.notes, whole.notes);
+}

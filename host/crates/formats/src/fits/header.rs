@@ -1,0 +1,181 @@
+//! Headers of FITS units: cards of keyword and value (FITS Standard 4.0, chapter 4).
+
+use super::{BLOCK, CARD, Stored};
+use crate::truncated;
+use camrig_base::{Error, Result};
+use std::collections::BTreeMap;
+
+/// The header of one unit.
+#[derive(Default)]
+pub(super) struct Header {
+    values: BTreeMap<String, String>,
+    /// Texts of its COMMENT cards.
+    pub comments: Vec<String>,
+    /// Bytes of the header with its padding.
+    pub bytes: usize,
+}
+
+/// How an image is stored.
+pub(super) struct Image {
+    /// Bits per value, negative for floats.
+    pub bitpix: i64,
+    /// Width, height and number of frames.
+    pub axes: [usize; 3],
+    pub bzero: f64,
+    pub bscale: f64,
+    /// Whether the header has BZERO or BSCALE.
+    pub scaled: bool,
+    /// The integer that stands for an undefined pixel.
+    pub blank: Option<i64>,
+}
+
+impl Header {
+    /// Reads the header at the start of `bytes`.
+    pub fn read(bytes: &[u8]) -> Result<Self> {
+        let mut header = Self::default();
+        for (index, card) in bytes.chunks_exact(CARD).enumerate() {
+            let text = String::from_utf8_lossy(card);
+            let (key, rest) = text.split_at_checked(8).unwrap_or((&text, ""));
+            match key.trim_end() {
+                "END" => {
+                    header.bytes = ((index + 1) * CARD).next_multiple_of(BLOCK);
+                    return Ok(header);
+                }
+                "COMMENT" => header.comments.push(rest.trim().to_string()),
+                key => {
+                    if let Some(value) = rest.strip_prefix("= ") {
+                        header.values.entry(key.to_string()).or_insert_with(|| value_of(value));
+                    }
+                }
+            }
+        }
+        Err(Error::input("a FITS header without END").help("truncated?"))
+    }
+
+    fn bad(&self, key: &str) -> Error {
+        let value = self.values.get(key).map_or("", |v| v.as_str());
+        Error::input(format!("FITS keyword {key}: {value:?}"))
+    }
+
+    /// The text of a keyword.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.values.get(key).map(|v| v.as_str())
+    }
+
+    /// A number, `None` where the keyword is missing or no number.
+    pub fn number(&self, key: &str) -> Option<f64> {
+        // The standard allows D for the exponent.
+        self.text(key)?.replace('D', "E").parse().ok()
+    }
+
+    /// An integer that the image needs.
+    pub fn integer(&self, key: &str) -> Result<i64> {
+        self.text(key).and_then(|v| v.parse().ok()).ok_or_else(|| self.bad(key))
+    }
+
+    /// A length that the image needs.
+    pub fn length(&self, key: &str) -> Result<usize> {
+        usize::try_from(self.integer(key)?).map_err(|_| self.bad(key))
+    }
+
+    /// A number with its value where the keyword is missing.
+    fn real(&self, key: &str, missing: f64) -> Result<f64> {
+        match self.text(key) {
+            None => Ok(missing),
+            Some(_) => {
+                self.number(key).filter(|v| v.is_finite()).ok_or_else(|| self.bad(key))
+            }
+        }
+    }
+
+    /// Whether the unit is a table that holds an image compressed in tiles.
+    pub fn is_compressed(&self) -> bool {
+        self.text("ZIMAGE") == Some("T")
+    }
+
+    /// Whether the unit holds an image.
+    pub fn has_image(&self) -> bool {
+        let kind = self.text("XTENSION").map_or("IMAGE", str::trim);
+        let empty = self.text("NAXIS").is_none_or(|n| n == "0");
+        self.is_compressed() || (kind == "IMAGE" && !empty)
+    }
+
+    /// Bytes of the unit's data without padding (section 4.4.1.1, eq. 1 and 2).
+    pub fn data_bytes(&self) -> Result<usize> {
+        let axes = self.length("NAXIS")?;
+        if axes == 0 {
+            return Ok(0);
+        }
+        let values = (1..=axes.min(999)).try_fold(1usize, |product, axis| {
+            Ok::<_, Error>(product.saturating_mul(self.length(&format!("NAXIS{axis}"))?))
+        })?;
+        let heap = self.length("PCOUNT").unwrap_or(0);
+        let groups = self.length("GCOUNT").unwrap_or(1);
+        let size = self.integer("BITPIX")?.unsigned_abs() as usize / 8;
+        let bytes = values.saturating_add(heap).saturating_mul(groups).saturating_mul(size);
+        // Room for the padding to the next block.
+        Ok(bytes.min(isize::MAX as usize))
+    }
+
+    /// How the image is stored.
+    pub fn image(&self) -> Result<Image> {
+        let z = if self.is_compressed() { "Z" } else { "" };
+        let naxis = self.length(&format!("{z}NAXIS"))?;
+        if !(2..=3).contains(&naxis) {
+            return Err(self.bad(&format!("{z}NAXIS")).help("an image has two axes, a stack three"));
+        }
+        let mut axes = [0, 0, 1];
+        for (axis, length) in axes.iter_mut().take(naxis).enumerate() {
+            *length = self.length(&format!("{z}NAXIS{}", axis + 1))?;
+        }
+        let bitpix = self.integer(&format!("{z}BITPIX"))?;
+        if !matches!(bitpix, 8 | 16 | 32 | 64 | -32 | -64) {
+            return Err(self.bad(&format!("{z}BITPIX")).help("it is 8, 16, 32, 64, -32 or -64"));
+        }
+        let blank = self.text("BLANK").or_else(|| self.text("ZBLANK"));
+        Ok(Image {
+            bitpix,
+            axes,
+            bzero: self.real("BZERO", 0.0)?,
+            bscale: self.real("BSCALE", 1.0)?,
+            scaled: self.text("BZERO").is_some() || self.text("BSCALE").is_some(),
+            blank: blank.and_then(|v| v.parse().ok()),
+        })
+    }
+}
+
+/// The value of a card, without its comment; of a text, what stands between its quotes.
+fn value_of(text: &str) -> String {
+    let text = text.trim_start();
+    let Some(quoted) = text.strip_prefix('\'') else {
+        return text.split('/').next().unwrap_or("").trim().to_string();
+    };
+    // A quote within the text is doubled.
+    let quoted = quoted.replace("''", "\0");
+    let value = quoted.split('\'').next().unwrap_or("");
+    value.replace('\0', "'").trim_end().to_string()
+}
+
+impl Image {
+    /// Bytes per value.
+    pub fn sample_bytes(&self) -> usize {
+        self.bitpix.unsigned_abs() as usize / 8
+    }
+
+    /// The values in some bytes, most significant byte first.
+    pub fn values(&self, bytes: &[u8]) -> Result<Stored> {
+        let size = self.sample_bytes();
+        if !bytes.len().is_multiple_of(size) {
+            return Err(truncated(bytes.len().next_multiple_of(size), bytes.len()));
+        }
+        let words = bytes.chunks_exact(size).map(|b| b.iter().fold(0u64, |w, &b| w << 8 | u64::from(b)));
+        Ok(match self.bitpix {
+            8 => Stored::Integers(words.map(|w| w as i64).collect()),
+            16 => Stored::Integers(words.map(|w| i64::from(w as i16)).collect()),
+            32 => Stored::Integers(words.map(|w| i64::from(w as i32)).collect()),
+            -32 => Stored::Floats(words.map(|w| f32::from_bits(w as u32).into()).collect()),
+            -64 => Stored::Floats(words.map(f64::from_bits).collect()),
+            _ => Stored::Integers(words.map(|w| w as i64).collect()),
+        })
+    }
+}

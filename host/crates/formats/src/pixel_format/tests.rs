@@ -1,0 +1,95 @@
+//! Names of every tradition, and packings against bytes from their documents.
+
+use super::*;
+
+fn named(name: &str) -> String {
+    PixelFormat::parse(name).map_or_else(|e| e.to_string(), |f| format!("{f} {:?}", f.layout))
+}
+
+#[test]
+fn names_of_every_tradition_are_known() {
+    for (name, expected) in [
+        ("SRGGB10", "SRGGB10 Words"),
+        ("SRGGB10P", "SRGGB10P Mipi"),
+        ("pRAA", "SRGGB10P Mipi"),
+        ("pGAA", "SGBRG10P Mipi"),
+        ("pgAA", "SGRBG10P Mipi"),
+        ("RG12", "SRGGB12 Words"),
+        ("BYR2", "SBGGR16 Words"),
+        ("SGRBG12_CSI2P", "SGRBG12P Mipi"),
+        ("R10_CSI2P", "Y10P Mipi"),
+        ("R16", "Y16 Words"),
+        ("Y16-BE", "Y16_BE WordsBig"),
+        ("SRGGB12_BE", "SRGGB12_BE WordsBig"),
+        ("BayerRG12p", "BayerRG12p LowestFirst"),
+        ("BayerGB10", "SGBRG10 Words"),
+        ("Mono12p", "Mono12p LowestFirst"),
+        ("Mono12Packed", "Mono12Packed GigE"),
+        ("BayerBG10Packed", "BayerBG10Packed GigE"),
+        ("Mono8", "Y8 Words"),
+        ("bayer_grbg16le", "SGRBG16 Words"),
+        ("bayer_bggr8", "SBGGR8 Words"),
+        ("gray12be", "Y12_BE WordsBig"),
+        ("GREY", "Y8 Words"),
+    ] {
+        assert_eq!(named(name), expected, "{name}");
+    }
+    for name in ["RGGB", "SRGGB", "SRGGB9", "SRGGB8P", "Mono16p", "gray12", "P", "_BE", "Mono"] {
+        assert!(named(name).contains("pixel format"), "{name}: {}", named(name));
+    }
+}
+
+#[test]
+fn file_names_say_format_and_size() {
+    let of = |name: &str| match PixelFormat::from_file_name(Path::new(name)) {
+        Ok((pixels, size)) => format!("{pixels} {size:?}"),
+        Err(e) => e.to_string(),
+    };
+    assert_eq!(of("a_64x48_SRGGB10_CSI2P.raw"), "SRGGB10P Some((64, 48))");
+    assert_eq!(of("SGRBG12_640x480_frame_7.bin"), "SGRBG12 Some((640, 480))");
+    assert_eq!(of("a_BayerRG12p_64x48.RAW"), "BayerRG12p Some((64, 48))");
+    assert!(of("a_64x48_SRGGB10_IPU3.raw").contains("SRGGB10_IPU3"));
+    assert!(of("a_64x48_RGGB.raw").contains("no pixel format"));
+    assert!(PixelFormat::is_headerless(Path::new("a.RAW")));
+    assert!(PixelFormat::is_headerless(Path::new("a.Bin")));
+}
+
+/// Two pixels, 0xABC and 0x123: PFNC 2.4 `Mono12p`, GigE Vision `Mono12Packed`, and four of 10
+/// bits in both.
+#[test]
+fn packings_of_machine_vision() {
+    for (name, samples, bytes) in [
+        ("Mono12p", &[0xABC, 0x123][..], &[0xBC, 0x3A, 0x12][..]),
+        ("Mono12Packed", &[0xABC, 0x123], &[0xAB, 0x3C, 0x12]),
+        ("Mono10p", &[0x3FF, 0, 0x155, 0x2AA], &[0xFF, 0x03, 0x50, 0x95, 0xAA]),
+        ("Mono10Packed", &[0x3FD, 0x002], &[0xFF, 0x21, 0x00]),
+    ] {
+        let pixels = PixelFormat::parse(name).unwrap();
+        let back = pixels.decode(bytes, samples.len(), 1, None).unwrap();
+        assert_eq!(back.planes[0].data, samples, "{name}");
+        assert_eq!(pixels.encode(&back).unwrap(), bytes, "{name}");
+        let error = pixels.decode(bytes, 1, 1, None).unwrap_err().to_string();
+        assert!(error.contains("1 pixels, packed"), "{error}");
+    }
+}
+
+/// A pattern without a name goes out as words without colour filters, and is told; a Bayer pattern
+/// has names of its own.
+#[test]
+fn patterns_without_a_name_are_left_out_and_told() {
+    let mut frames = Frames {
+        planes: vec![Plane { width: 4, height: 1, data: vec![1, 2, 3, 0xFFF] }],
+        facts: Facts::default(),
+    };
+    let words = PixelFormat::parse("Y12").unwrap();
+    for cfa in ["RRGG/RRGG/GGBB/GGBB", "RC/CC", "BGRG/GIGI/RGBG/GIGI"] {
+        frames.facts.cfa = Some(Cfa::parse(cfa).unwrap());
+        assert_eq!(words.encode(&frames).unwrap(), [1, 0, 2, 0, 3, 0, 0xFF, 0x0F], "{cfa}");
+        assert!(words.leaves_out(&frames.facts).unwrap().contains("pattern"));
+        assert!(PixelFormat::parse("SRGGB12").unwrap().encode(&frames).is_err());
+    }
+    frames.facts.cfa = Some(Cfa::parse("RGGB").unwrap());
+    assert!(words.encode(&frames).is_err());
+    frames.facts.cfa = Some(Cfa::parse("mono").unwrap());
+    assert_eq!(words.leaves_out(&frames.facts), None);
+}

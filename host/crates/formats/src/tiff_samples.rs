@@ -1,0 +1,144 @@
+//! Samples of a TIFF or DNG directory, in strips or tiles: uncompressed, in words or packed, or as
+//! lossless JPEG.
+
+use super::ifd::{Ifd, Tiff};
+use super::{area, ljpeg, truncated};
+use camrig_base::{Error, Plane, Result};
+
+/// Compression: none.
+const UNCOMPRESSED: u64 = 1;
+/// Compression: JPEG, which for samples of more than 8 bits is lossless.
+const JPEG: u64 = 7;
+
+/// The stored samples of a directory of one sample per pixel.
+pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
+    let need = |tag: u16, name: &str| {
+        raw.uint(tag).ok_or_else(|| Error::input(format!("a raw image without {name}")))
+    };
+    let (width, height) = (need(256, "ImageWidth")? as usize, need(257, "ImageLength")? as usize);
+    let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
+    let compression = raw.uint(259).unwrap_or(UNCOMPRESSED);
+    if ![UNCOMPRESSED, JPEG].contains(&compression) {
+        let name = match compression {
+            8 | 32946 => " (Deflate, of floating-point DNGs)",
+            34892 => " (lossy JPEG)",
+            52546 => " (JPEG XL)",
+            _ => "",
+        };
+        return Err(Error::unsupported(format!("a DNG with compression {compression}{name}"))
+            .help("uncompressed and lossless JPEG are read; convert it to one of them first"));
+    }
+    if !(8..=16).contains(&bits) || per_pixel != 1 {
+        return Err(Error::unsupported(format!(
+            "a raw image of {per_pixel} samples of {bits} bits per pixel"
+        ))
+        .help("one sample of 8 to 16 bits is read"));
+    }
+    if raw.uint(266).is_some_and(|order| order != 1) {
+        return Err(Error::unsupported("a raw image with reversed bits (FillOrder 2)"));
+    }
+    let tiled = raw.uint(322).is_some();
+    let (columns, rows, offsets, lengths) = if tiled {
+        let rows = need(323, "TileLength")?;
+        (need(322, "TileWidth")?, rows, raw.uints(324), raw.uints(325))
+    } else {
+        let rows = raw.uint(278).unwrap_or(height as u64).min(height as u64);
+        (width as u64, rows, raw.uints(273), raw.uints(279))
+    };
+    let offsets = offsets.ok_or_else(|| Error::input("a raw image without its samples"))?;
+    let (columns, rows) = (columns as usize, rows as usize);
+    area(columns, rows)?;
+    let needed = width.div_ceil(columns).saturating_mul(height.div_ceil(rows));
+    // A sample takes a bit at least, even compressed.
+    if offsets.len() < needed || area(width, height)? > file.bytes.len().saturating_mul(8) {
+        return Err(truncated(needed, offsets.len()).at("strips or tiles"));
+    }
+    let chunks = Chunks { columns, rows, bits: bits as usize };
+    let mut plane = Plane::filled(width, height, 0);
+    if compression == JPEG {
+        let lengths = lengths.filter(|l| l.len() >= needed).ok_or_else(|| {
+            Error::input("compressed samples of unknown length")
+        })?;
+        for (index, (offset, length)) in offsets.iter().zip(lengths).take(needed).enumerate() {
+            let bytes = file.slice(*offset as usize, length as usize)?;
+            chunks.lossless(bytes, index, &mut plane).map_err(|e| {
+                e.at(format!("{} {index}", if tiled { "tile" } else { "strip" }))
+            })?;
+        }
+    } else {
+        for (index, &offset) in offsets.iter().take(needed).enumerate() {
+            chunks.plain(file, offset as usize, index, &mut plane)?;
+        }
+    }
+    Ok(plane)
+}
+
+/// The strips or tiles of an image.
+struct Chunks {
+    columns: usize,
+    rows: usize,
+    bits: usize,
+}
+
+impl Chunks {
+    /// Left and top of a chunk.
+    fn corner(&self, index: usize, plane: &Plane<u16>) -> (usize, usize) {
+        let across = plane.width.div_ceil(self.columns);
+        (index % across * self.columns, index / across * self.rows)
+    }
+
+    fn plain(
+        &self,
+        file: &Tiff,
+        offset: usize,
+        index: usize,
+        plane: &mut Plane<u16>,
+    ) -> Result<()> {
+        let (left, top) = self.corner(index, plane);
+        let count = self.columns.min(plane.width - left);
+        let row_bytes = self.columns.saturating_mul(self.bits).div_ceil(8);
+        for y in top..(top + self.rows).min(plane.height) {
+            let start = offset.saturating_add((y - top).saturating_mul(row_bytes));
+            let bytes = file.slice(start, (count * self.bits).div_ceil(8))?;
+            unpack(file, self.bits, bytes, &mut plane.row_mut(y)[left..left + count]);
+        }
+        Ok(())
+    }
+
+    /// The stream's samples fill the chunk row by row, whatever the JPEG's own width: many writers
+    /// take two rows as one, or two columns as one pixel of two components.
+    fn lossless(&self, bytes: &[u8], index: usize, plane: &mut Plane<u16>) -> Result<()> {
+        let (left, top) = self.corner(index, plane);
+        let image = ljpeg::decode(bytes, self.columns.saturating_mul(self.rows))?;
+        let rows = self.rows.min(plane.height - top);
+        let count = self.columns.min(plane.width - left);
+        let stored = image.data.len();
+        if stored < rows * self.columns || !stored.is_multiple_of(self.columns) {
+            return Err(truncated(2 * rows * self.columns, 2 * stored));
+        }
+        for (y, row) in image.data.chunks_exact(self.columns).take(rows).enumerate() {
+            plane.row_mut(top + y)[left..left + count].copy_from_slice(&row[..count]);
+        }
+        Ok(())
+    }
+}
+
+/// Unpacks a row: words of 16 bits in the file's byte order, narrower samples most significant bit
+/// first.
+fn unpack(file: &Tiff, bits: usize, bytes: &[u8], row: &mut [u16]) {
+    if bits == 16 {
+        row.iter_mut()
+            .zip(bytes.chunks_exact(2))
+            .for_each(|(s, b)| *s = file.sample([b[0], b[1]]));
+        return;
+    }
+    let (mut pool, mut filled, mut next) = (0u32, 0, bytes.iter());
+    for sample in row {
+        while filled < bits {
+            pool = pool << 8 | u32::from(*next.next().unwrap_or(&0));
+            filled += 8;
+        }
+        filled -= bits;
+        *sample = (pool >> filled & ((1 << bits) - 1)) as u16;
+    }
+}
