@@ -40,7 +40,7 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     }
     value("BZERO", "32768");
     value("BSCALE", "1");
-    notes(&frames.facts.note()).into_iter().for_each(card);
+    notes(&frames.facts.note()).into_iter().for_each(&mut card);
     card("END".into());
     let mut bytes = head.into_bytes();
     bytes.resize(bytes.len().next_multiple_of(BLOCK), b' ');
@@ -128,7 +128,8 @@ fn planes(header: &Header, data: &[u8], facts: &mut Facts) -> Result<Vec<Plane<u
             plane.data = plane.data.rchunks(width).flatten().copied().collect();
         }
         facts.notes.push(
-            "the rows are turned: the file stores the bottom row first (ROWORDER BOTTOM-UP)".into(),
+            "the rows are turned: the file stores the bottom row first (ROWORDER BOTTOM-UP)"
+                .into(),
         );
     }
     if facts.cfa.is_none() {

@@ -272,8 +272,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
         Some(Format::Raw(_)) | None => Err(Error::unsupported("not in a known raw format").help(
-            "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 packets; \
-             headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
+            "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 \
+             packets; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
         )),
     }?;
     debug_assert!(!frames.planes.is_empty());

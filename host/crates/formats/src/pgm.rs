@@ -41,8 +41,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         // Some writers end an image with a newline.
         bytes = reader.bytes.trim_ascii_start();
         let (plane, top) = image;
-        if frames.planes.first().is_some_and(|p| (p.width, p.height) != (plane.width, plane.height))
-        {
+        let size = (plane.width, plane.height);
+        if frames.planes.first().is_some_and(|p| (p.width, p.height) != size) {
             return Err(Error::unsupported("images of different sizes in one PGM file"));
         }
         frames.planes.push(plane);
@@ -210,7 +210,7 @@ mod tests {
     #[test]
     fn what_is_no_grey_map_is_refused() {
         for (bytes, said) in [
-            (&b"P7\nWIDTH 1\nHEIGHT 1\nDEPTH 3\nMAXVAL 255\nENDHDR\n\x01\x02\x03"[..], "3 channels"),
+            (&b"P7\nWIDTH 1\nHEIGHT 1\nDEPTH 3\nMAXVAL 255\nENDHDR\n123"[..], "3 channels"),
             (b"P7\nWIDTH 1\n", "ENDHDR"),
             (b"P2 99999999 99999999 255 1", "truncated"),
             (b"P2 2 1 255 1", "number expected"),

@@ -348,7 +348,8 @@ proptest! {
     #[test]
     fn random_bytes_never_panic(
         magic in prop::sample::select(vec![
-            &b"II*\0"[..], b"MM\0*", b"P2\n", b"P7\n", b"\x1f\x8b\x08\0", b"\x93NUMPY\x01\0", b"\x93NUMPY\x02\0", b"P5\n", b"SIMPLE  =",
+            &b"II*\0"[..], b"MM\0*", b"P2\n", b"P7\n", b"\x1f\x8b\x08\0",
+            b"\x93NUMPY\x01\0", b"\x93NUMPY\x02\0", b"P5\n", b"SIMPLE  =",
             b"\x89PNG\r\n\x1a\n", b"II+\0\x08\0\0\0", b"\0\x01\0\x1a",
         ]),
         rest in proptest::collection::vec(any::<u8>(), 0..300),

@@ -73,7 +73,8 @@ impl Codes {
         (step > 1.0).then(|| {
             format!(
                 "all samples lie a multiple of {step} DN apart (left-aligned: the lowest {bits} \
-                 bits never vary): {step}²/12 = {:.4} DN² are taken off for quantisation, not 1/12",
+                 bits never vary): {step}²/12 = {:.4} DN² are taken off for quantisation, not \
+                 1/12",
                 self.quantisation()
             )
         })

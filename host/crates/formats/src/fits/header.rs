@@ -122,7 +122,8 @@ impl Header {
         let z = if self.is_compressed() { "Z" } else { "" };
         let naxis = self.length(&format!("{z}NAXIS"))?;
         if !(2..=3).contains(&naxis) {
-            return Err(self.bad(&format!("{z}NAXIS")).help("an image has two axes, a stack three"));
+            let error = self.bad(&format!("{z}NAXIS"));
+            return Err(error.help("an image has two axes, a stack three"));
         }
         let mut axes = [0, 0, 1];
         for (axis, length) in axes.iter_mut().take(naxis).enumerate() {
@@ -168,7 +169,8 @@ impl Image {
         if !bytes.len().is_multiple_of(size) {
             return Err(truncated(bytes.len().next_multiple_of(size), bytes.len()));
         }
-        let words = bytes.chunks_exact(size).map(|b| b.iter().fold(0u64, |w, &b| w << 8 | u64::from(b)));
+        let word = |b: &[u8]| b.iter().fold(0u64, |w, &b| w << 8 | u64::from(b));
+        let words = bytes.chunks_exact(size).map(word);
         Ok(match self.bitpix {
             8 => Stored::Integers(words.map(|w| w as i64).collect()),
             16 => Stored::Integers(words.map(|w| i64::from(w as i16)).collect()),

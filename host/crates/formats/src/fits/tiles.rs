@@ -1,5 +1,5 @@
-//! Images compressed in tiles (FITS Standard 4.0, section 10.1): a table whose rows are tiles, each
-//! a descriptor of bytes in the heap behind the table.
+//! Images compressed in tiles (FITS Standard 4.0, section 10.1): a table whose rows are tiles,
+//! each a descriptor of bytes in the heap behind the table.
 
 use super::header::{Header, Image};
 use super::{Stored, rice};

@@ -77,7 +77,10 @@ pub(crate) fn encode(
                 (false, false) => header.predict(at(1, 0), at(0, 1), at(1, 1)),
             };
             let difference = (at(0, 0) - predicted) as i16 as i32;
-            let size = if difference == -32768 { 16 } else { 32 - difference.abs().leading_zeros() };
+            let size = match difference {
+                -32768 => 16,
+                other => 32 - other.abs().leading_zeros(),
+            };
             w.put(size, CODE_BITS);
             if size < 16 {
                 let low = if difference < 0 { difference - 1 } else { difference };

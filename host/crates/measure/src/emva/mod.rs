@@ -36,8 +36,8 @@ use camrig_captures::{Capture, CaptureSet};
 const TRANSFER_RANGE: f64 = 0.7;
 /// Range of the linearity fit over saturation (section 6.7).
 const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
-/// Largest temporal dark noise that quantisation can hide, in steps of the codes (DN; eq. 54: 0.40 DN at a variance below
-/// 0.24 DN²).
+/// Largest temporal dark noise that quantisation can hide, in steps of the codes (DN; eq. 54:
+/// 0.40 DN at a variance below 0.24 DN²).
 const HIDDEN_NOISE_DN: f64 = 0.40;
 /// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
 /// standard requires 50, which a warning says.
@@ -245,7 +245,8 @@ impl<'a> Steps<'a> {
             overall_system_gain: k,
             responsivity_dn_per_photon: responsivity,
             temporal_dark_noise_dn: dark_dn2.sqrt(),
-            temporal_dark_noise_e: (!hidden).then(|| (dark_dn2 - self.codes.quantisation()).sqrt() / k),
+            temporal_dark_noise_e: (!hidden)
+                .then(|| (dark_dn2 - self.codes.quantisation()).sqrt() / k),
             absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold_e / eta),
             absolute_sensitivity_threshold_e: threshold_e,
             saturation_capacity_p: saturation_p,
