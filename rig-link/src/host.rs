@@ -182,8 +182,17 @@ enum Operation {
     None,
     Hello,
     /// `furthest`: the most bytes that the device has said it has.
-    Camera { id: u64, total: u32, received: u32, furthest: u32, ask: bool },
-    Request { message: ToDevice, ask: bool },
+    Camera {
+        id: u64,
+        total: u32,
+        received: u32,
+        furthest: u32,
+        ask: bool,
+    },
+    Request {
+        message: ToDevice,
+        ask: bool,
+    },
     Frame(Frame),
 }
 

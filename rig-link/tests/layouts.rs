@@ -17,8 +17,7 @@ fn postcard(message: &impl serde::Serialize) -> Vec<u8> {
 
 #[test]
 fn a_packet_is_a_header_of_little_endian_numbers_body_and_crc() {
-    let header =
-        Header { kind: Kind::Raw, flags: 2, session: 0x1234, seq: 0x0102, ack: 0xfffe };
+    let header = Header { kind: Kind::Raw, flags: 2, session: 0x1234, seq: 0x0102, ack: 0xfffe };
     let mut packet = [0; 32];
     packet[HEADER_BYTES..][..3].copy_from_slice(&[7, 8, 9]);
     let n = seal(&mut packet, header, 3);

@@ -1,6 +1,7 @@
 //! `camrig rig`: talk to rigs, or be one.
 
 use camrig_base::{Error, Result};
+use camrig_render::Arithmetic;
 use camrig_rig::script::exposure_cut;
 use camrig_rig::{self as rig, Rig, emulator::Emulator, log::LogDecoder, serve::ServeError};
 use camrig_rig_link::message::Codec;

@@ -113,9 +113,9 @@ impl Pace {
                 "the frame rate was not reached: {rate:.2} instead of {fps} frames/s; {late} of \
                  {frames} frames began late, by up to {worst:.1} ms"
             )),
-            true if late > 0 => Some(format!(
-                "note: {late} of {frames} frames began late, by up to {worst:.1} ms"
-            )),
+            true if late > 0 => {
+                Some(format!("note: {late} of {frames} frames began late, by up to {worst:.1} ms"))
+            }
             true => None,
         }
     }

@@ -152,7 +152,8 @@ fn folder(path: &Path) -> Result<Vec<IrradianceCube>> {
         files.push(entry.map_err(failed)?.path());
     }
     files.retain(|file| file.is_file());
-    let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name =
+        |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     files.sort_by_cached_key(|file| natural(&name(file)));
     let (mut cubes, mut left_out) = (Vec::new(), Vec::new());
     for file in &files {
@@ -220,11 +221,8 @@ impl Kept {
         let mut frames = Frames::from_raw(first);
         let plane = |raw: RawFrame| Plane { width: raw.width, height: raw.height, data: raw.data };
         frames.planes = self.raws.into_iter().map(plane).collect();
-        let options = csi2::Options {
-            line_packets: true,
-            embedded: self.embedded,
-            ..Default::default()
-        };
+        let options =
+            csi2::Options { line_packets: true, embedded: self.embedded, ..Default::default() };
         csi2::encode_numbered(&frames, &options, &self.numbers)
     }
 }

@@ -188,11 +188,7 @@ pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// Those of [`encode_with`].
-pub fn encode_numbered(
-    frames: &Frames,
-    options: &Options,
-    numbers: &[u16],
-) -> Result<Vec<u8>> {
+pub fn encode_numbered(frames: &Frames, options: &Options, numbers: &[u16]) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let raw = RAW.iter().find(|(_, packing)| packing.bits() == bits);
     let &(image, packing) = raw.ok_or_else(|| {

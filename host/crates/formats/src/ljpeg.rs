@@ -104,9 +104,9 @@ impl Header {
                 [high, low, ..] => usize::from(u16::from_be_bytes([*high, *low])),
                 _ => return Err(truncated(2, after.len()).at("lossless JPEG")),
             };
-            let segment = after.get(2..length.max(2)).ok_or_else(|| {
-                truncated(length, after.len()).at("lossless JPEG")
-            })?;
+            let segment = after
+                .get(2..length.max(2))
+                .ok_or_else(|| truncated(length, after.len()).at("lossless JPEG"))?;
             rest = &after[length.max(2)..];
             match marker {
                 0xC3 => self.frame(segment)?,

@@ -13,7 +13,6 @@ pub(super) fn float(value: f64) -> Result<u16> {
     if value.fract() == 0.0 && (0.0..=65535.0).contains(&value) {
         return Ok(value as u16);
     }
-    Err(Error::input(format!("value {value}")).help(
-        "raw DN are whole numbers from 0 to 65535; scaled or calibrated data are not raw",
-    ))
+    Err(Error::input(format!("value {value}"))
+        .help("raw DN are whole numbers from 0 to 65535; scaled or calibrated data are not raw"))
 }

@@ -46,9 +46,8 @@ impl PixelFormat {
 
     /// Whether a file of this name is headerless: `.raw` and `.bin`.
     pub fn is_headerless(path: &Path) -> bool {
-        let headerless = |e: &std::ffi::OsStr| {
-            e.eq_ignore_ascii_case("raw") || e.eq_ignore_ascii_case("bin")
-        };
+        let headerless =
+            |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("raw") || e.eq_ignore_ascii_case("bin");
         path.extension().is_some_and(headerless)
     }
 
@@ -110,8 +109,9 @@ impl PixelFormat {
                 "no pixel format names this pattern: choose one without colour filters, such as \
                  Y12, and tell readers the pattern"
             };
-            return Err(Error::unsupported(format!("a frame with pattern {cfa} as {self}"))
-                .help(help));
+            return Err(
+                Error::unsupported(format!("a frame with pattern {cfa} as {self}")).help(help)
+            );
         }
         Ok(())
     }

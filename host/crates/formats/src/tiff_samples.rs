@@ -56,14 +56,14 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     let chunks = Chunks { columns, rows, bits: bits as usize };
     let mut plane = Plane::filled(width, height, 0);
     if compression == JPEG {
-        let lengths = lengths.filter(|l| l.len() >= needed).ok_or_else(|| {
-            Error::input("compressed samples of unknown length")
-        })?;
+        let lengths = lengths
+            .filter(|l| l.len() >= needed)
+            .ok_or_else(|| Error::input("compressed samples of unknown length"))?;
         for (index, (offset, length)) in offsets.iter().zip(lengths).take(needed).enumerate() {
             let bytes = file.slice(*offset as usize, length as usize)?;
-            chunks.lossless(bytes, index, &mut plane).map_err(|e| {
-                e.at(format!("{} {index}", if tiled { "tile" } else { "strip" }))
-            })?;
+            chunks
+                .lossless(bytes, index, &mut plane)
+                .map_err(|e| e.at(format!("{} {index}", if tiled { "tile" } else { "strip" })))?;
         }
     } else {
         for (index, &offset) in offsets.iter().take(needed).enumerate() {

@@ -102,11 +102,7 @@ fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<It
 /// Adds rows to the lanes of their row of the pattern. The samples of a strip do not overflow a
 /// lane.
 #[vectorised]
-fn sum_lanes(
-    samples: &[u16],
-    width: usize,
-    sums: &mut [[u32; SAMPLE_LANES]],
-) -> (u16, u16, u16) {
+fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16, u16) {
     let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
     let (first, mut varied) = (samples.first().copied().unwrap_or(0), [0; SAMPLE_LANES]);
     let step_y = sums.len();

@@ -180,7 +180,7 @@ impl Transfer {
                 reduced_chi2: fit.reduced_chi2,
                 gain_if_straight: straight.gain,
                 plateau,
-                codes: data.codes,
+                codes,
             });
         }
     }

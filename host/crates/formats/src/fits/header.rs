@@ -82,9 +82,7 @@ impl Header {
     fn real(&self, key: &str, missing: f64) -> Result<f64> {
         match self.text(key) {
             None => Ok(missing),
-            Some(_) => {
-                self.number(key).filter(|v| v.is_finite()).ok_or_else(|| self.bad(key))
-            }
+            Some(_) => self.number(key).filter(|v| v.is_finite()).ok_or_else(|| self.bad(key)),
         }
     }
 

@@ -152,9 +152,8 @@ impl Writer {
     }
 
     fn bytes(self) -> Vec<u8> {
-        let byte = |b: &[bool]| {
-            b.iter().enumerate().fold(0, |v, (i, &b)| v | u8::from(b) << (7 - i))
-        };
+        let byte =
+            |b: &[bool]| b.iter().enumerate().fold(0, |v, (i, &b)| v | u8::from(b) << (7 - i));
         self.0.chunks(8).map(byte).collect()
     }
 }

@@ -7,8 +7,7 @@ use crate::{gzip, truncated};
 use camrig_base::{Error, Result};
 
 /// Columns that hold a tile in one of the forms a writer may choose for it.
-const COLUMNS: [&str; 3] =
-    ["COMPRESSED_DATA", "GZIP_COMPRESSED_DATA", "UNCOMPRESSED_DATA"];
+const COLUMNS: [&str; 3] = ["COMPRESSED_DATA", "GZIP_COMPRESSED_DATA", "UNCOMPRESSED_DATA"];
 /// Values of a block of Rice coding where the header does not say (section 10.4.1, table 37).
 const RICE_BLOCK: usize = 32;
 /// Longest block that is taken: writers use 16 or 32.
@@ -37,19 +36,15 @@ pub(super) fn read(header: &Header, image: &Image, data: &[u8]) -> Result<Stored
         return Err(truncated(total / MOST_PER_BYTE, data.len()));
     }
     let mut values = vec![0i64; total];
-    let counts: [usize; AXES] =
-        std::array::from_fn(|a| image.axes[a].div_ceil(table.tile[a]));
+    let counts: [usize; AXES] = std::array::from_fn(|a| image.axes[a].div_ceil(table.tile[a]));
     let tiles = counts.iter().fold(1usize, |n, &c| n.saturating_mul(c));
     if tiles != table.rows {
         return Err(Error::input(format!("{} tiles where {tiles} belong", table.rows))
             .at("compressed FITS image"));
     }
     for index in 0..tiles {
-        let place = [
-            index % counts[0],
-            index / counts[0] % counts[1],
-            index / (counts[0] * counts[1]),
-        ];
+        let place =
+            [index % counts[0], index / counts[0] % counts[1], index / (counts[0] * counts[1])];
         let first: [usize; AXES] = std::array::from_fn(|a| place[a] * table.tile[a]);
         let sides: [usize; AXES] =
             std::array::from_fn(|a| table.tile[a].min(image.axes[a] - first[a]));

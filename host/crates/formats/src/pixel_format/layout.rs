@@ -55,9 +55,10 @@ impl Layout {
             _ => width.saturating_mul(bits as usize),
         };
         if !row_bits.is_multiple_of(8) {
-            return Err(Error::unsupported(format!("rows of {width} pixels, packed"))
-                .help("in this packing a row of them ends within a byte, and where the next one \
-                       begins differs between cameras; crop to an even number of columns"));
+            return Err(Error::unsupported(format!("rows of {width} pixels, packed")).help(
+                "in this packing a row of them ends within a byte, and where the next one \
+                       begins differs between cameras; crop to an even number of columns",
+            ));
         }
         Ok(row_bits / 8)
     }

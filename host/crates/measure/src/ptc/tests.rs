@@ -161,8 +161,7 @@ fn random_cameras_come_back_over_gains() {
 /// Samples at the top of wider words: the same figures in electrons, the step told.
 #[test]
 fn left_aligned_samples_are_measured_in_their_own_steps() {
-    let sensor =
-        Sensor { gain: 0.1, read_e: 5.0, row_fpn_e: 0.0, bits: 10, ..Sensor::default() };
+    let sensor = Sensor { gain: 0.1, read_e: 5.0, row_fpn_e: 0.0, bits: 10, ..Sensor::default() };
     let whole = measured(&sensor);
     let moved = measured(&Sensor { moved_up: 6, ..sensor });
     let figures: [(&str, f64, fn(&Figures) -> Option<Value>); 3] = [
