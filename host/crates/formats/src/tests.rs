@@ -237,7 +237,8 @@ fn lossless_jpeg_fills_strips_and_tiles_row_by_row() {
     ];
     let file = by_hand(8, 4, &data, tags);
     assert_eq!(decode(&file).unwrap().planes[0].data, samples);
-    for length in 0..file.len() {
+    // The four bytes at the end, the place of the next directory, are not read.
+    for length in 0..file.len() - 4 {
         assert!(decode(&file[..length]).is_err(), "{length}");
     }
 }

@@ -67,7 +67,8 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
         }
     } else {
         for (index, &offset) in offsets.iter().take(needed).enumerate() {
-            chunks.plain(file, offset as usize, index, &mut plane)?;
+            let length = lengths.as_ref().and_then(|l| l.get(index)).map(|&l| l as usize);
+            chunks.plain(file, (offset as usize, length), index, &mut plane)?;
         }
     }
     Ok(plane)
@@ -87,10 +88,11 @@ impl Chunks {
         (index % across * self.columns, index / across * self.rows)
     }
 
+    /// `at` is where the chunk begins, and its length where the file states one.
     fn plain(
         &self,
         file: &Tiff,
-        offset: usize,
+        at: (usize, Option<usize>),
         index: usize,
         plane: &mut Plane<u16>,
     ) -> Result<()> {
@@ -98,8 +100,12 @@ impl Chunks {
         let count = self.columns.min(plane.width - left);
         let row_bytes = self.columns.saturating_mul(self.bits).div_ceil(8);
         for y in top..(top + self.rows).min(plane.height) {
-            let start = offset.saturating_add((y - top).saturating_mul(row_bytes));
-            let bytes = file.slice(start, (count * self.bits).div_ceil(8))?;
+            let start = (y - top).saturating_mul(row_bytes);
+            let used = (count * self.bits).div_ceil(8);
+            if let Some(length) = at.1.filter(|&length| start.saturating_add(used) > length) {
+                return Err(truncated(start.saturating_add(used), length));
+            }
+            let bytes = file.slice(at.0.saturating_add(start), used)?;
             unpack(file, self.bits, bytes, &mut plane.row_mut(y)[left..left + count]);
         }
         Ok(())
