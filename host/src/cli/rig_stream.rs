@@ -282,11 +282,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         .transpose()?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(arguments::broken_link);
-    if let Some(held) = rig.injected()? {
-        eprintln!(
-            "note: the rig's registers hold {held} from before this stream, and its frames show it"
-        );
-    }
+    tell_injected(&mut rig)?;
     let cubes = cubes(args, &camera)?;
     let sensors = cubes.iter().map(|cube| SimulatedSensor::new(&camera, &cube.header, 1.0));
     let sensors = sensors.collect::<Result<Vec<_>>>()?;
@@ -312,6 +308,26 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let failed = !args.json && pace.is_kept() == Some(false);
     Ok(if failed { ExitCode::from(1) } else { ExitCode::SUCCESS })
+}
+
+/// Says what registers from before this stream do to its frames. A rig need not have registers, and
+/// one that does not answer about them can still take frames.
+fn tell_injected(rig: &mut Rig) -> Result<()> {
+    match rig.injected() {
+        Ok(None) => Ok(()),
+        Ok(Some(held)) => {
+            eprintln!(
+                "note: the rig's registers hold {held} from before this stream, and its frames \
+                 show it"
+            );
+            Ok(())
+        }
+        Err(error) if error.code() == Some("rig-not-found") => {
+            eprintln!("note: the rig does not answer about its fault and test-pattern registers");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// Takes the frames.
