@@ -3,6 +3,7 @@
 use camrig::RawFrame;
 use camrig::camera::Cfa;
 use camrig::formats::opcodes::{GainMap, Opcode};
+use camrig::formats::pixel_format::Layout;
 use camrig::formats::{DngInfo, Format, Frames, PixelFormat, decode, dng};
 use camrig_tests::{client, run};
 use std::path::PathBuf;
@@ -214,7 +215,7 @@ fn ffmpeg_and_gstreamer_read_headerless_pixels_as_hinted() {
         [(8, "RGGB"), (8, "GBRG"), (10, "GRBG"), (12, "BGGR"), (16, "RGGB"), (12, "mono")]
     {
         let raw = frame(bits, cfa);
-        let pixels = PixelFormat { cfa: raw.cfa.clone(), bits, packed: false };
+        let pixels = PixelFormat { cfa: raw.cfa.clone(), bits, layout: Layout::Words };
         let path = folder.path().join(format!("a_{WIDTH}x{HEIGHT}_{pixels}.raw"));
         let bytes = pixels.encode(&Frames::from_raw(&raw)).unwrap();
         std::fs::write(&path, &bytes).unwrap();

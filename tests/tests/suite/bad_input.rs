@@ -46,7 +46,7 @@ fn wrong_arguments_are_refused() {
     refuses("simulate --camera c.toml --scene ramp --exposure 1ms -o out.xyz", &["xyz"]);
     refuses("simulate --camera c.toml --scene ramp --exposure 1ms -o no/out.npy", &["no"]);
     refuses(
-        "simulate --camera c.toml --scene ramp --exposure 1ms --frames 2 -o out.npy",
+        "simulate --camera c.toml --scene ramp --exposure 1ms --frames 2 -o out.dng",
         &["directory"],
     );
 }
