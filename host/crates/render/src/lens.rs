@@ -90,6 +90,14 @@ impl Described {
         }
     }
 
+    /// What the reader of a prescription assumed or ignored.
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Given(_) => &[],
+            Self::Traced { tracing, .. } => tracing.notes(),
+        }
+    }
+
     /// The lens, and whether it was traced now; one that `directory` holds is not traced again.
     ///
     /// # Errors

@@ -56,10 +56,11 @@ impl File {
             other => other,
         };
         let last = self.surfaces.len().saturating_sub(1);
+        let mut notes = self.notes.clone();
         let mut surfaces = Vec::with_capacity(self.surfaces.len());
         for (i, draft) in self.surfaces.iter().enumerate() {
             let mut surface = draft
-                .surface(radius_mode, scale, glasses)
+                .surface(radius_mode, scale, glasses, &mut notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             if i == last {
                 surface.thickness += defocus * scale;
@@ -98,7 +99,7 @@ impl File {
             wavelengths_nm: self.waves.clone(),
             reference_nm,
             fields: Fields { kind, values, vignetting },
-            notes: self.notes.clone(),
+            notes,
         };
         prescription.validate()?;
         Ok(prescription)
@@ -106,7 +107,13 @@ impl File {
 }
 
 impl Draft {
-    fn surface(&self, radius_mode: bool, scale: f64, glasses: &Catalogue) -> Result<Surface> {
+    fn surface(
+        &self,
+        radius_mode: bool,
+        scale: f64,
+        glasses: &Catalogue,
+        notes: &mut Vec<String>,
+    ) -> Result<Surface> {
         let curvature = match (radius_mode, self.bend) {
             (false, c) => c / scale,
             (true, 0.0) => 0.0,
@@ -129,7 +136,7 @@ impl Draft {
             None => Medium::Air,
             Some(name) if name.eq_ignore_ascii_case("AIR") => Medium::Air,
             Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
         };
         let clips =
             self.clips.iter().map(|c| Clip { inner: c.inner * scale, outer: c.outer * scale });
