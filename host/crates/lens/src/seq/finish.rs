@@ -81,13 +81,12 @@ impl File {
         };
         let unit = if kind == FieldKind::Angle { 1.0 } else { scale };
         let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
+        let count = y.len().max(self.fields_x.len());
         let values: Vec<f64> =
-            (0..y.len()).map(|i| kind.off_axis(at(&self.fields_x, i), y[i]) * unit).collect();
+            (0..count).map(|i| kind.off_axis(at(&self.fields_x, i), at(y, i)) * unit).collect();
         let any = self.vignetting.iter().flatten().any(|v| *v != 0.0);
         let vignetting = match any {
-            true => {
-                (0..y.len()).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect()
-            }
+            true => (0..count).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect(),
             false => Vec::new(),
         };
         let prescription = Prescription {

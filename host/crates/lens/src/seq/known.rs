@@ -3,20 +3,24 @@
 //! know is refused too.
 
 /// Commands without effect on the image: the design's bookkeeping.
-const HARMLESS: &[&str] = &[
-    // The lens as a data set: start, end, origin, remarks and names.
-    "LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA",
-    // Weights of wavelengths and fields in merit functions.
-    "WTW", "WTF", "WTX", "WTY", // What an optimisation varies and couples.
+const HARMLESS: &[&[&str]] = &[SET, WEIGHTS, COUPLINGS, TOLERANCES, MANUFACTURE];
+/// The lens as a data set: start, end, remarks, names, listings and drawings.
+const SET: &[&str] = &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA"];
+/// Weights of wavelengths and fields in merit functions.
+const WEIGHTS: &[&str] = &["WTW", "WTF", "WTX", "WTY"];
+/// What an optimisation varies and couples.
+const COUPLINGS: &[&str] = &[
     "CCY", "CCX", "THC", "GLC", "KC", "KYC", "KXC", "AC", "BC", "CC", "DC", "EC", "FC", "GC",
     "HC", "IC", "JC", "SCC", "HCC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "RDC", "CUC",
-    // Tolerances and how a drawing states them.
+];
+/// Tolerances and how a drawing states them.
+const TOLERANCES: &[&str] = &[
     "DLR", "DLT", "DLN", "DLV", "DLF", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS", "DLM",
     "CYD", "CYN", "IRR", "TIX", "TIY", "TIR", "TRX", "TRY", "TRR", "BTX", "BTY", "BTI", "BTR",
     "DIS", "DSX", "DSY", "DSR", "ROL", "STI", "HOM", "DER", "CUM", "CUF", "PFR", "PTP", "POR",
-    // Drawings, heat and manufacture.
-    "CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP",
 ];
+/// Drawings, heat and manufacture.
+const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP"];
 
 /// Commands that solve for a value, or take it from another surface, whose result stands in the
 /// file already.
@@ -29,7 +33,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("AFI", "an afocal system"),
     ("AFO", "an afocal system"),
     ("AFOC", "an afocal system"),
-    ("TEL", "an object at which chief rays are parallel to the axis (telecentric)"),
+    ("TEL", "a lens that is telecentric on the object's side"),
     ("YTO", "a toroid"),
     ("XTO", "a toroid"),
     ("TOR", "a toroid"),
@@ -81,7 +85,7 @@ pub(super) enum Known {
 
 /// Looks a command up.
 pub(super) fn known(keyword: &str) -> Known {
-    if HARMLESS.contains(&keyword) {
+    if HARMLESS.iter().any(|group| group.contains(&keyword)) {
         return Known::Harmless;
     }
     if SOLVES.contains(&keyword) {

@@ -98,8 +98,9 @@ fn nanometres(um: f64) -> f64 {
 }
 
 fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced"))
-        .help("only lenses that are rotationally symmetric about one axis are supported"))
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image and are rotationally symmetric about one axis are traced",
+    ))
 }
 
 impl File {
