@@ -39,3 +39,31 @@ fn catalogues(folder: &Path) -> Vec<PathBuf> {
     all.sort();
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In UTF-16 with CR LF, as makers write them; n = 1.5 by formula 2.
+    #[test]
+    fn a_lens_file_finds_the_catalogue_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let agf = "CC own\r\nNM OWN 2 500600 1.5 60 0 1 0\r\nCD 1.25 0 0 0 0 0\r\nLD 0.4 0.7\r\n";
+        let bytes: Vec<u8> = "\u{feff}"
+            .encode_utf16()
+            .chain(agf.encode_utf16())
+            .flat_map(u16::to_le_bytes)
+            .collect();
+        std::fs::write(folder.path().join("Melts.AGF"), bytes).unwrap();
+        let lens = folder.path().join("lens.zmx");
+        let find = |makers: &[&str]| {
+            let makers: Vec<String> = makers.iter().map(|m| (*m).to_owned()).collect();
+            let glasses = with_catalogues_beside(&lens, &Catalogue::default()).unwrap();
+            glasses.find("OWN", &makers).unwrap()
+        };
+        assert!((find(&["melts"]).glass.index(550.0).unwrap() - 1.5).abs() < 1e-15);
+        assert_eq!(find(&["melts"]).note, None);
+        assert!(find(&["schott"]).note.unwrap().contains("MELTS"));
+        assert!(find(&["schott"]).glass.index(900.0).is_err());
+    }
+}
