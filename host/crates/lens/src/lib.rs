@@ -63,6 +63,7 @@
 //! - Optical path difference: to the chief ray, on the sphere around its image point through the
 //!   place where it meets the plane of the paraxial exit pupil.
 
+mod beside;
 pub mod characterise;
 pub mod glass;
 pub mod heights;
@@ -71,6 +72,7 @@ pub mod paraxial;
 pub mod prescription;
 pub mod psf;
 pub mod pupil;
+mod real_height;
 pub mod samples;
 pub mod seq;
 pub mod system;
@@ -83,14 +85,15 @@ pub mod zmx;
 #[cfg(test)]
 mod tests;
 
-pub use glass::{Catalogue, Glass};
+pub use glass::{Catalogue, Found, Glass};
 pub use prescription::Prescription;
 pub use system::{Conditions, System};
 
 use camrig_base::{Error, Result};
 use std::path::Path;
 
-/// Reads a prescription: `.zmx` (Zemax), `.seq` (CODE V) or `.toml` ([`toml`]), by extension.
+/// Reads a prescription: `.zmx` (Zemax), `.seq` (CODE V) or `.toml` ([`toml`]), by extension. Glass
+/// catalogues (`.agf`) in its folder are known to it.
 ///
 /// # Errors
 /// An unknown extension; what is wrong in the file, with its line.
@@ -105,8 +108,9 @@ pub fn read_prescription(path: &Path, glasses: &Catalogue) -> Result<Prescriptio
                 .help("known are .zmx (Zemax), .seq (CODE V) and .toml"));
         }
     };
+    let glasses = beside::with_catalogues_beside(path, glasses)?;
     let mut prescription =
-        reader(&text::read_text(path)?, glasses).map_err(|e| e.at(path.display()))?;
+        reader(&text::read_text(path)?, &glasses).map_err(|e| e.at(path.display()))?;
     if prescription.name.is_empty() {
         let stem = path.file_stem().unwrap_or_default();
         prescription.name = stem.to_string_lossy().into_owned();

@@ -142,6 +142,19 @@ pub enum FieldKind {
     RealImageHeight,
 }
 
+impl FieldKind {
+    /// Distance from the axis of the field (x, y): of heights the length, of angles that of the
+    /// direction whose projections on the planes of x and y have these angles.
+    #[must_use]
+    pub fn off_axis(self, x: f64, y: f64) -> f64 {
+        if self != Self::Angle || x == 0.0 || y == 0.0 {
+            return (x * x + y * y).sqrt();
+        }
+        let [x, y] = [x, y].map(|v| libm::tan(v.to_radians()));
+        libm::atan((x * x + y * y).sqrt()).to_degrees()
+    }
+}
+
 impl Surface {
     /// A plane in air; `thickness` in mm.
     #[must_use]

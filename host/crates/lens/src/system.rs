@@ -5,6 +5,7 @@ use super::glass::Glass;
 use super::paraxial::{self, Paraxial};
 use super::prescription::{Clip, FieldKind, Medium, Object, Prescription};
 use super::pupil::Beam;
+use super::real_height;
 use super::trace::TrainSurface;
 use super::train::Train;
 use camrig_base::{Error, Result};
@@ -62,6 +63,7 @@ impl System {
         };
         prescription.surfaces[last].thickness +=
             towards * finite("sensor shift", conditions.sensor_shift_mm)?;
+        keep_known_wavelengths(&mut prescription);
         let surfaces = surfaces_at(&prescription, prescription.reference_nm)?;
         let paraxial = Paraxial::of(&surfaces, prescription.stop, prescription.object)?;
         let from_file = paraxial::stop_radius(&paraxial, &prescription)?;
@@ -158,6 +160,17 @@ impl System {
     fn field_of_real_height(&self, mm: f64) -> Result<f64> {
         let train = self.at(self.prescription.reference_nm)?;
         let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
+        // A ray that is lost on the way says nothing about smaller fields.
+        self.real_height_from_paraxial(mm, height)
+            .or_else(|_: Error| real_height::first_field(mm, height))
+    }
+
+    /// The search that starts at the field whose paraxial image has the height.
+    fn real_height_from_paraxial(
+        &self,
+        mm: f64,
+        height: impl Fn(f64) -> Result<f64>,
+    ) -> Result<f64> {
         let mut low = 0.0;
         // Degrees: the search starts at 80° at most, and each step goes a fifth of the way to
         // 89.9°.
@@ -220,6 +233,39 @@ impl System {
         );
         Ok(())
     }
+}
+
+/// Leaves out design wavelengths at which a glass has no data, with a note, as long as others
+/// remain; the one nearest to it takes the place of such a reference wavelength.
+fn keep_known_wavelengths(prescription: &mut Prescription) {
+    let lacking = |nm: f64| {
+        prescription.surfaces.iter().find_map(|s| match &s.medium {
+            Medium::Glass(glass) => glass.index(nm).is_err().then(|| {
+                let [low, high] = glass.range_nm;
+                format!("glass {} is known from {low} to {high} nm", glass.name)
+            }),
+            _ => None,
+        })
+    };
+    let mut notes = Vec::new();
+    let mut known = Vec::new();
+    for &nm in &prescription.wavelengths_nm {
+        match lacking(nm) {
+            None => known.push(nm),
+            Some(why) => notes.push(format!("the wavelength {nm} nm is left out: {why}")),
+        }
+    }
+    let old = prescription.reference_nm;
+    let distance = |nm: &f64| (nm - old).abs();
+    let nearest = known.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    // With nothing left the tracer says at which surface the data end.
+    let Some(nearest) = nearest else { return };
+    if let Some(why) = lacking(old) {
+        notes.push(format!("the reference wavelength is {nearest} nm instead of {old} nm: {why}"));
+        prescription.reference_nm = nearest;
+    }
+    prescription.wavelengths_nm = known;
+    prescription.notes.extend(notes);
 }
 
 fn mirrors(prescription: &Prescription) -> usize {

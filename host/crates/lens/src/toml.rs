@@ -107,12 +107,12 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         glasses.insert(name, glass);
     }
     let mut surfaces = Vec::with_capacity(file.surface.len());
-    let mut stops = Vec::new();
+    let (mut stops, mut notes) = (Vec::new(), Vec::new());
     for (i, row) in file.surface.iter().enumerate() {
         let line = line_of(text, row.span());
         let row = row.get_ref();
         surfaces.push(
-            row.surface(&glasses)
+            row.surface(&glasses, &mut notes)
                 .map_err(|e| e.at(format!("surface {}", i + 1)).at(format!("line {line}")))?,
         );
         stops.extend(row.stop.then_some(i));
@@ -134,7 +134,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         wavelengths_nm: file.wavelengths_nm,
         reference_nm,
         fields: Fields { kind: FieldKind::Angle, values: file.fields_deg, vignetting: Vec::new() },
-        notes: Vec::new(),
+        notes,
     };
     prescription.validate()?;
     Ok(prescription)
@@ -162,7 +162,7 @@ fn aperture(table: &BTreeMap<String, f64>) -> Result<Aperture> {
 }
 
 impl Row {
-    fn surface(&self, glasses: &Catalogue) -> Result<Surface> {
+    fn surface(&self, glasses: &Catalogue, notes: &mut Vec<String>) -> Result<Surface> {
         let curvature = match (self.radius_mm, self.curvature) {
             (Some(_), Some(_)) => {
                 return Err(Error::input("both radius_mm and curvature").help("give one of them"));
@@ -177,7 +177,7 @@ impl Row {
         let medium = match self.glass.as_deref() {
             None | Some("air") => Medium::Air,
             Some("mirror") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
         };
         let everything = clip.inner == 0.0 && clip.outer.is_infinite();
         Ok(Surface {

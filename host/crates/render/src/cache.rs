@@ -29,6 +29,8 @@ pub struct Rendered {
     pub hit: bool,
     /// Whether a lens was traced for it now.
     pub traced: bool,
+    /// What the reader of the lens assumed or ignored.
+    pub notes: Vec<String>,
 }
 
 /// [`super::irradiance`] through the cache in `directory`; without one it always renders.
@@ -64,6 +66,7 @@ pub fn irradiance(
         illuminant: about.illuminant,
         made_of: about.made_of,
     };
+    let notes = described.notes().to_vec();
     let files = match directory {
         Some(directory) => {
             let key = content::key(scene.scene, &white, &described.content(), &grid, options)?;
@@ -74,7 +77,7 @@ pub fn irradiance(
     if let Some((mut cube, report)) = files.as_ref().and_then(|(cube, report)| load(cube, report))
     {
         cube.header = header;
-        return Ok(Rendered { cube, report, hit: true, traced: false });
+        return Ok(Rendered { cube, report, hit: true, traced: false, notes });
     }
     let (lens, traced) = described.lens(directory)?;
     let mut writer = IrradianceWriter::new(header)?;
@@ -86,7 +89,7 @@ pub fn irradiance(
     if let Some((cube_path, report_path)) = &files {
         keep(&cube, cube_path, &report, report_path);
     }
-    Ok(Rendered { cube, report, hit: false, traced })
+    Ok(Rendered { cube, report, hit: false, traced, notes })
 }
 
 fn load(cube: &Path, report: &Path) -> Option<(IrradianceCube, Report)> {

@@ -90,6 +90,14 @@ impl Described {
         }
     }
 
+    /// What the reader of a prescription assumed or ignored.
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Given(_) => &[],
+            Self::Traced { tracing, .. } => tracing.notes(),
+        }
+    }
+
     /// The lens, and whether it was traced now; one that `directory` holds is not traced again.
     ///
     /// # Errors
@@ -197,6 +205,23 @@ mod tests {
                 assert!((found - theory).abs() < 0.03, "{defocus_um} {per_mm}: {found} {theory}");
             }
         }
+    }
+
+    #[test]
+    fn what_the_reader_of_a_lens_assumed_is_told() {
+        let mut camera = Camera::load("mt9t012").unwrap();
+        let described = |camera: &Camera| {
+            Described::new(camera, &Bands::VISIBLE, &Options::default()).unwrap().notes().to_vec()
+        };
+        assert!(described(&camera).is_empty());
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("singlet.seq");
+        let text =
+            "RDM; EPD 2; DIM M; WL 550; YAN 0; SO 0 1e13; S 10 2 1.5168:64.17; S -10 9; SI 0 0";
+        std::fs::write(&file, text).unwrap();
+        camera.lens.kind = LensKind::Prescription(file);
+        let notes = described(&camera);
+        assert!(notes.len() == 1 && notes[0].contains("first surface is the stop"), "{notes:?}");
     }
 
     const SINGLET: &str = r#"

@@ -49,7 +49,7 @@ pub struct OpticsOutput {
     pub cached: bool,
     /// Whether a lens was traced for them now.
     pub lens_traced: bool,
-    /// What a user should know about the scene.
+    /// What a user should know about the scene and the lens.
     pub notes: Vec<String>,
 }
 
@@ -91,10 +91,11 @@ impl OpticsStage {
         // A moving scene is seen once in each place: nothing to keep.
         let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
         let about = opened.about(camera);
-        let cache::Rendered { cube, report, hit, traced } =
+        let cache::Rendered { cube, report, hit, traced, notes: of_lens } =
             cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)
                 .map_err(|e| e.at(&self.scene))?;
-        let notes = opened.scene.notes();
+        let mut notes = opened.scene.notes();
+        notes.extend(of_lens);
         let light = opened.illuminant;
         Ok(OpticsOutput { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
     }

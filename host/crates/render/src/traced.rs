@@ -61,6 +61,11 @@ impl Tracing {
         &self.description
     }
 
+    /// What the reader of the prescription assumed or ignored.
+    pub fn notes(&self) -> &[String] {
+        &self.system.prescription.notes
+    }
+
     /// The characterisation, and whether it had to be traced: what `directory` holds is taken from
     /// there, what it does not hold is left there.
     ///

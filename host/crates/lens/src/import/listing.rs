@@ -62,6 +62,20 @@ fn negative() -> Error {
         .help("PSFs are intensities; export the PSF itself, not an amplitude or a logarithm")
 }
 
+/// What follows a label on its line; blanks in and around the label, and its capitals, do not
+/// matter.
+fn labelled<'a>(line: &'a str, label: &str) -> Option<&'a str> {
+    let mut rest = line;
+    for wanted in label.chars().filter(|c| !c.is_whitespace()) {
+        let mut left = rest.trim_start().chars();
+        if !left.next()?.eq_ignore_ascii_case(&wanted) {
+            return None;
+        }
+        rest = left.as_str();
+    }
+    Some(rest)
+}
+
 fn zemax_psf(text: &str) -> Result<PsfListing> {
     let (mut wavelength_nm, mut field, mut image_y, mut spacing_um) = (None, None, None, None);
     let (mut shape, mut centre) = (None, None);
@@ -83,16 +97,18 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
             rows.push((i + 1, row));
             continue;
         }
-        if line.starts_with("Values are") {
+        if labelled(line, "Values are").is_some() {
             values_follow = true;
-        } else if let Some(rest) = line.strip_prefix("Data spacing is") {
+        } else if let Some(rest) = labelled(line, "Data spacing is") {
             spacing_um = Some(length_um(rest).map_err(at)?);
-        } else if let Some(rest) = line.strip_prefix("Image grid size:") {
+        } else if let Some(rest) = labelled(line, "Image grid size:") {
             shape = Some(two(rest, "by").map_err(at)?);
-        } else if let Some(rest) = line.strip_prefix("Center point is:") {
+        } else if let Some(rest) = labelled(line, "Center point is:") {
             centre = Some(two(rest, ",").map_err(at)?);
-        } else if let Some(rest) = line.strip_prefix("Center coordinates:") {
-            image_y = words(rest).get(1).and_then(|w| w.parse().ok());
+        } else if let Some(rest) = labelled(line, "Center coordinates:") {
+            // Its sign tells which way is up.
+            let y = words(rest).get(1).copied().unwrap_or("");
+            image_y = Some(number("image position y", y).map_err(at)?);
         } else if line.contains(" at ") && (line.contains("µm") || line.contains("μm")) {
             // `0.5500 µm at -27.38 deg.`; FFT: `0.4500 to 0.4500 µm at 4.0000, 0.0000 mm.`
             let words: Vec<&str> = line.split([' ', ',']).filter(|w| !w.is_empty()).collect();

@@ -66,6 +66,27 @@ fn a_real_huygens_listing_comes_in() {
     assert!(error.contains("negative") && error.contains("line"), "{error}");
 }
 
+/// Blanks and capitals in a label differ between versions of the program; the sign of the image
+/// position, not that of the field, tells which way is up.
+#[test]
+fn labels_of_a_listing_with_any_blanks() {
+    let text = |label: &str, y: &str| {
+        format!(
+            "Listing of Huygens PSF\n0.5500 µm at 6.0000 mm.\nData spacing is 0.4 µm.\n\
+             Image grid size: 2 by 2\n{label} 0.0E+00, {y} Millimeters\n\
+             Values are relative.\n0 1\n2 3\n"
+        )
+    };
+    for label in ["Center coordinates:", "Center coordinates  :", "center  coordinates :"] {
+        let psf = listing::psf(&text(label, "-1.2")).unwrap();
+        assert_eq!(psf.image_y, Some(-1.2), "{label}");
+        assert!(psf.runs_outwards());
+        assert!(!listing::psf(&text(label, "1.2")).unwrap().runs_outwards());
+    }
+    let error = message(listing::psf(&text("Center coordinates:", "?")));
+    assert!(error.contains("image position") && error.contains("line 5"), "{error}");
+}
+
 /// The same lens through a manifest: tables in CSV, the PSF as its listing, on the axis by decree.
 #[test]
 fn a_manifest_of_csv_and_listing_comes_in() {

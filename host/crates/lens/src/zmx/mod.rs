@@ -1,14 +1,18 @@
 //! Zemax lens files (`.zmx`), in any of their encodings.
 //!
 //! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and
-//! model glasses, all aperture and field kinds, circular apertures and obscurations, the first
+//! model glasses, angles and heights as fields, circular apertures and obscurations, the active
 //! configuration. Refused: tilts and decentres, other surface types, apertures that are not
-//! circular. Keywords of editing, drawing, tolerancing and merit functions are ignored.
+//! circular, cone angles, systems that are afocal or telecentric on the object's side. Keywords of
+//! editing, drawing, tolerancing and merit functions are ignored.
 
-use super::glass::{Catalogue, Glass};
-use super::prescription::{
-    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
-};
+mod fields;
+mod material;
+#[cfg(test)]
+mod tests;
+
+use super::glass::Catalogue;
+use super::prescription::{Aperture, Clip, Medium, Object, Prescription, Surface};
 use super::text::{number, numbers};
 use camrig_base::{Error, Result};
 
@@ -94,8 +98,9 @@ fn nanometres(um: f64) -> f64 {
 }
 
 fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced"))
-        .help("only lenses that are rotationally symmetric about one axis are supported"))
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image and are rotationally symmetric about one axis are traced",
+    ))
 }
 
 impl File {
@@ -126,6 +131,7 @@ impl File {
                 if rest.len() > 3 {
                     self.counts = [count(rest, 2, keyword)?, count(rest, 3, keyword)?];
                 }
+                fields::check_flags(rest)?;
             }
             "XFLN" => self.fields_x = numbers(keyword, rest)?,
             "YFLN" => self.fields_y = numbers(keyword, rest)?,
@@ -162,6 +168,19 @@ impl File {
                 self.surfaces.push(Draft { line, kind, ..Draft::default() });
             }
             "AFOC" => return refuse("an afocal system"),
+            "MNUM" => {
+                let all = count(rest, 0, keyword)?;
+                let active = if rest.len() > 1 { count(rest, 1, keyword)? } else { 1 };
+                if all > 1 {
+                    self.notes.push(format!(
+                        "configuration {active} of {all} is taken: it is the active one, whose \
+                         values the surfaces have"
+                    ));
+                }
+            }
+            "GFAC" if value(rest, 0, keyword)? != 0.0 => self.notes.push(format!(
+                "line {line}: GFAC is ignored: the pupil is taken as evenly bright"
+            )),
             "ENVD" if rest.len() > 2 && rest[2] == "1" => self.notes.push(format!(
                 "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
             )),
@@ -222,7 +241,13 @@ impl Draft {
         Ok(())
     }
 
-    fn surface(&self, scale: f64, file: &File, glasses: &Catalogue) -> Result<Surface> {
+    fn surface(
+        &self,
+        scale: f64,
+        makers: &[String],
+        glasses: &Catalogue,
+        notes: &mut Vec<String>,
+    ) -> Result<Surface> {
         let Some(thickness) = self.thickness else {
             return Err(Error::input("infinite thickness behind a surface of the lens")
                 .help("only the object may be at infinity"));
@@ -270,8 +295,8 @@ impl Draft {
             kind => refuse(&format!("a surface of type {kind}"))?,
         }
         if let Some((line, words)) = &self.glass {
-            surface.medium =
-                medium(words, file, glasses).map_err(|e| e.at(format!("line {line}")))?;
+            surface.medium = material::medium(words, makers, glasses, notes)
+                .map_err(|e| e.at(format!("line {line}")))?;
         }
         Ok(surface)
     }
@@ -288,23 +313,6 @@ fn place(values: &mut Vec<f64>, rest: &[&str], keyword: &str) -> Result<()> {
     }
     values[slot - 1] = value(rest, 1, keyword)?;
     Ok(())
-}
-
-/// `GLAS name solve pickup nd vd ...`: a catalogue glass, a mirror, or a model glass (solve 1).
-fn medium(words: &[String], file: &File, glasses: &Catalogue) -> Result<Medium> {
-    let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    let name = word(&words, 0, "GLAS")?;
-    if name == "MIRROR" {
-        return Ok(Medium::Mirror);
-    }
-    let model = words.get(1) == Some(&"1") || name.starts_with("___BLANK");
-    if model {
-        let (nd, vd) = (value(&words, 3, "GLAS")?, value(&words, 4, "GLAS")?);
-        // Zemax writes V_d = 0 for "no dispersion".
-        let glass = if vd == 0.0 { Glass::constant(nd)? } else { Glass::model(nd, vd)? };
-        return Ok(Medium::Glass(glass));
-    }
-    glasses.find(name, &file.makers).map(Medium::Glass)
 }
 
 impl File {
@@ -337,7 +345,7 @@ impl File {
         let mut open = drafts[0].glass.is_none();
         for (i, draft) in lens.iter().enumerate() {
             let mut surface = draft
-                .surface(scale, &self, glasses)
+                .surface(scale, &self.makers, glasses, &mut self.notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
             // it a "floating" one); a plane in air with one is only drawn so.
@@ -355,8 +363,7 @@ impl File {
                 .help("mark one with STOP (not the object or the image)"));
         };
         let aperture = self.aperture(scale, &lens[stop])?;
-        let (fields, notes) = self.fields(scale);
-        self.notes.extend(notes);
+        let fields = self.fields(scale)?;
         let mut waves = self.waves.clone();
         if self.counts[1] > 0 {
             waves.truncate(self.counts[1]);
@@ -390,13 +397,22 @@ impl File {
         };
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         let read = || {
+            let flag = if words.len() > 2 { count(&words, 2, words[0])? } else { 0 };
             Ok(match words[0] {
                 "ENPD" => Aperture::EntrancePupil(value(&words, 1, "ENPD")? * scale),
-                "OBNA" => Aperture::ObjectNa(value(&words, 1, "OBNA")?),
-                "FNUM" if words.get(2) == Some(&"1") => {
-                    Aperture::WorkingFNumber(value(&words, 1, "FNUM")?)
+                "OBNA" if flag == 0 => Aperture::ObjectNa(value(&words, 1, "OBNA")?),
+                "FNUM" if flag == 0 => Aperture::FNumber(value(&words, 1, "FNUM")?),
+                "FNUM" if flag == 1 => Aperture::WorkingFNumber(value(&words, 1, "FNUM")?),
+                "OBNA" | "FNUM" => {
+                    return Err(Error::unsupported(format!(
+                        "an aperture of another kind ({})",
+                        words.join(" ")
+                    ))
+                    .help(
+                        "the flag of OBNA is 0 for a numerical aperture (1 is taken for a cone \
+                         angle), that of FNUM 0 or 1; state the aperture in another way",
+                    ));
                 }
-                "FNUM" => Aperture::FNumber(value(&words, 1, "FNUM")?),
                 _ => match stop.diameter {
                     Some((radius, _)) => Aperture::StopRadius(radius * scale),
                     None => {
@@ -407,38 +423,5 @@ impl File {
             })
         };
         read().map_err(|e| e.at(format!("line {line}")))
-    }
-
-    fn fields(&self, scale: f64) -> (Fields, Vec<String>) {
-        let used = match self.counts[0] {
-            0 => self.fields_y.len().max(self.fields_x.len()).clamp(1, 3),
-            n => n,
-        };
-        let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
-        let (kind, unit) = match self.field_kind {
-            0 => (FieldKind::Angle, 1.0),
-            1 => (FieldKind::ObjectHeight, scale),
-            2 => (FieldKind::ParaxialImageHeight, scale),
-            _ => (FieldKind::RealImageHeight, scale),
-        };
-        let radial = |i| {
-            let (x, y) = (at(&self.fields_x, i), at(&self.fields_y, i));
-            (x * x + y * y).sqrt() * unit
-        };
-        let values: Vec<f64> = (0..used).map(radial).collect();
-        // Decentre and compression of the pupil, as losses on each side.
-        let [dx, dy, cx, cy] = &self.vignetting;
-        let losses = |i| {
-            let (dx, dy, cx, cy) = (at(dx, i), at(dy, i), at(cx, i), at(cy, i));
-            [cx - dx, cx + dx, cy - dy, cy + dy]
-        };
-        let vignetting: Vec<[f64; 4]> = (0..used).map(losses).collect();
-        let any = vignetting.iter().flatten().any(|v| *v != 0.0);
-        let notes = if self.fields_x.iter().any(|v| *v != 0.0) {
-            vec!["fields off the y axis are taken at their distance from the axis".to_owned()]
-        } else {
-            Vec::new()
-        };
-        (Fields { kind, values, vignetting: if any { vignetting } else { Vec::new() } }, notes)
     }
 }

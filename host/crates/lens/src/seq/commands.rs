@@ -1,0 +1,354 @@
+//! What each command of a `.seq` file says about the lens.
+
+use super::known::{Known, known};
+use super::lexer::{Command, Kind, Word};
+use super::{Draft, File, first, numbers};
+use crate::prescription::{Aperture, Clip, FieldKind};
+use camrig_base::{Error, Result};
+
+/// Air of CODE V's default environment: 20 °C and 760 mm Hg, and the room temperatures that files
+/// state; an index changes by some 1e-6 for each kelvin.
+const ROOM_C: std::ops::RangeInclusive<f64> = 19.0..=25.0;
+const PRESSURE_MM_HG: f64 = 760.0;
+
+fn refuse(what: &str) -> Result<()> {
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image and are rotationally symmetric about one axis are traced",
+    ))
+}
+
+/// A word in capitals, and nothing where there is none.
+fn capitals(words: &[Word], i: usize) -> String {
+    words.get(i).map(|w| w.text.to_ascii_uppercase()).unwrap_or_default()
+}
+
+impl File {
+    pub(super) fn command(&mut self, command: &Command) -> Result<()> {
+        let Command { keyword, words, .. } = command;
+        if matches!(keyword.as_str(), "TITLE" | "TIT") {
+            let texts: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
+            self.title = texts.join(" ");
+            return Ok(());
+        }
+        if command.open_quote && known(keyword) != Known::Harmless {
+            return Err(Error::input(format!("{keyword}: a quotation mark is not closed"))
+                .help("close it on the same line"));
+        }
+        if self.private.takes(keyword, words)? || self.of_system(keyword, words)? {
+            return Ok(());
+        }
+        match keyword.as_str() {
+            "SO" => {
+                let bend = first(words, keyword)?;
+                self.object = Some((bend, first(&words[1..], "SO (thickness)")?));
+                in_air(words, "the object")
+            }
+            "SI" => {
+                let values = numbers(keyword, &words[..words.len().min(2)])?;
+                self.image_bent = values.first().is_some_and(|v| *v != 0.0);
+                self.image = Some(values.get(1).copied().unwrap_or(0.0));
+                Ok(())
+            }
+            "S" => {
+                let draft = Draft {
+                    line: command.line,
+                    bend: first(words, keyword)?,
+                    thickness: first(&words[1..], "S (thickness)")?,
+                    glass: words.get(2).map(|w| w.text.clone()),
+                    ..Draft::default()
+                };
+                self.surfaces.push(draft);
+                match words.get(3..).filter(|rest| !rest.is_empty()) {
+                    Some(rest) => self.mode(self.surfaces.len() - 1, &rest[0].text),
+                    None => Ok(()),
+                }
+            }
+            _ => self.of_surface(command),
+        }
+    }
+
+    /// Commands of the whole system; whether this is one.
+    fn of_system(&mut self, keyword: &str, words: &[Word]) -> Result<bool> {
+        let off = capitals(words, 0).starts_with('N');
+        match keyword {
+            "RDM" => self.radius_mode = Some(!off),
+            "DIM" => {
+                self.scale = match capitals(words, 0).as_str() {
+                    "M" => 1.0,
+                    "C" => 10.0,
+                    "I" => 25.4,
+                    other => {
+                        return Err(Error::unsupported(format!("DIM {other}"))
+                            .help("known are M (millimetre), C (centimetre) and I (inch)"));
+                    }
+                };
+            }
+            "EPD" => self.aperture = Some(Aperture::EntrancePupil(first(words, keyword)?)),
+            "FNO" => self.aperture = Some(Aperture::WorkingFNumber(first(words, keyword)?)),
+            "NA" => self.aperture = Some(Aperture::ImageNa(first(words, keyword)?)),
+            "NAO" => self.aperture = Some(Aperture::ObjectNa(first(words, keyword)?)),
+            "WL" => self.waves = numbers(keyword, words)?,
+            "REF" => {
+                let value = first(words, keyword)?;
+                if !(value.fract() == 0.0 && (1.0..=100.0).contains(&value)) {
+                    return Err(Error::input(format!("REF {value}"))
+                        .help("it is the number of a wavelength, from 1"));
+                }
+                self.reference = value as usize;
+            }
+            "YAN" | "YOB" | "YIM" | "YRI" => {
+                self.fields = Some((kind_of(keyword), numbers(keyword, words)?));
+            }
+            "XAN" | "XOB" | "XIM" | "XRI" => {
+                self.fields_x = numbers(keyword, words)?;
+                if self.fields.is_none() && self.fields_x.iter().any(|v| *v != 0.0) {
+                    self.fields = Some((kind_of(keyword), vec![0.0; self.fields_x.len()]));
+                }
+            }
+            "VUX" => self.vignetting[0] = numbers(keyword, words)?,
+            "VLX" => self.vignetting[1] = numbers(keyword, words)?,
+            "VUY" => self.vignetting[2] = numbers(keyword, words)?,
+            "VLY" => self.vignetting[3] = numbers(keyword, words)?,
+            "TEM" => {
+                let celsius = numbers(keyword, words)?;
+                if celsius.iter().any(|t| !ROOM_C.contains(t)) {
+                    self.notes.push(format!("TEM {celsius:?} is ignored: {AT_ROOM}"));
+                }
+            }
+            "PRE" => {
+                let pressures = numbers(keyword, words)?;
+                if pressures.iter().any(|p| *p != PRESSURE_MM_HG) {
+                    self.notes.push(format!("PRE {pressures:?} is ignored: {AT_ROOM}"));
+                }
+            }
+            "ZOO" if words.len() == 1 && words[0].text == "1" => {}
+            "ZOO" => refuse("a zoom system")?,
+            "TEL" | "AFC" | "AFI" | "AFO" | "POL" if off => {}
+            "POL" => self.notes.push("POL is passed over: polarisation is not traced".into()),
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    /// Commands that belong to a surface: the one that `S3` names, or the one above them.
+    fn of_surface(&mut self, command: &Command) -> Result<()> {
+        let Command { line, keyword, .. } = command;
+        match known(keyword) {
+            Known::Harmless => return Ok(()),
+            Known::Solve => {
+                self.notes.push(format!(
+                    "line {line}: {keyword} is not solved again; the value in the file is kept"
+                ));
+                return Ok(());
+            }
+            Known::Refused(what) => return refuse(&format!("{keyword} ({what})")),
+            Known::Unknown => {}
+        }
+        let (place, words) = self.place(&command.words)?;
+        if matches!(keyword.as_str(), "XDE" | "YDE" | "ZDE" | "ADE" | "BDE" | "CDE") {
+            return match numbers(keyword, words)?.iter().any(|v| *v != 0.0) {
+                true => refuse(&format!("{keyword} (a tilt or decentre)")),
+                false => Ok(()),
+            };
+        }
+        if aperture_kind(words) == "EDG" && APERTURES.contains(&keyword.as_str()) {
+            return Ok(());
+        }
+        match place {
+            Some(index) if keyword == "STO" => {
+                self.stop = Some(index);
+                no_more(keyword, words)
+            }
+            Some(index) => self.change(index, keyword, words),
+            None if keyword == "CIR" => {
+                self.notes.push(format!(
+                    "line {line}: {keyword} on the object or the image is passed over"
+                ));
+                Ok(())
+            }
+            None if keyword == "STO" => Err(Error::input("the stop is the object or the image")
+                .help("it is one of the surfaces between them")),
+            None if matches!(keyword.as_str(), "CON" | "ASP") => Ok(()),
+            None if keyword == "K" && numbers(keyword, words)?.iter().all(|v| *v == 0.0) => Ok(()),
+            None => Err(unknown(keyword)
+                .at("the object or the image")
+                .help("it stands behind no surface of the lens")),
+        }
+    }
+
+    /// The surface that a command is about (none: object, image, or no surface yet), and its words
+    /// without the surface's name.
+    fn place<'a>(&self, words: &'a [Word]) -> Result<(Option<usize>, &'a [Word])> {
+        let above = match self.image {
+            Some(_) => None,
+            None => self.surfaces.len().checked_sub(1),
+        };
+        let name = capitals(words, 0);
+        let Some(rest) = name.strip_prefix('S').filter(|_| words[0].kind == Kind::Plain) else {
+            return Ok((above, words));
+        };
+        if matches!(rest, "O" | "I") {
+            return Ok((None, &words[1..]));
+        }
+        match rest.parse::<usize>() {
+            Ok(0) => Ok((None, &words[1..])),
+            Ok(n) if n <= self.surfaces.len() => Ok((Some(n - 1), &words[1..])),
+            Ok(n) if self.image.is_some() && n == self.surfaces.len() + 1 => {
+                Ok((None, &words[1..]))
+            }
+            _ => Err(Error::input(format!("{name} is no surface so far"))
+                .help(format!("surfaces up to here are S1 to S{}", self.surfaces.len()))),
+        }
+    }
+
+    /// Changes surface `index`.
+    fn change(&mut self, index: usize, keyword: &str, words: &[Word]) -> Result<()> {
+        let radius_mode = self.radius_mode;
+        let surface = &mut self.surfaces[index];
+        match keyword {
+            "CIR" => surface.aperture(words)?,
+            "REX" | "REY" | "ELX" | "ELY" => {
+                return refuse(&format!("{keyword} (an aperture that is not circular)"));
+            }
+            "GLA" | "GL1" => {
+                let name = words.first().ok_or_else(|| {
+                    Error::input("GLA without a glass").help("the line is cut short")
+                })?;
+                surface.glass = Some(name.text.clone());
+            }
+            "RFL" | "REFL" => surface.glass = Some("REFL".into()),
+            "RMD" => return self.mode(index, &capitals(words, 0)),
+            "THI" => surface.thickness = first(words, keyword)?,
+            "RDY" | "CUY" => {
+                let (value, radii) = (first(words, keyword)?, radius_mode == Some(true));
+                surface.bend = match (keyword == "RDY") == radii || value == 0.0 {
+                    true => value,
+                    false => 1.0 / value,
+                };
+                if radius_mode.is_none() {
+                    return Err(Error::input(format!("{keyword} without RDM"))
+                        .help("say RDM or RDM N at the start: are surfaces given by radius?"));
+                }
+            }
+            "CON" | "ASP" => {}
+            "SPH" => surface.sphere(),
+            "K" => surface.conic = first(words, keyword)?,
+            "A" | "B" | "C" | "D" | "E" | "F" | "G" | "H" | "J" => {
+                // A is the coefficient of r^4; the letter I is left out.
+                let power = "ABCDEFGHJ".find(keyword).unwrap_or(0) + 2;
+                surface.even.resize(surface.even.len().max(power), 0.0);
+                surface.even[power - 1] = first(words, keyword)?;
+            }
+            "SPS" if capitals(words, 0) == "ODD" => {}
+            "SPS" => {
+                return refuse(&format!("a special surface (SPS {})", capitals(words, 0)));
+            }
+            "SCO" => return surface.special(words),
+            _ => return Err(unknown(keyword)),
+        }
+        let taken = match keyword {
+            "CIR" | "SPS" => words.len(),
+            "CON" | "ASP" | "SPH" | "RFL" | "REFL" => 0,
+            _ => 1,
+        };
+        no_more(keyword, words.get(taken..).unwrap_or(&[]))
+    }
+
+    /// `RMD`: whether a surface refracts or reflects.
+    fn mode(&mut self, index: usize, mode: &str) -> Result<()> {
+        match mode.to_ascii_uppercase().as_str() {
+            "REFL" => self.surfaces[index].glass = Some("REFL".into()),
+            "REFR" => {}
+            other => return refuse(&format!("a surface with the mode {other}")),
+        }
+        Ok(())
+    }
+}
+
+/// What is said of another temperature or pressure.
+const AT_ROOM: &str = "indices are those at 20 °C in air";
+/// Commands of apertures; with `EDG` they say where the glass ends, not what light passes.
+const APERTURES: &[&str] = &["CIR", "REX", "REY", "ELX", "ELY"];
+
+fn unknown(keyword: &str) -> Error {
+    Error::unsupported(format!("{keyword} is not known, and may change the image"))
+        .help("remove the command if it has no effect on the image")
+}
+
+fn no_more(keyword: &str, rest: &[Word]) -> Result<()> {
+    let Some(word) = rest.first() else { return Ok(()) };
+    Err(Error::unsupported(format!("{keyword}: \"{}\" is not understood", word.text))
+        .help("one value is expected"))
+}
+
+/// Refuses an object that lies in a glass.
+fn in_air(words: &[Word], what: &str) -> Result<()> {
+    match capitals(words, 2).as_str() {
+        "" | "AIR" => Ok(()),
+        glass => Err(Error::unsupported(format!("{what} lies in {glass}"))
+            .help("only objects in air are traced")),
+    }
+}
+
+/// The word of an aperture command that says what it is, labels aside.
+fn aperture_kind(words: &[Word]) -> String {
+    let word = words.iter().find(|w| w.kind != Kind::Label);
+    let text = word.map(|w| w.text.to_ascii_uppercase()).unwrap_or_default();
+    if text == "HOL" { "EDG".into() } else { text }
+}
+
+fn kind_of(keyword: &str) -> FieldKind {
+    match &keyword[1..] {
+        "OB" => FieldKind::ObjectHeight,
+        "IM" => FieldKind::ParaxialImageHeight,
+        "RI" => FieldKind::RealImageHeight,
+        _ => FieldKind::Angle,
+    }
+}
+
+impl Draft {
+    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle.
+    fn aperture(&mut self, words: &[Word]) -> Result<()> {
+        let rest: Vec<Word> = words.iter().filter(|w| w.kind != Kind::Label).cloned().collect();
+        let (clip, used) = match aperture_kind(words).as_str() {
+            "OBS" => {
+                let inner = first(&rest[1..], "CIR OBS")?;
+                (Clip { inner, outer: f64::INFINITY }, 2)
+            }
+            "CLR" => (Clip::circle(first(&rest[1..], "CIR CLR")?), 2),
+            _ => (Clip::circle(first(&rest, "CIR")?), 1),
+        };
+        self.clips.push(clip);
+        no_more("CIR", &rest[used..])
+    }
+
+    fn sphere(&mut self) {
+        self.conic = 0.0;
+        self.even.clear();
+        self.odd_terms.clear();
+    }
+
+    /// `SCO K v`, `SCO Ci v` of an odd polynomial: C1 is the conic constant, C2 the coefficient of
+    /// r, C3 of r², ...
+    fn special(&mut self, words: &[Word]) -> Result<()> {
+        let name = capitals(words, 0);
+        let value = first(words.get(1..).unwrap_or(&[]), "SCO")?;
+        let slot = match name.as_str() {
+            "K" => Some(1),
+            _ => name.strip_prefix('C').and_then(|n| n.parse().ok()),
+        };
+        match slot {
+            Some(1) => self.conic = value,
+            Some(n @ 2..=60) => {
+                self.odd_terms.resize(self.odd_terms.len().max(n - 1), 0.0);
+                self.odd_terms[n - 2] = value;
+            }
+            _ => {
+                return Err(
+                    Error::input(format!("SCO {name}")).help("coefficients are K and C1 to C60")
+                );
+            }
+        }
+        no_more("SCO", &words[2..])
+    }
+}

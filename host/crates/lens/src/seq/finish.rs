@@ -1,0 +1,152 @@
+//! From what a `.seq` file says to a prescription in mm.
+
+use super::{Draft, File, INFINITE, radii};
+use crate::glass::Catalogue;
+use crate::prescription::{
+    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
+};
+use camrig_base::{Error, Result};
+
+impl File {
+    pub(super) fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
+        let glasses = self.private.catalogue(glasses)?;
+        if self.stop.is_none() {
+            let note = "STO is not given: the first surface is the stop, as in CODE V";
+            self.notes.push(note.into());
+        }
+        let radius_mode = match self.radius_mode {
+            Some(mode) => mode,
+            None => {
+                let (mode, note) = radii::decide(&self, |mode| self.prescription(mode, &glasses));
+                self.notes.push(note.into());
+                mode
+            }
+        };
+        self.prescription(radius_mode, &glasses)
+    }
+
+    /// The prescription, with surfaces taken by radius or by curvature.
+    fn prescription(&self, radius_mode: bool, glasses: &Catalogue) -> Result<Prescription> {
+        let Some((object_bend, object)) = self.object else {
+            return Err(
+                Error::input("no object (SO)").help("is this a CODE V lens file, and complete?")
+            );
+        };
+        let Some(defocus) = self.image else {
+            return Err(
+                Error::input("no image (SI)").help("the file ends before its last surface")
+            );
+        };
+        if self.image_bent {
+            return Err(Error::unsupported("the image surface is curved").help("sensors are flat"));
+        }
+        if object_bend != 0.0 && object.abs() < INFINITE {
+            return Err(Error::unsupported("the object surface is curved")
+                .help("only flat objects are traced"));
+        }
+        let Some(aperture) = self.aperture else {
+            return Err(Error::input("no aperture").help("EPD, FNO, NA or NAO gives one"));
+        };
+        let scale = self.scale;
+        let finite = object.abs() < INFINITE;
+        let aperture = match aperture {
+            Aperture::EntrancePupil(d) => Aperture::EntrancePupil(d * scale),
+            // With the object at infinity the f-number is EFL/EPD.
+            Aperture::WorkingFNumber(n) if !finite => Aperture::FNumber(n),
+            other => other,
+        };
+        let last = self.surfaces.len().saturating_sub(1);
+        let mut notes = self.notes.clone();
+        let mut surfaces = Vec::with_capacity(self.surfaces.len());
+        for (i, draft) in self.surfaces.iter().enumerate() {
+            let mut surface = draft
+                .surface(radius_mode, scale, glasses, &mut notes)
+                .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
+            if i == last {
+                surface.thickness += defocus * scale;
+            }
+            surfaces.push(surface);
+        }
+        let Some(&reference_nm) = self.waves.get(self.reference - 1) else {
+            return Err(Error::input(format!(
+                "reference wavelength {} of {}",
+                self.reference,
+                self.waves.len()
+            ))
+            .help("REF names one of the values of WL"));
+        };
+        let (kind, y) = match &self.fields {
+            Some((kind, y)) => (*kind, &y[..]),
+            None => (FieldKind::Angle, &[0.0][..]),
+        };
+        let unit = if kind == FieldKind::Angle { 1.0 } else { scale };
+        let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
+        let count = y.len().max(self.fields_x.len());
+        let values: Vec<f64> =
+            (0..count).map(|i| kind.off_axis(at(&self.fields_x, i), at(y, i)) * unit).collect();
+        let any = self.vignetting.iter().flatten().any(|v| *v != 0.0);
+        let vignetting = match any {
+            true => (0..count).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect(),
+            false => Vec::new(),
+        };
+        let prescription = Prescription {
+            name: self.title.clone(),
+            surfaces,
+            stop: self.stop.unwrap_or(0),
+            object: if finite { Object::Distance(object * scale) } else { Object::Infinity },
+            aperture,
+            wavelengths_nm: self.waves.clone(),
+            reference_nm,
+            fields: Fields { kind, values, vignetting },
+            notes,
+        };
+        prescription.validate()?;
+        Ok(prescription)
+    }
+}
+
+impl Draft {
+    fn surface(
+        &self,
+        radius_mode: bool,
+        scale: f64,
+        glasses: &Catalogue,
+        notes: &mut Vec<String>,
+    ) -> Result<Surface> {
+        let curvature = match (radius_mode, self.bend) {
+            (false, c) => c / scale,
+            (true, 0.0) => 0.0,
+            (true, r) => 1.0 / (r * scale),
+        };
+        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
+        let mut even: Vec<f64> =
+            self.even.iter().enumerate().map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
+        let mut odd = Vec::new();
+        for (i, a) in self.odd_terms.iter().enumerate() {
+            let a = in_mm(*a, i + 1);
+            if i % 2 == 0 {
+                odd.push(a);
+            } else {
+                even.resize(even.len().max(i / 2 + 1), 0.0);
+                even[i / 2] += a;
+            }
+        }
+        let medium = match self.glass.as_deref() {
+            None => Medium::Air,
+            Some(name) if name.eq_ignore_ascii_case("AIR") => Medium::Air,
+            Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
+        };
+        let clips =
+            self.clips.iter().map(|c| Clip { inner: c.inner * scale, outer: c.outer * scale });
+        Ok(Surface {
+            curvature,
+            conic: self.conic,
+            even,
+            odd,
+            thickness: self.thickness * scale,
+            medium,
+            clips: clips.collect(),
+        })
+    }
+}

@@ -1,0 +1,98 @@
+//! Commands of CODE V that are passed over because they do not change the image, and those that
+//! are refused with a word about what they are. A command in neither list that the reader does not
+//! know is refused too.
+
+/// Commands without effect on the image: the design's bookkeeping.
+const HARMLESS: &[&[&str]] = &[SET, WEIGHTS, COUPLINGS, TOLERANCES, MANUFACTURE];
+/// The lens as a data set: start, end, remarks, names, listings and drawings.
+const SET: &[&str] = &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA"];
+/// Weights of wavelengths and fields in merit functions.
+const WEIGHTS: &[&str] = &["WTW", "WTF", "WTX", "WTY"];
+/// What an optimisation varies and couples.
+const COUPLINGS: &[&str] = &[
+    "CCY", "CCX", "THC", "GLC", "KC", "KYC", "KXC", "AC", "BC", "CC", "DC", "EC", "FC", "GC",
+    "HC", "IC", "JC", "SCC", "HCC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "RDC", "CUC",
+];
+/// Tolerances and how a drawing states them.
+const TOLERANCES: &[&str] = &[
+    "DLR", "DLT", "DLN", "DLV", "DLF", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS", "DLM",
+    "CYD", "CYN", "IRR", "TIX", "TIY", "TIR", "TRX", "TRY", "TRR", "BTX", "BTY", "BTI", "BTR",
+    "DIS", "DSX", "DSY", "DSR", "ROL", "STI", "HOM", "DER", "CUM", "CUF", "PFR", "PTP", "POR",
+];
+/// Drawings, heat and manufacture.
+const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP"];
+
+/// Commands that solve for a value, or take it from another surface, whose result stands in the
+/// file already.
+const SOLVES: &[&str] = &["PIM", "UMY", "HMY", "PIK", "PIC"];
+
+/// Commands of surfaces and systems that are not symmetric, not sequential, or bend light by
+/// other means than refraction at a conic or polynomial, with what they are.
+const REFUSED: &[(&str, &str)] = &[
+    ("AFC", "an afocal system"),
+    ("AFI", "an afocal system"),
+    ("AFO", "an afocal system"),
+    ("AFOC", "an afocal system"),
+    ("TEL", "a lens that is telecentric on the object's side"),
+    ("YTO", "a toroid"),
+    ("XTO", "a toroid"),
+    ("TOR", "a toroid"),
+    ("CUX", "a toroid"),
+    ("RDX", "a toroid"),
+    ("KX", "a biconic"),
+    ("KY", "a biconic"),
+    ("AAS", "a biconic asphere"),
+    ("CYL", "a cylinder"),
+    ("HOE", "a hologram"),
+    ("HCO", "a hologram"),
+    ("HOR", "a hologram"),
+    ("HWL", "a hologram"),
+    ("HCT", "a hologram"),
+    ("DIF", "a diffractive surface"),
+    ("GRT", "a grating"),
+    ("GRO", "a grating"),
+    ("GRS", "a grating"),
+    ("GRI", "a medium whose index varies"),
+    ("GRN", "a medium whose index varies"),
+    ("DAR", "a tilt or decentre"),
+    ("BEN", "a tilt or decentre"),
+    ("REV", "a tilt or decentre"),
+    ("RET", "a tilt or decentre"),
+    ("GLB", "a tilt or decentre"),
+    ("ADX", "a decentred aperture"),
+    ("ADY", "a decentred aperture"),
+    ("ARO", "a turned aperture"),
+    ("NSS", "a non-sequential part"),
+    ("PUX", "a pupil of uneven brightness"),
+    ("PUY", "a pupil of uneven brightness"),
+    ("PUI", "a pupil of uneven brightness"),
+    ("FRE", "a Fresnel surface"),
+    ("MOD", "a lens module"),
+];
+
+/// What the list says about a command.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Known {
+    /// It does not change the image.
+    Harmless,
+    /// It stands for a value that the file gives.
+    Solve,
+    /// It cannot be traced: what it is.
+    Refused(&'static str),
+    /// Nothing is known of it.
+    Unknown,
+}
+
+/// Looks a command up.
+pub(super) fn known(keyword: &str) -> Known {
+    if HARMLESS.iter().any(|group| group.contains(&keyword)) {
+        return Known::Harmless;
+    }
+    if SOLVES.contains(&keyword) {
+        return Known::Solve;
+    }
+    match REFUSED.iter().find(|(name, _)| *name == keyword) {
+        Some((_, what)) => Known::Refused(what),
+        None => Known::Unknown,
+    }
+}

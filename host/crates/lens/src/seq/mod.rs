@@ -1,0 +1,86 @@
+//! CODE V lens files (`.seq`).
+//!
+//! Read: spherical, conic and aspheric surfaces (`ASP` with K, A to J; odd polynomials `SPS ODD`),
+//! mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO, angular
+//! and height fields, vignetting factors, circular apertures. A command that is not known to be
+//! without effect on the image is refused with its line: tilts and decentres, other special
+//! surfaces, apertures that are not circular, zoom. `RDM` says that surfaces are given by radius,
+//! `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a lens, they
+//! are taken as radii, with a note.
+
+mod commands;
+mod finish;
+mod known;
+mod lexer;
+mod private;
+mod radii;
+#[cfg(test)]
+mod tests;
+
+use super::glass::Catalogue;
+use super::prescription::{Aperture, Clip, FieldKind, Prescription};
+use camrig_base::{Error, Result};
+use lexer::Word;
+use private::Private;
+
+/// Distances that CODE V takes for infinity, in the file's unit (its own default is 1e13).
+const INFINITE: f64 = 1e10;
+
+/// A file as far as it is read.
+#[derive(Default)]
+struct File {
+    title: String,
+    radius_mode: Option<bool>,
+    scale: f64,
+    aperture: Option<Aperture>,
+    waves: Vec<f64>,
+    reference: usize,
+    fields: Option<(FieldKind, Vec<f64>)>,
+    fields_x: Vec<f64>,
+    vignetting: [Vec<f64>; 4],
+    object: Option<(f64, f64)>,
+    surfaces: Vec<Draft>,
+    image: Option<f64>,
+    image_bent: bool,
+    stop: Option<usize>,
+    private: Private,
+    notes: Vec<String>,
+}
+
+/// A surface as the file describes it.
+#[derive(Default)]
+struct Draft {
+    line: usize,
+    bend: f64,
+    thickness: f64,
+    glass: Option<String>,
+    conic: f64,
+    even: Vec<f64>,
+    odd_terms: Vec<f64>,
+    clips: Vec<Clip>,
+}
+
+/// A prescription from the text of a `.seq` file.
+///
+/// # Errors
+/// What is unsupported or wrong, with its line.
+pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
+    let mut file = File { scale: 1.0, reference: 1, ..File::default() };
+    for command in lexer::commands(text)? {
+        file.command(&command).map_err(|e| e.at(format!("line {}", command.line)))?;
+    }
+    file.finish(glasses)
+}
+
+/// The number at the start of a command's words.
+fn first(words: &[Word], what: &str) -> Result<f64> {
+    let word = words.first().ok_or_else(|| {
+        Error::input(format!("{what} has no value")).help("the line is cut short")
+    })?;
+    super::text::number(what, &word.text)
+}
+
+/// All words as numbers.
+fn numbers(what: &str, words: &[Word]) -> Result<Vec<f64>> {
+    words.iter().map(|w| super::text::number(what, &w.text)).collect()
+}

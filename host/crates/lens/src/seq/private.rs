@@ -1,0 +1,75 @@
+//! Glasses that a `.seq` file defines itself: `PRV`, wavelengths (`PWL`), a row of indices for
+//! each glass, `END`.
+
+use super::lexer::Word;
+use super::{first, numbers};
+use crate::glass::{Catalogue, Glass};
+use camrig_base::{Error, Result};
+
+/// The private glasses of a file.
+#[derive(Default)]
+pub(super) struct Private {
+    open: bool,
+    waves_nm: Vec<f64>,
+    glasses: Vec<(String, Glass)>,
+}
+
+impl Private {
+    /// Takes a command if it belongs to the catalogue; whether it does.
+    ///
+    /// # Errors
+    /// A row of another length than its wavelengths; what is no table of indices.
+    pub(super) fn takes(&mut self, keyword: &str, words: &[Word]) -> Result<bool> {
+        match keyword {
+            "PRV" => self.open = true,
+            _ if !self.open => return Ok(false),
+            "END" => self.open = false,
+            "PWL" => {
+                first(words, keyword)?;
+                self.waves_nm = numbers(keyword, words)?;
+            }
+            name => {
+                let glass = self.glass(name, words).map_err(|e| e.at(format!("glass {name}")))?;
+                self.glasses.push((name.to_owned(), glass));
+            }
+        }
+        Ok(true)
+    }
+
+    fn glass(&self, name: &str, words: &[Word]) -> Result<Glass> {
+        if let Some(word) = words.iter().find(|w| w.text.parse::<f64>().is_err()) {
+            return Err(Error::unsupported(format!("private glass by \"{}\"", word.text))
+                .help("tables of indices (PWL) are read; give the glass as one"));
+        }
+        let indices = numbers(name, words)?;
+        if indices.len() != self.waves_nm.len() {
+            return Err(Error::input(format!(
+                "{} indices for {} wavelengths",
+                indices.len(),
+                self.waves_nm.len()
+            ))
+            .help("a private glass has one index for each wavelength of PWL"));
+        }
+        let waves = self.waves_nm.iter().copied();
+        let mut rows: Vec<[f64; 2]> = waves.zip(indices).map(|(nm, n)| [nm, n]).collect();
+        rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Glass::table(name, rows)
+    }
+
+    /// `glasses` and these, which count first.
+    ///
+    /// # Errors
+    /// A catalogue without its `END`.
+    pub(super) fn catalogue(&self, glasses: &Catalogue) -> Result<Catalogue> {
+        if self.open {
+            return Err(
+                Error::input("PRV without END").help("is the private catalogue cut short?")
+            );
+        }
+        let mut glasses = glasses.clone();
+        for (name, glass) in &self.glasses {
+            glasses.insert(name, glass.clone());
+        }
+        Ok(glasses)
+    }
+}

@@ -1,0 +1,111 @@
+//! What a `.seq` file says, and what of it is refused.
+
+use super::*;
+use crate::prescription::Medium;
+use crate::{Conditions, System};
+
+/// A biconvex lens of focal length 78.23 mm behind `head`, with `more` after its first surface.
+fn lens(head: &str, more: &str) -> Result<Prescription> {
+    let text = format!(
+        "{head}\nDIM M; WL 587.6; YAN 0\nSO 0 1e13\nS 80 5 NBK7_SCHOTT\n{more}\nS -80 75\nSI 0 0\n"
+    );
+    read(&text, &Catalogue::default())
+}
+
+fn efl(lens: Result<Prescription>) -> f64 {
+    System::new(lens.unwrap(), Conditions::default()).unwrap().paraxial.efl_mm
+}
+
+#[test]
+fn what_may_change_the_image_is_refused_with_its_line() {
+    for (command, word) in [
+        ("YTO", "toroid"),
+        ("CUX 0.01", "toroid"),
+        ("HOE", "hologram"),
+        ("HCO C1 -4e-4", "hologram"),
+        ("TEL", "telecentric"),
+        ("AFO", "afocal"),
+        ("ADE 3", "tilt"),
+        ("RMD TIR", "TIR"),
+        ("NEW 3", "not known"),
+        ("S3 9 9", "not known"),
+        ("STO S5", "S1 to S1"),
+        ("K S1 1 2", "not understood"),
+        ("SLB 'x\nK 'x", "not closed"),
+    ] {
+        let error = lens("RDM; EPD 6", command).unwrap_err().to_string();
+        let line = if command.contains('\n') { "line 6" } else { "line 5" };
+        assert!(error.contains(word) && error.contains(line), "{command}: {error}");
+    }
+}
+
+#[test]
+fn bookkeeping_leaves_no_trace() {
+    let more = "SLB \"front\"; CCY 0; THC 100; DLT 0.1\nTEL NO; ADE 0; CIR EDG 9; PIM";
+    let lens = lens("RDM; EPD 6", more).unwrap();
+    assert!(lens.surfaces[0].clips.is_empty());
+    assert_eq!(lens.notes.len(), 2, "{:?}", lens.notes);
+    assert!(lens.notes[0].contains("PIM") && lens.notes[1].contains("STO"), "{:?}", lens.notes);
+}
+
+#[test]
+fn commands_name_their_surface() {
+    let text = "RDM; EPD 6; DIM M; WL 587.6; YAN 0; SO 0 1e13; S 60 5 NBK7_SCHOTT\nSTO\nS -60 9\n\
+                S 0 50\nSTO S3\nK S1 -0.5; CIR S2 L'rear' 4\nRDY S2 -50; THI S2 8\nSI 0 0";
+    let lens = read(text, &Catalogue::default()).unwrap();
+    assert_eq!((lens.stop, lens.surfaces[0].conic), (2, -0.5));
+    assert_eq!((lens.surfaces[1].curvature, lens.surfaces[1].thickness), (-0.02, 8.0));
+    assert_eq!(lens.surfaces[1].clips, [Clip::circle(4.0)]);
+}
+
+#[test]
+fn a_mirror_by_mode_is_a_mirror() {
+    let text = "RDM; EPD 6; DIM M; WL 587.6; YAN 0; SO 0 1e13; S -200 -100; STO; RMD REFL; SI 0 0";
+    let lens = read(text, &Catalogue::default()).unwrap();
+    assert_eq!(lens.surfaces[0].medium, Medium::Mirror);
+    let text = text.replace("-100; STO; RMD REFL", "-100 AIR REFL; STO");
+    assert_eq!(read(&text, &Catalogue::default()).unwrap(), lens);
+}
+
+/// n = 1.55 + 4000/λ² at five wavelengths, from red to blue, over two lines each.
+#[test]
+fn private_glasses_are_tables() {
+    let head = "RDM; EPD 6\nPRV\nPWL 700 650&\n 600 500 420\n'own' 1.558163 1.559467 &\n 1.561111 \
+                1.566 1.572676\nEND";
+    let text = format!(
+        "{head}\nDIM M; WL 600; YAN 0\nSO 0 1e13\nS 61.1111 0 'own'\nSTO\nS 0 75\nSI 0 0\n"
+    );
+    let found = efl(read(&text, &Catalogue::default()));
+    assert!((found - 61.1111 / 0.561111).abs() < 1e-3, "{found}");
+    let short = text.replace(" 1.572676", "");
+    assert!(read(&short, &Catalogue::default()).unwrap_err().to_string().contains("4 indices"));
+    let formula = text.replace("1.558163", "SCH");
+    assert!(read(&formula, &Catalogue::default()).unwrap_err().to_string().contains("SCH"));
+}
+
+#[test]
+fn without_rdm_the_lens_says_what_its_numbers_are() {
+    for head in ["EPD 12", "FNO 5", "NA 0.1"] {
+        let lens = lens(head, "STO").unwrap();
+        assert!(lens.notes[0].contains("taken as radii"), "{:?}", lens.notes);
+        assert!((efl(Ok(lens)) - 78.233).abs() < 1e-3);
+    }
+    let text = "FNO 5; DIM M; WL 587.6; YAN 0; SO 0 1e13; S 0.0125 5 NBK7_SCHOTT; STO; \
+                S -0.0125 75; SI 0 0";
+    let lens = read(text, &Catalogue::default()).unwrap();
+    assert!(lens.notes[0].contains("by curvature"), "{:?}", lens.notes);
+    assert!((efl(Ok(lens)) - 78.233).abs() < 1e-3);
+    // Out of focus either way: the surfaces' sizes decide.
+    let lens = read(&text.replace("0.0125", "80").replace(" 75", " 40"), &Catalogue::default());
+    assert!(lens.unwrap().notes[0].contains("smaller"));
+}
+
+/// tan²θ = tan²x + tan²y.
+#[test]
+fn fields_off_both_axes() {
+    let text = "RDM; EPD 6; DIM M; WL 587.6; XAN 0 30; YAN 20 30; SO 0 1e13; \
+                S 80 5 NBK7_SCHOTT; STO; S -80 75; SI 0 0";
+    let fields = read(text, &Catalogue::default()).unwrap().fields.values;
+    assert_eq!(fields[0], 20.0);
+    assert!((fields[1] - 39.231_520_483_592_26).abs() < 1e-9, "{fields:?}");
+}

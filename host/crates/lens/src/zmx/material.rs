@@ -1,0 +1,46 @@
+//! `GLAS`: catalogue glasses, model glasses, mirrors.
+
+use super::{value, word};
+use crate::glass::{Catalogue, Glass};
+use crate::prescription::Medium;
+use camrig_base::Result;
+
+/// `GLAS name mode pickup n_d V_d ΔP_gF . . . Δn_d ΔV_d`: a catalogue glass, a mirror, a model
+/// glass (mode 1), or a catalogue glass with offsets (mode 4).
+pub(super) fn medium(
+    words: &[String],
+    makers: &[String],
+    glasses: &Catalogue,
+    notes: &mut Vec<String>,
+) -> Result<Medium> {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let name = word(&words, 0, "GLAS")?;
+    if name == "MIRROR" {
+        return Ok(Medium::Mirror);
+    }
+    let optional = |i: usize| match words.len() > i {
+        true => value(&words, i, "GLAS"),
+        false => Ok(0.0),
+    };
+    let mode = words.get(1).copied().unwrap_or("0");
+    if mode == "1" || name.starts_with("___BLANK") {
+        let (nd, vd) = (value(&words, 3, "GLAS")?, value(&words, 4, "GLAS")?);
+        // Zemax writes V_d = 0 for "no dispersion".
+        return Ok(Medium::Glass(match vd == 0.0 {
+            true => Glass::constant(nd)?,
+            false => Glass::model_off_line(nd, vd, optional(5)?)?,
+        }));
+    }
+    let glass = glasses.find(name, makers)?.noted(notes);
+    if mode != "4" {
+        return Ok(Medium::Glass(glass));
+    }
+    let (shift_nd, shift_vd) = (optional(9)?, optional(10)?);
+    if shift_nd == 0.0 && shift_vd == 0.0 {
+        return Ok(Medium::Glass(glass));
+    }
+    notes.push(format!(
+        "glass {name} has offsets: n_d {shift_nd:+}, V_d {shift_vd:+}; its dispersion is scaled"
+    ));
+    Ok(Medium::Glass(glass.moved(shift_nd, shift_vd)?))
+}
