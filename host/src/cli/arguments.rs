@@ -177,7 +177,7 @@ enum Place {
     /// One file, or standard output, into which frame after frame goes.
     Stream(OutputFile),
     /// One file with all frames, written when they are there.
-    Stack(Option<Frames>),
+    Stack(Option<Box<Frames>>),
 }
 
 /// Where frames go; made before any work, so that a bad output fails at once.
@@ -304,7 +304,7 @@ impl FrameSink {
                 let mut one = Frames::from_raw(frame);
                 match stack {
                     Some(stack) => stack.planes.append(&mut one.planes),
-                    None => *stack = Some(one),
+                    None => *stack = Some(Box::new(one)),
                 }
                 format!("{} frame {number}", self.path.display())
             }

@@ -254,7 +254,7 @@ fn write_registers(
     let mut look = by_registers && frame == 0;
     for write in script.into_iter().flat_map(|script| script.before(frame)) {
         write.apply(rig).map_err(|e| e.at(format!("script, before frame {frame}")))?;
-        look |= matches!(write, Write::Register(at, _) if CUTTING.iter().any(|a| at & !1 == *a));
+        look |= matches!(write, Write::Register(at, _) if CUTTING.contains(&(at & !1)));
     }
     if look && let Some(cut) = exposure_cut(rig)? {
         eprintln!("note: before frame {frame}: {cut}");

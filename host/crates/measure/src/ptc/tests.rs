@@ -164,7 +164,8 @@ fn left_aligned_samples_are_measured_in_their_own_steps() {
     let sensor = Sensor { gain: 0.1, read_e: 5.0, row_fpn_e: 0.0, bits: 10, ..Sensor::default() };
     let whole = measured(&sensor);
     let moved = measured(&Sensor { moved_up: 6, ..sensor });
-    let figures: [(&str, f64, fn(&Figures) -> Option<Value>); 3] = [
+    type Figure = fn(&Figures) -> Option<Value>;
+    let figures: [(&str, f64, Figure); 3] = [
         ("read noise", 1.0, |f| f.read_noise_e),
         ("full well", 1.0, |f| f.full_well_e),
         ("gain", 64.0, |f| f.system_gain_dn_per_e),
