@@ -12,16 +12,6 @@ use camrig_sensor_core::arith::BLOCK;
 use libfuzzer_sys::fuzz_target;
 
 const WIDTH: usize = 64;
-const KINDS: [Kind; 8] = [
-    Kind::Hello,
-    Kind::Control,
-    Kind::Camera,
-    Kind::Part,
-    Kind::Raw,
-    Kind::Ack,
-    Kind::Ping,
-    Kind::Log,
-];
 
 /// A whole conversation in chunks of [kind, length, body...]; the kind byte 0xff sends the body
 /// without framing.
@@ -62,7 +52,7 @@ fn converse(data: &[u8]) {
         } else {
             let mut packet = [0; HEADER_BYTES + 255 + CHECK_BYTES];
             packet[HEADER_BYTES..][..body.len()].copy_from_slice(body);
-            let kind = KINDS[*kind as usize % KINDS.len()];
+            let kind = Kind::ALL[*kind as usize % Kind::ALL.len()];
             let header = Header { kind, flags: seq as u8 & 1, session: 1, seq, ack: seq };
             let n = seal(&mut packet, header, body.len());
             device.receive(&packet[..n], &mut rig);

@@ -84,7 +84,7 @@ const MAX_DELAY: usize = 4;
 /// Longest line time, ns (10 ms).
 const MAX_LINE_NS: u32 = 10_000_000;
 /// Gain code of unity gain (CCS gain type 0, c1).
-const UNITY_GAIN_CODE: u16 = 256;
+pub const UNITY_GAIN_CODE: u16 = 256;
 
 /// Values that take effect some frames after they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -62,9 +62,20 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All kinds, in the order of their numbers.
+    pub const ALL: [Self; 8] = [
+        Self::Hello,
+        Self::Control,
+        Self::Camera,
+        Self::Part,
+        Self::Raw,
+        Self::Ack,
+        Self::Ping,
+        Self::Log,
+    ];
+
     fn from_byte(byte: u8) -> Option<Self> {
-        use Kind::*;
-        [Hello, Control, Camera, Part, Raw, Ack, Ping, Log].into_iter().find(|&k| k as u8 == byte)
+        Self::ALL.into_iter().find(|&k| k as u8 == byte)
     }
 }
 

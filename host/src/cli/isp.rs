@@ -113,18 +113,14 @@ const CONVERTERS: [Converter; 4] = [
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let view = ViewArgs {
-        camera: args.camera.clone(),
-        scene: format!("colorchecker:width={CARD}"),
-        illuminant: args.illuminant.clone(),
-        lux: args.lux,
-        luminance: None,
-        oversample: None,
-        psf_tolerance: None,
-        device: args.device,
         set: args.set.clone(),
-        motion: None,
-        rolling: 0.0,
-        no_cache: false,
+        ..ViewArgs::still(
+            &args.camera,
+            format!("colorchecker:width={CARD}"),
+            &args.illuminant,
+            args.lux,
+            args.device,
+        )
     };
     let (camera, view) = view.view()?;
     let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;

@@ -112,20 +112,8 @@ pub struct Args {
 /// Where the frames' light comes from.
 fn cubes(args: &Args, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     if let Some(scene) = &args.scene {
-        let view = ViewArgs {
-            camera: args.camera.clone(),
-            scene: scene.clone(),
-            illuminant: args.illuminant.clone(),
-            lux: args.lux,
-            luminance: None,
-            oversample: None,
-            psf_tolerance: None,
-            device: args.device,
-            set: Vec::new(),
-            motion: None,
-            rolling: 0.0,
-            no_cache: false,
-        };
+        let view =
+            ViewArgs::still(&args.camera, scene.clone(), &args.illuminant, args.lux, args.device);
         return Ok(vec![view.view()?.1.cube]);
     }
     let path =

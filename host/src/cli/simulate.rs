@@ -100,6 +100,30 @@ fn part(text: &str) -> Result<f64, String> {
 }
 
 impl ViewArgs {
+    /// A scene at rest, seen by a camera as its file has it; the rest as the options' defaults.
+    pub fn still(
+        camera: &str,
+        scene: String,
+        illuminant: &str,
+        lux: Option<f64>,
+        device: DeviceArgs,
+    ) -> Self {
+        Self {
+            camera: camera.to_owned(),
+            scene,
+            illuminant: illuminant.to_owned(),
+            lux,
+            luminance: None,
+            oversample: None,
+            psf_tolerance: None,
+            set: Vec::new(),
+            motion: None,
+            rolling: 0.0,
+            device,
+            no_cache: false,
+        }
+    }
+
     /// What is looked at.
     fn optics_stage(&self) -> Result<OpticsStage> {
         let level = match (self.lux, self.luminance) {

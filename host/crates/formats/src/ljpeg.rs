@@ -8,24 +8,18 @@
 use super::truncated;
 use camrig_base::{Error, Result};
 
-/// Samples of a decoded image in the order of the stream: components of a pixel side by side.
-#[derive(Debug)]
-pub(super) struct Image {
-    /// The samples, row by row.
-    pub data: Vec<u16>,
-}
-
 /// Longest Huffman code, bits (T.81 C.1).
 const LONGEST: usize = 16;
 /// Fewest bits that a sample takes: a Huffman code has at least one.
 const FEWEST_BITS: usize = 1;
 
-/// Decodes an image of `most` samples or fewer.
+/// The samples of an image of `most` of them or fewer, row by row, in the order of the stream:
+/// components of a pixel side by side.
 ///
 /// # Errors
 /// Other processes of JPEG, subsampled components, more samples than `most` or than the bytes can
 /// hold, a damaged or truncated stream.
-pub(super) fn decode(bytes: &[u8], most: usize) -> Result<Image> {
+pub(super) fn decode(bytes: &[u8], most: usize) -> Result<Vec<u16>> {
     let mut header = Header::default();
     let scan = header.read(bytes)?;
     let components = header.components.len();
@@ -188,7 +182,7 @@ impl Header {
         Ok(())
     }
 
-    fn samples(&self, scan: &[u8], count: usize) -> Result<Image> {
+    fn samples(&self, scan: &[u8], count: usize) -> Result<Vec<u16>> {
         let tables: Vec<&Huffman> =
             self.components.iter().filter_map(|c| self.tables[c.1].as_ref()).collect();
         let n = tables.len();
@@ -227,7 +221,7 @@ impl Header {
         if self.shift > 0 {
             data.iter_mut().for_each(|v| *v <<= self.shift);
         }
-        Ok(Image { data })
+        Ok(data)
     }
 
     /// Table H.1, from the neighbours a (left), b (above) and c (above left).

@@ -2,8 +2,8 @@
 //!
 //! `SGRBG10P` is a GRBG Bayer pattern, 10 bits packed as MIPI sends them; without the `P` each
 //! sample is a little-endian 16-bit word (8 bits: a byte). `Y10P`, `Y12`, ... are without colour
-//! filters. Other names ([`PixelFormat::parse`]) stand for the same layouts or for the packings of machine
-//! vision ([`Layout`]). The file name carries pixel format and size:
+//! filters. Other names ([`PixelFormat::parse`]) stand for the same layouts or for the packings of
+//! machine vision ([`Layout`]). The file name carries pixel format and size:
 //! `flat_640x480_SGRBG10P.raw`.
 
 mod layout;

@@ -115,14 +115,14 @@ impl Chunks {
     /// take two rows as one, or two columns as one pixel of two components.
     fn lossless(&self, bytes: &[u8], index: usize, plane: &mut Plane<u16>) -> Result<()> {
         let (left, top) = self.corner(index, plane);
-        let image = ljpeg::decode(bytes, self.columns.saturating_mul(self.rows))?;
+        let samples = ljpeg::decode(bytes, self.columns.saturating_mul(self.rows))?;
         let rows = self.rows.min(plane.height - top);
         let count = self.columns.min(plane.width - left);
-        let stored = image.data.len();
+        let stored = samples.len();
         if stored < rows * self.columns || !stored.is_multiple_of(self.columns) {
             return Err(truncated(2 * rows * self.columns, 2 * stored));
         }
-        for (y, row) in image.data.chunks_exact(self.columns).take(rows).enumerate() {
+        for (y, row) in samples.chunks_exact(self.columns).take(rows).enumerate() {
             plane.row_mut(top + y)[left..left + count].copy_from_slice(&row[..count]);
         }
         Ok(())

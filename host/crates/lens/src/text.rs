@@ -1,4 +1,4 @@
-//! Shared by the text readers: the encodings that lens programs write, and numbers.
+//! Shared by the text readers: the encodings that lens programs write, numbers, and a refusal.
 
 use camrig_base::{Error, Result};
 use std::path::Path;
@@ -9,6 +9,13 @@ use std::path::Path;
 /// The file cannot be read.
 pub(crate) fn read_text(path: &Path) -> Result<String> {
     std::fs::read(path).map(|b| decode(&b)).map_err(|e| Error::io("read", path, e))
+}
+
+/// Refuses a kind of lens that the tracer does not know.
+pub(crate) fn refuse(what: &str) -> Result<()> {
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image and are rotationally symmetric about one axis are traced",
+    ))
 }
 
 /// Text from bytes. A byte-order mark decides; without one, zero bytes in every other place mean

@@ -15,7 +15,7 @@ use camrig_rig_link::message::{
     Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
 use camrig_rig_link::packing::{Packing, unpack_row};
-use camrig_rig_link::registers::{MODEL_ID, address};
+use camrig_rig_link::registers::{MODEL_ID, UNITY_GAIN_CODE, address};
 use camrig_sensor_core::config::FrameSettings;
 use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -35,8 +35,6 @@ const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
 const LOG_BYTES: usize = 1 << 20;
 /// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
 const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
-/// Gain code of unity gain.
-const UNITY_GAIN_CODE: f32 = 256.0;
 /// Addresses of the embedded line in CCS's manufacturer-specific range: what a frame was exposed
 /// with.
 mod embedded {
@@ -387,7 +385,8 @@ impl Rig {
                     let dropped = matches!(outcome, Ok(Event::FrameDropped(_)));
                     let packed = transfer.map(|t| t.packed).filter(|_| !dropped);
                     let packed = packed.unwrap_or_default();
-                    let lines = line_ns.and_then(|ns| whole_lines(start.exposure.exposure_s, ns));
+                    let exposure_s = f64::from(start.exposure.exposure_s);
+                    let lines = line_ns.and_then(|ns| whole_lines(exposure_s, ns));
                     return Ok(RigFrame { start, packed, packing, dropped, lines });
                 }
                 Ok(event @ (Event::NoAnswer | Event::Refused(Nack::NoSession))) => {
@@ -594,9 +593,10 @@ fn announcement(
     Ok((begin, shape, packing))
 }
 
-/// An exposure of a whole number of lines, in lines. Exact: f32 has 24 bits, the number 16.
-fn whole_lines(exposure_s: f32, line_ns: u32) -> Option<u16> {
-    let lines = (f64::from(exposure_s) / (f64::from(line_ns) * 1e-9)).round();
+/// An exposure, s, in the nearest whole number of lines, where the exposure register takes it.
+/// Exact for what a rig reports of its registers: f32 has 24 bits, the number 16.
+pub(super) fn whole_lines(exposure_s: f64, line_ns: u32) -> Option<u16> {
+    let lines = (exposure_s / (f64::from(line_ns) * 1e-9)).round();
     (1.0..=f64::from(u16::MAX)).contains(&lines).then_some(lines as u16)
 }
 
@@ -615,7 +615,7 @@ impl RigFrame {
         push(address::MODEL_ID, &MODEL_ID.to_be_bytes());
         push(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
         if let Some(lines) = self.lines {
-            let code = (start.exposure.analog_gain * UNITY_GAIN_CODE) as u16; // exact
+            let code = (start.exposure.analog_gain * f32::from(UNITY_GAIN_CODE)) as u16; // exact
             push(address::COARSE_INTEGRATION_TIME, &lines.to_be_bytes());
             push(address::ANALOG_GAIN, &code.to_be_bytes());
         }

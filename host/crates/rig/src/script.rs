@@ -17,7 +17,9 @@
 //! a write takes effect with the delay of the rig's sensor, see the rig's registers.
 
 use super::Rig;
+use super::client::whole_lines;
 use camrig_base::{Error, Result, toml_text};
+use camrig_rig_link::registers::UNITY_GAIN_CODE;
 use camrig_rig_link::registers::address::{
     ANALOG_GAIN, COARSE_INTEGRATION_TIME, FRAME_LENGTH_LINES, LINE_LENGTH_NS,
 };
@@ -137,18 +139,15 @@ impl Write {
 
 /// Largest value of the rig's exposure, gain and frame length registers, which have 16 bits.
 const MOST: u32 = 0xffff;
-/// Gain code of unity gain.
-const UNITY_GAIN: f64 = 256.0;
 
 /// An exposure (s) in lines of a line time (ns).
 fn lines(exposure_s: f64, line_ns: u32) -> Result<u32> {
-    let line_s = f64::from(line_ns) * 1e-9;
-    let lines = (exposure_s / line_s).round();
-    if (1.0..=f64::from(MOST)).contains(&lines) {
-        return Ok(lines as u32);
+    if let Some(lines) = whole_lines(exposure_s, line_ns) {
+        return Ok(lines.into());
     }
-    let (shortest, longest) = (line_s, f64::from(MOST) * line_s);
-    let limit = if lines < 1.0 {
+    let shortest = f64::from(line_ns) * 1e-9;
+    let longest = f64::from(MOST) * shortest;
+    let limit = if exposure_s < shortest {
         format!("the shortest is one line, {shortest:.9} s")
     } else {
         format!("the longest is {MOST} lines of {shortest:.9} s, {longest:.6} s")
@@ -159,11 +158,12 @@ fn lines(exposure_s: f64, line_ns: u32) -> Result<u32> {
 
 /// The code of a gain.
 fn gain_code(gain: f64) -> Result<u32> {
-    let code = (gain * UNITY_GAIN).round();
+    let unity = f64::from(UNITY_GAIN_CODE);
+    let code = (gain * unity).round();
     if (1.0..=f64::from(MOST)).contains(&code) {
         return Ok(code as u32);
     }
-    let (least, most) = (1.0 / UNITY_GAIN, f64::from(MOST) / UNITY_GAIN);
+    let (least, most) = (1.0 / unity, f64::from(MOST) / unity);
     let what = format!("a gain of {gain} is beyond the rig's limits, {least:.4} to {most:.3}");
     Err(Error::limit(what).help("stay within them"))
 }

@@ -4,18 +4,13 @@ use super::known::{Known, known};
 use super::lexer::{Command, Kind, Word};
 use super::{Draft, File, first, numbers};
 use crate::prescription::{Aperture, Clip, FieldKind};
+use crate::text::refuse;
 use camrig_base::{Error, Result};
 
 /// Air of CODE V's default environment: 20 °C and 760 mm Hg, and the room temperatures that files
 /// state; an index changes by some 1e-6 for each kelvin.
 const ROOM_C: std::ops::RangeInclusive<f64> = 19.0..=25.0;
 const PRESSURE_MM_HG: f64 = 760.0;
-
-fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced")).help(
-        "lenses that form an image and are rotationally symmetric about one axis are traced",
-    ))
-}
 
 /// A word in capitals, and nothing where there is none.
 fn capitals(words: &[Word], i: usize) -> String {

@@ -1,7 +1,8 @@
 //! `FTYP`: kinds of fields and flags of the system.
 
-use super::{File, count, refuse};
+use super::{File, count};
 use crate::prescription::{FieldKind, Fields};
+use crate::text::refuse;
 use camrig_base::{Error, Result};
 
 /// The kind of field given by theodolite angles.

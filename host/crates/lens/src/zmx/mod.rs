@@ -13,7 +13,7 @@ mod tests;
 
 use super::glass::Catalogue;
 use super::prescription::{Aperture, Clip, Medium, Object, Prescription, Surface};
-use super::text::{number, numbers};
+use super::text::{number, numbers, refuse};
 use camrig_base::{Error, Result};
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs
@@ -95,12 +95,6 @@ fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
 /// Nanometres from micrometres, rounded to 1e-6 nm, so that 0.55 µm is 550 nm exactly.
 fn nanometres(um: f64) -> f64 {
     (um * 1e9).round() / 1e6
-}
-
-fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced")).help(
-        "lenses that form an image and are rotationally symmetric about one axis are traced",
-    ))
 }
 
 impl File {
