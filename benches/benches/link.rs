@@ -58,6 +58,7 @@ fn cube(height: usize, bands: usize) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "bench".into(),
+        made_for: Default::default(),
     };
     let mut writer = IrradianceWriter::new(header).unwrap();
     for band in 0..bands {

@@ -122,6 +122,7 @@ pub fn cube(width: usize, height: usize) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "ramp".into(),
+        made_for: Default::default(),
     };
     let ramp = Plane::from_fn(width, height, |x, _| 6.4e-3 * x as f32 / width as f32);
     let mut writer = IrradianceWriter::new(header).expect("valid header");

@@ -24,6 +24,7 @@ fn main() -> Result<()> {
         lux: None,
         illuminant: None,
         made_of: "even light".into(),
+        made_for: Default::default(),
     };
     let cube = IrradianceCube::uniform(header, &[1e-5; 3])?;
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;

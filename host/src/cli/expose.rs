@@ -5,11 +5,11 @@ use super::simulate::{expose_frames, light_of};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, changes};
 use camrig_exposure::IrradianceCube;
-use camrig_render::SimulatedSensor;
+use camrig_render::{self as render, SimulatedSensor};
 use camrig_report::simulation;
 use camrig_scene::Illuminant;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// The sensor stage alone on stored irradiance: another exposure, gain, light level or noise
@@ -35,11 +35,25 @@ pub struct Args {
     frames: FrameArgs,
 }
 
+/// Opens irradiance that was made for `camera`, and says what could not be checked of it.
+pub fn open(path: &Path, camera: &Camera) -> Result<IrradianceCube> {
+    checked(IrradianceCube::open(path)?, path, camera)
+}
+
+/// A cube from `path` that was made for `camera`; says what could not be checked of it.
+pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<IrradianceCube> {
+    render::check_made_for(camera, &cube.header).map_err(|e| e.at(path.display()))?;
+    if let Some(note) = render::unchecked(camera, &cube.header) {
+        eprintln!("note: {note}");
+    }
+    Ok(cube)
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
     let camera = Camera::load_with(&args.camera, &args.set)?;
-    let cube = IrradianceCube::open(&args.irradiance)?;
+    let cube = open(&args.irradiance, &camera)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,
         (Some(wanted), Some(made_for)) => wanted / made_for,

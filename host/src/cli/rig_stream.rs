@@ -118,7 +118,11 @@ fn cubes(args: &Args, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     }
     let path =
         args.irradiance.as_ref().ok_or_else(|| Error::input("neither scene nor irradiance"))?;
-    let cubes = if path.is_dir() { folder(path)? } else { vec![IrradianceCube::open(path)?] };
+    let cubes = if path.is_dir() {
+        folder(path, camera)?
+    } else {
+        vec![super::expose::open(path, camera)?]
+    };
     let same = cubes.windows(2).all(|w| {
         let (a, b) = (&w[0].header, &w[1].header);
         (a.width, a.height, a.spectral_bands()) == (b.width, b.height, b.spectral_bands())
@@ -132,7 +136,7 @@ fn cubes(args: &Args, camera: &Camera) -> Result<Vec<IrradianceCube>> {
 }
 
 /// The irradiance files of a folder in natural order. Other files are left out with a word.
-fn folder(path: &Path) -> Result<Vec<IrradianceCube>> {
+fn folder(path: &Path, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     let failed = |e| Error::io("read", path, e);
     let entries = std::fs::read_dir(path).map_err(failed)?;
     let mut files = Vec::new();
@@ -146,7 +150,7 @@ fn folder(path: &Path) -> Result<Vec<IrradianceCube>> {
     let (mut cubes, mut left_out) = (Vec::new(), Vec::new());
     for file in &files {
         match IrradianceCube::open(file) {
-            Ok(cube) => cubes.push(cube),
+            Ok(cube) => cubes.push(super::expose::checked(cube, file, camera)?),
             Err(error) if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("irr")) => {
                 return Err(error);
             }

@@ -58,6 +58,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "test".into(),
+        made_for: Default::default(),
     };
     let mut writer = IrradianceWriter::new(header).unwrap();
     for band in 0..bands.count {

@@ -47,6 +47,7 @@ impl Bench<'_> {
             lux: None,
             illuminant: None,
             made_of: String::new(),
+            made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();
         let sensor = SimulatedSensor::new(self.camera, &cube.header, 1.0).unwrap();

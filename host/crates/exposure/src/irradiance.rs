@@ -15,6 +15,7 @@ use camrig_base::{Error, Plane, Result};
 use camrig_sensor_core::spectral::{BandRow, encode, groups};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -45,6 +46,11 @@ pub struct CubeHeader {
     pub illuminant: Option<String>,
     /// Scene and lens in words, for people.
     pub made_of: String,
+    /// The part of a camera that is in the samples already, lens, pixel and effects of the optics:
+    /// keys of a camera file and their values. Empty where it is not known, as in files of older
+    /// versions.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub made_for: BTreeMap<String, String>,
 }
 
 fn one() -> f64 {

@@ -10,7 +10,7 @@
 //! depend on what happened to be cached.
 
 use super::lens::Described;
-use super::{About, sensor_grid};
+use super::{About, made_for, sensor_grid};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
@@ -65,6 +65,7 @@ pub fn irradiance(
         lux: about.lux,
         illuminant: about.illuminant,
         made_of: about.made_of,
+        made_for: made_for(camera)?,
     };
     let notes = described.notes().to_vec();
     let files = match directory {

@@ -77,6 +77,7 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
         lux: None,
         illuminant: None,
         made_of: "even light".into(),
+        made_for: Default::default(),
     };
     let mut simulated = SimulatedSensor::new(camera, &header, 1.0)?;
     let per_channel = sensor.response(&bands);
@@ -178,6 +179,7 @@ mod tests {
             lux: None,
             illuminant: None,
             made_of: "dark".into(),
+            made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header.clone(), &[0.0]).unwrap();
         let simulated = SimulatedSensor::new(&camera, &header, 1.0).unwrap();

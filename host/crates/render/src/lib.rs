@@ -35,6 +35,7 @@ mod expose;
 pub mod hdr;
 mod lens;
 mod lighting;
+mod made_for;
 mod metadata;
 mod optics_stage;
 mod traced;
@@ -45,6 +46,7 @@ pub use expose::{Arithmetic, SimulatedSensor};
 pub use lens::{lens, sensor_grid};
 pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX};
 pub use lighting::{SceneInLight, SceneLight, scene_irradiance};
+pub use made_for::{MadeFor, check_made_for, made_for, open_irradiance, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 
@@ -84,6 +86,7 @@ pub fn irradiance(
         lux: about.lux,
         illuminant: about.illuminant,
         made_of: about.made_of,
+        made_for: made_for(camera)?,
     })?;
     let lens = lens(camera, &bands, options)?;
     let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {

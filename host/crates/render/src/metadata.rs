@@ -67,6 +67,10 @@ pub fn frame_info(
     let (seed, frame) = (camera.sensor.seed, settings.frame);
     let description = format!("{}; sensor seed {seed}, frame {frame}", header.made_of);
     let mut info = dng_info(camera, settings, light, &description)?;
+    if header.made_for.is_empty() {
+        // Light of an unknown lens, whatever lens the camera file has.
+        (info.f_number, info.focal_length_mm) = (None, None);
+    }
     if opcodes {
         let corrections = corrections(camera, settings)?;
         (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
