@@ -18,7 +18,8 @@ use std::process::ExitCode;
   camrig convert frame.dng frame_2048x1536_SGRBG10P.raw --hint
   camrig convert stack.npy stack.csi2 --bits 10
   camrig convert frame_640x480_SRGGB12P.raw frame.dng --black 64
-  camrig convert frame.dng - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le ...
+  camrig convert frame.dng - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le \\
+      -video_size 2048x1536 -vf format=rgb48le,lutrgb=r=val*64:g=val*64:b=val*64 -
   camrig convert - frame.dng --from SGRBG10 --width 2048 --height 1536 --black 42 < pixels")]
 pub struct Args {
     /// Input file, or - for standard input

@@ -55,6 +55,7 @@ mod dng_info;
 mod dng_read;
 mod facts;
 pub mod fits;
+mod full_scale;
 mod gzip;
 mod ifd;
 mod ljpeg;

@@ -11,7 +11,7 @@ mod names;
 
 pub use layout::Layout;
 
-use super::{Facts, Frames, area, check_range, truncated};
+use super::{Facts, Frames, area, check_range, full_scale, truncated};
 use camrig_base::{Cfa, Error, Plane, Result};
 use std::fmt;
 use std::path::Path;
@@ -185,21 +185,26 @@ impl PixelFormat {
                 (_, 8) => format!("bayer_{order}8"),
                 _ => format!("bayer_{order}16{end}"),
             };
+            let filter = full_scale::filter(self.bits, mono);
             hints.push(format!(
-                "ffmpeg -f rawvideo -pixel_format {format} -video_size {width}x{height} -i {path} \
-                 out.png"
+                "ffmpeg -f rawvideo -pixel_format {format} -video_size {width}x{height} -i {path}\
+                 {filter} out.png"
             ));
             let caps = match (mono, self.bits) {
                 (true, 8) => "video/x-raw,format=GRAY8".into(),
                 (true, _) => format!("video/x-raw,format=GRAY16_{}", end.to_uppercase()),
-                (_, 8) => format!("video/x-bayer,format={order}"),
-                (_, bits) => format!("video/x-bayer,format={order}{bits}{end}"),
+                _ => format!("video/x-bayer,format={order}"),
             };
-            hints.push(format!(
+            let direct = (self.bits == 8 || mono && self.bits == 16) && row_bytes % 4 == 0;
+            hints.push(if direct {
+                format!(
                 "gst-launch-1.0 filesrc location={path} blocksize={} ! \
                  {caps},width={width},height={height},framerate=1/1 ! ...",
                 row_bytes * height
-            ));
+                )
+            } else {
+                full_scale::through_ffmpeg(&hints[0], width, height)
+            });
         }
         let whose = match self.layout {
             Layout::Words | Layout::Mipi => "V4L2 pixel format",
