@@ -1,6 +1,7 @@
 //! Temporal and spatial moments of a stack of frames, per site or channel.
 
 use super::spatial::{PlaneMoments, SpatialVariance};
+use super::value::Value;
 
 /// Largest share of samples at the white level of a stack that counts as not saturated: clipping
 /// the upper 0.1 % of a Gaussian lowers its variance by 0.2 %.
@@ -47,6 +48,12 @@ impl Moments {
     pub fn mean_error(&self) -> f64 {
         let l = self.frames as f64;
         (self.temporal / (self.pixels() * l)).max(self.drift / l).sqrt()
+    }
+
+    /// Temporal variance above that of a dark, DN², with its sampling error.
+    pub fn above(&self, dark: &Self) -> Value {
+        let error = self.temporal_error.hypot(dark.temporal_error);
+        Value::new(self.temporal - dark.temporal, error)
     }
 
     /// Spatial variance: variance over pixels of their means, less the remaining temporal noise.

@@ -221,8 +221,10 @@ const SIDE: usize = 64;
 const PIECE: usize = 1 << 15;
 
 impl Histogram {
-    /// The histogram of values in DN, in at most 256 bins.
-    pub fn of(values: &[f32]) -> Self {
+    /// The histogram of values in DN, in at most 256 bins. `resolution` is the step on which the
+    /// values lie, DN (1/N for means of N frames), or 0 where they are continuous: bins are whole
+    /// multiples of it, with the values in their middle, so that all bins hold equally many steps.
+    pub fn of(values: &[f32], resolution: f64) -> Self {
         if values.is_empty() {
             let counts = Vec::new();
             return Self {
@@ -237,8 +239,7 @@ impl Histogram {
         let pieces = || values.par_chunks(PIECE);
         let (low, high) = (pieces().map(range))
             .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-        let (start, span) = (f64::from(low), f64::from(high) - f64::from(low));
-        let (step, bins) = if span > 0.0 { (span / (BINS - 1) as f64, BINS) } else { (1.0, 1) };
+        let (start, step, bins) = bins_of(f64::from(low), f64::from(high), resolution);
         let scale = Scale { start, per_part: FINE as f64 / step };
         let none = || vec![0; bins * FINE];
         let count = |mut counts: Vec<u32>, piece: &[f32]| {
@@ -282,6 +283,21 @@ impl Histogram {
             counts: fine.chunks(FINE).map(|parts| parts.iter().sum()).collect(),
         }
     }
+}
+
+/// Start, width and number of the bins for values of a range, DN.
+fn bins_of(low: f64, high: f64, resolution: f64) -> (f64, f64, usize) {
+    let span = high - low;
+    if span <= 0.0 {
+        return (low, 1.0, 1);
+    }
+    let step = span / (BINS - 1) as f64;
+    if resolution <= 0.0 {
+        return (low, step, BINS);
+    }
+    let start = low - 0.5 * resolution;
+    let step = resolution * (step / resolution).ceil();
+    (start, step, ((high - start) / step) as usize + 1)
 }
 
 /// Position of the parts of the bins.
@@ -362,7 +378,7 @@ mod tests {
         let mut values: Vec<f32> =
             (0..10_007u64).map(|i| (i * 7919 % 10_007) as f32 / 100.0).collect();
         values.push(5000.0);
-        let h = Histogram::of(&values);
+        let h = Histogram::of(&values, 0.0);
         let mut sorted = values.clone();
         sorted.sort_by(f32::total_cmp);
         let at = |q: f64| f64::from(sorted[((sorted.len() - 1) as f64 * q) as usize]);
@@ -372,7 +388,24 @@ mod tests {
         let bin = |v: f32| ((f64::from(v) - h.start) / h.step) as usize;
         let below = values.iter().filter(|v| bin(**v) == 2).count();
         assert_eq!((h.counts[2], h.counts[254..].iter().sum()), (below as u64, 1));
-        assert_eq!(Histogram::of(&[3.0; 9]).counts, [9]);
+        assert_eq!(Histogram::of(&[3.0; 9], 0.0).counts, [9]);
+    }
+
+    /// Means of eight frames, less their mean: a ramp over the steps of 1/8 DN fills every bin but
+    /// the last alike, however many steps a bin has.
+    #[test]
+    fn bins_hold_whole_steps_of_what_the_values_resolve() {
+        for (steps, per_bin) in [(200u32, 1), (255, 1), (256, 1), (300, 2), (3000, 12)] {
+            let value = |i: u32| (f64::from(i) / 8.0 - 91.733) as f32;
+            let values: Vec<f32> = (0..steps).flat_map(|i| [value(i); 3]).collect();
+            let h = Histogram::of(&values, 0.125);
+            assert_eq!(h.step, 0.125 * f64::from(per_bin), "{steps}");
+            assert!(h.counts.len() <= BINS);
+            let (last, whole) = h.counts.split_last().unwrap();
+            assert!(whole.iter().all(|&n| n == 3 * u64::from(per_bin)), "{steps}: {whole:?}");
+            let rest = (steps - 1) % per_bin + 1;
+            assert_eq!(*last, 3 * u64::from(rest), "{steps}");
+        }
     }
 
     /// Rows of one cosine, all of its power at its frequency; the same along columns is the

@@ -14,13 +14,15 @@ use camrig_base::{Error, Result};
 /// full-well knee. Curved responses change the ratio by a few per cent and sampling errors by
 /// less; clipping at the full well takes it to 0.
 const KNEE_RATIO: f64 = 0.7;
+/// Standard error of the median of Gaussian values over that of their mean: sqrt(π/2).
+const MEDIAN_ERROR: f64 = 1.253_314_137;
 /// Smallest variance above dark in standard errors for a level to count in that median.
 const CLEAR_VARIANCE: f64 = 5.0;
 /// Standard deviations of its samples by which the mean of a level has to be below saturation: a
 /// Gaussian has 3 in 100,000 samples beyond.
 const CLEAR_OF_SATURATION: f64 = 4.0;
-/// Standard errors by which the variance of the brightest level may lie below the fit to the
-/// others: chance takes away a good level once in 4000 fits.
+/// Standard errors by which the variance of a level may lie below the fit to the others, or below
+/// that of the darker levels: chance takes away a good level once in 4000 fits.
 const BELOW_FIT: f64 = 3.5;
 /// Share of samples at the white level from which a level counts as saturated throughout.
 const SATURATED_THROUGHOUT: f64 = 0.5;
@@ -48,24 +50,50 @@ const DERIVATIVE_STEP: f64 = 1e-4;
 /// curve. The rule is stated in [`super::ptc`].
 #[derive(Clone, Debug, Default)]
 pub struct Knee {
-    ratios: Vec<f64>,
+    /// Variance per signal of the levels on the straight part, DN, with sampling errors.
+    ratios: Vec<Value>,
     plateau: Option<f64>,
+    /// Whether a level had samples at the white level, from which nothing brighter returns.
+    saturated: bool,
 }
 
 impl Knee {
-    /// Judges the next brighter level: mean signal and temporal variance above dark.
-    pub fn passes(&mut self, m: &Moments, signal: f64, variance: f64) -> bool {
-        let ratio = variance / signal;
-        let bent = self.ratios.len() >= 2
-            && ratio < KNEE_RATIO * median(&mut self.ratios.clone(), f64::total_cmp);
-        if self.plateau.is_some() || m.whites > SATURATED_SHARE || bent {
+    /// Judges the next brighter level: mean signal and temporal variance above dark, the latter
+    /// with its sampling error.
+    pub fn passes(&mut self, m: &Moments, signal: f64, variance: Value) -> bool {
+        let ratio = Value::new(variance.value / signal, variance.std_error / signal);
+        self.saturated |= m.whites > SATURATED_SHARE;
+        if self.saturated || self.is_bent(ratio, m, signal) {
             self.plateau = Some(self.plateau.unwrap_or(0.0).max(m.mean()));
             return false;
         }
-        if variance > CLEAR_VARIANCE * m.temporal_error {
+        // Beyond a full well the variance never comes back: a dim level that lies low, with a
+        // brighter one that does not, is a bad stack and no knee.
+        self.plateau = None;
+        if variance.value > CLEAR_VARIANCE * variance.std_error {
             self.ratios.push(ratio);
         }
         true
+    }
+
+    /// Whether a ratio lies below the straight part's by a share that a curved response does not
+    /// reach and by more than its error explains.
+    fn is_bent(&self, ratio: Value, m: &Moments, signal: f64) -> bool {
+        if self.ratios.len() < 2 {
+            return false;
+        }
+        let of = |get: fn(&Value) -> f64| {
+            median(&mut self.ratios.iter().map(get).collect::<Vec<_>>(), f64::total_cmp)
+        };
+        let straight = of(|r| r.value);
+        let short = straight - ratio.value;
+        // The sampling error of the variance that a straight level would have, for Gaussian noise:
+        // that of the level itself is small because the variance is.
+        let samples = m.pixels() * (m.frames as f64 - 1.0);
+        let expected = (m.temporal / signal + short) * (2.0 / samples).sqrt();
+        let of_median = MEDIAN_ERROR * of(|r| r.std_error) / (self.ratios.len() as f64).sqrt();
+        ratio.value < KNEE_RATIO * straight
+            && short > BELOW_FIT * expected.max(ratio.std_error).hypot(of_median)
     }
 
     /// Mean of the brightest level that did not pass, DN, `None` where all passed.
@@ -388,4 +416,48 @@ fn abscissa_slope(s: f64, response: &Response) -> f64 {
     let step = DERIVATIVE_STEP / s.abs().max(1.0);
     let at = |q: f64| abscissa(s, Some(&response.with_quadratic(Value::new(q, 0.0))));
     (at(q + step) - at(q - step)) / (2.0 * step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::PlaneMoments;
+
+    /// Levels of a signal and a variance over those of K = 0.5 DN/e⁻, 1000 pixels of two frames.
+    fn judged(levels: &[(f64, f64)]) -> (Vec<bool>, Option<f64>) {
+        let mut knee = Knee::default();
+        let relative = (2.0f64 / 1000.0).sqrt();
+        let judge = |&(signal, share): &(f64, f64)| {
+            let temporal = 0.5 * signal * share;
+            let plane = PlaneMoments {
+                rows: 25,
+                columns: 40,
+                mean: signal + 64.0,
+                measured: 0.0,
+                of_rows: 0.0,
+                of_columns: 0.0,
+            };
+            let m = Moments {
+                plane,
+                sites: 1,
+                frames: 2,
+                drift: 0.0,
+                temporal,
+                temporal_error: relative * temporal,
+                zeros: 0.0,
+                whites: 0.0,
+            };
+            knee.passes(&m, signal, Value::new(temporal, m.temporal_error.max(0.1)))
+        };
+        let passed = levels.iter().map(judge).collect();
+        (passed, knee.plateau())
+    }
+
+    #[test]
+    fn a_knee_takes_all_brighter_levels_and_a_bad_stack_only_itself() {
+        let knee = [(100.0, 1.0), (200.0, 1.0), (300.0, 1.0), (400.0, 0.5), (410.0, 0.0)];
+        assert_eq!(judged(&knee), (vec![true, true, true, false, false], Some(474.0)));
+        let bad = [(100.0, 1.0), (200.0, 1.0), (300.0, 0.5), (400.0, 1.0), (500.0, 1.0)];
+        assert_eq!(judged(&bad), (vec![true, true, false, true, true], None));
+    }
 }

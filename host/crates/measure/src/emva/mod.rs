@@ -110,7 +110,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         channel.figures.dark_current_doubling_c =
             dark::doubling(&darks, &other_darks, c).map(|v| v.value);
         if let Some((dark, flat)) = &stacks {
-            spatial_figures(&mut channel, dark, flat, c)?;
+            spatial_figures(&mut channel, dark, flat, c, &mut warnings)?;
         }
         channels.push(channel);
     }
@@ -373,7 +373,7 @@ fn whole_transfer(
         .map(|l| {
             let m = &l.channels[c];
             let signal = m.mean() - dark.mean_at(l.exposure_s).value;
-            knee.passes(m, signal, m.temporal - darks[0].channels[c].temporal)
+            knee.passes(m, signal, m.above(&darks[0].channels[c]))
         })
         .collect();
     Transfer::fit(c, darks, levels, &passed, &knee, white)

@@ -6,6 +6,7 @@ use crate::ladder::Level;
 use crate::moments::SATURATED_SHARE;
 use crate::spectrogram::{Histogram, SitePlane};
 use crate::stack::Stack;
+use crate::value::Value;
 use camrig_base::Result;
 
 /// Fewest frames of a flat stack for spatial figures: below, the temporal noise that has to be
@@ -60,29 +61,107 @@ impl SpatialPair {
     }
 }
 
+/// Step of a flat's mean less a dark's after the high-pass filter, DN: means of F and D frames of
+/// whole DN lie on multiples of 1/lcm(F, D), and the filter takes off means of 25 of them.
+fn high_passed(dark: &Stack, flat: &Stack) -> f64 {
+    let (mut a, mut b) = (dark.frames, flat.frames);
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a.max(1) as f64 / (25.0 * dark.frames as f64 * flat.frames as f64)
+}
+
+/// Standard errors below 0 from which a part's variance contradicts the total, instead of being a
+/// small one that chance made negative: one in 700.
+const CONTRADICTS: f64 = 3.0;
+
+/// Row, column and pixel part of a total variance as the standard splits it, total = row + column
+/// + pixel (release 4.0, section 8.2). A part that is smaller than its error can come out
+/// negative: it is not determined, and the others make up the total. A part that is negative
+/// beyond its error contradicts the total, and none is determined.
+fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
+    let contradicted = parts.iter().any(|v| v.value < -CONTRADICTS * v.std_error);
+    if total <= 0.0 || contradicted {
+        return [None; 3];
+    }
+    let positive: f64 = parts.iter().map(|v| v.value.max(0.0)).sum();
+    let whole = parts.iter().all(|v| v.value > 0.0);
+    let share = if whole { 1.0 } else { total / positive };
+    std::array::from_fn(|i| (parts[i].value > 0.0).then_some(parts[i].value * share))
+}
+
+/// Says which parts of a figure are not determined.
+fn parts_warning(
+    figure: &str,
+    name: &str,
+    frames: usize,
+    total: f64,
+    parts: &[Option<f64>; 3],
+) -> Option<String> {
+    if total <= 0.0 {
+        return Some(format!(
+            "channel {name}: {figure} is not determined: the variance over pixels is not above \
+             the temporal noise left in means of {frames} frames; more frames lower it"
+        ));
+    }
+    let names = ["row", "column", "pixel"].iter().zip(parts);
+    let missing: Vec<&str> = names.filter(|p| p.1.is_none()).map(|p| *p.0).collect();
+    let (some, is) = match missing.len() {
+        0 => return None,
+        3 => {
+            return Some(format!(
+                "channel {name}: the parts of {figure} are not determined: rows and columns would \
+                 be above the total, from which more temporal noise is taken off than means of \
+                 {frames} frames have (correlated frames, or patterns that drift)"
+            ));
+        }
+        1 => ("part", "is"),
+        _ => ("parts", "are"),
+    };
+    Some(format!(
+        "channel {name}: the {} {some} of {figure} {is} not determined (smaller than the error \
+         that {frames} frames leave); the others are scaled to make up the total",
+        missing.join(" and ")
+    ))
+}
+
 /// Fills in the spatial figures of channel `c` from the pair.
 pub(super) fn spatial_figures(
     out: &mut ChannelEmva,
     dark: &Stack,
     flat: &Stack,
     c: usize,
+    warnings: &mut Vec<String>,
 ) -> Result<()> {
     let (d, f) = (dark.channel_moments(c), flat.channel_moments(c));
     let (ds, fs) = (d.spatial(), f.spatial());
     let k = out.figures.overall_system_gain;
     let signal = f.mean() - d.mean();
-    let root = |v: f64| (v > 0.0).then(|| v.sqrt());
-    let dsnu = |v: f64| root(v).map(|s| s / k);
-    let prnu = |flat: f64, dark: f64| root(flat - dark).map(|s| 100.0 * s / signal);
+    let dsnu = |v: f64| v.sqrt() / k;
+    let prnu = |v: f64| 100.0 * v.sqrt() / signal;
+    let of_dark = [ds.row, ds.column, ds.pixel];
+    let of_flat = [fs.row, fs.column, fs.pixel];
+    let above = |i: usize| {
+        let error = of_flat[i].std_error.hypot(of_dark[i].std_error);
+        Value::new(of_flat[i].value - of_dark[i].value, error)
+    };
+    let (dark_total, total) = (ds.total.value, fs.total.value - ds.total.value);
+    let dark_parts = parts_of(dark_total, &of_dark);
+    let parts = parts_of(total, &std::array::from_fn(above));
+    let name = out.channel.clone();
+    warnings.extend(parts_warning("DSNU1288", &name, dark.frames, dark_total, &dark_parts));
+    let frames = flat.frames.min(dark.frames);
+    warnings.extend(parts_warning("PRNU1288", &name, frames, total, &parts));
     let figures = &mut out.figures;
-    figures.dsnu_1288_e = dsnu(ds.total.value);
-    figures.dsnu_1288_row_e = dsnu(ds.row.value);
-    figures.dsnu_1288_column_e = dsnu(ds.column.value);
-    figures.dsnu_1288_pixel_e = dsnu(ds.pixel.value);
-    figures.prnu_1288_percent = prnu(fs.total.value, ds.total.value);
-    figures.prnu_1288_row_percent = prnu(fs.row.value, ds.row.value);
-    figures.prnu_1288_column_percent = prnu(fs.column.value, ds.column.value);
-    figures.prnu_1288_pixel_percent = prnu(fs.pixel.value, ds.pixel.value);
+    figures.dsnu_1288_e = (dark_total > 0.0).then(|| dsnu(dark_total));
+    [figures.dsnu_1288_row_e, figures.dsnu_1288_column_e, figures.dsnu_1288_pixel_e] =
+        dark_parts.map(|v| v.map(dsnu));
+    figures.prnu_1288_percent = (total > 0.0).then(|| prnu(total));
+    [
+        figures.prnu_1288_row_percent,
+        figures.prnu_1288_column_percent,
+        figures.prnu_1288_pixel_percent,
+    ] = parts.map(|v| v.map(prnu));
     out.std_errors.dsnu_1288_e =
         figures.dsnu_1288_e.map(|s| 0.5 * ds.total.std_error / (s * k * k));
     out.std_errors.prnu_1288_percent = figures.prnu_1288_percent.map(|p| {
@@ -97,10 +176,41 @@ pub(super) fn spatial_figures(
     let dark_mean = (&dark.sum[..], per_frame(dark));
     let plane = SitePlane::of(site, shape, &[dark_mean], Vec::new());
     out.spectrogram_dark = Some(plane.spectrogram()?);
-    out.histogram_dsnu = Some(Histogram::of(&plane.data));
+    out.histogram_dsnu = Some(Histogram::of(&plane.data, per_frame(dark)));
     let terms = [(&flat.sum[..], per_frame(flat)), (dark_mean.0, -dark_mean.1)];
     let plane = SitePlane::of(site, shape, &terms, plane.data);
     out.spectrogram_prnu = Some(plane.spectrogram()?);
-    out.histogram_prnu = Some(Histogram::of(&plane.high_pass()));
+    out.histogram_prnu = Some(Histogram::of(&plane.high_pass(), high_passed(dark, flat)));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_make_up_the_total_and_none_is_above_it() {
+        let of =
+            |total: f64, values: [f64; 3]| parts_of(total, &values.map(|v| Value::new(v, 1.0)));
+        // As split: the sum is the total, parts may be negative.
+        assert_eq!(of(9.0, [4.0, 3.0, 2.0]), [Some(4.0), Some(3.0), Some(2.0)]);
+        // 13 + 1 - 2 = 12: the two that are left are 12 together, in their proportion.
+        let [row, column, pixel] = of(12.0, [13.0, 1.0, -2.0]);
+        let (row, column) = (row.unwrap(), column.unwrap());
+        assert!((row + column - 12.0).abs() < 1e-12 && (row / column - 13.0).abs() < 1e-12);
+        assert_eq!(pixel, None);
+        assert_eq!(of(-1.0, [3.0, -2.0, -2.0]), [None; 3]);
+        assert_eq!(of(6.0, [9.0, 1.0, -4.0]), [None; 3]);
+
+        let said = parts_warning("DSNU1288", "m", 4, 6.0, &[None; 3]).unwrap();
+        assert!(said.contains("the parts of DSNU1288 are not determined"), "{said}");
+        let said = parts_warning("DSNU1288", "m", 4, 12.0, &[Some(11.0), None, None]).unwrap();
+        assert!(said.contains("the column and pixel parts of DSNU1288 are not determined"));
+        let said = parts_warning("PRNU1288", "m", 4, -1.0, &[None; 3]).unwrap();
+        assert!(
+            said.contains("PRNU1288 is not determined") && said.contains("4 frames"),
+            "{said}"
+        );
+        assert_eq!(parts_warning("PRNU1288", "m", 4, 1.0, &[Some(0.3); 3]), None);
+    }
 }

@@ -13,8 +13,9 @@
 //! flats together; the weights are the variances' own sampling errors.
 //!
 //! Levels left out of the fit, by rule: (1) more than 0.1 % of the samples at the white level;
-//! (2) variance per signal below 0.7 of the median of the darker levels (the full-well knee); in
-//! both cases everything brighter too; (3) a mean within four standard deviations of the saturated
+//! (2) variance per signal below 0.7 of the median of the darker levels, by more than 3.5 standard
+//! errors, at this and all brighter levels (the full-well knee); in both cases everything brighter
+//! too; (3) a mean within four standard deviations of the saturated
 //! levels or of the white level; (4) from the top down, a variance more than 3.5
 //! standard errors below the fit to the rest.
 
@@ -242,8 +243,8 @@ impl Flats {
                         .help("give at least two frames per capture"));
                 }
                 let dark = dark_lines[c].mean_at(level.exposure_s).value;
-                let dark_variance = darks[0].channels[c].temporal;
-                let passes = flats.knees[c].passes(m, m.mean() - dark, m.temporal - dark_variance);
+                let variance = m.above(&darks[0].channels[c]);
+                let passes = flats.knees[c].passes(m, m.mean() - dark, variance);
                 flats.passed[c].push(passes);
             }
             if let Some((stack, level)) = waiting.replace((stack, level)) {
