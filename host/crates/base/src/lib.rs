@@ -36,6 +36,7 @@ pub mod choice;
 mod error;
 mod frame;
 pub mod median;
+pub mod mistakes;
 pub mod output;
 mod plane;
 pub mod platform;

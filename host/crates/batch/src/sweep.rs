@@ -24,7 +24,7 @@
 //! `frame_seed + i`, so no two share temporal noise.
 
 use camrig_base::alternatives::{Alternatives, Numbers};
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_camera::{Camera, is_preset};
 use camrig_render::Arithmetic;
 use camrig_scene::{self as scene, Illuminant, chart};
@@ -175,7 +175,7 @@ impl Sweep {
     }
 
     fn parse(text: String, folder: &Path) -> Result<Self> {
-        let file: File = toml::from_str(&text).map_err(|e| toml_text::error(&text, &e))?;
+        let file: File = mistakes::read(&text)?;
         if file.format != "sweep/1" {
             return Err(Error::unsupported(format!("sweep format {:?}", file.format))
                 .help("this program reads format = \"sweep/1\""));
@@ -226,8 +226,15 @@ impl Sweep {
 
     /// Opens everything once, finds the files behind it, and counts.
     fn check(&mut self) -> Result<()> {
+        let mut wrong = Vec::new();
         for variant in &self.variants {
-            let camera = Camera::load_with(&variant.spec, &variant.changes)?;
+            let camera = match Camera::load_with(&variant.spec, &variant.changes) {
+                Ok(camera) => camera,
+                Err(e) => {
+                    wrong.push(e);
+                    continue;
+                }
+            };
             if !is_preset(&variant.spec) {
                 self.inputs.push(variant.spec.clone().into());
                 let home = Path::new(&variant.spec).parent().unwrap_or(Path::new(""));
@@ -235,20 +242,31 @@ impl Sweep {
             }
         }
         for scene in &self.scenes {
-            let opened = scene::open(&scene.spec).map_err(|e| e.at("scene"))?;
+            let opened = match scene::open(&scene.spec) {
+                Ok(opened) => opened,
+                Err(e) => {
+                    wrong.push(e.at("scene"));
+                    continue;
+                }
+            };
             let own_light = opened.quantity() == scene::Quantity::Radiance;
             if own_light && (self.lux != [None] || self.illuminants.len() > 1) {
-                return Err(Error::input(format!("lights for the scene {:?}", scene.name))
-                    .help("it holds radiance, light included; leave illuminant and lux out"));
+                wrong.push(
+                    Error::input(format!("lights for the scene {:?}", scene.name))
+                        .help("it holds radiance, light included; leave illuminant and lux out"),
+                );
             }
             if !is_chart(&scene.name) {
                 self.inputs.extend(existing(&scene.spec));
             }
         }
         for light in &self.illuminants {
-            Illuminant::parse(&light.spec).map_err(|e| e.at("illuminant"))?;
+            wrong.extend(Illuminant::parse(&light.spec).err().map(|e| e.at("illuminant")));
             let path = PathBuf::from(&light.spec);
             self.inputs.extend(path.is_file().then_some(path));
+        }
+        if !wrong.is_empty() {
+            return Err(mistakes::all(wrong));
         }
         self.inputs.sort();
         self.inputs.dedup();

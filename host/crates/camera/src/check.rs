@@ -7,7 +7,8 @@ use super::{
     csv_reader,
 };
 use camrig_base::table::SpectralTable;
-use camrig_base::{Cfa, Error, Result, Spectrum, toml_text};
+use camrig_base::{Cfa, Error, Result, Spectrum, mistakes, toml_text};
+use std::cell::RefCell;
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
@@ -21,10 +22,12 @@ const FIELD_TABLE: std::ops::RangeInclusive<f64> = 0.0..=1.5;
 /// is that at unity gain).
 const ROW_FPN_OVER_READ: f64 = 0.5;
 
-/// Finds the keys of one table in the file's text, for messages.
+/// Finds the keys of one table in the file's text, for messages, and collects what is wrong with
+/// them.
 struct Keys<'a> {
     text: &'a str,
     table: &'static str,
+    wrong: &'a RefCell<Vec<Error>>,
 }
 
 impl Keys<'_> {
@@ -35,7 +38,8 @@ impl Keys<'_> {
         }
     }
 
-    /// A value, if it lies within its limits; `unit` is for the message.
+    /// A value, if it lies within its limits; else the nearest limit, and a mistake collected.
+    /// `unit` is for the message.
     fn within(
         &self,
         key: &str,
@@ -46,11 +50,10 @@ impl Keys<'_> {
         if ok.contains(&v) {
             return Ok(v);
         }
-        Err(Error::input(format!("{key} = {v}")).at(self.place(key)).help(format!(
-            "use {} to {} {unit}",
-            ok.start(),
-            ok.end()
-        )))
+        let wrong = Error::input(format!("{key} = {v}")).at(self.place(key));
+        let help = format!("use {} to {} {unit}", ok.start(), ok.end());
+        self.wrong.borrow_mut().push(wrong.help(help));
+        Ok(if v > *ok.end() { *ok.end() } else { *ok.start() })
     }
 
     fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
@@ -68,17 +71,23 @@ pub(super) fn camera(
     default_name: &str,
     folder: &Folder<'_>,
 ) -> Result<Camera> {
-    let lens = lens(file.lens, &Keys { text, table: "lens" }, folder)?;
-    let sensor = sensor(file.sensor, text, folder)?;
+    let wrong = RefCell::new(Vec::new());
+    let keep = |e: Error| wrong.borrow_mut().push(e);
+    let keys = Keys { text, table: "lens", wrong: &wrong };
+    let lens = lens(file.lens, &keys, folder).map_err(keep).ok();
+    let sensor = sensor(file.sensor, text, folder, &wrong).map_err(keep).ok();
     let (mut effects, mut optical_effects) = (Vec::new(), Vec::new());
     for table in &file.effects {
         let line = toml_text::line_of(text, table.span().start);
-        let place = |e: Error| e.at(format!("[[effect]] at line {line}"));
-        match read_effect(table.get_ref()).map_err(place)? {
-            AnyEffect::Sensor(effect) => effects.push(effect),
-            AnyEffect::Optical(effect) => optical_effects.push(effect),
+        match read_effect(table.get_ref()) {
+            Ok(AnyEffect::Sensor(effect)) => effects.push(effect),
+            Ok(AnyEffect::Optical(effect)) => optical_effects.push(effect),
+            Err(e) => keep(e.at(format!("[[effect]] at line {line}"))),
         }
     }
+    let (Some(lens), Some(sensor), true) = (lens, sensor, wrong.borrow().is_empty()) else {
+        return Err(mistakes::all(wrong.take()));
+    };
     let name = file.name.unwrap_or_else(|| default_name.to_string());
     let camera = Camera { name, lens, sensor, effects, optical_effects, text: text.to_string() };
     camera.check_chain()?;
@@ -161,8 +170,13 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
     Ok(LensModel { kind, transmittance })
 }
 
-fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorModel> {
-    let keys = Keys { text, table: "sensor" };
+fn sensor(
+    file: SensorFile,
+    text: &str,
+    folder: &Folder<'_>,
+    wrong: &RefCell<Vec<Error>>,
+) -> Result<SensorModel> {
+    let keys = Keys { text, table: "sensor", wrong };
     let side = |key, v: u32| {
         keys.within(
             key,
@@ -243,21 +257,18 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         analog_gain: keys.within("analog_gain", file.analog_gain, 0.01..=1000.0, "")?,
         temperature_c: keys.within("temperature_c", file.temperature_c, -100.0..=150.0, "°C")?,
         seed: file.seed,
-        noise: noise(&file.noise, &Keys { text, table: "sensor.noise" })?,
+        noise: noise(&file.noise, &Keys { text, table: "sensor.noise", wrong })?,
     })
 }
 
 fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
     let read_e = keys.within("read_e", file.read_e, 0.0..=1e5, "e-")?;
+    // A read noise out of range says nothing about its part.
+    let whole = if read_e == file.read_e { read_e } else { f64::MAX };
     let dark = |key, v| keys.within(key, v, 0.0..=1e6, "e-/s");
     Ok(Noise {
         read_e,
-        read_e_post: keys.within(
-            "read_e_post",
-            file.read_e_post,
-            0.0..=read_e,
-            "e-, the whole",
-        )?,
+        read_e_post: keys.within("read_e_post", file.read_e_post, 0.0..=whole, "e-, the whole")?,
         dark_current_e_per_s: dark("dark_current_e_per_s", file.dark_current_e_per_s)?,
         dark_doubling_c: keys.within("dark_doubling_c", file.dark_doubling_c, 1.0..=100.0, "K")?,
         temperature_ref_c: keys.within(

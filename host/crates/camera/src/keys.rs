@@ -2,6 +2,8 @@
 //!
 //! Keys of effects are in the catalogue of effects ([`super::EffectKind`]).
 
+use camrig_base::Error;
+
 /// The type of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Holds {
@@ -41,6 +43,17 @@ pub struct Key {
 }
 
 impl Key {
+    /// Path, unit and usual values, such as `sensor.height in pixels, usually 480 to 6000`.
+    fn with_usual(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) };
+        let usual = match (self.holds, self.usual) {
+            (Holds::Word(words), "") => format!(", one of {}", words.join(", ")),
+            (_, "") => String::new(),
+            (_, usual) => format!(", usually {usual}"),
+        };
+        format!("{}{unit}{usual}", self.path())
+    }
+
     /// Table and name, such as `sensor.noise.read_e`.
     pub fn path(&self) -> String {
         match self.table {
@@ -330,6 +343,39 @@ pub const KEYS: &[Key] = &[
     ),
 ];
 
+/// The keys that a lens of each kind needs.
+const OF_LENS: [(&str, &[&str]); 3] = [
+    ("diffraction-limited", &["f_number", "focal_length_mm"]),
+    ("characterised", &["data"]),
+    ("prescription", &["file"]),
+];
+
+/// All keys that must be in the text of a camera file and are not, with units and usual values;
+/// `None` where none is missing or the text is no TOML.
+pub(crate) fn missing(text: &str) -> Option<Error> {
+    let file: toml::Table = toml::from_str(text).ok()?;
+    let given = |key: &Key| {
+        let table = key.table.split('.').filter(|t| !t.is_empty());
+        let found = table.fold(Some(&file), |table, name| table?.get(name)?.as_table());
+        found.is_some_and(|table| table.contains_key(key.name))
+    };
+    let kind = file.get("lens").and_then(|lens| lens.get("kind")?.as_str());
+    let kind = kind.unwrap_or("diffraction-limited");
+    let of_lens = OF_LENS.iter().find(|(of, _)| *of == kind).map_or(&[][..], |(_, keys)| *keys);
+    let needed =
+        |key: &Key| key.default.is_none() || key.table == "lens" && of_lens.contains(&key.name);
+    let missing: Vec<String> =
+        KEYS.iter().filter(|key| needed(key) && !given(key)).map(Key::with_usual).collect();
+    if missing.is_empty() {
+        return None;
+    }
+    let (keys, are) = if missing.len() == 1 { ("key", "is") } else { ("keys", "are") };
+    Some(Error::input(format!("{keys} {are} missing:\n  {}", missing.join("\n  "))).help(
+        "`camrig presets mt9v024` prints a whole camera file, and `camrig explain` says what the \
+         keys mean",
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -402,6 +448,27 @@ mod tests {
                     assert!(!said.contains(&format!("{} =", key.name)), "{}: {said}", key.path());
                 }
             }
+        }
+    }
+
+    #[test]
+    fn missing_keys_are_told_at_once_with_unit_and_usual_values() {
+        let said = |text: &str| {
+            let folder = crate::Folder::BuiltIn;
+            Camera::parse(text, "x", &folder).unwrap_err().to_string()
+        };
+        let text = said("[lens]\nkind = 'diffraction-limited'\n[sensor]\nwidth = 64\nbist = 10\n");
+        for key in KEYS.iter().filter(|k| k.default.is_none() && k.table.starts_with("sensor")) {
+            assert_eq!(text.contains(&key.path()), key.name != "width", "{}: {text}", key.path());
+        }
+        assert!(text.contains("lens.f_number, usually 1.4 to 16"), "{text}");
+        assert!(text.contains("sensor.height in pixels, usually 480 to 6000"), "{text}");
+        assert!(text.contains("line 5: unknown key \"bist\""), "{text}");
+        assert!(!text.contains("missing field"), "{text}");
+        let traced = said("[lens]\nkind = 'prescription'\n[sensor]\n");
+        assert!(traced.contains("lens.file") && !traced.contains("lens.f_number"), "{traced}");
+        for preset in presets::NAMES {
+            assert!(missing(presets::file(&format!("{preset}.toml")).unwrap()).is_none());
         }
     }
 }

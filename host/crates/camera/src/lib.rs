@@ -41,7 +41,7 @@ pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
-use camrig_base::{Error, Result, Spectrum, toml_text};
+use camrig_base::{Error, Result, Spectrum, mistakes, toml_text};
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
@@ -177,8 +177,19 @@ impl Camera {
     }
 
     fn parse(text: &str, default_name: &str, folder: &Folder<'_>) -> Result<Self> {
-        let file: file::CameraFile =
-            toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
-        check::camera(file, text, default_name, folder)
+        let file: std::result::Result<file::CameraFile, _> = mistakes::find(text);
+        let missing = keys::missing(text);
+        match file {
+            Ok(file) if missing.is_none() => check::camera(file, text, default_name, folder),
+            file => {
+                // All missing keys in one, with what is known of them, instead of the parser's.
+                let mut wrong: Vec<Error> = missing.into_iter().collect();
+                let others = file.err().unwrap_or_default().into_iter();
+                let told = |e: &Error| !wrong.is_empty() && e.what().starts_with("missing field");
+                let others: Vec<Error> = others.filter(|e| !told(e)).collect();
+                wrong.extend(others);
+                Err(mistakes::all(wrong))
+            }
+        }
     }
 }

@@ -37,6 +37,17 @@ fn wrong_keys_and_values_are_named_with_line_and_remedy() {
 }
 
 #[test]
+fn all_mistakes_are_named_in_one_message() {
+    let text = GOOD.replace("read_e = 4.0", "read_e = -4.0").replace("bits = 10", "bits = 20");
+    let text = text.replace("f_number = 2.8", "f_number = 0.1");
+    let message = told(&format!("{text}\n[[effect]]\nkind = \"row-temporal-nose\"\n"));
+    assert!(message.starts_with("4 mistakes"), "{message}");
+    for word in ["read_e = -4", "bits = 20", "f_number = 0.1", "row-temporal-nose"] {
+        assert!(message.lines().any(|l| l.contains(word) && l.contains("line")), "{message}");
+    }
+}
+
+#[test]
 fn wrong_effects_are_named() {
     for (effect, expected) in [
         ("kind = \"row-temporal-nois\"\nsigma_e = 1", "did you mean \"row-temporal-noise\""),

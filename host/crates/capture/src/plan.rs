@@ -7,7 +7,7 @@
 //! gets most.
 
 use camrig_base::alternatives::Numbers;
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_captures::{Light, Role, SceneSeen};
 use serde::Deserialize;
 use std::path::Path;
@@ -116,7 +116,7 @@ pub fn load(spec: &str) -> Result<Vec<Shot>> {
 
 /// Parses the text of a plan.
 pub fn parse(text: &str) -> Result<Vec<Shot>> {
-    let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
+    let file: File = mistakes::read(text)?;
     if file.format != "plan/1" {
         return Err(Error::unsupported(format!("plan format {:?}", file.format))
             .help("this program reads format = \"plan/1\""));

@@ -2,7 +2,7 @@
 
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use camrig_base::Cfa;
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_scene::{self as scene, Illuminant};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ struct File {
     source: toml::Table,
     sensor: Sensor,
     #[serde(default)]
-    capture: Vec<Entry>,
+    capture: Vec<toml::Spanned<Entry>>,
 }
 
 #[derive(Deserialize)]
@@ -146,44 +146,49 @@ fn one() -> f64 {
 
 /// Parses and checks the text of the manifest at `file`.
 pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
-    let raw: File =
-        toml::from_str(text).map_err(|e| toml_text::error(text, &e).at(file.display()))?;
+    let raw: File = mistakes::read(text).map_err(|e| e.at(file.display()))?;
     let root = file.parent().unwrap_or(Path::new(".")).to_owned();
-    check(raw, root).map_err(|e| e.at(file.display()))
+    check(raw, root, text).map_err(|e| e.at(file.display()))
 }
 
-fn check(raw: File, root: PathBuf) -> Result<CaptureSet> {
+/// Checks all values, and says all that are wrong.
+fn check(raw: File, root: PathBuf, text: &str) -> Result<CaptureSet> {
     if raw.format != "captures/1" {
         return Err(Error::unsupported(format!("capture format {:?}", raw.format))
             .at("key \"format\"")
             .help("this program reads format = \"captures/1\""));
     }
-    let sensor = check_sensor(raw.sensor).map_err(|e| e.at("[sensor]"))?;
+    let mut wrong = Vec::new();
+    let sensor = check_sensor(raw.sensor).map_err(|e| wrong.push(e.at("[sensor]"))).ok();
     let camera = raw.camera.map(|c| {
         let is_path = c.contains(['/', '\\']) || Path::new(&c).extension().is_some();
         if is_path { root.join(c) } else { PathBuf::from(c) }
     });
-    let mut captures: Vec<Capture> = Vec::with_capacity(raw.capture.len());
-    for entry in raw.capture {
-        let id = entry.id.clone();
-        if captures.iter().any(|c| c.id == id) {
-            return Err(Error::input(format!("capture id {id:?} is used twice"))
-                .help("ids name captures; make them unique"));
+    let ids: Vec<String> = raw.capture.iter().map(|entry| entry.get_ref().id.clone()).collect();
+    let mut captures: Vec<Capture> = Vec::with_capacity(ids.len());
+    for (index, entry) in raw.capture.into_iter().enumerate() {
+        let id = &ids[index];
+        let line = toml_text::line_of(text, entry.span().start);
+        let place = format!("line {line}, [[capture]] id {id:?}");
+        if ids[..index].contains(id) {
+            let twice = Error::input(format!("capture id {id:?} is used twice"));
+            wrong.push(twice.at(&place).help("ids name captures; make them unique"));
         }
-        captures
-            .push(check_entry(entry, &root).map_err(|e| e.at(format!("[[capture]] id {id:?}")))?);
-    }
-    for capture in &captures {
-        if let Some(before) = &capture.preceded_by
-            && !captures.iter().any(|c| &c.id == before)
-        {
-            let known: Vec<&str> = captures.iter().map(|c| c.id.as_str()).collect();
-            return Err(Error::input(format!("preceded_by = {before:?} is no capture's id"))
-                .at(format!("[[capture]] id {:?}", capture.id))
-                .help(toml_text::did_you_mean(before, &known)));
+        let entry = entry.into_inner();
+        if let Some(before) = entry.preceded_by.as_ref().filter(|before| !ids.contains(before)) {
+            let known: Vec<&str> = ids.iter().map(String::as_str).collect();
+            let unknown = Error::input(format!("preceded_by = {before:?} is no capture's id"));
+            wrong.push(unknown.at(&place).help(toml_text::did_you_mean(before, &known)));
+        }
+        match check_entry(entry, &root) {
+            Ok(capture) => captures.push(capture),
+            Err(e) => wrong.push(e.at(place)),
         }
     }
-    Ok(CaptureSet { root, camera, sensor, captures })
+    match sensor {
+        Some(sensor) if wrong.is_empty() => Ok(CaptureSet { root, camera, sensor, captures }),
+        _ => Err(mistakes::all(wrong)),
+    }
 }
 
 fn check_sensor(s: Sensor) -> Result<SensorFacts> {
@@ -381,6 +386,31 @@ mod tests {
             assert!(said.contains(expected), "{said}");
         }
         assert_eq!(parsed(HEAD), "0 captures");
+        let several = format!(
+            "{HEAD}white_levle_dn = 4095\n[[capture]]\nid='a'\nrole='drak'\nfiles='*.npy'\n"
+        );
+        let said = parsed(&several.replace("bits = 12", "bits = '12'"));
+        for (line, word) in
+            [(5, "bits"), (6, "white_levle_dn"), (9, "drak"), (7, "missing field `exposure_s`")]
+        {
+            let found =
+                said.lines().any(|l| l.contains(&format!("line {line}:")) && l.contains(word));
+            assert!(found, "{line} {word}: {said}");
+        }
+        let capture = |id: &str, tail: &str| {
+            format!("[[capture]]\nid='{id}'\nrole='dark'\nfiles='*.npy'\n{tail}\n")
+        };
+        let text = format!(
+            "{HEAD}pitch_um = -1\n{}{}",
+            capture("a", "exposure_s = -1"),
+            capture("a", "exposure_s = 1\npreceded_by = 'b'")
+        );
+        let said = parsed(&text);
+        for word in ["pitch_um = -1", "exposure_s = -1", "used twice", "\"b\" is no capture's id"]
+        {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+        assert!(said.contains("line 7, [[capture]] id \"a\": exposure_s = -1"), "{said}");
         assert!(
             parsed("format = \"captures/2\"\n[sensor]\nwidth=1\nheight=1\nbits=8\n")
                 .contains("captures/1")
