@@ -3,6 +3,7 @@
 use super::page::Page;
 use super::plot::{Mark, Plot, heat_map};
 use camrig_base::Plane;
+use camrig_camera::EffectKind;
 use camrig_diagnose::report::{self, Report};
 use camrig_diagnose::search::forward::{Observed, Step};
 use camrig_diagnose::search::{Outcome, Session};
@@ -89,9 +90,12 @@ pub fn page(
 /// The table of effects found.
 fn rows(steps: &[report::Step]) -> Vec<Vec<String>> {
     let figure = |v: f64| if v.is_finite() { format!("{v:.2}") } else { "-".to_string() };
-    let parameter = |(key, p): (&String, &report::Parameter)| match p.std_error {
-        Some(se) => format!("{key} {:.4e} ± {se:.1e}", p.value),
-        None => format!("{key} {:.4}", p.value),
+    let parameter = |effect: &str, key: &str, p: &report::Parameter| {
+        let kind = EffectKind::all().find(|kind| kind.kind == effect);
+        let unit = kind.and_then(|kind| kind.parameters.iter().find(|p| p.key == key));
+        let unit = unit.map_or("", |parameter| parameter.unit);
+        let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
+        format!("{key} {}{}", with_error(p.value, p.std_error), unit.replace("e-", "e⁻"))
     };
     steps
         .iter()
@@ -99,13 +103,40 @@ fn rows(steps: &[report::Step]) -> Vec<Vec<String>> {
             vec![
                 s.effect.clone(),
                 s.status.word().into(),
-                s.parameters.iter().map(parameter).collect::<Vec<_>>().join(", "),
+                s.parameters
+                    .iter()
+                    .map(|(key, p)| parameter(&s.effect, key, p))
+                    .collect::<Vec<_>>()
+                    .join(", "),
                 figure(s.gap_before),
                 figure(s.gap_after),
                 s.place.clone(),
             ]
         })
         .collect()
+}
+
+/// Significant digits of a value without an error.
+const DIGITS: i32 = 4;
+
+/// A value with two digits of its error; powers of ten below 0.001 and from 10000 on.
+fn with_error(value: f64, std_error: Option<f64>) -> String {
+    let power = |v: f64| v.abs().log10().floor() as i32;
+    let std_error = std_error.filter(|se| *se > 0.0 && se.is_finite());
+    let size = if value == 0.0 { std_error.unwrap_or(1.0) } else { value };
+    let last = std_error.map_or(power(size) - DIGITS + 1, |se| power(se) - 1);
+    let scale = if (1e-3..1e4).contains(&size.abs()) { 0 } else { power(size) };
+    let digits = usize::try_from(scale - last).unwrap_or(0);
+    let shown = |v: f64| format!("{:.digits$}", v / 10f64.powi(scale));
+    let both = match std_error {
+        Some(se) => format!("{} ± {}", shown(value), shown(se)),
+        None => shown(value),
+    };
+    match (scale, std_error) {
+        (0, _) => both,
+        (_, Some(_)) => format!("({both})e{scale}"),
+        (_, None) => format!("{both}e{scale}"),
+    }
 }
 
 /// Drawing of the gap over the steps.
@@ -304,4 +335,26 @@ fn picture(map: &Map) -> String {
         "column, row",
         false,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_have_two_digits_of_their_error() {
+        for (value, error, text) in [
+            (8.8976, Some(0.13), "8.90 ± 0.13"),
+            (3.0334, Some(0.037), "3.033 ± 0.037"),
+            (0.01, Some(0.00042), "0.01000 ± 0.00042"),
+            (9134.2, Some(250.0), "9134 ± 250"),
+            (2.5e-5, Some(3.1e-6), "(2.50 ± 0.31)e-5"),
+            (41_234.0, None, "4.123e4"),
+            (0.8, None, "0.8000"),
+            (-3.0, Some(0.2), "-3.00 ± 0.20"),
+            (0.0, Some(0.2), "0.00 ± 0.20"),
+        ] {
+            assert_eq!(with_error(value, error), text);
+        }
+    }
 }

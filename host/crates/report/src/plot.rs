@@ -223,7 +223,7 @@ impl Scale {
             let step = (spread / 6.0).ceil().max(1.0) as i32;
             let (first, last) = (self.low.ceil() as i32, self.high.floor() as i32);
             let decades = (first..=last).step_by(step as usize);
-            return decades.map(|d| (10f64.powi(d), label(10f64.powi(d), d))).collect();
+            return decades.map(|d| (10f64.powi(d), label(10f64.powi(d), d, 0))).collect();
         }
         let power = (spread / 5.0).log10().floor() as i32;
         let unit = 10f64.powi(power);
@@ -231,22 +231,26 @@ impl Scale {
         let step = step.unwrap_or(10.0 * unit);
         let first = (self.low / step).ceil() as i64;
         let last = (self.high / step).floor() as i64;
-        (first..=last.min(first + 20))
-            .map(|k| {
-                let v = k as f64 * step;
-                let v = if self.logarithmic { 10f64.powf(v) } else { v };
-                (v, label(v, power))
-            })
-            .collect()
+        let values = (first..=last.min(first + 20)).map(|k| k as f64 * step);
+        let values: Vec<f64> =
+            values.map(|v| if self.logarithmic { 10f64.powf(v) } else { v }).collect();
+        // Between decades steps are not round: as many digits as tell the labels apart.
+        let labels = |more| values.iter().map(|&v| label(v, power, more)).collect::<Vec<_>>();
+        let apart = (0..MOST_DIGITS).map(labels).find(|all| all.windows(2).all(|w| w[0] != w[1]));
+        let labels = apart.unwrap_or_else(|| labels(0));
+        values.iter().copied().zip(labels).collect()
     }
 }
 
-/// A number with as many digits as steps of 10^`power` need.
-fn label(value: f64, power: i32) -> String {
+/// Digits behind the point that a label has at most.
+const MOST_DIGITS: usize = 8;
+
+/// A number with as many digits as steps of 10^`power` need, and some more.
+fn label(value: f64, power: i32, more: usize) -> String {
     if value != 0.0 && !(1e-4..1e6).contains(&value.abs()) {
-        return format!("{value:.0e}");
+        return format!("{value:.more$e}");
     }
-    format!("{value:.*}", usize::try_from(-power).unwrap_or(0).min(8))
+    format!("{value:.*}", (usize::try_from(-power).unwrap_or(0) + more).min(MOST_DIGITS))
 }
 
 /// A heat map of a plane of values.
