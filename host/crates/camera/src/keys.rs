@@ -355,8 +355,8 @@ const OF_LENS: [(&str, &[&str]); 3] = [
 pub(crate) fn missing(text: &str) -> Option<Error> {
     let file: toml::Table = toml::from_str(text).ok()?;
     let given = |key: &Key| {
-        let table = key.table.split('.').filter(|t| !t.is_empty());
-        let found = table.fold(Some(&file), |table, name| table?.get(name)?.as_table());
+        let mut table = key.table.split('.').filter(|t| !t.is_empty());
+        let found = table.try_fold(&file, |table, name| table.get(name)?.as_table());
         found.is_some_and(|table| table.contains_key(key.name))
     };
     let kind = file.get("lens").and_then(|lens| lens.get("kind")?.as_str());

@@ -195,7 +195,7 @@ impl PixelFormat {
                 (true, _) => format!("video/x-raw,format=GRAY16_{}", end.to_uppercase()),
                 _ => format!("video/x-bayer,format={order}"),
             };
-            let direct = (self.bits == 8 || mono && self.bits == 16) && row_bytes % 4 == 0;
+            let direct = (self.bits == 8 || mono && self.bits == 16) && row_bytes.is_multiple_of(4);
             hints.push(if direct {
                 format!(
                 "gst-launch-1.0 filesrc location={path} blocksize={} ! \

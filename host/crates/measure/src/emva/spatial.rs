@@ -75,10 +75,10 @@ fn high_passed(dark: &Stack, flat: &Stack) -> f64 {
 /// small one that chance made negative: one in 700.
 const CONTRADICTS: f64 = 3.0;
 
-/// Row, column and pixel part of a total variance as the standard splits it, total = row + column
-/// + pixel (release 4.0, section 8.2). A part that is smaller than its error can come out
-/// negative: it is not determined, and the others make up the total. A part that is negative
-/// beyond its error contradicts the total, and none is determined.
+/// Row, column and pixel part of a total variance as the standard splits it: their sum is the
+/// total (release 4.0, section 8.2). A part that is smaller than its error can come out negative:
+/// it is not determined, and the others make up the total. A part that is negative beyond its
+/// error contradicts the total, and none is determined.
 fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
     let contradicted = parts.iter().any(|v| v.value < -CONTRADICTS * v.std_error);
     if total <= 0.0 || contradicted {
