@@ -101,7 +101,7 @@ pub struct DeviceArgs {
 #[derive(clap::Args, Debug)]
 pub struct FrameArgs {
     /// Integration time: 20ms, 1.5s, 300us
-    #[arg(long, value_parser = duration, value_name = "TIME")]
+    #[arg(long, value_parser = duration, allow_hyphen_values = true, value_name = "TIME")]
     pub exposure: f64,
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]

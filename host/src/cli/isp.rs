@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, value_parser = positive, value_name = "X")]
     lux: Option<f64>,
     /// Integration time
-    #[arg(long, value_parser = duration, value_name = "TIME")]
+    #[arg(long, value_parser = duration, value_name = "TIME", allow_hyphen_values = true)]
     exposure: f64,
     /// Change a key of the camera file: sensor.width=640; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = camrig_camera::changes::read)]

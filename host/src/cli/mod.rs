@@ -43,7 +43,7 @@ mod simulate;
 mod stdout;
 mod validate;
 
-use camrig_base::Result;
+use camrig_base::{Result, output, platform};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -84,6 +84,7 @@ enum Command {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
+    platform::before_signals_end(output::remove_unfinished);
     stdout::guard(|| run(command)).unwrap_or_else(|error| {
         eprintln!("error: {}", advice::advised(error));
         ExitCode::from(2)

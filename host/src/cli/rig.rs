@@ -57,6 +57,98 @@ struct InfoArgs {
     json: bool,
 }
 
+<<<<<<< HEAD
+=======
+/// Send frames of irradiance, take raw frames back
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms \
+    --frames 100\n  \
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 \
+    -o out.csi2\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 \
+    --json\n\n\
+    A script:\n  \
+    format = \"rig-script/1\"\n  \
+    [[write]]\n  \
+    before_frame = 5\n  \
+    exposure_s = 0.02            # or analog_gain, or registers = { \"0x0202\" = 800 }")]
+struct StreamArgs {
+    /// Address of the rig
+    url: String,
+    /// Camera file or preset
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Scene to look at
+    #[arg(
+        long,
+        value_name = "S",
+        required_unless_present = "irradiance",
+        conflicts_with = "irradiance"
+    )]
+    scene: Option<String>,
+    /// Light on a reflectance scene
+    #[arg(long, default_value = "D65", value_name = "I")]
+    illuminant: String,
+    /// Scene illuminance, lx
+    #[arg(long, value_parser = positive, value_name = "X")]
+    lux: Option<f64>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
+    /// each frame, over and over
+    #[arg(long, value_name = "FILE|DIR")]
+    irradiance: Option<PathBuf>,
+    /// Integration time; the rig's registers decide unless given
+    #[arg(
+        long,
+        value_parser = duration,
+        allow_hyphen_values = true,
+        value_name = "TIME",
+        required_unless_present_any = ["by_registers", "script"]
+    )]
+    exposure: Option<f64>,
+    /// Take exposure and gain from the rig's registers
+    #[arg(long, conflicts_with_all = ["exposure", "gain"])]
+    by_registers: bool,
+    /// Write registers as this script says, before the frames it names; implies --by-registers
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
+    script: Option<PathBuf>,
+    /// Analog gain; the camera file's unless given
+    #[arg(long, value_parser = positive, value_name = "G")]
+    gain: Option<f64>,
+    /// Frames to send
+    #[arg(
+        long,
+        default_value_t = 10,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..)
+    )]
+    frames: u32,
+    /// Number of the first frame
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    frame_seed: u32,
+    /// Arithmetic of the rig's sensor stage
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
+    arith: Arithmetic,
+    /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
+    #[arg(long)]
+    collapse: bool,
+    /// Pace to this frame rate, frames per second
+    #[arg(long, value_parser = positive, value_name = "F")]
+    fps: Option<f64>,
+    /// Keep the frames as a CSI-2 stream with embedded data lines
+    #[arg(short, long, value_name = "FILE.csi2")]
+    output: Option<PathBuf>,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+>>>>>>> d1c8489 (Signals leave no unfinished output; a negative time gets its own message)
 /// Be a rig: the emulator, on TCP, a pseudo-terminal or a device file
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \

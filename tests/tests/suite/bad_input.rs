@@ -34,6 +34,7 @@ fn wrong_arguments_are_refused() {
     let refuses = |arguments: &str, says: &[&str]| refuses(dir.path(), arguments, says);
     refuses(&format!("{GOOD} 0ms"), &["above zero", "20ms"]);
     refuses(&format!("{GOOD} 20"), &["not a duration", "20ms"]);
+    refuses(&format!("{GOOD} -20ms"), &["\"-20ms\"", "above zero"]);
     refuses(&format!("{GOOD} 20ms --lux -1"), &["lux"]);
     refuses(&format!("{GOOD} 20ms --illuminant D66x"), &["D66x"]);
     refuses(&format!("{GOOD} 20ms --gain nan"), &["above zero"]);
@@ -49,6 +50,32 @@ fn wrong_arguments_are_refused() {
         "simulate --camera c.toml --scene ramp --exposure 1ms --frames 2 -o out.dng",
         &["directory"],
     );
+}
+
+/// Ctrl-C, a scheduler's SIGTERM and a lost terminal leave nothing of a directory half written.
+#[cfg(unix)]
+#[test]
+fn signals_leave_nothing_behind() {
+    use std::process::{Command, Stdio};
+    for signal in ["INT", "TERM", "HUP"] {
+        let dir = tempfile::tempdir().unwrap();
+        let names = || std::fs::read_dir(dir.path()).unwrap().count();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+            .args("capture --camera mt9t012 --plan emva --size 1024,768 -o set".split(' '))
+            .current_dir(dir.path())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        while names() == 0 {
+            assert!(child.try_wait().unwrap().is_none(), "it ended before it wrote anything");
+            std::thread::yield_now();
+        }
+        let kill = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
+        assert!(kill.unwrap().success());
+        let status = child.wait().unwrap();
+        assert_eq!(status.code(), None, "SIG{signal} ends it as a signal does: {status}");
+        assert_eq!(names(), 0, "SIG{signal} leaves something behind");
+    }
 }
 
 /// A standard output that is closed or full ends a command with a message and status 2, not with a

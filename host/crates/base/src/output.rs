@@ -10,6 +10,7 @@ use crate::{Error, Result, platform};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use tempfile::{NamedTempFile, TempDir};
 
 /// Left in every directory that camrig writes: only a directory that has it is ever replaced.
@@ -25,6 +26,7 @@ pub struct OutputFile {
     path: PathBuf,
     target: Target,
     force: bool,
+    _listed: Option<Listed>,
 }
 
 enum Target {
@@ -45,7 +47,7 @@ impl OutputFile {
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         if path.as_os_str() == "-" {
             let target = Target::Stream(Box::new(io::stdout()));
-            return Ok(Self { path: path.to_owned(), target, force });
+            return Ok(Self { path: path.to_owned(), target, force, _listed: None });
         }
         // A symbolic link stays one: what it points to is replaced.
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -57,19 +59,25 @@ impl OutputFile {
             Ok(meta) if !meta.is_file() => {
                 let device = fs::OpenOptions::new().write(true).open(&path);
                 let device = device.map_err(|e| Error::io("open", &path, e))?;
-                return Ok(Self { path, target: Target::Stream(Box::new(device)), force });
+                return Ok(Self {
+                    path,
+                    target: Target::Stream(Box::new(device)),
+                    force,
+                    _listed: None,
+                });
             }
             Ok(_) if !force => return Err(exists(&path)),
             _ => {}
         }
         if let Ok(file) = platform::create_nameless(folder_of(&path)) {
             let target = Target::Link(io::BufWriter::with_capacity(BUFFER, file));
-            return Ok(Self { path, target, force });
+            return Ok(Self { path, target, force, _listed: None });
         }
         let temporary =
             builder(false).tempfile_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
+        let _listed = Some(Listed::new(temporary.path()));
         let target = Target::Rename(io::BufWriter::with_capacity(BUFFER, temporary));
-        Ok(Self { path, target, force })
+        Ok(Self { path, target, force, _listed })
     }
 
     /// Puts the complete file in its place.
@@ -142,11 +150,50 @@ pub fn write_file(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     output.finish()
 }
 
+/// Temporary names of outputs that are not finished.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// A name in [`UNFINISHED`], until it is dropped.
+struct Listed(PathBuf);
+
+impl Listed {
+    fn new(path: &Path) -> Self {
+        let path = path.to_owned();
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.clone());
+        Self(path)
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        let mut all = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|path| *path != self.0);
+    }
+}
+
+/// Attempts at removing a directory that other threads may still be writing into.
+const ATTEMPTS: usize = 100;
+
+/// Removes all outputs that are not finished, for a program that a signal ends: nothing is dropped
+/// then.
+pub fn remove_unfinished() {
+    for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        for _ in 0..ATTEMPTS {
+            let removed =
+                if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            if removed.is_ok() || !path.exists() {
+                break;
+            }
+        }
+    }
+}
+
 /// A directory being filled: write into [`OutputDir::path`], then [`OutputDir::finish`].
 pub struct OutputDir {
     path: PathBuf,
     temporary: TempDir,
     force: bool,
+    _listed: Listed,
 }
 
 impl OutputDir {
@@ -161,9 +208,10 @@ impl OutputDir {
         check_replaceable(&path, force)?;
         let temporary =
             builder(true).tempdir_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
+        let _listed = Listed::new(temporary.path());
         fs::write(temporary.path().join(DIRECTORY_MARK), "")
             .map_err(|e| Error::io("write", &path, e))?;
-        Ok(Self { path, temporary, force })
+        Ok(Self { path, temporary, force, _listed })
     }
 
     /// Where to write the files until then.

@@ -85,3 +85,35 @@ pub(crate) fn give_name(file: &File, path: &Path) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())
     }
 }
+
+/// Runs `last` before Ctrl-C, a request to end (SIGTERM) or a lost terminal (SIGHUP) ends this
+/// program as it would have done anyway. Signals that the caller has it ignore, as `nohup` does,
+/// stay ignored. Without Unix signals it does nothing.
+pub fn before_signals_end(last: impl FnOnce() + Send + 'static) {
+    #[cfg(unix)]
+    {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        use signal_hook::{iterator::Signals, low_level::emulate_default_handler};
+        let ignored = ignored_signals();
+        let ends = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|s| ignored >> (s - 1) & 1 == 0);
+        // Without handlers the signals end the program all the same.
+        let Ok(mut signals) = Signals::new(ends) else { return };
+        std::thread::spawn(move || {
+            if let Some(signal) = signals.forever().next() {
+                last();
+                let _ = emulate_default_handler(signal);
+            }
+        });
+    }
+    #[cfg(not(unix))]
+    drop(last);
+}
+
+/// The signals that this process ignores, bit n - 1 for signal n; none where Linux' `/proc` is
+/// not there to say it.
+#[cfg(unix)]
+fn ignored_signals() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+}

@@ -195,12 +195,13 @@ impl PixelFormat {
                 (true, _) => format!("video/x-raw,format=GRAY16_{}", end.to_uppercase()),
                 _ => format!("video/x-bayer,format={order}"),
             };
-            let direct = (self.bits == 8 || mono && self.bits == 16) && row_bytes.is_multiple_of(4);
+            let direct =
+                (self.bits == 8 || mono && self.bits == 16) && row_bytes.is_multiple_of(4);
             hints.push(if direct {
                 format!(
-                "gst-launch-1.0 filesrc location={path} blocksize={} ! \
+                    "gst-launch-1.0 filesrc location={path} blocksize={} ! \
                  {caps},width={width},height={height},framerate=1/1 ! ...",
-                row_bytes * height
+                    row_bytes * height
                 )
             } else {
                 full_scale::through_ffmpeg(&hints[0], width, height)
