@@ -63,6 +63,7 @@ pub struct Args {
     #[arg(
         long,
         value_parser = duration,
+        allow_hyphen_values = true,
         value_name = "TIME",
         required_unless_present_any = ["by_registers", "script"]
     )]

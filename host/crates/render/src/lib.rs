@@ -46,7 +46,7 @@ pub use expose::{Arithmetic, SimulatedSensor};
 pub use lens::{lens, sensor_grid};
 pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX};
 pub use lighting::{SceneInLight, SceneLight, scene_irradiance};
-pub use made_for::{MadeFor, check_made_for, made_for, open_irradiance, unchecked};
+pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 

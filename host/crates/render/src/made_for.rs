@@ -62,17 +62,6 @@ pub fn made_for(camera: &Camera) -> Result<MadeFor> {
     Ok(keys)
 }
 
-/// Opens a cube for the sensor stage of `camera`.
-///
-/// # Errors
-/// A file that is no cube; a camera whose lens, pitch, fill factor or size is another than the
-/// cube was made for.
-pub fn open_irradiance(path: &Path, camera: &Camera) -> Result<IrradianceCube> {
-    let cube = IrradianceCube::open(path)?;
-    check_made_for(camera, &cube.header).map_err(|e| e.at(path.display()))?;
-    Ok(cube)
-}
-
 /// Refuses a camera for which a cube was not made. A cube that does not say is let pass
 /// ([`unchecked`]), but for its size.
 ///
