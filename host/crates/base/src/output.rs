@@ -10,7 +10,7 @@ use crate::{Error, Result, platform};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{PoisonError, RwLock};
 use tempfile::{NamedTempFile, TempDir};
 
 /// Left in every directory that camrig writes: only a directory that has it is ever replaced.
@@ -150,8 +150,8 @@ pub fn write_file(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     output.finish()
 }
 
-/// Temporary names of outputs that are not finished.
-static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// Temporary names of outputs that are not finished. Who writes below one holds it for reading.
+static UNFINISHED: RwLock<Vec<PathBuf>> = RwLock::new(Vec::new());
 
 /// A name in [`UNFINISHED`], until it is dropped.
 struct Listed(PathBuf);
@@ -159,25 +159,26 @@ struct Listed(PathBuf);
 impl Listed {
     fn new(path: &Path) -> Self {
         let path = path.to_owned();
-        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.clone());
+        UNFINISHED.write().unwrap_or_else(PoisonError::into_inner).push(path.clone());
         Self(path)
     }
 }
 
 impl Drop for Listed {
     fn drop(&mut self) {
-        let mut all = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = UNFINISHED.write().unwrap_or_else(PoisonError::into_inner);
         all.retain(|path| *path != self.0);
     }
 }
 
-/// Attempts at removing a directory that other threads may still be writing into.
+/// Attempts at removing a directory that others may still be writing into by its path.
 const ATTEMPTS: usize = 100;
 
 /// Removes all outputs that are not finished, for a program that a signal ends: nothing is dropped
-/// then.
+/// then. Writers that come after it wait for the end.
 pub fn remove_unfinished() {
-    for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+    let mut all = UNFINISHED.write().unwrap_or_else(PoisonError::into_inner);
+    for path in all.drain(..) {
         for _ in 0..ATTEMPTS {
             let removed =
                 if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
@@ -186,6 +187,7 @@ pub fn remove_unfinished() {
             }
         }
     }
+    std::mem::forget(all);
 }
 
 /// A directory being filled: write into [`OutputDir::path`], then [`OutputDir::finish`].
@@ -224,6 +226,8 @@ impl OutputDir {
     /// # Errors
     /// What the operating system refuses.
     pub fn write(&self, name: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+        // A folder must not come back after `remove_unfinished`.
+        let _writing = UNFINISHED.read().unwrap_or_else(PoisonError::into_inner);
         let place = self.path().join(&name);
         let shown = self.path.join(&name);
         if let Some(folder) = place.parent() {
