@@ -209,7 +209,8 @@ mod tests {
             ("sensor.seed", 5.into()),
             ("effect.row-temporal-noise.sigma_e", 3.0.into()),
         ];
-        let header = open_irradiance(&path, &camera(&of_the_sensor)).unwrap().header;
+        let header = IrradianceCube::open(&path).unwrap().header;
+        check_made_for(&camera(&of_the_sensor), &header).unwrap();
         for (key, value) in [
             ("lens.f_number", 8.0.into()),
             ("lens.focal_length_mm", 5.5.into()),
