@@ -8,7 +8,6 @@
 use super::CubeHeader;
 use camrig_base::{Error, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
-use camrig_exposure::IrradianceCube;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -179,6 +178,7 @@ fn digest(hasher: Sha256) -> String {
 mod tests {
     use super::*;
     use crate::{SceneLight, frame_info, scene_irradiance};
+    use camrig_exposure::IrradianceCube;
     use camrig_optics::Options;
 
     fn camera(changes: &[(&str, toml::Value)]) -> Camera {
