@@ -55,11 +55,11 @@ impl<A: Arith, F: Fn(u32, u32) -> f32> MeanRows<A> for Means<F> {
     }
 }
 
-/// A frame's DN, row by row.
+/// A frame's DN, row by row. The source is dynamic, so that the chain is compiled once, not per light.
 pub fn frame<A: Arith>(
     config: &SensorConfig,
     settings: &FrameSettings,
-    source: &mut impl MeanRows<A>,
+    source: &mut dyn MeanRows<A>,
 ) -> Vec<u16> {
     let rows: Vec<u32> = (0..config.height).collect();
     rows_of::<A>(config, settings, source, &rows)
@@ -69,7 +69,7 @@ pub fn frame<A: Arith>(
 pub fn rows_of<A: Arith>(
     config: &SensorConfig,
     settings: &FrameSettings,
-    source: &mut impl MeanRows<A>,
+    source: &mut dyn MeanRows<A>,
     rows: &[u32],
 ) -> Vec<u16> {
     let mut memory = vec![[A::Signal::default(); BLOCK]; memory_blocks(config)];

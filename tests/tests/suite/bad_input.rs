@@ -224,7 +224,7 @@ fn faulty_irradiance_files_are_refused() {
     }
     std::fs::write(dir.path().join("a.irr"), &whole).unwrap();
     std::fs::write(dir.path().join("c.toml"), small_camera(32, 48, &[])).unwrap();
-    refuses(dir.path(), command, &["64 x 48", "32 x 48"]);
+    refuses(dir.path(), command, &["sensor.width: 64, of the camera 32"]);
 }
 
 #[cfg(target_os = "linux")]
