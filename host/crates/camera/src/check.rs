@@ -296,7 +296,7 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
             .at(name)
             .help("the columns are wavelength_nm,transmittance"));
     }
-    table.spectrum(0)
+    Ok(table.spectrum(0)?.from_table(name))
 }
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
@@ -340,7 +340,7 @@ fn quantum_efficiency(
     let letters: Vec<String> =
         cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
     let names = if cfa.is_mono() && table.curves.len() == 1 {
-        return Ok((letters, vec![table.spectrum(0)?]));
+        return Ok((letters, vec![table.spectrum(0)?.from_table(name)]));
     } else if table.column("gr").is_some() && table.column("gb").is_some() {
         ["r", "gr", "gb", "b"].map(String::from).to_vec()
     } else {
@@ -356,7 +356,7 @@ fn quantum_efficiency(
                 known.join(",")
             ))
         })?;
-        curves.push(table.spectrum(column)?);
+        curves.push(table.spectrum(column)?.from_table(format!("{name}, column {channel:?},")));
     }
     Ok((names, curves))
 }

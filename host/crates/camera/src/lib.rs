@@ -41,7 +41,7 @@ pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
-use camrig_base::{Error, Result, Spectrum, mistakes, toml_text};
+use camrig_base::{Bands, Error, Result, Spectrum, mistakes, toml_text};
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
@@ -142,6 +142,14 @@ pub fn is_preset(spec: &str) -> bool {
 }
 
 impl Camera {
+    /// Remarks for the user on light in `bands`: tables whose last value is held beyond their end.
+    pub fn notes(&self, bands: &Bands) -> Vec<String> {
+        let sensor = &self.sensor;
+        let curves =
+            [&self.lens.transmittance].into_iter().chain(&sensor.ir_cut).chain(&sensor.qe);
+        curves.filter_map(|curve| curve.held(bands)).collect()
+    }
+
     /// Loads a camera file, or a built-in preset where `spec` has no path separator and no
     /// extension.
     ///

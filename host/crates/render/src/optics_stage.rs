@@ -96,7 +96,9 @@ impl OpticsStage {
                 .map_err(|e| e.at(&self.scene))?;
         let mut notes = opened.scene.notes();
         notes.extend(of_lens);
-        let light = opened.illuminant;
+        let (bands, light) = (opened.scene.bands(), opened.illuminant);
+        notes.extend(camera.notes(&bands));
+        notes.extend(light.as_ref().and_then(|light| light.power.held(&bands)));
         Ok(OpticsOutput { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
     }
 }

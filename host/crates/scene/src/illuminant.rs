@@ -175,7 +175,7 @@ fn from_file(text: &str) -> Result<Spectrum> {
             .at(path.display())
             .help("spectral power cannot be negative"));
     }
-    table.spectrum(0)
+    Ok(table.spectrum(0)?.from_table(text))
 }
 
 fn unknown(text: &str) -> Error {
