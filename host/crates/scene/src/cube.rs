@@ -8,6 +8,7 @@
 //! mean of the spectrum over the band (linear between source bands). A cube that does not reach
 //! 400 or 700 nm is extended by its end values, which [`Scene::notes`] says.
 
+use super::selection::{Arranged, Stated, arrange};
 use super::{Grid, Quantity, Scene};
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 
@@ -55,32 +56,33 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// A cube whose source bands are centred at `wavelength_nm`, strictly rising.
+    /// A cube whose source bands are centred at `wavelength_nm`, in any order.
     ///
     /// # Errors
-    /// Wavelengths that are not one per band, do not rise, or lie outside 200 to 2500 nm.
+    /// Those of [`Cube::stated`].
     pub fn new(
         source: Box<dyn BandSource>,
         wavelength_nm: Vec<f64>,
         quantity: Quantity,
     ) -> Result<Self> {
-        if wavelength_nm.len() != source.bands() {
-            return Err(Error::input(format!(
-                "{} wavelengths for {} bands",
-                wavelength_nm.len(),
-                source.bands()
-            ))
-            .help("give the centre of every band in nm"));
-        }
-        // Spectrum::new checks that the wavelengths rise.
-        Spectrum::new(wavelength_nm.clone(), vec![0.0; wavelength_nm.len()])?;
+        Self::stated(source, &wavelength_nm, quantity, Stated::default())
+    }
+
+    /// A cube of which the file says more than its wavelengths.
+    ///
+    /// # Errors
+    /// Wavelengths that are not one per band, or of which none lies within 200 to 2500 nm; lists
+    /// that do not fit.
+    pub(super) fn stated(
+        source: Box<dyn BandSource>,
+        wavelength_nm: &[f64],
+        quantity: Quantity,
+        stated: Stated,
+    ) -> Result<Self> {
+        let Arranged { source, wavelength_nm, mut notes } =
+            arrange(source, wavelength_nm, stated, WAVELENGTHS_NM)?;
         let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
-        if !WAVELENGTHS_NM.contains(&first) || !WAVELENGTHS_NM.contains(&last) {
-            return Err(Error::input(format!("bands from {first} to {last} nm"))
-                .help("wavelengths are in nanometres, 200 to 2500"));
-        }
         let bands = scene_bands(&wavelength_nm);
-        let mut notes = Vec::new();
         let [blue, red] = VISIBLE_NM;
         if first > blue + bands.step_nm / 2.0 || last < red - bands.step_nm / 2.0 {
             notes.push(format!(

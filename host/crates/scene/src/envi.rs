@@ -2,12 +2,14 @@
 //!
 //! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`, `data
 //! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
-//! `reflectance scale factor`). The reader takes interleave bsq, bil and bip, both byte orders and
+//! `reflectance scale factor`, `data gain values`, `data offset values`, `bbl`, `data ignore
+//! value`). The reader takes interleave bsq, bil and bip, both byte orders and
 //! data types 1, 2, 3, 4, 5, 12 and 13. The writer makes bsq of little-endian floats, with the
 //! additional key `quantity`.
 
 use super::Quantity;
 use super::cube::Cube;
+use super::selection::Stated;
 use super::sidecar::Sidecar;
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Bands, Error, Plane, Result};
@@ -57,7 +59,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let data = Bytes::File(data_file(path)?);
     let layout = Layout::packed(axes, lengths)?;
     let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
-    Cube::new(Box::new(cube), nm, sidecar.quantity(own))
+    Cube::stated(Box::new(cube), &nm, sidecar.quantity(own), header.stated(f64::from(scale))?)
 }
 
 /// The data file of a header: its name without `.hdr`, or with one of the usual extensions.
@@ -65,7 +67,10 @@ fn data_file(header: &Path) -> Result<PathBuf> {
     let bare = header.with_extension("");
     let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
     let mut candidates = vec![bare.clone()];
-    candidates.extend(endings.iter().map(|ending| bare.with_extension(ending)));
+    for ending in endings {
+        candidates.push(bare.with_extension(ending));
+        candidates.push(bare.with_extension(ending.to_uppercase()));
+    }
     let found = candidates.into_iter().find(|candidate| candidate.is_file());
     found.ok_or_else(|| {
         Error::input(format!("no data file {} (.img, .dat, .raw, ...)", bare.display()))
@@ -78,7 +83,8 @@ struct Header(BTreeMap<String, String>);
 impl Header {
     /// `key = value` lines after a first line `ENVI`; a value in braces may span lines.
     fn parse(text: &str) -> Result<Self> {
-        let mut lines = text.lines().enumerate();
+        // A byte order mark, which some editors put before UTF-8.
+        let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
         if lines.next().is_none_or(|(_, first)| first.trim() != "ENVI") {
             return Err(Error::input("the first line is not ENVI").help("this is no ENVI header"));
         }
@@ -117,17 +123,42 @@ impl Header {
             .map_err(|_| Error::input(format!("{key} = {text}")).help("give a whole number"))
     }
 
+    /// A list of numbers in braces; a comma behind the last is no further entry.
+    fn list(&self, key: &str) -> Result<Option<Vec<f64>>> {
+        let Some(text) = self.text(key) else { return Ok(None) };
+        let text = text.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']);
+        let numbers = text.split(',').map(str::trim);
+        let number =
+            |n: &str| n.parse().map_err(|_| Error::input(format!("{key} {n:?} is no number")));
+        numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
+    }
+
     fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
-        let Some(text) = self.text("wavelength") else { return Ok(None) };
-        let numbers = text.trim_matches(['{', '}', ' ']).split(',').map(str::trim);
-        let list: Vec<f64> = numbers
-            .map(|n| n.parse().map_err(|_| Error::input(format!("wavelength {n:?} is no number"))))
-            .collect::<Result<_>>()?;
+        let Some(list) = self.list("wavelength")? else { return Ok(None) };
         let units = self.text("wavelength units").unwrap_or("").to_ascii_lowercase();
         // Where the unit is missing, numbers below 100 cannot be nanometres of light.
         let micrometres = units.starts_with("micro") || units == "um" || list[0] < 100.0;
         let to_nm = if micrometres { 1000.0 } else { 1.0 };
         Ok(Some(list.into_iter().map(|w| w * to_nm).collect()))
+    }
+
+    /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
+    /// offset make of them.
+    fn stated(&self, scale: f64) -> Result<Stated> {
+        let offset = self.list("data offset values")?;
+        let good = self.list("bbl")?.map(|list| list.iter().map(|v| *v != 0.0).collect());
+        let ignored = match self.text("data ignore value") {
+            Some(text) => Some(text.parse::<f64>().map(|v| v * scale).map_err(|_| {
+                Error::input(format!("data ignore value = {text}")).help("give a number")
+            })?),
+            None => None,
+        };
+        Ok(Stated {
+            gain: self.list("data gain values")?,
+            offset: offset.map(|list| list.iter().map(|v| v * scale).collect()),
+            good,
+            ignored,
+        })
     }
 }
 
@@ -263,5 +294,29 @@ mod tests {
         assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
         std::fs::remove_file(dir.path().join("cube")).unwrap();
         assert!(message(good).contains("no data file"));
+    }
+
+    #[test]
+    fn gains_offsets_bad_bands_and_missing_data_count() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.hdr");
+        // Reflectance 0.1, 0.2, 0.3, 0.4 from 400 to 700 nm as 2 sample - 0.1; one sample of 255.
+        std::fs::write(path.with_extension("IMG"), [10, 15, 20, 25, 10, 15, 255, 25]).unwrap();
+        let header = "\u{feff}ENVI\nsamples = 1\nlines = 2\nbands = 4\ndata type = 1\n\
+                      interleave = bip\nwavelength = {400, 500, 600, 700,\n}\n\
+                      data gain values = {0.02, 0.02, 0.02, 0.02}\n\
+                      data offset values = {-0.1, -0.1, -0.1, -0.1}\n\
+                      data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
+        std::fs::write(&path, header).unwrap();
+        let scene = open(path.to_str().unwrap()).unwrap();
+        assert_eq!(scene.notes().len(), 2, "{:?}", scene.notes());
+        let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
+        // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
+        for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {
+            let plane = scene.plane(band, &grid).unwrap();
+            for (got, expected) in plane.data.iter().zip(expected) {
+                assert!((got - expected).abs() < 1e-6, "{band}: {got} for {expected}");
+            }
+        }
     }
 }

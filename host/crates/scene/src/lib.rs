@@ -49,6 +49,7 @@ pub mod numpy;
 pub mod painting;
 pub mod photometry;
 pub mod preview;
+mod selection;
 pub mod shape;
 mod sidecar;
 pub mod stored;
