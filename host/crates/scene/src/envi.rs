@@ -4,13 +4,13 @@
 //! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
 //! `reflectance scale factor`, `data gain values`, `data offset values`, `bbl`, `data ignore
 //! value`). The reader takes interleave bsq, bil and bip, both byte orders and
-//! data types 1, 2, 3, 4, 5, 12 and 13. The writer makes bsq of little-endian floats, with the
+//! data types 1 to 5 and 12 to 15. The writer makes bsq of little-endian floats, with the
 //! additional key `quantity`.
 
 use super::Quantity;
 use super::cube::Cube;
 use super::selection::Stated;
-use super::sidecar::Sidecar;
+use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Bands, Error, Plane, Result};
 use std::collections::BTreeMap;
@@ -42,24 +42,40 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         5 => Sample::F64,
         12 => Sample::U16,
         13 => Sample::U32,
+        14 => Sample::I64,
+        15 => Sample::U64,
         other => {
             return Err(Error::unsupported(format!("data type = {other}"))
-                .help("read are 1, 2, 3, 4, 5, 12 and 13 (real numbers of up to 64 bits)"));
+                .help("read are 1 to 5 and 12 to 15: real numbers, not the complex of 6 and 9"));
         }
     };
     let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
     let big_endian = header.text("byte order") == Some("1");
     let reflectance_scale = header.number("reflectance scale factor")?;
     let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
-    let own = match header.text("quantity") {
-        Some("radiance") => Some(Quantity::Radiance),
-        _ => None,
+    let data = data_file(path)?;
+    let mut understood = vec![format!(
+        "ENVI, {axes} from slowest to fastest, {sample:?}, in {}",
+        data.display()
+    )];
+    if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
+        understood.push(format!("reflectance scale factor {s}: samples times {scale}"));
+    }
+    for key in ["data gain values", "data offset values"] {
+        understood.extend(header.text(key).map(|_| format!("{key}, band by band")));
+    }
+    let own = Own {
+        nm: header.wavelengths()?,
+        quantity: header.text("quantity").and_then(Quantity::parse),
+        stated: header.stated(scale)?,
+        understood,
+        notes: header.ignored().into_iter().collect(),
+        ..Own::default()
     };
-    let nm = sidecar.wavelengths(bands, header.wavelengths()?)?;
-    let data = Bytes::File(data_file(path)?);
+    let data = Bytes::File(data);
     let layout = Layout::packed(axes, lengths)?;
     let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
-    Cube::stated(Box::new(cube), &nm, sidecar.quantity(own), header.stated(f64::from(scale))?)
+    sidecar.cube(Box::new(cube), own)
 }
 
 /// The data file of a header: its name without `.hdr`, or with one of the usual extensions.
@@ -77,6 +93,47 @@ fn data_file(header: &Path) -> Result<PathBuf> {
             .help("the data file lies beside the header and has its name")
     })
 }
+
+/// Keys that the reader uses, or that say nothing of the samples.
+const KNOWN: &[&str] = &[
+    "samples",
+    "lines",
+    "bands",
+    "data type",
+    "interleave",
+    "byte order",
+    "header offset",
+    "wavelength",
+    "wavelength units",
+    "reflectance scale factor",
+    "data gain values",
+    "data offset values",
+    "bbl",
+    "data ignore value",
+    "quantity",
+    "description",
+    "file type",
+    "fwhm",
+    "band names",
+    "default bands",
+    "sensor type",
+    "map info",
+    "coordinate system string",
+    "acquisition time",
+    "x start",
+    "y start",
+    "z plot titles",
+    "z plot range",
+    "default stretch",
+    "geo points",
+    "projection info",
+    "cloud cover",
+    "sun azimuth",
+    "sun elevation",
+];
+
+/// Speed of light in nm · GHz (exact by the SI's definition of the metre).
+const LIGHT_NM_GHZ: f64 = 299_792_458.0;
 
 struct Header(BTreeMap<String, String>);
 
@@ -133,29 +190,50 @@ impl Header {
         numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
     }
 
+    /// Keys that the reader does not know, most of which say where and when the scene was taken.
+    fn ignored(&self) -> Option<String> {
+        let unknown: Vec<&str> =
+            self.0.keys().map(String::as_str).filter(|key| !KNOWN.contains(key)).collect();
+        (!unknown.is_empty())
+            .then(|| format!("keys of the header that were not used: {}", unknown.join(", ")))
+    }
+
     fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
         let Some(list) = self.list("wavelength")? else { return Ok(None) };
-        let units = self.text("wavelength units").unwrap_or("").to_ascii_lowercase();
-        // Where the unit is missing, numbers below 100 cannot be nanometres of light.
-        let micrometres = units.starts_with("micro") || units == "um" || list[0] < 100.0;
-        let to_nm = if micrometres { 1000.0 } else { 1.0 };
-        Ok(Some(list.into_iter().map(|w| w * to_nm).collect()))
+        let units = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
+        let to_nm: fn(f64) -> f64 = match units.as_str() {
+            "nanometers" | "nanometres" | "nanometer" | "nm" => |nm| nm,
+            "micrometers" | "micrometres" | "micrometer" | "microns" | "um" | "µm" => {
+                |um| um * 1e3
+            }
+            "angstroms" | "angstrom" => |angstroms| angstroms * 0.1,
+            "wavenumber" => |per_cm| 1e7 / per_cm,
+            "ghz" => |ghz| LIGHT_NM_GHZ / ghz,
+            "" | "unknown" if list[0] < 100.0 => |um| um * 1e3,
+            "" | "unknown" => |nm| nm,
+            other => {
+                return Err(Error::unsupported(format!("wavelength units = {other}")).help(
+                    "write the wavelengths in nanometres or micrometres, or give wavelength_nm",
+                ));
+            }
+        };
+        Ok(Some(list.into_iter().map(to_nm).collect()))
     }
 
     /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
     /// offset make of them.
-    fn stated(&self, scale: f64) -> Result<Stated> {
+    fn stated(&self, scale: f32) -> Result<Stated> {
         let offset = self.list("data offset values")?;
         let good = self.list("bbl")?.map(|list| list.iter().map(|v| *v != 0.0).collect());
         let ignored = match self.text("data ignore value") {
-            Some(text) => Some(text.parse::<f64>().map(|v| v * scale).map_err(|_| {
+            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
                 Error::input(format!("data ignore value = {text}")).help("give a number")
             })?),
             None => None,
         };
         Ok(Stated {
             gain: self.list("data gain values")?,
-            offset: offset.map(|list| list.iter().map(|v| v * scale).collect()),
+            offset: offset.map(|list| list.iter().map(|v| v * f64::from(scale)).collect()),
             good,
             ignored,
         })

@@ -13,8 +13,8 @@ pub struct Stated {
     pub offset: Option<Vec<f64>>,
     /// Whether a band is good (ENVI `bbl`).
     pub good: Option<Vec<bool>>,
-    /// The sample that stands for no data (ENVI `data ignore value`).
-    pub ignored: Option<f64>,
+    /// The sample that stands for no data (ENVI `data ignore value`), as the source gives it.
+    pub ignored: Option<f32>,
 }
 
 /// Some bands of a source, in another order and unit.
@@ -44,7 +44,7 @@ impl BandSource for Selection {
         let mut plane = self.source.read(stored)?;
         for sample in &mut plane.data {
             *sample = match self.ignored {
-                Some(ignored) if *sample == ignored => 0.0,
+                Some(no) if *sample == no || sample.is_nan() && no.is_nan() => 0.0,
                 _ => (gain * f64::from(*sample) + offset) as f32,
             };
         }
@@ -149,7 +149,7 @@ pub fn arrange(
     let source: Box<dyn BandSource> = if as_stored {
         source
     } else {
-        Box::new(Selection { source, bands, ignored: stated.ignored.map(|v| v as f32) })
+        Box::new(Selection { source, bands, ignored: stated.ignored })
     };
     Ok(Arranged { source, wavelength_nm, notes })
 }
