@@ -41,6 +41,8 @@ pub struct Spectrum {
     value: Vec<f64>,
     /// The table that it is from, in words.
     source: Option<String>,
+    /// What was assumed in reading it.
+    remarks: Vec<String>,
 }
 
 /// The same samples; where they are from does not count.
@@ -77,15 +79,31 @@ impl Spectrum {
             return Err(Error::input(format!("value {} at {} nm", value[i], wavelength_nm[i]))
                 .help("values must be finite numbers"));
         }
-        Ok(Self { wavelength_nm, value, source: None })
+        Ok(Self { wavelength_nm, value, source: None, remarks: Vec::new() })
     }
 
     /// The same value at every wavelength.
     pub fn constant(value: f64) -> Self {
-        Self { wavelength_nm: vec![550.0], value: vec![value], source: None }
+        let (wavelength_nm, value) = (vec![550.0], vec![value]);
+        Self { wavelength_nm, value, source: None, remarks: Vec::new() }
     }
 
-    /// The curve as one from a table, which [`Spectrum::held`] names.
+    /// The curve with remarks on how its table was read, for [`Spectrum::notes`].
+    #[must_use]
+    pub fn remarked(mut self, remarks: &[String]) -> Self {
+        self.remarks.extend_from_slice(remarks);
+        self
+    }
+
+    /// Remarks for the user: what was assumed in reading the table, and where it is held beyond its
+    /// end in `bands`.
+    pub fn notes(&self, bands: &Bands) -> Vec<String> {
+        let source = self.source.as_deref().unwrap_or("a table");
+        let remarks = self.remarks.iter().map(|remark| format!("{source}: {remark}"));
+        remarks.chain(self.held(bands)).collect()
+    }
+
+    /// The curve as one from a table, which [`Spectrum::notes`] names.
     #[must_use]
     pub fn from_table(mut self, source: impl Into<String>) -> Self {
         self.source = Some(source.into());

@@ -13,6 +13,9 @@ use std::cell::RefCell;
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
 const WIDEST_GAP_NM: f64 = 25.0;
+/// Largest values of a table that are per cent: more than a measured fraction with its error, up to
+/// 100 with the same.
+const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
 /// The visible range that every curve must cover, nm: the bands of built-in scenes.
 const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
 /// Range of fields and ratios in a table of relative illumination. Both are 1 at most by
@@ -302,7 +305,9 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
 /// Reads a table and checks that its values are fractions and that it covers the visible range
 /// without wide gaps.
 fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
-    let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    let mut table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    table.clip_noise();
+    from_percent(&mut table);
     for (column, values) in &table.curves {
         if let Some(i) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
             return Err(Error::input(format!(
@@ -310,7 +315,7 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
                 values[i], table.wavelength_nm[i]
             ))
             .at(name)
-            .help("values are fractions, 0 to 1"));
+            .help("values are fractions, 0 to 1, or per cent, 0 to 100"));
         }
     }
     if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > WIDEST_GAP_NM) {
@@ -327,6 +332,19 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
             .help(format!("it must cover at least {blue} to {red} nm")));
     }
     Ok(table)
+}
+
+/// Divides a table of per cent by 100: one whose header says so, or whose largest value can be no
+/// fraction.
+fn from_percent(table: &mut SpectralTable) {
+    let largest = table.curves.iter().flat_map(|(_, v)| v).fold(0.0f64, |m, &v| m.max(v));
+    if !table.percent && !PERCENT.contains(&largest) {
+        return;
+    }
+    table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
+    let of = if table.percent { "as its header says" } else { "as values go up to" };
+    let upto = if table.percent { String::new() } else { format!(" {largest}") };
+    table.remarks.push(format!("its values are taken as per cent, {of}{upto}"));
 }
 
 /// Channel names and curves. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one

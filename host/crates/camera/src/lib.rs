@@ -142,12 +142,16 @@ pub fn is_preset(spec: &str) -> bool {
 }
 
 impl Camera {
-    /// Remarks for the user on light in `bands`: tables whose last value is held beyond their end.
+    /// Remarks for the user on light in `bands`: what was assumed in reading tables, and where
+    /// their last value is held beyond their end.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
         let sensor = &self.sensor;
         let curves =
             [&self.lens.transmittance].into_iter().chain(&sensor.ir_cut).chain(&sensor.qe);
-        curves.filter_map(|curve| curve.held(bands)).collect()
+        let mut notes: Vec<String> = curves.flat_map(|curve| curve.notes(bands)).collect();
+        // The columns of a table share its remarks.
+        notes.dedup();
+        notes
     }
 
     /// Loads a camera file, or a built-in preset where `spec` has no path separator and no

@@ -422,7 +422,10 @@ mod tests {
         assert_eq!(dark.band(2).unwrap().data[..3], [0.5, 0.0, 0.5]);
         dark.band(2).unwrap();
         let notes = dark.notes();
-        assert!(notes[0].starts_with("1 negative samples in 1 bands, down to -0.003"), "{notes:?}");
+        assert!(
+            notes[0].starts_with("1 negative samples in 1 bands, down to -0.003"),
+            "{notes:?}"
+        );
         // Far below zero only if asked for.
         let wrong = cube(visible(), |x, _, _| if x == 2 { -0.5 } else { 0.5 });
         let message = wrong.band(0).unwrap_err().to_string();

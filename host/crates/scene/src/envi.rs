@@ -54,10 +54,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let reflectance_scale = header.number("reflectance scale factor")?;
     let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
     let data = data_file(path)?;
-    let mut understood = vec![format!(
-        "ENVI, {axes} from slowest to fastest, {sample:?}, in {}",
-        data.display()
-    )];
+    let mut understood =
+        vec![format!("ENVI, {axes} from slowest to fastest, {sample:?}, in {}", data.display())];
     if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
         understood.push(format!("reflectance scale factor {s}: samples times {scale}"));
     }

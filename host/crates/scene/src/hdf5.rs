@@ -132,7 +132,8 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     let dataset = file.dataset(name).map_err(refused)?;
     let shape: Vec<usize> =
         dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
-    let lengths: Vec<usize> = shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1).collect();
+    let lengths: Vec<usize> =
+        shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1).collect();
     let Ok(lengths) = <[usize; 3]>::try_from(lengths) else {
         return Err(Error::input(format!("array {name:?} of shape {shape:?}"))
             .help("a spectral cube has three axes: rows, columns, bands"));

@@ -56,7 +56,9 @@ pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cub
     if let Some(i) = steps.iter().position(|&s| if named_by_nm { s <= 0.0 } else { s != 1.0 }) {
         return Err(Error::input(format!("number {} follows {}", numbers[i + 1], numbers[i]))
             .at(folder.display())
-            .help("the pictures of a scene end in the numbers of its bands, none twice or missing"));
+            .help(
+                "the pictures of a scene end in the numbers of its bands, none twice or missing",
+            ));
     }
     let size = picture_size(&files[0])?;
     for file in &files {
@@ -130,9 +132,9 @@ fn picture_size(path: &Path) -> Result<(usize, usize)> {
 
 fn png_reader(path: &Path) -> Result<png::Reader<BufReader<File>>> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
-    png::Decoder::new(BufReader::new(file)).read_info().map_err(|e| {
-        Error::input(format!("not a readable PNG: {e}")).at(path.display())
-    })
+    png::Decoder::new(BufReader::new(file))
+        .read_info()
+        .map_err(|e| Error::input(format!("not a readable PNG: {e}")).at(path.display()))
 }
 
 /// The grey picture in a PNG, as counts.
@@ -191,9 +193,8 @@ fn stack(path: &Path) -> Result<((usize, usize), usize, usize)> {
             tiff::ColorType::Multiband { num_samples, .. } => usize::from(num_samples),
             other => return Err(Error::input(format!("a picture of {other:?}")).help(COLOUR)),
         };
-        let tag = |decoder: &mut Decoder<_>, tag| {
-            decoder.find_tag_unsigned::<u16>(tag).map_err(failed)
-        };
+        let tag =
+            |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
         if tag(&mut decoder, Tag::PhotometricInterpretation)? == Some(0) {
             return Err(Error::unsupported("a TIFF in which 0 is white")
                 .help("save it with 0 as black (PhotometricInterpretation 1)"));
@@ -315,8 +316,7 @@ mod tests {
         encoder.set_color(kind);
         encoder.set_depth(png::BitDepth::Sixteen);
         let repeat = if kind == png::ColorType::Rgb { 3 } else { 1 };
-        let bytes: Vec<u8> =
-            samples.iter().flat_map(|v| v.to_be_bytes().repeat(repeat)).collect();
+        let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_be_bytes().repeat(repeat)).collect();
         encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
     }
 

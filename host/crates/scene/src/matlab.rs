@@ -204,9 +204,7 @@ impl<'a> Cursor<'a> {
     fn head(&mut self) -> Result<Head> {
         let flags = self.element()?.1;
         if flags.len() < 4 {
-            return Err(
-                Error::input("an array without flags").help("the MATLAB file is damaged")
-            );
+            return Err(Error::input("an array without flags").help("the MATLAB file is damaged"));
         }
         let class = flags[0];
         let (kind, shape) = self.element()?;
