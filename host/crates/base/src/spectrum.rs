@@ -132,7 +132,8 @@ impl Spectrum {
         (!ends.is_empty()).then(|| {
             let ends = ends.join(" and ");
             format!(
-                "{source} {ends}: add lines to the table if that is not so (zeros, if it is 0)"
+                "{source} {ends}: use a table that reaches further if that is not so (with zeros, \
+                 where it is 0)"
             )
         })
     }

@@ -33,10 +33,7 @@ impl SpectralTable {
     /// A file that cannot be read, and those of [`SpectralTable::parse`].
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
-        // Units such as µm in the encodings of old programs.
-        let text = String::from_utf8(bytes)
-            .unwrap_or_else(|e| e.into_bytes().iter().map(|&byte| char::from(byte)).collect());
-        Self::parse(&text).map_err(|e| e.at(path.display()))
+        Self::parse(&text_of(bytes)).map_err(|e| e.at(path.display()))
     }
 
     /// Parses the text of a file.
@@ -130,6 +127,21 @@ impl SpectralTable {
     }
 }
 
+/// The text of a table's file: UTF-8, UTF-16 with its mark (a spreadsheet's "Unicode text"), else
+/// Latin-1, for units such as µm in the encodings of old programs.
+pub fn text_of(bytes: Vec<u8>) -> String {
+    let words = |from: fn([u8; 2]) -> u16| {
+        let pairs = bytes[2..].chunks_exact(2).map(|pair| from([pair[0], pair[1]]));
+        String::from_utf16_lossy(&pairs.collect::<Vec<u16>>())
+    };
+    match bytes[..] {
+        [0xff, 0xfe, ..] => words(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => words(u16::from_be_bytes),
+        _ => String::from_utf8(bytes)
+            .unwrap_or_else(|e| e.into_bytes().iter().map(|&byte| char::from(byte)).collect()),
+    }
+}
+
 /// A table compiled into the program; its content is fixed, so a fault in it is a fault of the
 /// build that the tests of this module's users catch.
 pub fn built_in(text: &'static str) -> SpectralTable {
@@ -191,11 +203,37 @@ mod tests {
     }
 
     #[test]
+    fn texts_of_any_encoding_are_read() {
+        let words: Vec<u8> = "\u{feff}nm µ".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(text_of(words), "nm µ");
+        assert_eq!(text_of(b"\xb5m,1".to_vec()), "µm,1");
+        assert_eq!(text_of("µm,1".into()), "µm,1");
+        assert_eq!(text_of(vec![0xff, 0xfe, 0x41]), "");
+    }
+
+    #[test]
     fn noise_below_zero_is_taken_as_zero_and_more_is_not() {
         let text = "wavelength_nm,power\n380,-0.002\n400,1\n410,-0.5\n";
         let mut table = SpectralTable::parse(text).unwrap();
         table.clip_noise();
         assert_eq!(table.curves[0].1, [0.0, 1.0, -0.5]);
         assert!(table.remarks[0].contains("1 slightly negative"), "{:?}", table.remarks);
+    }
+
+    /// No text makes the parser panic.
+    #[test]
+    fn damage_is_survived() {
+        let text = "\u{feff}Wavelength (nm);\"QE, %\"\r\n400;0,5\r\n410,5;-0,25\r\n";
+        for (i, _) in text.char_indices() {
+            for piece in ["", ",", ";", "\t", "\"", "\n", "µ", "(", "1e999", "-", "#"] {
+                let damaged = format!("{}{piece}{}", &text[..i], &text[i..]);
+                for text in [&damaged[..], &text[..i], &text[i..]] {
+                    if let Ok(mut table) = SpectralTable::parse(text) {
+                        table.clip_noise();
+                        let _ = table.spectrum(0);
+                    }
+                }
+            }
+        }
     }
 }

@@ -120,6 +120,9 @@ pub struct Sweep {
     sensor_seeds: Vec<Option<u64>>,
 }
 
+/// Endings of tables of spectra; `D5002.78K` has none.
+const TABLES: [&str; 5] = ["csv", "txt", "tsv", "spd", "dat"];
+
 /// A scene or a light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Named {
@@ -204,7 +207,8 @@ impl Sweep {
             }),
             illuminants: match &grid.illuminant {
                 Some(names) => named(names.values().map_err(|e| e.at("illuminant"))?, |name| {
-                    name.to_ascii_lowercase().ends_with(".csv").then_some(folder)
+                    let ending = name.rsplit_once('.').map(|(_, ending)| ending.to_lowercase());
+                    ending.is_some_and(|e| TABLES.contains(&e.as_str())).then_some(folder)
                 }),
                 None => named(vec!["D65".into()], |_| None),
             },

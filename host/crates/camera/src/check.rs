@@ -347,6 +347,9 @@ fn from_percent(table: &mut SpectralTable) {
     table.remarks.push(format!("its values are taken as per cent, {of}{upto}"));
 }
 
+/// Names of columns by the colours of the pattern's letters.
+const COLOURS: [(&str, &str); 3] = [("r", "red"), ("g", "green"), ("b", "blue")];
+
 /// Channel names and curves. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one
 /// column for mono, else one column per letter of the pattern.
 fn quantum_efficiency(
@@ -366,14 +369,16 @@ fn quantum_efficiency(
     };
     let mut curves = Vec::new();
     for channel in &names {
-        let column = table.column(channel).ok_or_else(|| {
-            let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
-            Error::input(format!("no column {channel:?}")).at(name).help(format!(
-                "the pattern needs columns wavelength_nm,{}; the table has {}",
-                names.join(","),
-                known.join(",")
-            ))
-        })?;
+        let colour = COLOURS.iter().find(|(letter, _)| letter == channel);
+        let column =
+            table.column(channel).or_else(|| table.column(colour?.1)).ok_or_else(|| {
+                let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
+                Error::input(format!("no column {channel:?}")).at(name).help(format!(
+                    "the pattern needs columns wavelength_nm,{}; the table has {}",
+                    names.join(","),
+                    known.join(",")
+                ))
+            })?;
         curves.push(table.spectrum(column)?.from_table(format!("{name}, column {channel:?},")));
     }
     Ok((names, curves))

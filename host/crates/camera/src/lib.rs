@@ -41,6 +41,7 @@ pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
+use camrig_base::table::text_of;
 use camrig_base::{Bands, Error, Result, Spectrum, mistakes, toml_text};
 use std::path::{Path, PathBuf};
 
@@ -114,7 +115,7 @@ impl Folder<'_> {
         match self {
             Folder::Directory(directory) => {
                 let path = directory.join(name);
-                std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))
+                std::fs::read(&path).map(text_of).map_err(|e| Error::io("read", &path, e))
             }
             Folder::BuiltIn => presets::file(name)
                 .map(str::to_string)

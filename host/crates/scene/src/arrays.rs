@@ -24,9 +24,9 @@ const LAYOUTS: &[(&str, usize, f64, &str)] = &[
     ("cube", 31, 400.0, "as in ARAD's sets (NTIRE 2020, 2022)"),
 ];
 
-/// Names of lists of wavelengths; any name with `wavelength` in it is one, too.
+/// Parts of the names of lists of wavelengths.
 const WAVELENGTH_NAMES: [&str; 8] =
-    ["bands", "wave", "waves", "wl", "lambda", "nm", "centers", "centres"];
+    ["wave", "wl", "wvl", "lambda", "band", "nm", "center", "centre"];
 /// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
@@ -140,8 +140,8 @@ impl<'a> Arrays<'a> {
         let cubes = self.list.iter().filter(|(_, shape)| three_axes(shape).is_some());
         let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
         if cubes.len() > 1 {
-            // Pictures beside the cube.
-            cubes.retain(|(_, shape)| !shape.contains(&3));
+            // Pictures of three colours beside the cube.
+            cubes.retain(|(_, shape)| shape.first() != Some(&3) && shape.last() != Some(&3));
         }
         let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_string();
         let chosen = match wanted {
@@ -153,6 +153,10 @@ impl<'a> Arrays<'a> {
                 known.next().filter(|_| known.next().is_none())
             }
         };
+        if self.list.is_empty() {
+            return Err(Error::input("no array of numbers at the file's top")
+                .help("save the cube as an array of its own, not within a struct or cell"));
+        }
         let Some((name, shape)) = chosen else {
             let all: Vec<String> =
                 self.list.iter().map(|(n, shape)| format!("{n} {shape:?}")).collect();
@@ -171,7 +175,7 @@ impl<'a> Arrays<'a> {
             let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
             let count = shape.iter().product();
             let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
-            let named = WAVELENGTH_NAMES.contains(&word.as_str()) || word.contains("wavelength");
+            let named = WAVELENGTH_NAMES.iter().any(|part| word.contains(part));
             if !named || !one_axis || !lengths.contains(&count) {
                 continue;
             }
@@ -183,6 +187,10 @@ impl<'a> Arrays<'a> {
                 _ => Some(hdf5::numbers(self.path, name)?),
             };
             let Some(list) = list else { continue };
+            let rises = |w: &[f64]| w[1] > w[0];
+            if list.windows(2).any(|w| rises(w) != rises(&list[..2])) {
+                continue;
+            }
             if list.iter().all(|nm| NM.contains(nm)) {
                 return Ok(Some((name.clone(), list)));
             }
@@ -215,6 +223,79 @@ impl<'a> Arrays<'a> {
                 let layout = Layout::packed(&backwards, lengths)?;
                 let bytes = Bytes::Memory(array.bytes);
                 Ok(Box::new(Strided::new(bytes, 0, array.sample, false, layout, scale)?))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::open_file;
+    use std::path::Path;
+
+    fn place(file: &str) -> String {
+        let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(file);
+        place.display().to_string()
+    }
+
+    /// Files written by scipy.io and h5py (`tests/data/make.py` holds the formula).
+    #[test]
+    fn arrays_are_read_by_name_and_layout() {
+        for (file, options) in [
+            ("array_v5.mat", ""),
+            ("array_v5.mat", "array=hsi,"),
+            ("array_v73.mat", ""),
+            ("array.h5", "array=cube,"),
+            ("array.h5", "array=scene/cube,"),
+            ("array.h5", "array=other,start_nm=400,step_nm=100,"),
+        ] {
+            let cube = open_file(&format!("{}:{options}scale=0.001", place(file))).unwrap();
+            assert_eq!(cube.size(), (3, 2), "{file} {options}");
+            for band in 0..4 {
+                let plane = cube.band(10 * band).unwrap();
+                for (i, got) in plane.data.iter().enumerate() {
+                    let expected = (1 + i % 3 + 3 * (i / 3) + band) as f32 / 10.0;
+                    assert!((got - expected).abs() < 1e-6, "{file} {options}: {got}, {expected}");
+                }
+            }
+        }
+        let v5 = open_file(&format!("{}:scale=0.001", place("array_v5.mat"))).unwrap();
+        let said = crate::Scene::notes(&v5).join("\n");
+        assert!(said.contains("not used: rgb, lbl"), "{said}");
+        assert!(v5.understood().join("\n").contains("from \"wavelengths\""));
+    }
+
+    #[test]
+    fn what_cannot_be_told_is_asked_for() {
+        let said = |spec: String| open_file(&spec).err().unwrap().to_string();
+        let ambiguous = said(place("array.h5"));
+        assert!(ambiguous.contains("array=NAME") && ambiguous.contains("scene/cube [4, 2, 3]"));
+        let missing = said(format!("{}:array=cube", place("array_v73.mat")));
+        assert!(
+            missing.contains("no numeric array \"cube\"") && missing.contains("rad [2, 3, 4]")
+        );
+        let counts = open_file(&place("array_v73.mat")).unwrap().band(0).err().unwrap();
+        assert!(counts.to_string().contains("1/65535"), "{counts}");
+    }
+
+    /// Cutting and corrupting a file gives an error or other values, never a panic.
+    #[test]
+    fn damage_is_survived() {
+        let dir = tempfile::tempdir().unwrap();
+        for file in ["array_v5.mat", "array_v73.mat", "array.h5"] {
+            let whole = std::fs::read(place(file)).unwrap();
+            let path = dir.path().join(file);
+            let spec = format!("{}:start_nm=400,step_nm=10", path.display());
+            let attempt = |bytes: &[u8]| {
+                std::fs::write(&path, bytes).unwrap();
+                open_file(&spec).and_then(|cube| cube.band(0)).is_err()
+            };
+            assert!(attempt(&whole[..whole.len() / 2]), "{file}");
+            for i in (0..whole.len()).step_by(7) {
+                attempt(&whole[..i]);
+                let mut damaged = whole.clone();
+                damaged[i] ^= 0x5a;
+                attempt(&damaged);
             }
         }
     }

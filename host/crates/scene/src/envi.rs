@@ -9,11 +9,10 @@
 
 use super::Quantity;
 use super::cube::Cube;
-use super::selection::Stated;
+use super::envi_header::Header;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Bands, Error, Plane, Result};
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +22,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let header = Header::parse(&String::from_utf8_lossy(&text))?;
     let [width, height, bands] =
         [header.size("samples")?, header.size("lines")?, header.size("bands")?];
+    header.refuse_other_layouts()?;
     let (axes, lengths) =
         match header.text("interleave").unwrap_or("bsq").to_ascii_lowercase().as_str() {
             "bsq" => ("byx", [bands, height, width]),
@@ -80,162 +80,22 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
 fn data_file(header: &Path) -> Result<PathBuf> {
     let bare = header.with_extension("");
     let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
-    let mut candidates = vec![bare.clone()];
-    for ending in endings {
-        candidates.push(bare.with_extension(ending));
-        candidates.push(bare.with_extension(ending.to_uppercase()));
-    }
-    let found = candidates.into_iter().find(|candidate| candidate.is_file());
-    found.ok_or_else(|| {
+    let candidates = endings.iter().map(|ending| bare.with_extension(ending));
+    let found = std::iter::once(bare.clone()).chain(candidates).find(|path| path.is_file());
+    // In capitals, or as some file systems leave them.
+    let alike = |path: &PathBuf| {
+        let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        path.file_stem() == bare.file_stem() && endings.contains(&&*ending.to_ascii_lowercase())
+    };
+    let listed = || {
+        let folder = header.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let files = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+        files.filter_map(|entry| Some(entry.ok()?.path())).filter(alike).min()
+    };
+    found.or_else(listed).ok_or_else(|| {
         Error::input(format!("no data file {} (.img, .dat, .raw, ...)", bare.display()))
             .help("the data file lies beside the header and has its name")
     })
-}
-
-/// Keys that the reader uses, or that say nothing of the samples.
-const KNOWN: &[&str] = &[
-    "samples",
-    "lines",
-    "bands",
-    "data type",
-    "interleave",
-    "byte order",
-    "header offset",
-    "wavelength",
-    "wavelength units",
-    "reflectance scale factor",
-    "data gain values",
-    "data offset values",
-    "bbl",
-    "data ignore value",
-    "quantity",
-    "description",
-    "file type",
-    "fwhm",
-    "band names",
-    "default bands",
-    "sensor type",
-    "map info",
-    "coordinate system string",
-    "acquisition time",
-    "x start",
-    "y start",
-    "z plot titles",
-    "z plot range",
-    "default stretch",
-    "geo points",
-    "projection info",
-    "cloud cover",
-    "sun azimuth",
-    "sun elevation",
-];
-
-/// Speed of light in nm · GHz (exact by the SI's definition of the metre).
-const LIGHT_NM_GHZ: f64 = 299_792_458.0;
-
-struct Header(BTreeMap<String, String>);
-
-impl Header {
-    /// `key = value` lines after a first line `ENVI`; a value in braces may span lines.
-    fn parse(text: &str) -> Result<Self> {
-        // A byte order mark, which some editors put before UTF-8.
-        let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
-        if lines.next().is_none_or(|(_, first)| first.trim() != "ENVI") {
-            return Err(Error::input("the first line is not ENVI").help("this is no ENVI header"));
-        }
-        let mut keys = BTreeMap::new();
-        while let Some((number, line)) = lines.next() {
-            let Some((key, value)) = line.split_once('=') else { continue };
-            let mut value = value.trim().to_string();
-            while value.starts_with('{') && !value.contains('}') {
-                let Some((_, next)) = lines.next() else {
-                    return Err(Error::input(format!("no closing brace for {:?}", key.trim()))
-                        .at(format!("line {}", number + 1)));
-                };
-                value.push(' ');
-                value.push_str(next);
-            }
-            keys.insert(key.trim().to_ascii_lowercase(), value);
-        }
-        Ok(Self(keys))
-    }
-
-    fn text(&self, key: &str) -> Option<&str> {
-        self.0.get(key).map(String::as_str)
-    }
-
-    fn number(&self, key: &str) -> Result<Option<f64>> {
-        let Some(text) = self.text(key) else { return Ok(None) };
-        match text.parse() {
-            Ok(number) if number > 0.0 => Ok(Some(number)),
-            _ => Err(Error::input(format!("{key} = {text}")).help("give a positive number")),
-        }
-    }
-
-    fn size(&self, key: &str) -> Result<usize> {
-        let text = self.text(key).ok_or_else(|| Error::input(format!("no key {key:?}")))?;
-        text.parse()
-            .map_err(|_| Error::input(format!("{key} = {text}")).help("give a whole number"))
-    }
-
-    /// A list of numbers in braces; a comma behind the last is no further entry.
-    fn list(&self, key: &str) -> Result<Option<Vec<f64>>> {
-        let Some(text) = self.text(key) else { return Ok(None) };
-        let text = text.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']);
-        let numbers = text.split(',').map(str::trim);
-        let number =
-            |n: &str| n.parse().map_err(|_| Error::input(format!("{key} {n:?} is no number")));
-        numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
-    }
-
-    /// Keys that the reader does not know, most of which say where and when the scene was taken.
-    fn ignored(&self) -> Option<String> {
-        let unknown: Vec<&str> =
-            self.0.keys().map(String::as_str).filter(|key| !KNOWN.contains(key)).collect();
-        (!unknown.is_empty())
-            .then(|| format!("keys of the header that were not used: {}", unknown.join(", ")))
-    }
-
-    fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
-        let Some(list) = self.list("wavelength")? else { return Ok(None) };
-        let units = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
-        let to_nm: fn(f64) -> f64 = match units.as_str() {
-            "nanometers" | "nanometres" | "nanometer" | "nm" => |nm| nm,
-            "micrometers" | "micrometres" | "micrometer" | "microns" | "um" | "µm" => {
-                |um| um * 1e3
-            }
-            "angstroms" | "angstrom" => |angstroms| angstroms * 0.1,
-            "wavenumber" => |per_cm| 1e7 / per_cm,
-            "ghz" => |ghz| LIGHT_NM_GHZ / ghz,
-            "" | "unknown" if list[0] < 100.0 => |um| um * 1e3,
-            "" | "unknown" => |nm| nm,
-            other => {
-                return Err(Error::unsupported(format!("wavelength units = {other}")).help(
-                    "write the wavelengths in nanometres or micrometres, or give wavelength_nm",
-                ));
-            }
-        };
-        Ok(Some(list.into_iter().map(to_nm).collect()))
-    }
-
-    /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
-    /// offset make of them.
-    fn stated(&self, scale: f32) -> Result<Stated> {
-        let offset = self.list("data offset values")?;
-        let good = self.list("bbl")?.map(|list| list.iter().map(|v| *v != 0.0).collect());
-        let ignored = match self.text("data ignore value") {
-            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
-                Error::input(format!("data ignore value = {text}")).help("give a number")
-            })?),
-            None => None,
-        };
-        Ok(Stated {
-            gain: self.list("data gain values")?,
-            offset: offset.map(|list| list.iter().map(|v| v * f64::from(scale)).collect()),
-            good,
-            ignored,
-        })
-    }
 }
 
 /// Writes a cube as `STEM.hdr` and `STEM.img`, band by band, in the unit of the quantity. `size`
@@ -364,6 +224,9 @@ mod tests {
         assert!(message(&good.replace("ENVI", "IVNE")).contains("no ENVI header"));
         assert!(message(&good.replace("bands = 4", "")).contains("no key \"bands\""));
         assert!(message(&good.replace("type = 1", "type = 6")).contains("data type = 6"));
+        assert!(message(&good.replace("start", "file compression = 1")).contains("compression"));
+        let wavenumbers = good.replace("start", "wavelength units = Furlongs");
+        assert!(message(&wavenumbers).contains("units = furlongs"));
         assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
         assert!(message(&good.replace('}', "")).contains("closing brace"));
         std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();

@@ -207,7 +207,8 @@ fn band(text: &str) -> Option<(Naming, f64)> {
     let word = text[..text.len() - number.len()].trim_end_matches(['_', ' ']).to_lowercase();
     let known = ["", "w", "wl", "wave", "wavelength", "lambda", "l", "band", "nm", "spectrum"];
     let nm = wavelength_nm(number).filter(|nm| BARE_NM.contains(nm))?;
-    known.contains(&word.as_str()).then_some((Naming::Wavelength, nm))
+    let with_unit = number.ends_with(char::is_alphabetic);
+    (with_unit || known.contains(&word.as_str())).then_some((Naming::Wavelength, nm))
 }
 
 /// The middle of an interval such as `545.00-555.00nm`, nm.
@@ -386,6 +387,7 @@ mod tests {
             ("layer.0.545um-0.555um", "layer", 550.0),
             ("w550nm", "", 550.0),
             ("wavelength_550", "", 550.0),
+            ("Radiance_550nm", "", 550.0),
             ("cube.550.0", "cube", 550.0),
         ] {
             let (found, _, at) = spectral(name).unwrap_or_else(|| panic!("{name}"));

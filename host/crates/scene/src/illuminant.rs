@@ -56,10 +56,15 @@ impl Illuminant {
                 (_, Some(kelvin)) => blackbody_of(kelvin).map_err(|e| e.at(text))?,
                 _ => match lamp(name)? {
                     Some(power) => power,
-                    None => from_file(text)?,
+                    None => {
+                        return Ok(Self { name: text.to_string(), power: from_file(text)? });
+                    }
                 },
             },
         };
+        // Equal power has one sample, which is no table's end.
+        let table = !text.eq_ignore_ascii_case("E");
+        let power = if table { power.from_table(format!("illuminant {text}")) } else { power };
         Ok(Self { name: text.to_string(), power })
     }
 

@@ -15,6 +15,8 @@ use tiff::tags::Tag;
 const MOST_PAGES: usize = 4096;
 /// Most pixels of a page: 2 GiB of memory as floats.
 const MOST_PIXELS: usize = 1 << 29;
+/// Memory that a page may take beyond its samples.
+const MARGIN_BYTES: usize = 64 << 20;
 /// Numbers at the end of names that are wavelengths, nm.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
 const COLOUR: &str =
@@ -172,7 +174,8 @@ fn read_png(path: &Path) -> Result<Vec<f32>> {
 fn decoder(path: &Path, pixels: usize) -> Result<Decoder<BufReader<File>>> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = pixels.saturating_mul(8);
+    // A tile or strip may reach beyond the page.
+    limits.decoding_buffer_size = pixels.saturating_mul(8).saturating_add(MARGIN_BYTES);
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
     Ok(Decoder::new(BufReader::new(file)).map_err(|e| unreadable(path, e))?.with_limits(limits))
 }
@@ -372,5 +375,37 @@ mod tests {
         encoder.write_image::<colortype::RGB8>(1, 1, &[1, 2, 3]).unwrap();
         let message = open_file(spec).err().unwrap().to_string();
         assert!(message.contains("no spectra"), "{message}");
+    }
+
+    /// Cutting and corrupting a file gives an error or other values, never a panic.
+    #[test]
+    fn damage_is_survived() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("stack.tif");
+        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+        for _ in 0..2 {
+            encoder.write_image::<colortype::Gray16>(3, 2, &[1, 2, 3, 4, 5, 6]).unwrap();
+        }
+        let folder = dir.path().join("bands");
+        std::fs::create_dir(&folder).unwrap();
+        let picture = folder.join("b_550.png");
+        grey(&picture, &[1, 2, 3, 4, 5, 6], png::ColorType::Grayscale);
+        for (file, spec) in [(&path, &path), (&picture, &folder)] {
+            let whole = std::fs::read(file).unwrap();
+            let spec = format!("{}:start_nm=400,step_nm=10,scale=1e-4", spec.display());
+            let attempt = |bytes: &[u8]| {
+                std::fs::write(file, bytes).unwrap();
+                open_file(&spec).and_then(|cube| cube.band(0)).is_err()
+            };
+            assert!(!attempt(&whole) && attempt(&whole[..whole.len() / 2]), "{spec}");
+            for i in 0..whole.len() {
+                attempt(&whole[..i]);
+                for flip in [0x01, 0x5a, 0xff] {
+                    let mut damaged = whole.clone();
+                    damaged[i] ^= flip;
+                    attempt(&damaged);
+                }
+            }
+        }
     }
 }

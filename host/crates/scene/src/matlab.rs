@@ -89,34 +89,47 @@ const HEAD_BYTES: u64 = 4096;
 /// Reads the named variables of a file.
 pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
     let mut variables = Vec::new();
-    each(path, u64::MAX, |matrix| {
-        let (name, value) = parse_matrix(matrix, wanted, 0)?;
-        if wanted.contains(&name.as_str()) {
-            variables.push((name, value));
-        }
-        Ok(())
-    })?;
+    each(
+        path,
+        |name| wanted.contains(&name),
+        |matrix| {
+            let (name, value) = parse_matrix(matrix, wanted, 0)?;
+            if wanted.contains(&name.as_str()) {
+                variables.push((name, value));
+            }
+            Ok(())
+        },
+    )?;
     Ok(variables)
 }
 
 /// Names and shapes, rows first, of the numeric arrays of a file.
 pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
     let mut arrays = Vec::new();
-    each(path, HEAD_BYTES, |matrix| {
-        if matrix.is_empty() {
-            return Ok(());
-        }
-        let Head { class, shape, name } = Cursor(matrix).head()?;
-        if NUMERIC.contains(&class) {
-            arrays.push((name, shape));
-        }
-        Ok(())
-    })?;
+    each(
+        path,
+        |_| false,
+        |matrix| {
+            if matrix.is_empty() {
+                return Ok(());
+            }
+            let Head { class, shape, name } = Cursor(matrix).head()?;
+            if NUMERIC.contains(&class) {
+                arrays.push((name, shape));
+            }
+            Ok(())
+        },
+    )?;
     Ok(arrays)
 }
 
-/// Hands the content of each variable, at most `most` bytes of it, to `take`.
-fn each(path: &Path, most: u64, mut take: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+/// Hands the content of each variable to `take`: all of it where its name is `wanted`, else its
+/// beginning.
+fn each(
+    path: &Path,
+    wanted: impl Fn(&str) -> bool,
+    mut take: impl FnMut(&[u8]) -> Result<()>,
+) -> Result<()> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let mut file = BufReader::new(file);
     let mut header = [0; HEADER_BYTES];
@@ -136,21 +149,37 @@ fn each(path: &Path, most: u64, mut take: impl FnMut(&[u8]) -> Result<()>) -> Re
         let [kind, length] = [0, 4].map(|i| u32_at(&tag, i));
         let mut element = (&mut file).take(u64::from(length));
         let mut bytes = Vec::new();
-        let read = match kind {
-            COMPRESSED => ZlibDecoder::new(&mut element).take(most).read_to_end(&mut bytes),
-            _ => (&mut element).take(most).read_to_end(&mut bytes),
-        };
-        read.map_err(cut_off)?;
+        // A damaged head is read whole, so that what is wrong is said.
+        let whole = |head: &[u8]| Cursor(head).head().map_or(true, |head| wanted(&head.name));
+        if kind == COMPRESSED {
+            let mut packed = ZlibDecoder::new(&mut element);
+            packed.by_ref().take(HEAD_BYTES).read_to_end(&mut bytes).map_err(cut_off)?;
+            if bytes.len() >= 8 && whole(&bytes[8..]) {
+                let declared = 8 + u64::from(u32_at(&bytes, 4));
+                let left = declared.saturating_sub(bytes.len() as u64);
+                packed.take(left).read_to_end(&mut bytes).map_err(cut_off)?;
+            }
+        } else {
+            element.by_ref().take(HEAD_BYTES).read_to_end(&mut bytes).map_err(cut_off)?;
+            if whole(&bytes) {
+                element.read_to_end(&mut bytes).map_err(cut_off)?;
+            }
+        }
         // What is left of the element, or lies behind its zlib stream, is not wanted.
         std::io::copy(&mut element, &mut std::io::sink()).map_err(cut_off)?;
         let left = element.limit();
+        if left > 0 {
+            return Err(Error::input(format!("the last variable lacks {left} bytes"))
+                .help("the file is cut off"));
+        }
         match kind {
-            COMPRESSED if (bytes.len() as u64) < most => take(Cursor(&bytes).element()?.1)?,
-            COMPRESSED => take(bytes.get(8..).unwrap_or_default())?,
-            _ if left > 0 => {
-                return Err(Error::input(format!("the last variable lacks {left} bytes"))
-                    .help("the file is cut off"));
+            COMPRESSED if bytes.len() < 8 => {
+                return Err(Error::input("an empty variable").help("the file is damaged"));
             }
+            COMPRESSED if (bytes.len() as u64) < HEAD_BYTES || whole(&bytes[8..]) => {
+                take(Cursor(&bytes).element()?.1)?;
+            }
+            COMPRESSED => take(&bytes[8..])?,
             MATRIX => take(&bytes)?,
             _ => {}
         }
