@@ -35,12 +35,19 @@ impl Bands {
 const ENDS_AT_ZERO: f64 = 1e-3;
 
 /// A tabulated curve over wavelength, linear between its samples.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Spectrum {
     wavelength_nm: Vec<f64>,
     value: Vec<f64>,
-    /// The table that it is from, in words.
-    source: Option<String>,
+    /// The table that it is from; for messages alone.
+    table: Option<Box<Table>>,
+}
+
+/// Where a curve is from.
+#[derive(Clone, Default)]
+struct Table {
+    /// Its name, in words.
+    name: Option<String>,
     /// What was assumed in reading it.
     remarks: Vec<String>,
 }
@@ -49,6 +56,14 @@ pub struct Spectrum {
 impl PartialEq for Spectrum {
     fn eq(&self, other: &Self) -> bool {
         (&self.wavelength_nm, &self.value) == (&other.wavelength_nm, &other.value)
+    }
+}
+
+/// The samples alone, as they tell curves apart in keys.
+impl std::fmt::Debug for Spectrum {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut debug = f.debug_struct("Spectrum");
+        debug.field("wavelength_nm", &self.wavelength_nm).field("value", &self.value).finish()
     }
 }
 
@@ -79,34 +94,36 @@ impl Spectrum {
             return Err(Error::input(format!("value {} at {} nm", value[i], wavelength_nm[i]))
                 .help("values must be finite numbers"));
         }
-        Ok(Self { wavelength_nm, value, source: None, remarks: Vec::new() })
+        Ok(Self { wavelength_nm, value, table: None })
     }
 
     /// The same value at every wavelength.
     pub fn constant(value: f64) -> Self {
-        let (wavelength_nm, value) = (vec![550.0], vec![value]);
-        Self { wavelength_nm, value, source: None, remarks: Vec::new() }
+        Self { wavelength_nm: vec![550.0], value: vec![value], table: None }
     }
 
     /// The curve with remarks on how its table was read, for [`Spectrum::notes`].
     #[must_use]
     pub fn remarked(mut self, remarks: &[String]) -> Self {
-        self.remarks.extend_from_slice(remarks);
+        if !remarks.is_empty() {
+            self.table.get_or_insert_default().remarks.extend_from_slice(remarks);
+        }
         self
     }
 
     /// Remarks for the user: what was assumed in reading the table, and where it is held beyond its
     /// end in `bands`.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
-        let source = self.source.as_deref().unwrap_or("a table");
-        let remarks = self.remarks.iter().map(|remark| format!("{source}: {remark}"));
+        let Some(table) = &self.table else { return Vec::new() };
+        let name = table.name.as_deref().unwrap_or("a table");
+        let remarks = table.remarks.iter().map(|remark| format!("{name}: {remark}"));
         remarks.chain(self.held(bands)).collect()
     }
 
     /// The curve as one from a table, which [`Spectrum::notes`] names.
     #[must_use]
     pub fn from_table(mut self, source: impl Into<String>) -> Self {
-        self.source = Some(source.into());
+        self.table.get_or_insert_default().name = Some(source.into());
         self
     }
 
@@ -114,7 +131,7 @@ impl Spectrum {
     /// end is not zero: its last value is held there, which may be far from the truth (a quantum
     /// efficiency that ends at 720 nm, a lamp measured to 650 nm).
     pub fn held(&self, bands: &Bands) -> Option<String> {
-        let source = self.source.as_ref()?;
+        let source = self.table.as_ref()?.name.as_ref()?;
         let largest = self.value.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let counts = |value: f64| value.abs() > ENDS_AT_ZERO * largest;
         let (first, last) = self.range_nm();

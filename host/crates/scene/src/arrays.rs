@@ -141,7 +141,11 @@ impl<'a> Arrays<'a> {
         let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
         if cubes.len() > 1 {
             // Pictures of three colours beside the cube.
-            cubes.retain(|(_, shape)| shape.first() != Some(&3) && shape.last() != Some(&3));
+            let named = |name: &str| {
+                let name = name.to_lowercase();
+                ["rgb", "preview", "thumb", "picture", "color"].iter().any(|w| name.contains(w))
+            };
+            cubes.retain(|(name, shape)| !(shape.contains(&3) && named(name)));
         }
         let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_string();
         let chosen = match wanted {
@@ -173,7 +177,7 @@ impl<'a> Arrays<'a> {
     fn wavelengths(&self, lengths: &[usize; 3]) -> Result<Option<(String, Vec<f64>)>> {
         for (name, shape) in &self.list {
             let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
-            let count = shape.iter().product();
+            let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
             let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
             let named = WAVELENGTH_NAMES.iter().any(|part| word.contains(part));
             if !named || !one_axis || !lengths.contains(&count) {

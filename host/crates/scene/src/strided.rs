@@ -130,7 +130,9 @@ impl Layout {
             return Err(Error::input(format!("axes {axes:?}"))
                 .help("name the three axes from slowest to fastest: yxb, byx, ybx, bxy, ..."));
         };
-        let stride = |axis: usize| lengths[axis + 1..].iter().product();
+        // A cube whose strides overflow is too large for any memory, which its size shows later.
+        let stride =
+            |axis: usize| lengths[axis + 1..].iter().fold(1usize, |n, &l| n.saturating_mul(l));
         Ok(Self {
             width: lengths[x],
             height: lengths[y],
