@@ -259,7 +259,7 @@ fn info(args: &InfoArgs) -> Result<()> {
         say!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
     }
     if step > 1 {
-        say!("(of {} bands, every {step}th; --json has all)", figures.len());
+        say!("(one in {step} of {} bands; --json has all)", figures.len());
     }
     for note in notes {
         eprintln!("note: {note}");
@@ -267,8 +267,8 @@ fn info(args: &InfoArgs) -> Result<()> {
     Ok(())
 }
 
-/// Lines of a table of bands.
-const MOST_LINES: usize = 64;
+/// Lines of a table of bands: with what is said of the file, one screen.
+const MOST_LINES: usize = 36;
 
 /// Wavelength in nm, and least, mean and largest value of each band.
 fn figures(scene: &dyn Scene, grid: &Grid) -> Result<Vec<(f64, f32, f64, f32)>> {

@@ -115,9 +115,7 @@ impl Spectrum {
     /// end in `bands`.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
         let Some(table) = &self.table else { return Vec::new() };
-        let name = table.name.as_deref().unwrap_or("a table");
-        let remarks = table.remarks.iter().map(|remark| format!("{name}: {remark}"));
-        remarks.chain(self.held(bands)).collect()
+        table.remarks.iter().cloned().chain(self.held(bands)).collect()
     }
 
     /// The curve as one from a table, which [`Spectrum::notes`] names.

@@ -24,6 +24,8 @@ pub struct SpectralTable {
     pub percent: bool,
     /// What was assumed, for the user.
     pub remarks: Vec<String>,
+    /// What remarks call the table.
+    name: Option<String>,
 }
 
 impl SpectralTable {
@@ -33,7 +35,8 @@ impl SpectralTable {
     /// A file that cannot be read, and those of [`SpectralTable::parse`].
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
-        Self::parse(&text_of(bytes)).map_err(|e| e.at(path.display()))
+        let table = Self::parse(&text_of(bytes)).map_err(|e| e.at(path.display()))?;
+        Ok(table.named(path.display()))
     }
 
     /// Parses the text of a file.
@@ -90,25 +93,41 @@ impl SpectralTable {
             wavelength_nm.reverse();
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
-        Ok(Self { wavelength_nm, curves, percent: form.percent, remarks })
+        Ok(Self { wavelength_nm, curves, percent: form.percent, remarks, name: None })
+    }
+
+    /// The table with the name that remarks call it by.
+    #[must_use]
+    pub fn named(mut self, name: impl std::fmt::Display) -> Self {
+        self.remarks.iter_mut().for_each(|remark| *remark = format!("{name}: {remark}"));
+        self.name = Some(name.to_string());
+        self
+    }
+
+    /// Adds what else was assumed of the table.
+    pub fn remark(&mut self, text: impl std::fmt::Display) {
+        self.remarks.push(match &self.name {
+            Some(name) => format!("{name}: {text}"),
+            None => text.to_string(),
+        });
     }
 
     /// Takes negative values within the noise of a spectrometer as 0, and remarks on it. Larger
     /// ones stay.
     pub fn clip_noise(&mut self) {
-        for (name, values) in &mut self.curves {
+        let (mut count, mut least) = (0, 0.0f64);
+        for (_, values) in &mut self.curves {
             let largest = values.iter().fold(0.0f64, |m, &v| m.max(v));
-            let noise = |v: &f64| (-NOISE_FLOOR * largest..0.0).contains(v);
-            let (count, least) = values
-                .iter()
-                .filter(|v| noise(v))
-                .fold((0, 0.0f64), |(n, least), &v| (n + 1, least.min(v)));
-            values.iter_mut().filter(|v| noise(v)).for_each(|v| *v = 0.0);
-            if count > 0 {
-                self.remarks.push(format!(
-                    "{count} slightly negative values of {name}, down to {least}, are taken as 0"
-                ));
+            let noise = -NOISE_FLOOR * largest..0.0;
+            for value in values.iter_mut().filter(|value| noise.contains(*value)) {
+                (count, least) = (count + 1, least.min(*value));
+                *value = 0.0;
             }
+        }
+        if count > 0 {
+            self.remark(format!(
+                "{count} slightly negative values, down to {least}, are taken as 0"
+            ));
         }
     }
 

@@ -305,7 +305,8 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
 /// Reads a table and checks that its values are fractions and that it covers the visible range
 /// without wide gaps.
 fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
-    let mut table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    let mut table = table.named(name);
     table.clip_noise();
     from_percent(&mut table);
     for (column, values) in &table.curves {
@@ -344,7 +345,7 @@ fn from_percent(table: &mut SpectralTable) {
     table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
     let of = if table.percent { "as its header says" } else { "as values go up to" };
     let upto = if table.percent { String::new() } else { format!(" {largest}") };
-    table.remarks.push(format!("its values are taken as per cent, {of}{upto}"));
+    table.remark(format!("its values are taken as per cent, {of}{upto}"));
 }
 
 /// Names of columns by the colours of the pattern's letters.

@@ -149,9 +149,13 @@ impl Camera {
         let sensor = &self.sensor;
         let curves =
             [&self.lens.transmittance].into_iter().chain(&sensor.ir_cut).chain(&sensor.qe);
-        let mut notes: Vec<String> = curves.flat_map(|curve| curve.notes(bands)).collect();
-        // The columns of a table share its remarks.
-        notes.dedup();
+        let mut notes: Vec<String> = Vec::new();
+        for note in curves.flat_map(|curve| curve.notes(bands)) {
+            // The columns of a table share its remarks.
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
         notes
     }
 
