@@ -1,7 +1,7 @@
 //! What several commands have in common: durations, progress bars, where frames go.
 
 use camrig_base::output::{OutputDir, OutputFile, write_file};
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Bands, Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
 use camrig_optics::DeviceChoice;
@@ -13,6 +13,7 @@ use camrig_sensor_core::config::FrameSettings;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -74,6 +75,18 @@ pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
         Arithmetic::F32 => "32-bit floating point",
         Arithmetic::Fixed => "32-bit fixed point, as on parts without a floating-point unit",
     })
+}
+
+/// Says, each once, what was assumed of a camera's tables in some light.
+pub fn tell_tables(camera: &Camera, light: impl IntoIterator<Item = Bands>) {
+    let notes: BTreeSet<String> =
+        light.into_iter().flat_map(|bands| camera.notes(&bands)).collect();
+    notes.iter().for_each(|note| eprintln!("note: {note}"));
+}
+
+/// A band of 10 nm, the width of narrow-band light where nothing says it.
+pub fn band_at(nm: f64) -> Bands {
+    Bands { start_nm: nm, step_nm: 10.0, count: 1 }
 }
 
 /// Says that the link to a rig broke and is opened again.

@@ -72,7 +72,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             let bar = progress("pictures", part.end - part.start);
             let cache = if args.no_cache { None } else { content::directory() };
             let device = args.device.open()?;
-            batch::run(&sweep, dataset, args.shard, device, cache, || bar.inc(1))?;
+            let tell = |note: &str| bar.suspend(|| eprintln!("note: {note}"));
+            batch::run(&sweep, dataset, args.shard, device, cache, || bar.inc(1), tell)?;
             bar.finish_and_clear();
             dataset.complete()?
         }

@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         first_frame: args.frame_seed,
         arithmetic: args.arith,
         rig: args.rig.as_deref(),
+        told: Some(|note| eprintln!("note: {note}")),
         link_broken: Some(broken_link),
     };
     take::take(&camera, &shots, &args.output, &options, || bar.inc(1))?;

@@ -1,6 +1,6 @@
 //! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
 
-use super::arguments::{duration, progress};
+use super::arguments::{band_at, duration, progress, tell_tables};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -81,6 +81,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 fn run_bench(args: &BenchArgs) -> Result<ExitCode> {
     let camera = Camera::load(&args.camera)?;
+    tell_tables(&camera, bench::FILTERS_NM.map(band_at));
     let bar = progress("frames", bench::total_frames(args.frames));
     bench::bench(
         &camera,

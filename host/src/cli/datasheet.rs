@@ -1,9 +1,10 @@
 //! `camrig datasheet`: a measured page of a camera.
 
-use super::arguments::progress;
+use super::arguments::{band_at, progress, tell_tables};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, presets};
+use camrig_capture::bench;
 use camrig_report::datasheet::page;
 use camrig_validate::datasheet::Datasheet;
 use std::path::{Path, PathBuf};
@@ -45,6 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let bar = progress("cameras", cameras.len() as u64);
     for spec in cameras {
         let camera = Camera::load(spec)?;
+        tell_tables(&camera, bench::FILTERS_NM.map(band_at));
         let sheet = Datasheet::measure(&camera, SIZE).map_err(|e| e.at(spec))?;
         write_file(&path(spec), args.force, page(&camera, &sheet).as_bytes())?;
         bar.inc(1);

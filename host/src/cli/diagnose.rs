@@ -1,8 +1,8 @@
 //! `camrig diagnose`: name what the model lacks.
 
-use super::arguments::progress;
+use super::arguments::{band_at, progress, tell_tables};
 use camrig_base::output::OutputDir;
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_capture::plan;
 use camrig_captures::CaptureSet;
@@ -51,6 +51,8 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
     if w <= camera.sensor.width && h <= camera.sensor.height {
         (camera.sensor.width, camera.sensor.height) = (w, h);
     }
+    let lit = set.captures.iter().filter_map(|c| c.light.as_ref()?.wavelength_nm).map(band_at);
+    tell_tables(&camera, lit.chain([Bands::VISIBLE]));
     let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
     let halves = design::divide(&camera, &set, &counts)?;
     let total: usize = frames(&halves);

@@ -46,6 +46,7 @@ pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<Irr
     if let Some(note) = render::unchecked(camera, &cube.header) {
         eprintln!("note: {note}");
     }
+    arguments::tell_tables(camera, [cube.header.spectral_bands()]);
     Ok(cube)
 }
 

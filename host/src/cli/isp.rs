@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ..ViewArgs::still(
             &args.camera,
             format!("colorchecker:width={CARD}"),
-            &args.illuminant,
+            Some(&args.illuminant),
             args.lux,
             args.device,
         )

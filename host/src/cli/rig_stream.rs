@@ -47,11 +47,11 @@ pub struct Args {
         conflicts_with = "irradiance"
     )]
     scene: Option<String>,
-    /// Light on a reflectance scene
-    #[arg(long, default_value = "D65", value_name = "I")]
-    illuminant: String,
-    /// Scene illuminance, lx
-    #[arg(long, value_parser = positive, value_name = "X")]
+    /// Light on a reflectance scene (D65 unless given)
+    #[arg(long, value_name = "I", conflicts_with = "irradiance")]
+    illuminant: Option<String>,
+    /// Scene illuminance, lx; a radiance scene is scaled to it
+    #[arg(long, value_parser = positive, value_name = "X", conflicts_with = "irradiance")]
     lux: Option<f64>,
     #[command(flatten)]
     device: DeviceArgs,
@@ -113,8 +113,8 @@ pub struct Args {
 /// Where the frames' light comes from.
 fn cubes(args: &Args, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     if let Some(scene) = &args.scene {
-        let view =
-            ViewArgs::still(&args.camera, scene.clone(), &args.illuminant, args.lux, args.device);
+        let illuminant = args.illuminant.as_deref();
+        let view = ViewArgs::still(&args.camera, scene.clone(), illuminant, args.lux, args.device);
         return Ok(vec![view.view()?.1.cube]);
     }
     let path =

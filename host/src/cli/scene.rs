@@ -5,6 +5,7 @@ use camrig_base::output;
 use camrig_base::output::OutputDir;
 use camrig_base::{Error, Result};
 use camrig_formats::png;
+use camrig_render::{DEFAULT_ILLUMINANT, radiance_at};
 use camrig_scene as scene;
 use camrig_scene::library::{Library, describe};
 use camrig_scene::photometry::white_radiance;
@@ -69,9 +70,9 @@ struct InfoArgs {
 struct ShowArgs {
     /// Chart, spectral cube or scene directory
     scene: String,
-    /// Light on a reflectance scene
-    #[arg(long, default_value = "D65", value_name = "I")]
-    illuminant: String,
+    /// Light on a reflectance scene (D65 unless given)
+    #[arg(long, value_name = "I")]
+    illuminant: Option<String>,
     /// Longer side, pixels
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     size: u32,
@@ -87,7 +88,8 @@ struct ShowArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  camrig scene add cube.mat --library my-scenes --name street")]
 struct AddArgs {
-    /// Spectral cube: .npy, .npz, .hdr, .mat, .exr, or a scene directory
+    /// Spectral cube: .npy, .npz, .hdr, .mat, .h5, .exr, .tif, a folder of pictures, or a scene
+    /// directory
     scene: String,
     /// Library directory; made if it is not there
     #[arg(long, value_name = "DIR")]
@@ -122,12 +124,13 @@ struct ExportArgs {
     /// Columns; a cube's own unless given, 640 for charts
     #[arg(long)]
     width: Option<usize>,
-    /// Light that an ISETCam scene of reflectance is given
-    #[arg(long, default_value = "D65", value_name = "I")]
-    illuminant: String,
-    /// Its luminance on a perfect white, cd/m²
-    #[arg(long, default_value_t = 100.0, value_parser = arguments::positive, value_name = "L")]
-    luminance: f64,
+    /// Light that an ISETCam scene of reflectance is given (D65 unless given)
+    #[arg(long, value_name = "I")]
+    illuminant: Option<String>,
+    /// Its luminance on a perfect white, cd/m² (100 unless given); a scene of radiance is scaled so
+    /// that its mean is that of 18 % grey
+    #[arg(long, value_parser = arguments::positive, value_name = "L")]
+    luminance: Option<f64>,
     /// Output directory
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -208,24 +211,18 @@ fn whole(scene: &dyn Scene, width: usize) -> Grid {
 }
 
 fn info(args: &InfoArgs) -> Result<()> {
-    let (scene, size) = scene::open_with_size(&args.scene)?;
-    let grid = whole(&*scene, size.map_or(CHART_WIDTH, |(width, _)| width));
-    let bands = scene.bands();
-    let bar = arguments::progress("bands", bands.count as u64);
-    let mut figures = Vec::new();
-    for band in 0..bands.count {
-        let plane = scene.plane(band, &grid)?;
-        let least = plane.data.iter().fold(f32::INFINITY, |a, &b| a.min(b));
-        let most = plane.data.iter().fold(0.0, |a: f32, &b| a.max(b));
-        let sum: f64 = plane.data.iter().map(|&v| f64::from(v)).sum();
-        figures.push((bands.nm(band), least, sum / plane.data.len() as f64, most));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    let quantity = match scene.quantity() {
-        Quantity::Reflectance => "reflectance",
-        Quantity::Radiance => "radiance",
+    let cube = scene::is_file(&args.scene).then(|| scene::open_file(&args.scene)).transpose()?;
+    let (size, understood) = match &cube {
+        Some(cube) => (Some(cube.size()), cube.understood().to_vec()),
+        None => (None, Vec::new()),
     };
+    let scene: Box<dyn Scene> = match cube {
+        Some(cube) => Box::new(cube),
+        None => scene::open(&args.scene)?,
+    };
+    let grid = whole(&*scene, size.map_or(CHART_WIDTH, |(width, _)| width));
+    let figures = figures(&*scene, &grid)?;
+    let quantity = scene.quantity().name();
     let mut notes = scene.notes();
     let above = figures.iter().filter(|f| f.3 > 1.0).count();
     if scene.quantity() == Quantity::Reflectance && above > 0 {
@@ -238,11 +235,12 @@ fn info(args: &InfoArgs) -> Result<()> {
                 json!({ "wavelength_nm": nm, "min": min, "mean": mean, "max": max })
             })
             .collect();
+        let bands = scene.bands();
         let object = json!({
             "scene": args.scene, "quantity": quantity,
             "width": size.map(|s| s.0), "height": size.map(|s| s.1),
             "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band,
-            "notes": notes,
+            "understood": understood, "notes": notes,
         });
         say!("{object}");
         return Ok(());
@@ -251,9 +249,17 @@ fn info(args: &InfoArgs) -> Result<()> {
         Some((width, height)) => say!("{}: {width} x {height} pixels, {quantity}", args.scene),
         None => say!("{}: chart, any size, {quantity}", args.scene),
     }
+    for line in understood {
+        say!("read as: {line}");
+    }
     say!("wavelength_nm      min     mean      max");
-    for (nm, min, mean, max) in figures {
+    // One screen: of many bands, equally spaced ones.
+    let step = figures.len().div_ceil(MOST_LINES);
+    for (nm, min, mean, max) in figures.iter().step_by(step) {
         say!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
+    }
+    if step > 1 {
+        say!("(one in {step} of {} bands; --json has all)", figures.len());
     }
     for note in notes {
         eprintln!("note: {note}");
@@ -261,20 +267,52 @@ fn info(args: &InfoArgs) -> Result<()> {
     Ok(())
 }
 
+/// Lines of a table of bands: with what is said of the file, one screen.
+const MOST_LINES: usize = 36;
+
+/// Wavelength in nm, and least, mean and largest value of each band.
+fn figures(scene: &dyn Scene, grid: &Grid) -> Result<Vec<(f64, f32, f64, f32)>> {
+    let bands = scene.bands();
+    let bar = arguments::progress("bands", bands.count as u64);
+    let mut figures = Vec::new();
+    for band in 0..bands.count {
+        let plane = scene.plane(band, grid)?;
+        let least = plane.data.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let most = plane.data.iter().fold(0.0, |a: f32, &b| a.max(b));
+        let sum: f64 = plane.data.iter().map(|&v| f64::from(v)).sum();
+        figures.push((bands.nm(band), least, sum / plane.data.len() as f64, most));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(figures)
+}
+
 fn show(args: &ShowArgs) -> Result<()> {
     let scene = scene::open(&args.scene)?;
-    let light = Illuminant::parse(&args.illuminant)?;
+    if args.illuminant.is_some() {
+        takes_illuminant(&*scene)?;
+    }
+    let light = Illuminant::parse(args.illuminant.as_deref().unwrap_or(DEFAULT_ILLUMINANT))?;
     let picture = preview::render(&*scene, &light, args.size as usize)?;
+    for note in scene.notes() {
+        eprintln!("note: {note}");
+    }
     output::write_file(&args.output, args.force, &png::encode_rgb(&picture)?)?;
     eprintln!("wrote {}", args.output.display());
     Ok(())
 }
 
+/// Refuses an illuminant for a scene that has its own light.
+fn takes_illuminant(scene: &dyn Scene) -> Result<()> {
+    match scene.quantity() {
+        Quantity::Reflectance => Ok(()),
+        Quantity::Radiance => Err(Error::input("--illuminant for a scene of radiance")
+            .help("it holds its light; leave --illuminant out")),
+    }
+}
+
 fn add(args: &AddArgs) -> Result<()> {
     let cube = scene::open_file(&args.scene)?;
-    for note in cube.notes() {
-        eprintln!("note: {note}");
-    }
     let mut about = describe(&cube, &args.name);
     about.description.clone_from(&args.description);
     about.source.clone_from(&args.source);
@@ -283,6 +321,9 @@ fn add(args: &AddArgs) -> Result<()> {
     let mut library = Library::open_or_new(&args.library)?;
     let place = library.add(&cube, &about, args.force, |band| bar.set_position(band as u64))?;
     bar.finish_and_clear();
+    for note in cube.notes() {
+        eprintln!("note: {note}");
+    }
     eprintln!("wrote {}", place.display());
     Ok(())
 }
@@ -296,10 +337,15 @@ fn export(args: &ExportArgs) -> Result<()> {
     }
     let grid = whole(&*scene, width);
     let bands = scene.bands();
+    let (factor, scaled) = level(args, &*scene)?;
     let bar = arguments::progress("bands", bands.count as u64);
     let band = |index: usize| {
         bar.set_position(index as u64);
-        scene.plane(index, &grid)
+        let mut plane = scene.plane(index, &grid)?;
+        if factor != 1.0 {
+            plane.data.iter_mut().for_each(|v| *v *= factor);
+        }
+        Ok(plane)
     };
     let name = args.scene.split(':').next().unwrap_or(&args.scene);
     let name = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or("scene");
@@ -311,8 +357,10 @@ fn export(args: &ExportArgs) -> Result<()> {
         ExportFormat::Mat => {
             let white = match scene.quantity() {
                 Quantity::Reflectance => {
-                    let light = Illuminant::parse(&args.illuminant)?;
-                    Some(white_radiance(&light, LightLevel::Luminance(args.luminance), &bands)?)
+                    let light = args.illuminant.as_deref().unwrap_or(DEFAULT_ILLUMINANT);
+                    let level = args.luminance.unwrap_or(EXPORT_LUMINANCE);
+                    let light = Illuminant::parse(light)?;
+                    Some(white_radiance(&light, LightLevel::Luminance(level), &bands)?)
                 }
                 Quantity::Radiance => None,
             };
@@ -321,7 +369,35 @@ fn export(args: &ExportArgs) -> Result<()> {
         }
     }
     bar.finish_and_clear();
+    for note in scene.notes().into_iter().chain(scaled) {
+        eprintln!("note: {note}");
+    }
     output.finish()?;
     eprintln!("wrote {}", args.output.display());
     Ok(())
+}
+
+/// Luminance of a perfect white in an exported ISETCam scene, cd/m²: that of ISETCam's own.
+const EXPORT_LUMINANCE: f64 = 100.0;
+
+/// The factor by which an exported scene of radiance is brought to the level asked for, and what
+/// to say of it. Light that would not be applied is refused.
+fn level(args: &ExportArgs, scene: &dyn Scene) -> Result<(f32, Option<String>)> {
+    if args.illuminant.is_some() {
+        takes_illuminant(scene)?;
+    }
+    if scene.quantity() == Quantity::Radiance {
+        let Some(level) = args.luminance.map(LightLevel::Luminance) else {
+            return Ok((1.0, None));
+        };
+        let aspect = scene.aspect().unwrap_or(ANY_ASPECT);
+        let (factor, note) = radiance_at(scene, &args.scene, aspect, level)?;
+        return Ok((factor as f32, Some(note)));
+    }
+    let mat = matches!(args.format, ExportFormat::Mat);
+    if !mat && (args.illuminant.is_some() || args.luminance.is_some()) {
+        return Err(Error::input("light for an ENVI file of reflectances")
+            .help("it holds none; leave --illuminant and --luminance out, or give --format mat"));
+    }
+    Ok((1.0, None))
 }

@@ -48,10 +48,11 @@ pub struct ViewArgs {
     /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...) or a scene file
     #[arg(long, value_name = "S")]
     pub scene: String,
-    /// Light on a reflectance scene: D65, A, F11, D5000K, blackbody:3200, or a CSV
-    #[arg(long, default_value = "D65", value_name = "I")]
-    pub illuminant: String,
-    /// Scene illuminance, lx (300 unless given for a reflectance scene)
+    /// Light on a reflectance scene: D65 (unless given), A, F11, D5000K, blackbody:3200, or a CSV
+    #[arg(long, value_name = "I")]
+    pub illuminant: Option<String>,
+    /// Scene illuminance, lx (300 unless given for a reflectance scene); a radiance scene is scaled
+    /// so that its mean is that of 18 % grey in it
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     #[arg(conflicts_with = "luminance")]
     pub lux: Option<f64>,
@@ -105,14 +106,14 @@ impl ViewArgs {
     pub fn still(
         camera: &str,
         scene: String,
-        illuminant: &str,
+        illuminant: Option<&str>,
         lux: Option<f64>,
         device: DeviceArgs,
     ) -> Self {
         Self {
             camera: camera.to_owned(),
             scene,
-            illuminant: illuminant.to_owned(),
+            illuminant: illuminant.map(str::to_owned),
             lux,
             luminance: None,
             oversample: None,

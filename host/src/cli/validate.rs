@@ -1,9 +1,9 @@
 //! `camrig validate`: a model beside captures.
 
-use super::arguments::progress;
+use super::arguments::{progress, tell_tables};
 use super::measure::{corners, roi};
 use camrig_base::output::OutputFile;
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_measure::mtf::Roi;
 use camrig_measure::patches::Corners;
@@ -85,6 +85,7 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
         improved: args.improved.as_deref().map(Camera::load).transpose()?,
         places: Places { corners: args.corners, roi: args.roi },
     };
+    tell_tables(&model, [Bands::VISIBLE]);
     let bar = progress("cameras", 0);
     let comparison = Comparison::of(&model, sides, |done, cameras| {
         bar.set_length(cameras as u64);

@@ -42,6 +42,7 @@ mod plane;
 pub mod platform;
 mod spectrum;
 pub mod table;
+mod table_form;
 pub mod toml_text;
 
 pub use cfa::Cfa;

@@ -30,11 +30,41 @@ impl Bands {
     }
 }
 
+/// Share of a curve's largest value below which its end counts as zero: what a table printed to
+/// three digits says of its ends.
+const ENDS_AT_ZERO: f64 = 1e-3;
+
 /// A tabulated curve over wavelength, linear between its samples.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone)]
 pub struct Spectrum {
     wavelength_nm: Vec<f64>,
     value: Vec<f64>,
+    /// The table that it is from; for messages alone.
+    table: Option<Box<Table>>,
+}
+
+/// Where a curve is from.
+#[derive(Clone, Default)]
+struct Table {
+    /// Its name, in words.
+    name: Option<String>,
+    /// What was assumed in reading it.
+    remarks: Vec<String>,
+}
+
+/// The same samples; where they are from does not count.
+impl PartialEq for Spectrum {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.wavelength_nm, &self.value) == (&other.wavelength_nm, &other.value)
+    }
+}
+
+/// The samples alone, as they tell curves apart in keys.
+impl std::fmt::Debug for Spectrum {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut debug = f.debug_struct("Spectrum");
+        debug.field("wavelength_nm", &self.wavelength_nm).field("value", &self.value).finish()
+    }
 }
 
 impl Spectrum {
@@ -64,12 +94,63 @@ impl Spectrum {
             return Err(Error::input(format!("value {} at {} nm", value[i], wavelength_nm[i]))
                 .help("values must be finite numbers"));
         }
-        Ok(Self { wavelength_nm, value })
+        Ok(Self { wavelength_nm, value, table: None })
     }
 
     /// The same value at every wavelength.
     pub fn constant(value: f64) -> Self {
-        Self { wavelength_nm: vec![550.0], value: vec![value] }
+        Self { wavelength_nm: vec![550.0], value: vec![value], table: None }
+    }
+
+    /// The curve with remarks on how its table was read, for [`Spectrum::notes`].
+    #[must_use]
+    pub fn remarked(mut self, remarks: &[String]) -> Self {
+        if !remarks.is_empty() {
+            self.table.get_or_insert_default().remarks.extend_from_slice(remarks);
+        }
+        self
+    }
+
+    /// Remarks for the user: what was assumed in reading the table, and where it is held beyond its
+    /// end in `bands`.
+    pub fn notes(&self, bands: &Bands) -> Vec<String> {
+        let Some(table) = &self.table else { return Vec::new() };
+        table.remarks.iter().cloned().chain(self.held(bands)).collect()
+    }
+
+    /// The curve as one from a table, which [`Spectrum::notes`] names.
+    #[must_use]
+    pub fn from_table(mut self, source: impl Into<String>) -> Self {
+        self.table.get_or_insert_default().name = Some(source.into());
+        self
+    }
+
+    /// What to tell the user where `bands` reach beyond the table that this curve is from, and its
+    /// end is not zero: its last value is held there, which may be far from the truth (a quantum
+    /// efficiency that ends at 720 nm, a lamp measured to 650 nm).
+    pub fn held(&self, bands: &Bands) -> Option<String> {
+        let source = self.table.as_ref()?.name.as_ref()?;
+        let largest = self.value.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let counts = |value: f64| value.abs() > ENDS_AT_ZERO * largest;
+        let (first, last) = self.range_nm();
+        let (low, high) = (bands.nm(0), bands.nm(bands.count.saturating_sub(1)));
+        let (start, end) = (self.value[0], self.value[self.value.len() - 1]);
+        let mut ends = Vec::new();
+        if low < first && counts(start) {
+            ends.push(format!(
+                "begins at {first} nm with {start:.3}, which is held down to {low} nm"
+            ));
+        }
+        if high > last && counts(end) {
+            ends.push(format!("ends at {last} nm with {end:.3}, which is held up to {high} nm"));
+        }
+        (!ends.is_empty()).then(|| {
+            let ends = ends.join(" and ");
+            format!(
+                "{source} {ends}: use a table that reaches further if that is not so (with zeros, \
+                 where it is 0)"
+            )
+        })
     }
 
     /// First and last tabulated wavelength, nm.
@@ -144,6 +225,22 @@ impl Spectrum {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_table_that_ends_above_zero_is_told_where_bands_reach_beyond_it() {
+        let table = Spectrum::new(vec![400.0, 600.0, 720.0], vec![0.1, 0.6, 0.4]).unwrap();
+        let table = table.from_table("qe.csv");
+        let bands = |start_nm, count| Bands { start_nm, step_nm: 10.0, count };
+        assert_eq!(table.held(&bands(400.0, 33)), None);
+        let said = table.held(&bands(360.0, 65)).unwrap();
+        for part in ["qe.csv", "at 400 nm with 0.100", "360 nm", "at 720 nm with 0.400", "1000 nm"]
+        {
+            assert!(said.contains(part), "{said}");
+        }
+        let zeros = Spectrum::new(vec![400.0, 600.0, 720.0], vec![0.0, 0.6, 5e-4]).unwrap();
+        assert_eq!(zeros.from_table("qe.csv").held(&bands(360.0, 65)), None);
+        assert_eq!(Spectrum::constant(0.5).held(&bands(360.0, 65)), None);
+    }
 
     #[test]
     fn fine_tables_are_averaged_and_coarse_ones_sampled() {

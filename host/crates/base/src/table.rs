@@ -1,8 +1,17 @@
-//! Tables over wavelength in CSV: `wavelength_nm,NAME,NAME...`, lines that start with `#` are
-//! remarks.
+//! Tables over wavelength, one line per wavelength: `wavelength_nm,NAME,NAME...`, lines that start
+//! with `#` are remarks.
+//!
+//! Tables are read as other programs write them: separated by commas, semicolons, tabs or blanks,
+//! with a decimal comma where the comma does not separate; with any header or none; in nm, µm or Å;
+//! from short to long wavelengths or back. What was assumed is in [`SpectralTable::remarks`].
 
+use crate::table_form::{Form, content};
 use crate::{Error, Result, Spectrum};
 use std::path::Path;
+
+/// Negative readings that are taken as 0, as a part of the largest value: the noise of a
+/// spectrometer in the dark ends of its range.
+const NOISE_FLOOR: f64 = 0.01;
 
 /// Named curves over common wavelengths.
 #[derive(Clone, Debug)]
@@ -11,6 +20,12 @@ pub struct SpectralTable {
     pub wavelength_nm: Vec<f64>,
     /// Curve names and values in the order of the file's columns.
     pub curves: Vec<(String, Vec<f64>)>,
+    /// Whether the header says that values are per cent.
+    pub percent: bool,
+    /// What was assumed, for the user.
+    pub remarks: Vec<String>,
+    /// What remarks call the table.
+    name: Option<String>,
 }
 
 impl SpectralTable {
@@ -19,70 +34,101 @@ impl SpectralTable {
     /// # Errors
     /// A file that cannot be read, and those of [`SpectralTable::parse`].
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
-        Self::parse(&text).map_err(|e| e.at(path.display()))
+        let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+        let table = Self::parse(&text_of(bytes)).map_err(|e| e.at(path.display()))?;
+        Ok(table.named(path.display()))
     }
 
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// Another header, a field that is not a finite number, wavelengths that do not rise, no
-    /// lines. The error names the line.
+    /// A unit that is not one of wavelength, a field that is not a finite number, wavelengths that
+    /// neither rise nor fall, no lines. The error names the line.
     pub fn parse(text: &str) -> Result<Self> {
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
-        let malformed = |e: csv::Error| {
-            let line = e.position().map_or(1, csv::Position::line);
-            Error::input(format!("not a table: {e}")).at(format!("line {line}")).help(
-                "give a CSV with a header line wavelength_nm,NAME,... and as many numbers in \
-                 every line as the header has names",
-            )
-        };
-        let header = reader.headers().map_err(malformed)?.clone();
-        if header.get(0) != Some("wavelength_nm") || header.len() < 2 {
-            return Err(Error::input(format!(
-                "the first column is {:?}, of {} columns",
-                header.get(0).unwrap_or(""),
-                header.len()
-            ))
-            .at("header")
-            .help("the header must be wavelength_nm,NAME[,NAME...]"));
-        }
-        let mut wavelength_nm: Vec<f64> = Vec::new();
+        let text = text.trim_start_matches('\u{feff}');
+        let (form, mut remarks) = Form::of(text)?;
+        let columns = form.names.len();
+        let mut wavelength: Vec<f64> = Vec::new();
         let mut curves: Vec<(String, Vec<f64>)> =
-            header.iter().skip(1).map(|name| (name.to_string(), Vec::new())).collect();
-        for record in reader.records() {
-            let record = record.map_err(malformed)?;
-            let line = record.position().map_or(0, csv::Position::line);
+            form.names.iter().map(|name| (name.clone(), Vec::new())).collect();
+        let mut lines = Vec::new();
+        for (line, text) in content(text).skip(usize::from(form.header)) {
+            let fields = form.fields(text);
+            let place = || format!("line {line}");
+            if fields.len() != columns + 1 {
+                let found = fields.len();
+                return Err(Error::input(format!("not a table: {found} fields"))
+                    .at(place())
+                    .help(format!("every line has {} numbers, as the first", columns + 1)));
+            }
             let number = |column: usize| -> Result<f64> {
-                let field = &record[column];
-                field.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-                    Error::input(format!(
-                        "{field:?} in column {} is not a number",
-                        &header[column]
-                    ))
-                    .at(format!("line {line}"))
+                form.number(&fields[column]).ok_or_else(|| {
+                    let name = if column == 0 { "wavelength" } else { &form.names[column - 1] };
+                    let field = &fields[column];
+                    Error::input(format!("{field:?} in column {name} is not a number"))
+                        .at(place())
+                        .help("lines that are not part of the table begin with #")
                 })
             };
-            let nm = number(0)?;
-            if let Some(&previous) = wavelength_nm.last()
-                && nm <= previous
-            {
-                return Err(Error::input(format!("wavelength {nm} nm follows {previous} nm"))
-                    .at(format!("line {line}"))
-                    .help("wavelengths must rise strictly"));
-            }
-            wavelength_nm.push(nm);
+            wavelength.push(number(0)?);
+            lines.push(line);
             for (column, (_, values)) in curves.iter_mut().enumerate() {
                 values.push(number(column + 1)?);
             }
         }
-        if wavelength_nm.is_empty() {
+        if wavelength.is_empty() {
             return Err(Error::input("the table has no lines below its header"));
         }
-        Ok(Self { wavelength_nm, curves })
+        let falls = wavelength.len() > 1 && wavelength[1] < wavelength[0];
+        let wrong = |w: &[f64]| if falls { w[1] >= w[0] } else { w[1] <= w[0] };
+        if let Some(i) = wavelength.windows(2).position(wrong) {
+            let (before, after) = (wavelength[i], wavelength[i + 1]);
+            return Err(Error::input(format!("wavelength {after} follows {before}"))
+                .at(format!("line {}", lines[i + 1]))
+                .help("wavelengths must rise strictly, or fall strictly"));
+        }
+        let to_nm = form.unit(&wavelength, &mut remarks)?;
+        let mut wavelength_nm: Vec<f64> = wavelength.into_iter().map(|w| to_nm.nm(w)).collect();
+        if falls {
+            wavelength_nm.reverse();
+            curves.iter_mut().for_each(|(_, values)| values.reverse());
+        }
+        Ok(Self { wavelength_nm, curves, percent: form.percent, remarks, name: None })
+    }
+
+    /// The table with the name that remarks call it by.
+    #[must_use]
+    pub fn named(mut self, name: impl std::fmt::Display) -> Self {
+        self.remarks.iter_mut().for_each(|remark| *remark = format!("{name}: {remark}"));
+        self.name = Some(name.to_string());
+        self
+    }
+
+    /// Adds what else was assumed of the table.
+    pub fn remark(&mut self, text: impl std::fmt::Display) {
+        self.remarks.push(match &self.name {
+            Some(name) => format!("{name}: {text}"),
+            None => text.to_string(),
+        });
+    }
+
+    /// Takes negative values within the noise of a spectrometer as 0, and remarks on it. Larger
+    /// ones stay.
+    pub fn clip_noise(&mut self) {
+        let (mut count, mut least) = (0, 0.0f64);
+        for (_, values) in &mut self.curves {
+            let largest = values.iter().fold(0.0f64, |m, &v| m.max(v));
+            let noise = -NOISE_FLOOR * largest..0.0;
+            for value in values.iter_mut().filter(|value| noise.contains(*value)) {
+                (count, least) = (count + 1, least.min(*value));
+                *value = 0.0;
+            }
+        }
+        if count > 0 {
+            self.remark(format!(
+                "{count} slightly negative values, down to {least}, are taken as 0"
+            ));
+        }
     }
 
     /// The curve of one column, counted from 0 without the wavelengths.
@@ -90,12 +136,28 @@ impl SpectralTable {
     /// # Errors
     /// Those of [`Spectrum::new`], which a table that was read has not.
     pub fn spectrum(&self, column: usize) -> Result<Spectrum> {
-        Spectrum::new(self.wavelength_nm.clone(), self.curves[column].1.clone())
+        let curve = Spectrum::new(self.wavelength_nm.clone(), self.curves[column].1.clone())?;
+        Ok(curve.remarked(&self.remarks))
     }
 
     /// The column of that name (any letter case).
     pub fn column(&self, name: &str) -> Option<usize> {
         self.curves.iter().position(|(n, _)| n.eq_ignore_ascii_case(name))
+    }
+}
+
+/// The text of a table's file: UTF-8, UTF-16 with its mark (a spreadsheet's "Unicode text"), else
+/// Latin-1, for units such as µm in the encodings of old programs.
+pub fn text_of(bytes: Vec<u8>) -> String {
+    let words = |from: fn([u8; 2]) -> u16| {
+        let pairs = bytes[2..].chunks_exact(2).map(|pair| from([pair[0], pair[1]]));
+        String::from_utf16_lossy(&pairs.collect::<Vec<u16>>())
+    };
+    match bytes[..] {
+        [0xff, 0xfe, ..] => words(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => words(u16::from_be_bytes),
+        _ => String::from_utf8(bytes)
+            .unwrap_or_else(|e| e.into_bytes().iter().map(|&byte| char::from(byte)).collect()),
     }
 }
 
@@ -112,15 +174,85 @@ mod tests {
     #[test]
     fn errors_name_the_line() {
         for (text, expected) in [
-            ("wavelength_nm,power\n400,1\n390,2\n", "line 3"),
+            ("wavelength_nm,power\n400,1\n390,2\n395,1\n", "line 4"),
+            ("wavelength_nm,power\n400,1\n400,2\n", "line 3"),
             ("# remark\nwavelength_nm,power\n400,1\n410,x\n", "line 4"),
             ("wavelength_nm,power\n400,1\n410\n", "line 3"),
             ("wavelength_nm,power\n400,inf\n", "line 2"),
-            ("nm,power\n400,1\n", "header"),
+            ("wavelength_nm,power\n4OO,1\n410,2\n", "line 2"),
+            ("wavenumber,power\n25000,1\n", "wavenumber"),
+            ("x,y\n1,2\n5,2\n", "unit"),
             ("wavelength_nm,power\n", "no lines"),
+            ("", "no lines"),
         ] {
             let message = SpectralTable::parse(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text:?} gives {message}");
+        }
+    }
+
+    /// The same table as different programs write it.
+    #[test]
+    fn tables_of_other_programs_are_read() {
+        for text in [
+            "wavelength_nm,power\n400,0.5\n410.5,0.25\n",
+            "\u{feff}Wavelength (nm),Power\r\n400,0.5\r\n410.5,0.25\r\n",
+            "400,0.5\n410.5,0.25\n",
+            "400.0 0.5\n410.5   0.25\n",
+            "Wavelength [nm]\tIrradiance (W/m2/nm)\n400\t0,5\n410,5\t0,25\n",
+            "lambda;power\n400;0,5\n410,5;0,25\n",
+            "400,0 0,5\n410,5 0,25\n",
+            "\"Wavelength, nm\",\"Power\"\n400,0.5\n410.5,0.25\n",
+            "wavelength_um,power\n0.4,0.5\n0.4105,0.25\n",
+            "Wavelength (µm) Power\n0.4 0.5\n0.4105 0.25\n",
+            "angstrom,power\n4000,0.5\n4105,0.25\n",
+            "nm,power,\n410.5,0.25,\n400,0.5,\n",
+            "wavelength, power\n0.4, 5e-1\n0.4105, 0.25\n",
+        ] {
+            let table = SpectralTable::parse(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+            assert_eq!(table.wavelength_nm.len(), 2, "{text:?}");
+            for (got, expected) in table.wavelength_nm.iter().zip([400.0, 410.5]) {
+                assert!((got - expected).abs() < 1e-9, "{text:?}: {got}");
+            }
+            assert_eq!(table.curves[0].1, [0.5, 0.25], "{text:?}");
+        }
+        let assumed = SpectralTable::parse("0.4 1\n0.5 2\n").unwrap().remarks;
+        assert!(assumed[0].contains("no header") && assumed[0].contains("µm"), "{assumed:?}");
+        let table = SpectralTable::parse("nm,r (%),g (%)\n400,50,60\n").unwrap();
+        assert!(table.percent && table.column("g") == Some(1), "{table:?}");
+    }
+
+    #[test]
+    fn texts_of_any_encoding_are_read() {
+        let words: Vec<u8> = "\u{feff}nm µ".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(text_of(words), "nm µ");
+        assert_eq!(text_of(b"\xb5m,1".to_vec()), "µm,1");
+        assert_eq!(text_of("µm,1".into()), "µm,1");
+        assert_eq!(text_of(vec![0xff, 0xfe, 0x41]), "");
+    }
+
+    #[test]
+    fn noise_below_zero_is_taken_as_zero_and_more_is_not() {
+        let text = "wavelength_nm,power\n380,-0.002\n400,1\n410,-0.5\n";
+        let mut table = SpectralTable::parse(text).unwrap();
+        table.clip_noise();
+        assert_eq!(table.curves[0].1, [0.0, 1.0, -0.5]);
+        assert!(table.remarks[0].contains("1 slightly negative"), "{:?}", table.remarks);
+    }
+
+    /// No text makes the parser panic.
+    #[test]
+    fn damage_is_survived() {
+        let text = "\u{feff}Wavelength (nm);\"QE, %\"\r\n400;0,5\r\n410,5;-0,25\r\n";
+        for (i, _) in text.char_indices() {
+            for piece in ["", ",", ";", "\t", "\"", "\n", "µ", "(", "1e999", "-", "#"] {
+                let damaged = format!("{}{piece}{}", &text[..i], &text[i..]);
+                for text in [&damaged[..], &text[..i], &text[i..]] {
+                    if let Ok(mut table) = SpectralTable::parse(text) {
+                        table.clip_noise();
+                        let _ = table.spectrum(0);
+                    }
+                }
+            }
         }
     }
 }

@@ -36,6 +36,7 @@ use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_scene::LightLevel;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -82,7 +83,7 @@ impl std::fmt::Display for Shard {
 
 /// Makes the pictures of a part that are not there yet, the optics on `device`. Results of the
 /// optics stage are kept in the folder `cache`, where one is given; `progress` is called once for
-/// each picture of the part.
+/// each picture of the part, `tell` with each thing that a user should know, once.
 ///
 /// # Errors
 /// What rendering or the disk refuses; pictures made so far stay.
@@ -93,7 +94,9 @@ pub fn run(
     device: Device,
     cache: Option<PathBuf>,
     progress: impl Fn() + Sync,
+    mut tell: impl FnMut(&str),
 ) -> Result<()> {
+    let mut told = BTreeSet::new();
     let pictures: Vec<Picture<'_>> =
         shard.pictures(sweep.pictures()).map(|i| sweep.picture(i)).collect();
     for group in pictures.chunk_by(|a, b| a.same_view(b)) {
@@ -104,13 +107,18 @@ pub fn run(
         let camera = Camera::load_with(&variant.spec, &variant.changes)?;
         let optics_stage = OpticsStage {
             scene: first.scene.spec.clone(),
-            illuminant: first.illuminant.spec.clone(),
+            illuminant: sweep.names_light.then(|| first.illuminant.spec.clone()),
             level: sweep.base_lux().map(LightLevel::Lux),
             options: Options { oversample: sweep.oversample, device, ..Options::default() },
             cache: cache.clone(),
             motion: None,
         };
         let view = optics_stage.run(&camera, |_, _| ())?;
+        for note in &view.notes {
+            if told.insert(note.clone()) {
+                tell(note);
+            }
+        }
         missing.par_iter().try_for_each(|picture| {
             take(sweep, dataset, &camera, &view, picture)
                 .map_err(|e| e.at(format!("picture {}", picture.index)))?;

@@ -112,11 +112,16 @@ pub struct Sweep {
     pub variants: Vec<Variant>,
     scenes: Vec<Named>,
     illuminants: Vec<Named>,
+    /// Whether the file names illuminants, which scenes of radiance do not take.
+    pub names_light: bool,
     lux: Vec<Option<f64>>,
     exposures_s: Vec<f64>,
     gains: Vec<Option<f64>>,
     sensor_seeds: Vec<Option<u64>>,
 }
+
+/// Endings of tables of spectra; `D5002.78K` has none.
+const TABLES: [&str; 5] = ["csv", "txt", "tsv", "spd", "dat"];
 
 /// A scene or a light.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,10 +207,12 @@ impl Sweep {
             }),
             illuminants: match &grid.illuminant {
                 Some(names) => named(names.values().map_err(|e| e.at("illuminant"))?, |name| {
-                    name.to_ascii_lowercase().ends_with(".csv").then_some(folder)
+                    let ending = name.rsplit_once('.').map(|(_, ending)| ending.to_lowercase());
+                    ending.is_some_and(|e| TABLES.contains(&e.as_str())).then_some(folder)
                 }),
                 None => named(vec!["D65".into()], |_| None),
             },
+            names_light: grid.illuminant.is_some(),
             lux: optional("lux", grid.lux.as_ref())?,
             exposures_s: positive("exposure_s", &grid.exposure_s)?,
             gains: optional("analog_gain", grid.analog_gain.as_ref())?,
@@ -250,10 +257,11 @@ impl Sweep {
                 }
             };
             let own_light = opened.quantity() == scene::Quantity::Radiance;
-            if own_light && (self.lux != [None] || self.illuminants.len() > 1) {
+            if own_light && self.names_light {
                 wrong.push(
-                    Error::input(format!("lights for the scene {:?}", scene.name))
-                        .help("it holds radiance, light included; leave illuminant and lux out"),
+                    Error::input(format!("an illuminant for the scene {:?}", scene.name)).help(
+                        "it holds radiance, light included; leave illuminant out (lux scales it)",
+                    ),
                 );
             }
             if !is_chart(&scene.name) {

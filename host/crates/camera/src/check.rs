@@ -13,6 +13,9 @@ use std::cell::RefCell;
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
 const WIDEST_GAP_NM: f64 = 25.0;
+/// Largest values of a table that are per cent: more than a measured fraction with its error, up to
+/// 100 with the same.
+const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
 /// The visible range that every curve must cover, nm: the bands of built-in scenes.
 const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
 /// Range of fields and ratios in a table of relative illumination. Both are 1 at most by
@@ -296,13 +299,16 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
             .at(name)
             .help("the columns are wavelength_nm,transmittance"));
     }
-    table.spectrum(0)
+    Ok(table.spectrum(0)?.from_table(name))
 }
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
 /// without wide gaps.
 fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
+    let mut table = table.named(name);
+    table.clip_noise();
+    from_percent(&mut table);
     for (column, values) in &table.curves {
         if let Some(i) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
             return Err(Error::input(format!(
@@ -310,7 +316,7 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
                 values[i], table.wavelength_nm[i]
             ))
             .at(name)
-            .help("values are fractions, 0 to 1"));
+            .help("values are fractions, 0 to 1, or per cent, 0 to 100"));
         }
     }
     if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > WIDEST_GAP_NM) {
@@ -329,6 +335,22 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
     Ok(table)
 }
 
+/// Divides a table of per cent by 100: one whose header says so, or whose largest value can be no
+/// fraction.
+fn from_percent(table: &mut SpectralTable) {
+    let largest = table.curves.iter().flat_map(|(_, v)| v).fold(0.0f64, |m, &v| m.max(v));
+    if !table.percent && !PERCENT.contains(&largest) {
+        return;
+    }
+    table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
+    let of = if table.percent { "as its header says" } else { "as values go up to" };
+    let upto = if table.percent { String::new() } else { format!(" {largest}") };
+    table.remark(format!("its values are taken as per cent, {of}{upto}"));
+}
+
+/// Names of columns by the colours of the pattern's letters.
+const COLOURS: [(&str, &str); 3] = [("r", "red"), ("g", "green"), ("b", "blue")];
+
 /// Channel names and curves. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one
 /// column for mono, else one column per letter of the pattern.
 fn quantum_efficiency(
@@ -340,7 +362,7 @@ fn quantum_efficiency(
     let letters: Vec<String> =
         cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
     let names = if cfa.is_mono() && table.curves.len() == 1 {
-        return Ok((letters, vec![table.spectrum(0)?]));
+        return Ok((letters, vec![table.spectrum(0)?.from_table(name)]));
     } else if table.column("gr").is_some() && table.column("gb").is_some() {
         ["r", "gr", "gb", "b"].map(String::from).to_vec()
     } else {
@@ -348,15 +370,17 @@ fn quantum_efficiency(
     };
     let mut curves = Vec::new();
     for channel in &names {
-        let column = table.column(channel).ok_or_else(|| {
-            let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
-            Error::input(format!("no column {channel:?}")).at(name).help(format!(
-                "the pattern needs columns wavelength_nm,{}; the table has {}",
-                names.join(","),
-                known.join(",")
-            ))
-        })?;
-        curves.push(table.spectrum(column)?);
+        let colour = COLOURS.iter().find(|(letter, _)| letter == channel);
+        let column =
+            table.column(channel).or_else(|| table.column(colour?.1)).ok_or_else(|| {
+                let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
+                Error::input(format!("no column {channel:?}")).at(name).help(format!(
+                    "the pattern needs columns wavelength_nm,{}; the table has {}",
+                    names.join(","),
+                    known.join(",")
+                ))
+            })?;
+        curves.push(table.spectrum(column)?.from_table(format!("{name}, column {channel:?},")));
     }
     Ok((names, curves))
 }

@@ -41,7 +41,8 @@ pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
-use camrig_base::{Error, Result, Spectrum, mistakes, toml_text};
+use camrig_base::table::text_of;
+use camrig_base::{Bands, Error, Result, Spectrum, mistakes, toml_text};
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
@@ -114,7 +115,7 @@ impl Folder<'_> {
         match self {
             Folder::Directory(directory) => {
                 let path = directory.join(name);
-                std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))
+                std::fs::read(&path).map(text_of).map_err(|e| Error::io("read", &path, e))
             }
             Folder::BuiltIn => presets::file(name)
                 .map(str::to_string)
@@ -142,6 +143,22 @@ pub fn is_preset(spec: &str) -> bool {
 }
 
 impl Camera {
+    /// Remarks for the user on light in `bands`: what was assumed in reading tables, and where
+    /// their last value is held beyond their end.
+    pub fn notes(&self, bands: &Bands) -> Vec<String> {
+        let sensor = &self.sensor;
+        let curves =
+            [&self.lens.transmittance].into_iter().chain(&sensor.ir_cut).chain(&sensor.qe);
+        let mut notes: Vec<String> = Vec::new();
+        for note in curves.flat_map(|curve| curve.notes(bands)) {
+            // The columns of a table share its remarks.
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+        notes
+    }
+
     /// Loads a camera file, or a built-in preset where `spec` has no path separator and no
     /// extension.
     ///

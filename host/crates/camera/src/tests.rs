@@ -1,6 +1,7 @@
 //! What a wrong camera file is told.
 
 use super::{Camera, Folder};
+use camrig_base::Bands;
 
 const GOOD: &str = include_str!("../presets/mt9t012.toml");
 
@@ -82,5 +83,41 @@ fn optical_effects_are_kept_apart_from_the_sensor() {
     ] {
         let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
         assert!(message.contains(expected), "{effect}: {message}");
+    }
+}
+
+/// The same efficiency, 0.6 up to 720 nm, as fractions and per cent, by letters and by names.
+#[test]
+fn tables_of_per_cent_and_of_named_colours_are_read_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let load = |table: &str| {
+        std::fs::write(folder.path().join("qe.csv"), table).unwrap();
+        let text = GOOD.replace("mt9m131-qe.csv", "qe.csv").replace("ir_cut", "#ir_cut");
+        Camera::parse(&text, "test", &Folder::Directory(folder.path())).unwrap()
+    };
+    let table = |header: &str, value: f64, first: f64| {
+        let lines = (36..=72).map(|i| {
+            let value = if i == 36 { first } else { value };
+            format!("{},{value},{value},{value}\n", 10 * i)
+        });
+        format!("{header}\n{}", lines.collect::<String>())
+    };
+    let nir = Bands { start_nm: 400.0, step_nm: 10.0, count: 61 };
+    for (text, remark) in [
+        (table("wavelength_nm,r,g,b", 0.6, 0.0), None),
+        (table("wavelength_nm,r,g,b", 60.0, 0.0), Some("per cent, as values go up to 60")),
+        (table("nm,R (%),G (%),B (%)", 60.0, 0.0), Some("per cent, as its header says")),
+        (table("Wavelength (nm),Red,Green,Blue", 0.6, -0.001), Some("3 slightly negative")),
+    ] {
+        let camera = load(&text);
+        for curve in &camera.sensor.qe {
+            assert_eq!(curve.at(360.0), 0.0, "{text}");
+            assert!((curve.at(550.0) - 0.6).abs() < 1e-12, "{text}");
+        }
+        let notes = camera.notes(&Bands::VISIBLE);
+        assert_eq!(notes.len(), usize::from(remark.is_some()), "{notes:?}");
+        let notes = camera.notes(&nir).join("\n");
+        assert!(notes.contains("qe.csv") && notes.contains("ends at 720 nm"), "{notes}");
+        assert!(remark.is_none_or(|remark| notes.contains(remark)), "{notes}");
     }
 }

@@ -10,11 +10,13 @@ use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_optics::Options;
-use camrig_render::{Arithmetic, SceneInLight, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_render::scene_irradiance;
+use camrig_render::{Arithmetic, SceneInLight, SceneIrradiance, SceneLight, SimulatedSensor};
 use camrig_rig::SensorStage;
 use camrig_scene::LightLevel;
 use camrig_scene::photometry::HC;
 use camrig_sensor_core::config::FrameSettings;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Mean signal of a flat as a fraction of saturation where the plan does not say: the point at
@@ -39,6 +41,8 @@ pub struct TakeOptions<'a> {
     pub arithmetic: Arithmetic,
     /// Address of the rig that takes the frames; this process unless given.
     pub rig: Option<&'a str>,
+    /// Hears what a user should know of scenes, lights and the camera's tables, each once.
+    pub told: Option<fn(&str)>,
     /// Hears of links to the rig that broke and are opened again.
     pub link_broken: Option<fn(&Error)>,
 }
@@ -65,6 +69,13 @@ pub fn take(
     let output = OutputDir::create(directory, options.force)?;
     let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
     let mut frame_number = options.first_frame;
+    let mut told = BTreeSet::new();
+    let mut tell = |note: String| {
+        if let (Some(tell), true) = (options.told, !told.contains(&note)) {
+            tell(&note);
+        }
+        told.insert(note);
+    };
     let mut lit: Option<((String, SceneLight<'_>), IrradianceCube)> = None;
     for shot in plan {
         let mut light = None;
@@ -77,6 +88,7 @@ pub fn take(
             Role::Flat => {
                 let (cube, of) = narrow_band(camera, shot).map_err(|e| e.at(place(shot)))?;
                 light = Some(of);
+                camera.notes(&cube.header.spectral_bands()).into_iter().for_each(&mut tell);
                 even = cube;
                 &even
             }
@@ -85,10 +97,10 @@ pub fn take(
                 let seen = target(shot);
                 if lit.as_ref().is_none_or(|(of, _)| *of != seen) {
                     let (scene, light) = &seen;
-                    let cube =
+                    let SceneIrradiance { cube, notes, .. } =
                         scene_irradiance(camera, scene, light, &Options::default(), |_, _| ())
-                            .map_err(|e| e.at(place(shot)))?
-                            .0;
+                            .map_err(|e| e.at(place(shot)))?;
+                    notes.into_iter().for_each(&mut tell);
                     lit = Some((seen, cube));
                 }
                 &lit.as_ref().ok_or_else(|| Error::internal("no irradiance of a target"))?.1
@@ -275,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn light_for_a_scene_of_radiance_is_refused_before_a_frame_is_taken() {
+    fn a_level_scales_a_scene_of_radiance_and_an_illuminant_is_refused_before_a_frame() {
         let folder = tempfile::tempdir().unwrap();
         let mut camera = Camera::load("mt9v024").unwrap();
         (camera.sensor.width, camera.sensor.height) = (16, 12);
@@ -284,11 +296,9 @@ mod tests {
             let plan = street(folder.path(), light);
             take(&camera, &plan, &out, &TakeOptions::default(), || ())
         };
-        for light in [
-            "light = { illuminant = \"A\", lux = 20.0 }",
-            "light = { lux = 2000.0 }",
-            "light = { illuminant = \"A\" }",
-        ] {
+        for light in
+            ["light = { illuminant = \"A\", lux = 20.0 }", "light = { illuminant = \"A\" }"]
+        {
             let said = taken(light).unwrap_err().to_string();
             assert!(
                 said.contains("stack \"street\"") && said.contains("holds radiance"),
@@ -299,5 +309,22 @@ mod tests {
         taken("").unwrap();
         let manifest = std::fs::read_to_string(out.join("captures.toml")).unwrap();
         assert!(!manifest.contains("lux") && !manifest.contains("illuminant"), "{manifest}");
+        // Less light than its own, 730 cd/m².
+        let mean = |frame: &str| {
+            let raw = std::fs::read(out.join(frame)).unwrap();
+            let samples = raw[raw.len() - 2 * 16 * 12..].chunks_exact(2);
+            samples.map(|b| f64::from(u16::from_le_bytes([b[0], b[1]]))).sum::<f64>() / 192.0
+        };
+        let mut means = Vec::new();
+        for lux in [100.0, 200.0] {
+            std::fs::remove_dir_all(&out).unwrap();
+            taken(&format!("light = {{ lux = {lux:?} }}")).unwrap();
+            means.push(mean("street/0000.npy"));
+            let manifest = std::fs::read_to_string(out.join("captures.toml")).unwrap();
+            assert!(manifest.contains(&format!("lux = {lux:?}")), "{manifest}");
+        }
+        let black = camera.sensor.black_level_dn;
+        let ratio = (means[1] - black) / (means[0] - black);
+        assert!((ratio - 2.0).abs() < 0.2, "{means:?}");
     }
 }

@@ -14,7 +14,7 @@
 //! (camera.sensor.width, camera.sensor.height) = (32, 24);
 //! let light = SceneLight::lux("D65", 300.0);
 //! let options = Options::default();
-//! let (cube, _) = scene_irradiance(&camera, "uniform:0.18", &light, &options, |_, _| ())?;
+//! let cube = scene_irradiance(&camera, "uniform:0.18", &light, &options, |_, _| ())?.cube;
 //!
 //! // Twice the exposure time is twice the signal above black, within noise.
 //! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
@@ -29,6 +29,7 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+mod binning;
 pub mod cache;
 mod corrections;
 mod expose;
@@ -44,8 +45,8 @@ pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, SimulatedSensor};
 pub use lens::{lens, sensor_grid};
-pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX};
-pub use lighting::{SceneInLight, SceneLight, scene_irradiance};
+pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX, MEAN_REFLECTANCE};
+pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at, scene_irradiance};
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};

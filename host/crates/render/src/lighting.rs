@@ -1,8 +1,8 @@
 //! A scene in its light: from what a person names to radiance in the scene's bands.
 //!
-//! A scene of reflectances takes an illuminant and a level; a scene of radiance holds its own
-//! light and takes neither. Whoever renders a scene opens it here, so that no program records a
-//! light that was not applied.
+//! A scene of reflectances takes an illuminant and a level. A scene of radiance holds its own
+//! light: a level scales it as a whole ([`MEAN_REFLECTANCE`]), an illuminant is refused. Whoever
+//! renders a scene opens it here, so that no program records a light that was not applied.
 
 use super::About;
 use camrig_base::{Error, Result};
@@ -20,14 +20,18 @@ pub const DEFAULT_ILLUMINANT: &str = "D65";
 /// 2009.
 pub const DEFAULT_LUX: f64 = 300.0;
 
-/// The light asked for on a scene of reflectances. The default asks for none, which is
-/// [`DEFAULT_ILLUMINANT`] at [`DEFAULT_LUX`] there, and the scene's own light where it holds
-/// radiance.
+/// Mean reflectance that a scene of radiance is taken to have where a light level is asked for:
+/// the grey of 18 % to which exposure indices refer (ISO 12232). Its mean luminance over the frame
+/// becomes that of such a grey in this light.
+pub const MEAN_REFLECTANCE: f64 = 0.18;
+
+/// The light asked for on a scene. The default asks for none, which is [`DEFAULT_ILLUMINANT`] at
+/// [`DEFAULT_LUX`] on a scene of reflectances, and the scene's own light where it holds radiance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneLight<'a> {
-    /// Name of a built-in illuminant, or a CSV file.
+    /// Name of a built-in illuminant, or a CSV file; none for a scene that holds radiance.
     pub illuminant: Option<&'a str>,
-    /// How much of it.
+    /// How much light: of the illuminant, or of the scene's own (see [`MEAN_REFLECTANCE`]).
     pub level: Option<LightLevel>,
 }
 
@@ -44,12 +48,14 @@ pub struct SceneInLight {
     pub scene: Box<dyn Scene>,
     /// The illuminant of a scene of reflectances.
     pub illuminant: Option<Illuminant>,
-    /// Its illuminance, lx.
+    /// The illuminance asked for, lx; none for a scene of radiance in its own light.
     pub lux: Option<f64>,
     /// What the scene's values are multiplied by in each band: radiance of a perfect white,
-    /// W m⁻² sr⁻¹ nm⁻¹; 1 for a scene of radiance.
+    /// W m⁻² sr⁻¹ nm⁻¹; for a scene of radiance, 1 or the ratio of the level asked for to its own.
     pub white: Vec<f64>,
-    spec: String,
+    pub(crate) spec: String,
+    /// What was done to the scene for its light or for a sensor.
+    pub(crate) done: Vec<String>,
 }
 
 impl SceneInLight {
@@ -57,34 +63,51 @@ impl SceneInLight {
     /// for.
     ///
     /// # Errors
-    /// A scene or illuminant that cannot be read; light asked for on a scene that holds radiance.
+    /// A scene or illuminant that cannot be read; an illuminant for a scene that holds radiance.
     pub fn open(spec: &str, frame_aspect: f64, light: &SceneLight<'_>) -> Result<Self> {
-        Self::new(scene::open_filling(spec, frame_aspect)?, spec, light)
-    }
-
-    /// An opened scene, called `spec`, in the light asked for.
-    ///
-    /// # Errors
-    /// An illuminant that cannot be read; light asked for on a scene that holds radiance.
-    pub fn new(scene: Box<dyn Scene>, spec: &str, light: &SceneLight<'_>) -> Result<Self> {
-        let bands = scene.bands();
-        let spec = spec.to_owned();
+        let scene = scene::open_filling(spec, frame_aspect)?;
         if scene.quantity() == Quantity::Radiance {
-            refuse_light(&spec, light)?;
-            return Ok(Self {
-                scene,
-                illuminant: None,
-                lux: None,
-                white: vec![1.0; bands.count],
-                spec,
-            });
+            return Self::of_radiance(scene, spec, frame_aspect, light);
         }
+        let bands = scene.bands();
         let illuminant = Illuminant::parse(light.illuminant.unwrap_or(DEFAULT_ILLUMINANT))?;
         let level = light.level.unwrap_or(LightLevel::Lux(DEFAULT_LUX));
         let white = photometry::white_radiance(&illuminant, level, &bands)?;
-        // A perfect diffuser of L cd/m² is lit by π L lux.
-        let lux = level.white_luminance() * PI;
-        Ok(Self { scene, illuminant: Some(illuminant), lux: Some(lux), white, spec })
+        let (illuminant, lux) = (Some(illuminant), Some(illuminance(level)));
+        Ok(Self { scene, illuminant, lux, white, spec: spec.to_owned(), done: Vec::new() })
+    }
+
+    fn of_radiance(
+        scene: Box<dyn Scene>,
+        spec: &str,
+        frame_aspect: f64,
+        light: &SceneLight<'_>,
+    ) -> Result<Self> {
+        if light.illuminant.is_some() {
+            return Err(Error::input(format!("an illuminant for {spec:?}")).help(
+                "this scene holds radiance, light included; leave the illuminant out (a level \
+                 scales the scene as a whole)",
+            ));
+        }
+        let (mut factor, mut lux, mut done) = (1.0, None, Vec::new());
+        if let Some(level) = light.level {
+            let (times, note) = radiance_at(&*scene, spec, frame_aspect, level)?;
+            (factor, lux) = (times, Some(illuminance(level)));
+            done.push(note);
+        }
+        let white = vec![factor; scene.bands().count];
+        Ok(Self { scene, illuminant: None, lux, white, spec: spec.to_owned(), done })
+    }
+
+    /// What a user should know: of the scene so far as it was read, its light, and where `camera`
+    /// holds tables beyond their ends.
+    pub fn notes(&self, camera: &Camera) -> Vec<String> {
+        let bands = self.scene.bands();
+        let mut notes = self.scene.notes();
+        notes.extend(self.done.iter().cloned());
+        notes.extend(camera.notes(&bands));
+        notes.extend(self.illuminant.iter().flat_map(|light| light.notes(&bands)));
+        notes
     }
 
     /// The scene as the optics engine takes it.
@@ -102,15 +125,36 @@ impl SceneInLight {
     }
 }
 
-fn refuse_light(spec: &str, light: &SceneLight<'_>) -> Result<()> {
-    let asked_for = match light {
-        SceneLight { level: Some(_), .. } => "a light level",
-        SceneLight { illuminant: Some(_), .. } => "an illuminant",
-        SceneLight { illuminant: None, level: None } => return Ok(()),
-    };
-    Err(Error::input(format!("{asked_for} for {spec:?}")).help(
-        "this scene holds radiance, light included; leave illuminant, lux and luminance out",
-    ))
+/// What a scene of radiance, called `spec`, is multiplied by for a light level, and what to tell
+/// the user: its mean luminance over a frame of that aspect becomes that of [`MEAN_REFLECTANCE`] in
+/// the light.
+///
+/// # Errors
+/// A level that is none; a scene that is black in visible light, or cannot be read.
+pub fn radiance_at(
+    scene: &dyn Scene,
+    spec: &str,
+    frame_aspect: f64,
+    level: LightLevel,
+) -> Result<(f64, String)> {
+    let asked = MEAN_REFLECTANCE * level.checked()?;
+    let own = photometry::mean_luminance(scene, frame_aspect)?;
+    if own <= 0.0 {
+        return Err(Error::input(format!("a light level for {spec:?}"))
+            .help("this scene of radiance is black in visible light"));
+    }
+    let note = format!(
+        "{spec} holds radiance: all of it times {:.4}, so that its mean luminance of {own:.4} cd/m² \
+         becomes the {asked:.4} cd/m² of {:.0} % grey at the level asked for",
+        asked / own,
+        100.0 * MEAN_REFLECTANCE
+    );
+    Ok((asked / own, note))
+}
+
+/// A perfect diffuser of L cd/m² is lit by π L lux.
+fn illuminance(level: LightLevel) -> f64 {
+    level.white_luminance() * PI
 }
 
 /// Width over height of a camera's frames.
@@ -118,8 +162,19 @@ pub(crate) fn frame_aspect(camera: &Camera) -> f64 {
     f64::from(camera.sensor.width) / f64::from(camera.sensor.height)
 }
 
+/// What falls on a sensor from a scene.
+pub struct SceneIrradiance {
+    /// Spectral irradiance per band and pixel, W m⁻² nm⁻¹.
+    pub cube: IrradianceCube,
+    /// Figures of the optics stage.
+    pub optics: Report,
+    /// What a user should know of the scene, its light and the camera's tables.
+    pub notes: Vec<String>,
+}
+
 /// What falls on the sensor of `camera` when it looks at the scene that `spec` names: spectral
-/// irradiance per band and pixel, W m⁻² nm⁻¹, and the figures of the optics stage.
+/// irradiance per band and pixel, W m⁻² nm⁻¹, with the figures of the optics stage and what a user
+/// should know. Scenes of more bands than a sensor takes are rebinned for it.
 ///
 /// Unlike [`super::OpticsStage`] it keeps no results on disk, and the cube's samples hold the
 /// light level themselves (its header's level is 1).
@@ -132,8 +187,8 @@ pub(crate) fn frame_aspect(camera: &Camera) -> f64 {
 /// let mut camera = Camera::load("mt9v024")?;
 /// (camera.sensor.width, camera.sensor.height) = (32, 24);
 /// let light = SceneLight::lux("D65", 300.0);
-/// let (cube, _) =
-///     scene_irradiance(&camera, "colorchecker", &light, &Options::default(), |_, _| ())?;
+/// let seen = scene_irradiance(&camera, "colorchecker", &light, &Options::default(), |_, _| ())?;
+/// let cube = seen.cube;
 /// let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
 /// let settings = camera.settings(0, 10e-3, None);
 /// let frame = sensor.frame(&cube, None, &settings, Default::default())?;
@@ -149,9 +204,11 @@ pub fn scene_irradiance(
     light: &SceneLight<'_>,
     options: &Options,
     progress: impl FnMut(usize, usize),
-) -> Result<(IrradianceCube, Report)> {
-    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?;
-    super::irradiance(camera, &opened.lit(), options, opened.about(camera), progress)
+) -> Result<SceneIrradiance> {
+    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
+    let about = opened.about(camera);
+    let (cube, optics) = super::irradiance(camera, &opened.lit(), options, about, progress)?;
+    Ok(SceneIrradiance { cube, optics, notes: opened.notes(camera) })
 }
 
 #[cfg(test)]
@@ -173,21 +230,32 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_of_radiance_is_opened_without_light_and_refused_with_any() {
+    fn a_level_scales_a_scene_of_radiance_and_an_illuminant_is_refused() {
         let (_folder, spec) = radiance_scene();
-        let opened = SceneInLight::open(&spec, 4.0 / 3.0, &SceneLight::default()).unwrap();
-        assert!(opened.illuminant.is_none() && opened.lux.is_none());
+        let open = |light: SceneLight<'_>| SceneInLight::open(&spec, 4.0 / 3.0, &light);
+        let opened = open(SceneLight::default()).unwrap();
+        assert!(opened.illuminant.is_none() && opened.lux.is_none() && opened.done.is_empty());
         assert!(opened.white.iter().all(|&factor| factor == 1.0), "{:?}", opened.white);
-        let said = |light: SceneLight<'_>| match SceneInLight::open(&spec, 4.0 / 3.0, &light) {
-            Ok(_) => panic!("{light:?} must be refused"),
-            Err(error) => error.to_string(),
-        };
-        let level = Some(LightLevel::Luminance(80.0));
-        let alone = said(SceneLight { illuminant: None, level });
-        assert!(alone.contains("a light level") && alone.contains("holds radiance"), "{alone}");
-        let named = said(SceneLight { illuminant: Some("A"), level: None });
-        assert!(named.contains("an illuminant") && named.contains("holds radiance"), "{named}");
-        assert!(said(SceneLight::lux("A", 20.0)).contains("a light level"));
+        let own = photometry::mean_luminance(&*opened.scene, 4.0 / 3.0).unwrap();
+        // 0.01 W m⁻² sr⁻¹ nm⁻¹ in all bands: 683 lm/W times 106.86 nm of V.
+        assert!((own / (0.01 * 683.0 * 106.86) - 1.0).abs() < 1e-3, "{own}");
+
+        let level = Some(LightLevel::Lux(100.0));
+        let lit = open(SceneLight { illuminant: None, level }).unwrap();
+        assert_eq!((lit.lux, lit.illuminant.is_none()), (Some(100.0), true));
+        let mean = own * lit.white[0];
+        assert!((mean - 0.18 * 100.0 / PI).abs() < 1e-9, "{mean}");
+        assert!(lit.done[0].contains("holds radiance"), "{:?}", lit.done);
+        let level = Some(LightLevel::Luminance(200.0 / PI));
+        let twice = open(SceneLight { illuminant: None, level }).unwrap();
+        assert!((twice.white[0] / lit.white[0] - 2.0).abs() < 1e-12);
+
+        for light in
+            [SceneLight { illuminant: Some("A"), level: None }, SceneLight::lux("A", 20.0)]
+        {
+            let said = open(light).err().unwrap().to_string();
+            assert!(said.contains("an illuminant") && said.contains("holds radiance"), "{said}");
+        }
     }
 
     #[test]

@@ -190,7 +190,7 @@ mod tests {
     fn cube() -> IrradianceCube {
         let light = SceneLight::lux("D65", 300.0);
         let options = Options::default();
-        scene_irradiance(&camera(&[]), "uniform:0.2", &light, &options, |_, _| ()).unwrap().0
+        scene_irradiance(&camera(&[]), "uniform:0.2", &light, &options, |_, _| ()).unwrap().cube
     }
 
     fn refusal(camera: &Camera, header: &CubeHeader) -> String {

@@ -8,7 +8,7 @@ use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Options, Report};
 use camrig_scene::moving::Moving;
-use camrig_scene::{self as scene, Illuminant, LightLevel, Quantity, photometry};
+use camrig_scene::{Illuminant, LightLevel, photometry};
 use std::path::PathBuf;
 
 /// A scene and its light, ready to be seen by a camera.
@@ -16,9 +16,11 @@ use std::path::PathBuf;
 pub struct OpticsStage {
     /// A chart, a spectral cube or a scene directory.
     pub scene: String,
-    /// The light on a scene of reflectances; one of radiance has its own.
-    pub illuminant: String,
-    /// How much of it; 300 lx unless given. A scene of radiance takes none.
+    /// The light on a scene of reflectances, [`super::DEFAULT_ILLUMINANT`] unless given; one of
+    /// radiance has its own and takes none.
+    pub illuminant: Option<String>,
+    /// How much of it: on a scene of reflectances 300 lx unless given; one of radiance is scaled to
+    /// it, see [`super::MEAN_REFLECTANCE`].
     pub level: Option<LightLevel>,
     /// Options of the optics engine.
     pub options: Options,
@@ -47,6 +49,8 @@ pub struct OpticsOutput {
     pub optics: Report,
     /// Whether they came from the cache.
     pub cached: bool,
+    /// Whether the scene's bands were joined to fewer.
+    pub rebinned: bool,
     /// Whether a lens was traced for them now.
     pub lens_traced: bool,
     /// What a user should know about the scene and the lens.
@@ -57,7 +61,7 @@ impl OpticsStage {
     /// What falls on the sensor of `camera`; `progress` hears of bands done and bands in all.
     ///
     /// # Errors
-    /// A scene, light or lens that cannot be read; a light level for a scene that holds radiance.
+    /// A scene, light or lens that cannot be read; an illuminant for a scene that holds radiance.
     pub fn run(
         &self,
         camera: &Camera,
@@ -76,28 +80,36 @@ impl OpticsStage {
         frame: u32,
         progress: impl FnMut(usize, usize),
     ) -> Result<OpticsOutput> {
-        let mut scene = scene::open_filling(&self.scene, frame_aspect(camera))?;
-        let reflects = scene.quantity() == Quantity::Reflectance;
+        let light = SceneLight { illuminant: self.illuminant.as_deref(), level: self.level };
+        let opened = SceneInLight::open(&self.scene, frame_aspect(camera), &light)?;
+        let count = opened.scene.bands().count;
+        let mut opened = opened.binned_for(camera);
+        let rebinned = opened.scene.bands().count != count;
         if let Some(Motion { velocity_pixels, rolling }) = self.motion {
             let [width, height] = [camera.sensor.width, camera.sensor.height].map(f64::from);
             let velocity = velocity_pixels.map(|v| v / width);
             let (start, height) = (f64::from(frame), height / width);
-            scene = Box::new(Moving { scene, velocity, start, rolling, height });
+            let scene = opened.scene;
+            opened.scene = Box::new(Moving { scene, velocity, start, rolling, height });
         }
-        // A light level is asked for; an illuminant is always named and counts where it is needed.
-        let illuminant = reflects.then_some(self.illuminant.as_str());
-        let light = SceneLight { illuminant, level: self.level };
-        let opened = SceneInLight::new(scene, &self.scene, &light)?;
         // A moving scene is seen once in each place: nothing to keep.
         let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
         let about = opened.about(camera);
         let cache::Rendered { cube, report, hit, traced, notes: of_lens } =
             cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)
                 .map_err(|e| e.at(&self.scene))?;
-        let mut notes = opened.scene.notes();
+        let mut notes = opened.notes(camera);
         notes.extend(of_lens);
         let light = opened.illuminant;
-        Ok(OpticsOutput { light, cube, optics: report, cached: hit, lens_traced: traced, notes })
+        Ok(OpticsOutput {
+            light,
+            cube,
+            optics: report,
+            cached: hit,
+            rebinned,
+            lens_traced: traced,
+            notes,
+        })
     }
 }
 
@@ -105,14 +117,18 @@ impl OpticsOutput {
     /// The cube's header for another level of the same light: the samples serve them all.
     ///
     /// # Errors
-    /// A scene that has its own light.
+    /// A scene of radiance that was not scaled to a level.
     pub fn header_at(&self, lux: f64) -> Result<CubeHeader> {
         let header = &self.cube.header;
-        let light =
-            self.light.as_ref().ok_or_else(|| Error::input("the scene has its own light"))?;
-        let bands = header.spectral_bands();
-        let white = photometry::white_radiance(light, LightLevel::Lux(lux), &bands)?;
-        let level = white.iter().fold(0.0f64, |m, &w| m.max(w));
+        let level = match (&self.light, header.lux) {
+            (Some(light), _) if !self.rebinned => {
+                let bands = header.spectral_bands();
+                let white = photometry::white_radiance(light, LightLevel::Lux(lux), &bands)?;
+                white.iter().fold(0.0f64, |m, &w| m.max(w))
+            }
+            (_, Some(own)) => header.level * lux / own,
+            (_, None) => return Err(Error::input("the scene is in its own light")),
+        };
         Ok(CubeHeader { level, lux: Some(lux), ..header.clone() })
     }
 }

@@ -5,11 +5,16 @@
 //! the area-weighted mean of the pixels under it. Only one band is held at a time.
 //!
 //! Equally spaced bands of 5 to 50 nm are kept; others are converted to bands of 10 nm, each the
-//! mean of the spectrum over the band (linear between source bands). A cube that does not reach
+//! mean of the spectrum over the band (linear between source bands). Negative samples within the
+//! noise of a dark scene are taken as 0, which the notes say. A cube that does not reach
 //! 400 or 700 nm is extended by its end values, which [`Scene::notes`] says.
 
+use super::resample::resample;
+use super::selection::{Arranged, Stated, arrange};
 use super::{Grid, Quantity, Scene};
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
 
 /// Where a cube's planes come from.
 pub trait BandSource: Send + Sync {
@@ -24,6 +29,10 @@ pub trait BandSource: Send + Sync {
     fn read(&self, band: usize) -> Result<Plane<f32>>;
 }
 
+/// Samples below zero that are taken as 0, as a part of the band's largest value, or of 1 for a
+/// reflectance: dark samples from which a dark frame or stray light was subtracted scatter around
+/// 0. Far below it something else is wrong.
+const NOISE_FLOOR: f32 = 0.02;
 /// Largest value that is accepted as a reflectance: highlights and noise of measured cubes exceed
 /// 1, while per cent, counts and radiance exceed 2 almost everywhere.
 const MAX_REFLECTANCE: f32 = 2.0;
@@ -51,36 +60,43 @@ pub struct Cube {
     bands: Bands,
     /// For each band the source bands and their weights.
     mix: Vec<Vec<(usize, f32)>>,
+    understood: Vec<String>,
     notes: Vec<String>,
+    /// Whether all negative samples are taken as 0, however far below it.
+    clips: bool,
+    /// Source bands read so far in which negative samples were taken as 0: how many, and the
+    /// least.
+    clipped: Mutex<BTreeMap<usize, (usize, f32)>>,
 }
 
 impl Cube {
-    /// A cube whose source bands are centred at `wavelength_nm`, strictly rising.
+    /// A cube whose source bands are centred at `wavelength_nm`, in any order.
     ///
     /// # Errors
-    /// Wavelengths that are not one per band, do not rise, or lie outside 200 to 2500 nm.
+    /// Those of [`Cube::stated`].
     pub fn new(
         source: Box<dyn BandSource>,
         wavelength_nm: Vec<f64>,
         quantity: Quantity,
     ) -> Result<Self> {
-        if wavelength_nm.len() != source.bands() {
-            return Err(Error::input(format!(
-                "{} wavelengths for {} bands",
-                wavelength_nm.len(),
-                source.bands()
-            ))
-            .help("give the centre of every band in nm"));
-        }
-        // Spectrum::new checks that the wavelengths rise.
-        Spectrum::new(wavelength_nm.clone(), vec![0.0; wavelength_nm.len()])?;
+        Self::stated(source, &wavelength_nm, quantity, Stated::default())
+    }
+
+    /// A cube of which the file says more than its wavelengths.
+    ///
+    /// # Errors
+    /// Wavelengths that are not one per band, or of which none lies within 200 to 2500 nm; lists
+    /// that do not fit.
+    pub(super) fn stated(
+        source: Box<dyn BandSource>,
+        wavelength_nm: &[f64],
+        quantity: Quantity,
+        stated: Stated,
+    ) -> Result<Self> {
+        let Arranged { source, wavelength_nm, mut notes } =
+            arrange(source, wavelength_nm, stated, WAVELENGTHS_NM)?;
         let (first, last) = (wavelength_nm[0], wavelength_nm[wavelength_nm.len() - 1]);
-        if !WAVELENGTHS_NM.contains(&first) || !WAVELENGTHS_NM.contains(&last) {
-            return Err(Error::input(format!("bands from {first} to {last} nm"))
-                .help("wavelengths are in nanometres, 200 to 2500"));
-        }
         let bands = scene_bands(&wavelength_nm);
-        let mut notes = Vec::new();
         let [blue, red] = VISIBLE_NM;
         if first > blue + bands.step_nm / 2.0 || last < red - bands.step_nm / 2.0 {
             notes.push(format!(
@@ -89,7 +105,34 @@ impl Cube {
             ));
         }
         let mix = mix(&wavelength_nm, &bands);
-        Ok(Self { source, wavelength_nm, quantity, bands, mix, notes })
+        Ok(Self {
+            source,
+            wavelength_nm,
+            quantity,
+            bands,
+            mix,
+            understood: Vec::new(),
+            notes,
+            clips: false,
+            clipped: Mutex::default(),
+        })
+    }
+
+    /// The same cube with all negative samples as 0 where `clips` says so, and with what its
+    /// reader understood of the file, and what it assumed or ignored.
+    pub(super) fn with(
+        mut self,
+        clips: bool,
+        understood: Vec<String>,
+        mut notes: Vec<String>,
+    ) -> Self {
+        notes.append(&mut self.notes);
+        Self { clips, understood, notes, ..self }
+    }
+
+    /// What was understood of the file, in words; what was assumed or ignored is in the notes.
+    pub fn understood(&self) -> &[String] {
+        &self.understood
     }
 
     /// Width and height in pixels.
@@ -97,29 +140,54 @@ impl Cube {
         self.source.size()
     }
 
-    /// One source band, checked: finite, not negative, a reflectance not far above 1.
+    /// One source band, checked: finite, not negative, a reflectance not far above 1. Samples a
+    /// little below zero become 0.
     fn stored_band(&self, band: usize) -> Result<Plane<f32>> {
-        let plane = self.source.read(band)?;
-        let limit = match self.quantity {
-            Quantity::Reflectance => MAX_REFLECTANCE,
-            Quantity::Radiance => f32::MAX,
+        let mut plane = self.source.read(band)?;
+        let largest = plane.data.iter().fold(0.0f32, |m, &v| m.max(v));
+        let (limit, unit) = match self.quantity {
+            Quantity::Reflectance => (MAX_REFLECTANCE, largest.max(1.0)),
+            Quantity::Radiance => (f32::MAX, largest),
         };
-        // The range excludes NaN, infinite and negative values as well.
-        if let Some(i) = plane.data.iter().position(|v| !(0.0..=limit).contains(v)) {
+        let floor = if self.clips { f32::MIN } else { -NOISE_FLOOR * unit };
+        // The range excludes NaN and infinite values as well.
+        if let Some(i) = plane.data.iter().position(|v| !(floor..=limit).contains(v)) {
             return Err(self.wrong_value(plane.data[i], i % plane.width, i / plane.width, band));
         }
+        let (mut count, mut least) = (0, 0.0f32);
+        for value in plane.data.iter_mut().filter(|v| **v < 0.0) {
+            (count, least) = (count + 1, least.min(*value));
+            *value = 0.0;
+        }
+        if count > 0
+            && let Ok(mut clipped) = self.clipped.lock()
+        {
+            clipped.insert(band, (count, least));
+        }
         Ok(plane)
+    }
+
+    /// What was taken as 0 in the bands read so far.
+    fn clipped_note(&self) -> Option<String> {
+        let clipped = self.clipped.lock().ok()?;
+        let samples: usize = clipped.values().map(|(count, _)| count).sum();
+        let least = clipped.values().fold(0.0f32, |m, (_, least)| m.min(*least));
+        (samples > 0).then(|| {
+            let bands = clipped.len();
+            format!("{samples} negative samples in {bands} bands, down to {least}, are taken as 0")
+        })
     }
 
     fn wrong_value(&self, value: f32, x: usize, y: usize, band: usize) -> Error {
         let (what, help) = if !value.is_finite() {
             ("not a finite number", "replace missing pixels before importing the scene")
         } else if value < 0.0 {
-            ("negative", "light cannot be negative: clip or rescale the scene")
+            ("negative", "light cannot be negative: give negative=zero to take such samples as 0")
         } else {
             (
                 "too large for a reflectance",
-                "reflectance is 0 to 1: give scale=0.01 for percent, or quantity=radiance",
+                "reflectance is 0 to 1: give scale=0.01 for percent, scale=1.52590e-5 (1/65535) for \
+                 counts of 16 bits, or quantity=radiance",
             )
         };
         let nm = self.wavelength_nm[band];
@@ -164,7 +232,7 @@ impl Scene for Cube {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.notes.clone()
+        self.notes.iter().cloned().chain(self.clipped_note()).collect()
     }
 
     fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
@@ -210,51 +278,6 @@ fn mix(wavelength_nm: &[f64], bands: &Bands) -> Vec<Vec<(usize, f32)>> {
         }
     }
     mix
-}
-
-/// Exact area-weighted means of `image`, one sensor width wide and centred, over the grid's cells.
-pub(crate) fn resample(image: &Plane<f32>, grid: &Grid) -> Plane<f32> {
-    let scale = image.width as f64; // pixels per sensor width
-    let columns = weights((grid.left + 0.5) * scale, grid.cell * scale, grid.width, image.width);
-    let top = grid.top * scale + image.height as f64 / 2.0;
-    let rows = weights(top, grid.cell * scale, grid.height, image.height);
-    let mut result = Plane::filled(grid.width, grid.height, 0.0f32);
-    let mut across = vec![0.0f32; grid.width];
-    let mut held = None; // the image row whose means over the columns `across` holds
-    for (y, (first, row_weights)) in rows.iter().enumerate() {
-        for (i, &down) in row_weights.iter().enumerate() {
-            let source = first + i;
-            if held != Some(source) {
-                let row = image.row(source);
-                for (value, (first, weights)) in across.iter_mut().zip(&columns) {
-                    *value = weights.iter().zip(&row[*first..]).map(|(w, v)| w * v).sum();
-                }
-                held = Some(source);
-            }
-            result.row_mut(y).iter_mut().zip(&across).for_each(|(r, v)| *r += down * v);
-        }
-    }
-    result
-}
-
-/// For each of `cells` cells of length `cell` from `start`, in pixels: the first pixel under the
-/// cell, and the shares of the cell that lie over this pixel and the following ones. A share
-/// outside the image counts for its edge pixel.
-fn weights(start: f64, cell: f64, cells: usize, pixels: usize) -> Vec<(usize, Vec<f32>)> {
-    let end = pixels as f64;
-    (0..cells)
-        .map(|i| {
-            let (a, b) = (start + i as f64 * cell, start + (i + 1) as f64 * cell);
-            let first = a.clamp(0.0, end - 1.0).floor() as usize;
-            let last = ((b.clamp(0.0, end).ceil() as usize).max(1) - 1).max(first);
-            let parts = (first..=last).map(|pixel| {
-                let from = if pixel == 0 { a } else { a.max(pixel as f64) };
-                let to = if pixel + 1 == pixels { b } else { b.min(pixel as f64 + 1.0) };
-                ((to - from).max(0.0) / cell) as f32
-            });
-            (first, parts.collect())
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -345,6 +368,25 @@ mod tests {
         let one = self::cube(vec![550.0], linear);
         assert_eq!(at(&one, 0), 0.55);
         assert!(one.bands().nm(0) <= 405.0);
+    }
+
+    #[test]
+    fn samples_in_the_noise_below_zero_become_zero_and_are_told() {
+        let value = |x, y, nm| if (x, y, nm) == (1, 0, 420.0) { -0.003 } else { 0.5 };
+        let dark = cube(visible(), value);
+        assert!(dark.notes().is_empty());
+        assert_eq!(dark.band(2).unwrap().data[..3], [0.5, 0.0, 0.5]);
+        dark.band(2).unwrap();
+        let notes = dark.notes();
+        assert!(
+            notes[0].starts_with("1 negative samples in 1 bands, down to -0.003"),
+            "{notes:?}"
+        );
+        // Far below zero only if asked for.
+        let wrong = cube(visible(), |x, _, _| if x == 2 { -0.5 } else { 0.5 });
+        let message = wrong.band(0).unwrap_err().to_string();
+        assert!(message.contains("negative=zero"), "{message}");
+        assert_eq!(wrong.with(true, vec![], vec![]).band(0).unwrap().data[..3], [0.5, 0.5, 0.0]);
     }
 
     #[test]

@@ -2,16 +2,17 @@
 //!
 //! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`, `data
 //! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
-//! `reflectance scale factor`). The reader takes interleave bsq, bil and bip, both byte orders and
-//! data types 1, 2, 3, 4, 5, 12 and 13. The writer makes bsq of little-endian floats, with the
+//! `reflectance scale factor`, `data gain values`, `data offset values`, `bbl`, `data ignore
+//! value`). The reader takes interleave bsq, bil and bip, both byte orders and
+//! data types 1 to 5 and 12 to 15. The writer makes bsq of little-endian floats, with the
 //! additional key `quantity`.
 
 use super::Quantity;
 use super::cube::Cube;
-use super::sidecar::Sidecar;
+use super::envi_header::Header;
+use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Bands, Error, Plane, Result};
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +22,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let header = Header::parse(&String::from_utf8_lossy(&text))?;
     let [width, height, bands] =
         [header.size("samples")?, header.size("lines")?, header.size("bands")?];
+    header.refuse_other_layouts()?;
     let (axes, lengths) =
         match header.text("interleave").unwrap_or("bsq").to_ascii_lowercase().as_str() {
             "bsq" => ("byx", [bands, height, width]),
@@ -40,95 +42,60 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         5 => Sample::F64,
         12 => Sample::U16,
         13 => Sample::U32,
+        14 => Sample::I64,
+        15 => Sample::U64,
         other => {
             return Err(Error::unsupported(format!("data type = {other}"))
-                .help("read are 1, 2, 3, 4, 5, 12 and 13 (real numbers of up to 64 bits)"));
+                .help("read are 1 to 5 and 12 to 15: real numbers, not the complex of 6 and 9"));
         }
     };
     let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
     let big_endian = header.text("byte order") == Some("1");
     let reflectance_scale = header.number("reflectance scale factor")?;
     let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
-    let own = match header.text("quantity") {
-        Some("radiance") => Some(Quantity::Radiance),
-        _ => None,
+    let data = data_file(path)?;
+    let mut understood =
+        vec![format!("ENVI, {axes} from slowest to fastest, {sample:?}, in {}", data.display())];
+    if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
+        understood.push(format!("reflectance scale factor {s}: samples times {scale}"));
+    }
+    for key in ["data gain values", "data offset values"] {
+        understood.extend(header.text(key).map(|_| format!("{key}, band by band")));
+    }
+    let own = Own {
+        nm: header.wavelengths()?,
+        quantity: header.text("quantity").and_then(Quantity::parse),
+        stated: header.stated(scale)?,
+        understood,
+        notes: header.ignored().into_iter().collect(),
+        ..Own::default()
     };
-    let nm = sidecar.wavelengths(bands, header.wavelengths()?)?;
-    let data = Bytes::File(data_file(path)?);
+    let data = Bytes::File(data);
     let layout = Layout::packed(axes, lengths)?;
     let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
-    Cube::new(Box::new(cube), nm, sidecar.quantity(own))
+    sidecar.cube(Box::new(cube), own)
 }
 
 /// The data file of a header: its name without `.hdr`, or with one of the usual extensions.
 fn data_file(header: &Path) -> Result<PathBuf> {
     let bare = header.with_extension("");
     let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
-    let mut candidates = vec![bare.clone()];
-    candidates.extend(endings.iter().map(|ending| bare.with_extension(ending)));
-    let found = candidates.into_iter().find(|candidate| candidate.is_file());
-    found.ok_or_else(|| {
+    let candidates = endings.iter().map(|ending| bare.with_extension(ending));
+    let found = std::iter::once(bare.clone()).chain(candidates).find(|path| path.is_file());
+    // In capitals, or as some file systems leave them.
+    let alike = |path: &PathBuf| {
+        let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        path.file_stem() == bare.file_stem() && endings.contains(&&*ending.to_ascii_lowercase())
+    };
+    let listed = || {
+        let folder = header.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let files = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+        files.filter_map(|entry| Some(entry.ok()?.path())).filter(alike).min()
+    };
+    found.or_else(listed).ok_or_else(|| {
         Error::input(format!("no data file {} (.img, .dat, .raw, ...)", bare.display()))
             .help("the data file lies beside the header and has its name")
     })
-}
-
-struct Header(BTreeMap<String, String>);
-
-impl Header {
-    /// `key = value` lines after a first line `ENVI`; a value in braces may span lines.
-    fn parse(text: &str) -> Result<Self> {
-        let mut lines = text.lines().enumerate();
-        if lines.next().is_none_or(|(_, first)| first.trim() != "ENVI") {
-            return Err(Error::input("the first line is not ENVI").help("this is no ENVI header"));
-        }
-        let mut keys = BTreeMap::new();
-        while let Some((number, line)) = lines.next() {
-            let Some((key, value)) = line.split_once('=') else { continue };
-            let mut value = value.trim().to_string();
-            while value.starts_with('{') && !value.contains('}') {
-                let Some((_, next)) = lines.next() else {
-                    return Err(Error::input(format!("no closing brace for {:?}", key.trim()))
-                        .at(format!("line {}", number + 1)));
-                };
-                value.push(' ');
-                value.push_str(next);
-            }
-            keys.insert(key.trim().to_ascii_lowercase(), value);
-        }
-        Ok(Self(keys))
-    }
-
-    fn text(&self, key: &str) -> Option<&str> {
-        self.0.get(key).map(String::as_str)
-    }
-
-    fn number(&self, key: &str) -> Result<Option<f64>> {
-        let Some(text) = self.text(key) else { return Ok(None) };
-        match text.parse() {
-            Ok(number) if number > 0.0 => Ok(Some(number)),
-            _ => Err(Error::input(format!("{key} = {text}")).help("give a positive number")),
-        }
-    }
-
-    fn size(&self, key: &str) -> Result<usize> {
-        let text = self.text(key).ok_or_else(|| Error::input(format!("no key {key:?}")))?;
-        text.parse()
-            .map_err(|_| Error::input(format!("{key} = {text}")).help("give a whole number"))
-    }
-
-    fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
-        let Some(text) = self.text("wavelength") else { return Ok(None) };
-        let numbers = text.trim_matches(['{', '}', ' ']).split(',').map(str::trim);
-        let list: Vec<f64> = numbers
-            .map(|n| n.parse().map_err(|_| Error::input(format!("wavelength {n:?} is no number"))))
-            .collect::<Result<_>>()?;
-        let units = self.text("wavelength units").unwrap_or("").to_ascii_lowercase();
-        // Where the unit is missing, numbers below 100 cannot be nanometres of light.
-        let micrometres = units.starts_with("micro") || units == "um" || list[0] < 100.0;
-        let to_nm = if micrometres { 1000.0 } else { 1.0 };
-        Ok(Some(list.into_iter().map(|w| w * to_nm).collect()))
-    }
 }
 
 /// Writes a cube as `STEM.hdr` and `STEM.img`, band by band, in the unit of the quantity. `size`
@@ -257,11 +224,38 @@ mod tests {
         assert!(message(&good.replace("ENVI", "IVNE")).contains("no ENVI header"));
         assert!(message(&good.replace("bands = 4", "")).contains("no key \"bands\""));
         assert!(message(&good.replace("type = 1", "type = 6")).contains("data type = 6"));
+        assert!(message(&good.replace("start", "file compression = 1")).contains("compression"));
+        let wavenumbers = good.replace("start", "wavelength units = Furlongs");
+        assert!(message(&wavenumbers).contains("units = furlongs"));
         assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
         assert!(message(&good.replace('}', "")).contains("closing brace"));
         std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();
         assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
         std::fs::remove_file(dir.path().join("cube")).unwrap();
         assert!(message(good).contains("no data file"));
+    }
+
+    #[test]
+    fn gains_offsets_bad_bands_and_missing_data_count() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.hdr");
+        // Reflectance 0.1, 0.2, 0.3, 0.4 from 400 to 700 nm as 2 sample - 0.1; one sample of 255.
+        std::fs::write(path.with_extension("IMG"), [10, 15, 20, 25, 10, 15, 255, 25]).unwrap();
+        let header = "\u{feff}ENVI\nsamples = 1\nlines = 2\nbands = 4\ndata type = 1\n\
+                      interleave = bip\nwavelength = {400, 500, 600, 700,\n}\n\
+                      data gain values = {0.02, 0.02, 0.02, 0.02}\n\
+                      data offset values = {-0.1, -0.1, -0.1, -0.1}\n\
+                      data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
+        std::fs::write(&path, header).unwrap();
+        let scene = open(path.to_str().unwrap()).unwrap();
+        assert_eq!(scene.notes().len(), 2, "{:?}", scene.notes());
+        let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
+        // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
+        for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {
+            let plane = scene.plane(band, &grid).unwrap();
+            for (got, expected) in plane.data.iter().zip(expected) {
+                assert!((got - expected).abs() < 1e-6, "{band}: {got} for {expected}");
+            }
+        }
     }
 }

@@ -1,72 +1,273 @@
 //! Spectral OpenEXR images, one channel per band.
 //!
-//! Layout: A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT
-//! 10(3), 2021: radiance in channels `S0.550,000000nm`, reflectance in `T.550,000000nm`, with a
-//! decimal comma (a point is read as well) and units nm, um or m. Channels are decoded one at a
-//! time, so a cube needs the memory of one band.
+//! Names of channels that are read, in any part and below the name of any layer (`Beauty.S0...`):
+//!
+//! | name | source | quantity |
+//! | --- | --- | --- |
+//! | `S0.550,000000nm` | A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021 | radiance |
+//! | `T.550,000000nm` | the same | reflectance |
+//! | `545.00-555.00nm` | Mitsuba 0.6: a band from, to | radiance |
+//! | `w550nm`, `550nm`, `550` | KAIST's set of hyperspectral reflectances and others | reflectance |
+//!
+//! Decimals have a comma or a point; units are metres or hertz with any prefix (nm, um, THz), and
+//! nm where there is none. Stokes components `S1` to `S3` are left out. Channels are decoded one at
+//! a time, so a cube needs the memory of one band.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
-use super::sidecar::Sidecar;
-use ::exr::prelude::{MetaData, ReadChannels, ReadLayers, ReadSpecificChannel, read};
+use super::sidecar::{Own, Sidecar};
+use ::exr::block::chunk::TileCoordinates;
+use ::exr::block::reader::ChunksReader;
+use ::exr::block::{self, BlockIndex};
+use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
+use ::exr::meta::header::Header;
+use ::exr::prelude::{MetaData, Vec2, f16};
 use camrig_base::{Error, Plane, Result};
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 fn refused(error: ::exr::error::Error) -> Error {
     Error::input(format!("not a readable OpenEXR image: {error}"))
 }
 
+/// Most pixels of a band: 2 GiB of memory.
+const MOST_PIXELS: usize = 1 << 29;
+
+/// How the channels of a cube are named. Where a file has several, the first is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Naming {
+    /// `S0.`: radiance.
+    Radiance,
+    /// `T.`: reflectance.
+    Reflectance,
+    /// `545.00-555.00nm`.
+    Interval,
+    /// A wavelength, perhaps behind a letter.
+    Wavelength,
+}
+
+/// The channels of one cube: those of one naming in one layer of one part.
+struct Cubes {
+    naming: Naming,
+    part: usize,
+    layer: String,
+    /// Wavelength in nm, and the number of the channel in its part.
+    bands: Vec<(f64, usize)>,
+}
+
 /// Opens the spectral channels of an image.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let meta = MetaData::read_from_file(path, false).map_err(refused)?;
-    let Some(header) = meta.headers.first() else {
-        return Err(Error::input("an OpenEXR file without an image"));
-    };
-    let names: Vec<String> = header.channels.list.iter().map(|c| c.name.to_string()).collect();
-    let bands_of = |prefix: &str| -> Vec<(f64, String)> {
-        let of_prefix = names
-            .iter()
-            .filter_map(|name| Some((wavelength_nm(name.strip_prefix(prefix)?)?, name.clone())));
-        let mut bands: Vec<(f64, String)> = of_prefix.collect();
-        bands.sort_by(|a, b| a.0.total_cmp(&b.0));
-        bands
-    };
-    let (radiance, reflectance) = (bands_of("S0."), bands_of("T."));
-    let (bands, own) = if radiance.is_empty() {
-        (reflectance, Quantity::Reflectance)
-    } else {
-        (radiance, Quantity::Radiance)
-    };
-    if bands.is_empty() {
-        let names = names.join(", ");
-        return Err(Error::unsupported(format!("no spectral channel among {names}")).help(
-            "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance)",
-        ));
+    let mut cubes = Vec::new();
+    let mut others = Vec::new();
+    for (part, header) in meta.headers.iter().enumerate() {
+        for (index, channel) in header.channels.list.iter().enumerate() {
+            let name = channel.name.to_string();
+            match spectral(&name).filter(|_| !header.deep && channel.sampling == Vec2(1, 1)) {
+                Some((layer, naming, nm)) => put(&mut cubes, (naming, part, layer), (nm, index)),
+                None => others.push(name),
+            }
+        }
     }
-    let (nm, channels): (Vec<f64>, Vec<String>) = bands.into_iter().unzip();
+    let wanted = sidecar.array.as_deref();
+    let named = |cube: &Cubes| {
+        let part = part_name(&meta.headers[cube.part]);
+        wanted.is_none_or(|wanted| cube.layer == wanted || part.as_deref() == Some(wanted))
+    };
+    cubes.sort_by_key(|cube| (cube.naming, std::cmp::Reverse(cube.bands.len())));
+    let Some(chosen) = cubes.iter().position(named) else {
+        return Err(nothing(wanted, &cubes, &others));
+    };
+    let chosen = cubes.remove(chosen);
+    let left = cubes.iter().flat_map(|cube| &cube.bands).count();
+    let mut own = about(&chosen, &meta.headers[chosen.part], left, &others);
+    let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
+    own.nm = Some(nm);
+    let header = &meta.headers[chosen.part];
     let size = (header.layer_size.width(), header.layer_size.height());
-    let scale = sidecar.scale.unwrap_or(1.0);
-    let source = Channels { path: path.into(), size, channels, scale };
-    Cube::new(Box::new(source), nm, sidecar.quantity(Some(own)))
+    if size.0.checked_mul(size.1).is_none_or(|pixels| pixels > MOST_PIXELS) {
+        return Err(Error::limit(format!("an image of {} x {} pixels", size.0, size.1))
+            .help(format!("at most {MOST_PIXELS} pixels are read")));
+    }
+    let source = Channels {
+        path: path.into(),
+        size,
+        part: chosen.part,
+        channels,
+        types: header.channels.list.iter().map(|c| c.sample_type).collect(),
+        scale: sidecar.scale.unwrap_or(1.0),
+    };
+    sidecar.cube(Box::new(source), own)
 }
 
-/// The wavelength in a name such as `550,000000nm`, in nm.
+fn put(cubes: &mut Vec<Cubes>, of: (Naming, usize, String), band: (f64, usize)) {
+    let (naming, part, layer) = of;
+    let same = |c: &&mut Cubes| (c.naming, c.part, &c.layer) == (naming, part, &layer);
+    match cubes.iter_mut().find(same) {
+        Some(cube) => cube.bands.push(band),
+        None => cubes.push(Cubes { naming, part, layer, bands: vec![band] }),
+    }
+}
+
+fn part_name(header: &Header) -> Option<String> {
+    header.own_attributes.layer_name.as_ref().map(Text::to_string)
+}
+
+fn nothing(wanted: Option<&str>, cubes: &[Cubes], others: &[String]) -> Error {
+    if let (Some(wanted), false) = (wanted, cubes.is_empty()) {
+        let layers: Vec<String> = cubes.iter().map(|c| format!("{:?}", c.layer)).collect();
+        return Error::input(format!("no spectral channels in a layer or part {wanted:?}"))
+            .help(format!("the layers with spectral channels are {}", layers.join(", ")));
+    }
+    Error::unsupported(format!("no spectral channel among {}", others.join(", "))).help(
+        "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance); a \
+         picture of red, green and blue has no spectra",
+    )
+}
+
+/// What is said of the channels that were chosen, and of the others.
+fn about(chosen: &Cubes, header: &Header, left: usize, others: &[String]) -> Own {
+    let Cubes { naming, part, layer, .. } = chosen;
+    let mut notes = Vec::new();
+    let quantity = match naming {
+        Naming::Radiance | Naming::Interval => Some(Quantity::Radiance),
+        Naming::Reflectance => Some(Quantity::Reflectance),
+        Naming::Wavelength => None,
+    };
+    if *naming == Naming::Interval {
+        notes.push(
+            "channels named by intervals are taken as radiance, W m⁻² sr⁻¹ nm⁻¹, as Mitsuba \
+             writes them (quantity=reflectance if they are not)"
+                .into(),
+        );
+    }
+    if left > 0 {
+        notes.push(format!(
+            "{left} more spectral channels in other layers, parts or of another kind were not \
+             used (array=NAME chooses a layer or part)"
+        ));
+    }
+    if !others.is_empty() {
+        notes.push(format!("channels that were not used: {}", others.join(", ")));
+    }
+    let units = [&header.own_attributes.other, &header.shared_attributes.other]
+        .iter()
+        .find_map(|all| all.get(&Text::from("emissiveUnits")).cloned());
+    if let (Some(AttributeValue::Text(units)), Some(Quantity::Radiance)) = (units, quantity)
+        && !units.to_string().contains("nm")
+    {
+        notes.push(format!(
+            "emissiveUnits {:?} is taken as W m⁻² sr⁻¹ nm⁻¹ (scale=FACTOR if it is not)",
+            units.to_string()
+        ));
+    }
+    let mut place = format!("part {}", part + 1);
+    if let Some(name) = part_name(header) {
+        place.push_str(&format!(" {name:?}"));
+    }
+    if !layer.is_empty() {
+        place.push_str(&format!(", layer {layer:?}"));
+    }
+    let understood = vec![format!("OpenEXR, {place}, channels named by {}", naming.words())];
+    Own { quantity, understood, notes, ..Own::default() }
+}
+
+impl Naming {
+    fn words(self) -> &'static str {
+        match self {
+            Naming::Radiance => "S0 and wavelength (radiance)",
+            Naming::Reflectance => "T and wavelength (reflectance)",
+            Naming::Interval => "intervals of wavelength",
+            Naming::Wavelength => "wavelength",
+        }
+    }
+}
+
+/// The layer, naming and wavelength in nm of a channel's name, where it is that of a band.
+fn spectral(name: &str) -> Option<(String, Naming, f64)> {
+    let starts = std::iter::once(0).chain(name.match_indices('.').map(|(dot, _)| dot + 1));
+    let (start, (naming, nm)) = starts.into_iter().find_map(|i| Some((i, band(&name[i..])?)))?;
+    let layer = name[..start].trim_end_matches('.');
+    let stokes = ["S1", "S2", "S3"].contains(&layer.rsplit('.').next().unwrap_or(""));
+    (!stokes).then(|| (layer.to_string(), naming, nm))
+}
+
+/// Naming and wavelength in nm of what follows the layer in a channel's name.
+fn band(text: &str) -> Option<(Naming, f64)> {
+    for (prefix, naming) in [("S0.", Naming::Radiance), ("T.", Naming::Reflectance)] {
+        if let Some(nm) = text.strip_prefix(prefix) {
+            return Some((naming, wavelength_nm(nm)?));
+        }
+    }
+    if let Some(middle) = text.split_once('-').and_then(|(from, to)| middle_nm(from, to)) {
+        return Some((Naming::Interval, middle));
+    }
+    let number = text.trim_start_matches(|c: char| c.is_alphabetic() || "_ ".contains(c));
+    let word = text[..text.len() - number.len()].trim_end_matches(['_', ' ']).to_lowercase();
+    let known = ["", "w", "wl", "wave", "wavelength", "lambda", "l", "band", "nm", "spectrum"];
+    let nm = wavelength_nm(number).filter(|nm| BARE_NM.contains(nm))?;
+    let with_unit = number.ends_with(char::is_alphabetic);
+    (with_unit || known.contains(&word.as_str())).then_some((Naming::Wavelength, nm))
+}
+
+/// The middle of an interval such as `545.00-555.00nm`, nm.
+fn middle_nm(from: &str, to: &str) -> Option<f64> {
+    let unit = &to[to.trim_end_matches(char::is_alphabetic).len()..];
+    let from_nm = wavelength_nm(from).filter(|_| from.ends_with(char::is_alphabetic));
+    let from_nm = from_nm.or_else(|| wavelength_nm(&format!("{from}{unit}")))?;
+    Some((from_nm + wavelength_nm(to)?) / 2.0)
+}
+
+/// Numbers that are wavelengths where the name says nothing else, nm.
+const BARE_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
+/// Speed of light, nm · Hz (exact by the SI's definition of the metre).
+const LIGHT_NM_HZ: f64 = 299_792_458.0e9;
+
+/// The wavelength in a text such as `550,000000nm` or `545,077THz`, in nm.
 fn wavelength_nm(text: &str) -> Option<f64> {
-    let split = text.find(|c: char| c.is_ascii_alphabetic())?;
-    let (number, unit) = text.split_at(split);
-    let to_nm = match unit {
-        "nm" => 1.0,
-        "um" => 1e3,
-        "m" => 1e9,
+    let last = text.rfind(|c: char| c.is_ascii_digit())?;
+    let (number, unit) = text.split_at(last + 1);
+    let number: f64 = number.replace(',', ".").parse().ok().filter(|n| *n > 0.0)?;
+    if unit.is_empty() {
+        return Some(number);
+    }
+    let base = if unit.ends_with("Hz") { "Hz" } else { "m" };
+    let power = match unit.strip_suffix(base)? {
+        "" => 0,
+        "da" => 1,
+        "h" => 2,
+        "k" => 3,
+        "M" => 6,
+        "G" => 9,
+        "T" => 12,
+        "P" => 15,
+        "E" => 18,
+        "Z" => 21,
+        "Y" => 24,
+        "d" => -1,
+        "c" => -2,
+        "m" => -3,
+        "u" | "µ" | "μ" => -6,
+        "n" => -9,
+        "p" => -12,
         _ => return None,
     };
-    Some(number.replace(',', ".").parse::<f64>().ok()? * to_nm)
+    Some(match base {
+        "Hz" => LIGHT_NM_HZ / (number * 10f64.powi(power)),
+        // One factor, so that whole nanometres stay whole.
+        _ => number * 10f64.powi(power + 9),
+    })
 }
 
 struct Channels {
     path: PathBuf,
     size: (usize, usize),
-    channels: Vec<String>,
+    part: usize,
+    /// For each band the number of its channel in the part.
+    channels: Vec<usize>,
+    /// For each channel of the part the type of its samples.
+    types: Vec<SampleType>,
     scale: f32,
 }
 
@@ -80,31 +281,51 @@ impl BandSource for Channels {
     }
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let scale = self.scale;
-        let image = read()
-            .no_deep_data()
-            .largest_resolution_level()
-            .specific_channels()
-            .required(self.channels[band].as_str())
-            .collect_pixels(
-                |size, _| Plane::filled(size.width(), size.height(), 0.0f32),
-                move |plane: &mut Plane<f32>, at, (value,): (f32,)| {
-                    let width = plane.width;
-                    plane.data[at.y() * width + at.x()] = value * scale;
-                },
-            )
-            .first_valid_layer()
-            .all_attributes()
-            .from_file(&self.path)
+        let file = File::open(&self.path).map_err(|e| Error::io("open", &self.path, e))?;
+        let channel = self.channels[band];
+        let mut plane = Plane::filled(self.size.0, self.size.1, 0.0f32);
+        let whole = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| {
+            block.layer == self.part && tile.is_largest_resolution_level()
+        };
+        let reader = block::read(BufReader::new(file), false).map_err(refused)?;
+        let chunks = reader.filter_chunks(false, whole).map_err(refused)?;
+        chunks
+            .decompress_parallel(false, |meta, block| {
+                for line in block.lines(&meta.headers[self.part].channels) {
+                    let at = line.location;
+                    if at.channel != channel {
+                        continue;
+                    }
+                    let start = at.position.y() * plane.width + at.position.x();
+                    let samples = plane.data.get_mut(start..start + at.sample_count);
+                    let samples = samples.ok_or(::exr::error::Error::Invalid("line".into()))?;
+                    match self.types[channel] {
+                        SampleType::F32 => line.read_samples_into_slice(samples)?,
+                        SampleType::F16 => {
+                            let halves = line.read_samples::<f16>();
+                            for (sample, half) in samples.iter_mut().zip(halves) {
+                                *sample = half?.to_f32();
+                            }
+                        }
+                        SampleType::U32 => {
+                            for (sample, n) in samples.iter_mut().zip(line.read_samples::<u32>()) {
+                                *sample = n? as f32;
+                            }
+                        }
+                    }
+                }
+                Ok(())
+            })
             .map_err(refused)?;
-        Ok(image.layer_data.channel_data.pixels)
+        plane.data.iter_mut().for_each(|v| *v *= self.scale);
+        Ok(plane)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Grid, open as open_scene};
+    use crate::{Grid, Scene, open as open_scene};
     use ::exr::prelude::*;
 
     #[test]
@@ -137,5 +358,69 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..100]).unwrap();
         assert!(open_scene(path.to_str().unwrap()).is_err());
+    }
+
+    fn layer(names: &[String], part: &str) -> Layer<AnyChannels<FlatSamples>> {
+        let channels: Vec<_> = names
+            .iter()
+            .enumerate()
+            .map(|(b, name)| {
+                let samples = (0..6).map(|i| i as f32 / 10.0 + b as f32 / 100.0).collect();
+                AnyChannel::new(name.as_str(), FlatSamples::F32(samples))
+            })
+            .collect();
+        let attributes = LayerAttributes::named(part);
+        let channels = AnyChannels::sort(channels.into());
+        Layer::new((3, 2), attributes, Encoding::SMALL_LOSSLESS, channels)
+    }
+
+    #[test]
+    fn names_in_use_are_understood() {
+        for (name, layer, nm) in [
+            ("S0.550,5nm", "", 550.5),
+            ("T.0.55um", "", 550.0),
+            ("Beauty.S0.550,000000nm", "Beauty", 550.0),
+            ("View.left.T.550nm", "View.left", 550.0),
+            ("S0.545,077196THz", "", 550.0),
+            ("S0.5.5e-7m", "", 550.0),
+            ("545.00-555.00nm", "", 550.0),
+            ("layer.0.545um-0.555um", "layer", 550.0),
+            ("w550nm", "", 550.0),
+            ("wavelength_550", "", 550.0),
+            ("Radiance_550nm", "", 550.0),
+            ("cube.550.0", "cube", 550.0),
+        ] {
+            let (found, _, at) = spectral(name).unwrap_or_else(|| panic!("{name}"));
+            assert!((at - nm).abs() < 1e-4 && found == layer, "{name}: {found:?} {at}");
+        }
+        for name in ["R", "Z", "S1.550nm", "AO_256", "band5", "albedo.B", "S0.x", "depth.Z", "-"] {
+            assert!(spectral(name).is_none(), "{name}: {:?}", spectral(name));
+        }
+    }
+
+    #[test]
+    fn the_part_and_layer_with_spectra_are_found_and_what_is_left_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.exr");
+        let names = |prefix: &str, n: usize| -> Vec<String> {
+            (0..n).map(|b| format!("{prefix}{},0nm", 400 + 10 * b)).collect()
+        };
+        let mut second = names("a.S0.", 31);
+        second.extend(names("b.S0.", 30));
+        let rgb = ["R", "G", "B"].map(String::from);
+        let window = ImageAttributes::new(IntegerBounds::from_dimensions((3, 2)));
+        let layers = vec![layer(&rgb, "preview"), layer(&second, "spectra")];
+        Image::from_layers(window, layers).write().to_file(&path).unwrap();
+        let spec = path.to_str().unwrap();
+        let cube = crate::open_file(spec).unwrap();
+        assert_eq!((cube.quantity(), cube.size()), (Quantity::Radiance, (3, 2)));
+        assert!((cube.band(20).unwrap().data[4] - 0.6).abs() < 1e-6);
+        let notes = cube.notes().join("\n");
+        assert!(notes.contains("30 more spectral") && notes.contains("R"), "{notes}");
+        assert!(cube.understood()[0].contains("layer \"a\""), "{:?}", cube.understood());
+        let other = crate::open_file(&format!("{spec}:array=b")).unwrap();
+        assert!((other.band(20).unwrap().data[4] - 0.91).abs() < 1e-6);
+        let message = crate::open_file(&format!("{spec}:array=c")).err().unwrap().to_string();
+        assert!(message.contains("\"a\", \"b\""), "{message}");
     }
 }

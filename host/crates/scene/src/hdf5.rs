@@ -1,15 +1,16 @@
-//! MATLAB files of version 7.3, which are HDF5 files: arrays and structs (groups), read with
+//! HDF5 files, which MATLAB files of version 7.3 are: arrays and structs (groups), read with
 //! `hdf5-pure`.
 
 use super::cube::BandSource;
 use super::matlab::{Array, Value};
+use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
-use hdf5_pure::{File, Group};
+use hdf5_pure::{DType, File, Group};
 use std::path::{Path, PathBuf};
 
 fn refused(error: hdf5_pure::Error) -> Error {
-    Error::input(format!("not a readable MATLAB file: {error}"))
-        .help("a .mat file is read in versions 5 (save -v6, -v7) and 7.3")
+    Error::input(format!("not a readable HDF5 file: {error}"))
+        .help("a .mat file is read in versions 5 (save -v6, -v7) and 7.3, which is HDF5")
 }
 
 /// Groups within groups that are read; ISETCam's scenes have three levels.
@@ -30,8 +31,10 @@ pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSo
         let shape = file.dataset(&name).and_then(|d| d.shape()).map_err(refused)?;
         // HDF5 lists the slowest axis first: bands, columns, rows.
         if let [bands, width, height] = shape.iter().map(|&n| n as usize).collect::<Vec<_>>()[..] {
-            let planes = Planes { path: path.into(), name: name.clone(), width, height, bands };
-            found.push((name, Box::new(planes)));
+            let (path, name) = (path.into(), name.clone());
+            let (transposed, scale) = (true, 1.0);
+            let planes = Planes { path, name, width, height, bands, transposed, scale };
+            found.push((planes.name.clone(), Box::new(planes)));
         }
     }
     Ok(found)
@@ -43,6 +46,9 @@ struct Planes {
     width: usize,
     height: usize,
     bands: usize,
+    /// Whether the rows of the array are columns of the scene, as in MATLAB's files.
+    transposed: bool,
+    scale: f32,
 }
 
 impl BandSource for Planes {
@@ -57,13 +63,100 @@ impl BandSource for Planes {
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         let file = File::open_streaming(&self.path).map_err(refused)?;
         let dataset = file.dataset(&self.name).map_err(refused)?;
-        let columns = dataset.read_f64_rows(band as u64, 1).map_err(refused)?;
-        if columns.len() != self.width * self.height {
+        let samples = dataset.read_f64_rows(band as u64, 1).map_err(refused)?;
+        let Self { width, height, scale, .. } = *self;
+        if samples.len() != width * height {
             return Err(Error::input(format!("band {band} of {} is cut off", self.name)));
         }
-        let height = self.height;
-        Ok(Plane::from_fn(self.width, height, |x, y| columns[x * height + y] as f32))
+        let at = |x: usize, y: usize| if self.transposed { x * height + y } else { y * width + x };
+        Ok(Plane::from_fn(width, height, |x, y| samples[at(x, y)] as f32 * scale))
     }
+}
+
+/// Names, groups before them, and shapes, slowest axis first, of the numeric arrays of a file.
+pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
+    let file = File::open_streaming(path).map_err(refused)?;
+    let mut arrays = Vec::new();
+    list_group(&file.root(), "", 0, &mut arrays)?;
+    Ok(arrays)
+}
+
+fn list_group(
+    group: &Group,
+    before: &str,
+    depth: usize,
+    arrays: &mut Vec<(String, Vec<usize>)>,
+) -> Result<()> {
+    for name in group.datasets().map_err(refused)? {
+        let dataset = group.dataset(&name).map_err(refused)?;
+        let numeric = !matches!(
+            dataset.dtype().map_err(refused)?,
+            DType::String
+                | DType::Compound(_)
+                | DType::Enum(_)
+                | DType::Array(..)
+                | DType::VariableLengthString
+                | DType::ObjectReference
+                | DType::Other(_)
+        );
+        if numeric {
+            let shape = dataset.shape().map_err(refused)?;
+            let shape = shape.into_iter().map(|n| n as usize).collect();
+            arrays.push((format!("{before}{name}"), shape));
+        }
+    }
+    // Groups of MATLAB's own, for cells and objects.
+    let own = |name: &String| name.starts_with('#');
+    for name in group.groups().map_err(refused)?.into_iter().filter(|name| !own(name)) {
+        if depth < MAX_DEPTH {
+            let inner = group.group(&name).map_err(refused)?;
+            list_group(&inner, &format!("{before}{name}/"), depth + 1, arrays)?;
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of a small array.
+pub fn numbers(path: &Path, name: &str) -> Result<Vec<f64>> {
+    let file = File::open_streaming(path).map_err(refused)?;
+    file.dataset(name).and_then(|dataset| dataset.read_f64()).map_err(refused)
+}
+
+/// Most samples of an array that is held in memory: 512 MiB. One whose bands come first is read
+/// band by band.
+const MOST_HELD: usize = 1 << 27;
+
+/// An array as a cube; `axes` names its axes, slowest first.
+pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn BandSource>> {
+    let file = File::open_streaming(path).map_err(refused)?;
+    let dataset = file.dataset(name).map_err(refused)?;
+    let shape: Vec<usize> =
+        dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
+    let lengths: Vec<usize> =
+        shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1).collect();
+    let Ok(lengths) = <[usize; 3]>::try_from(lengths) else {
+        return Err(Error::input(format!("array {name:?} of shape {shape:?}"))
+            .help("a spectral cube has three axes: rows, columns, bands"));
+    };
+    let layout = Layout::packed(axes, lengths)?;
+    let Layout { width, height, bands, .. } = layout;
+    if [width, height, bands].contains(&0) {
+        return Err(Error::input(format!("array {name:?} of shape {shape:?} is empty")));
+    }
+    if axes.starts_with('b') && shape.len() == 3 {
+        let (path, name, transposed) = (path.into(), name.into(), axes == "bxy");
+        return Ok(Box::new(Planes { path, name, width, height, bands, transposed, scale }));
+    }
+    let count = lengths.iter().try_fold(1usize, |n, &l| n.checked_mul(l));
+    if count.is_none_or(|n| n > MOST_HELD) {
+        return Err(Error::limit(format!("array {name:?} of shape {shape:?}")).help(format!(
+            "more than {MOST_HELD} samples are read only where the bands come first; store it so"
+        )));
+    }
+    let samples = dataset.read_f32().map_err(refused)?;
+    let bytes = samples.into_iter().flat_map(f32::to_le_bytes).collect();
+    let cube = Strided::new(Bytes::Memory(bytes), 0, Sample::F32, false, layout, scale)?;
+    Ok(Box::new(cube))
 }
 
 fn struct_of(

@@ -9,9 +9,9 @@
 //! | `F1` ... `F12` | CIE 15 table of fluorescent lamps, 380 to 780 nm |
 //! | `LED-B1` ... `LED-V2` | CIE 15:2018 table of LED lamps, 380 to 780 nm |
 //! | `blackbody:3200` | Planck's law, c2 = 1.438776877e-2 m K (CODATA 2018) |
-//! | `FILE.csv` | `wavelength_nm,power` |
+//! | `FILE.csv` | `wavelength_nm,power`, or as other programs write such tables |
 //!
-//! Outside its table an illuminant keeps its end value.
+//! Outside its table an illuminant keeps its end value, which is told of tables in files.
 
 use camrig_base::table::{SpectralTable, built_in};
 use camrig_base::{Bands, Error, Result, Spectrum};
@@ -56,10 +56,15 @@ impl Illuminant {
                 (_, Some(kelvin)) => blackbody_of(kelvin).map_err(|e| e.at(text))?,
                 _ => match lamp(name)? {
                     Some(power) => power,
-                    None => from_file(text)?,
+                    None => {
+                        return Ok(Self { name: text.to_string(), power: from_file(text)? });
+                    }
                 },
             },
         };
+        // Equal power has one sample, which is no table's end.
+        let table = !text.eq_ignore_ascii_case("E");
+        let power = if table { power.from_table(format!("illuminant {text}")) } else { power };
         Ok(Self { name: text.to_string(), power })
     }
 
@@ -76,6 +81,11 @@ impl Illuminant {
             names.extend(built_in(text).curves.into_iter().map(|(name, _)| name));
         }
         names
+    }
+
+    /// Remarks for the user on this light in `bands`.
+    pub fn notes(&self, bands: &Bands) -> Vec<String> {
+        self.power.notes(bands)
     }
 
     /// Relative power in each band: see [`Spectrum::in_bands`].
@@ -162,7 +172,8 @@ fn from_file(text: &str) -> Result<Spectrum> {
     if !Illuminant::is_file(text) {
         return Err(unknown(text));
     }
-    let table = SpectralTable::read(path)?;
+    let mut table = SpectralTable::read(path)?;
+    table.clip_noise();
     if table.curves.len() != 1 {
         let count = table.curves.len();
         return Err(Error::input(format!("{count} curves in an illuminant"))
@@ -175,7 +186,7 @@ fn from_file(text: &str) -> Result<Spectrum> {
             .at(path.display())
             .help("spectral power cannot be negative"));
     }
-    table.spectrum(0)
+    Ok(table.spectrum(0)?.from_table(text))
 }
 
 fn unknown(text: &str) -> Error {

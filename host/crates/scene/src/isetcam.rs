@@ -13,27 +13,20 @@
 
 use super::cube::{BandSource, Cube};
 use super::matlab::{self, Array, Value};
+use super::matlab_write;
 use super::photometry::photons_to_energy;
-use super::sidecar::Sidecar;
+use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
 use super::{Quantity, hdf5};
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
-use std::io::Read;
 use std::path::Path;
 
 const VARIABLES: &[&str] =
     &["photons", "mcCOEF", "basis", "imgMean", "wave", "spectrum", "illuminant"];
 
-/// Bytes of a MATLAB file that tell its version.
-const VERSION_BYTES: u64 = 128;
-
 /// Opens a scene file.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
-    let mut start = Vec::new();
-    std::fs::File::open(path)
-        .and_then(|file| file.take(VERSION_BYTES).read_to_end(&mut start))
-        .map_err(|e| Error::io("read", path, e))?;
-    let mut file = if matlab::is_version_5(&start) {
+    let mut file = if matlab::is_version_5(path)? {
         Variables::of(matlab::read(path, VARIABLES)?)
     } else {
         Variables {
@@ -42,7 +35,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         }
     };
     let planes = file.planes()?;
-    let nm = sidecar.wavelengths(planes.bands(), file.wavelengths())?;
+    let (nm, assumed) = sidecar.wavelengths(planes.bands(), file.wavelengths(), None)?;
     let white = file.illuminant_photons(&nm);
     let to_light: Vec<f64> = match &white {
         Some(white) => white.iter().map(|w| 1.0 / w).collect(),
@@ -51,7 +44,18 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let quantity = if white.is_some() { Quantity::Reflectance } else { Quantity::Radiance };
     let scale = f64::from(sidecar.scale.unwrap_or(1.0));
     let factor = to_light.into_iter().map(|f| (f * scale) as f32).collect();
-    Cube::new(Box::new(Scaled { planes, factor }), nm, sidecar.quantity(Some(quantity)))
+    let understood = match &white {
+        Some(_) => "ISETCam scene: photons over those of its illuminant, which is left out",
+        None => "ISETCam scene: photons times their energy",
+    };
+    let own = Own {
+        nm: Some(nm),
+        quantity: Some(quantity),
+        understood: vec![understood.into()],
+        notes: assumed.into_iter().collect(),
+        ..Own::default()
+    };
+    sidecar.cube(Box::new(Scaled { planes, factor }), own)
 }
 
 /// Planes of photons, converted to reflectance or radiance by one factor per band.
@@ -244,7 +248,7 @@ pub fn write(
         ];
         variables.push(("illuminant", fields(light)));
     }
-    matlab::write(path, &variables)
+    matlab_write::write(path, &variables)
 }
 
 #[cfg(test)]
@@ -313,7 +317,7 @@ mod tests {
         // Two pixels in one row; photons = c0 + c1 · band + mean.
         let coefficients = Array::doubles(vec![1, 2, 2], [1e15, 2e15, 1e14, -3e14]);
         let mean: Vec<f64> = (0..31).map(|_| 5e14).collect();
-        matlab::write(
+        matlab_write::write(
             &path,
             &[
                 ("mcCOEF", Value::Array(coefficients)),

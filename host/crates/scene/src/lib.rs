@@ -34,21 +34,27 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+mod arrays;
 pub mod chart;
 pub mod cube;
 pub mod delta_e;
 pub mod envi;
+mod envi_header;
 mod exr;
 mod hdf5;
 pub mod illuminant;
+mod images;
 pub mod isetcam;
 pub mod library;
 mod matlab;
+mod matlab_write;
 pub mod moving;
 pub mod numpy;
 pub mod painting;
 pub mod photometry;
 pub mod preview;
+mod resample;
+mod selection;
 pub mod shape;
 mod sidecar;
 pub mod stored;
@@ -94,6 +100,21 @@ pub enum Quantity {
     Reflectance,
     /// Spectral radiance, W m⁻² sr⁻¹ nm⁻¹.
     Radiance,
+}
+
+impl Quantity {
+    /// `reflectance` or `radiance`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Quantity::Reflectance => "reflectance",
+            Quantity::Radiance => "radiance",
+        }
+    }
+
+    /// The quantity of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        [Quantity::Reflectance, Quantity::Radiance].into_iter().find(|q| q.name() == name)
+    }
 }
 
 /// Something that can be put in front of the lens.
@@ -191,18 +212,34 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
         _ => (Path::new(spec), ""),
     };
     if path.is_dir() {
-        return stored::open(path);
+        return open_folder(path, options);
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let open = match extension.as_str() {
         "npy" | "npz" => numpy::open,
         "hdr" => envi::open,
-        "mat" => isetcam::open,
+        "mat" | "h5" | "hdf5" | "hdf" | "he5" => arrays::open,
         "exr" => exr::open,
+        "tif" | "tiff" => images::open_stack,
         _ => return Err(unknown_scene(spec)),
     };
     let sidecar = sidecar::Sidecar::read(path, options)?;
     open(path, &sidecar).map_err(|e| e.at(path.display()))
+}
+
+/// Opens a stored scene or a folder of pictures.
+fn open_folder(path: &Path, options: &str) -> Result<cube::Cube> {
+    if path.join(stored::DESCRIPTION).exists() {
+        if !options.is_empty() {
+            return Err(Error::input(format!("options {options:?} of a stored scene"))
+                .help("it says itself what it holds; leave them out"));
+        }
+        return stored::open(path);
+    }
+    let sidecar = sidecar::Sidecar::read(path, options)?;
+    let cube = images::open_folder(path, &sidecar).map_err(|e| e.at(path.display()))?;
+    // Without pictures, what is missing of a stored scene.
+    cube.map_or_else(|| stored::open(path), Ok)
 }
 
 /// A scene that is scaled to fill a frame.
@@ -240,9 +277,17 @@ fn unknown_scene(spec: &str) -> Error {
             .help("draw it first, at a number of pixels")
             .with_code("chart-not-drawn");
     }
+    let picture = ["png", "jpg", "jpeg", "bmp", "webp", "gif", "ppm"];
+    if picture.iter().any(|e| name.to_ascii_lowercase().ends_with(&format!(".{e}"))) {
+        return Error::unsupported(format!("{spec:?} is a picture, which has no spectra")).help(
+            "a scene has a spectrum in each pixel: give a spectral cube, or a raw frame with a \
+             ColorChecker in it, from which spectra can be estimated",
+        );
+    }
     let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
-        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .exr), or a scene directory",
+        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a folder of \
+         pictures, one per band, or a scene directory",
         chart::NAMES.join(", ")
     ))
 }

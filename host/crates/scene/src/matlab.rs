@@ -7,11 +7,9 @@
 
 use super::strided::Sample;
 use camrig_base::{Error, Result};
-use flate2::Compression;
 use flate2::read::ZlibDecoder;
-use flate2::write::ZlibEncoder;
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// Structs within structs that are parsed; deeper ones are skipped. ISETCam's scenes have three
@@ -73,63 +71,125 @@ impl Value {
     }
 }
 
-/// Whether the first bytes of a file are those of a version 5 file.
-pub fn is_version_5(start: &[u8]) -> bool {
-    start.len() >= 128 && matches!(&start[124..128], [0, 1, b'I', b'M'] | [1, 0, b'M', b'I'])
+/// Whether a file is of version 5; one of version 7.3 is an HDF5 file.
+pub fn is_version_5(path: &Path) -> Result<bool> {
+    let mut start = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(HEADER_BYTES as u64).read_to_end(&mut start))
+        .map_err(|e| Error::io("read", path, e))?;
+    let end = start.get(HEADER_BYTES - 4..);
+    Ok(matches!(end, Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I'])))
 }
+
+/// Bytes before the first variable; the last four tell version and byte order.
+const HEADER_BYTES: usize = 128;
+/// Bytes of a variable that hold at least its type, shape and name.
+const HEAD_BYTES: u64 = 4096;
 
 /// Reads the named variables of a file.
 pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
+    let mut variables = Vec::new();
+    each(
+        path,
+        |name| wanted.contains(&name),
+        |matrix| {
+            let (name, value) = parse_matrix(matrix, wanted, 0)?;
+            if wanted.contains(&name.as_str()) {
+                variables.push((name, value));
+            }
+            Ok(())
+        },
+    )?;
+    Ok(variables)
+}
+
+/// Names and shapes, rows first, of the numeric arrays of a file.
+pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
+    let mut arrays = Vec::new();
+    each(
+        path,
+        |_| false,
+        |matrix| {
+            if matrix.is_empty() {
+                return Ok(());
+            }
+            let Head { class, shape, name } = Cursor(matrix).head()?;
+            if NUMERIC.contains(&class) {
+                arrays.push((name, shape));
+            }
+            Ok(())
+        },
+    )?;
+    Ok(arrays)
+}
+
+/// Hands the content of each variable to `take`: all of it where its name is `wanted`, else its
+/// beginning.
+fn each(
+    path: &Path,
+    wanted: impl Fn(&str) -> bool,
+    mut take: impl FnMut(&[u8]) -> Result<()>,
+) -> Result<()> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let mut file = BufReader::new(file);
-    let mut header = [0; 128];
+    let mut header = [0; HEADER_BYTES];
     let cut_off = |e: std::io::Error| Error::io("read", path, e).help("the file is cut off");
     file.read_exact(&mut header).map_err(cut_off)?;
-    if header[124..128] == [1, 0, b'M', b'I'] {
+    if header[124..] == [1, 0, b'M', b'I'] {
         return Err(
             Error::unsupported("a big-endian MATLAB file").help("save it again with -v7 or -v7.3")
         );
     }
-    let mut variables = Vec::new();
     loop {
         let mut tag = [0; 8];
         match file.read_exact(&mut tag) {
-            Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => return Ok(variables),
+            Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => return Ok(()),
             other => other.map_err(cut_off)?,
         }
         let [kind, length] = [0, 4].map(|i| u32_at(&tag, i));
         let mut element = (&mut file).take(u64::from(length));
         let mut bytes = Vec::new();
-        let read = match kind {
-            COMPRESSED => ZlibDecoder::new(&mut element).read_to_end(&mut bytes),
-            _ => element.read_to_end(&mut bytes),
-        };
-        read.map_err(cut_off)?;
+        // A damaged head is read whole, so that what is wrong is said.
+        let whole = |head: &[u8]| Cursor(head).head().map_or(true, |head| wanted(&head.name));
+        if kind == COMPRESSED {
+            let mut packed = ZlibDecoder::new(&mut element);
+            packed.by_ref().take(HEAD_BYTES).read_to_end(&mut bytes).map_err(cut_off)?;
+            if bytes.len() >= 8 && whole(&bytes[8..]) {
+                let declared = 8 + u64::from(u32_at(&bytes, 4));
+                let left = declared.saturating_sub(bytes.len() as u64);
+                packed.take(left).read_to_end(&mut bytes).map_err(cut_off)?;
+            }
+        } else {
+            element.by_ref().take(HEAD_BYTES).read_to_end(&mut bytes).map_err(cut_off)?;
+            if whole(&bytes) {
+                element.read_to_end(&mut bytes).map_err(cut_off)?;
+            }
+        }
+        // What is left of the element, or lies behind its zlib stream, is not wanted.
+        std::io::copy(&mut element, &mut std::io::sink()).map_err(cut_off)?;
         let left = element.limit();
-        let matrix = match kind {
-            COMPRESSED => {
-                // Bytes of the element behind the zlib stream belong to no variable.
-                std::io::copy(&mut element, &mut std::io::sink()).map_err(cut_off)?;
-                Cursor(&bytes).element()?.1
+        if left > 0 {
+            return Err(Error::input(format!("the last variable lacks {left} bytes"))
+                .help("the file is cut off"));
+        }
+        match kind {
+            COMPRESSED if bytes.len() < 8 => {
+                return Err(Error::input("an empty variable").help("the file is damaged"));
             }
-            _ if left > 0 => {
-                return Err(Error::input(format!("the last variable lacks {left} bytes"))
-                    .help("the file is cut off"));
+            COMPRESSED if (bytes.len() as u64) < HEAD_BYTES || whole(&bytes[8..]) => {
+                take(Cursor(&bytes).element()?.1)?;
             }
-            MATRIX => &bytes,
-            _ => continue,
-        };
-        let (name, value) = parse_matrix(matrix, wanted, 0)?;
-        if wanted.contains(&name.as_str()) {
-            variables.push((name, value));
+            COMPRESSED => take(&bytes[8..])?,
+            MATRIX => take(&bytes)?,
+            _ => {}
         }
     }
 }
 
 /// Element type of a variable.
-const MATRIX: u32 = 14;
+pub(super) const MATRIX: u32 = 14;
 /// Element type of a variable compressed by zlib.
-const COMPRESSED: u32 = 15;
+pub(super) const COMPRESSED: u32 = 15;
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
@@ -168,7 +228,30 @@ impl<'a> Cursor<'a> {
         self.take(padding)?;
         Ok((word, data))
     }
+
+    /// Flags, shape and name of a matrix.
+    fn head(&mut self) -> Result<Head> {
+        let flags = self.element()?.1;
+        if flags.len() < 4 {
+            return Err(Error::input("an array without flags").help("the MATLAB file is damaged"));
+        }
+        let class = flags[0];
+        let (kind, shape) = self.element()?;
+        let shape = numbers(kind, shape)?.into_iter().map(|n| n as usize).collect();
+        let name = text(self.element()?.1);
+        Ok(Head { class, shape, name })
+    }
 }
+
+/// What a matrix element begins with.
+struct Head {
+    class: u8,
+    shape: Vec<usize>,
+    name: String,
+}
+
+/// Classes of arrays of numbers: double, single and integers.
+const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
 
 /// Parses the content of a matrix element. At depth 0 a variable that is not wanted is not parsed.
 fn parse_matrix(bytes: &[u8], wanted: &[&str], depth: usize) -> Result<(String, Value)> {
@@ -176,14 +259,7 @@ fn parse_matrix(bytes: &[u8], wanted: &[&str], depth: usize) -> Result<(String, 
         return Ok((String::new(), Value::Other));
     }
     let mut cursor = Cursor(bytes);
-    let flags = cursor.element()?.1;
-    if flags.len() < 4 {
-        return Err(Error::input("an array without flags").help("the MATLAB file is damaged"));
-    }
-    let class = flags[0];
-    let (kind, shape) = cursor.element()?;
-    let shape: Vec<usize> = numbers(kind, shape)?.into_iter().map(|n| n as usize).collect();
-    let name = text(cursor.element()?.1);
+    let Head { class, shape, name } = cursor.head()?;
     if depth == 0 && !wanted.contains(&name.as_str()) {
         return Ok((name, Value::Other));
     }
@@ -194,7 +270,7 @@ fn parse_matrix(bytes: &[u8], wanted: &[&str], depth: usize) -> Result<(String, 
             let codes = numbers(kind, data)?.into_iter();
             Value::Text(codes.filter_map(|c| char::from_u32(c as u32)).collect())
         }
-        6..=13 => {
+        class if NUMERIC.contains(&class) => {
             let (kind, data) = cursor.element()?;
             let sample = sample_of(kind)?;
             let count = shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n));
@@ -244,98 +320,18 @@ fn sample_of(kind: u32) -> Result<Sample> {
         6 | 18 => Sample::U32,
         7 => Sample::F32,
         9 => Sample::F64,
+        12 => Sample::I64,
+        13 => Sample::U64,
         _ => {
             return Err(Error::unsupported(format!("MATLAB samples of type {kind}"))
-                .help("use single, double, or integers of up to 32 bits"));
+                .help("use single, double or integers"));
         }
     })
 }
 
-/// Writes variables as a version 5 file, each compressed (as MATLAB's `save -v7`).
-pub fn write(path: &Path, variables: &[(&str, Value)]) -> Result<()> {
-    let failed = |e: std::io::Error| Error::io("write", path, e);
-    let mut out = std::io::BufWriter::new(File::create(path).map_err(failed)?);
-    let mut header = [b' '; 128];
-    let about = b"MATLAB 5.0 MAT-file, written by camrig";
-    header[..about.len()].copy_from_slice(about);
-    header[116..124].fill(0);
-    header[124..].copy_from_slice(&[0, 1, b'I', b'M']);
-    out.write_all(&header).map_err(failed)?;
-    for (name, value) in variables {
-        let mut packed = ZlibEncoder::new(Vec::new(), Compression::fast());
-        packed.write_all(&matrix(name, value)).map_err(failed)?;
-        let packed = packed.finish().map_err(failed)?;
-        let length = u32::try_from(packed.len()).map_err(|_| {
-            Error::limit(format!("variable {name:?} is larger than a version 5 file can hold"))
-                .help("export a scene of fewer pixels, or to ENVI")
-        })?;
-        out.write_all(&COMPRESSED.to_le_bytes()).map_err(failed)?;
-        out.write_all(&length.to_le_bytes()).map_err(failed)?;
-        out.write_all(&packed).map_err(failed)?;
-    }
-    out.flush().map_err(failed)
-}
-
-/// One element with its tag and padding.
-fn element(kind: u32, data: &[u8]) -> Vec<u8> {
-    let mut bytes = kind.to_le_bytes().to_vec();
-    bytes.extend((data.len() as u32).to_le_bytes());
-    bytes.extend(data);
-    bytes.resize(bytes.len().next_multiple_of(8), 0);
-    bytes
-}
-
-/// A matrix element of a value.
-fn matrix(name: &str, value: &Value) -> Vec<u8> {
-    let int32 = |values: &[usize]| -> Vec<u8> {
-        values.iter().flat_map(|&n| (n as i32).to_le_bytes()).collect()
-    };
-    let (class, shape, content) = match value {
-        Value::Array(array) => {
-            let (class, kind) = if array.sample == Sample::F32 { (7u8, 7) } else { (6, 9) };
-            let data = match array.sample {
-                Sample::F32 | Sample::F64 => element(kind, &array.bytes),
-                _ => {
-                    let doubles: Vec<u8> =
-                        array.numbers().into_iter().flat_map(f64::to_le_bytes).collect();
-                    element(kind, &doubles)
-                }
-            };
-            (class, array.shape.clone(), data)
-        }
-        Value::Text(text) => {
-            let codes: Vec<u16> = text.encode_utf16().collect();
-            let data: Vec<u8> = codes.iter().flat_map(|c| c.to_le_bytes()).collect();
-            (4, vec![1, codes.len()], element(4, &data))
-        }
-        Value::Struct(fields) => {
-            let mut content = Vec::new();
-            // A field name length as a small element, then names of 32 bytes each.
-            content.extend([5, 0, 4, 0, 32, 0, 0, 0]);
-            let mut names = Vec::new();
-            for (name, _) in fields {
-                let mut padded = [0; 32];
-                let kept = name.len().min(31);
-                padded[..kept].copy_from_slice(&name.as_bytes()[..kept]);
-                names.extend(padded);
-            }
-            content.extend(element(1, &names));
-            for (_, value) in fields {
-                content.extend(matrix("", value));
-            }
-            (2, vec![1, 1], content)
-        }
-        Value::Other => (6, vec![0, 0], element(9, &[])),
-    };
-    let mut body = element(6, &[class, 0, 0, 0, 0, 0, 0, 0]);
-    body.extend(element(5, &int32(&shape)));
-    body.extend(element(1, name.as_bytes()));
-    body.extend(content);
-    element(MATRIX, &body)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::matlab_write::{matrix, write};
     use super::*;
 
     fn example() -> Vec<(&'static str, Value)> {
@@ -360,7 +356,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.mat");
         write(&path, &example()).unwrap();
-        assert!(is_version_5(&std::fs::read(&path).unwrap()));
+        assert!(is_version_5(&path).unwrap());
+        let arrays = list(&path).unwrap();
+        assert_eq!(arrays, [("wave".to_string(), vec![1, 3])]);
         let got = read(&path, &["wave", "comment", "basis"]).unwrap();
         let expected: Vec<_> = example().into_iter().map(|(n, v)| (n.to_string(), v)).collect();
         assert_eq!(got, expected);

@@ -6,7 +6,7 @@
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
-use super::sidecar::Sidecar;
+use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::npy;
@@ -80,9 +80,12 @@ fn cube(
     let scale = sidecar.scale.unwrap_or(1.0);
     let (sample, big_endian) = array.sample;
     let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
-    let nm = sidecar.wavelengths(cube.bands(), nm)?;
-    let own = name.contains("radiance").then_some(Quantity::Radiance);
-    Cube::new(Box::new(cube), nm, sidecar.quantity(own))
+    let quantity = [Quantity::Reflectance, Quantity::Radiance];
+    let quantity = quantity.into_iter().find(|quantity| name.contains(quantity.name()));
+    let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
+    let understood =
+        vec![format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}")];
+    sidecar.cube(Box::new(cube), Own { nm, quantity, understood, ..Own::default() })
 }
 
 /// The header of an array.
@@ -118,13 +121,14 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
         "u2" => Sample::U16,
         "i4" => Sample::I32,
         "u4" => Sample::U32,
+        "i8" => Sample::I64,
+        "u8" => Sample::U64,
         "f2" => Sample::F16,
         "f4" => Sample::F32,
         "f8" => Sample::F64,
         _ => {
-            return Err(Error::unsupported(format!("samples of type {kind}")).help(
-                "save as float32, float16, float64, uint8, uint16, int16, uint32 or int32",
-            ));
+            return Err(Error::unsupported(format!("samples of type {kind}"))
+                .help("save as real numbers: float16 to float64, or integers"));
         }
     };
     Ok((sample, kind.starts_with('>')))

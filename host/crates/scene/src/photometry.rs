@@ -5,7 +5,7 @@
 //! under an illuminance of E_v lx has the luminance L_v = E_v / π; its spectral radiance is scaled
 //! to it.
 
-use super::Illuminant;
+use super::{Grid, Illuminant, Scene};
 use camrig_base::table::built_in;
 use camrig_base::{Bands, Error, Result, Spectrum};
 use std::sync::LazyLock;
@@ -35,6 +35,19 @@ impl LightLevel {
             LightLevel::Lux(lux) => lux / std::f64::consts::PI,
             LightLevel::Luminance(luminance) => luminance,
         }
+    }
+
+    /// Luminance of a perfect white, cd/m².
+    ///
+    /// # Errors
+    /// A negative or infinite level.
+    pub fn checked(self) -> Result<f64> {
+        let luminance = self.white_luminance();
+        if luminance.is_finite() && luminance >= 0.0 {
+            return Ok(luminance);
+        }
+        Err(Error::input(format!("a light level of {self:?}"))
+            .help("give a number of lux or cd/m² that is not negative"))
     }
 }
 
@@ -90,11 +103,7 @@ pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
 /// # Errors
 /// A negative or infinite level, an illuminant without power between 360 and 830 nm.
 pub fn white_radiance(light: &Illuminant, level: LightLevel, bands: &Bands) -> Result<Vec<f64>> {
-    let luminance = level.white_luminance();
-    if !luminance.is_finite() || luminance < 0.0 {
-        return Err(Error::input(format!("a light level of {level:?}"))
-            .help("give a number of lux or cd/m² that is not negative"));
-    }
+    let luminance = level.checked()?;
     let relative = KM * xyz(&light.power)[1];
     if relative <= 0.0 {
         return Err(Error::input(format!("illuminant {:?} has no visible light", light.name))
@@ -102,6 +111,30 @@ pub fn white_radiance(light: &Illuminant, level: LightLevel, bands: &Bands) -> R
     }
     let scale = luminance / relative;
     Ok(light.in_bands(bands).into_iter().map(|power| power * scale).collect())
+}
+
+/// Cells across the frame over which a mean luminance is taken: their averages are exact, and the
+/// last row misses the frame's edge by half a cell at most.
+const METER_CELLS: usize = 256;
+
+/// Mean luminance of a scene of radiance over a frame of that aspect (width over height), cd/m².
+///
+/// # Errors
+/// Those of [`Scene::plane`].
+pub fn mean_luminance(scene: &dyn Scene, frame_aspect: f64) -> Result<f64> {
+    let bands = scene.bands();
+    let cell = 1.0 / METER_CELLS as f64;
+    let height = (METER_CELLS as f64 / frame_aspect).round().max(1.0) as usize;
+    let top = -0.5 * height as f64 * cell;
+    let grid = Grid { width: METER_CELLS, height, left: -0.5, top, cell };
+    let [_, visibility, _] = observer_in_bands(&bands);
+    let mut luminance = 0.0;
+    for (band, &v) in visibility.iter().enumerate().filter(|(_, v)| **v > 0.0) {
+        let plane = scene.plane(band, &grid)?;
+        let sum: f64 = plane.data.iter().map(|&radiance| f64::from(radiance)).sum();
+        luminance += KM * v * bands.step_nm * sum / plane.data.len() as f64;
+    }
+    Ok(luminance)
 }
 
 #[cfg(test)]

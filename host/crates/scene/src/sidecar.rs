@@ -6,12 +6,15 @@
 //! wavelength_nm = [400, 410]   # band centres, or start_nm and step_nm
 //! start_nm = 400
 //! step_nm = 10
-//! axes = "yxb"                 # NumPy: order of rows, columns, bands; slowest first
+//! axes = "yxb"                 # order of rows, columns, bands in an array
 //! scale = 1.0                  # multiplies the samples
-//! array = "cube"               # NumPy: name within an .npz
+//! array = "cube"               # name of the array in a file of several; of an EXR's layer or part
+//! negative = "zero"            # takes samples below zero as 0, however far below
 //! ```
 
 use super::Quantity;
+use super::cube::{BandSource, Cube};
+use super::selection::Stated;
 use camrig_base::{Error, Result};
 use serde::Deserialize;
 use std::path::Path;
@@ -20,20 +23,28 @@ use std::path::Path;
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sidecar {
-    quantity: Option<QuantityName>,
+    #[serde(default, deserialize_with = "quantity")]
+    quantity: Option<Quantity>,
     wavelength_nm: Option<Vec<f64>>,
     start_nm: Option<f64>,
     step_nm: Option<f64>,
     pub axes: Option<String>,
     pub scale: Option<f32>,
     pub array: Option<String>,
+    negative: Option<Negative>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum QuantityName {
-    Reflectance,
-    Radiance,
+enum Negative {
+    Zero,
+}
+
+fn quantity<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Quantity>, D::Error> {
+    let name = String::deserialize(from)?;
+    Quantity::parse(&name).map(Some).ok_or_else(|| {
+        serde::de::Error::custom(format!("quantity {name:?} is not reflectance or radiance"))
+    })
 }
 
 impl Sidecar {
@@ -62,33 +73,101 @@ impl Sidecar {
         text = table.to_string();
         toml::from_str(&text).map_err(|e| {
             Error::input(e.message().to_string()).at(place.display()).help(
-                "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale and array",
+                "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \
+                 negative (which is \"zero\")",
             )
         })
     }
 
-    /// The wavelengths of the bands, nm: the sidecar's, else the file's own, else for 31 bands 400
-    /// to 700 nm.
-    pub fn wavelengths(&self, bands: usize, own: Option<Vec<f64>>) -> Result<Vec<f64>> {
-        let regular = |start: f64, step: f64| {
-            (0..bands).map(|b| start + step * b as f64).collect::<Vec<f64>>()
-        };
-        match (&self.wavelength_nm, self.start_nm, self.step_nm, own) {
-            (Some(list), None, None, _) => Ok(list.clone()),
-            (None, Some(start), Some(step), _) => Ok(regular(start, step)),
-            (None, None, None, Some(own)) => Ok(own),
-            (None, None, None, None) if bands == 31 => Ok(regular(400.0, 10.0)),
-            _ => Err(Error::input(format!("the wavelengths of the {bands} bands are not known"))
-                .help("give wavelength_nm, or start_nm and step_nm, in the sidecar .toml")),
+    /// The cube of `source`, of which the file says `own`; what the user says takes precedence.
+    ///
+    /// # Errors
+    /// Wavelengths that are not known; those of [`Cube::stated`].
+    pub fn cube(&self, source: Box<dyn BandSource>, own: Own) -> Result<Cube> {
+        let Own { nm, usual, quantity, stated, mut understood, mut notes } = own;
+        let bands = source.bands();
+        let (width, height) = source.size();
+        let (nm, assumed) = self.wavelengths(bands, nm, usual)?;
+        notes.extend(assumed);
+        let (least, most) =
+            nm.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &nm| (a.min(nm), b.max(nm)));
+        understood.push(format!("{width} x {height} pixels, {bands} bands, {least} to {most} nm"));
+        if let Some(scale) = self.scale {
+            understood.push(format!("samples times {scale}, as asked for"));
         }
+        if self.quantity.or(quantity).is_none() {
+            understood.push("reflectance, as nothing says otherwise".into());
+        }
+        let quantity = self.quantity.or(quantity).unwrap_or(Quantity::Reflectance);
+        let cube = Cube::stated(source, &nm, quantity, stated)?;
+        Ok(cube.with(self.negative.is_some(), understood, notes))
     }
 
-    /// The quantity: the sidecar's, else the file's own, else reflectance.
-    pub fn quantity(&self, own: Option<Quantity>) -> Quantity {
-        match self.quantity {
-            Some(QuantityName::Radiance) => Quantity::Radiance,
-            Some(QuantityName::Reflectance) => Quantity::Reflectance,
-            None => own.unwrap_or(Quantity::Reflectance),
+    /// The wavelengths of the bands, nm: the user's, else the file's own, else those usual for
+    /// such files; and what is assumed of them.
+    pub fn wavelengths(
+        &self,
+        bands: usize,
+        own: Option<Vec<f64>>,
+        usual: Option<(f64, String)>,
+    ) -> Result<(Vec<f64>, Option<String>)> {
+        if let Some(given) = self.given(bands) {
+            return Ok((given?, None));
+        }
+        if let Some(own) = own {
+            return Ok((own, None));
+        }
+        let (start, of) = match usual {
+            Some(usual) => usual,
+            None if bands == 31 => (400.0, "as is usual for 31 bands".to_string()),
+            None => return Err(unknown(bands)),
+        };
+        let list = regular(start, USUAL_STEP_NM, bands);
+        let end = list.last().copied().unwrap_or(start);
+        let note = format!(
+            "nothing gives the wavelengths of the {bands} bands: {start} to {end} nm is assumed, \
+             {of} (start_nm={start},step_nm={USUAL_STEP_NM} says so)"
+        );
+        Ok((list, Some(note)))
+    }
+
+    /// The wavelengths that the user gives, nm.
+    pub fn given(&self, bands: usize) -> Option<Result<Vec<f64>>> {
+        match (&self.wavelength_nm, self.start_nm, self.step_nm) {
+            (None, None, None) => None,
+            (Some(list), None, None) => Some(Ok(list.clone())),
+            (None, Some(start), Some(step)) => Some(Ok(regular(start, step, bands))),
+            _ => Some(Err(unknown(bands))),
         }
     }
+}
+
+/// What a file says of its cube.
+#[derive(Default)]
+pub(super) struct Own {
+    /// Centres of the bands, nm.
+    pub nm: Option<Vec<f64>>,
+    /// Where files of this kind usually begin, nm, in steps of 10 nm, and whose they are; for
+    /// files that do not say.
+    pub usual: Option<(f64, String)>,
+    /// What the samples are.
+    pub quantity: Option<Quantity>,
+    /// What is said of single bands.
+    pub stated: Stated,
+    /// What was understood, for `scene info`.
+    pub understood: Vec<String>,
+    /// What was assumed or ignored.
+    pub notes: Vec<String>,
+}
+
+/// Step of the bands of the public sets of scenes, nm.
+const USUAL_STEP_NM: f64 = 10.0;
+
+fn regular(start: f64, step: f64, bands: usize) -> Vec<f64> {
+    (0..bands).map(|b| start + step * b as f64).collect()
+}
+
+fn unknown(bands: usize) -> Error {
+    Error::input(format!("the wavelengths of the {bands} bands are not known"))
+        .help("give wavelength_nm, or start_nm and step_nm, in the sidecar .toml")
 }

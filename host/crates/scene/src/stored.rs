@@ -69,10 +69,7 @@ impl Description {
             description: String::new(),
             source: String::new(),
             licence: String::new(),
-            quantity: match quantity {
-                Quantity::Reflectance => "reflectance".into(),
-                Quantity::Radiance => "radiance".into(),
-            },
+            quantity: quantity.name().into(),
             width: size.0,
             height: size.1,
             start_nm: bands.start_nm,
@@ -145,13 +142,9 @@ pub(super) fn open(directory: &Path) -> Result<Cube> {
     let about = Description::read(directory)?;
     let place = directory.join(DESCRIPTION);
     let wrong = |what: String| Error::input(what).at(place.display());
-    let quantity = match about.quantity.as_str() {
-        "reflectance" => Quantity::Reflectance,
-        "radiance" => Quantity::Radiance,
-        other => {
-            return Err(wrong(format!("quantity = {other:?}")).help("reflectance or radiance"));
-        }
-    };
+    let quantity = Quantity::parse(&about.quantity).ok_or_else(|| {
+        wrong(format!("quantity = {:?}", about.quantity)).help("reflectance or radiance")
+    })?;
     if about.bands == 0 || about.width == 0 || about.height == 0 {
         return Err(wrong("a scene without pixels or bands".into()));
     }

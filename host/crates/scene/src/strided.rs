@@ -22,6 +22,10 @@ pub enum Sample {
     I32,
     /// Unsigned 32 bit.
     U32,
+    /// Signed 64 bit.
+    I64,
+    /// Unsigned 64 bit.
+    U64,
     /// IEEE half.
     F16,
     /// IEEE single.
@@ -37,11 +41,11 @@ impl Sample {
             Sample::U8 | Sample::I8 => 1,
             Sample::I16 | Sample::U16 | Sample::F16 => 2,
             Sample::I32 | Sample::U32 | Sample::F32 => 4,
-            Sample::F64 => 8,
+            Sample::F64 | Sample::I64 | Sample::U64 => 8,
         }
     }
 
-    /// The sample in the first bytes of `raw`, little-endian, in full precision.
+    /// The sample in the first bytes of `raw`, little-endian, as a double.
     pub fn number(self, raw: &[u8]) -> f64 {
         match self {
             Sample::U8 => f64::from(raw[0]),
@@ -52,9 +56,10 @@ impl Sample {
             Sample::I32 => f64::from(i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
             Sample::U32 => f64::from(u32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
             Sample::F32 => f64::from(f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
-            Sample::F64 => f64::from_le_bytes([
-                raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7],
-            ]),
+            Sample::F64 => f64::from_le_bytes(eight(raw)),
+            // Beyond 2⁵³ the nearest double.
+            Sample::I64 => i64::from_le_bytes(eight(raw)) as f64,
+            Sample::U64 => u64::from_le_bytes(eight(raw)) as f64,
         }
     }
 
@@ -68,6 +73,10 @@ impl Sample {
         swapped[..n].reverse();
         self.number(&swapped) as f32
     }
+}
+
+fn eight(raw: &[u8]) -> [u8; 8] {
+    [raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7]]
 }
 
 /// IEEE 754 binary16 to binary32, exact.
@@ -121,7 +130,9 @@ impl Layout {
             return Err(Error::input(format!("axes {axes:?}"))
                 .help("name the three axes from slowest to fastest: yxb, byx, ybx, bxy, ..."));
         };
-        let stride = |axis: usize| lengths[axis + 1..].iter().product();
+        // A cube whose strides overflow is too large for any memory, which its size shows later.
+        let stride =
+            |axis: usize| lengths[axis + 1..].iter().fold(1usize, |n, &l| n.saturating_mul(l));
         Ok(Self {
             width: lengths[x],
             height: lengths[y],

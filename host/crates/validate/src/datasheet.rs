@@ -141,7 +141,7 @@ fn edges(camera: &Camera) -> Result<Vec<Edge>> {
     let camera = cropped(camera, EDGE_FRAME);
     let light = SceneLight::lux("D65", EDGE_LUX);
     let options = Options::default();
-    let cube = scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?.0;
+    let cube = scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?.cube;
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let frame = |seconds: f64| -> Result<RawFrame> {
         let settings = camera.settings(0, seconds, Some(1.0));

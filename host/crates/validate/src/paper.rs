@@ -165,7 +165,7 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
 /// What falls on the sensor when the camera looks at a scene under D65, W m⁻² nm⁻¹.
 fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<IrradianceCube> {
     let light = SceneLight::lux("D65", lux);
-    Ok(scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())?.0)
+    Ok(scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())?.cube)
 }
 
 /// The frames of a capture set, and how they were taken: the first edge, and the charts of most

@@ -52,9 +52,9 @@ impl Lights {
         // otherwise.
         let level = target.lux.map(|_| LightLevel::Lux(LUX));
         let light = SceneLight { illuminant: target.illuminant.as_deref(), level };
-        let (cube, _) =
-            scene_irradiance(camera, &target.scene, &light, &Options::default(), |_, _| ())
-                .map_err(|e| e.at(format!("capture {:?}", target.stack.id)))?;
+        let cube = scene_irradiance(camera, &target.scene, &light, &Options::default(), |_, _| ())
+            .map_err(|e| e.at(format!("capture {:?}", target.stack.id)))?
+            .cube;
         let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
         let electrons = Arc::new(sensor.electrons(&cube, &camera.settings(0, 1.0, Some(1.0)))?);
         if let Ok(mut kept) = self.kept.lock() {

@@ -34,3 +34,18 @@ with h5py.File("photons_v73.mat", "w", userblock_size=512, libver="earliest") as
     f.create_dataset("comment", data=np.frombuffer("fixture".encode("utf-16le"), np.uint16)[:, None])
 with open("photons_v73.mat", "r+b") as f:
     f.write(b"MATLAB 7.3 MAT-file, fixture".ljust(124) + bytes([0, 2]) + b"IM")
+
+# The same scene as plain arrays: rows, columns, bands beside a picture and a mask; version 7.3 as
+# ICVL's and ARAD's sets have it; HDF5 with the array in a group, bands first.
+counts = np.round(reflectance * 1000)
+scipy.io.savemat("array_v5.mat", dict(hsi=counts.astype(np.uint16), rgb=counts[:, :, :3], lbl=np.ones((2, 3)),
+    wavelengths=wave / 1000), do_compression=True)
+with h5py.File("array_v73.mat", "w", userblock_size=512, libver="earliest") as f:
+    f.create_dataset("rad", data=counts.transpose(2, 1, 0).astype(np.float32), chunks=(2, 3, 2), compression="gzip")
+    f.create_dataset("bands", data=wave[None, :])
+with open("array_v73.mat", "r+b") as f:
+    f.write(b"MATLAB 7.3 MAT-file, fixture".ljust(124) + bytes([0, 2]) + b"IM")
+with h5py.File("array.h5", "w", libver="earliest") as f:
+    f.create_dataset("scene/cube", data=counts.transpose(2, 0, 1).astype(np.int16))
+    f.create_dataset("scene/wavelength", data=wave)
+    f.create_dataset("other", data=counts.astype(np.float32))

@@ -1,0 +1,306 @@
+//! Cubes from files of named arrays: MATLAB (versions 5 and 7.3) and HDF5.
+//!
+//! The cube is the array that the user names, or the only one of three axes, or that of a public
+//! set's layout ([`LAYOUTS`]). A list of as many wavelengths as there are bands (`bands`, `wave`,
+//! `wavelength`, ...) gives them and tells which axis is theirs; otherwise the axes are rows,
+//! columns, bands, in the order in which MATLAB or h5py show them.
+
+use super::cube::{BandSource, Cube};
+use super::sidecar::{Own, Sidecar};
+use super::strided::{Bytes, Layout, Strided};
+use super::{hdf5, isetcam, matlab};
+use camrig_base::{Error, Result};
+use std::path::Path;
+
+/// Layouts of public sets: name of the array, bands, first wavelength (nm) where the files do not
+/// say it, and whose set it is. Steps are 10 nm.
+const LAYOUTS: &[(&str, usize, f64, &str)] = &[
+    ("reflectances", 33, 400.0, "as in the set of Foster et al. of 2004"),
+    ("hsi", 33, 400.0, "as in the set of Foster et al. of 2015"),
+    ("ref", 31, 420.0, "as in Harvard's set (Chakrabarti and Zickler 2011)"),
+    ("S", 31, 420.0, "as in TokyoTech's set"),
+    ("S", 59, 420.0, "as in TokyoTech's set with near infrared"),
+    ("rad", 31, 400.0, "as in ICVL's set (Arad and Ben-Shahar 2016)"),
+    ("cube", 31, 400.0, "as in ARAD's sets (NTIRE 2020, 2022)"),
+];
+
+/// Parts of the names of lists of wavelengths.
+const WAVELENGTH_NAMES: [&str; 8] =
+    ["wave", "wl", "wvl", "lambda", "band", "nm", "center", "centre"];
+/// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
+const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
+const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
+/// Bands beyond which a last axis is more likely one of pixels, where the first is shorter.
+const MANY_BANDS: usize = 300;
+
+/// A file of named arrays.
+struct Arrays<'a> {
+    path: &'a Path,
+    kind: Kind,
+    /// Names and shapes, as the file's own program shows them.
+    list: Vec<(String, Vec<usize>)>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Matlab5,
+    Matlab73,
+    Hdf5,
+}
+
+/// Opens a `.mat` or `.h5` file.
+pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    let arrays = Arrays::of(path)?;
+    let has = |name: &str| arrays.list.iter().any(|(n, _)| n == name);
+    if sidecar.array.is_none() && (has("photons") || has("mcCOEF")) {
+        return isetcam::open(path, sidecar);
+    }
+    let (name, shape) = arrays.choose(sidecar.array.as_deref())?;
+    let lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
+    let wavelengths = arrays.wavelengths(&lengths)?;
+    let axes = match (&sidecar.axes, &wavelengths) {
+        (Some(axes), _) => axes.clone(),
+        (None, Some((_, nm))) => axes_of(&lengths, nm.len()).to_string(),
+        (None, None) if lengths[2] > MANY_BANDS && lengths[0] < lengths[2] => {
+            return Err(Error::input(format!("array {name:?} of shape {lengths:?}"))
+                .help("name the order of its axes: axes=yxb is rows, columns, bands"));
+        }
+        (None, None) => "yxb".into(),
+    };
+    let scale = sidecar.scale.unwrap_or(1.0);
+    let source = arrays.cube(name, shape, &axes, scale)?;
+    let bands = source.bands();
+    let mut understood = vec![format!(
+        "{}, array {name:?} of {lengths:?}, axes {axes}",
+        ["MATLAB 5", "MATLAB 7.3", "HDF5"][arrays.kind as usize]
+    )];
+    let wavelengths = wavelengths.filter(|(_, nm)| nm.len() == bands);
+    understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
+    let usual = usual(name, bands);
+    if usual.is_none() && wavelengths.is_none() && name == "reflectances" && bands == 31 {
+        sidecar.given(bands).ok_or_else(|| {
+            Error::input("the wavelengths of the 31 bands are not known").help(
+                "the scenes of Foster et al. of 2002 begin at 410 nm: give start_nm=410,step_nm=10",
+            )
+        })??;
+    }
+    let used = wavelengths.as_ref().map(|(of, _)| of.clone());
+    let left: Vec<&str> = arrays.list.iter().map(|(n, _)| n.as_str()).collect();
+    let left: Vec<&str> =
+        left.into_iter().filter(|n| *n != name && used.as_deref() != Some(n)).collect();
+    let mut notes = Vec::new();
+    if !left.is_empty() {
+        notes.push(format!("arrays that were not used: {}", left.join(", ")));
+    }
+    let nm = wavelengths.map(|(_, nm)| nm);
+    sidecar.cube(source, Own { nm, usual, understood, notes, ..Own::default() })
+}
+
+fn usual(name: &str, bands: usize) -> Option<(f64, String)> {
+    let found = LAYOUTS.iter().find(|(n, count, ..)| *n == name && *count == bands);
+    found.map(|(_, _, start, of)| (*start, of.to_string()))
+}
+
+/// The lengths of three axes, without further ones of length 1.
+fn three_axes(shape: &[usize]) -> Option<[usize; 3]> {
+    let long = shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1);
+    long.collect::<Vec<usize>>().try_into().ok()
+}
+
+/// The order of axes of which one has `bands` entries: the last of such.
+fn axes_of(lengths: &[usize; 3], bands: usize) -> &'static str {
+    match lengths.iter().rposition(|&n| n == bands) {
+        Some(0) => "byx",
+        Some(1) => "ybx",
+        _ => "yxb",
+    }
+}
+
+fn not_a_cube(name: &str, shape: &[usize]) -> Error {
+    Error::input(format!("array {name:?} of shape {shape:?}"))
+        .help("a spectral cube has three axes: rows, columns, bands")
+}
+
+impl<'a> Arrays<'a> {
+    fn of(path: &'a Path) -> Result<Self> {
+        let mat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mat"));
+        if mat && matlab::is_version_5(path)? {
+            return Ok(Self { path, kind: Kind::Matlab5, list: matlab::list(path)? });
+        }
+        let mut list = hdf5::list(path)?;
+        // MATLAB stores columns first and shows rows first.
+        if mat {
+            list.iter_mut().for_each(|(_, shape)| shape.reverse());
+        }
+        Ok(Self { path, kind: if mat { Kind::Matlab73 } else { Kind::Hdf5 }, list })
+    }
+
+    /// The array that holds the cube.
+    fn choose(&self, wanted: Option<&str>) -> Result<(&str, &[usize])> {
+        let cubes = self.list.iter().filter(|(_, shape)| three_axes(shape).is_some());
+        let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
+        if cubes.len() > 1 {
+            // Pictures of three colours beside the cube.
+            let named = |name: &str| {
+                let name = name.to_lowercase();
+                ["rgb", "preview", "thumb", "picture", "color"].iter().any(|w| name.contains(w))
+            };
+            cubes.retain(|(name, shape)| !(shape.contains(&3) && named(name)));
+        }
+        let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_string();
+        let chosen = match wanted {
+            Some(wanted) => self.list.iter().find(|(n, _)| n == wanted || last(n) == wanted),
+            None if cubes.len() == 1 => Some(cubes[0]),
+            None => {
+                let known = |n: &str| LAYOUTS.iter().any(|(layout, ..)| *layout == n);
+                let mut known = cubes.into_iter().filter(|(n, _)| known(n));
+                known.next().filter(|_| known.next().is_none())
+            }
+        };
+        if self.list.is_empty() {
+            return Err(Error::input("no array of numbers at the file's top")
+                .help("save the cube as an array of its own, not within a struct or cell"));
+        }
+        let Some((name, shape)) = chosen else {
+            let all: Vec<String> =
+                self.list.iter().map(|(n, shape)| format!("{n} {shape:?}")).collect();
+            let what = wanted.map_or("no single array of rows, columns and bands".into(), |n| {
+                format!("no numeric array {n:?}")
+            });
+            return Err(Error::input(what)
+                .help(format!("name one with array=NAME; the file has {}", all.join(", "))));
+        };
+        Ok((name, shape))
+    }
+
+    /// The list of wavelengths (nm) for one of these axes, and its name.
+    fn wavelengths(&self, lengths: &[usize; 3]) -> Result<Option<(String, Vec<f64>)>> {
+        for (name, shape) in &self.list {
+            let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
+            let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
+            let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
+            let named = WAVELENGTH_NAMES.iter().any(|part| word.contains(part));
+            if !named || !one_axis || !lengths.contains(&count) {
+                continue;
+            }
+            let list = match self.kind {
+                Kind::Matlab5 => {
+                    let found = matlab::read(self.path, &[name])?.pop();
+                    found.and_then(|(_, v)| v.array().map(matlab::Array::numbers))
+                }
+                _ => Some(hdf5::numbers(self.path, name)?),
+            };
+            let Some(list) = list else { continue };
+            let rises = |w: &[f64]| w[1] > w[0];
+            if list.windows(2).any(|w| rises(w) != rises(&list[..2])) {
+                continue;
+            }
+            if list.iter().all(|nm| NM.contains(nm)) {
+                return Ok(Some((name.clone(), list)));
+            }
+            if list.iter().all(|um| UM.contains(um)) {
+                return Ok(Some((name.clone(), list.iter().map(|um| um * 1000.0).collect())));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The array as a cube; `axes` in the order of `shape`.
+    fn cube(
+        &self,
+        name: &str,
+        shape: &[usize],
+        axes: &str,
+        scale: f32,
+    ) -> Result<Box<dyn BandSource>> {
+        let backwards: String = axes.chars().rev().collect();
+        match self.kind {
+            Kind::Hdf5 => hdf5::cube(self.path, name, axes, scale),
+            Kind::Matlab73 => hdf5::cube(self.path, name, &backwards, scale),
+            Kind::Matlab5 => {
+                let mut lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
+                lengths.reverse();
+                let found = matlab::read(self.path, &[name])?.pop();
+                let Some((_, matlab::Value::Array(array))) = found else {
+                    return Err(not_a_cube(name, shape));
+                };
+                let layout = Layout::packed(&backwards, lengths)?;
+                let bytes = Bytes::Memory(array.bytes);
+                Ok(Box::new(Strided::new(bytes, 0, array.sample, false, layout, scale)?))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::open_file;
+    use std::path::Path;
+
+    fn place(file: &str) -> String {
+        let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(file);
+        place.display().to_string()
+    }
+
+    /// Files written by scipy.io and h5py (`tests/data/make.py` holds the formula).
+    #[test]
+    fn arrays_are_read_by_name_and_layout() {
+        for (file, options) in [
+            ("array_v5.mat", ""),
+            ("array_v5.mat", "array=hsi,"),
+            ("array_v73.mat", ""),
+            ("array.h5", "array=cube,"),
+            ("array.h5", "array=scene/cube,"),
+            ("array.h5", "array=other,start_nm=400,step_nm=100,"),
+        ] {
+            let cube = open_file(&format!("{}:{options}scale=0.001", place(file))).unwrap();
+            assert_eq!(cube.size(), (3, 2), "{file} {options}");
+            for band in 0..4 {
+                let plane = cube.band(10 * band).unwrap();
+                for (i, got) in plane.data.iter().enumerate() {
+                    let expected = (1 + i % 3 + 3 * (i / 3) + band) as f32 / 10.0;
+                    assert!((got - expected).abs() < 1e-6, "{file} {options}: {got}, {expected}");
+                }
+            }
+        }
+        let v5 = open_file(&format!("{}:scale=0.001", place("array_v5.mat"))).unwrap();
+        let said = crate::Scene::notes(&v5).join("\n");
+        assert!(said.contains("not used: rgb, lbl"), "{said}");
+        assert!(v5.understood().join("\n").contains("from \"wavelengths\""));
+    }
+
+    #[test]
+    fn what_cannot_be_told_is_asked_for() {
+        let said = |spec: String| open_file(&spec).err().unwrap().to_string();
+        let ambiguous = said(place("array.h5"));
+        assert!(ambiguous.contains("array=NAME") && ambiguous.contains("scene/cube [4, 2, 3]"));
+        let missing = said(format!("{}:array=cube", place("array_v73.mat")));
+        assert!(
+            missing.contains("no numeric array \"cube\"") && missing.contains("rad [2, 3, 4]")
+        );
+        let counts = open_file(&place("array_v73.mat")).unwrap().band(0).err().unwrap();
+        assert!(counts.to_string().contains("1/65535"), "{counts}");
+    }
+
+    /// Cutting and corrupting a file gives an error or other values, never a panic.
+    #[test]
+    fn damage_is_survived() {
+        let dir = tempfile::tempdir().unwrap();
+        for file in ["array_v5.mat", "array_v73.mat", "array.h5"] {
+            let whole = std::fs::read(place(file)).unwrap();
+            let path = dir.path().join(file);
+            let spec = format!("{}:start_nm=400,step_nm=10", path.display());
+            let attempt = |bytes: &[u8]| {
+                std::fs::write(&path, bytes).unwrap();
+                open_file(&spec).and_then(|cube| cube.band(0)).is_err()
+            };
+            assert!(attempt(&whole[..whole.len() / 2]), "{file}");
+            for i in (0..whole.len()).step_by(7) {
+                attempt(&whole[..i]);
+                let mut damaged = whole.clone();
+                damaged[i] ^= 0x5a;
+                attempt(&damaged);
+            }
+        }
+    }
+}

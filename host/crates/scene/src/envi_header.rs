@@ -1,0 +1,194 @@
+//! Headers of ENVI cubes: keys and values in text.
+
+use super::selection::Stated;
+use camrig_base::{Error, Result};
+use std::collections::BTreeMap;
+
+/// Keys that the reader uses, or that say nothing of the samples.
+const KNOWN: &[&str] = &[
+    "samples",
+    "lines",
+    "bands",
+    "data type",
+    "interleave",
+    "byte order",
+    "header offset",
+    "file compression",
+    "major frame offsets",
+    "minor frame offsets",
+    "wavelength",
+    "wavelength units",
+    "reflectance scale factor",
+    "data gain values",
+    "data offset values",
+    "bbl",
+    "data ignore value",
+    "quantity",
+    "description",
+    "file type",
+    "fwhm",
+    "band names",
+    "default bands",
+    "sensor type",
+    "map info",
+    "coordinate system string",
+    "acquisition time",
+    "x start",
+    "y start",
+    "z plot titles",
+    "z plot range",
+    "default stretch",
+    "geo points",
+    "projection info",
+    "cloud cover",
+    "sun azimuth",
+    "sun elevation",
+];
+
+/// Speed of light in nm · GHz (exact by the SI's definition of the metre).
+const LIGHT_NM_GHZ: f64 = 299_792_458.0;
+
+/// The keys of a header and their values.
+pub struct Header(BTreeMap<String, String>);
+
+impl Header {
+    /// `key = value` lines after a first line `ENVI`; a value in braces may span lines.
+    pub fn parse(text: &str) -> Result<Self> {
+        // A byte order mark, which some editors put before UTF-8.
+        let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
+        if lines.next().is_none_or(|(_, first)| !first.trim().eq_ignore_ascii_case("ENVI")) {
+            return Err(Error::input("the first line is not ENVI").help("this is no ENVI header"));
+        }
+        let mut keys = BTreeMap::new();
+        while let Some((number, line)) = lines.next() {
+            let Some((key, value)) = line.split_once('=') else { continue };
+            if line.starts_with(';') {
+                continue; // a remark
+            }
+            let mut value = value.trim().to_string();
+            while value.starts_with('{') && !value.contains('}') {
+                let Some((_, next)) = lines.next() else {
+                    return Err(Error::input(format!("no closing brace for {:?}", key.trim()))
+                        .at(format!("line {}", number + 1)));
+                };
+                value.push(' ');
+                value.push_str(next);
+            }
+            keys.insert(key.trim().to_ascii_lowercase(), value);
+        }
+        Ok(Self(keys))
+    }
+
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.0.get(key).map(String::as_str)
+    }
+
+    pub fn number(&self, key: &str) -> Result<Option<f64>> {
+        let Some(text) = self.text(key) else { return Ok(None) };
+        match text.parse() {
+            Ok(number) if number > 0.0 => Ok(Some(number)),
+            _ => Err(Error::input(format!("{key} = {text}")).help("give a positive number")),
+        }
+    }
+
+    pub fn size(&self, key: &str) -> Result<usize> {
+        let text = self.text(key).ok_or_else(|| Error::input(format!("no key {key:?}")))?;
+        text.parse()
+            .map_err(|_| Error::input(format!("{key} = {text}")).help("give a whole number"))
+    }
+
+    /// A list of numbers in braces; a comma behind the last is no further entry.
+    fn list(&self, key: &str) -> Result<Option<Vec<f64>>> {
+        let Some(text) = self.text(key) else { return Ok(None) };
+        let text = text.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']);
+        let numbers = text.split(',').map(str::trim);
+        let number =
+            |n: &str| n.parse().map_err(|_| Error::input(format!("{key} {n:?} is no number")));
+        numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
+    }
+
+    /// Keys that would place samples elsewhere than packed from the header's offset.
+    pub fn refuse_other_layouts(&self) -> Result<()> {
+        for key in ["file compression", "major frame offsets", "minor frame offsets"] {
+            let zero = |text: &str| !text.contains(|c: char| c.is_ascii_digit() && c != '0');
+            if let Some(text) = self.text(key).filter(|text| !zero(text)) {
+                return Err(Error::unsupported(format!("{key} = {text}"))
+                    .help("save the cube again, uncompressed and without gaps"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Keys that the reader does not know, most of which say where and when the scene was taken.
+    pub fn ignored(&self) -> Option<String> {
+        let unknown: Vec<&str> =
+            self.0.keys().map(String::as_str).filter(|key| !KNOWN.contains(key)).collect();
+        (!unknown.is_empty())
+            .then(|| format!("keys of the header that were not used: {}", unknown.join(", ")))
+    }
+
+    pub fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
+        let Some(list) = self.list("wavelength")? else { return Ok(None) };
+        let units = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
+        let to_nm: fn(f64) -> f64 = match units.as_str() {
+            "nanometers" | "nanometres" | "nanometer" | "nm" => |nm| nm,
+            "micrometers" | "micrometres" | "micrometer" | "microns" | "um" | "µm" => {
+                |um| um * 1e3
+            }
+            "angstroms" | "angstrom" => |angstroms| angstroms * 0.1,
+            "wavenumber" => |per_cm| 1e7 / per_cm,
+            "ghz" => |ghz| LIGHT_NM_GHZ / ghz,
+            "" | "unknown" if list[0] < 100.0 => |um| um * 1e3,
+            "" | "unknown" => |nm| nm,
+            other => {
+                return Err(Error::unsupported(format!("wavelength units = {other}")).help(
+                    "write the wavelengths in nanometres or micrometres, or give wavelength_nm",
+                ));
+            }
+        };
+        Ok(Some(list.into_iter().map(to_nm).collect()))
+    }
+
+    /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
+    /// offset make of them.
+    pub fn stated(&self, scale: f32) -> Result<Stated> {
+        let offset = self.list("data offset values")?;
+        let good = self.list("bbl")?.map(|list| list.iter().map(|v| *v != 0.0).collect());
+        let ignored = match self.text("data ignore value") {
+            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
+                Error::input(format!("data ignore value = {text}")).help("give a number")
+            })?),
+            None => None,
+        };
+        Ok(Stated {
+            gain: self.list("data gain values")?,
+            offset: offset.map(|list| list.iter().map(|v| v * f64::from(scale)).collect()),
+            good,
+            ignored,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wavelengths_of_all_units() {
+        for (units, list) in [
+            ("Nanometers", "400, 500"),
+            ("Micrometers", "0.4, 0.5"),
+            ("Angstroms", "4000, 5000"),
+            ("Wavenumber", "25000, 20000"),
+            ("GHz", "749481.145, 599584.916"),
+            ("Unknown", "400, 500"),
+            ("Unknown", "0.4, 0.5"),
+        ] {
+            let text = format!("ENVI\nwavelength units = {units}\nwavelength = {{{list}}}\n");
+            let found = Header::parse(&text).unwrap().wavelengths().unwrap().unwrap();
+            for (got, expected) in found.iter().zip([400.0, 500.0]) {
+                assert!((got - expected).abs() < 1e-6, "{units}: {got}");
+            }
+        }
+    }
+}

@@ -1,0 +1,411 @@
+//! Cubes of pictures, one per band: a TIFF with a page per band, or a folder with a PNG or TIFF per
+//! band (as in the CAVE set, Yasuma et al. 2010), named by numbers at the end of their names: a
+//! wavelength in nm, or the band.
+
+use super::cube::{BandSource, Cube};
+use super::sidecar::{Own, Sidecar};
+use camrig_base::{Error, Plane, Result};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
+
+/// Most pages of a stack.
+const MOST_PAGES: usize = 4096;
+/// Most pixels of a page: 2 GiB of memory as floats.
+const MOST_PIXELS: usize = 1 << 29;
+/// Memory that a page may take beyond its samples.
+const MARGIN_BYTES: usize = 64 << 20;
+/// Numbers at the end of names that are wavelengths, nm.
+const NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
+const COLOUR: &str =
+    "a band is a grey picture; one of red, green and blue has no spectra and is no scene";
+
+/// Opens a TIFF: a page per band, or one page with a sample per band in each pixel.
+pub(super) fn open_stack(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    let (size, samples, pages) = stack(path)?;
+    let (bands, of) = if samples > 1 { (samples, "samples") } else { (pages, "pages") };
+    if bands < 2 {
+        return Err(Error::input("a single grey picture").help("a scene has a page for each band"));
+    }
+    let understood = vec![format!("TIFF of {bands} {of}, one per band")];
+    let scale = sidecar.scale.unwrap_or(1.0);
+    let source = Stack { path: path.into(), size, bands, samples, scale };
+    sidecar.cube(Box::new(source), Own { understood, ..Own::default() })
+}
+
+/// Opens a folder of pictures, or the only such folder in it; `None` where there are no pictures.
+pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cube>> {
+    let (mut files, mut folders) = listed(folder)?;
+    if files.is_empty() && folders.len() == 1 {
+        files = listed(&folders.remove(0))?.0;
+    }
+    let (mut bands, mut left) = (Vec::new(), Vec::new());
+    for file in files {
+        match number(&file) {
+            Some(n) => bands.push((n, file)),
+            None => left.push(file),
+        }
+    }
+    if bands.is_empty() {
+        return Ok(None);
+    }
+    bands.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (numbers, files): (Vec<f64>, Vec<PathBuf>) = bands.into_iter().unzip();
+    let named_by_nm = numbers.iter().all(|n| NM.contains(n));
+    let steps: Vec<f64> = numbers.windows(2).map(|w| w[1] - w[0]).collect();
+    if let Some(i) = steps.iter().position(|&s| if named_by_nm { s <= 0.0 } else { s != 1.0 }) {
+        return Err(Error::input(format!("number {} follows {}", numbers[i + 1], numbers[i]))
+            .at(folder.display())
+            .help(
+                "the pictures of a scene end in the numbers of its bands, none twice or missing",
+            ));
+    }
+    let size = picture_size(&files[0])?;
+    for file in &files {
+        let other = picture_size(file).map_err(|e| e.at(file.display()))?;
+        if other != size {
+            return Err(Error::input(format!("{other:?} pixels where others have {size:?}"))
+                .at(file.display()));
+        }
+    }
+    let names = if named_by_nm { "wavelengths" } else { "bands" };
+    let understood = vec![format!("folder of {} pictures, named by {names}", files.len())];
+    let mut notes = Vec::new();
+    if !left.is_empty() {
+        let name = |p: &PathBuf| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let left: Vec<String> = left.iter().map(name).collect();
+        notes.push(format!("pictures that were not used: {}", left.join(", ")));
+    }
+    let nm = named_by_nm.then_some(numbers);
+    let scale = sidecar.scale.unwrap_or(1.0);
+    let source = Folder { files, size, scale };
+    sidecar.cube(Box::new(source), Own { nm, understood, notes, ..Own::default() }).map(Some)
+}
+
+/// The PNG and TIFF files of a folder, and the folders in it.
+fn listed(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
+    let failed = |e| Error::io("read", folder, e);
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let picture = is_png(&path) || is_tiff(&path);
+        if path.is_dir() {
+            folders.push(path);
+        } else if picture {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok((files, folders))
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|e| endings.iter().any(|ending| e.eq_ignore_ascii_case(ending)))
+}
+
+fn is_png(path: &Path) -> bool {
+    has_ending(path, &["png"])
+}
+
+fn is_tiff(path: &Path) -> bool {
+    has_ending(path, &["tif", "tiff"])
+}
+
+/// The number at the end of a picture's name, perhaps before `nm`.
+fn number(path: &Path) -> Option<f64> {
+    let stem = path.file_stem()?.to_str()?.trim_end_matches("nm");
+    let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    stem[digits..].parse().ok()
+}
+
+fn picture_size(path: &Path) -> Result<(usize, usize)> {
+    if is_png(path) {
+        let reader = png_reader(path)?;
+        let info = reader.info();
+        return Ok((info.width as usize, info.height as usize));
+    }
+    match stack(path)? {
+        (size, 1, 1) => Ok(size),
+        _ => Err(Error::input("more than one page or sample in a pixel").help(COLOUR)),
+    }
+}
+
+fn png_reader(path: &Path) -> Result<png::Reader<BufReader<File>>> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+    png::Decoder::new(BufReader::new(file))
+        .read_info()
+        .map_err(|e| Error::input(format!("not a readable PNG: {e}")).at(path.display()))
+}
+
+/// The grey picture in a PNG, as counts.
+fn read_png(path: &Path) -> Result<Vec<f32>> {
+    let wrong = |what: String| Error::input(what).at(path.display());
+    let mut reader = png_reader(path)?;
+    let info = reader.info();
+    let pixels = (info.width as usize).checked_mul(info.height as usize);
+    if pixels.is_none_or(|n| n > MOST_PIXELS) {
+        return Err(Error::limit("a picture of too many pixels").at(path.display()));
+    }
+    let channels = match (info.color_type, info.bit_depth) {
+        (png::ColorType::Grayscale, png::BitDepth::Eight | png::BitDepth::Sixteen) => 1,
+        (png::ColorType::GrayscaleAlpha, _) => 2,
+        // Some grey pictures are stored in three equal channels, or with an opacity.
+        (png::ColorType::Rgb, _) => 3,
+        (png::ColorType::Rgba, _) => 4,
+        (kind, depth) => return Err(wrong(format!("{kind:?} of {depth:?} bits")).help(COLOUR)),
+    };
+    let wide = info.bit_depth == png::BitDepth::Sixteen;
+    let size = reader.output_buffer_size().ok_or_else(|| wrong("too large".into()))?;
+    let mut bytes = vec![0; size];
+    reader.next_frame(&mut bytes).map_err(|e| wrong(format!("not a readable PNG: {e}")))?;
+    let samples: Vec<f32> = if wide {
+        bytes.chunks_exact(2).map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))).collect()
+    } else {
+        bytes.iter().map(|&b| f32::from(b)).collect()
+    };
+    if channels >= 3 && samples.chunks_exact(channels).any(|p| p[0] != p[1] || p[0] != p[2]) {
+        return Err(wrong("a picture of red, green and blue".into()).help(COLOUR));
+    }
+    Ok(samples.into_iter().step_by(channels).collect())
+}
+
+fn decoder(path: &Path, pixels: usize) -> Result<Decoder<BufReader<File>>> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+    let mut limits = Limits::default();
+    // A tile or strip may reach beyond the page.
+    limits.decoding_buffer_size = pixels.saturating_mul(8).saturating_add(MARGIN_BYTES);
+    limits.intermediate_buffer_size = limits.decoding_buffer_size;
+    Ok(Decoder::new(BufReader::new(file)).map_err(|e| unreadable(path, e))?.with_limits(limits))
+}
+
+fn unreadable(path: &Path, error: tiff::TiffError) -> Error {
+    Error::input(format!("not a readable TIFF: {error}")).at(path.display())
+}
+
+/// Size in pixels, samples per pixel and pages of a TIFF, all pages being alike.
+fn stack(path: &Path) -> Result<((usize, usize), usize, usize)> {
+    let failed = |e| unreadable(path, e);
+    let mut decoder = decoder(path, 0)?;
+    let (mut first, mut pages) = (None, 0);
+    loop {
+        let (width, height) = decoder.dimensions().map_err(failed)?;
+        let samples = match decoder.colortype().map_err(failed)? {
+            tiff::ColorType::Gray(_) => 1,
+            tiff::ColorType::Multiband { num_samples, .. } => usize::from(num_samples),
+            other => return Err(Error::input(format!("a picture of {other:?}")).help(COLOUR)),
+        };
+        let tag =
+            |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
+        if tag(&mut decoder, Tag::PhotometricInterpretation)? == Some(0) {
+            return Err(Error::unsupported("a TIFF in which 0 is white")
+                .help("save it with 0 as black (PhotometricInterpretation 1)"));
+        }
+        if samples > 1 && tag(&mut decoder, Tag::PlanarConfiguration)?.is_some_and(|p| p != 1) {
+            return Err(Error::unsupported("a TIFF with a plane per sample")
+                .help("save it with a page per band"));
+        }
+        let page = (width as usize, height as usize, samples);
+        pages += 1;
+        if *first.get_or_insert(page) != page || (samples > 1 && pages > 1) {
+            return Err(Error::input(format!("page {pages} is {page:?}, the first {first:?}"))
+                .help("all pages of a scene have the same size and one sample in a pixel"));
+        }
+        if !decoder.more_images() {
+            let total = page.0.checked_mul(page.1).and_then(|n| n.checked_mul(page.2));
+            if total.is_none_or(|n| n > MOST_PIXELS) {
+                return Err(Error::limit("pages of too many pixels"));
+            }
+            return Ok(((page.0, page.1), samples, pages));
+        }
+        if pages == MOST_PAGES {
+            return Err(Error::limit(format!("more than {MOST_PAGES} pages")));
+        }
+        decoder.next_image().map_err(failed)?;
+    }
+}
+
+/// The samples of a page of a TIFF, as stored.
+fn read_page(path: &Path, page: usize, samples: usize) -> Result<Vec<f32>> {
+    let failed = |e| unreadable(path, e);
+    let mut decoder = decoder(path, samples)?;
+    decoder.seek_to_image(page).map_err(failed)?;
+    let data: Vec<f32> = match decoder.read_image().map_err(failed)? {
+        DecodingResult::U8(data) => data.into_iter().map(f32::from).collect(),
+        DecodingResult::U16(data) => data.into_iter().map(f32::from).collect(),
+        DecodingResult::U32(data) => data.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::U64(data) => data.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::I8(data) => data.into_iter().map(f32::from).collect(),
+        DecodingResult::I16(data) => data.into_iter().map(f32::from).collect(),
+        DecodingResult::I32(data) => data.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::I64(data) => data.into_iter().map(|v| v as f32).collect(),
+        DecodingResult::F16(data) => data.into_iter().map(|v| v.to_f32()).collect(),
+        DecodingResult::F32(data) => data,
+        DecodingResult::F64(data) => data.into_iter().map(|v| v as f32).collect(),
+    };
+    if data.len() != samples {
+        return Err(Error::input(format!("{} samples where {samples} are due", data.len()))
+            .at(format!("{}, page {page}", path.display())));
+    }
+    Ok(data)
+}
+
+/// A TIFF with a page per band, or with a sample per band in each pixel.
+struct Stack {
+    path: PathBuf,
+    size: (usize, usize),
+    bands: usize,
+    samples: usize,
+    scale: f32,
+}
+
+impl BandSource for Stack {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn bands(&self) -> usize {
+        self.bands
+    }
+
+    fn read(&self, band: usize) -> Result<Plane<f32>> {
+        let (width, height) = self.size;
+        let (page, first) = if self.samples > 1 { (0, band) } else { (band, 0) };
+        let data = read_page(&self.path, page, width * height * self.samples)?;
+        let data = data.into_iter().skip(first).step_by(self.samples);
+        Ok(Plane { width, height, data: data.map(|v| v * self.scale).collect() })
+    }
+}
+
+/// A folder with a picture per band.
+struct Folder {
+    files: Vec<PathBuf>,
+    size: (usize, usize),
+    scale: f32,
+}
+
+impl BandSource for Folder {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn bands(&self) -> usize {
+        self.files.len()
+    }
+
+    fn read(&self, band: usize) -> Result<Plane<f32>> {
+        let (width, height) = self.size;
+        let file = &self.files[band];
+        let mut data =
+            if is_png(file) { read_png(file)? } else { read_page(file, 0, width * height)? };
+        if data.len() != width * height {
+            return Err(Error::input("a picture of another size than before").at(file.display()));
+        }
+        data.iter_mut().for_each(|v| *v *= self.scale);
+        Ok(Plane { width, height, data })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Scene, open_file};
+    use tiff::encoder::{TiffEncoder, colortype};
+
+    fn grey(path: &Path, samples: &[u16; 6], kind: png::ColorType) {
+        let file = File::create(path).unwrap();
+        let mut encoder = png::Encoder::new(file, 3, 2);
+        encoder.set_color(kind);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        let repeat = if kind == png::ColorType::Rgb { 3 } else { 1 };
+        let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_be_bytes().repeat(repeat)).collect();
+        encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
+    }
+
+    #[test]
+    fn a_folder_of_pictures_is_a_cube() {
+        let dir = tempfile::tempdir().unwrap();
+        let inner = dir.path().join("toys_ms");
+        std::fs::create_dir(&inner).unwrap();
+        for band in 0..31u16 {
+            let kind = if band == 3 { png::ColorType::Rgb } else { png::ColorType::Grayscale };
+            let samples = [0, 1, 2, 3, 4, 5].map(|i| 1000 * i + band);
+            grey(&inner.join(format!("toys_ms_{:02}.png", band + 1)), &samples, kind);
+        }
+        grey(&inner.join("preview.png"), &[0; 6], png::ColorType::Grayscale);
+        let spec = format!("{}:scale=1e-4", dir.path().display());
+        let cube = open_file(&spec).unwrap();
+        assert_eq!((cube.size(), cube.bands().count), ((3, 2), 31));
+        assert!((cube.band(3).unwrap().data[5] - 0.5003).abs() < 1e-6);
+        let notes = cube.notes().join("\n");
+        assert!(notes.contains("400 to 700 nm is assumed"), "{notes}");
+        assert!(notes.contains("not used: preview.png"), "{notes}");
+        std::fs::remove_file(inner.join("toys_ms_07.png")).unwrap();
+        let message = open_file(&spec).err().unwrap().to_string();
+        assert!(message.contains("number 8 follows 6"), "{message}");
+    }
+
+    #[test]
+    fn pictures_named_by_wavelength_say_it() {
+        let dir = tempfile::tempdir().unwrap();
+        for nm in [450, 550, 650] {
+            let path = dir.path().join(format!("b{nm}nm.png"));
+            grey(&path, &[nm; 6], png::ColorType::Grayscale);
+        }
+        let cube = open_file(&format!("{}:scale=1e-3", dir.path().display())).unwrap();
+        assert!((cube.band(15).unwrap().data[0] - 0.55).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_tiff_of_pages_is_a_cube() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("stack.tif");
+        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+        for band in 0..4u16 {
+            let page = [0, 1, 2, 3, 4, 5].map(|i| 10 * i + band);
+            encoder.write_image::<colortype::Gray16>(3, 2, &page).unwrap();
+        }
+        let spec = path.to_str().unwrap();
+        let message = open_file(spec).err().unwrap().to_string();
+        assert!(message.contains("wavelengths of the 4 bands"), "{message}");
+        let cube = open_file(&format!("{spec}:scale=0.01,start_nm=400,step_nm=100")).unwrap();
+        assert!((cube.band(10).unwrap().data[4] - 0.41).abs() < 1e-6);
+        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+        encoder.write_image::<colortype::RGB8>(1, 1, &[1, 2, 3]).unwrap();
+        let message = open_file(spec).err().unwrap().to_string();
+        assert!(message.contains("no spectra"), "{message}");
+    }
+
+    /// Cutting and corrupting a file gives an error or other values, never a panic.
+    #[test]
+    fn damage_is_survived() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("stack.tif");
+        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+        for _ in 0..2 {
+            encoder.write_image::<colortype::Gray16>(3, 2, &[1, 2, 3, 4, 5, 6]).unwrap();
+        }
+        let folder = dir.path().join("bands");
+        std::fs::create_dir(&folder).unwrap();
+        let picture = folder.join("b_550.png");
+        grey(&picture, &[1, 2, 3, 4, 5, 6], png::ColorType::Grayscale);
+        for (file, spec) in [(&path, &path), (&picture, &folder)] {
+            let whole = std::fs::read(file).unwrap();
+            let spec = format!("{}:start_nm=400,step_nm=10,scale=1e-4", spec.display());
+            let attempt = |bytes: &[u8]| {
+                std::fs::write(file, bytes).unwrap();
+                open_file(&spec).and_then(|cube| cube.band(0)).is_err()
+            };
+            assert!(!attempt(&whole) && attempt(&whole[..whole.len() / 2]), "{spec}");
+            for i in 0..whole.len() {
+                attempt(&whole[..i]);
+                for flip in [0x01, 0x5a, 0xff] {
+                    let mut damaged = whole.clone();
+                    damaged[i] ^= flip;
+                    attempt(&damaged);
+                }
+            }
+        }
+    }
+}
