@@ -9,10 +9,16 @@
 //! What is found stands in the report with the status `proposed`; no stage of the sensor model
 //! runs it yet, so that the improved camera file is without it.
 
+mod dark_law;
+mod droop;
 mod finding;
+mod line_noise;
+mod outliers;
 mod run;
 mod seam;
+mod serial;
 mod steps;
+mod stitch;
 mod view;
 mod wave;
 

@@ -1,13 +1,16 @@
 //! The search for names, with shapes taken out where there are any.
 
+use super::Shape;
 use super::view::View;
-use super::{Finding, Shape, seam, wave};
+use super::{dark_law, droop, line_noise, outliers, seam, serial, stitch, wave};
 use crate::search::session::{Half, Measured};
-use crate::search::{self, Outcome, Session};
+use crate::search::{self, Outcome, Session, State};
 use crate::statistics::maps;
+use crate::statistics::statistic::Key;
 use crate::statistics::temporal::Temporal;
 use camrig_base::Result;
 use camrig_camera::Camera;
+use std::collections::BTreeSet;
 
 /// Twice the log-likelihood by which the frames must be likelier with shapes of the means taken
 /// out and the names that are then given, than with names alone: what an effect of the catalogue
@@ -21,6 +24,11 @@ type Detector = fn(&View<'_>, &View<'_>) -> Vec<Box<dyn Shape>>;
 /// the catalogue that are random may take them for their own.
 const OF_MEANS: [Detector; 2] = [wave::find, seam::find];
 
+/// Shapes of pixels, of the response and of the noise, for sets that no names explain: what the
+/// catalogue explains is left to it.
+const OF_THE_REST: [Detector; 6] =
+    [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
+
 /// Searches for the effects that the camera lacks, as [`search::run`], and for shapes that no
 /// effect has. Where there are some, the moments that the session has at the end are without them.
 ///
@@ -33,55 +41,68 @@ pub fn run(
     say: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     say("shapes");
-    let shapes = find(session, camera, &OF_MEANS);
-    let mut found = search::run(session, camera, without, say)?;
+    let names = |s: &Session| search::run(s, camera, without, say);
+    let shapes = find(session, camera, &OF_MEANS, None);
+    let mut found = names(session)?;
     if !shapes.is_empty() {
-        found = without_shapes(session, camera, &shapes, found, &|s| {
-            search::run(s, camera, without, say)
-        })?;
+        let names_alone = session.deviance(&found.after);
+        let had = take_out(session, camera, &shapes);
+        let other = names(session)?;
+        if session.deviance(&other.after) + GAIN < names_alone {
+            found = with_shapes(found, &shapes, other);
+        } else {
+            put_back(session, had);
+        }
+    }
+    if !session.accepts(&found.after, found.gaps.1) {
+        say("shapes of what is left");
+        let shapes = find(session, camera, &OF_THE_REST, Some(&found.before));
+        if !shapes.is_empty() {
+            take_out(session, camera, &shapes);
+            let other = names(session)?;
+            found = with_shapes(found, &shapes, other);
+        }
     }
     Ok(found)
 }
 
-/// The outcome of the search on moments without some shapes, if the frames are likelier so;
-/// otherwise the moments and the outcome are as they were.
-fn without_shapes(
-    session: &mut Session,
-    camera: &Camera,
-    shapes: &[Box<dyn Shape>],
-    found: Outcome,
-    search: &dyn Fn(&Session) -> Result<Outcome>,
-) -> Result<Outcome> {
-    let names_alone = session.deviance(&found.after);
-    let had: Vec<Measured> = [&mut session.fit, &mut session.holdout]
-        .into_iter()
-        .map(|half| take_out(camera, half, shapes))
-        .collect();
-    let other = search(session)?;
-    if session.deviance(&other.after) + GAIN < names_alone {
-        let gaps = (found.gaps.0, other.gaps.1);
-        let findings: Vec<Finding> = shapes.iter().flat_map(|s| s.findings()).collect();
-        let findings = [found.shapes, findings].concat();
-        return Ok(Outcome { gaps, shapes: findings, ..other });
-    }
-    for (half, had) in [&mut session.fit, &mut session.holdout].into_iter().zip(had) {
-        half.exchange(had);
-    }
-    Ok(found)
+/// The outcome of the search without some shapes, with these and those found before.
+fn with_shapes(before: Outcome, shapes: &[Box<dyn Shape>], after: Outcome) -> Outcome {
+    let mut all = before.shapes;
+    all.extend(shapes.iter().flat_map(|s| s.findings()));
+    Outcome { gaps: (before.gaps.0, after.gaps.1), shapes: all, ..after }
 }
 
-/// Takes shapes out of the moments of a half; gives the moments that it had.
-fn take_out(camera: &Camera, half: &mut Half, shapes: &[Box<dyn Shape>]) -> Measured {
-    let mut stacks = half.stacks.clone();
-    shapes.iter().for_each(|s| s.take_out(camera, &half.design, &mut stacks));
-    let aside = |key: &_| shapes.iter().any(|s| s.sets_aside(&half.design, key));
-    let measured = half.measured(camera, stacks, &aside);
-    half.exchange(measured)
+/// Takes shapes out of the moments of both halves; gives the moments that they had.
+fn take_out(session: &mut Session, camera: &Camera, shapes: &[Box<dyn Shape>]) -> [Measured; 2] {
+    [&mut session.fit, &mut session.holdout].map(|half: &mut Half| {
+        let mut stacks = half.stacks.clone();
+        shapes.iter().for_each(|s| s.take_out(camera, &half.design, &mut stacks));
+        let was: BTreeSet<Key> = half.values.keys().copied().collect();
+        let aside = |key: &Key| {
+            !was.contains(key) || shapes.iter().any(|s| s.sets_aside(&half.design, key))
+        };
+        let measured = half.measured(camera, stacks, &aside);
+        half.exchange(measured)
+    })
+}
+
+/// Puts moments back.
+fn put_back(session: &mut Session, [fit, held_out]: [Measured; 2]) {
+    session.fit.exchange(fit);
+    session.holdout.exchange(held_out);
 }
 
 /// The shapes that some detectors find, each in what those before leave.
-fn find(session: &Session, camera: &Camera, detectors: &[Detector]) -> Vec<Box<dyn Shape>> {
+/// `model` is that as given, where what it predicts matters.
+fn find(
+    session: &Session,
+    camera: &Camera,
+    detectors: &[Detector],
+    model: Option<&State>,
+) -> Vec<Box<dyn Shape>> {
     let halves = [&session.fit, &session.holdout];
+    let predictions = model.map(|m| [&m.fit, &m.holdout]);
     let mut found: Vec<Box<dyn Shape>> = Vec::new();
     // Moments without what was found; none while nothing was.
     let mut left: Option<[Vec<Temporal>; 2]> = None;
@@ -94,6 +115,7 @@ fn find(session: &Session, camera: &Camera, detectors: &[Detector]) -> Vec<Box<d
             design: &halves[i].design,
             stacks: left.as_ref().map_or(&halves[i].stacks, |l| &l[i]),
             maps: maps.as_ref().map_or(&halves[i].maps, |m| &m[i]),
+            prediction: predictions.map(|p| p[i]),
         };
         let new = detect(&view(0), &view(1));
         if !new.is_empty() {

@@ -3,7 +3,9 @@
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
 use crate::model::effects::dn_per_e;
+use crate::model::prediction::Prediction;
 use crate::statistics::maps::{self, Map, MapKind};
+use crate::statistics::statistic::Key;
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_base::median::{SD_PER_MAD, median};
@@ -21,6 +23,8 @@ pub(super) struct View<'a> {
     pub design: &'a Design,
     pub stacks: &'a [Temporal],
     pub maps: &'a [Map],
+    /// What the model as given predicts.
+    pub prediction: Option<&'a Prediction>,
 }
 
 impl<'a> View<'a> {
@@ -40,6 +44,11 @@ impl<'a> View<'a> {
             (MapKind::Offset, Some(dark)) => 1.0 / self.gain(dark),
             _ => 1.0,
         }
+    }
+
+    /// What the model as given predicts for a statistic.
+    pub fn predicted(&self, key: Key) -> Option<f64> {
+        Some(self.prediction?.of.get(&key)?.value)
     }
 
     /// Indices of the stacks of a role.

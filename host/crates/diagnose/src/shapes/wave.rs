@@ -45,14 +45,18 @@ pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let mut found: Vec<Box<dyn Shape>> = Vec::new();
     for kind in MAPS {
         let (Some(a), Some(b)) = (fit.plane(kind), held_out.plane(kind)) else { continue };
-        let (mut a, mut b) = (fit.levelled(a), held_out.levelled(b));
+        let pattern = fit.camera.sensor.pattern();
+        let border = [pattern.width, pattern.height].map(usize::from);
+        let [mut a, mut b] = [fit.levelled(a), held_out.levelled(b)];
+        [&mut a, &mut b].into_iter().for_each(|plane| clear_border(plane, border));
         for _ in 0..MOST_WAVES {
-            let Some(wave) = strongest(&a, &b, kind, fit.unit(kind)) else { break };
+            let Some(wave) = strongest(&a, &b, kind, fit.unit(kind), border) else { break };
             for plane in [&mut a, &mut b] {
                 let w = plane.width;
                 for (i, v) in plane.data.iter_mut().enumerate() {
                     *v -= (wave.at(i % w, i / w) / fit.unit(kind)) as f32;
                 }
+                clear_border(plane, border);
             }
             found.push(Box::new(wave));
         }
@@ -60,9 +64,32 @@ pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     found
 }
 
-/// The strongest wave of a map, if chance does not give it and the held-out frames show it.
-fn strongest(a: &Plane<f32>, b: &Plane<f32>, kind: MapKind, unit: f64) -> Option<Wave> {
+/// Sets the outermost pixels, which hold others' moments, to zero.
+fn clear_border(plane: &mut Plane<f32>, [across, down]: [usize; 2]) {
+    let (w, h) = (plane.width, plane.height);
+    for (i, v) in plane.data.iter_mut().enumerate() {
+        let inner = (across..w - across.min(w)).contains(&(i % w))
+            && (down..h - down.min(h)).contains(&(i / w));
+        if !inner {
+            *v = 0.0;
+        }
+    }
+}
+
+/// The strongest wave of a map, if chance does not give it and the held-out frames show it. The
+/// `border` is cleared.
+fn strongest(
+    a: &Plane<f32>,
+    b: &Plane<f32>,
+    kind: MapKind,
+    unit: f64,
+    border: [usize; 2],
+) -> Option<Wave> {
     let (w, h) = (a.width, a.height);
+    let n = (w.saturating_sub(2 * border[0]) * h.saturating_sub(2 * border[1])) as f64;
+    if n < 1.0 {
+        return None;
+    }
     let mut power = vec![0.0; h * (w / 2 + 1)];
     Spectrum2::new(w, h).add(&without_lines(a), &mut power);
     let background = Background::of(&power, w);
@@ -83,9 +110,9 @@ fn strongest(a: &Plane<f32>, b: &Plane<f32>, kind: MapKind, unit: f64) -> Option
     }
     let start = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
     let f = refined(a, start);
-    let n = (w * h) as f64;
-    let [c, s] = projection(a, f);
-    let [held_c, held_s] = projection(b, f);
+    let amplitudes = |p| projection(p, f).map(|v| 2.0 * v / n);
+    let [c, s] = amplitudes(a);
+    let [held_c, held_s] = amplitudes(b);
     let amplitude = c.hypot(s);
     // Of the held-out frames, at the phase of those to fit.
     let again = (c * held_c + s * held_s) / amplitude;
@@ -153,9 +180,9 @@ fn without_lines(map: &Plane<f32>) -> Vec<f32> {
     out
 }
 
-/// The amplitudes of cosine and sine at a frequency.
+/// Sums with cosine and sine at a frequency.
 fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
-    let (w, h) = (map.width, map.height);
+    let w = map.width;
     let columns: Vec<(f64, f64)> = (0..w).map(|x| (TAU * fx * x as f64).sin_cos()).collect();
     let (mut c, mut s) = (0.0, 0.0);
     for (y, row) in map.data.chunks(w).enumerate() {
@@ -168,8 +195,7 @@ fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
         c += of_cos * cos - of_sin * sin;
         s += of_sin * cos + of_cos * sin;
     }
-    let half = 0.5 * (w * h) as f64;
-    [c / half, s / half]
+    [c, s]
 }
 
 /// The frequency near a bin where a map has most power.
@@ -254,11 +280,11 @@ impl Shape for Wave {
             ],
             evidence: self.evidence,
             description: format!(
-                "a plane wave that stands still: amplitude {}{unit}, {:.4} cycles per column and \
-                 {:.4} per row (period {} columns, {} rows), {:.0}° at the first pixel; {grows}",
+                "a plane wave that stands still: amplitude {}{unit}, {} cycles per column and \
+                 {} per row (period {} columns, {} rows), {:.0}° at the first pixel; {grows}",
                 number(self.amplitude),
-                fx.value,
-                fy.value,
+                number(fx),
+                number(fy),
                 period(fx.value),
                 period(fy.value),
                 (self.phase * 180.0 / PI).rem_euclid(360.0),
