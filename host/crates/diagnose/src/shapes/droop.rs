@@ -15,6 +15,7 @@ use crate::report::{Dependence, Domain, Form};
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{LAGS, Temporal, mean};
 use camrig_camera::Camera;
+use camrig_captures::Role;
 
 /// Shortest length looked for, pixels, and the longest, of the side: beyond, the fall is a slope.
 const LENGTHS: (f64, f64) = (1.5, 0.5);
@@ -39,6 +40,12 @@ struct Side {
 /// Noise of lines that falls along them.
 pub(super) struct Droop {
     side: Side,
+    /// By how much χ² of the pixels alone falls.
+    pixels: f64,
+    /// Whether chance does not give it and the held-out frames show it.
+    is_seen: bool,
+    /// Whether it is as large in light as in the dark.
+    alike: bool,
     length: Estimated,
     sigma_e: Estimated,
     evidence: [f64; 2],
@@ -52,15 +59,23 @@ struct Profile {
     lines: f64,
     white: f64,
     lines_relative: f64,
+    /// Covariance of neighbours along the line.
     neighbours: f64,
+    flat: bool,
 }
 
 /// Droops that both halves show: the likeliest side along rows, and along columns.
 pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = [true, false].into_iter().filter_map(|rows| {
         let sides = [false, true].map(|from_end| Side { rows, from_end });
-        let droops = sides.into_iter().filter_map(|side| along(side, fit, held_out));
-        droops.max_by(|a, b| a.evidence[0].total_cmp(&b.evidence[0]))
+        // What rises towards both ends alike is no droop: noise that follows itself does, once the
+        // mean of its line is out of it.
+        let [first, last] = sides.map(|side| along(side, fit, held_out));
+        let (best, other) = match first.as_ref()?.pixels >= last.as_ref()?.pixels {
+            true => (first?, last?),
+            false => (last?, first?),
+        };
+        (best.is_seen && best.pixels - other.pixels > limit()).then_some(best)
     });
     found.map(|droop| Box::new(droop) as Box<dyn Shape>).collect()
 }
@@ -85,6 +100,7 @@ fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {
             white: mean(&t.pixel_variance) / n as f64 / unit,
             lines_relative: (1.0 / (t.dof * bins)).sqrt(),
             neighbours: neighbours.map_or(0.0, |l| t.covariance[l] / unit),
+            flat: view.design.conditions[i].stack.role == Role::Flat,
         }
     };
     view.stacks.iter().enumerate().map(of).collect()
@@ -96,9 +112,19 @@ fn fall(n: usize, length: f64, from_end: bool) -> Vec<f64> {
     (0..n).map(|i| (-(at(i) as f64) / length).exp()).collect()
 }
 
-/// σ² of a length, and by how much χ² falls with it; each stack has white noise of its own.
-fn fitted(profiles: &[Profile], length: f64, from_end: bool) -> (Estimated, f64) {
-    let (mut xx, mut xy) = (0.0, 0.0);
+/// Fall of χ² that chance gives: of two degrees of freedom, for both sides along rows and columns.
+fn limit() -> f64 {
+    -2.0 * (FALSE_ALARMS / 4.0).ln()
+}
+
+/// σ² of a length, by how much χ² falls with it, and how much of that is the pixels'; each stack
+/// has white noise of its own.
+fn fitted<'a>(
+    profiles: impl IntoIterator<Item = &'a Profile>,
+    length: f64,
+    from_end: bool,
+) -> (Estimated, f64, f64) {
+    let (mut xx, mut xy, mut pixels, mut lines) = (0.0, 0.0, (0.0, 0.0), (0.0, 0.0));
     for p in profiles {
         let n = p.pixels.len();
         let v = fall(n, length, from_end);
@@ -116,14 +142,18 @@ fn fitted(profiles: &[Profile], length: f64, from_end: bool) -> (Estimated, f64)
             xx += weight * (x[i] - mx).powi(2);
             xy += weight * (x[i] - mx) * (p.pixels[i] - my);
         }
+        pixels = (xx - lines.0, xy - lines.1);
         // Of the line means.
         let weight = (p.white * p.lines_relative).powi(-2);
         let (x, y) = (middle * middle, p.lines - p.white);
+        lines.0 += weight * x * x;
+        lines.1 += weight * x * y;
         xx += weight * x * x;
         xy += weight * x * y;
     }
     let value = (xy / xx).max(0.0);
-    (Estimated { value, se: xx.sqrt().recip() }, value * value * xx)
+    let alone = (pixels.1 / pixels.0).max(0.0);
+    (Estimated { value, se: xx.sqrt().recip() }, value * value * xx, alone * alone * pixels.0)
 }
 
 /// The share that measured covariances of neighbours have of the law's.
@@ -150,44 +180,41 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
     }
     let ratio = (longest / shortest).powf(1.0 / (TRIED - 1) as f64);
     let lengths: Vec<f64> = (0..TRIED).map(|i| shortest * ratio.powi(i as i32)).collect();
-    let tried: Vec<(f64, Estimated, f64)> = lengths
-        .iter()
-        .map(|&l| {
-            let (variance, gain) = fitted(&a, l, side.from_end);
-            (l, variance, gain)
-        })
-        .collect();
-    let best = tried.iter().max_by(|x, y| x.2.total_cmp(&y.2))?;
-    // The longest is no fall but the catalogue's row noise, or a slope of the noise.
-    if best.0 >= longest * 0.999 {
-        return None;
-    }
-    // χ² of two degrees of freedom, for both sides along rows and columns.
-    let limit = -2.0 * (FALSE_ALARMS / 4.0).ln();
-    // Line noise alike along the line has no pixels' part; the pixels must show the fall.
-    let (again, held) = fitted(&b, best.0, side.from_end);
-    let parts = [&a, &b].map(|p| covaries(p, best.0, side.from_end, best.1.value));
-    if best.2 < limit || again.z() < SEEN_AGAIN || parts.iter().any(|s| *s < COVARIES) {
-        return None;
-    }
-    // The likelihood's errors are those of the fitted noise: χ² is that of white noise, so its
-    // fall by one is too narrow by the ratio of the two at the start of the line.
-    let widest =
-        1.0 + best.1.value / a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);
-    let within = tried.iter().filter(|t| t.2 > best.2 - widest.powi(2)).map(|t| t.0);
+    let tried: Vec<(f64, (Estimated, f64, f64))> =
+        lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
+    let &(length, (first, gain, pixels)) = tried.iter().max_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
+    // Line noise alike along the line has no pixels' part: the pixels must show the fall. The
+    // longest is a slope of the noise.
+    let (again, held, held_pixels) = fitted(&b, length, side.from_end);
+    let parts = [&a, &b].map(|p| covaries(p, length, side.from_end, first.value));
+    let is_seen = length < longest * 0.999
+        && pixels > limit()
+        && held_pixels > SEEN_AGAIN.powi(2)
+        && again.z() > SEEN_AGAIN
+        && parts.iter().all(|s| *s > COVARIES);
+    let [dark, light] = [false, true].map(|flat| {
+        let own = a.iter().chain(&b).filter(|p| p.flat == flat);
+        fitted(own, length, side.from_end).0
+    });
+    let apart = (dark.value - light.value).abs();
+    let alike = !(apart > SEEN_AGAIN * dark.se.hypot(light.se) && apart > dark.value / 4.0);
+    // χ² is that of white noise, so its fall by one is too narrow by the ratio of all noise to
+    // white noise at the start of the line.
+    let white = a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);
+    let widest = 1.0 + first.value / white;
+    let within = tried.iter().filter(|t| t.1.1 > gain - widest.powi(2)).map(|t| t.0);
     let (low, high) = within.fold((f64::MAX, 0.0f64), |r, l| (r.0.min(l), r.1.max(l)));
-    let variance = (best.1.value + again.value) / 2.0;
-    let sigma = variance.sqrt();
-    // The length of both halves, by the same law.
-    let refined = refine(&[&a, &b], best.0 / ratio, best.0 * ratio, side.from_end);
+    let sigma = ((first.value + again.value) / 2.0).sqrt();
+    let refined = refine(&[&a, &b], length / ratio, length * ratio, side.from_end);
+    let length_se = (high - low) / 2.0 + length * (ratio - 1.0) / 4.0;
     Some(Droop {
         side,
-        length: Estimated {
-            value: refined,
-            se: (high - low) / 2.0 + best.0 * (ratio - 1.0) / 4.0,
-        },
-        sigma_e: Estimated { value: sigma, se: widest * best.1.se / (2.0 * sigma) },
-        evidence: [best.2, held],
+        pixels,
+        is_seen,
+        alike,
+        length: Estimated { value: refined, se: length_se },
+        sigma_e: Estimated { value: sigma, se: widest * first.se / (2.0 * sigma) },
+        evidence: [gain, held],
     })
 }
 
@@ -196,7 +223,7 @@ fn refine(halves: &[&Vec<Profile>], low: f64, high: f64, from_end: bool) -> f64 
     /// Turns of the golden section: 10⁻⁴ of the range.
     const TURNS: usize = 20;
     crate::numerics::minimise::minimum(low, high, TURNS, |l| {
-        -halves.iter().map(|p| fitted(p, l, from_end).1).sum::<f64>()
+        -halves.iter().map(|p| fitted(p.iter(), l, from_end).1).sum::<f64>()
     })
 }
 
@@ -273,7 +300,12 @@ impl Shape for Droop {
                 | What::TopTimeLag
                 | What::FrameVariance
         );
-        matches!(place, Place::Stack(_)) && (lines || pixels)
+        match place {
+            Place::Stack(_) => lines || pixels,
+            // What is left of it in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            _ => false,
+        }
     }
 
     fn findings(&self) -> Vec<Finding> {
@@ -288,7 +320,10 @@ impl Shape for Droop {
         vec![Finding {
             domain: Domain::Temporal,
             form,
-            dependence: Dependence { exposure: 0.0, signal: 0.0 },
+            dependence: Dependence {
+                exposure: 0.0,
+                signal: if self.alike { 0.0 } else { f64::NAN },
+            },
             parameters: vec![
                 ("sigma_e", self.sigma_e),
                 (if self.side.rows { "length_columns" } else { "length_rows" }, self.length),
@@ -296,10 +331,15 @@ impl Shape for Droop {
             evidence: self.evidence,
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that falls along it: {} \
-                 e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), alike in the dark \
-                 and in light (a reference that settles at the {start} pixels)",
+                 e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), {} (a reference that \
+                 settles at the {start} pixels)",
                 number(self.sigma_e),
                 number(self.length),
+                if self.alike {
+                    "alike in the dark and in light"
+                } else {
+                    "of another size in light"
+                },
             ),
         }]
     }

@@ -28,6 +28,8 @@ const SIMPLE: f64 = 6.0;
 const SEEN_AGAIN: f64 = 4.0;
 /// Correlation of neighbouring lines from which the noise is not white over lines.
 const NOT_WHITE: f64 = 0.1;
+/// Share of the growing part's variance below which a constant part is none.
+const NO_CONSTANT: f64 = 0.02;
 /// Stacks, flats among them, without which no exponent is told.
 const LEAST: (usize, usize) = (4, 3);
 
@@ -46,6 +48,8 @@ pub(super) struct LineNoise {
     sigma_e: Estimated,
     /// S, e⁻.
     brightest_e: f64,
+    /// Whether there is no part that is the same in all stacks.
+    alone: bool,
     evidence: [f64; 2],
 }
 
@@ -97,17 +101,16 @@ fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
     (out.len() >= LEAST.0 && flats >= LEAST.1 && white).then_some(out)
 }
 
-/// Both parts of the law, the second with its standard error, and χ².
+/// Both parts of the law, the second with its standard error.
 struct Law {
     constant: f64,
     growing: Estimated,
-    chi: f64,
 }
 
 /// c₀ and c₁ of an exponent; only c₀ for none.
 fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
     let of = |p: &Point| exponent.map_or(0.0, |e| (p.signal_e / brightest).powf(2.0 * e));
-    let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN }, chi: 0.0 };
+    let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN } };
     // The errors are those of the law itself: three passes settle them.
     for pass in 0..3 {
         let sd = |p: &Point| {
@@ -133,12 +136,7 @@ fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
             (true, None) => (0.0, 0.0, f64::NAN),
             _ => (constant, growing, variance),
         };
-        let chi = points
-            .iter()
-            .zip(&weights)
-            .map(|(p, w)| w * (p.excess - constant - growing * of(p)).powi(2));
-        let chi = chi.sum();
-        law = Law { constant, growing: Estimated { value: growing, se: variance.sqrt() }, chi };
+        law = Law { constant, growing: Estimated { value: growing, se: variance.sqrt() } };
     }
     law
 }
@@ -185,6 +183,7 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
         exponent: Estimated { value: chosen.0, se: spread / 2.0 + EXPONENT_STEP / 4.0 },
         sigma_e: Estimated { value: sigma, se: se / (2.0 * sigma) },
         brightest_e: brightest,
+        alone: chosen.1.constant < NO_CONSTANT * chosen.1.growing.value,
         evidence,
     })
 }
@@ -245,9 +244,10 @@ impl Shape for LineNoise {
             evidence: self.evidence,
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that grows with the \
-                 signal to the power {}: {law}, and no part of it in the dark (a supply that the \
+                 signal to the power {}: {law}{} (a supply that the \
                  {line} loads, or a light that flickers faster than a {line} is read)",
                 number(self.exponent),
+                if self.alone { ", none in the dark" } else { "" },
             ),
         }]
     }

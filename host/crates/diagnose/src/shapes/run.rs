@@ -22,7 +22,7 @@ type Detector = fn(&View<'_>, &View<'_>) -> Vec<Box<dyn Shape>>;
 
 /// Shapes that are in the means of the frames and nothing else. They are looked for first: laws of
 /// the catalogue that are random may take them for their own.
-const OF_MEANS: [Detector; 2] = [wave::find, seam::find];
+const OF_MEANS: [Detector; 2] = [seam::find, wave::find];
 
 /// Shapes of pixels, of the response and of the noise, for sets that no names explain: what the
 /// catalogue explains is left to it.

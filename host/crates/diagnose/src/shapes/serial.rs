@@ -110,9 +110,8 @@ fn periodogram(r: f64, length: usize, bins: usize) -> Vec<f64> {
     (1..=bins).map(of).collect()
 }
 
-/// W and A of a spectrum under a shape, and twice the gain in log-likelihood over W alone.
+/// A of a spectrum under a shape, and twice the gain in log-likelihood over W alone.
 struct Fit {
-    white: f64,
     amount: Estimated,
     gain: f64,
 }
@@ -144,7 +143,7 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
         .iter()
         .zip(shape)
         .map(|(&p, s1)| twice(flat, p) - twice((white + amount * s1).max(0.02 * flat), p));
-    Fit { white, amount: Estimated { value: amount, se }, gain: gain.sum() }
+    Fit { amount: Estimated { value: amount, se }, gain: gain.sum() }
 }
 
 fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
@@ -250,7 +249,12 @@ impl Shape for Serial {
                 | What::ColumnSlow
                 | What::ColumnPeak
         );
-        matches!(place, Place::Stack(_)) && correlated
+        match place {
+            Place::Stack(_) => correlated,
+            // What is left of it in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            _ => false,
+        }
     }
 
     fn findings(&self) -> Vec<Finding> {

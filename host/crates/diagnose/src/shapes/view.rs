@@ -16,6 +16,10 @@ use camrig_captures::Role;
 /// nothing; a normal law loses 1.2·10⁻⁴ of its variance.
 const CLIP: f64 = 4.0;
 
+/// Maps of the dark frames' means, in which noise of the voltage is left.
+pub(super) const IN_THE_DARK: [MapKind; 3] =
+    [MapKind::Offset, MapKind::DarkCurrent, MapKind::AfterLight];
+
 /// The moments of one half.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {

@@ -9,13 +9,14 @@ use super::view::{View, change_mean, gain};
 use super::{FALSE_ALARMS, Shape};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
-use crate::numerics::spectrum::{Background, Spectrum2};
+use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
 use crate::report::{Dependence, Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
+use camrig_base::median::median;
 use camrig_camera::Camera;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{LN_2, PI, TAU};
 
 /// Waves of a map, at most: harmonics and beats of a clock.
 const MOST_WAVES: usize = 8;
@@ -28,6 +29,9 @@ const CATALOGUED_PERIOD: f64 = 16.0;
 /// A wave with a new phase in each frame shows one of its own, and passes in one set of eight per
 /// map, before the stacks of each half are asked too.
 const SEEN_AGAIN: f64 = 0.75;
+/// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws of
+/// the catalogue have two, and what is steep at an edge has more.
+const SMOOTH: usize = 4;
 /// Halvings of the step with which a frequency is refined, from a quarter of a bin: 1/65536 of it.
 const HALVINGS: usize = 16;
 
@@ -37,6 +41,8 @@ pub(super) struct Wave {
     cycles: [Estimated; 2],
     amplitude: Estimated,
     phase: f64,
+    /// Decimals of a frequency in words: a tenth of a bin.
+    digits: usize,
     evidence: [f64; 2],
 }
 
@@ -96,20 +102,26 @@ fn strongest(
     let bins = w / 2 + 1;
     // A bin of white pixels is exponential about its mean, which is its median over ln 2.
     let limit = (MAPS.len() as f64 * power.len() as f64 / FALSE_ALARMS).ln();
-    let over = |i: usize| {
-        f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * std::f64::consts::LN_2
-    };
+    let over = |i: usize| f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
     let searched = |i: &usize| {
         let fy = (i / bins) as f64 / h as f64;
         let fx = (i % bins) as f64 / w as f64;
         i % bins > 1 && (i / bins).min(h - i / bins) > 1 && !is_catalogued(fx, fy, w, h)
     };
     let at = (0..power.len()).filter(searched).max_by(|&i, &j| over(i).total_cmp(&over(j)))?;
-    if over(at) < limit {
+    let place = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
+    // In the plane, along rows alone, along columns alone.
+    let [columns, rows] = line_means(a).map(|lines| highest(&lines));
+    let candidates = [
+        (over(at), place, [true, true]),
+        (columns.0, [columns.1, 0.0], [true, false]),
+        (rows.0, [0.0, rows.1], [false, true]),
+    ];
+    let (times, start, free) = candidates.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
+    if times < limit {
         return None;
     }
-    let start = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
-    let f = refined(a, start);
+    let f = refined(a, start, free);
     let amplitudes = |p| projection(p, f).map(|v| 2.0 * v / n);
     let [c, s] = amplitudes(a);
     let [held_c, held_s] = amplitudes(b);
@@ -144,6 +156,7 @@ fn strongest(
         ],
         amplitude: Estimated { value: size * unit, se: (2.0 * variance / n).sqrt() * unit },
         phase: mean[0].atan2(mean[1]),
+        digits: (w.max(h) as f64).log10().ceil() as usize + 1,
         evidence: [evidence(a, amplitude), evidence(b, again)],
     })
 }
@@ -198,8 +211,33 @@ fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
     [c, s]
 }
 
-/// The frequency near a bin where a map has most power.
-fn refined(map: &Plane<f32>, start: [f64; 2]) -> [f64; 2] {
+/// Means of columns and of rows.
+fn line_means(map: &Plane<f32>) -> [Vec<f64>; 2] {
+    let (w, h) = (map.width, map.height);
+    let (mut columns, mut rows) = (vec![0.0; w], vec![0.0; h]);
+    for (row, of_row) in map.data.chunks(w).zip(&mut rows) {
+        for (&v, of_column) in row.iter().zip(&mut columns) {
+            *of_column += f64::from(v) / h as f64;
+            *of_row += f64::from(v) / w as f64;
+        }
+    }
+    [columns, rows]
+}
+
+/// The highest bin of line means that the catalogue has not, over what white lines have: how many
+/// times, and its frequency.
+fn highest(lines: &[f64]) -> (f64, f64) {
+    let n = lines.len();
+    let power = Spectrum::of(lines);
+    let middle = median(&mut power.clone(), f64::total_cmp).max(1e-30);
+    let frequency = |i: usize| (i + 1) as f64 / n as f64;
+    let searched = (SMOOTH..power.len()).filter(|&i| !is_catalogued(frequency(i), 0.0, n, n));
+    let of = searched.map(|i| (power[i] / middle * LN_2, frequency(i)));
+    of.fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
+}
+
+/// The frequency near a bin where a map has most power; a frequency that is not `free` stays.
+fn refined(map: &Plane<f32>, start: [f64; 2], free: [bool; 2]) -> [f64; 2] {
     let power = |f: [f64; 2]| {
         let [c, s] = projection(map, f);
         c * c + s * s
@@ -209,7 +247,9 @@ fn refined(map: &Plane<f32>, start: [f64; 2]) -> [f64; 2] {
     for _ in 0..HALVINGS {
         loop {
             let (from, before) = (f, most);
-            for (i, j) in [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)] {
+            let moves = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
+            for (i, j) in moves.into_iter().filter(|m| if m.1 == 0.0 { free[0] } else { free[1] })
+            {
                 let near = [from[0] + i * step[0], from[1] + j * step[1]];
                 let here = power(near);
                 if here > most {
@@ -259,7 +299,11 @@ impl Shape for Wave {
             _ => (Domain::Offset, "amplitude_e", " e⁻", (0.0, 0.0)),
         };
         let [fx, fy] = self.cycles;
-        let period = |f: f64| format!("{:.2}", 1.0 / f.abs());
+        let digits = self.digits;
+        let period = |f: f64, lines: &str| match f == 0.0 {
+            true => format!("alike in all {lines}"),
+            false => format!("period {:.2} {lines}", 1.0 / f.abs()),
+        };
         let grows = match domain {
             Domain::Dark => "it grows with the exposure",
             Domain::Gain => "it grows with the light",
@@ -280,13 +324,13 @@ impl Shape for Wave {
             ],
             evidence: self.evidence,
             description: format!(
-                "a plane wave that stands still: amplitude {}{unit}, {} cycles per column and \
-                 {} per row (period {} columns, {} rows), {:.0}° at the first pixel; {grows}",
+                "a plane wave that stands still: amplitude {}{unit}, {:.digits$} cycles per \
+                 column and {:.digits$} per row ({}, {}), {:.0}° at the first pixel; {grows}",
                 number(self.amplitude),
-                number(fx),
-                number(fy),
-                period(fx.value),
-                period(fy.value),
+                fx.value,
+                fy.value,
+                period(fx.value, "columns"),
+                period(fy.value, "rows"),
                 (self.phase * 180.0 / PI).rem_euclid(360.0),
             ),
         }]
