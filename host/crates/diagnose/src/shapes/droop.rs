@@ -164,7 +164,8 @@ fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) ->
         let pairs = v.windows(2).map(|p| (p[0] - middle) * (p[1] - middle));
         let expected = variance * pairs.sum::<f64>() / (v.len() - 1) as f64;
         let weight = p.white.powi(-2);
-        (weight * p.neighbours, weight * expected)
+        // Without the mean of its line, white noise has a covariance of −v/n.
+        (weight * (p.neighbours + p.white), weight * expected)
     };
     let (measured, expected) =
         profiles.iter().map(share).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));

@@ -187,9 +187,15 @@ impl Shape for Taps {
                 })
                 .collect();
             let width = t.width;
-            for (i, v) in t.pixel_variance.iter_mut().enumerate() {
+            let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
+            let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
+            for (i, ((v, lag), (third, fourth))) in second.zip(higher).enumerate() {
                 let factor = changes[self.part(line(i % width, i / width))].1 as f32;
-                *v *= factor * factor;
+                let square = factor * factor;
+                *v *= square;
+                *lag *= square;
+                *third *= square * factor;
+                *fourth *= square * square;
             }
             change_mean(camera, t, &|x, y, v| {
                 let (more, factor) = changes[self.part(line(x, y))];

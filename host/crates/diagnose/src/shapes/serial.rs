@@ -11,13 +11,15 @@ use super::view::{View, gain};
 use super::{FALSE_ALARMS, Shape};
 use crate::data::design::Design;
 use crate::evidence::{Estimated, pooled};
+use crate::numerics::minimise::minimum;
 use crate::report::{Dependence, Domain, Form};
 use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_captures::Role;
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// Correlations tried: from noise that alternates to one that hardly changes over a frame.
 const CORRELATIONS: (f64, f64) = (-0.5, 0.975);
@@ -32,6 +34,16 @@ const CLIP: f64 = 6.0;
 const GROWS: (f64, f64) = (5.0, 1.5);
 /// Correlation from which a length says more than the correlation itself: over 1.4 pixels.
 const LONG: f64 = 0.5;
+/// Share of the evidence that the held-out frames must give.
+const HELD_OUT: f64 = 0.25;
+/// Frequencies without which a line tells nothing.
+const LEAST_BINS: usize = 8;
+/// Turns of the golden section: 5·10⁻⁴ of the range.
+const TURNS: usize = 16;
+/// Passes in which the weights of a fit settle.
+const PASSES: usize = 4;
+/// Standard errors of the free fit within which that with known white noise is sought.
+const KNOWN_WITHIN: f64 = 8.0;
 /// Standard errors from which the held-out frames show it.
 const SEEN_AGAIN: f64 = 4.0;
 
@@ -41,8 +53,8 @@ pub(super) struct Serial {
     along_rows: bool,
     correlation: Estimated,
     amount_e: Estimated,
-    /// All read noise of the dark, e⁻.
-    read_e: f64,
+    /// Pixels of a line.
+    length: usize,
     /// Whether it is noise beside the model's read noise, rather than the way that this follows
     /// itself.
     beside: bool,
@@ -55,6 +67,8 @@ struct Spectrum {
     bins: f64,
     length: usize,
     flat: bool,
+    /// What dark charge and rounding give, e².
+    white: f64,
 }
 
 /// Serial correlations that both halves show.
@@ -70,25 +84,33 @@ fn spectra(view: &View<'_>, along_rows: bool) -> Vec<Spectrum> {
         let (w, h) = (t.width, t.height);
         let unit = view.gain(i).powi(2);
         let columns = w / 2 + 1;
-        let level = mean(&t.pixel_variance);
-        let limit = level * (1.0 + CLIP / t.dof.max(1.0).sqrt());
-        let at = |x: usize, y: usize| f64::from(power[y * columns + x]).min(limit);
-        let (length, power, bins) = if along_rows {
-            let of = |x| (1..h).map(|y| at(x, y)).sum::<f64>() / (h - 1) as f64 / unit;
-            (w, (1..w.div_ceil(2)).map(of).collect(), (h - 1) as f64)
+        let at = |x: usize, y: usize| f64::from(power[y * columns + x]) / unit;
+        let inner = 1..w.div_ceil(2);
+        let (length, power, bins): (usize, Vec<f64>, usize) = if along_rows {
+            let of = |x: usize| clipped_mean((1..h).map(|y| at(x, y)).collect(), t.dof);
+            (w, inner.map(of).collect(), h - 1)
         } else {
             // Both signs of a frequency.
-            let inner = 1..w.div_ceil(2);
-            let count = 2.0 * inner.len() as f64;
-            let of = |y: usize| {
-                inner.clone().map(|x| at(x, y) + at(x, h - y)).sum::<f64>() / count / unit
-            };
-            (h, (1..h.div_ceil(2)).map(of).collect(), count)
+            let both = |x, y| [at(x, y), at(x, h - y)];
+            let of =
+                |y: usize| clipped_mean(inner.clone().flat_map(|x| both(x, y)).collect(), t.dof);
+            (h, (1..h.div_ceil(2)).map(of).collect(), 2 * inner.len())
         };
-        let flat = view.design.conditions[i].stack.role == Role::Flat;
-        Some(Spectrum { power, bins: bins * t.dof, length, flat })
+        let c = &view.design.conditions[i].stack;
+        let flat = c.role == Role::Flat;
+        let dark = view.camera.sensor.noise.dark_current_e_per_s * c.exposure_s;
+        let white = dark + 1.0 / (12.0 * unit);
+        Some(Spectrum { power, bins: bins as f64 * t.dof, length, flat, white })
     };
     view.stacks.iter().enumerate().filter_map(of).collect()
+}
+
+/// Mean of powers over `dof` frames, those clipped that stand out from their middle: a line is no
+/// continuum.
+fn clipped_mean(mut powers: Vec<f64>, dof: f64) -> f64 {
+    let middle = median(&mut powers, f64::total_cmp);
+    let limit = middle * (1.0 + CLIP / dof.max(1.0).sqrt());
+    powers.iter().map(|p| p.min(limit)).sum::<f64>() / powers.len().max(1) as f64
 }
 
 /// The expected periodogram of r^|Δ| at frequencies 1 to `bins`.
@@ -110,6 +132,13 @@ fn periodogram(r: f64, length: usize, bins: usize) -> Vec<f64> {
     (1..=bins).map(of).collect()
 }
 
+/// Variance of the mean of a line of noise r^|Δ| over that of a pixel.
+fn of_mean(r: f64, length: usize) -> f64 {
+    let n = length as f64;
+    let pairs = (1..length).map(|d| 2.0 * (1.0 - d as f64 / n) * r.powi(d as i32));
+    (1.0 + pairs.sum::<f64>()) / n
+}
+
 /// A of a spectrum under a shape, and twice the gain in log-likelihood over W alone.
 struct Fit {
     amount: Estimated,
@@ -121,7 +150,7 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
     let flat = s.power.iter().sum::<f64>() / n;
     let (mut white, mut amount, mut se) = (flat, 0.0, f64::NAN);
     // Weights of the fitted spectrum: four passes settle them.
-    for _ in 0..4 {
+    for _ in 0..PASSES {
         let [mut one, mut x, mut xx, mut y, mut xy] = [0.0; 5];
         for (p, s1) in s.power.iter().zip(shape) {
             let expected = (white + amount * s1).max(0.02 * flat);
@@ -146,74 +175,118 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
     Fit { amount: Estimated { value: amount, se }, gain: gain.sum() }
 }
 
-fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
-    let (a, b) = (spectra(fit_view, along_rows), spectra(held_out, along_rows));
-    let bins = a.first()?.power.len();
-    let length = a.first()?.length;
-    if bins < 8 || !a.iter().any(|s| !s.flat) {
-        return None;
-    }
+/// The correlation of darks that is likeliest, or nothing where chance gives it or the held-out
+/// frames do not.
+fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
+    let (bins, length) = (a.first()?.power.len(), a.first()?.length);
     let (from, to) = CORRELATIONS;
     let step = (to - from) / (TRIED - 1) as f64;
-    let tried: Vec<f64> =
-        (0..TRIED).map(|i| from + step * i as f64).filter(|r| r.abs() > NONE).collect();
-    // Bins of fewer than all pixels tell of a single power: half the bins of a real spectrum.
+    let all = (0..TRIED).map(|i| from + step * i as f64);
+    let tried: Vec<f64> = all.filter(|r| r.abs() > NONE).collect();
     let gain = |spectra: &[Spectrum], r: f64| {
         let shape = periodogram(r, length, bins);
-        let darks = spectra.iter().filter(|s| !s.flat);
-        darks.map(|s| fit(s, &shape).gain).sum::<f64>() / 2.0
+        spectra.iter().filter(|s| !s.flat).map(|s| fit(s, &shape).gain).sum::<f64>()
     };
-    let gains: Vec<f64> = tried.iter().map(|&r| gain(&a, r)).collect();
+    let gains: Vec<f64> = tried.iter().map(|&r| gain(a, r)).collect();
     let best = (0..tried.len()).max_by(|&i, &j| gains[i].total_cmp(&gains[j]))?;
-    let r = tried[best];
-    // Two parameters and a free white noise per stack: χ² of two degrees of freedom on two axes,
-    // and Schwarz's ln n for each of the two.
+    // χ² of two degrees of freedom on two axes, and Schwarz's ln n for each of the two.
     let samples = a.iter().filter(|s| !s.flat).map(|s| s.bins * bins as f64).sum::<f64>();
     let limit = 2.0 * (samples.ln() - (FALSE_ALARMS / 2.0).ln());
-    let held = gain(&b, r);
-    if gains[best] < limit || held < gains[best] / 4.0 {
+    let held = gain(b, tried[best]);
+    if gains[best] < limit || held < HELD_OUT * gains[best] {
         return None;
     }
-    let r =
-        crate::numerics::minimise::minimum(r - step, r + step, 16, |r| -gain(&a, r) - gain(&b, r));
-    let shape = periodogram(r, length, bins);
+    let (low, high) = (tried[best] - step, tried[best] + step);
+    let r = minimum(low, high, TURNS, |r| -gain(a, r) - gain(b, r));
+    let within = tried.iter().zip(&gains).filter(|(_, g)| **g > gains[best] - 1.0);
+    let (low, high) = within.fold((r, r), |(l, h), (r, _)| (l.min(*r), h.max(*r)));
+    // Of both halves together.
+    let se = ((high - low) / 2.0).max(step / 4.0) / SQRT_2;
+    Some((Estimated { value: r, se }, [gains[best], held]))
+}
+
+/// Correlation and amount where nothing but dark charge and rounding is white: much better known
+/// than beside white noise of any amount.
+fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estimated) {
+    let length = spectra[0].length;
+    let bins = spectra[0].power.len();
+    // Twice the negative log-likelihood, and the amount with its standard error.
+    let of = |r: f64| {
+        let shape = periodogram(r, length, bins);
+        let mut amount = Estimated { value: 0.0, se: f64::NAN };
+        for _ in 0..PASSES {
+            let (mut xx, mut xy) = (0.0, 0.0);
+            for s in spectra {
+                for (p, x) in s.power.iter().zip(&shape) {
+                    let fitted = s.white + amount.value * x;
+                    let expected = if amount.value > 0.0 { fitted } else { *p };
+                    let weight = s.bins / (expected * expected);
+                    xx += weight * x * x;
+                    xy += weight * x * (p - s.white);
+                }
+            }
+            amount = Estimated { value: (xy / xx).max(0.0), se: xx.sqrt().recip() };
+        }
+        let cost = spectra.iter().flat_map(|s| {
+            s.power.iter().zip(&shape).map(|(p, x)| {
+                let expected = (s.white + amount.value * x).max(1e-9);
+                2.0 * s.bins * (expected.ln() + p / expected)
+            })
+        });
+        (cost.sum::<f64>(), amount)
+    };
+    let reach = KNOWN_WITHIN * near.se;
+    let r = minimum(near.value - reach, near.value + reach, TURNS, |r| of(r).0);
+    let (cost, amount) = of(r);
+    // Curvature of the log-likelihood: it rises by (d/se)² over a distance d.
+    let d = near.se / 2.0;
+    let rise = ((of(r - d).0 + of(r + d).0) / 2.0 - cost).max(1e-9);
+    (Estimated { value: r, se: d / rise.sqrt() }, amount)
+}
+
+fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
+    let (a, b) = (spectra(fit_view, along_rows), spectra(held_out, along_rows));
+    let (bins, length) = (a.first()?.power.len(), a.first()?.length);
+    if bins < LEAST_BINS || !a.iter().any(|s| !s.flat) {
+        return None;
+    }
+    let (correlation, evidence) = likeliest(&a, &b)?;
+    let shape = periodogram(correlation.value, length, bins);
     let amount = |spectra: &[Spectrum], flat: bool| {
         pooled(spectra.iter().filter(|s| s.flat == flat).map(|s| fit(s, &shape).amount))
     };
-    let (dark, again) = (amount(&a, false)?, amount(&b, false)?);
+    let again = amount(&b, false)?;
+    let both = pooled([amount(&a, false)?, again])?;
     if again.z() < SEEN_AGAIN {
         return None;
     }
-    let both = pooled([dark, again])?;
     // What grows with the light is charge or light that is shared, or frames that were processed.
     if let Some(light) = pooled([amount(&a, true), amount(&b, true)].into_iter().flatten()) {
         let more = light.value - both.value;
-        let grows = more > GROWS.0 * light.se.hypot(both.se) && light.value > GROWS.1 * both.value;
-        if grows {
+        if more > GROWS.0 * light.se.hypot(both.se) && light.value > GROWS.1 * both.value {
             return None;
         }
     }
-    let within = tried.iter().zip(&gains).filter(|(_, g)| **g > gains[best] - 1.0);
-    let (low, high) = within.fold((r, r), |(l, h), (r, _)| (l.min(*r), h.max(*r)));
-    let se = ((high - low) / 2.0).max(step / 4.0) / 2f64.sqrt();
-    let sigma = both.value.sqrt();
     let reference = maps::reference_dark(fit_view.design)?;
-    let unit = fit_view.gain(reference).powi(2);
-    let t = &fit_view.stacks[reference];
-    let variance = mean(&t.pixel_variance) / unit;
-    let predicted =
-        fit_view.predicted((Place::Stack(reference), What::Variance(0))).map(|v| v / unit);
-    let excess = predicted.map_or(0.0, |p| variance - p);
-    let stack = &fit_view.design.conditions[reference].stack;
-    let dark_e = fit_view.camera.sensor.noise.dark_current_e_per_s * stack.exposure_s;
-    let rounding = 1.0 / (12.0 * unit);
+    let variance =
+        mean(&fit_view.stacks[reference].pixel_variance) / fit_view.gain(reference).powi(2);
+    let predicted = fit_view.predicted((Place::Stack(reference), What::Variance(0)));
+    let predicted = predicted.map_or(variance, |v| v / fit_view.gain(reference).powi(2));
+    let beside = variance - predicted > both.value / 2.0;
+    let (correlation, both) = if beside {
+        (correlation, both)
+    } else {
+        let darks: Vec<&Spectrum> = a.iter().chain(&b).filter(|s| !s.flat).collect();
+        with_known_white(&darks, correlation)
+    };
+    let sigma = both.value.sqrt();
     Some(Serial {
         along_rows,
-        correlation: Estimated { value: r, se },
+        length,
+        correlation,
         amount_e: Estimated { value: sigma, se: both.se / (2.0 * sigma) },
-        read_e: (variance - dark_e - rounding).max(0.0).sqrt(),
-        beside: excess > both.value / 2.0,
-        evidence: [gains[best], held],
+        beside,
+        evidence,
     })
 }
 
@@ -223,7 +296,10 @@ impl Shape for Serial {
             return;
         }
         for (c, t) in design.conditions.iter().zip(stacks) {
-            let more = self.amount_e.value.powi(2) * gain(camera, c).powi(2);
+            // Without what the mean of its line has.
+            let mean_of_line = of_mean(self.correlation.value, self.length);
+            let share = 1.0 - mean_of_line;
+            let more = share * self.amount_e.value.powi(2) * gain(camera, c).powi(2);
             let all = mean(&t.pixel_variance);
             let ratio = ((all - more) / all.max(1e-12)).max(0.0) as f32;
             t.pixel_variance.iter_mut().for_each(|v| *v *= ratio);
@@ -276,7 +352,7 @@ impl Shape for Serial {
         };
         let whose = match self.beside {
             true => format!("{} e⁻ beside the read noise", number(self.amount_e)),
-            false => format!("the read noise itself, {:.2} e⁻ in all", self.read_e),
+            false => format!("the read noise itself, {} e⁻", number(self.amount_e)),
         };
         let what = if self.along_rows { "an amplifier" } else { "a column's amplifier" };
         vec![Finding {

@@ -11,9 +11,9 @@ use super::{FALSE_ALARMS, Shape};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, SATURATED_FLAT, saturated};
+use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
 use crate::statistics::noise::frame_variance;
-use crate::statistics::statistic::{Place, What};
+use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
 use camrig_captures::Role;
@@ -256,6 +256,11 @@ impl Shape for Stitch {
             t.block_variance *= ratio;
             t.covariance.iter_mut().for_each(|c| *c *= ratio);
         }
+    }
+
+    fn sets_aside(&self, _: &Design, (place, _): &Key) -> bool {
+        // The map of how the response bends has the noise above the step.
+        *place == Place::Map(MapKind::Curvature)
     }
 
     fn findings(&self) -> Vec<Finding> {
