@@ -6,9 +6,10 @@ use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_capture::plan;
 use camrig_captures::CaptureSet;
+use camrig_diagnose::Session;
 use camrig_diagnose::data::design::{self, Halves};
 use camrig_diagnose::report::Report;
-use camrig_diagnose::search::{self, Session};
+use camrig_diagnose::shapes;
 use camrig_diagnose::verdict::{self, improved};
 use camrig_report as pages;
 use std::path::{Path, PathBuf};
@@ -84,9 +85,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     }
     let output = OutputDir::create(&args.output, args.force)?;
-    let (camera, session) = open(&args.camera, &args.captures)?;
+    let (camera, mut session) = open(&args.camera, &args.captures)?;
     let bar = indicatif::ProgressBar::new_spinner();
-    let outcome = search::run(&session, &camera, &args.without, &|what| {
+    let outcome = shapes::run(&mut session, &camera, &args.without, &|what| {
         bar.set_message(format!("trying {what}"));
         bar.tick();
     })?;
@@ -133,6 +134,10 @@ fn say(found: &Report) {
         found.gap_limit,
     );
     for step in &found.steps {
+        if let Some(description) = &step.description {
+            println!("  {} ({}): {description}", step.effect, step.status.word());
+            continue;
+        }
         println!(
             "  {} ({}): gap {:.2} → {:.2}; {}",
             step.effect,

@@ -86,7 +86,17 @@ pub struct Ambiguity {
 /// One effect that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// Its kind.
+    /// Of what was proposed: exponents of its amount on exposure and signal; 0 where it does not
+    /// depend on one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dependence: Option<Dependence>,
+    /// Of what was proposed: what it is, how much and where, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// Of what was proposed: what of the sensor it is in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub domain: Option<Domain>,
+    /// Its kind; [`EMPIRICAL`] of what was proposed.
     pub effect: String,
     /// Fall of the deviance of the frames to fit.
     #[serde(with = "number")]
@@ -107,6 +117,9 @@ pub struct Step {
     pub parameters: BTreeMap<String, Parameter>,
     /// The next best candidates of its round.
     pub runners_up: Vec<RunnerUp>,
+    /// Of what was proposed: its shape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Form>,
     /// Whether held-out frames agree.
     pub status: Status,
     /// The statistic that it moved most, with its deviation before and after.
@@ -122,6 +135,9 @@ pub enum Status {
     Confirmed,
     /// It helps, but something is left, or a rival explains as much.
     Tentative,
+    /// No effect of the catalogue: a shape that was found in the frames, fitted, and seen again in
+    /// the held-out ones.
+    Proposed,
 }
 
 impl Status {
@@ -130,8 +146,63 @@ impl Status {
         match self {
             Status::Confirmed => "confirmed",
             Status::Tentative => "tentative",
+            Status::Proposed => "proposed",
         }
     }
+}
+
+/// Name in `diagnosis.json` of an effect that no catalogue has.
+pub const EMPIRICAL: &str = "empirical";
+
+/// What of the sensor a proposed effect is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Domain {
+    /// What every frame has, e⁻.
+    Offset,
+    /// The response to light, relative.
+    Gain,
+    /// The rate of dark charge, e⁻/s.
+    Dark,
+    /// What is new in every frame, e⁻.
+    Temporal,
+    /// The signal over the light.
+    Response,
+}
+
+/// The shape of a proposed effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// A step between two parts of the sensor.
+    Seam,
+    /// A plane wave.
+    Wave,
+    /// Common to a row, with a profile along it.
+    RowProfile,
+    /// Common to a column, with a profile along it.
+    ColumnProfile,
+    /// Common to a row, alike along it.
+    RowFlat,
+    /// Common to a column, alike along it.
+    ColumnFlat,
+    /// Follows itself from pixel to pixel.
+    Correlation,
+    /// A law over pixels.
+    Distribution,
+    /// A step of the response at a signal.
+    SignalStep,
+}
+
+/// How the amount of a proposed effect depends on the conditions: exponents.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dependence {
+    /// On the exposure.
+    #[serde(with = "number")]
+    pub exposure: f64,
+    /// On the signal.
+    #[serde(with = "number")]
+    pub signal: f64,
 }
 
 /// A parameter of an effect.
@@ -362,6 +433,9 @@ mod tests {
             notes: Vec::new(),
             statistics: 450,
             steps: vec![Step {
+                dependence: None,
+                description: None,
+                domain: None,
                 effect: "row-correlated-noise".into(),
                 evidence: 100.0,
                 evidence_held_out: 90.5,
@@ -370,6 +444,7 @@ mod tests {
                 gap_before: 15.25,
                 parameters: parameters.into(),
                 runners_up: Vec::new(),
+                shape: None,
                 status: Status::Confirmed,
                 place: "capture dark".into(),
             }],

@@ -18,3 +18,4 @@ pub mod trial;
 
 pub use run::{Outcome, run};
 pub use session::{Session, State};
+pub(crate) use trial::EVIDENCE_IN_ALL;

@@ -8,6 +8,7 @@ use super::session::{Session, State};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
+use crate::shapes::Finding;
 use camrig_base::Result;
 use camrig_camera::Camera;
 
@@ -32,6 +33,9 @@ pub struct Outcome {
     pub confounded: Vec<(String, String)>,
     /// The kind that was named at first, where the search that begins without it explains more.
     pub superseded: Option<String>,
+    /// What no effect of the catalogue describes: taken out of what was measured before the names
+    /// were given.
+    pub shapes: Vec<Finding>,
 }
 
 /// Searches for the effects that the camera lacks. `without` names kinds left out of the
@@ -101,6 +105,7 @@ fn once(
         nearest: left.nearest,
         confounded: left.confounded,
         superseded: None,
+        shapes: Vec::new(),
     })
 }
 

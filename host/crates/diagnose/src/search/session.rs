@@ -20,6 +20,7 @@ use camrig_camera::Camera;
 use camrig_captures::{CaptureSet, Role};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::mem::replace;
 
 /// Replicates of a model that is judged. Their mean adds a sixteenth to the variance of a
 /// deviation; the time of a diagnosis is in proportion.
@@ -60,6 +61,14 @@ pub struct Half {
     pub maps: Vec<Map>,
     /// Replicates of its dark and flat stacks by the models tried.
     replicates: Replicates,
+}
+
+/// What is measured on the dark and flat frames of a half: moments, statistics, allowances, maps.
+pub(crate) struct Measured {
+    stacks: Vec<Temporal>,
+    values: Values,
+    allowance: BTreeMap<Key, f64>,
+    maps: Vec<Map>,
 }
 
 /// A model with what it predicts.
@@ -133,6 +142,33 @@ impl Half {
         let maps = maps::maps(camera, &design, &stacks);
         let replicates = Replicates::default();
         Ok(Half { design, stacks, pictures, values, allowance, maps, replicates })
+    }
+
+    /// Everything that is measured on dark and flat frames, from their moments; statistics that
+    /// are set `aside` are left out.
+    pub(crate) fn measured(
+        &self,
+        camera: &Camera,
+        stacks: Vec<Temporal>,
+        aside: &dyn Fn(&Key) -> bool,
+    ) -> Measured {
+        let mut values = by_key(battery(camera, &self.design, &stacks));
+        let of_targets = self.values.iter().filter(|(k, _)| matches!(k.0, Place::Target(_)));
+        values.extend(of_targets.map(|(k, s)| (*k, *s)));
+        let allowance = light_scatter::allowances(camera, &self.design, &values);
+        values.retain(|key, _| !aside(key));
+        let maps = maps::maps(camera, &self.design, &stacks);
+        Measured { stacks, values, allowance, maps }
+    }
+
+    /// Puts other moments in the place of those it has, which it gives.
+    pub(crate) fn exchange(&mut self, new: Measured) -> Measured {
+        Measured {
+            stacks: replace(&mut self.stacks, new.stacks),
+            values: replace(&mut self.values, new.values),
+            allowance: replace(&mut self.allowance, new.allowance),
+            maps: replace(&mut self.maps, new.maps),
+        }
     }
 
     /// What was measured, as estimators read it.
@@ -268,7 +304,7 @@ impl Session {
     }
 
     /// Deviance of both halves.
-    pub(super) fn deviance(&self, state: &State) -> f64 {
+    pub(crate) fn deviance(&self, state: &State) -> f64 {
         self.fit.deviance(&state.fit) + self.holdout.deviance(&state.holdout)
     }
 

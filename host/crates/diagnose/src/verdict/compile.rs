@@ -23,6 +23,10 @@ const UNEXPLAINED: usize = 12;
 /// Judges an outcome by whether the model passes for the right one.
 pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
     let passes = session.accepts(&outcome.after, outcome.gaps.1);
+    // A shape that was found is told, but is not in the model: the model does not explain it.
+    if !outcome.shapes.is_empty() {
+        return Verdict::PartlyExplained;
+    }
     match (outcome.steps.is_empty(), passes) {
         (true, true) => Verdict::Agrees,
         (true, false) => Verdict::Unexplained,
@@ -51,11 +55,7 @@ pub fn report(session: &Session, outcome: &Outcome) -> Report {
         nearest: outcome.nearest.clone(),
         notes: session.notes.clone(),
         statistics: outcome.after.fit.of.len(),
-        steps: outcome
-            .steps
-            .iter()
-            .map(|s| step(session, outcome, s, status(s.trial.proposal.kind)))
-            .collect(),
+        steps: steps(session, outcome, &status),
         unexplained: unexplained.map(|(key, z)| left(session, &outcome.after, key, z)).collect(),
         verdict,
     }
@@ -68,6 +68,17 @@ fn ambiguity(a: &str, b: &str) -> Ambiguity {
     }
 }
 
+/// What was proposed, and the effects that were named beside it.
+fn steps(session: &Session, outcome: &Outcome, status: &dyn Fn(&str) -> Status) -> Vec<Step> {
+    // All shapes are taken out at once: the gap after them is that of the model as given.
+    let taken_out = (outcome.gaps.0, session.gap(&outcome.before));
+    let proposed = outcome.shapes.iter().map(|shape| shape.step(taken_out));
+    let named = outcome.steps.iter();
+    proposed
+        .chain(named.map(|s| step(session, outcome, s, status(s.trial.proposal.kind))))
+        .collect()
+}
+
 fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Status) -> Step {
     let nothing = ((Place::Set, What::Roughness), 0.0, 0.0);
     let (key, before, after) = step.moved.first().copied().unwrap_or(nothing);
@@ -77,6 +88,9 @@ fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Stat
         gap_after: o.gap,
     });
     Step {
+        dependence: None,
+        description: None,
+        domain: None,
         effect: step.trial.proposal.kind.into(),
         evidence: step.trial.evidence,
         evidence_held_out: step.trial.confirmed,
@@ -85,6 +99,7 @@ fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Stat
         gap_before: step.gap_before,
         parameters: parameters(&step.trial.proposal),
         runners_up: runners_up.collect(),
+        shape: None,
         status,
         place: format!(
             "{}: {} ({before:+.1} → {after:+.1} standard deviations)",

@@ -1,0 +1,228 @@
+//! The law of the dark current over pixels: log-normal, as sensors have it, against the
+//! catalogue's, a normal law with hot pixels of an exponential one beside it.
+//!
+//! Both by likelihood over the dark-current map, blurred by the temporal noise of a pixel of each
+//! rate.
+
+use super::finding::{Finding, number};
+use super::view::View;
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::numerics::minimise::lowest;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+use std::f64::consts::SQRT_2;
+
+/// Bins of the map's values, and the share of pixels beyond them at the top.
+const BINS: usize = 60;
+const BEYOND: f64 = 0.002;
+/// Nodes of a law, and how far they reach, standard deviations.
+const NODES: usize = 61;
+const REACH: f64 = 4.5;
+/// Spreads of the logarithm that are looked for: below, the law is nearly normal.
+const SPREADS: [f64; 2] = [0.05, 1.8];
+/// Rounds in which the four parameters of the catalogue's law are settled, two at a time.
+const ROUNDS: usize = 3;
+/// Share of the pixels that may be hot, by powers of e.
+const HOT: [f64; 2] = [-9.0, -0.7];
+
+/// A log-normal law of the dark current.
+pub(super) struct DarkLaw {
+    mean: Estimated,
+    spread: Estimated,
+    sd: Estimated,
+    shortest_s: f64,
+    evidence: [f64; 2],
+}
+
+/// The law that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found = law(fit, held_out);
+    found.into_iter().map(|l| Box::new(l) as Box<dyn Shape>).collect()
+}
+
+/// Counts of a map's values, and the noise of a value.
+struct Histogram {
+    edges: Vec<f64>,
+    counts: Vec<f64>,
+    pixels: f64,
+    mean: f64,
+    /// Variance of a pixel of no dark current, and what each e⁻/s of it adds.
+    noise: (f64, f64),
+}
+
+impl Histogram {
+    fn new(view: &View<'_>, edges: Option<Vec<f64>>) -> Option<Self> {
+        let plane = view.plane(MapKind::DarkCurrent)?;
+        let (short, long) = (maps::reference_dark(view.design)?, maps::long_dark(view.design)?);
+        let mut values: Vec<f64> = plane.data.iter().map(|&v| f64::from(v)).collect();
+        values.sort_by(f64::total_cmp);
+        let edges = edges.unwrap_or_else(|| {
+            let top = values[((1.0 - BEYOND) * (values.len() - 1) as f64) as usize];
+            let low = values[0];
+            (0..=BINS).map(|i| low + (top - low) * i as f64 / BINS as f64).collect()
+        });
+        let mut counts = vec![0.0; BINS + 2];
+        for v in &values {
+            counts[edges.partition_point(|e| e <= v)] += 1.0;
+        }
+        let pixels = values.len() as f64;
+        let mean_rate = values.iter().sum::<f64>() / pixels;
+        let [a, b] = [short, long].map(|i| {
+            let t = &view.stacks[i];
+            let unit = view.gain(i).powi(2) * t.frames as f64;
+            (mean(&t.pixel_variance) / unit, view.design.conditions[i].stack.exposure_s, t.frames)
+        });
+        let longer = b.1 - a.1;
+        let shot = (a.1 / a.2 as f64 + b.1 / b.2 as f64) / (longer * longer);
+        // The stacks' variance holds the shot noise of the mean rate.
+        let all = (a.0 + b.0) / (longer * longer);
+        let noise = ((all - shot * mean_rate).max(0.1 * all), shot);
+        (mean_rate > 0.0).then_some(Self { edges, counts, pixels, mean: mean_rate, noise })
+    }
+
+    /// Twice the negative log-likelihood of a law given as rates with their shares.
+    fn cost(&self, law: &[(f64, f64)]) -> f64 {
+        let mut shares = vec![1e-12; self.counts.len()];
+        for &(rate, share) in law {
+            let sd = (self.noise.0 + self.noise.1 * rate.max(0.0)).sqrt();
+            let mut below = 0.0;
+            for (i, edge) in self.edges.iter().enumerate() {
+                let up_to = 0.5 * libm::erfc(-(edge - rate) / (SQRT_2 * sd));
+                shares[i] += share * (up_to - below);
+                below = up_to;
+            }
+            shares[self.edges.len()] += share * (1.0 - below);
+        }
+        let of = self.counts.iter().zip(&shares).filter(|(n, _)| **n > 0.0);
+        of.map(|(n, s)| -2.0 * n * s.max(1e-300).ln()).sum()
+    }
+}
+
+/// Normal deviates with their shares.
+fn nodes() -> Vec<(f64, f64)> {
+    let step = 2.0 * REACH / (NODES - 1) as f64;
+    let z = (0..NODES).map(|i| -REACH + step * i as f64);
+    let all: Vec<(f64, f64)> = z.map(|z| (z, (-z * z / 2.0).exp())).collect();
+    let sum: f64 = all.iter().map(|n| n.1).sum();
+    all.into_iter().map(|(z, w)| (z, w / sum)).collect()
+}
+
+/// A log-normal law by its mean and the spread of its logarithm.
+fn log_normal(nodes: &[(f64, f64)], ln_mean: f64, spread: f64) -> Vec<(f64, f64)> {
+    let middle = ln_mean - spread * spread / 2.0;
+    nodes.iter().map(|(z, w)| ((middle + spread * z).exp(), *w)).collect()
+}
+
+/// A normal law, and a share of pixels with an exponential excess beside it.
+fn with_hot(nodes: &[(f64, f64)], [m, s, ln_share, ln_hot]: [f64; 4]) -> Vec<(f64, f64)> {
+    let share = ln_share.exp();
+    let cold = nodes.iter().map(|(z, w)| (m + s * z, w * (1.0 - share)));
+    let count = NODES / 2;
+    let quantile = move |i: usize| -(1.0 - (i as f64 + 0.5) / count as f64).ln();
+    let hot = (0..count).map(move |i| (m + ln_hot.exp() * quantile(i), share / count as f64));
+    cold.chain(hot).collect()
+}
+
+fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
+    let a = Histogram::new(fit, None)?;
+    let b = Histogram::new(held_out, Some(a.edges.clone()))?;
+    let nodes = nodes();
+    let around = a.mean.ln();
+    let of = |h: &Histogram, m: f64, s: f64| h.cost(&log_normal(&nodes, m, s));
+    let (m, s) = lowest(|m, s| of(&a, m, s), [around - 0.7, around + 0.7], SPREADS);
+    // The catalogue's law, two parameters at a time.
+    let width = a.mean * s.min(1.0);
+    let mut rival = [a.mean, width, -4.0, a.mean.ln() + 1.0];
+    for _ in 0..ROUNDS {
+        let hot = (rival[2], rival[3]);
+        let (x, y) = lowest(
+            |m, s| a.cost(&with_hot(&nodes, [m, s, hot.0, hot.1])),
+            [0.0, 2.0 * a.mean],
+            [1e-3 * a.mean, 3.0 * a.mean],
+        );
+        let (p, q) = lowest(
+            |p, q| a.cost(&with_hot(&nodes, [x, y, p, q])),
+            HOT,
+            [around - 2.0, around + 4.0],
+        );
+        rival = [x, y, p, q];
+    }
+    // Two parameters fewer: Schwarz's ln n for each.
+    let fewer = 2.0 * a.pixels.ln();
+    let evidence = [
+        a.cost(&with_hot(&nodes, rival)) - of(&a, m, s) + fewer,
+        b.cost(&with_hot(&nodes, rival)) - of(&b, m, s),
+    ];
+    // A normal law is the log-normal of no spread: near it nothing is told.
+    if evidence[0] < fewer - 2.0 * FALSE_ALARMS.ln() || evidence[1] < 0.0 || s < 2.0 * SPREADS[0] {
+        return None;
+    }
+    let mean = m.exp();
+    let ratio = ((s * s).exp() - 1.0).sqrt();
+    let spread_se = s / (2.0 * a.pixels).sqrt();
+    let sd = mean * ratio;
+    // d(sd)/ds at a mean that is known: mean e^(s²) s/ratio.
+    let by_spread = mean * (s * s).exp() * s / ratio;
+    let mean_se = (sd * sd + a.noise.0).sqrt() / a.pixels.sqrt();
+    Some(DarkLaw {
+        mean: Estimated { value: mean, se: mean_se },
+        spread: Estimated { value: s, se: spread_se },
+        sd: Estimated { value: sd, se: (by_spread * spread_se).hypot(ratio * mean_se) },
+        shortest_s: fit.design.conditions[maps::reference_dark(fit.design)?].stack.exposure_s,
+        evidence,
+    })
+}
+
+impl Shape for DarkLaw {
+    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+
+    fn sets_aside(&self, design: &Design, (place, what): &Key) -> bool {
+        match place {
+            Place::Map(MapKind::DarkCurrent) => true,
+            // Pixels of more dark charge have more shot noise.
+            Place::Stack(i) => {
+                let stack = &design.conditions[*i].stack;
+                let by_pixel = matches!(
+                    what,
+                    What::Spread
+                        | What::NoisyPixels
+                        | What::NoiseSlope(_)
+                        | What::NoiseBlocks
+                        | What::Skewness
+                        | What::Kurtosis
+                        | What::TopKurtosis
+                        | What::TopTimeLag
+                );
+                stack.role == Role::Dark && stack.exposure_s > self.shortest_s && by_pixel
+            }
+            _ => false,
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        vec![Finding {
+            domain: Domain::Dark,
+            form: Form::Distribution,
+            dependence: Dependence { exposure: 1.0, signal: 0.0 },
+            parameters: vec![
+                ("ln_spread", self.spread),
+                ("mean_e_per_s", self.mean),
+                ("sd_e_per_s", self.sd),
+            ],
+            evidence: self.evidence,
+            description: format!(
+                "dark current that is log-normal over pixels: mean {} e⁻/s, standard deviation {} \
+                 e⁻/s, its logarithm spreads by {}",
+                number(self.mean),
+                number(self.sd),
+                number(self.spread),
+            ),
+        }]
+    }
+}

@@ -1,0 +1,347 @@
+//! Noise common to a row that falls along it, new in each row and frame: the kick of a reference
+//! that settles at the start of each row. The same of columns.
+//!
+//! σ z(y, frame) e^(−x/L) gives the pixels of a column the variance σ²(v − v̄)² beside what others
+//! have, the row means σ²v̄², and neighbours along the row a covariance, which noise that merely
+//! differs from column to column does not. `row-temporal-noise` of the catalogue has v = 1.
+
+use super::finding::{Finding, number};
+use super::view::View;
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::numerics::spectrum::Spectrum;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{LAGS, Temporal, mean};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+
+/// Shortest length looked for, pixels, and the longest, of the side: beyond, the fall is a slope.
+const LENGTHS: (f64, f64) = (1.5, 0.5);
+/// Lengths tried, in equal ratios.
+const TRIED: usize = 60;
+/// Share of the law's covariance of neighbours that must be there.
+const COVARIES: f64 = 0.5;
+/// Standard errors from which the held-out frames show it.
+const SEEN_AGAIN: f64 = 4.0;
+/// Share of the mean power that a bin keeps, whatever is taken out of it.
+const LEAST_POWER: f64 = 0.1;
+/// Pixels of a line that are left out at each end: the border's moments are its neighbours'.
+const BORDER: usize = 1;
+
+/// Where lines begin, and which they are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Side {
+    rows: bool,
+    from_end: bool,
+}
+
+/// Noise of lines that falls along them.
+pub(super) struct Droop {
+    side: Side,
+    /// By how much χ² of the pixels alone falls.
+    pixels: f64,
+    /// Whether chance does not give it and the held-out frames show it.
+    is_seen: bool,
+    /// Whether it is as large in light as in the dark.
+    alike: bool,
+    length: Estimated,
+    sigma_e: Estimated,
+    evidence: [f64; 2],
+}
+
+/// Mean squares of a stack: variance of the pixels over place along the line, and of line means
+/// beside white noise, e², each with its relative standard error.
+struct Profile {
+    pixels: Vec<f64>,
+    relative: f64,
+    lines: f64,
+    white: f64,
+    lines_relative: f64,
+    /// Covariance of neighbours along the line.
+    neighbours: f64,
+    flat: bool,
+}
+
+/// Droops that both halves show: the likeliest side along rows, and along columns.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found = [true, false].into_iter().filter_map(|rows| {
+        let sides = [false, true].map(|from_end| Side { rows, from_end });
+        // What rises towards both ends alike is no droop: noise that follows itself does, once the
+        // mean of its line is out of it.
+        let [first, last] = sides.map(|side| along(side, fit, held_out));
+        let (best, other) = match first.as_ref()?.pixels >= last.as_ref()?.pixels {
+            true => (first?, last?),
+            false => (last?, first?),
+        };
+        (best.is_seen && best.pixels - other.pixels > limit()).then_some(best)
+    });
+    found.map(|droop| Box::new(droop) as Box<dyn Shape>).collect()
+}
+
+fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {
+    let of = |(i, t): (usize, &Temporal)| {
+        let (w, h) = (t.width, t.height);
+        let unit = view.gain(i).powi(2);
+        let (n, across) = if rows { (w, h) } else { (h, w) };
+        let mut pixels = vec![0.0; n];
+        for (at, &v) in t.pixel_variance.iter().enumerate() {
+            let place = if rows { at % w } else { at / w };
+            pixels[place] += f64::from(v) / across as f64 / unit;
+        }
+        let power = if rows { &t.row_power } else { &t.column_power };
+        let bins = power.len() as f64;
+        let neighbours = LAGS.iter().position(|&l| l == if rows { (1, 0) } else { (0, 1) });
+        Profile {
+            pixels,
+            relative: (2.0 / (t.dof * across as f64)).sqrt(),
+            lines: power.iter().sum::<f64>() / bins / unit,
+            white: mean(&t.pixel_variance) / n as f64 / unit,
+            lines_relative: (1.0 / (t.dof * bins)).sqrt(),
+            neighbours: neighbours.map_or(0.0, |l| t.covariance[l] / unit),
+            flat: view.design.conditions[i].stack.role == Role::Flat,
+        }
+    };
+    view.stacks.iter().enumerate().map(of).collect()
+}
+
+/// The fall along a line.
+fn fall(n: usize, length: f64, from_end: bool) -> Vec<f64> {
+    let at = |i: usize| if from_end { n - 1 - i } else { i };
+    (0..n).map(|i| (-(at(i) as f64) / length).exp()).collect()
+}
+
+/// Fall of χ² that chance gives: of two degrees of freedom, for both sides along rows and columns.
+fn limit() -> f64 {
+    -2.0 * (FALSE_ALARMS / 4.0).ln()
+}
+
+/// σ² of a length, by how much χ² falls with it, and how much of that is the pixels'; each stack
+/// has white noise of its own.
+fn fitted<'a>(
+    profiles: impl IntoIterator<Item = &'a Profile>,
+    length: f64,
+    from_end: bool,
+) -> (Estimated, f64, f64) {
+    let (mut xx, mut xy, mut pixels, mut lines) = (0.0, 0.0, (0.0, 0.0), (0.0, 0.0));
+    for p in profiles {
+        let n = p.pixels.len();
+        let v = fall(n, length, from_end);
+        let middle = v.iter().sum::<f64>() / n as f64;
+        let x: Vec<f64> = v.iter().map(|v| (v - middle).powi(2)).collect();
+        let inner = BORDER..n - BORDER;
+        let mut sorted = p.pixels.clone();
+        let typical = camrig_base::median::median(&mut sorted, f64::total_cmp);
+        // Errors of the noise that all pixels have: the larger of a line's own would hide it.
+        let weight = (typical * p.relative).powi(-2);
+        let count = inner.len() as f64;
+        let mean_of = |v: &[f64]| v[inner.clone()].iter().sum::<f64>() / count;
+        let (mx, my) = (mean_of(&x), mean_of(&p.pixels));
+        for i in inner.clone() {
+            xx += weight * (x[i] - mx).powi(2);
+            xy += weight * (x[i] - mx) * (p.pixels[i] - my);
+        }
+        pixels = (xx - lines.0, xy - lines.1);
+        // Of the line means.
+        let weight = (p.white * p.lines_relative).powi(-2);
+        let (x, y) = (middle * middle, p.lines - p.white);
+        lines.0 += weight * x * x;
+        lines.1 += weight * x * y;
+        xx += weight * x * x;
+        xy += weight * x * y;
+    }
+    let value = (xy / xx).max(0.0);
+    let alone = (pixels.1 / pixels.0).max(0.0);
+    (Estimated { value, se: xx.sqrt().recip() }, value * value * xx, alone * alone * pixels.0)
+}
+
+/// The share that measured covariances of neighbours have of the law's.
+fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) -> f64 {
+    let share = |p: &Profile| {
+        let v = fall(p.pixels.len(), length, from_end);
+        let middle = v.iter().sum::<f64>() / v.len() as f64;
+        let pairs = v.windows(2).map(|p| (p[0] - middle) * (p[1] - middle));
+        let expected = variance * pairs.sum::<f64>() / (v.len() - 1) as f64;
+        let weight = p.white.powi(-2);
+        // Without the mean of its line, white noise has a covariance of −v/n.
+        (weight * (p.neighbours + p.white), weight * expected)
+    };
+    let (measured, expected) =
+        profiles.iter().map(share).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+    measured / expected
+}
+
+fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
+    let (a, b) = (profiles(fit, side.rows), profiles(held_out, side.rows));
+    let n = a.first()?.pixels.len();
+    let (shortest, longest) = (LENGTHS.0, LENGTHS.1 * n as f64);
+    if n < 8 || longest < shortest {
+        return None;
+    }
+    let ratio = (longest / shortest).powf(1.0 / (TRIED - 1) as f64);
+    let lengths: Vec<f64> = (0..TRIED).map(|i| shortest * ratio.powi(i as i32)).collect();
+    let tried: Vec<(f64, (Estimated, f64, f64))> =
+        lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
+    let &(length, (first, gain, pixels)) = tried.iter().max_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
+    // Line noise alike along the line has no pixels' part: the pixels must show the fall. The
+    // longest is a slope of the noise.
+    let (again, held, held_pixels) = fitted(&b, length, side.from_end);
+    let parts = [&a, &b].map(|p| covaries(p, length, side.from_end, first.value));
+    let is_seen = length < longest * 0.999
+        && pixels > limit()
+        && held_pixels > SEEN_AGAIN.powi(2)
+        && again.z() > SEEN_AGAIN
+        && parts.iter().all(|s| *s > COVARIES);
+    let [dark, light] = [false, true].map(|flat| {
+        let own = a.iter().chain(&b).filter(|p| p.flat == flat);
+        fitted(own, length, side.from_end).0
+    });
+    let apart = (dark.value - light.value).abs();
+    let alike = !(apart > SEEN_AGAIN * dark.se.hypot(light.se) && apart > dark.value / 4.0);
+    // χ² is that of white noise, so its fall by one is too narrow by the ratio of all noise to
+    // white noise at the start of the line.
+    let white = a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);
+    let widest = 1.0 + first.value / white;
+    let within = tried.iter().filter(|t| t.1.1 > gain - widest.powi(2)).map(|t| t.0);
+    let (low, high) = within.fold((f64::MAX, 0.0f64), |r, l| (r.0.min(l), r.1.max(l)));
+    let sigma = ((first.value + again.value) / 2.0).sqrt();
+    let refined = refine(&[&a, &b], length / ratio, length * ratio, side.from_end);
+    let length_se = (high - low) / 2.0 + length * (ratio - 1.0) / 4.0;
+    Some(Droop {
+        side,
+        pixels,
+        is_seen,
+        alike,
+        length: Estimated { value: refined, se: length_se },
+        sigma_e: Estimated { value: sigma, se: widest * first.se / (2.0 * sigma) },
+        evidence: [gain, held],
+    })
+}
+
+/// The length between two at which χ² of both halves falls most.
+fn refine(halves: &[&Vec<Profile>], low: f64, high: f64, from_end: bool) -> f64 {
+    /// Turns of the golden section: 10⁻⁴ of the range.
+    const TURNS: usize = 20;
+    crate::numerics::minimise::minimum(low, high, TURNS, |l| {
+        -halves.iter().map(|p| fitted(p.iter(), l, from_end).1).sum::<f64>()
+    })
+}
+
+impl Droop {
+    /// Takes the power of the fall `v` along the lines out of that of a stack, DN² for `unit` of
+    /// e².
+    fn take_out_of_power(&self, t: &mut Temporal, unit: f64, v: &[f64]) {
+        let Some(power) = &mut t.power else { return };
+        let own = Spectrum::of(v);
+        let (w, h) = (t.width, t.height);
+        let columns = w / 2 + 1;
+        let floor = LEAST_POWER * mean(&t.pixel_variance);
+        for (i, p) in power.iter_mut().enumerate().filter(|(_, p)| **p > 0.0) {
+            let (x, y) = (i % columns, i / columns);
+            let k = if self.side.rows { x } else { y.min(h - y) };
+            let more = match k {
+                0 => 0.0,
+                k => unit * self.sigma_e.value.powi(2) * own.get(k - 1).copied().unwrap_or(0.0),
+            };
+            *p = (f64::from(*p) - more).max(floor) as f32;
+        }
+    }
+}
+
+impl Shape for Droop {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let unit = super::view::gain(camera, c).powi(2);
+            let w = t.width;
+            let n = if self.side.rows { w } else { t.height };
+            let v = fall(n, self.length.value, self.side.from_end);
+            let middle = v.iter().sum::<f64>() / n as f64;
+            let mut own = vec![0.0; n];
+            let across = (t.pixel_variance.len() / n) as f64;
+            let place = |at: usize| if self.side.rows { at % w } else { at / w };
+            for (at, &v) in t.pixel_variance.iter().enumerate() {
+                own[place(at)] += f64::from(v) / across;
+            }
+            let factor: Vec<f32> = own
+                .iter()
+                .zip(&v)
+                .map(|(own, v)| {
+                    let more = unit * (self.sigma_e.value * (v - middle)).powi(2);
+                    ((own - more) / own.max(1e-12)).max(0.0) as f32
+                })
+                .collect();
+            let old = mean(&t.pixel_variance);
+            for (at, v) in t.pixel_variance.iter_mut().enumerate() {
+                *v *= factor[place(at)];
+            }
+            let ratio = (mean(&t.pixel_variance) / old.max(1e-12)) as f32;
+            t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
+            self.take_out_of_power(t, unit, &v);
+        }
+    }
+
+    fn sets_aside(&self, _: &Design, (place, what): &Key) -> bool {
+        let lines = match self.side.rows {
+            true => matches!(what, What::RowVariance | What::RowPeak | What::RowSlow),
+            false => matches!(what, What::ColumnVariance | What::ColumnPeak | What::ColumnSlow),
+        };
+        let pixels = matches!(
+            what,
+            What::Covariance(_)
+                | What::BlockVariance
+                | What::PlanePeak
+                | What::Spread
+                | What::NoisyPixels
+                | What::NoiseSlope(_)
+                | What::NoiseBlocks
+                | What::Skewness
+                | What::Kurtosis
+                | What::TopKurtosis
+                | What::TopTimeLag
+                | What::FrameVariance
+        );
+        match place {
+            Place::Stack(_) => lines || pixels,
+            // What is left of it in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            _ => false,
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let (line, along, form) = match self.side.rows {
+            true => ("row", "columns", Form::RowProfile),
+            false => ("column", "rows", Form::ColumnProfile),
+        };
+        let start = match self.side.from_end {
+            true => "last",
+            false => "first",
+        };
+        vec![Finding {
+            domain: Domain::Temporal,
+            form,
+            dependence: Dependence {
+                exposure: 0.0,
+                signal: if self.alike { 0.0 } else { f64::NAN },
+            },
+            parameters: vec![
+                ("sigma_e", self.sigma_e),
+                (if self.side.rows { "length_columns" } else { "length_rows" }, self.length),
+            ],
+            evidence: self.evidence,
+            description: format!(
+                "noise common to a {line}, new in every {line} and frame, that falls along it: {} \
+                 e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), {} (a reference that \
+                 settles at the {start} pixels)",
+                number(self.sigma_e),
+                number(self.length),
+                if self.alike {
+                    "alike in the dark and in light"
+                } else {
+                    "of another size in light"
+                },
+            ),
+        }]
+    }
+}

@@ -1,0 +1,254 @@
+//! Noise common to a row, or a column, whose size grows with the signal: a supply that the line
+//! loads, a light that flickers faster than lines are read.
+//!
+//! The variance of line means beside white noise is c₀ + c₁ (s/S)^(2e) over the stacks, s the
+//! signal and S that of the brightest, by weighted least squares with the errors of the fitted
+//! law. Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; a
+//! spectrum that is not flat is its `flicker-banding` or `row-correlated-noise`.
+
+use super::finding::{Finding, number};
+use super::view::View;
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+
+/// Exponents on the signal that are tried, in steps of 0.05: from where the law hardly differs
+/// from a constant.
+const EXPONENTS: std::ops::RangeInclusive<u32> = 5..=32;
+const EXPONENT_STEP: f64 = 0.05;
+/// Rise of χ² within which an exponent of ½ or 1 is taken: 2.4 standard deviations.
+const SIMPLE: f64 = 6.0;
+/// Standard errors from which the held-out frames show the part that grows.
+const SEEN_AGAIN: f64 = 4.0;
+/// Correlation of neighbouring lines from which the noise is not white over lines.
+const NOT_WHITE: f64 = 0.1;
+/// Share of the growing part's variance below which a constant part is none.
+const NO_CONSTANT: f64 = 0.02;
+/// Stacks, flats among them, without which no exponent is told.
+const LEAST: (usize, usize) = (4, 3);
+
+/// Which lines the noise is common to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Lines {
+    Rows,
+    Columns,
+}
+
+/// Line noise that grows with the signal.
+pub(super) struct LineNoise {
+    lines: Lines,
+    exponent: Estimated,
+    /// Standard deviation at a signal of S, e⁻.
+    sigma_e: Estimated,
+    /// S, e⁻.
+    brightest_e: f64,
+    /// Whether there is no part that is the same in all stacks.
+    alone: bool,
+    evidence: [f64; 2],
+}
+
+/// Excess of the variance of line means, e², at a signal, e⁻, with what white noise gives it.
+struct Point {
+    signal_e: f64,
+    excess: f64,
+    white: f64,
+    /// Degrees of freedom.
+    dof: f64,
+}
+
+/// Line noise that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found = [Lines::Rows, Lines::Columns].into_iter().filter_map(|l| of(l, fit, held_out));
+    found.map(|noise| Box::new(noise) as Box<dyn Shape>).collect()
+}
+
+fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
+    let black = view.stacks[maps::reference_dark(view.design)?].level();
+    let (mut lag, mut all, mut samples) = (0.0, 0.0, 0.0);
+    let mut out = Vec::new();
+    for (i, (t, c)) in view.stacks.iter().zip(&view.design.conditions).enumerate() {
+        let (power, across, what) = match lines {
+            Lines::Rows => (&t.row_power, t.width, What::RowVariance),
+            Lines::Columns => (&t.column_power, t.height, What::ColumnVariance),
+        };
+        let unit = view.gain(i).powi(2);
+        let pixel = mean(&t.pixel_variance) / across as f64 / unit;
+        let ratio = view.predicted((Place::Stack(i), what))?;
+        let bins = power.len() as f64;
+        let measured = power.iter().sum::<f64>() / bins / unit;
+        let flat = c.stack.role == Role::Flat;
+        if flat {
+            lag += t.row_lag / unit;
+            all += measured;
+            samples += t.dof * 2.0 * bins;
+        }
+        out.push(Point {
+            signal_e: if flat { ((t.level() - black) / view.gain(i)).max(0.0) } else { 0.0 },
+            excess: measured - ratio * pixel,
+            white: ratio * pixel,
+            dof: 2.0 * t.dof * bins,
+        });
+    }
+    let flats = out.iter().filter(|p| p.signal_e > 0.0).count();
+    let white = lines == Lines::Columns
+        || (lag / all).abs() < NOT_WHITE.max(SEEN_AGAIN / samples.max(1.0).sqrt());
+    (out.len() >= LEAST.0 && flats >= LEAST.1 && white).then_some(out)
+}
+
+/// Both parts of the law, the second with its standard error.
+struct Law {
+    constant: f64,
+    growing: Estimated,
+}
+
+/// c₀ and c₁ of an exponent; only c₀ for none.
+fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
+    let of = |p: &Point| exponent.map_or(0.0, |e| (p.signal_e / brightest).powf(2.0 * e));
+    let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN } };
+    // The errors are those of the law itself: three passes settle them.
+    for pass in 0..3 {
+        let sd = |p: &Point| {
+            let fitted = match pass {
+                0 => p.excess.max(0.0),
+                _ => law.constant + law.growing.value * of(p),
+            };
+            (2.0 / p.dof).sqrt() * (p.white + fitted)
+        };
+        let weights: Vec<f64> = points.iter().map(|p| sd(p).powi(-2)).collect();
+        let sum = |f: &dyn Fn(&Point) -> f64| -> f64 {
+            points.iter().zip(&weights).map(|(p, w)| w * f(p)).sum()
+        };
+        let (one, x, xx) = (sum(&|_| 1.0), sum(&of), sum(&|p| of(p).powi(2)));
+        let (y, xy) = (sum(&|p| p.excess), sum(&|p| of(p) * p.excess));
+        let free =
+            exponent.map(|_| ((xy * one - x * y) / (xx * one - x * x), one / (xx * one - x * x)));
+        let (growing, variance) = free.map_or((0.0, f64::NAN), |(v, s)| (v.max(0.0), s));
+        let constant = (y - growing * x) / one;
+        // No variance is negative.
+        let (constant, growing, variance) = match (constant < 0.0, exponent) {
+            (true, Some(_)) => (0.0, (xy / xx).max(0.0), 1.0 / xx),
+            (true, None) => (0.0, 0.0, f64::NAN),
+            _ => (constant, growing, variance),
+        };
+        law = Law { constant, growing: Estimated { value: growing, se: variance.sqrt() } };
+    }
+    law
+}
+
+fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
+    let (a, b) = (points(fit, lines)?, points(held_out, lines)?);
+    let brightest = a.iter().map(|p| p.signal_e).fold(0.0, f64::max);
+    let exponents: Vec<f64> = EXPONENTS.map(|i| f64::from(i) * EXPONENT_STEP).collect();
+    // What one law predicts is judged on the same errors: the greater errors of a law with more
+    // noise are paid for by their logarithm.
+    let constant = log_likelihood(&a, brightest, &law(&a, brightest, None), 1.0);
+    let tried: Vec<(f64, Law, f64)> = exponents
+        .iter()
+        .map(|&e| {
+            let law = law(&a, brightest, Some(e));
+            let l = log_likelihood(&a, brightest, &law, e);
+            (e, law, l)
+        })
+        .collect();
+    let best = tried.iter().map(|t| t.2).fold(f64::INFINITY, f64::min);
+    let chosen = tried
+        .iter()
+        .filter(|t| [0.5, 1.0].iter().any(|s| (t.0 - s).abs() < 1e-9) && t.2 < best + SIMPLE)
+        .min_by(|x, y| x.2.total_cmp(&y.2))
+        .or_else(|| tried.iter().min_by(|x, y| x.2.total_cmp(&y.2)))?;
+    let within: Vec<f64> = tried.iter().filter(|t| t.2 < best + 1.0).map(|t| t.0).collect();
+    let spread = within.last()? - within.first()?;
+    // Two parameters more: χ² of two degrees of freedom, for two axes.
+    let limit = -2.0 * (FALSE_ALARMS / 2.0).ln();
+    let again = law(&b, brightest, Some(chosen.0));
+    let evidence = [
+        constant - chosen.2,
+        log_likelihood(&b, brightest, &law(&b, brightest, None), 1.0)
+            - log_likelihood(&b, brightest, &again, chosen.0),
+    ];
+    if evidence[0] < limit || again.growing.z() < SEEN_AGAIN {
+        return None;
+    }
+    let variance = (chosen.1.growing.value + again.growing.value) / 2.0;
+    let se = chosen.1.growing.se.hypot(again.growing.se) / 2.0;
+    let sigma = variance.sqrt();
+    Some(LineNoise {
+        lines,
+        exponent: Estimated { value: chosen.0, se: spread / 2.0 + EXPONENT_STEP / 4.0 },
+        sigma_e: Estimated { value: sigma, se: se / (2.0 * sigma) },
+        brightest_e: brightest,
+        alone: chosen.1.constant < NO_CONSTANT * chosen.1.growing.value,
+        evidence,
+    })
+}
+
+/// Twice the negative log-likelihood of mean squares under a law.
+fn log_likelihood(points: &[Point], brightest: f64, law: &Law, exponent: f64) -> f64 {
+    let of = |p: &Point| (p.signal_e / brightest).powf(2.0 * exponent);
+    let one = |p: &Point| {
+        let expected = p.white + law.constant + law.growing.value * of(p);
+        p.dof * (expected.ln() + (p.white + p.excess) / expected)
+    };
+    points.iter().map(one).sum()
+}
+
+impl Shape for LineNoise {
+    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+
+    fn sets_aside(&self, design: &Design, key: &Key) -> bool {
+        let (Place::Stack(i), what) = *key else { return false };
+        let own = match self.lines {
+            Lines::Rows => {
+                matches!(what, What::RowVariance | What::RowSlow | What::RowPeak | What::RowLag)
+            }
+            Lines::Columns => {
+                matches!(what, What::ColumnVariance | What::ColumnSlow | What::ColumnPeak)
+            }
+        };
+        // The mean of all lines is that of the frame.
+        let frames = matches!(what, What::FrameVariance | What::FrameTrend | What::FrameLag);
+        design.conditions[i].stack.role == Role::Flat && (own || frames)
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let (line, form) = match self.lines {
+            Lines::Rows => ("row", Form::RowFlat),
+            Lines::Columns => ("column", Form::ColumnFlat),
+        };
+        let part = Estimated {
+            value: self.sigma_e.value / self.brightest_e,
+            se: self.sigma_e.se / self.brightest_e,
+        };
+        let law = match (self.exponent.value - 1.0).abs() < 1e-9 {
+            true => format!("{} of the signal", number(part)),
+            false => {
+                format!("{} e⁻ at a signal of {:.0} e⁻", number(self.sigma_e), self.brightest_e)
+            }
+        };
+        vec![Finding {
+            domain: Domain::Temporal,
+            form,
+            dependence: Dependence { exposure: 0.0, signal: self.exponent.value },
+            parameters: vec![
+                ("exponent", self.exponent),
+                ("part_of_signal", part),
+                ("sigma_e", self.sigma_e),
+                ("signal_e", Estimated { value: self.brightest_e, se: f64::NAN }),
+            ],
+            evidence: self.evidence,
+            description: format!(
+                "noise common to a {line}, new in every {line} and frame, that grows with the \
+                 signal to the power {}: {law}{} (a supply that the \
+                 {line} loads, or a light that flickers faster than a {line} is read)",
+                number(self.exponent),
+                if self.alone { ", none in the dark" } else { "" },
+            ),
+        }]
+    }
+}

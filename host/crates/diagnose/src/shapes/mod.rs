@@ -1,0 +1,48 @@
+//! Shapes: what no effect of the catalogue describes, with its place and its amount.
+//!
+//! A detector per shape reads the moments of both halves of a set, one file each. It estimates
+//! from the frames to fit, by least squares or likelihood, asks the held-out frames, and lets the
+//! laws of the catalogue that are nearest compete. What it finds is taken out of the moments, or
+//! else the statistics that show it are set aside, and the search for names runs on the rest: so
+//! a name of the catalogue is neither given to a shape nor withheld because of one.
+//!
+//! What is found stands in the report with the status `proposed`; no stage of the sensor model
+//! runs it yet, so that the improved camera file is without it.
+
+mod dark_law;
+mod droop;
+mod finding;
+mod line_noise;
+mod outliers;
+mod run;
+mod seam;
+mod serial;
+mod steps;
+mod stitch;
+mod view;
+mod wave;
+
+use crate::data::design::Design;
+use crate::statistics::statistic::Key;
+use crate::statistics::temporal::Temporal;
+use camrig_camera::Camera;
+pub use finding::Finding;
+pub use run::run;
+
+/// False alarms of a detector per set, of what it looks at taken together: with some ten detectors
+/// one set of a hundred, before the held-out frames are asked.
+const FALSE_ALARMS: f64 = 1e-3;
+
+/// A shape that was found.
+trait Shape {
+    /// Takes it out of the moments of a half.
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]);
+
+    /// Whether a statistic shows it although it was taken out: its scatter, or its law.
+    fn sets_aside(&self, _design: &Design, _key: &Key) -> bool {
+        false
+    }
+
+    /// What it is.
+    fn findings(&self) -> Vec<Finding>;
+}

@@ -1,0 +1,153 @@
+//! Pixels whose offset is off and grows with neither time nor light. They are no hot pixels, whose
+//! excess grows with the exposure, and no telegraph noise, which makes them noisier.
+
+use super::finding::{Finding, number};
+use super::view::{View, change_mean, channel_medians, gain, robust_sd};
+use super::{FALSE_ALARMS, Shape};
+use crate::data::channels::Channels;
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::numerics::tails;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::{Temporal, mean};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+use std::collections::BTreeMap;
+
+/// Pixels without which there is no law to tell.
+const LEAST_PIXELS: usize = 5;
+/// Share of its offset by which a pixel may differ in a longer dark, and the standard errors.
+const GROWS: (f64, f64) = (0.25, 4.0);
+/// Variance over that of all pixels from which they are noisier ones.
+const NOISIER: f64 = 1.5;
+
+/// Pixels with an offset of their own.
+pub(super) struct Outliers {
+    /// Offset by pixel, row-major, e⁻.
+    offsets: BTreeMap<usize, f64>,
+    width: usize,
+    fraction: Estimated,
+    mean_e: Estimated,
+    /// Those below the others.
+    below: usize,
+    /// Least offset that stands out, e⁻.
+    least_e: f64,
+    evidence: [f64; 2],
+}
+
+/// The outliers that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found = outliers(fit, held_out);
+    found.into_iter().map(|o| Box::new(o) as Box<dyn Shape>).collect()
+}
+
+/// A stack's mean less the median of each channel, e⁻.
+fn offsets(view: &View<'_>, stack: usize) -> Vec<f32> {
+    let t = &view.stacks[stack];
+    let channels = Channels::new(view.camera);
+    let mut values = t.mean.data.clone();
+    let middles = channel_medians(&values, &channels);
+    let unit = (1.0 / view.gain(stack)) as f32;
+    channels.change(&mut values, &middles, |v, m| (v - m) * unit);
+    values
+}
+
+fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
+    fit.plane(MapKind::Offset)?;
+    let own = maps::reference_dark(fit.design)?;
+    let other = maps::reference_dark(held_out.design)?;
+    let (a, b) = (offsets(fit, own), offsets(held_out, other));
+    let (sd_a, sd_b) = (robust_sd(&a), robust_sd(&b));
+    let t = &fit.stacks[own];
+    let (w, h) = (t.width, t.height);
+    // Two-sided, for the most of all pixels.
+    let z = tails::deviate((FALSE_ALARMS / (2.0 * a.len() as f64)).ln());
+    let (least, least_again) = (z * sd_a, z / 2.0 * sd_b);
+    let inner = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
+    let seen = |i: &usize| {
+        let (x, y) = (f64::from(a[*i]), f64::from(b[*i]));
+        inner(*i) && x.abs() > least && y * x.signum() > least_again
+    };
+    let longer: Vec<(Vec<f32>, f64)> = fit
+        .stacks_of(Role::Dark)
+        .filter(|&i| i != own)
+        .map(|i| {
+            let values = offsets(fit, i);
+            let sd = robust_sd(&values);
+            (values, sd)
+        })
+        .collect();
+    let stays = |i: &usize| {
+        let x = f64::from(a[*i]);
+        longer.iter().all(|(values, sd)| {
+            (f64::from(values[*i]) - x).abs() < GROWS.0 * x.abs() + GROWS.1 * sd.hypot(sd_a)
+        })
+    };
+    let candidates: Vec<usize> = (0..a.len()).filter(seen).collect();
+    let found: Vec<usize> = candidates.iter().copied().filter(stays).collect();
+    // Where most of them grow, few that happen not to are no kind of their own.
+    if longer.is_empty() || found.len() < LEAST_PIXELS || 2 * found.len() < candidates.len() {
+        return None;
+    }
+    let variance = found.iter().map(|&i| f64::from(t.pixel_variance[i])).sum::<f64>();
+    if variance / found.len() as f64 > NOISIER * mean(&t.pixel_variance) {
+        return None;
+    }
+    let count = found.len() as f64;
+    let size = |i: usize| (f64::from(a[i]) + f64::from(b[i])) / 2.0;
+    // An exponential law has no memory: beyond the least it is the same law again.
+    let mean_e = found.iter().map(|&i| size(i).abs() - least).sum::<f64>() / count;
+    let mean_e = mean_e.max(sd_a);
+    let pixels = ((w - 2) * (h - 2)) as f64;
+    let fraction = count / pixels * (least / mean_e).exp();
+    let evidence =
+        |v: &[f32], sd: f64| found.iter().map(|&i| (f64::from(v[i]) / sd).powi(2)).sum::<f64>();
+    Some(Outliers {
+        offsets: found.iter().map(|&i| (i, size(i))).collect(),
+        width: w,
+        fraction: Estimated { value: fraction, se: fraction / count.sqrt() },
+        mean_e: Estimated { value: mean_e, se: mean_e / count.sqrt() },
+        below: found.iter().filter(|&&i| a[i] < 0.0).count(),
+        least_e: least,
+        evidence: [evidence(&a, sd_a), evidence(&b, sd_b)],
+    })
+}
+
+impl Shape for Outliers {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let k = gain(camera, c);
+            change_mean(camera, t, &|x, y, v| {
+                v - k * self.offsets.get(&(y * self.width + x)).copied().unwrap_or(0.0)
+            });
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let below = match self.below {
+            0 => String::new(),
+            n => format!(", {n} of them below the others"),
+        };
+        vec![Finding {
+            domain: Domain::Offset,
+            form: Form::Distribution,
+            dependence: Dependence { exposure: 0.0, signal: 0.0 },
+            parameters: vec![
+                ("fraction", self.fraction),
+                ("mean_e", self.mean_e),
+                ("pixels", Estimated { value: self.offsets.len() as f64, se: f64::NAN }),
+            ],
+            evidence: self.evidence,
+            description: format!(
+                "outlying pixels of the offset, which grow with neither exposure nor light and are \
+                 no noisier than others: a fraction {} of all pixels, {} e⁻ in the mean by an \
+                 exponential law ({} pixels stand out by more than {:.1} e⁻{below})",
+                number(self.fraction),
+                number(self.mean_e),
+                self.offsets.len(),
+                self.least_e,
+            ),
+        }]
+    }
+}

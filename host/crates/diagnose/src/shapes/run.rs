@@ -1,0 +1,130 @@
+//! The search for names, with shapes taken out where there are any.
+
+use super::Shape;
+use super::view::View;
+use super::{dark_law, droop, line_noise, outliers, seam, serial, stitch, wave};
+use crate::search::session::{Half, Measured};
+use crate::search::{self, Outcome, Session, State};
+use crate::statistics::maps;
+use crate::statistics::statistic::Key;
+use crate::statistics::temporal::Temporal;
+use camrig_base::Result;
+use camrig_camera::Camera;
+use std::collections::BTreeSet;
+
+/// Twice the log-likelihood by which the frames must be likelier with shapes of the means taken
+/// out and the names that are then given, than with names alone: what an effect of the catalogue
+/// must gain too.
+const GAIN: f64 = search::EVIDENCE_IN_ALL;
+
+/// Finds shapes in the frames of a half, and asks those held out.
+type Detector = fn(&View<'_>, &View<'_>) -> Vec<Box<dyn Shape>>;
+
+/// Shapes that are in the means of the frames and nothing else. They are looked for first: laws of
+/// the catalogue that are random may take them for their own.
+const OF_MEANS: [Detector; 2] = [seam::find, wave::find];
+
+/// Shapes of pixels, of the response and of the noise, for sets that no names explain: what the
+/// catalogue explains is left to it.
+const OF_THE_REST: [Detector; 6] =
+    [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
+
+/// Searches for the effects that the camera lacks, as [`search::run`], and for shapes that no
+/// effect has. Where there are some, the moments that the session has at the end are without them.
+///
+/// # Errors
+/// A model that cannot be simulated.
+pub fn run(
+    session: &mut Session,
+    camera: &Camera,
+    without: &[String],
+    say: &(dyn Fn(&str) + Sync),
+) -> Result<Outcome> {
+    say("shapes");
+    let names = |s: &Session| search::run(s, camera, without, say);
+    let shapes = find(session, camera, &OF_MEANS, None);
+    let mut found = names(session)?;
+    if !shapes.is_empty() {
+        let names_alone = session.deviance(&found.after);
+        let had = take_out(session, camera, &shapes);
+        let other = names(session)?;
+        if session.deviance(&other.after) + GAIN < names_alone {
+            found = with_shapes(found, &shapes, other);
+        } else {
+            put_back(session, had);
+        }
+    }
+    if !session.accepts(&found.after, found.gaps.1) {
+        say("shapes of what is left");
+        let shapes = find(session, camera, &OF_THE_REST, Some(&found.before));
+        if !shapes.is_empty() {
+            take_out(session, camera, &shapes);
+            let other = names(session)?;
+            found = with_shapes(found, &shapes, other);
+        }
+    }
+    Ok(found)
+}
+
+/// The outcome of the search without some shapes, with these and those found before.
+fn with_shapes(before: Outcome, shapes: &[Box<dyn Shape>], after: Outcome) -> Outcome {
+    let mut all = before.shapes;
+    all.extend(shapes.iter().flat_map(|s| s.findings()));
+    Outcome { gaps: (before.gaps.0, after.gaps.1), shapes: all, ..after }
+}
+
+/// Takes shapes out of the moments of both halves; gives the moments that they had.
+fn take_out(session: &mut Session, camera: &Camera, shapes: &[Box<dyn Shape>]) -> [Measured; 2] {
+    [&mut session.fit, &mut session.holdout].map(|half: &mut Half| {
+        let mut stacks = half.stacks.clone();
+        shapes.iter().for_each(|s| s.take_out(camera, &half.design, &mut stacks));
+        let was: BTreeSet<Key> = half.values.keys().copied().collect();
+        let aside = |key: &Key| {
+            !was.contains(key) || shapes.iter().any(|s| s.sets_aside(&half.design, key))
+        };
+        let measured = half.measured(camera, stacks, &aside);
+        half.exchange(measured)
+    })
+}
+
+/// Puts moments back.
+fn put_back(session: &mut Session, [fit, held_out]: [Measured; 2]) {
+    session.fit.exchange(fit);
+    session.holdout.exchange(held_out);
+}
+
+/// The shapes that some detectors find, each in what those before leave.
+/// `model` is that as given, where what it predicts matters.
+fn find(
+    session: &Session,
+    camera: &Camera,
+    detectors: &[Detector],
+    model: Option<&State>,
+) -> Vec<Box<dyn Shape>> {
+    let halves = [&session.fit, &session.holdout];
+    let predictions = model.map(|m| [&m.fit, &m.holdout]);
+    let mut found: Vec<Box<dyn Shape>> = Vec::new();
+    // Moments without what was found; none while nothing was.
+    let mut left: Option<[Vec<Temporal>; 2]> = None;
+    for detect in detectors {
+        let maps = left
+            .as_ref()
+            .map(|stacks| [0, 1].map(|i| maps::maps(camera, &halves[i].design, &stacks[i])));
+        let view = |i: usize| View {
+            camera,
+            design: &halves[i].design,
+            stacks: left.as_ref().map_or(&halves[i].stacks, |l| &l[i]),
+            maps: maps.as_ref().map_or(&halves[i].maps, |m| &m[i]),
+            prediction: predictions.map(|p| p[i]),
+        };
+        let new = detect(&view(0), &view(1));
+        if !new.is_empty() {
+            let stacks = left.get_or_insert_with(|| halves.map(|h| h.stacks.clone()));
+            for (half, stacks) in halves.iter().zip(stacks) {
+                new.iter().for_each(|s| s.take_out(camera, &half.design, stacks));
+            }
+        }
+        found.extend(new);
+    }
+    found
+}

@@ -1,0 +1,259 @@
+//! Taps: parts of the sensor, side by side, with an amplifier each, whose gain, offset and noise
+//! differ. Between two is a seam.
+//!
+//! A seam is a step in the means of columns or rows of a map: of the offset, of the dark current
+//! or of the gain. Smooth laws stand against it (`steps`). The parts are brought to the one that
+//! the camera file fits best.
+
+use super::Shape;
+use super::finding::{Finding, number};
+use super::steps::{self, Steps};
+use super::view::{View, change_mean, gain};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::Temporal;
+use camrig_base::Plane;
+use camrig_camera::Camera;
+use camrig_captures::Role;
+
+/// Maps that are searched, each along both axes.
+const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
+/// Profiles that are searched: three maps, two axes.
+const PROFILES: usize = 6;
+/// Lines by which one seam's place may differ from map to map.
+const SAME_PLACE: usize = 2;
+/// Standard errors of their difference by which the held-out frames' step may differ, and the least
+/// share of it that they must show. They share the pattern of pixels, which makes most of a gain
+/// step's error, so that the difference is smaller than this by far.
+const AGREES: (f64, f64) = (4.0, 0.5);
+/// Standard errors from which a step in a map is told beside that which gave the seam away.
+const TOLD: f64 = 4.0;
+
+/// Whether lines are columns or rows.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Axis {
+    Columns,
+    Rows,
+}
+
+/// One seam.
+struct Seam {
+    /// First line of the second part.
+    at: usize,
+    /// Steps in the maps, in the order of [`MAPS`]; 0 where none is told.
+    steps: [Estimated; 3],
+}
+
+/// The seams across one axis.
+pub(super) struct Taps {
+    axis: Axis,
+    /// Columns or rows of the sensor.
+    lines: usize,
+    seams: Vec<Seam>,
+    /// The part, counted from 0, that the camera file fits best.
+    reference: usize,
+    evidence: [f64; 2],
+}
+
+/// Seams that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let axes = [Axis::Columns, Axis::Rows];
+    let found = axes.into_iter().flat_map(|axis| across(axis, fit, held_out));
+    found.map(|taps| Box::new(taps) as Box<dyn Shape>).collect()
+}
+
+/// Means of a map's lines in the unit that is told.
+fn profile(view: &View<'_>, kind: MapKind, axis: Axis) -> Option<Vec<f64>> {
+    let plane = view.plane(kind)?;
+    let lines = match axis {
+        Axis::Columns => columns(&view.levelled(plane)),
+        Axis::Rows => rows(&view.levelled(plane)),
+    };
+    let unit = view.unit(kind);
+    Some(lines.into_iter().map(|v| v * unit).collect())
+}
+
+fn columns(p: &Plane<f32>) -> Vec<f64> {
+    let mut out = vec![0.0; p.width];
+    for row in p.data.chunks(p.width) {
+        out.iter_mut().zip(row).for_each(|(o, &v)| *o += f64::from(v) / p.height as f64);
+    }
+    out
+}
+
+fn rows(p: &Plane<f32>) -> Vec<f64> {
+    let mean = |row: &[f32]| row.iter().map(|&v| f64::from(v)).sum::<f64>() / p.width as f64;
+    p.data.chunks(p.width).map(mean).collect()
+}
+
+/// The seams across one axis.
+fn across(axis: Axis, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
+    let profiles = MAPS.map(|kind| profile(fit, kind, axis));
+    let seen: [Option<Steps>; 3] =
+        std::array::from_fn(|i| profiles[i].as_ref().and_then(|p| steps::find(p, PROFILES)));
+    let all = seen.iter().flatten().cloned().reduce(|a, b| a.joined(b, SAME_PLACE))?;
+    let mut seams: Vec<Seam> = all
+        .at
+        .iter()
+        .map(|&at| Seam { at, steps: [Estimated { value: 0.0, se: f64::NAN }; 3] })
+        .collect();
+    let mut held = 0.0;
+    for (i, kind) in MAPS.into_iter().enumerate() {
+        let (Some(a), Some(b)) = (&profiles[i], profile(held_out, kind, axis)) else { continue };
+        let of = all.under_law_of(seen[i].as_ref());
+        for ((seam, a), b) in seams.iter_mut().zip(of.sizes(a)).zip(of.sizes(&b)) {
+            let apart = (a.value - b.value).abs();
+            let again = apart < AGREES.0 * a.se.hypot(b.se)
+                && b.value * a.value.signum() > AGREES.1 * a.value.abs();
+            if again && a.z().abs() > TOLD {
+                seam.steps[i] = Estimated { value: (a.value + b.value) / 2.0, se: a.se };
+                held += b.z().powi(2);
+            }
+        }
+    }
+    seams.retain(|s| s.steps.iter().any(|e| e.value != 0.0));
+    if seams.is_empty() {
+        return None;
+    }
+    let lines = profiles.iter().flatten().map(Vec::len).next()?;
+    let mut taps = Taps { axis, lines, seams, reference: 0, evidence: [all.evidence, held] };
+    taps.reference = taps.fits_best(fit);
+    Some(taps)
+}
+
+impl Taps {
+    /// The part of a line.
+    fn part(&self, line: usize) -> usize {
+        self.seams.iter().take_while(|s| s.at <= line).count()
+    }
+
+    /// Level of a part in a map, over the mean of all lines.
+    fn level(&self, map: usize, part: usize) -> f64 {
+        let before = |to: usize| self.seams[..to].iter().map(|s| s.steps[map].value).sum::<f64>();
+        let starts = self.seams.iter().map(|s| s.at);
+        let ends = starts.clone().skip(1).chain([self.lines]);
+        let parts = starts.zip(ends).enumerate();
+        let sum: f64 = parts.map(|(i, (from, to))| before(i + 1) * (to - from) as f64).sum();
+        before(part) - sum / self.lines as f64
+    }
+
+    /// Gain of a part, over the mean of all.
+    fn gain(&self, part: usize) -> f64 {
+        1.0 + self.level(0, part)
+    }
+
+    /// The part whose gain, and else whose offset, is nearest to the camera file's: one amplifier
+    /// that is off is likelier than all but one.
+    fn fits_best(&self, view: &View<'_>) -> usize {
+        let Some(dark) = maps::reference_dark(view.design) else { return 0 };
+        let black = view.stacks[dark].level();
+        let (mut measured, mut predicted) = (0.0, 0.0);
+        for i in view.stacks_of(Role::Flat) {
+            let c = &view.design.conditions[i];
+            if c.level_known {
+                measured += (view.stacks[i].level() - black) / view.gain(i);
+                predicted += c.photo_e.iter().sum::<f64>() / c.photo_e.len().max(1) as f64;
+            }
+        }
+        let has = |map: usize| self.seams.iter().any(|s| s.steps[map].value != 0.0);
+        let (map, mean) = match (has(0) && predicted > 0.0, has(1)) {
+            (true, _) => (0, measured / predicted - 1.0),
+            (_, true) => (1, (black - view.camera.sensor.black_level_dn) / view.gain(dark)),
+            _ => return 0,
+        };
+        let off = |part: usize| (mean + self.level(map, part)).abs();
+        (0..=self.seams.len()).min_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0)
+    }
+}
+
+impl Shape for Taps {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        let Some(dark) = maps::reference_dark(design) else { return };
+        let shortest = design.conditions[dark].stack.exposure_s;
+        let black = camera.sensor.black_level_dn;
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let k = gain(camera, c);
+            let line = |x: usize, y: usize| match self.axis {
+                Axis::Columns => x,
+                Axis::Rows => y,
+            };
+            let changes: Vec<(f64, f64)> = (0..=self.seams.len())
+                .map(|part| {
+                    let of = |map| self.level(map, part) - self.level(map, self.reference);
+                    let more = of(1) + of(2) * (c.stack.exposure_s - shortest);
+                    (k * more, self.gain(self.reference) / self.gain(part))
+                })
+                .collect();
+            let width = t.width;
+            let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
+            let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
+            for (i, ((v, lag), (third, fourth))) in second.zip(higher).enumerate() {
+                let factor = changes[self.part(line(i % width, i / width))].1 as f32;
+                let square = factor * factor;
+                *v *= square;
+                *lag *= square;
+                *third *= square * factor;
+                *fourth *= square * square;
+            }
+            change_mean(camera, t, &|x, y, v| {
+                let (more, factor) = changes[self.part(line(x, y))];
+                black + (v - black - more) * factor
+            });
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        (1..=self.seams.len()).map(|part| self.finding(part)).collect()
+    }
+}
+
+impl Taps {
+    /// The seam before a part.
+    fn finding(&self, part: usize) -> Finding {
+        let (line, key) = match self.axis {
+            Axis::Columns => ("column", "first_column"),
+            Axis::Rows => ("row", "first_row"),
+        };
+        let seam = &self.seams[part - 1];
+        let [gain, offset, dark] = seam.steps;
+        let ratio = Estimated { value: self.gain(part) / self.gain(part - 1), se: gain.se };
+        let first = Estimated { value: seam.at as f64, se: f64::NAN };
+        let mut parameters = vec![(key, first)];
+        let mut said = Vec::new();
+        if gain.value != 0.0 {
+            said.push(format!("gain ratio {}", number(ratio)));
+            parameters.push(("gain_ratio", ratio));
+        }
+        if offset.value != 0.0 {
+            said.push(format!("offset {} e⁻", number(offset)));
+            parameters.push(("offset_e", offset));
+        }
+        if dark.value != 0.0 {
+            said.push(format!("dark current {} e⁻/s", number(dark)));
+            parameters.push(("dark_current_e_per_s", dark));
+        }
+        let domain = match seam.steps.map(|e| e.value != 0.0) {
+            [true, ..] => Domain::Gain,
+            [_, true, _] => Domain::Offset,
+            _ => Domain::Dark,
+        };
+        Finding {
+            domain,
+            form: Form::Seam,
+            dependence: Dependence {
+                exposure: f64::from(u8::from(domain == Domain::Dark)),
+                signal: f64::from(u8::from(domain == Domain::Gain)),
+            },
+            parameters,
+            evidence: self.evidence,
+            description: format!(
+                "a seam between two parts of the sensor with amplifiers of their own (taps), at \
+                 {line} {}, the first of the second part: {} against the part before",
+                seam.at,
+                said.join(", ")
+            ),
+        }
+    }
+}

@@ -1,0 +1,370 @@
+//! Noise that follows itself from pixel to pixel along rows (an amplifier too slow for the pixel
+//! rate) or down columns (a column's amplifier that remembers), alike in the dark and in light.
+//!
+//! The power of the residuals over frequency, mean over the other axis, is W + A S(r), S the
+//! expected periodogram of r^|Δ| over a line of n pixels: Σ (1 − |Δ|/n) r^|Δ| cos(2πkΔ/n), exact at
+//! all frequencies but 0, which the residuals do not have. By Whittle's likelihood (1953), W of
+//! each stack free, r and A common.
+
+use super::finding::{Finding, number};
+use super::view::{View, gain};
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::{Estimated, pooled};
+use crate::numerics::minimise::minimum;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::median::median;
+use camrig_camera::Camera;
+use camrig_captures::Role;
+use std::f64::consts::{SQRT_2, TAU};
+
+/// Correlations tried: from noise that alternates to one that hardly changes over a frame.
+const CORRELATIONS: (f64, f64) = (-0.5, 0.975);
+/// Correlations tried, equally apart.
+const TRIED: usize = 119;
+/// Half of the band about 0 that is left out: such a correlation of neighbours alone is white
+/// noise to the accuracy of its amount.
+const NONE: f64 = 0.03;
+/// A bin is clipped at so many standard deviations of white noise: lines are no continuum.
+const CLIP: f64 = 6.0;
+/// Standard errors, and factor, by which the amount in flats may pass that in the dark.
+const GROWS: (f64, f64) = (5.0, 1.5);
+/// Correlation from which a length says more than the correlation itself: over 1.4 pixels.
+const LONG: f64 = 0.5;
+/// Share of the evidence that the held-out frames must give.
+const HELD_OUT: f64 = 0.25;
+/// Frequencies without which a line tells nothing.
+const LEAST_BINS: usize = 8;
+/// Turns of the golden section: 5·10⁻⁴ of the range.
+const TURNS: usize = 16;
+/// Passes in which the weights of a fit settle.
+const PASSES: usize = 4;
+/// Standard errors of the free fit within which that with known white noise is sought.
+const KNOWN_WITHIN: f64 = 8.0;
+/// Standard errors from which the held-out frames show it.
+const SEEN_AGAIN: f64 = 4.0;
+
+/// Noise that follows itself.
+pub(super) struct Serial {
+    /// Whether along rows; down columns otherwise.
+    along_rows: bool,
+    correlation: Estimated,
+    amount_e: Estimated,
+    /// Pixels of a line.
+    length: usize,
+    /// Whether it is noise beside the model's read noise, rather than the way that this follows
+    /// itself.
+    beside: bool,
+    evidence: [f64; 2],
+}
+
+/// Power of a stack over the frequency along one axis, e², and how many bins each is the mean of.
+struct Spectrum {
+    power: Vec<f64>,
+    bins: f64,
+    length: usize,
+    flat: bool,
+    /// What dark charge and rounding give, e².
+    white: f64,
+}
+
+/// Serial correlations that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found: Vec<Serial> =
+        [true, false].into_iter().filter_map(|rows| of(rows, fit, held_out)).collect();
+    found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
+}
+
+fn spectra(view: &View<'_>, along_rows: bool) -> Vec<Spectrum> {
+    let of = |(i, t): (usize, &Temporal)| {
+        let power = t.power.as_ref()?;
+        let (w, h) = (t.width, t.height);
+        let unit = view.gain(i).powi(2);
+        let columns = w / 2 + 1;
+        let at = |x: usize, y: usize| f64::from(power[y * columns + x]) / unit;
+        let inner = 1..w.div_ceil(2);
+        let (length, power, bins): (usize, Vec<f64>, usize) = if along_rows {
+            let of = |x: usize| clipped_mean((1..h).map(|y| at(x, y)).collect(), t.dof);
+            (w, inner.map(of).collect(), h - 1)
+        } else {
+            // Both signs of a frequency.
+            let both = |x, y| [at(x, y), at(x, h - y)];
+            let of =
+                |y: usize| clipped_mean(inner.clone().flat_map(|x| both(x, y)).collect(), t.dof);
+            (h, (1..h.div_ceil(2)).map(of).collect(), 2 * inner.len())
+        };
+        let c = &view.design.conditions[i].stack;
+        let flat = c.role == Role::Flat;
+        let dark = view.camera.sensor.noise.dark_current_e_per_s * c.exposure_s;
+        let white = dark + 1.0 / (12.0 * unit);
+        Some(Spectrum { power, bins: bins as f64 * t.dof, length, flat, white })
+    };
+    view.stacks.iter().enumerate().filter_map(of).collect()
+}
+
+/// Mean of powers over `dof` frames, those clipped that stand out from their middle: a line is no
+/// continuum.
+fn clipped_mean(mut powers: Vec<f64>, dof: f64) -> f64 {
+    let middle = median(&mut powers, f64::total_cmp);
+    let limit = middle * (1.0 + CLIP / dof.max(1.0).sqrt());
+    powers.iter().map(|p| p.min(limit)).sum::<f64>() / powers.len().max(1) as f64
+}
+
+/// The expected periodogram of r^|Δ| at frequencies 1 to `bins`.
+fn periodogram(r: f64, length: usize, bins: usize) -> Vec<f64> {
+    let n = length as f64;
+    let of = |k: usize| {
+        let mut sum = 1.0;
+        let mut power = 1.0;
+        for d in 1..length {
+            power *= r;
+            if f64::abs(power) < 1e-9 {
+                break;
+            }
+            let d = d as f64;
+            sum += 2.0 * (1.0 - d / n) * power * (TAU * k as f64 * d / n).cos();
+        }
+        sum
+    };
+    (1..=bins).map(of).collect()
+}
+
+/// Variance of the mean of a line of noise r^|Δ| over that of a pixel.
+fn of_mean(r: f64, length: usize) -> f64 {
+    let n = length as f64;
+    let pairs = (1..length).map(|d| 2.0 * (1.0 - d as f64 / n) * r.powi(d as i32));
+    (1.0 + pairs.sum::<f64>()) / n
+}
+
+/// A of a spectrum under a shape, and twice the gain in log-likelihood over W alone.
+struct Fit {
+    amount: Estimated,
+    gain: f64,
+}
+
+fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
+    let n = s.power.len() as f64;
+    let flat = s.power.iter().sum::<f64>() / n;
+    let (mut white, mut amount, mut se) = (flat, 0.0, f64::NAN);
+    // Weights of the fitted spectrum: four passes settle them.
+    for _ in 0..PASSES {
+        let [mut one, mut x, mut xx, mut y, mut xy] = [0.0; 5];
+        for (p, s1) in s.power.iter().zip(shape) {
+            let expected = (white + amount * s1).max(0.02 * flat);
+            let weight = s.bins / (expected * expected);
+            one += weight;
+            x += weight * s1;
+            xx += weight * s1 * s1;
+            y += weight * p;
+            xy += weight * s1 * p;
+        }
+        let determinant = one * xx - x * x;
+        amount = ((one * xy - x * y) / determinant).max(0.0);
+        se = (one / determinant).sqrt();
+        white = (y - amount * x) / one;
+    }
+    let twice = |expected: f64, p: f64| 2.0 * s.bins * (expected.ln() + p / expected);
+    let gain = s
+        .power
+        .iter()
+        .zip(shape)
+        .map(|(&p, s1)| twice(flat, p) - twice((white + amount * s1).max(0.02 * flat), p));
+    Fit { amount: Estimated { value: amount, se }, gain: gain.sum() }
+}
+
+/// The correlation of darks that is likeliest, or nothing where chance gives it or the held-out
+/// frames do not.
+fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
+    let (bins, length) = (a.first()?.power.len(), a.first()?.length);
+    let (from, to) = CORRELATIONS;
+    let step = (to - from) / (TRIED - 1) as f64;
+    let all = (0..TRIED).map(|i| from + step * i as f64);
+    let tried: Vec<f64> = all.filter(|r| r.abs() > NONE).collect();
+    let gain = |spectra: &[Spectrum], r: f64| {
+        let shape = periodogram(r, length, bins);
+        spectra.iter().filter(|s| !s.flat).map(|s| fit(s, &shape).gain).sum::<f64>()
+    };
+    let gains: Vec<f64> = tried.iter().map(|&r| gain(a, r)).collect();
+    let best = (0..tried.len()).max_by(|&i, &j| gains[i].total_cmp(&gains[j]))?;
+    // χ² of two degrees of freedom on two axes, and Schwarz's ln n for each of the two.
+    let samples = a.iter().filter(|s| !s.flat).map(|s| s.bins * bins as f64).sum::<f64>();
+    let limit = 2.0 * (samples.ln() - (FALSE_ALARMS / 2.0).ln());
+    let held = gain(b, tried[best]);
+    if gains[best] < limit || held < HELD_OUT * gains[best] {
+        return None;
+    }
+    let (low, high) = (tried[best] - step, tried[best] + step);
+    let r = minimum(low, high, TURNS, |r| -gain(a, r) - gain(b, r));
+    let within = tried.iter().zip(&gains).filter(|(_, g)| **g > gains[best] - 1.0);
+    let (low, high) = within.fold((r, r), |(l, h), (r, _)| (l.min(*r), h.max(*r)));
+    // Of both halves together.
+    let se = ((high - low) / 2.0).max(step / 4.0) / SQRT_2;
+    Some((Estimated { value: r, se }, [gains[best], held]))
+}
+
+/// Correlation and amount where nothing but dark charge and rounding is white: much better known
+/// than beside white noise of any amount.
+fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estimated) {
+    let length = spectra[0].length;
+    let bins = spectra[0].power.len();
+    // Twice the negative log-likelihood, and the amount with its standard error.
+    let of = |r: f64| {
+        let shape = periodogram(r, length, bins);
+        let mut amount = Estimated { value: 0.0, se: f64::NAN };
+        for _ in 0..PASSES {
+            let (mut xx, mut xy) = (0.0, 0.0);
+            for s in spectra {
+                for (p, x) in s.power.iter().zip(&shape) {
+                    let fitted = s.white + amount.value * x;
+                    let expected = if amount.value > 0.0 { fitted } else { *p };
+                    let weight = s.bins / (expected * expected);
+                    xx += weight * x * x;
+                    xy += weight * x * (p - s.white);
+                }
+            }
+            amount = Estimated { value: (xy / xx).max(0.0), se: xx.sqrt().recip() };
+        }
+        let cost = spectra.iter().flat_map(|s| {
+            s.power.iter().zip(&shape).map(|(p, x)| {
+                let expected = (s.white + amount.value * x).max(1e-9);
+                2.0 * s.bins * (expected.ln() + p / expected)
+            })
+        });
+        (cost.sum::<f64>(), amount)
+    };
+    let reach = KNOWN_WITHIN * near.se;
+    let r = minimum(near.value - reach, near.value + reach, TURNS, |r| of(r).0);
+    let (cost, amount) = of(r);
+    // Curvature of the log-likelihood: it rises by (d/se)² over a distance d.
+    let d = near.se / 2.0;
+    let rise = ((of(r - d).0 + of(r + d).0) / 2.0 - cost).max(1e-9);
+    (Estimated { value: r, se: d / rise.sqrt() }, amount)
+}
+
+fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
+    let (a, b) = (spectra(fit_view, along_rows), spectra(held_out, along_rows));
+    let (bins, length) = (a.first()?.power.len(), a.first()?.length);
+    if bins < LEAST_BINS || !a.iter().any(|s| !s.flat) {
+        return None;
+    }
+    let (correlation, evidence) = likeliest(&a, &b)?;
+    let shape = periodogram(correlation.value, length, bins);
+    let amount = |spectra: &[Spectrum], flat: bool| {
+        pooled(spectra.iter().filter(|s| s.flat == flat).map(|s| fit(s, &shape).amount))
+    };
+    let again = amount(&b, false)?;
+    let both = pooled([amount(&a, false)?, again])?;
+    if again.z() < SEEN_AGAIN {
+        return None;
+    }
+    // What grows with the light is charge or light that is shared, or frames that were processed.
+    if let Some(light) = pooled([amount(&a, true), amount(&b, true)].into_iter().flatten()) {
+        let more = light.value - both.value;
+        if more > GROWS.0 * light.se.hypot(both.se) && light.value > GROWS.1 * both.value {
+            return None;
+        }
+    }
+    let reference = maps::reference_dark(fit_view.design)?;
+    let variance =
+        mean(&fit_view.stacks[reference].pixel_variance) / fit_view.gain(reference).powi(2);
+    let predicted = fit_view.predicted((Place::Stack(reference), What::Variance(0)));
+    let predicted = predicted.map_or(variance, |v| v / fit_view.gain(reference).powi(2));
+    let beside = variance - predicted > both.value / 2.0;
+    let (correlation, both) = if beside {
+        (correlation, both)
+    } else {
+        let darks: Vec<&Spectrum> = a.iter().chain(&b).filter(|s| !s.flat).collect();
+        with_known_white(&darks, correlation)
+    };
+    let sigma = both.value.sqrt();
+    Some(Serial {
+        along_rows,
+        length,
+        correlation,
+        amount_e: Estimated { value: sigma, se: both.se / (2.0 * sigma) },
+        beside,
+        evidence,
+    })
+}
+
+impl Shape for Serial {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        if !self.beside {
+            return;
+        }
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            // Without what the mean of its line has.
+            let mean_of_line = of_mean(self.correlation.value, self.length);
+            let share = 1.0 - mean_of_line;
+            let more = share * self.amount_e.value.powi(2) * gain(camera, c).powi(2);
+            let all = mean(&t.pixel_variance);
+            let ratio = ((all - more) / all.max(1e-12)).max(0.0) as f32;
+            t.pixel_variance.iter_mut().for_each(|v| *v *= ratio);
+            t.pixel_lag.iter_mut().for_each(|v| *v *= ratio);
+            t.pixel_third.iter_mut().for_each(|v| *v *= ratio.powf(1.5));
+            t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
+        }
+    }
+
+    fn sets_aside(&self, _: &Design, (place, what): &Key) -> bool {
+        let correlated = matches!(
+            what,
+            What::Covariance(_)
+                | What::BlockVariance
+                | What::PlanePeak
+                | What::NoiseBlocks
+                | What::FrameVariance
+                | What::RowVariance
+                | What::RowLag
+                | What::RowSlow
+                | What::RowPeak
+                | What::ColumnVariance
+                | What::ColumnSlow
+                | What::ColumnPeak
+        );
+        match place {
+            Place::Stack(_) => correlated,
+            // What is left of it in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            _ => false,
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let (along, lines) = match self.along_rows {
+            true => ("along the row", "columns"),
+            false => ("down the column", "rows"),
+        };
+        let r = self.correlation;
+        let mut parameters = vec![("correlation", r), ("sigma_e", self.amount_e)];
+        let reach = if r.value > LONG {
+            let length = -1.0 / r.value.ln();
+            // dL/dr = L²/r.
+            let length = Estimated { value: length, se: r.se * length * length / r.value };
+            parameters
+                .push((if self.along_rows { "length_columns" } else { "length_rows" }, length));
+            format!("with a length of {} {lines} (to 1/e)", number(length))
+        } else {
+            format!("correlation {} from pixel to pixel", number(r))
+        };
+        let whose = match self.beside {
+            true => format!("{} e⁻ beside the read noise", number(self.amount_e)),
+            false => format!("the read noise itself, {} e⁻", number(self.amount_e)),
+        };
+        let what = if self.along_rows { "an amplifier" } else { "a column's amplifier" };
+        vec![Finding {
+            domain: Domain::Temporal,
+            form: Form::Correlation,
+            dependence: Dependence { exposure: 0.0, signal: 0.0 },
+            parameters,
+            evidence: self.evidence,
+            description: format!(
+                "serial noise that follows itself {along}: {whose}, {reach}, alike in the dark and \
+                 in light ({what} that remembers the pixel before)",
+            ),
+        }]
+    }
+}

@@ -1,0 +1,298 @@
+//! Two gains in one sample: above a signal a second amplifier with more noise and a slightly other
+//! gain takes over, chosen pixel by pixel.
+//!
+//! The variance of the flats beside what the model predicts is a + b x + c [x above the step], the
+//! signal over the light 1 + a' + b'/x + d [x above the step]. A smooth law, x^e in place of the
+//! step, stands against it. The step is known between the samples of two levels only.
+
+use super::finding::{Finding, number};
+use super::view::{View, gain};
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
+use crate::statistics::noise::frame_variance;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+use nalgebra::{DMatrix, DVector};
+
+/// Flats without which no step is told from a smooth law.
+const LEAST_FLATS: usize = 5;
+/// Exponents of the smooth law.
+const EXPONENTS: [f64; 8] = [0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0];
+/// Relative scatter of the light that is allowed where the flats do not show more: that of a
+/// stabilised lamp with a calibrated photodiode (EMVA 1288).
+const LIGHT: f64 = 1e-4;
+/// Standard errors from which the held-out frames show it, and from which a ratio of gains is told.
+const SEEN_AGAIN: f64 = 4.0;
+/// Share of a stack's samples left out at each end for the range of its samples.
+const ENDS: f64 = 1e-4;
+
+/// A step of the response.
+pub(super) struct Stitch {
+    /// Levels of the flats on either side, e⁻.
+    levels_e: [f64; 2],
+    /// Their ids.
+    ids: [String; 2],
+    /// Highest sample of the first and lowest of the second, e⁻, and DN.
+    open_e: [f64; 2],
+    open_dn: [f64; 2],
+    /// Noise that is added above it, e⁻.
+    more_e: Estimated,
+    /// Gain above it over that below; 1 where none is told.
+    ratio: Estimated,
+    evidence: [f64; 2],
+}
+
+/// A flat or dark as measured, e⁻.
+struct Level {
+    stack: usize,
+    /// Signal as predicted.
+    signal: f64,
+    flat: bool,
+    /// Variance beside the prediction, e².
+    excess: Estimated,
+    /// Predicted variance, e².
+    predicted: f64,
+    /// Measured over predicted signal, less 1.
+    ratio: Estimated,
+}
+
+/// The step that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let found = stitch(fit, held_out);
+    found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
+}
+
+/// Stacks by signal; none without flats of known light in one channel.
+fn levels(view: &View<'_>) -> Option<Vec<Level>> {
+    let dark = maps::reference_dark(view.design)?;
+    let black = view.stacks[dark].level();
+    if view.camera.sensor.channel_names.len() > 1 {
+        return None;
+    }
+    let mut out = Vec::new();
+    for (i, (c, t)) in view.design.conditions.iter().zip(view.stacks).enumerate() {
+        let flat = c.stack.role == Role::Flat;
+        if flat && (!c.level_known || saturated(t) > SATURATED_FLAT) {
+            continue;
+        }
+        let k = view.gain(i);
+        let predicted = view.predicted((Place::Stack(i), What::Variance(0)))? / (k * k);
+        let variance = mean(&t.pixel_variance) / (k * k);
+        let n = t.pixel_variance.len() as f64;
+        let signal = c.photo_e.first().copied().unwrap_or(0.0);
+        let measured = (t.level() - black) / k;
+        let frames = frame_variance(t) / (k * k);
+        let se = ((variance / n).max(frames) / t.frames as f64).sqrt();
+        out.push(Level {
+            stack: i,
+            signal,
+            flat,
+            excess: Estimated {
+                value: variance - predicted,
+                se: variance * (2.0 / (t.dof * n)).sqrt(),
+            },
+            predicted,
+            ratio: Estimated {
+                value: measured / signal.max(1e-9) - 1.0,
+                se: (se / signal.max(1e-9)).hypot(LIGHT),
+            },
+        });
+    }
+    out.sort_by(|a, b| a.signal.total_cmp(&b.signal));
+    (out.iter().filter(|l| l.flat).count() >= LEAST_FLATS).then_some(out)
+}
+
+/// Weighted least squares: the last coefficient with its standard error, and χ².
+fn least_squares(columns: &[Vec<f64>], y: &[Estimated]) -> Option<(Estimated, f64)> {
+    let a = DMatrix::from_fn(y.len(), columns.len(), |i, j| columns[j][i] / y[i].se);
+    let b = DVector::from_fn(y.len(), |i, _| y[i].value / y[i].se);
+    let inverse = (a.transpose() * &a).try_inverse()?;
+    let x = &inverse * a.transpose() * &b;
+    let rest = (&b - &a * &x).norm_squared();
+    let last = columns.len() - 1;
+    Some((Estimated { value: x[last], se: inverse[(last, last)].sqrt() }, rest))
+}
+
+/// Columns of the laws of the variance: constant, in proportion to the signal, and one more.
+fn of_variance(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
+    let top = levels.last()?.signal;
+    let one = vec![1.0; levels.len()];
+    let x: Vec<f64> = levels.iter().map(|l| l.signal / top).collect();
+    let y: Vec<Estimated> = levels.iter().map(|l| l.excess).collect();
+    least_squares(&[one, x, more], &y)
+}
+
+/// 1 from a level on.
+fn above(levels: &[Level], from: usize) -> Vec<f64> {
+    (0..levels.len()).map(|i| f64::from(u8::from(i >= from))).collect()
+}
+
+fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
+    let (a, b) = (levels(fit)?, levels(held_out)?);
+    if a.len() != b.len() {
+        return None;
+    }
+    let top = a.last()?.signal;
+    let flats: Vec<usize> = (0..a.len()).filter(|&i| a[i].flat).collect();
+    // Levels on both sides: two below, and one above.
+    let steps = flats.iter().copied().skip(2);
+    let (at, (more, chi)) = steps
+        .filter_map(|at| Some((at, of_variance(&a, above(&a, at))?)))
+        .min_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
+    let smooth = |levels: &[Level]| {
+        let of = |e: &f64| {
+            let x = levels.iter().map(|l| (l.signal / top).powf(*e)).collect();
+            Some(of_variance(levels, x)?.1)
+        };
+        EXPONENTS.iter().filter_map(of).fold(f64::INFINITY, f64::min)
+    };
+    let (again, held) = of_variance(&b, above(&b, at))?;
+    let evidence = [smooth(&a) - chi, smooth(&b) - held];
+    // χ² of one degree of freedom for the best of so many levels, scaled by what the step leaves.
+    let left = (chi / (a.len() as f64 - 3.0)).max(1.0);
+    let limit = 2.0 * left * (flats.len() as f64 / FALSE_ALARMS).ln();
+    if evidence[0] < limit || more.value < 0.0 || again.z() < SEEN_AGAIN || evidence[1] < 0.0 {
+        return None;
+    }
+    // The gain above, beside a free gain and offset.
+    let of_gain = |levels: &[Level], from: usize| {
+        let own: Vec<&Level> = levels.iter().filter(|l| l.flat).collect();
+        let one = vec![1.0; own.len()];
+        let offset = own.iter().map(|l| top / l.signal).collect();
+        let step = own.iter().map(|l| f64::from(u8::from(l.signal >= levels[from].signal)));
+        let y: Vec<Estimated> = own.iter().map(|l| l.ratio).collect();
+        let (d, chi) = least_squares(&[one, offset, step.collect()], &y)?;
+        let scatter = (chi / (own.len() as f64 - 3.0).max(1.0)).sqrt().max(1.0);
+        Some(Estimated { se: d.se * scatter, ..d })
+    };
+    let (d, d2) = (of_gain(&a, at)?, of_gain(&b, at)?);
+    let told = d.z().abs() > SEEN_AGAIN && d2.z() * d.value.signum() > SEEN_AGAIN / 2.0;
+    let ratio = match told {
+        true => Estimated { value: 1.0 + (d.value + d2.value) / 2.0, se: d.se / 2f64.sqrt() },
+        false => Estimated { value: 1.0, se: f64::NAN },
+    };
+    let more_e = added(&[&a, &b], at, ratio.value)?;
+    let (below, over) = (&a[at - 1], &a[at]);
+    let id = |l: &Level| fit.design.conditions[l.stack].stack.id.clone();
+    let dark = maps::reference_dark(fit.design)?;
+    let black = fit.stacks[dark].level();
+    let open_dn =
+        [quantile(&fit.stacks[below.stack], 1.0 - ENDS), quantile(&fit.stacks[over.stack], ENDS)];
+    Some(Stitch {
+        levels_e: [below.signal, over.signal],
+        ids: [id(below), id(over)],
+        open_e: [
+            (open_dn[0] - black) / fit.gain(below.stack),
+            (open_dn[1] - black) / fit.gain(over.stack),
+        ],
+        open_dn,
+        more_e,
+        ratio,
+        evidence,
+    })
+}
+
+/// Noise that is added above the step, where the gain there is `ratio` times that below.
+fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
+    let mut found = Vec::new();
+    for levels in halves {
+        let (below, over) = levels.split_at(at);
+        // A slope of the variance, of a gain that the model has wrong, is that of the levels below.
+        let top = below.last()?.signal.max(1e-9);
+        let one = vec![1.0; below.len()];
+        let x: Vec<f64> = below.iter().map(|l| l.signal / top).collect();
+        let y: Vec<Estimated> = below.iter().map(|l| l.excess).collect();
+        let (slope, _) = least_squares(&[one, x], &y)?;
+        let slope = if slope.z().abs() > SEEN_AGAIN { slope.value / top } else { 0.0 };
+        found.extend(over.iter().map(|l| {
+            let own = l.predicted + slope * l.signal;
+            let variance = l.excess.value + l.predicted;
+            Estimated { value: variance - ratio * ratio * own, se: l.excess.se }
+        }));
+    }
+    let variance = crate::evidence::pooled(found)?;
+    let sigma = variance.value.max(0.0).sqrt();
+    (sigma > 0.0).then(|| Estimated { value: sigma, se: variance.se / (2.0 * sigma) })
+}
+
+/// The code below which a share of a stack's samples lies, DN.
+fn quantile(t: &Temporal, share: f64) -> f64 {
+    let total: f64 = t.histogram.iter().map(|&n| f64::from(n)).sum();
+    let mut sum = 0.0;
+    let at = t.histogram.iter().position(|&n| {
+        sum += f64::from(n);
+        sum >= share * total
+    });
+    at.unwrap_or(0) as f64
+}
+
+impl Shape for Stitch {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        let Some(dark) = maps::reference_dark(design) else { return };
+        let black = stacks[dark].level();
+        let middle = (self.levels_e[0] + self.levels_e[1]) / 2.0;
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let k = gain(camera, c);
+            if (t.level() - black) / k < middle {
+                continue;
+            }
+            let r = self.ratio.value;
+            super::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
+            let old = mean(&t.pixel_variance);
+            let new = (old - (k * self.more_e.value).powi(2)).max(0.0) / (r * r);
+            let ratio = new / old.max(1e-12);
+            let by = |v: &mut [f32], f: f64| v.iter_mut().for_each(|x| *x *= f as f32);
+            by(&mut t.pixel_variance, ratio);
+            by(&mut t.pixel_lag, ratio);
+            by(&mut t.pixel_third, ratio.powf(1.5));
+            by(&mut t.pixel_fourth, ratio * ratio);
+            t.row_power.iter_mut().chain(&mut t.column_power).for_each(|p| *p *= ratio);
+            t.row_lag *= ratio;
+            t.block_variance *= ratio;
+            t.covariance.iter_mut().for_each(|c| *c *= ratio);
+        }
+    }
+
+    fn sets_aside(&self, _: &Design, (place, _): &Key) -> bool {
+        // The map of how the response bends has the noise above the step.
+        *place == Place::Map(MapKind::Curvature)
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let [low, high] = self.open_e;
+        let [low_dn, high_dn] = self.open_dn;
+        let [first, second] = &self.ids;
+        let known = |value| Estimated { value, se: f64::NAN };
+        let ratio = match self.ratio.se.is_finite() {
+            true => format!(" and the gain is {} times that below", number(self.ratio)),
+            false => " with the same gain".into(),
+        };
+        let mut parameters = vec![
+            ("above_e", known(low)),
+            ("below_e", known(high)),
+            ("read_noise_more_e", self.more_e),
+        ];
+        if self.ratio.se.is_finite() {
+            parameters.push(("gain_ratio", self.ratio));
+        }
+        vec![Finding {
+            domain: Domain::Response,
+            form: Form::SignalStep,
+            dependence: Dependence { exposure: 0.0, signal: 0.0 },
+            parameters,
+            evidence: self.evidence,
+            description: format!(
+                "a step of the response (two gains in one sample) between {low:.0} and {high:.0} \
+                 e⁻ ({low_dn:.0} and {high_dn:.0} DN), where neither {first} nor {second} has \
+                 samples: above it there are {} e⁻ of noise more{ratio}; a flat between the two \
+                 would tell the place",
+                number(self.more_e),
+            ),
+        }]
+    }
+}

@@ -1,0 +1,126 @@
+//! The moments of a half as shapes are sought in them, and how a shape is taken out of them.
+
+use crate::data::channels::Channels;
+use crate::data::design::{Condition, Design};
+use crate::model::effects::dn_per_e;
+use crate::model::prediction::Prediction;
+use crate::statistics::maps::{self, Map, MapKind};
+use crate::statistics::statistic::Key;
+use crate::statistics::temporal::Temporal;
+use camrig_base::Plane;
+use camrig_base::median::{SD_PER_MAD, median};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+
+/// Values are clipped at this many robust standard deviations, so that single pixels decide
+/// nothing; a normal law loses 1.2·10⁻⁴ of its variance.
+const CLIP: f64 = 4.0;
+
+/// Maps of the dark frames' means, in which noise of the voltage is left.
+pub(super) const IN_THE_DARK: [MapKind; 3] =
+    [MapKind::Offset, MapKind::DarkCurrent, MapKind::AfterLight];
+
+/// The moments of one half.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub camera: &'a Camera,
+    pub design: &'a Design,
+    pub stacks: &'a [Temporal],
+    pub maps: &'a [Map],
+    /// What the model as given predicts.
+    pub prediction: Option<&'a Prediction>,
+}
+
+impl<'a> View<'a> {
+    /// The map of a kind, where the set has it.
+    pub fn plane(&self, kind: MapKind) -> Option<&'a Plane<f32>> {
+        self.maps.iter().find(|m| m.kind == kind).map(|m| &m.plane)
+    }
+
+    /// System gain of a stack, DN/e⁻.
+    pub fn gain(&self, stack: usize) -> f64 {
+        gain(self.camera, &self.design.conditions[stack])
+    }
+
+    /// Units of a map in which shapes are told, per unit of the map: e⁻ for the offset's DN.
+    pub fn unit(&self, kind: MapKind) -> f64 {
+        match (kind, maps::reference_dark(self.design)) {
+            (MapKind::Offset, Some(dark)) => 1.0 / self.gain(dark),
+            _ => 1.0,
+        }
+    }
+
+    /// What the model as given predicts for a statistic.
+    pub fn predicted(&self, key: Key) -> Option<f64> {
+        Some(self.prediction?.of.get(&key)?.value)
+    }
+
+    /// Indices of the stacks of a role.
+    pub fn stacks_of(&self, role: Role) -> impl Iterator<Item = usize> + 'a {
+        let conditions = self.design.conditions.iter().enumerate();
+        conditions.filter(move |(_, c)| c.stack.role == role).map(|(i, _)| i)
+    }
+
+    /// A map less the mean of each channel, clipped.
+    pub fn levelled(&self, plane: &Plane<f32>) -> Plane<f32> {
+        let mut plane = plane.clone();
+        let channels = Channels::new(self.camera);
+        let middles = channel_medians(&plane.data, &channels);
+        channels.change(&mut plane.data, &middles, |v, m| v - m);
+        let limit = (CLIP * robust_sd(&plane.data)) as f32;
+        plane.data.iter_mut().for_each(|v| *v = v.clamp(-limit, limit));
+        let means = channels.means(&plane.data);
+        channels.change(&mut plane.data, &means, |v, m| v - m);
+        plane
+    }
+}
+
+/// System gain under a condition, DN/e⁻.
+pub(super) fn gain(camera: &Camera, condition: &Condition) -> f64 {
+    dn_per_e(camera, condition.stack.analog_gain)
+}
+
+/// Robust standard deviation about zero.
+pub(super) fn robust_sd(values: &[f32]) -> f64 {
+    let mut sizes: Vec<f32> = values.iter().map(|v| v.abs()).collect();
+    SD_PER_MAD * f64::from(median(&mut sizes, f32::total_cmp))
+}
+
+/// The median of each channel.
+pub(super) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
+    let mut own = vec![Vec::new(); channels.count()];
+    channels.visit(values, |v, c| own[c].push(v));
+    own.iter_mut().map(|v| f64::from(median(v, f32::total_cmp))).collect()
+}
+
+/// Changes a stack's mean frame, value by column and row. The outermost pixels hold what lies one
+/// repeat of the colour pattern further in and are changed as that is.
+pub(super) fn change_mean(
+    camera: &Camera,
+    t: &mut Temporal,
+    change: &dyn Fn(usize, usize, f64) -> f64,
+) {
+    let pattern = camera.sensor.pattern();
+    let (w, h) = (t.width, t.height);
+    let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));
+    let inside = |i: usize, n: usize, repeat: usize| match i {
+        _ if n <= 2 * repeat => i,
+        0 => repeat,
+        i if i + 1 == n => i - repeat,
+        i => i,
+    };
+    let mut by_row = vec![0.0; h];
+    for (y, row) in t.mean.data.chunks_mut(w).enumerate() {
+        for (x, v) in row.iter_mut().enumerate() {
+            let old = f64::from(*v);
+            let new = change(inside(x, w, across), inside(y, h, down), old);
+            by_row[y] += (new - old) / w as f64;
+            *v = new as f32;
+        }
+    }
+    let level = by_row.iter().sum::<f64>() / h as f64;
+    t.frame_means.iter_mut().for_each(|m| *m += level);
+    for frame in t.row_means.chunks_mut(h) {
+        frame.iter_mut().zip(&by_row).for_each(|(r, b)| *r += (b - level) as f32);
+    }
+}

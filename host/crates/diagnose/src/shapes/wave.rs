@@ -1,0 +1,338 @@
+//! Plane waves that stand still from frame to frame: a clock that beats with the pixel rate and is
+//! locked to the frame.
+//!
+//! The catalogue's `periodic-pattern-noise` has a new phase in each frame, and
+//! `readout-channel-mismatch` repeats every 2, 4 or 8 lines; both are left to it.
+
+use super::finding::{Finding, number};
+use super::view::{View, change_mean, gain};
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::Temporal;
+use camrig_base::Plane;
+use camrig_base::median::median;
+use camrig_camera::Camera;
+use std::f64::consts::{LN_2, PI, TAU};
+
+/// Waves of a map, at most: harmonics and beats of a clock.
+const MOST_WAVES: usize = 8;
+/// Maps that are searched.
+const MAPS: [MapKind; 3] = [MapKind::Offset, MapKind::DarkCurrent, MapKind::Gain];
+/// Lines after which every pattern of the catalogue repeats: readout channels of 2, 4 or 8 lines,
+/// lattices of 16.
+const CATALOGUED_PERIOD: f64 = 16.0;
+/// Share of a wave's amplitude in the frames to fit that those held out must show, at its phase.
+/// A wave with a new phase in each frame shows one of its own, and passes in one set of eight per
+/// map, before the stacks of each half are asked too.
+const SEEN_AGAIN: f64 = 0.75;
+/// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws of
+/// the catalogue have two, and what is steep at an edge has more.
+const SMOOTH: usize = 4;
+/// Halvings of the step with which a frequency is refined, from a quarter of a bin: 1/65536 of it.
+const HALVINGS: usize = 16;
+
+/// A plane wave a sin(2π(f_x x + f_y y) + φ) in one map.
+pub(super) struct Wave {
+    kind: MapKind,
+    cycles: [Estimated; 2],
+    amplitude: Estimated,
+    phase: f64,
+    /// Decimals of a frequency in words: a tenth of a bin.
+    digits: usize,
+    evidence: [f64; 2],
+}
+
+/// Waves that both halves show.
+pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let mut found: Vec<Box<dyn Shape>> = Vec::new();
+    for kind in MAPS {
+        let (Some(a), Some(b)) = (fit.plane(kind), held_out.plane(kind)) else { continue };
+        let pattern = fit.camera.sensor.pattern();
+        let border = [pattern.width, pattern.height].map(usize::from);
+        let [mut a, mut b] = [fit.levelled(a), held_out.levelled(b)];
+        [&mut a, &mut b].into_iter().for_each(|plane| clear_border(plane, border));
+        for _ in 0..MOST_WAVES {
+            let Some(wave) = strongest(&a, &b, kind, fit.unit(kind), border) else { break };
+            for plane in [&mut a, &mut b] {
+                let w = plane.width;
+                for (i, v) in plane.data.iter_mut().enumerate() {
+                    *v -= (wave.at(i % w, i / w) / fit.unit(kind)) as f32;
+                }
+                clear_border(plane, border);
+            }
+            found.push(Box::new(wave));
+        }
+    }
+    found
+}
+
+/// Sets the outermost pixels, which hold others' moments, to zero.
+fn clear_border(plane: &mut Plane<f32>, [across, down]: [usize; 2]) {
+    let (w, h) = (plane.width, plane.height);
+    for (i, v) in plane.data.iter_mut().enumerate() {
+        let inner = (across..w - across.min(w)).contains(&(i % w))
+            && (down..h - down.min(h)).contains(&(i / w));
+        if !inner {
+            *v = 0.0;
+        }
+    }
+}
+
+/// The strongest wave of a map, if chance does not give it and the held-out frames show it. The
+/// `border` is cleared.
+fn strongest(
+    a: &Plane<f32>,
+    b: &Plane<f32>,
+    kind: MapKind,
+    unit: f64,
+    border: [usize; 2],
+) -> Option<Wave> {
+    let (w, h) = (a.width, a.height);
+    let n = (w.saturating_sub(2 * border[0]) * h.saturating_sub(2 * border[1])) as f64;
+    if n < 1.0 {
+        return None;
+    }
+    let mut power = vec![0.0; h * (w / 2 + 1)];
+    Spectrum2::new(w, h).add(&without_lines(a), &mut power);
+    let background = Background::of(&power, w);
+    let bins = w / 2 + 1;
+    // A bin of white pixels is exponential about its mean, which is its median over ln 2.
+    let limit = (MAPS.len() as f64 * power.len() as f64 / FALSE_ALARMS).ln();
+    let over = |i: usize| f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
+    let searched = |i: &usize| {
+        let fy = (i / bins) as f64 / h as f64;
+        let fx = (i % bins) as f64 / w as f64;
+        i % bins > 1 && (i / bins).min(h - i / bins) > 1 && !is_catalogued(fx, fy, w, h)
+    };
+    let at = (0..power.len()).filter(searched).max_by(|&i, &j| over(i).total_cmp(&over(j)))?;
+    let place = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
+    // In the plane, along rows alone, along columns alone.
+    let [columns, rows] = line_means(a).map(|lines| highest(&lines));
+    let candidates = [
+        (over(at), place, [true, true]),
+        (columns.0, [columns.1, 0.0], [true, false]),
+        (rows.0, [0.0, rows.1], [false, true]),
+    ];
+    let (times, start, free) = candidates.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
+    if times < limit {
+        return None;
+    }
+    let f = refined(a, start, free);
+    let amplitudes = |p| projection(p, f).map(|v| 2.0 * v / n);
+    let [c, s] = amplitudes(a);
+    let [held_c, held_s] = amplitudes(b);
+    let amplitude = c.hypot(s);
+    // Of the held-out frames, at the phase of those to fit.
+    let again = (c * held_c + s * held_s) / amplitude;
+    let other = (c * held_s - s * held_c) / amplitude;
+    if again < SEEN_AGAIN * amplitude || other.abs() > 0.5 * amplitude {
+        return None;
+    }
+    let rest = |p: &Plane<f32>, a: f64| {
+        p.data.iter().map(|&v| f64::from(v).powi(2)).sum::<f64>() / n - a * a / 2.0
+    };
+    let evidence = |p: &Plane<f32>, a: f64| {
+        let left = rest(p, a).max(1e-30);
+        n * (1.0 + a * a / (2.0 * left)).ln()
+    };
+    let variance = rest(a, amplitude).max(0.0);
+    // The mean of both halves: their temporal noise halves, a pattern of pixels does not.
+    let mean = [(c + held_c) / 2.0, (s + held_s) / 2.0];
+    let size = mean[0].hypot(mean[1]);
+    // Cramér-Rao bounds of a sinusoid (Rife & Boorstyn 1974), one dimension at a time.
+    let of_frequency = |side: usize| {
+        let lines = (side * side) as f64 - 1.0;
+        (24.0 * variance / (size * size * n * lines)).sqrt() / TAU
+    };
+    Some(Wave {
+        kind,
+        cycles: [
+            Estimated { value: f[0], se: of_frequency(w) },
+            Estimated { value: f[1], se: of_frequency(h) },
+        ],
+        amplitude: Estimated { value: size * unit, se: (2.0 * variance / n).sqrt() * unit },
+        phase: mean[0].atan2(mean[1]),
+        digits: (w.max(h) as f64).log10().ceil() as usize + 1,
+        evidence: [evidence(a, amplitude), evidence(b, again)],
+    })
+}
+
+/// A frequency between −½ and ½.
+fn signed(f: f64) -> f64 {
+    if f > 0.5 { f - 1.0 } else { f }
+}
+
+/// Whether a frequency is one of patterns that the catalogue has, to a bin.
+fn is_catalogued(fx: f64, fy: f64, w: usize, h: usize) -> bool {
+    let near = |f: f64, n: usize| {
+        let lines = f * CATALOGUED_PERIOD;
+        (lines - lines.round()).abs() / CATALOGUED_PERIOD < 1.0 / n as f64
+    };
+    near(fx, w) && near(fy, h)
+}
+
+/// A map without the means of its rows and columns.
+fn without_lines(map: &Plane<f32>) -> Vec<f32> {
+    let (w, h) = (map.width, map.height);
+    let mut out = map.data.clone();
+    let mut columns = vec![0.0; w];
+    for row in out.chunks_mut(w) {
+        let mean = row.iter().sum::<f32>() / w as f32;
+        row.iter_mut().zip(&mut columns).for_each(|(v, c)| {
+            *v -= mean;
+            *c += *v / h as f32;
+        });
+    }
+    for row in out.chunks_mut(w) {
+        row.iter_mut().zip(&columns).for_each(|(v, c)| *v -= c);
+    }
+    out
+}
+
+/// Sums with cosine and sine at a frequency.
+fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
+    let w = map.width;
+    let columns: Vec<(f64, f64)> = (0..w).map(|x| (TAU * fx * x as f64).sin_cos()).collect();
+    let (mut c, mut s) = (0.0, 0.0);
+    for (y, row) in map.data.chunks(w).enumerate() {
+        let (mut of_cos, mut of_sin) = (0.0, 0.0);
+        for (&v, (sin, cos)) in row.iter().zip(&columns) {
+            of_cos += f64::from(v) * cos;
+            of_sin += f64::from(v) * sin;
+        }
+        let (sin, cos) = (TAU * fy * y as f64).sin_cos();
+        c += of_cos * cos - of_sin * sin;
+        s += of_sin * cos + of_cos * sin;
+    }
+    [c, s]
+}
+
+/// Means of columns and of rows.
+fn line_means(map: &Plane<f32>) -> [Vec<f64>; 2] {
+    let (w, h) = (map.width, map.height);
+    let (mut columns, mut rows) = (vec![0.0; w], vec![0.0; h]);
+    for (row, of_row) in map.data.chunks(w).zip(&mut rows) {
+        for (&v, of_column) in row.iter().zip(&mut columns) {
+            *of_column += f64::from(v) / h as f64;
+            *of_row += f64::from(v) / w as f64;
+        }
+    }
+    [columns, rows]
+}
+
+/// The highest bin of line means that the catalogue has not, over what white lines have: how many
+/// times, and its frequency.
+fn highest(lines: &[f64]) -> (f64, f64) {
+    let n = lines.len();
+    let power = Spectrum::of(lines);
+    let middle = median(&mut power.clone(), f64::total_cmp).max(1e-30);
+    let frequency = |i: usize| (i + 1) as f64 / n as f64;
+    let searched = (SMOOTH..power.len()).filter(|&i| !is_catalogued(frequency(i), 0.0, n, n));
+    let of = searched.map(|i| (power[i] / middle * LN_2, frequency(i)));
+    of.fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
+}
+
+/// The frequency near a bin where a map has most power; a frequency that is not `free` stays.
+fn refined(map: &Plane<f32>, start: [f64; 2], free: [bool; 2]) -> [f64; 2] {
+    let power = |f: [f64; 2]| {
+        let [c, s] = projection(map, f);
+        c * c + s * s
+    };
+    let (mut f, mut most) = (start, power(start));
+    let mut step = [0.25 / map.width as f64, 0.25 / map.height as f64];
+    for _ in 0..HALVINGS {
+        loop {
+            let (from, before) = (f, most);
+            let moves = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
+            for (i, j) in moves.into_iter().filter(|m| if m.1 == 0.0 { free[0] } else { free[1] })
+            {
+                let near = [from[0] + i * step[0], from[1] + j * step[1]];
+                let here = power(near);
+                if here > most {
+                    (f, most) = (near, here);
+                }
+            }
+            if most <= before {
+                break;
+            }
+        }
+        step = step.map(|s| s / 2.0);
+    }
+    f
+}
+
+impl Wave {
+    /// Its value at a pixel.
+    fn at(&self, x: usize, y: usize) -> f64 {
+        let turns = self.cycles[0].value * x as f64 + self.cycles[1].value * y as f64;
+        self.amplitude.value * (TAU * turns + self.phase).sin()
+    }
+}
+
+impl Shape for Wave {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        let Some(dark) = maps::reference_dark(design) else { return };
+        let offset = design.conditions[dark].stack.exposure_s;
+        let black = stacks[dark].level();
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let k = gain(camera, c);
+            // The dark-current map is of what rises from the shortest exposure on.
+            let times = match self.kind {
+                MapKind::DarkCurrent => k * (c.stack.exposure_s - offset),
+                _ => k,
+            };
+            change_mean(camera, t, &|x, y, v| match self.kind {
+                MapKind::Gain => black + (v - black) / (1.0 + self.at(x, y)),
+                _ => v - times * self.at(x, y),
+            });
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let (domain, key, unit, exponents) = match self.kind {
+            MapKind::DarkCurrent => (Domain::Dark, "amplitude_e_per_s", " e⁻/s", (1.0, 0.0)),
+            MapKind::Gain => (Domain::Gain, "amplitude", " of the signal", (0.0, 1.0)),
+            _ => (Domain::Offset, "amplitude_e", " e⁻", (0.0, 0.0)),
+        };
+        let [fx, fy] = self.cycles;
+        let digits = self.digits;
+        let period = |f: f64, lines: &str| match f == 0.0 {
+            true => format!("alike in all {lines}"),
+            false => format!("period {:.2} {lines}", 1.0 / f.abs()),
+        };
+        let grows = match domain {
+            Domain::Dark => "it grows with the exposure",
+            Domain::Gain => "it grows with the light",
+            _ => "the same in every frame, in the dark and in light",
+        };
+        vec![Finding {
+            domain,
+            form: Form::Wave,
+            dependence: Dependence { exposure: exponents.0, signal: exponents.1 },
+            parameters: vec![
+                (key, self.amplitude),
+                ("cycles_per_column", fx),
+                ("cycles_per_row", fy),
+                (
+                    "phase_turns",
+                    Estimated { value: (self.phase / TAU).rem_euclid(1.0), se: f64::NAN },
+                ),
+            ],
+            evidence: self.evidence,
+            description: format!(
+                "a plane wave that stands still: amplitude {}{unit}, {:.digits$} cycles per \
+                 column and {:.digits$} per row ({}, {}), {:.0}° at the first pixel; {grows}",
+                number(self.amplitude),
+                fx.value,
+                fy.value,
+                period(fx.value, "columns"),
+                period(fy.value, "rows"),
+                (self.phase * 180.0 / PI).rem_euclid(360.0),
+            ),
+        }]
+    }
+}
