@@ -28,6 +28,9 @@ const REACH: f64 = 4.5;
 const SPREADS: [f64; 2] = [0.05, 1.8];
 /// Rounds in which the four parameters of the catalogue's law are settled, two at a time.
 const ROUNDS: usize = 3;
+/// Standard errors of the correlation of neighbours up to which they are independent: the border's
+/// pixels hold their neighbours' values, 4 % of those of a small sensor.
+const WHITE: f64 = 6.0;
 /// Share of the pixels that may be hot, by powers of e.
 const HOT: [f64; 2] = [-9.0, -0.7];
 
@@ -129,7 +132,22 @@ fn with_hot(nodes: &[(f64, f64)], [m, s, ln_share, ln_hot]: [f64; 4]) -> Vec<(f6
     cold.chain(hot).collect()
 }
 
+/// Whether neighbours in the dark-current map do not go together: a law over pixels is not a glow,
+/// whose places have a law too.
+fn is_white(view: &View<'_>) -> bool {
+    let Some(plane) = view.plane(MapKind::DarkCurrent) else { return false };
+    let (w, map) = (plane.width, view.levelled(plane).data);
+    let power: f64 = map.iter().map(|&v| f64::from(v).powi(2)).sum();
+    let pairs = |apart: usize| map.iter().zip(&map[apart.min(map.len())..]);
+    let products = |apart| pairs(apart).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+    let least = WHITE * power / (map.len() as f64).sqrt();
+    [1, w].into_iter().all(|apart| products(apart).abs() < least)
+}
+
 fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
+    if !is_white(fit) {
+        return None;
+    }
     let a = Histogram::new(fit, None)?;
     let b = Histogram::new(held_out, Some(a.edges.clone()))?;
     let nodes = nodes();
@@ -224,5 +242,40 @@ impl Shape for DarkLaw {
                 number(self.spread),
             ),
         }]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
+    use super::*;
+    use rand_distr::{Distribution, Normal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    #[test]
+    fn a_log_normal_law_is_told_from_hot_pixels_and_from_a_glow() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(41);
+        let normal = Normal::new(0.0, 1.0).unwrap();
+        let z: Vec<f64> = (0..WIDTH * HEIGHT).map(|_| normal.sample(&mut rng)).collect();
+        let add = |e: &mut [f64], shot: &Shot<'_>, rate: &dyn Fn(usize) -> f64| {
+            e.iter_mut().enumerate().for_each(|(i, v)| *v += rate(i) * shot.exposure_s);
+        };
+        // Mean 12 e⁻/s, which the bench has, spread 0.7.
+        let law = |i: usize| 12.0 * ((0.7 * z[i] - 0.245).exp() - 1.0);
+        let hot = |i: usize| if i % 97 == 0 { 200.0 } else { 0.0 };
+        let glow = |i: usize| 60.0 * (-((i % WIDTH) as f64) / 6.0).exp();
+        let of = |rate: &dyn Fn(usize) -> f64| {
+            let charge = |e: &mut [f64], shot: &mut Shot<'_>| add(e, shot, rate);
+            let bench = shoot(42, &Hidden { charge: Some(&charge), ..Hidden::default() });
+            let found = find(&bench.view(0), &bench.view(1));
+            found.iter().flat_map(|s| s.findings()).collect::<Vec<Finding>>()
+        };
+        let findings = of(&law);
+        let [found] = &findings[..] else { panic!("{findings:?}") };
+        // Three errors of 4032 pixels: 8.9 e⁻/s over √4032, and 0.7/√8064.
+        assert!((figure(found, "mean_e_per_s") - 12.0).abs() < 0.5, "{found:?}");
+        assert!((figure(found, "ln_spread") - 0.7).abs() < 0.03, "{found:?}");
+        assert!(of(&hot).is_empty() && of(&glow).is_empty() && of(&|_| 0.0).is_empty());
     }
 }

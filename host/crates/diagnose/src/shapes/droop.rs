@@ -345,3 +345,36 @@ impl Shape for Droop {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{Hidden, Shot, WIDTH, figure, shoot};
+    use super::*;
+
+    #[test]
+    fn a_kick_that_falls_along_the_row_is_told_from_row_noise() {
+        let rows = |e: &mut [f64], shot: &mut Shot<'_>, length: f64| {
+            for row in e.chunks_mut(WIDTH) {
+                let kick = 6.0 * shot.normal();
+                row.iter_mut()
+                    .enumerate()
+                    .for_each(|(x, v)| *v += kick * (-(x as f64) / length).exp());
+            }
+        };
+        let of = |length: Option<f64>| {
+            let volts = |e: &mut [f64], shot: &mut Shot<'_>| {
+                length.iter().for_each(|&l| rows(e, shot, l));
+            };
+            let bench = shoot(51, &Hidden { volts: Some(&volts), ..Hidden::default() });
+            let found = find(&bench.view(0), &bench.view(1));
+            found.iter().flat_map(|s| s.findings()).collect::<Vec<Finding>>()
+        };
+        let findings = of(Some(12.0));
+        let [droop] = &findings[..] else { panic!("{findings:?}") };
+        assert_eq!(droop.form, Form::RowProfile);
+        assert!((figure(droop, "sigma_e") - 6.0).abs() < 0.5, "{droop:?}");
+        assert!((figure(droop, "length_columns") - 12.0).abs() < 1.5, "{droop:?}");
+        // A length without end is the catalogue's row noise.
+        assert!(of(Some(1e9)).is_empty() && of(None).is_empty());
+    }
+}

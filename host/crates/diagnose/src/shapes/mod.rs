@@ -9,6 +9,9 @@
 //! What is found stands in the report with the status `proposed`; no stage of the sensor model
 //! runs it yet, so that the improved camera file is without it.
 
+#[cfg(test)]
+mod bench;
+mod blocks;
 mod dark_law;
 mod droop;
 mod finding;

@@ -151,3 +151,30 @@ impl Shape for Outliers {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{Hidden, Shot, figure, shoot};
+    use super::*;
+
+    #[test]
+    fn outliers_of_the_offset_are_told_and_hot_pixels_are_not() {
+        let size = |i: usize| if i % 101 == 50 { 20.0 + (i % 7) as f64 * 15.0 } else { 0.0 };
+        let offset = |e: &mut [f64], _: &mut Shot<'_>| {
+            e.iter_mut().enumerate().for_each(|(i, v)| *v += size(i));
+        };
+        let hot = |e: &mut [f64], shot: &mut Shot<'_>| {
+            e.iter_mut().enumerate().for_each(|(i, v)| *v += size(i) * 30.0 * shot.exposure_s);
+        };
+        let bench = shoot(31, &Hidden { volts: Some(&offset), ..Hidden::default() });
+        let found = find(&bench.view(0), &bench.view(1));
+        let findings: Vec<Finding> = found.iter().flat_map(|s| s.findings()).collect();
+        let [outliers] = &findings[..] else { panic!("{findings:?}") };
+        // 39 or 40 pixels of the 4032 less the border's; every seventh of the sizes is 20 e⁻.
+        assert!((36.0..41.0).contains(&figure(outliers, "pixels")), "{outliers:?}");
+        let bench = shoot(32, &Hidden { charge: Some(&hot), ..Hidden::default() });
+        assert!(find(&bench.view(0), &bench.view(1)).is_empty());
+        let bench = shoot(33, &Hidden::default());
+        assert!(find(&bench.view(0), &bench.view(1)).is_empty());
+    }
+}

@@ -5,10 +5,10 @@
 //! or of the gain. Smooth laws stand against it (`steps`). The parts are brought to the one that
 //! the camera file fits best.
 
-use super::Shape;
 use super::finding::{Finding, number};
 use super::steps::{self, Steps};
 use super::view::{View, change_mean, gain};
+use super::{Shape, blocks};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::report::{Dependence, Domain, Form};
@@ -19,7 +19,7 @@ use camrig_camera::Camera;
 use camrig_captures::Role;
 
 /// Maps that are searched, each along both axes.
-const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
+pub(super) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
 /// Profiles that are searched: three maps, two axes.
 const PROFILES: usize = 6;
 /// Lines by which one seam's place may differ from map to map.
@@ -59,8 +59,15 @@ pub(super) struct Taps {
 
 /// Seams that both halves show.
 pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let axes = [Axis::Columns, Axis::Rows];
-    let found = axes.into_iter().flat_map(|axis| across(axis, fit, held_out));
+    let [columns, rows] = [Axis::Columns, Axis::Rows].map(|axis| across(axis, fit, held_out));
+    if let (Some(columns), Some(rows)) = (&columns, &rows) {
+        let at = [columns, rows].map(|taps| taps.seams.iter().map(|s| s.at).collect());
+        let evidence = [0, 1].map(|i: usize| columns.evidence[i] + rows.evidence[i]);
+        if let Some(blocks) = blocks::of(fit, held_out, at, evidence) {
+            return vec![Box::new(blocks)];
+        }
+    }
+    let found = [columns, rows].into_iter().flatten();
     found.map(|taps| Box::new(taps) as Box<dyn Shape>).collect()
 }
 
@@ -254,6 +261,66 @@ impl Taps {
                 seam.at,
                 said.join(", ")
             ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{Hidden, WIDTH, figure, shoot};
+    use super::*;
+
+    #[test]
+    fn two_taps_have_a_seam_with_a_ratio_and_an_offset() {
+        let volts = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+            for row in e.chunks_mut(WIDTH) {
+                row[40..].iter_mut().for_each(|v| *v = *v * 1.008 - 3.0);
+            }
+        };
+        let bench = shoot(11, &Hidden { volts: Some(&volts), ..Hidden::default() });
+        let found = find(&bench.view(0), &bench.view(1));
+        let findings: Vec<Finding> = found.iter().flat_map(|s| s.findings()).collect();
+        let [seam] = &findings[..] else { panic!("{findings:?}") };
+        assert!((figure(seam, "first_column") - 40.0).abs() < 0.5, "{seam:?}");
+        // Three errors: PRNU of the halves, 0.008 √(2/2016); read noise, 5 √(2/(2016 · 20)).
+        assert!((figure(seam, "gain_ratio") - 1.008).abs() < 8e-4, "{seam:?}");
+        assert!((figure(seam, "offset_e") + 3.0).abs() < 0.15, "{seam:?}");
+        // Taken out, the maps have no seam.
+        let mut stacks = bench.stacks[0].clone();
+        found.iter().for_each(|s| s.take_out(&bench.camera, &bench.design, &mut stacks));
+        let maps = maps::maps(&bench.camera, &bench.design, &stacks);
+        let rest = View { maps: &maps, stacks: &stacks, ..bench.view(0) };
+        assert!(find(&rest, &bench.view(1)).is_empty());
+    }
+
+    #[test]
+    fn one_quadrant_that_is_off_is_a_part_of_its_own() {
+        let volts = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+            for row in e.chunks_mut(WIDTH).skip(24) {
+                row[36..].iter_mut().for_each(|v| *v = *v * 1.012 + 4.0);
+            }
+        };
+        let bench = shoot(13, &Hidden { volts: Some(&volts), ..Hidden::default() });
+        let found = find(&bench.view(0), &bench.view(1));
+        let findings: Vec<Finding> = found.iter().flat_map(|s| s.findings()).collect();
+        let [_, _, last] = &findings[..] else { panic!("{findings:?}") };
+        assert!((figure(last, "gain_ratio") - 1.012).abs() < 1.2e-3, "{last:?}");
+        assert!((figure(last, "offset_e") - 4.0).abs() < 0.2, "{last:?}");
+    }
+
+    #[test]
+    fn smooth_shading_and_nothing_have_no_seam() {
+        let charge = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+            for row in e.chunks_mut(WIDTH) {
+                for (x, v) in row.iter_mut().enumerate() {
+                    let u = 2.0 * x as f64 / WIDTH as f64 - 1.0;
+                    *v *= 1.0 - 0.04 * u * u + 0.01 * (4.0 * u).sin();
+                }
+            }
+        };
+        for hidden in [Hidden::default(), Hidden { charge: Some(&charge), ..Hidden::default() }] {
+            let bench = shoot(12, &hidden);
+            assert!(find(&bench.view(0), &bench.view(1)).is_empty());
         }
     }
 }

@@ -368,3 +368,47 @@ impl Shape for Serial {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
+    use super::*;
+
+    #[test]
+    fn noise_that_follows_itself_is_found_along_its_axis() {
+        // Along rows the read noise itself; down columns beside it.
+        let along = |e: &mut [f64], shot: &mut Shot<'_>| {
+            for row in e.chunks_mut(WIDTH) {
+                let mut z = shot.normal();
+                for v in row {
+                    *v += 5.0 * z;
+                    z = 0.4 * z + 0.84f64.sqrt() * shot.normal();
+                }
+            }
+        };
+        let r = (-1.0f64 / 6.0).exp();
+        let down = |e: &mut [f64], shot: &mut Shot<'_>| {
+            for x in 0..WIDTH {
+                let mut z = shot.normal();
+                for y in 0..HEIGHT {
+                    e[y * WIDTH + x] += 3.0 * z;
+                    z = r * z + (1.0 - r * r).sqrt() * shot.normal();
+                }
+            }
+        };
+        let of = |hidden: &Hidden<'_>| {
+            let bench = shoot(71, hidden);
+            let found = find(&bench.view(0), &bench.view(1));
+            found.iter().flat_map(|s| s.findings()).collect::<Vec<Finding>>()
+        };
+        let findings = of(&Hidden { volts: Some(&along), read_e: Some(0.0), ..Hidden::default() });
+        let [serial] = &findings[..] else { panic!("{findings:?}") };
+        assert!((figure(serial, "correlation") - 0.4).abs() < 0.015, "{serial:?}");
+        assert!((figure(serial, "sigma_e") - 5.0).abs() < 0.08, "{serial:?}");
+        let findings = of(&Hidden { volts: Some(&down), ..Hidden::default() });
+        let [serial] = &findings[..] else { panic!("{findings:?}") };
+        assert!((figure(serial, "length_rows") - 6.0).abs() < 1.0, "{serial:?}");
+        assert!((figure(serial, "sigma_e") - 3.0).abs() < 0.2, "{serial:?}");
+        assert!(of(&Hidden::default()).is_empty());
+    }
+}

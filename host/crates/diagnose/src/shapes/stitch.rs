@@ -296,3 +296,33 @@ impl Shape for Stitch {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{Hidden, Shot, figure, shoot};
+    use super::*;
+
+    #[test]
+    fn a_second_amplifier_is_told_from_a_bent_response() {
+        let of = |volts: &dyn Fn(&mut [f64], &mut Shot<'_>)| {
+            let bench = shoot(81, &Hidden { volts: Some(volts), ..Hidden::default() });
+            let found = find(&bench.view(0), &bench.view(1));
+            found.iter().flat_map(|s| s.findings()).collect::<Vec<Finding>>()
+        };
+        let stitch = |e: &mut [f64], shot: &mut Shot<'_>| {
+            for v in e.iter_mut().filter(|v| **v > 5000.0) {
+                *v = *v * 1.006 + 30.0 * shot.normal();
+            }
+        };
+        let bent = |e: &mut [f64], _: &mut Shot<'_>| {
+            e.iter_mut().for_each(|v| *v *= 1.0 - 0.03 * (v.max(0.0) / 10_000.0).powi(2));
+        };
+        let findings = of(&stitch);
+        let [found] = &findings[..] else { panic!("{findings:?}") };
+        assert!((3900.0..5000.0).contains(&figure(found, "above_e")), "{found:?}");
+        assert!((5000.0..6600.0).contains(&figure(found, "below_e")), "{found:?}");
+        assert!((figure(found, "read_noise_more_e") - 30.0).abs() < 2.0, "{found:?}");
+        assert!((figure(found, "gain_ratio") - 1.006).abs() < 1e-3, "{found:?}");
+        assert!(of(&bent).is_empty() && of(&|_, _| ()).is_empty());
+    }
+}

@@ -336,3 +336,43 @@ impl Shape for Wave {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::{Hidden, Shot, WIDTH, figure, shoot};
+    use super::*;
+
+    /// Adds 2 sin(2π(0.21 x − 0.34 y) + turn) e⁻.
+    fn add(e: &mut [f64], turn: f64) {
+        for (i, v) in e.iter_mut().enumerate() {
+            let turns = 0.21 * (i % WIDTH) as f64 - 0.34 * (i / WIDTH) as f64;
+            *v += 2.0 * (TAU * turns + turn).sin();
+        }
+    }
+
+    #[test]
+    fn a_wave_that_stands_still_is_found_with_its_frequency() {
+        let volts = |e: &mut [f64], _: &mut Shot<'_>| add(e, 0.5);
+        let bench = shoot(21, &Hidden { volts: Some(&volts), ..Hidden::default() });
+        let found = find(&bench.view(0), &bench.view(1));
+        let findings: Vec<Finding> = found.iter().flat_map(|s| s.findings()).collect();
+        let [wave] = &findings[..] else { panic!("{findings:?}") };
+        assert_eq!(wave.domain, Domain::Offset);
+        // Of 4032 pixels and 20 frames: 5 √(2/80640) e⁻, three errors and the border's.
+        assert!((figure(wave, "amplitude_e") - 2.0).abs() < 0.1, "{wave:?}");
+        let (fx, fy) = (figure(wave, "cycles_per_column"), figure(wave, "cycles_per_row"));
+        assert!((fx - 0.21).abs() < 5e-4 && (fy + 0.34).abs() < 5e-4, "{wave:?}");
+    }
+
+    #[test]
+    fn a_new_phase_in_each_frame_is_the_catalogues_and_nothing_is_nothing() {
+        let volts = |e: &mut [f64], shot: &mut Shot<'_>| {
+            let turn = 10.0 * shot.normal();
+            add(e, turn);
+        };
+        for hidden in [Hidden::default(), Hidden { volts: Some(&volts), ..Hidden::default() }] {
+            let bench = shoot(22, &hidden);
+            assert!(find(&bench.view(0), &bench.view(1)).is_empty());
+        }
+    }
+}
