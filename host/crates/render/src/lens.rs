@@ -42,7 +42,7 @@ pub enum Described {
         /// Factor on its transmittance.
         transmittance: Spectrum,
         /// What else the lens has.
-        departures: Departures,
+        departures: Box<Departures>,
     },
 }
 
@@ -58,6 +58,7 @@ impl Described {
         let lens: Box<dyn Lens> = match &camera.lens.kind {
             LensKind::Prescription(path) => {
                 let tracing = Box::new(Tracing::new(camera, path, bands, options, defocus_um)?);
+                let departures = Box::new(departures);
                 return Ok(Self::Traced { tracing, transmittance, departures });
             }
             LensKind::Characterised(path) => {
@@ -108,7 +109,7 @@ impl Described {
             Self::Traced { tracing, transmittance, departures } => {
                 let (mut lens, traced) = tracing.characterisation(directory)?;
                 lens.transmittance = lens.transmittance.times(&transmittance)?;
-                Ok((departed(Box::new(lens), departures), traced))
+                Ok((departed(Box::new(lens), *departures), traced))
             }
         }
     }

@@ -30,6 +30,8 @@ const WAVELENGTH_NAMES: [&str; 8] =
 /// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
+/// Most entries of a list of wavelengths.
+const MOST_BANDS: usize = 1 << 16;
 /// Bands beyond which a last axis is more likely one of pixels, where the first is shorter.
 const MANY_BANDS: usize = 300;
 
@@ -180,7 +182,7 @@ impl<'a> Arrays<'a> {
             let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
             let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
             let named = WAVELENGTH_NAMES.iter().any(|part| word.contains(part));
-            if !named || !one_axis || !lengths.contains(&count) {
+            if !named || !one_axis || count > MOST_BANDS || !lengths.contains(&count) {
                 continue;
             }
             let list = match self.kind {

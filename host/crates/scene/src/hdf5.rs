@@ -29,8 +29,12 @@ pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSo
     let mut found: Vec<(String, Box<dyn BandSource>)> = Vec::new();
     for name in names.into_iter().filter(|n| wanted.contains(&n.as_str())) {
         let shape = file.dataset(&name).and_then(|d| d.shape()).map_err(refused)?;
+        let lengths: Vec<usize> = shape.iter().map(|&n| n as usize).collect();
+        if lengths.len() == 3 && samples(&lengths[1..]).is_none_or(|n| n > MOST_HELD) {
+            return Err(Error::limit(format!("array {name:?} of shape {lengths:?}")));
+        }
         // HDF5 lists the slowest axis first: bands, columns, rows.
-        if let [bands, width, height] = shape.iter().map(|&n| n as usize).collect::<Vec<_>>()[..] {
+        if let [bands, width, height] = lengths[..] {
             let (path, name) = (path.into(), name.clone());
             let (transposed, scale) = (true, 1.0);
             let planes = Planes { path, name, width, height, bands, transposed, scale };
@@ -122,7 +126,12 @@ pub fn numbers(path: &Path, name: &str) -> Result<Vec<f64>> {
     file.dataset(name).and_then(|dataset| dataset.read_f64()).map_err(refused)
 }
 
-/// Most samples of an array that is held in memory: 512 MiB. One whose bands come first is read
+/// The number of samples of an array, where it can be counted.
+fn samples(lengths: &[usize]) -> Option<usize> {
+    lengths.iter().try_fold(1usize, |n, &length| n.checked_mul(length))
+}
+
+/// Most samples of an array or band that is held in memory: 512 MiB. One whose bands come first is read
 /// band by band.
 const MOST_HELD: usize = 1 << 27;
 
@@ -143,18 +152,18 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     if [width, height, bands].contains(&0) {
         return Err(Error::input(format!("array {name:?} of shape {shape:?} is empty")));
     }
-    if axes.starts_with('b') && shape.len() == 3 {
+    let small = |lengths: &[usize]| samples(lengths).is_some_and(|n| n <= MOST_HELD);
+    if axes.starts_with('b') && shape.len() == 3 && small(&[width, height]) {
         let (path, name, transposed) = (path.into(), name.into(), axes == "bxy");
         return Ok(Box::new(Planes { path, name, width, height, bands, transposed, scale }));
     }
-    let count = lengths.iter().try_fold(1usize, |n, &l| n.checked_mul(l));
-    if count.is_none_or(|n| n > MOST_HELD) {
+    if !small(&lengths) {
         return Err(Error::limit(format!("array {name:?} of shape {shape:?}")).help(format!(
             "more than {MOST_HELD} samples are read only where the bands come first; store it so"
         )));
     }
-    let samples = dataset.read_f32().map_err(refused)?;
-    let bytes = samples.into_iter().flat_map(f32::to_le_bytes).collect();
+    let values = dataset.read_f32().map_err(refused)?;
+    let bytes = values.into_iter().flat_map(f32::to_le_bytes).collect();
     let cube = Strided::new(Bytes::Memory(bytes), 0, Sample::F32, false, layout, scale)?;
     Ok(Box::new(cube))
 }
@@ -170,7 +179,7 @@ fn struct_of(
         let dataset = group.dataset(&name).map_err(refused)?;
         let mut shape: Vec<usize> =
             dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
-        if shape.len() > 2 {
+        if shape.len() > 2 || samples(&shape).is_none_or(|n| n > MOST_HELD) {
             continue;
         }
         shape.reverse();
