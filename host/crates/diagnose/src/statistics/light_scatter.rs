@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 /// Relative scatter of the light where a set has too few flats to show it: that of a stabilised
 /// lamp with a calibrated photodiode.
 const ASSUMED: f64 = 1e-3;
+/// Relative scatter from which it is said: twice that of a stabilised lamp.
+const SAID: f64 = 2.0 * ASSUMED;
 /// Level, over that of the brightest flat, above which flats are left out: a saturation knee is no
 /// scatter of the lamp.
 const BELOW_KNEE: f64 = 0.85;
@@ -48,6 +50,23 @@ pub fn allowances(camera: &Camera, design: &Design, values: &Values) -> BTreeMap
         }
     }
     out
+}
+
+/// What is said where flats are taken to know their light worse than a stabilised lamp: it weakens
+/// all evidence of how the response bends.
+pub fn note(design: &Design, allowed: &BTreeMap<Key, f64>, values: &Values) -> Option<String> {
+    let relative = |i: usize| {
+        let key = (Place::Stack(i), What::Mean(0));
+        Some(allowed.get(&key)? / values.get(&key)?.value.abs().max(1e-9))
+    };
+    let most = (0..design.conditions.len()).filter_map(relative).fold(0.0, f64::max);
+    (most > SAID).then(|| {
+        format!(
+            "the stated light of flats is taken to be off by {:.2} % (one standard deviation) at \
+             random: so much more than noise do their means scatter about a smooth response",
+            100.0 * most
+        )
+    })
 }
 
 /// Relative scatter of the light of a flat, from the series of levels at its exposure, or else
