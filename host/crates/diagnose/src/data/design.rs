@@ -186,8 +186,8 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     }
     if fit.is_empty() {
         return Err(Error::input("no stack to look at").help(
-            "dark and flat stacks of four and more frames each are needed; two frames per stack \
-             leave nothing to judge with",
+            "dark and flat stacks of four and more frames each are needed, or of two and more at \
+             six levels of light",
         ));
     }
     if by_manifest && holdout.is_empty() {

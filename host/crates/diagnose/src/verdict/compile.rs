@@ -60,7 +60,10 @@ pub fn report(session: &Session, outcome: &Outcome) -> Report {
         gap_limit: outcome.after.limit(),
         measures: measures(session, outcome),
         nearest: outcome.nearest.clone(),
-        notes: session.notes.iter().cloned().chain(temperature(session, outcome)).collect(),
+        notes: (session.notes.iter().cloned())
+            .chain(temperature(session, outcome))
+            .chain(below_quantisation(session, &outcome.after))
+            .collect(),
         nuisances: session.findings.clone(),
         statistics: outcome.after.fit.of.len(),
         steps: steps(session, outcome, &status),
@@ -92,6 +95,23 @@ fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
             sensor.temperature_c,
             noise.dark_current_e_per_s,
             sensor.temperature_c + kelvins,
+        )
+    })
+}
+
+/// What is said where samples of the captures change that never do in the model.
+fn below_quantisation(session: &Session, state: &State) -> Option<String> {
+    let keys = state.fit.never_changes(&session.fit.values);
+    let mut places: Vec<String> =
+        keys.iter().map(|k| words::place(&session.fit.design, *k)).collect();
+    places.dedup();
+    (!keys.is_empty()).then(|| {
+        format!(
+            "the model's read noise is below quantisation: its samples never change in {}, those \
+             of the captures do, in {} statistics that no standard deviation can be given for; \
+             read_e is larger than the camera file's, or brighter darks are needed to tell",
+            places.join(", "),
+            keys.len(),
         )
     })
 }
