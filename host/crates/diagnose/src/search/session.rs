@@ -150,7 +150,10 @@ impl Half {
         set_unknown_light(camera, &mut design.targets, &pictures, lights)?;
         let mut values = by_key(battery(camera, &design, &stacks));
         values.extend(by_key(targets::battery(camera, &design, &pictures)));
-        let allowance = light_scatter::allowances(camera, &design, &values);
+        let mut allowance = light_scatter::allowances(camera, &design, &values);
+        if set.findings().iter().any(|f| f.kind == Kind::ParticleHits) {
+            allowance.extend(light_scatter::after_hits(camera, &design));
+        }
         let maps = maps::maps(camera, &design, &stacks);
         let replicates = Replicates::default();
         Ok(Half { design, stacks, pictures, values, allowance, maps, replicates })
