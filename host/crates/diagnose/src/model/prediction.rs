@@ -128,8 +128,8 @@ impl Prediction {
         values.iter().filter_map(differs).collect()
     }
 
-    /// Deviation, standard deviations, of every statistic that both have and that has a scatter. `allowance` holds
-    /// standard deviations that come from the set-up, not from the sensor.
+    /// Deviation, standard deviations, of every statistic that both have and that has a scatter.
+    /// `allowance` holds standard deviations that come from the set-up, not from the sensor.
     pub fn deviations(
         &self,
         values: &Values,

@@ -170,7 +170,11 @@ impl Half {
         let mut values = by_key(battery(camera, &self.design, &stacks));
         let of_targets = self.values.iter().filter(|(k, _)| matches!(k.0, Place::Target(_)));
         values.extend(of_targets.map(|(k, s)| (*k, *s)));
-        let allowance = light_scatter::allowances(camera, &self.design, &values);
+        let mut allowance = light_scatter::allowances(camera, &self.design, &values);
+        // What hits leave stays as it was.
+        for (key, sd) in &self.allowance {
+            allowance.entry(*key).or_insert(*sd);
+        }
         values.retain(|key, _| !aside(key));
         let maps = maps::maps(camera, &self.design, &stacks);
         Measured { stacks, values, allowance, maps }
