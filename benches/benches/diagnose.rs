@@ -10,6 +10,7 @@
 use camrig::camera::Camera;
 use camrig::capture::{plan, take};
 use camrig::captures::CaptureSet;
+use camrig::clean::Cleaned;
 use camrig::diagnose::data::design;
 use camrig::diagnose::model::replicate;
 use camrig::diagnose::search::{self, Session};
@@ -69,6 +70,7 @@ fn main() {
     read_all(&set);
     let reading = Time::of(|| read_all(&set));
     let captures = CaptureSet::load(&set).expect("the set loads");
+    let cleaned = Cleaned::new(captures.clone(), &|_| ()).expect("the set is looked at");
     let counts: Vec<usize> =
         captures.captures.iter().map(|c| captures.count(c).expect("frames")).collect();
     let halves = || design::divide(&model, &captures, &counts).expect("halves");
@@ -79,10 +81,11 @@ fn main() {
     let mut names = Vec::new();
     let mut word = "";
     let measuring = Time::of(|| {
-        drop(Session::open(&model, &captures, halves(), &|_| ()).expect("the set is measured"));
+        let cleaned = Cleaned::new(captures.clone(), &|_| ()).expect("the set is looked at");
+        drop(Session::open(&model, &cleaned, halves(), &|_| ()).expect("the set is measured"));
     });
     let whole = Time::of(|| {
-        let session = Session::open(&model, &captures, halves(), &|_| ()).expect("as before");
+        let session = Session::open(&model, &cleaned, halves(), &|_| ()).expect("as before");
         let found = search::run(&session, &model, &[], &|_| ()).expect("a diagnosis");
         names = found.steps.iter().map(|s| s.trial.proposal.kind).collect();
         word = verdict::judge(&session, &found).word();

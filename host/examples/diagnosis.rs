@@ -3,6 +3,7 @@
 //! `cargo run --release -p camrig --example diagnosis`; takes about a minute.
 
 use camrig::capture::{plan, take};
+use camrig::clean::Cleaned;
 use camrig::diagnose::data::design;
 use camrig::diagnose::search::{self, Session};
 use camrig::diagnose::verdict;
@@ -23,9 +24,11 @@ fn main() -> Result<()> {
 
     // Half of the frames are fitted, the others are held out and only judge.
     let set = CaptureSet::load(&captures)?;
+    let cleaned = Cleaned::new(set, &|_| ())?;
+    let set = cleaned.set();
     let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
-    let halves = design::divide(&model, &set, &counts)?;
-    let session = Session::open(&model, &set, halves, &|_| ())?;
+    let halves = design::divide(&model, set, &counts)?;
+    let session = Session::open(&model, &cleaned, halves, &|_| ())?;
     let outcome = search::run(&session, &model, &[], &|effect| println!("trying {effect}"))?;
 
     let report = verdict::report(&session, &outcome);

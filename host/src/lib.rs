@@ -12,6 +12,7 @@
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
+//! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
 //! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
@@ -61,6 +62,7 @@ pub use camrig_calibrate as calibrate;
 pub use camrig_camera as camera;
 pub use camrig_capture as capture;
 pub use camrig_captures as captures;
+pub use camrig_clean as clean;
 pub use camrig_diagnose as diagnose;
 pub use camrig_exposure as exposure;
 pub use camrig_formats as formats;

@@ -5,8 +5,10 @@ use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_capture::plan;
-use camrig_captures::CaptureSet;
+use camrig_captures::{CaptureSet, Role};
+use camrig_clean::{Cleaned, Finding};
 use camrig_diagnose::Session;
+use camrig_diagnose::data::codes;
 use camrig_diagnose::data::design::{self, Halves};
 use camrig_diagnose::report::Report;
 use camrig_diagnose::shapes;
@@ -54,16 +56,27 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
     }
     let lit = set.captures.iter().filter_map(|c| c.light.as_ref()?.wavelength_nm).map(band_at);
     tell_tables(&camera, lit.chain([Bands::VISIBLE]));
+    let bar = looking(&set)?;
+    let cleaned = Cleaned::new(set, &|n| bar.inc(n as u64))?;
+    bar.finish_and_clear();
+    let (camera, set) = (codes::camera_of(&camera, &cleaned), cleaned.set());
     let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
-    let halves = design::divide(&camera, &set, &counts)?;
+    let halves = design::divide(&camera, set, &counts)?;
     let total: usize = frames(&halves);
     let bar = progress("frames", total as u64);
-    let session = Session::open(&camera, &set, halves, &|n| bar.inc(n as u64))?;
+    let session = Session::open(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
     bar.finish_and_clear();
-    for note in &session.notes {
+    for note in session.notes.iter().cloned().chain(session.findings.iter().map(Finding::line)) {
         eprintln!("note: {note}");
     }
     Ok((camera, session))
+}
+
+/// The bar while a set is looked at, which reads its dark and flat stacks twice.
+pub(super) fn looking(set: &CaptureSet) -> Result<indicatif::ProgressBar> {
+    let of_light = set.captures.iter().filter(|c| matches!(c.role, Role::Dark | Role::Flat));
+    let frames = of_light.map(|c| set.count(c)).sum::<Result<usize>>()?;
+    Ok(progress("looked at", 2 * frames as u64))
 }
 
 fn frames(halves: &Halves) -> usize {
@@ -133,6 +146,9 @@ fn say(found: &Report) {
         found.gap_after,
         found.gap_limit,
     );
+    for nuisance in &found.nuisances {
+        println!("  {}", nuisance.line());
+    }
     for step in &found.steps {
         if let Some(description) = &step.description {
             println!("  {} ({}): {description}", step.effect, step.status.word());

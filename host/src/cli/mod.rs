@@ -20,6 +20,7 @@ pub mod arguments;
 mod batch;
 mod calibrate;
 mod capture;
+mod captures;
 mod compare;
 mod convert;
 mod crosstalk;
@@ -61,6 +62,7 @@ enum Command {
     Demo(demo::Args),
     Batch(batch::Args),
     Capture(capture::Args),
+    Captures(captures::Args),
     Scene(scene::Args),
     Lens(lens::Args),
     Crosstalk(crosstalk::Args),
@@ -98,6 +100,7 @@ fn run(command: Command) -> Result<ExitCode> {
         Command::Demo(args) => demo::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Capture(args) => capture::run(&args),
+        Command::Captures(args) => captures::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
         Command::Crosstalk(args) => crosstalk::run(&args),

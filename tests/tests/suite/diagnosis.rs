@@ -251,13 +251,28 @@ fn contradictions(dir: &Path) {
     table["sensor"].as_table_mut().unwrap().insert("bits".into(), 14.into());
     table["sensor"].as_table_mut().unwrap().insert("white_level_dn".into(), 16_383.into());
     refuses(&table.to_string(), &["14 bits", "10 bits"]);
+    // A stack that is another's, copied.
+    let mut table: toml::Table = toml::from_str(&manifest).unwrap();
+    let captures = table["capture"].as_array().unwrap();
+    let other = captures.iter().find(|c| c["id"].as_str() == Some("flat-03")).unwrap();
+    let files = other["files"].clone();
+    entry(&mut table, "flat-04", &|c| {
+        c.insert("files".into(), files.clone());
+    });
+    refuses(&table.to_string(), &["identical-frames", "flat-04", "copies"]);
+    let output = camrig(dir, "captures check same");
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("identical-frames: flat-04"), "{told}");
     std::fs::write(dir.join("same/captures.toml"), &manifest).unwrap();
+    let clean = camrig_ok(dir, "captures check same");
+    assert!(String::from_utf8_lossy(&clean.stdout).contains("nothing found"));
     // Too few frames to fit to some and judge with others.
-    camrig_ok(dir, "capture --camera base.toml --plan diagnosis --frames 2 -o few");
+    camrig_ok(dir, "capture --camera base.toml --plan diagnosis --frames 1 -o few");
     let output = camrig(dir, "diagnose base.toml few -o bad");
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{told}");
-    assert!(told.contains("two frames per stack"), "{told}");
+    assert!(told.contains("four and more frames"), "{told}");
     let output = camrig(dir, "diagnose base.toml same -o bad --without row-noise");
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("row-offset-fpn"));

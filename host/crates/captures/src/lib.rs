@@ -131,7 +131,7 @@ pub struct Capture {
     pub files: Vec<PathBuf>,
     /// Fit or hold-out, where the set says.
     pub split: Option<Split>,
-    /// Exposure time, s.
+    /// Exposure time, s; 0 of bias frames (role `dark`).
     pub exposure_s: f64,
     /// Analog gain.
     pub analog_gain: f64,

@@ -232,7 +232,10 @@ fn check_sensor(s: Sensor) -> Result<SensorFacts> {
 }
 
 fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
-    positive("exposure_s", e.exposure_s)?;
+    // Bias frames, of no exposure, show no light and no dark current.
+    if !(e.role == Role::Dark && e.exposure_s == 0.0) {
+        positive("exposure_s", e.exposure_s)?;
+    }
     positive("analog_gain", e.analog_gain)?;
     if let Some(t) = e.exposure_requested_s {
         positive("exposure_requested_s", t)?;
@@ -373,8 +376,12 @@ mod tests {
             ("cfa = \"rggb\"\n", "colour filter pattern"),
             ("pitch_um = -1.0\n", "pitch_um"),
             (
-                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n",
+                "[[capture]]\nid='a'\nrole='flat'\nfiles='*.npy'\nexposure_s = 0\n",
                 "more than zero",
+            ),
+            (
+                "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 0\n",
+                "no file matches",
             ),
             (
                 "[[capture]]\nid='a'\nrole='dark'\nfiles='*.npy'\nexposure_s = 1\n",

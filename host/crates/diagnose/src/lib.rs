@@ -3,6 +3,8 @@
 //!
 //! The diagnosis is a pipeline; each stage uses only those before it.
 //!
+//! 0. [`camrig_clean`]: what in the captures is not the sensor's steady behaviour, found and taken
+//!    off before anything is measured.
 //! 1. [`data`]: which frames are fitted, which are held out, and how they were taken.
 //! 2. [`statistics`]: moments of dark and flat stacks, maps, figures of edges, dots and charts,
 //!    and the battery of statistics made of them.
@@ -24,9 +26,12 @@
 //! # fn main() -> camrig_base::Result<()> {
 //! let camera = camrig_camera::Camera::load("camera.toml")?;
 //! let set = camrig_captures::CaptureSet::load("captures".as_ref())?;
+//! let cleaned = camrig_clean::Cleaned::new(set, &|_frames| ())?;
+//! let camera = camrig_diagnose::data::codes::camera_of(&camera, &cleaned);
+//! let set = cleaned.set();
 //! let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<_>, _>>()?;
-//! let halves = design::divide(&camera, &set, &counts)?;
-//! let mut session = Session::open(&camera, &set, halves, &|_frames| ())?;
+//! let halves = design::divide(&camera, set, &counts)?;
+//! let mut session = Session::open(&camera, &cleaned, halves, &|_frames| ())?;
 //! let outcome = shapes::run(&mut session, &camera, &[], &|_kind| ())?;
 //! let report = verdict::report(&session, &outcome);
 //! for step in &report.steps {

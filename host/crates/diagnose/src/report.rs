@@ -3,6 +3,7 @@
 //! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite,
 //! or that was not determined, is `null` in the file.
 
+pub use camrig_clean::Finding;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -33,6 +34,10 @@ pub struct Report {
     pub nearest: Vec<String>,
     /// Notes on the captures.
     pub notes: Vec<String>,
+    /// What was found in the captures that is not the sensor's steady behaviour, and what was done
+    /// about it.
+    #[serde(default)]
+    pub nuisances: Vec<Finding>,
     /// Number of statistics.
     pub statistics: usize,
     /// The effects that were found, in order.
@@ -431,6 +436,7 @@ mod tests {
             },
             nearest: vec!["defocus".into()],
             notes: Vec::new(),
+            nuisances: Vec::new(),
             statistics: 450,
             steps: vec![Step {
                 dependence: None,

@@ -4,7 +4,7 @@ use super::page::Page;
 use super::plot::{Mark, Plot, heat_map};
 use camrig_base::Plane;
 use camrig_camera::EffectKind;
-use camrig_diagnose::report::{self, Report};
+use camrig_diagnose::report::{self, Finding, Report};
 use camrig_diagnose::search::forward::{Observed, Step};
 use camrig_diagnose::search::{Outcome, Session};
 use camrig_diagnose::statistics::maps::Map;
@@ -14,6 +14,8 @@ use std::collections::BTreeMap;
 
 /// Colours of measured, model before, model after.
 const COLOURS: [&str; 3] = ["#1c1f23", "#d55e00", "#009e73"];
+/// Frames of a finding that are listed, at most.
+const FRAMES: usize = 8;
 /// Side of the cells in pictures of maps, pixels.
 const CELL: usize = 16;
 
@@ -39,6 +41,9 @@ pub fn page(
     ));
     for note in &found.notes {
         page.paragraph(&format!("Note: {note}."));
+    }
+    if !found.nuisances.is_empty() {
+        nuisances(&mut page, &found.nuisances);
     }
     if !found.steps.is_empty() {
         page.heading("What was found").table(
@@ -85,6 +90,32 @@ pub fn page(
     page.heading("Improved camera file").verbatim(improved);
     page.heading("Command").verbatim(command);
     page.html()
+}
+
+/// What is in the captures that is not the sensor's steady behaviour.
+fn nuisances(page: &mut Page, found: &[Finding]) {
+    page.heading("What is in the captures beside the sensor");
+    let rows: Vec<Vec<String>> = found
+        .iter()
+        .map(|f| {
+            let amount = f.amount.map_or(String::new(), |a| {
+                let unit = if f.unit == "1" { "" } else { f.unit.as_str() };
+                format!("{} {unit}", with_error(a, f.std_error)).trim_end().to_string()
+            });
+            let frames: Vec<String> = f.frames.iter().take(FRAMES).map(usize::to_string).collect();
+            let more = if f.frames.len() > FRAMES { ", ..." } else { "" };
+            vec![
+                f.kind.word().into(),
+                f.place.clone(),
+                f.count.to_string(),
+                amount,
+                frames.join(", ") + more,
+                f.done.word().into(),
+                f.description.clone(),
+            ]
+        })
+        .collect();
+    page.table(&["what", "where", "count", "amount", "frames", "done", "in words"], &rows);
 }
 
 /// The table of effects found.

@@ -58,7 +58,9 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         Some(_) => (MapKind::DarkCurrent, 1.0),
         None => {
             let c = &e.design.conditions[reference_dark(e.design)?];
-            (MapKind::Offset, 1.0 / (e.gain(c) * c.stack.exposure_s))
+            // A bias frame has no time for dark current.
+            let exposure_s = Some(c.stack.exposure_s).filter(|t| *t > 0.0)?;
+            (MapKind::Offset, 1.0 / (e.gain(c) * exposure_s))
         }
     };
     let s = &e.map(kind)?.spatial;

@@ -1,5 +1,7 @@
 //! Which frames of a capture set are used, and under which conditions they were taken.
 
+use super::alternate;
+use super::course::Course;
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -28,6 +30,10 @@ pub struct Stack {
     pub skip: usize,
     /// Number of frames used.
     pub frames: usize,
+    /// Frames of its capture, used or not.
+    pub total: usize,
+    /// What differs from frame to frame beside noise; empty where nothing does.
+    pub course: Course,
     /// Number of the capture's first frame in replicates. It names the frame's temporal noise, so
     /// that no two frames of a set have the same, even of different halves.
     pub first_number: u32,
@@ -62,6 +68,11 @@ pub struct Condition {
 }
 
 impl Condition {
+    /// Whether it is a flat.
+    pub fn is_flat(&self) -> bool {
+        self.stack.role == Role::Flat
+    }
+
     /// Whether it is a flat whose light is known.
     pub fn is_known_flat(&self) -> bool {
         self.stack.role == Role::Flat && self.level_known
@@ -118,13 +129,17 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     let mut fit = Design::default();
     let mut holdout = Design::default();
     let by_manifest = set.captures.iter().any(|c| c.split.is_some());
+    let short = if by_manifest { Vec::new() } else { alternate::stacks(set, counts) };
+    notes.extend(alternate::note(set, &short));
+    notes.extend(by_manifest.then(|| without_split(set)).flatten());
     for (index, capture) in set.captures.iter().enumerate() {
         let n = counts[index];
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let of_light = matches!(capture.role, Role::Dark | Role::Flat);
         // A single frame shows a target; noise takes two.
         let least = if of_light { 2 } else { 1 };
-        let too_few = if by_manifest { n < least } else { n < 2 * least };
+        let short = short.iter().find(|s| s.capture == index);
+        let too_few = if by_manifest { n < least } else { n < 2 * least && short.is_none() };
         if too_few {
             notes.push(match by_manifest {
                 true => format!("{}: one frame shows no noise; left out", capture.id),
@@ -138,14 +153,16 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
             continue;
         }
         // Frames for each half: (skip, frames).
-        let [first, second] = match (by_manifest, capture.split) {
-            (true, Some(Split::Holdout)) => [None, Some((0, n))],
-            (true, _) => [Some((0, n)), None],
-            (false, _) => [Some((0, n / 2)), Some((n / 2, n / 2))],
+        let all = Some((0, n));
+        let [first, second] = match (by_manifest, capture.split, short) {
+            (true, Some(Split::Holdout), _) => [None, all],
+            (true, ..) => [all, None],
+            (false, _, Some(s)) => [all.filter(|_| s.fit), all.filter(|_| s.held_out)],
+            (false, ..) => [Some((0, n / 2)), Some((n / 2, n / 2))],
         };
         let halves = [(&mut fit, first), (&mut holdout, second)];
         let halves = halves.into_iter().filter_map(|(design, frames)| Some((design, frames?)));
-        let stack = stack(camera, capture, index, numbers[index]);
+        let stack = Stack { total: n, ..stack(camera, capture, index, numbers[index]) };
         let of_half = |(skip, frames)| Stack { skip, frames, ..stack.clone() };
         if of_light {
             let condition = condition(camera, set, &stack).map_err(place)?;
@@ -169,8 +186,8 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     }
     if fit.is_empty() {
         return Err(Error::input("no stack to look at").help(
-            "dark and flat stacks of four and more frames each are needed; two frames per stack \
-             leave nothing to judge with",
+            "dark and flat stacks of four and more frames each are needed, or of two and more at \
+             six levels of light",
         ));
     }
     if by_manifest && holdout.is_empty() {
@@ -178,6 +195,15 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     }
     let holdout = (!holdout.is_empty()).then_some(holdout);
     Ok(Halves { fit, holdout, notes })
+}
+
+/// What becomes of captures without `split` where others have one.
+fn without_split(set: &CaptureSet) -> Option<String> {
+    let without = set.captures.iter().filter(|c| c.split.is_none());
+    let ids: Vec<&str> = without.map(|c| c.id.as_str()).collect();
+    (!ids.is_empty()).then(|| {
+        format!("captures without split are fitted, since others have one: {}", ids.join(", "))
+    })
 }
 
 /// Number of the first frame of each capture, for captures of so many frames: the next multiple of
@@ -242,6 +268,8 @@ fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) ->
         role: capture.role,
         skip: 0,
         frames: 0,
+        total: 0,
+        course: Course::default(),
         first_number,
         exposure_s: capture.exposure_s,
         analog_gain: capture.analog_gain,

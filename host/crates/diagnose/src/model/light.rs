@@ -106,6 +106,7 @@ pub fn share(target: &Target) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::course::Course;
     use crate::data::design::Stack;
     use camrig_camera::LensKind;
     use camrig_captures::Role;
@@ -120,6 +121,8 @@ mod tests {
                 role: Role::Edge,
                 skip: 0,
                 frames: 1,
+                total: 1,
+                course: Course::default(),
                 first_number: 0,
                 exposure_s: 0.01,
                 analog_gain: 1.0,

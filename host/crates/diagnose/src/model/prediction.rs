@@ -17,6 +17,8 @@ const MOVED_SD: f64 = 3.0;
 /// Increase of a predicted standard deviation that counts as another prediction: more than the 80
 /// % point by which the scatter of few replicates is uncertain.
 const WIDENED: f64 = 1.5;
+/// Variance below which a statistic has no scatter but that of rounding.
+const LEAST_VARIANCE: f64 = 1e-24;
 /// Deviations beyond this, standard deviations, count by their logarithm, so that a single gross
 /// one does not hide all others.
 const GROSS_DEVIATION: f64 = 10.0;
@@ -43,6 +45,11 @@ pub struct Predicted {
 }
 
 impl Predicted {
+    /// Whether neither theory nor replicates give it any scatter.
+    fn is_constant(&self) -> bool {
+        self.scale != Scale::Count && self.sd * self.sd < LEAST_VARIANCE
+    }
+
     /// Whether a model predicts another value than `old`, or a much wider scatter, as of a pattern
     /// that differs from sensor to sensor.
     pub fn differs(&self, old: &Self) -> bool {
@@ -111,8 +118,18 @@ impl Prediction {
         Self { of }
     }
 
-    /// Deviation, standard deviations, of every statistic that both have. `allowance` holds
-    /// standard deviations that come from the set-up, not from the sensor.
+    /// Statistics that never change in the model, as where all its samples have one code, and that
+    /// were measured to be another value: no standard deviation tells how far off that is.
+    pub fn never_changes(&self, values: &Values) -> Vec<Key> {
+        let differs = |(key, s): (&Key, &Statistic)| {
+            let p = self.of.get(key)?;
+            (p.is_constant() && p.scale.of(s.value) != p.scaled).then_some(*key)
+        };
+        values.iter().filter_map(differs).collect()
+    }
+
+    /// Deviation, standard deviations, of every statistic that both have and that has a scatter.
+    /// `allowance` holds standard deviations that come from the set-up, not from the sensor.
     pub fn deviations(
         &self,
         values: &Values,
@@ -121,6 +138,9 @@ impl Prediction {
         let mut out = BTreeMap::new();
         for (key, s) in values {
             let Some(p) = self.of.get(key) else { continue };
+            if p.is_constant() && p.scale.of(s.value) != p.scaled {
+                continue;
+            }
             let z = match p.scale {
                 Scale::Count => tails::count(s.value, p.total, p.runs),
                 _ => {

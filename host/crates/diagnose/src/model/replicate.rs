@@ -13,6 +13,10 @@ use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// What bias frames, of no exposure, are simulated with, s: dark current gives nothing in it.
+const SHORTEST_S: f32 = 1e-9;
 
 /// The sensor of a camera that makes a replicate; `seed` names the sensor and its noise. It is
 /// given photo-electrons, so that its bands do not matter.
@@ -25,7 +29,7 @@ fn sensor(camera: &Camera, seed: u64) -> Result<SensorConfig> {
 fn settings(stack: &Stack, frame: usize) -> FrameSettings {
     FrameSettings {
         frame: stack.first_number.wrapping_add(frame as u32),
-        exposure_s: stack.exposure_s as f32,
+        exposure_s: (stack.exposure_s as f32).max(SHORTEST_S),
         analog_gain: stack.analog_gain as f32,
         temperature_c: stack.temperature_c as f32,
     }
@@ -56,13 +60,24 @@ fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result
         batch.clear();
         for frame in i..i + size {
             let settings = settings(stack, stack.skip + frame);
+            light.share = stack.course.light_of(frame) as f32;
+            let config = with_offset(config, stack.course.offset_of(frame));
             let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
-            rows::<Float>(config, &settings, &mut light, 0, &mut plane.data)?;
+            rows::<Float>(&config, &settings, &mut light, 0, &mut plane.data)?;
             batch.push(plane);
         }
         collector.add(&batch);
     }
     Ok(collector.finish().without_border(&config.pattern))
+}
+
+/// The sensor with its black level moved.
+fn with_offset(config: &SensorConfig, offset_dn: f64) -> Cow<'_, SensorConfig> {
+    if offset_dn == 0.0 {
+        return Cow::Borrowed(config);
+    }
+    let black_level_dn = (config.black_level_dn + offset_dn as f32).max(0.0);
+    Cow::Owned(SensorConfig { black_level_dn, ..config.clone() })
 }
 
 /// The picture of every target, simulated from its light. Both halves of a capture have the same
@@ -99,6 +114,8 @@ pub fn pictures(
 struct EvenLight {
     now: Vec<Vec<Block<f32>>>,
     before: Vec<Vec<Block<f32>>>,
+    /// Light of the frame over that of the stack.
+    share: f32,
 }
 
 impl EvenLight {
@@ -113,13 +130,16 @@ impl EvenLight {
             row
         };
         let rows = |means| (0..pattern.height.max(1).into()).map(|y| row(means, y)).collect();
-        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e) }
+        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e), share: 1.0 }
     }
 }
 
 impl MeanRows<Float> for EvenLight {
     fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
         out.copy_from_slice(&self.now[row as usize % self.now.len()]);
+        if self.share != 1.0 {
+            out.as_flattened_mut().iter_mut().for_each(|e| *e *= self.share);
+        }
     }
 
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {

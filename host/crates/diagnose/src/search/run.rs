@@ -51,7 +51,8 @@ pub fn run(
 ) -> Result<Outcome> {
     say("replicates of the model");
     let before = session.state(camera.clone(), Vec::new())?;
-    let known = |kind: &str| !without.iter().any(|w| w == kind);
+    // What a camera did to its frames is no effect of its sensor.
+    let known = |kind: &str| !session.processed && !without.iter().any(|w| w == kind);
     let search = |wanted: &dyn Fn(&str, usize) -> bool| once(session, &before, wanted, say);
     let mut found = search(&|kind, _| known(kind))?;
     // An effect taken early may have stood for two that are better together: the search with it as

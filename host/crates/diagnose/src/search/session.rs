@@ -3,7 +3,8 @@
 use super::consistency;
 use crate::candidates::{self, proposal::Proposal};
 use crate::data::channels::Channels;
-use crate::data::design::{Design, Halves, Target};
+use crate::data::course;
+use crate::data::design::{Condition, Design, Halves, Target};
 use crate::evidence::{Evidence, Slopes};
 use crate::model::light::{self, Electrons, Lights};
 use crate::model::prediction::{Prediction, mean_square};
@@ -17,7 +18,8 @@ use crate::statistics::temporal::{Temporal, mean};
 use crate::statistics::{light_scatter, read};
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
-use camrig_captures::{CaptureSet, Role};
+use camrig_captures::Role;
+use camrig_clean::{Cleaned, Curve, Finding, Kind};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::mem::replace;
@@ -118,6 +120,10 @@ pub struct Session {
     pub can_confirm: bool,
     /// Notes for people.
     pub notes: Vec<String>,
+    /// What was found in the captures that is not the sensor's steady behaviour.
+    pub findings: Vec<Finding>,
+    /// Whether a camera processed the frames: then no effect is named from them.
+    pub processed: bool,
     /// Light of targets through the lenses tried.
     lights: Lights,
     /// Derivatives of the figures of targets.
@@ -127,18 +133,27 @@ pub struct Session {
 impl Half {
     fn measure(
         camera: &Camera,
-        set: &CaptureSet,
+        set: &Cleaned,
         mut design: Design,
         lights: &Lights,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Self> {
+        if let Some(curve) = set.curve() {
+            course::follow(&mut design, &curve);
+        }
         let stacks = read::moments(set, &camera.sensor.pattern(), &design, true, progress)?;
+        if let Some(curve) = set.curve() {
+            set_stated_light(camera, &mut design, &stacks, &curve);
+        }
         set_unknown_levels(camera, &mut design, &stacks);
         let pictures = read::pictures(camera, set, &design.targets, progress)?;
         set_unknown_light(camera, &mut design.targets, &pictures, lights)?;
         let mut values = by_key(battery(camera, &design, &stacks));
         values.extend(by_key(targets::battery(camera, &design, &pictures)));
-        let allowance = light_scatter::allowances(camera, &design, &values);
+        let mut allowance = light_scatter::allowances(camera, &design, &values);
+        if set.findings().iter().any(|f| f.kind == Kind::ParticleHits) {
+            allowance.extend(light_scatter::after_hits(camera, &design));
+        }
         let maps = maps::maps(camera, &design, &stacks);
         let replicates = Replicates::default();
         Ok(Half { design, stacks, pictures, values, allowance, maps, replicates })
@@ -155,7 +170,11 @@ impl Half {
         let mut values = by_key(battery(camera, &self.design, &stacks));
         let of_targets = self.values.iter().filter(|(k, _)| matches!(k.0, Place::Target(_)));
         values.extend(of_targets.map(|(k, s)| (*k, *s)));
-        let allowance = light_scatter::allowances(camera, &self.design, &values);
+        let mut allowance = light_scatter::allowances(camera, &self.design, &values);
+        // What hits leave stays as it was.
+        for (key, sd) in &self.allowance {
+            allowance.entry(*key).or_insert(*sd);
+        }
         values.retain(|key, _| !aside(key));
         let maps = maps::maps(camera, &self.design, &stacks);
         Measured { stacks, values, allowance, maps }
@@ -200,7 +219,7 @@ impl Session {
     /// Files that cannot be read; captures that contradict their manifest.
     pub fn open(
         camera: &Camera,
-        set: &CaptureSet,
+        set: &Cleaned,
         halves: Halves,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Self> {
@@ -229,7 +248,14 @@ impl Session {
             }
         };
         consistency::check(camera, &fit.design, &fit.stacks)?;
-        Ok(Self { fit, holdout, can_confirm, notes, lights, slopes: Slopes::default() })
+        notes.extend(light_scatter::note(&fit.design, &fit.allowance, &fit.values));
+        let findings = set.findings().to_vec();
+        if findings.iter().any(|f| f.kind == Kind::Temperature) {
+            let assumed = camera.sensor.temperature_c;
+            notes.push(format!("temperature not given: {assumed} °C, the camera file's, assumed"));
+        }
+        let (processed, slopes) = (set.is_processed(), Slopes::default());
+        Ok(Self { fit, holdout, can_confirm, notes, findings, processed, lights, slopes })
     }
 
     /// A model with what it predicts.
@@ -269,7 +295,10 @@ impl Session {
             let stacks = conditions.chain(d.targets.iter().map(|t| &t.stack));
             stacks.map(|s| (s.capture, s.frames)).collect()
         };
-        frames(&self.fit.design) == frames(&self.holdout.design)
+        let even = |d: &Design| d.conditions.iter().all(|c| c.stack.course.is_even());
+        even(&self.fit.design)
+            && even(&self.holdout.design)
+            && frames(&self.fit.design) == frames(&self.holdout.design)
     }
 
     /// Replicates of a half by a camera.
@@ -443,6 +472,22 @@ fn set_unknown_light(
         target.light = (measured / predicted.max(1e-12)).max(0.0);
     }
     Ok(())
+}
+
+/// Where the lamp drifts within stacks, says which of their frames has the stated light.
+fn set_stated_light(camera: &Camera, design: &mut Design, stacks: &[Temporal], curve: &Curve) {
+    let black =
+        maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level());
+    let channels = Channels::new(camera);
+    let shares = channels.shares();
+    let ratio = |(c, t): (&Condition, &Temporal)| {
+        let light: f64 = c.photo_e.iter().zip(&shares).map(|(e, s)| e * s).sum();
+        (t.level() - black) / (light * effects::dn_per_e(camera, c.stack.analog_gain))
+    };
+    let flats = design.conditions.iter().zip(stacks).filter(|(c, _)| c.is_known_flat());
+    let mut ratios: Vec<f64> =
+        flats.filter(|(_, t)| maps::saturated(t) < maps::SATURATED_FLAT).map(ratio).collect();
+    course::set_stated(design, curve, &mut ratios);
 }
 
 /// Where the manifest does not have the light of a flat, takes it from the measured mean.

@@ -40,8 +40,12 @@ pub fn run(
     without: &[String],
     say: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    say("shapes");
     let names = |s: &Session| search::run(s, camera, without, say);
+    if session.processed {
+        // A camera made what their noise is like.
+        return names(session);
+    }
+    say("shapes");
     let shapes = find(session, camera, &OF_MEANS, None);
     let mut found = names(session)?;
     if !shapes.is_empty() {

@@ -35,7 +35,9 @@ pub(super) fn means(
     left.iter_mut().for_each(|v| *v *= *v);
     let squares = channels.means(&left);
     for (channel, (value, square)) in by_channel.iter().zip(squares).enumerate() {
-        let sd = (variance + square * share).sqrt();
+        // Where no sample changes, one that did would move the mean by so much: it is known no
+        // better.
+        let sd = (variance + square * share).sqrt().max(share / t.frames as f64);
         out.add(What::Mean(channel as u8), *value, sd, Scale::Linear);
     }
 }

@@ -92,6 +92,7 @@ pub fn ratios(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::course::Course;
     use crate::data::design::Stack;
     use crate::statistics::temporal::Collector;
     use camrig_base::Plane;
@@ -109,6 +110,8 @@ mod tests {
                 role: if light[0] > 0.0 { Role::Flat } else { Role::Dark },
                 skip: 0,
                 frames: 4,
+                total: 4,
+                course: Course::default(),
                 first_number: 0,
                 exposure_s: 0.01,
                 analog_gain: 1.0,

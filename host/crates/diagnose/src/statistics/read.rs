@@ -5,7 +5,7 @@ use super::temporal::{Collector, Temporal};
 use crate::data::design::{Design, Target};
 use camrig_base::Result;
 use camrig_camera::Camera;
-use camrig_captures::CaptureSet;
+use camrig_clean::Cleaned;
 use camrig_sensor_core::config::Pattern;
 use rayon::prelude::*;
 
@@ -33,7 +33,7 @@ pub fn batches(frames: usize) -> Vec<(usize, usize)> {
 /// Files that cannot be read.
 pub fn pictures(
     camera: &Camera,
-    set: &CaptureSet,
+    set: &Cleaned,
     targets: &[Target],
     progress: &(dyn Fn(usize) + Sync),
 ) -> Result<Vec<Picture>> {
@@ -42,7 +42,7 @@ pub fn pictures(
         .map(|target| {
             let stack = &target.stack;
             let (mut collector, mut seen) = (PictureCollector::new(camera, target), 0);
-            set.for_each_batch(&set.captures[stack.capture], |frames| {
+            set.for_each_batch(stack.capture, |frames| {
                 for frame in frames {
                     if (stack.skip..stack.skip + stack.frames).contains(&seen) {
                         collector.add(frame);
@@ -64,13 +64,13 @@ pub fn pictures(
 /// # Errors
 /// Files that cannot be read.
 pub fn moments(
-    set: &CaptureSet,
+    set: &Cleaned,
     pattern: &Pattern,
     design: &Design,
     planes: bool,
     progress: &(dyn Fn(usize) + Sync),
 ) -> Result<Vec<Temporal>> {
-    let s = &set.sensor;
+    let s = &set.set().sensor;
     design
         .conditions
         .par_iter()
@@ -79,7 +79,7 @@ pub fn moments(
             let mut collector = Collector::new(s.width, s.height, s.bits, planes);
             let sizes = batches(c.frames);
             let (mut seen, mut held, mut next) = (0, Vec::new(), 0);
-            set.for_each_batch(&set.captures[c.capture], |frames| {
+            set.for_each_batch(c.capture, |frames| {
                 for frame in frames {
                     if seen >= c.skip && seen < c.skip + c.frames {
                         held.push(frame.clone());

@@ -13,10 +13,13 @@ use crate::search::forward;
 use crate::search::run::Outcome;
 use crate::search::session::{Session, State};
 use crate::statistics::statistic::{Key, Place, What};
+use camrig_clean::Kind;
 use std::collections::BTreeMap;
 
 /// Other candidates of a step that are reported, at most.
 const RUNNERS_UP: usize = 5;
+/// The kind whose amount depends on the temperature as much as on itself.
+const DARK_CURRENT: &str = "dark-current";
 /// Unexplained statistics that are reported, at most.
 const UNEXPLAINED: usize = 12;
 
@@ -39,7 +42,11 @@ pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
 pub fn report(session: &Session, outcome: &Outcome) -> Report {
     let verdict = judge(session, outcome);
     // The model with an effect that has a rival passes, but so may the model with the rival.
-    let status = |kind: &str| match outcome.confounded.iter().any(|(taken, _)| taken == kind) {
+    let confounded = |kind: &str| {
+        outcome.confounded.iter().any(|(taken, _)| taken == kind)
+            || (kind == DARK_CURRENT && unknown_temperature(session))
+    };
+    let status = |kind: &str| match confounded(kind) {
         false if verdict == Verdict::Explained => Status::Confirmed,
         _ => Status::Tentative,
     };
@@ -53,12 +60,60 @@ pub fn report(session: &Session, outcome: &Outcome) -> Report {
         gap_limit: outcome.after.limit(),
         measures: measures(session, outcome),
         nearest: outcome.nearest.clone(),
-        notes: session.notes.clone(),
+        notes: (session.notes.iter().cloned())
+            .chain(temperature(session, outcome))
+            .chain(below_quantisation(session, &outcome.after))
+            .collect(),
+        nuisances: session.findings.clone(),
         statistics: outcome.after.fit.of.len(),
         steps: steps(session, outcome, &status),
         unexplained: unexplained.map(|(key, z)| left(session, &outcome.after, key, z)).collect(),
         verdict,
     }
+}
+
+/// Whether a dark current that was found may be a temperature that was not given.
+fn unknown_temperature(session: &Session) -> bool {
+    session.findings.iter().any(|f| f.kind == Kind::Temperature)
+}
+
+/// Both readings of an odd dark current where the temperature is not known.
+fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
+    let found = outcome.after.named.iter().find(|p| p.kind == DARK_CURRENT)?;
+    if !unknown_temperature(session) {
+        return None;
+    }
+    let rate = found.parameters.iter().find(|(key, _)| *key == "mean_e_per_s")?.1.value;
+    let (sensor, noise) = (&outcome.before.camera.sensor, &outcome.before.camera.sensor.noise);
+    let kelvins = noise.dark_doubling_c * (rate / noise.dark_current_e_per_s).log2();
+    kelvins.is_finite().then(|| {
+        format!(
+            "the temperature is not given, and dark current and temperature cannot be told apart: \
+             {rate:.3} e⁻/s at {} °C if the sensor was at the camera file's {} °C, or the camera \
+             file's {} e⁻/s if it was at {:.1} °C",
+            noise.temperature_ref_c,
+            sensor.temperature_c,
+            noise.dark_current_e_per_s,
+            sensor.temperature_c + kelvins,
+        )
+    })
+}
+
+/// What is said where samples of the captures change that never do in the model.
+fn below_quantisation(session: &Session, state: &State) -> Option<String> {
+    let keys = state.fit.never_changes(&session.fit.values);
+    let mut places: Vec<String> =
+        keys.iter().map(|k| words::place(&session.fit.design, *k)).collect();
+    places.dedup();
+    (!keys.is_empty()).then(|| {
+        format!(
+            "the model's read noise is below quantisation: its samples never change in {}, those \
+             of the captures do, in {} statistics that no standard deviation can be given for; \
+             read_e is larger than the camera file's, or brighter darks are needed to tell",
+            places.join(", "),
+            keys.len(),
+        )
+    })
 }
 
 fn ambiguity(a: &str, b: &str) -> Ambiguity {

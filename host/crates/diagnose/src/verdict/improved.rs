@@ -27,6 +27,17 @@ pub fn camera_file(
         ("prnu", noise.prnu),
         ("row_fpn_e", noise.row_fpn_e),
     ];
+    let taken_off = file.get("sensor").and_then(|s| s.get("bits")?.as_integer())
+        != Some(i64::from(camera.sensor.bits));
+    if let Some(sensor) = file.get_mut("sensor").and_then(toml::Value::as_table_mut)
+        && taken_off
+    {
+        // A step was taken off the codes: the file is of the bits that vary.
+        let s = &camera.sensor;
+        sensor.insert("bits".into(), i64::from(s.bits).into());
+        sensor.insert("black_level_dn".into(), round(s.black_level_dn).into());
+        sensor.insert("full_well_e".into(), round(s.full_well_e).into());
+    }
     let base = |e: &Effect| {
         matches!(
             e,

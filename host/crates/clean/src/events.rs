@@ -1,0 +1,179 @@
+//! Whether events of single frames are particles, and how often they come.
+//!
+//! Telegraph noise jumps in the same pixels again, heavy tails of noise go both ways, and neither
+//! reaches a neighbour; particles come anywhere, add charge, and often cross pixels. The rate is
+//! fitted to the counts of the stacks as a + b t, t the exposure, by the likelihood of their
+//! Poisson law, after the share of events that brighter stacks hide.
+
+use super::finding::{Done, Finding, Kind, Rate, names};
+use super::hits::{Event, FALSE_EVENTS, Found};
+use super::scan::Scan;
+use super::tails;
+use super::transfer::Transfer;
+use camrig_captures::CaptureSet;
+use std::collections::BTreeMap;
+
+/// Events below their pixel's other samples, beyond this share of those above and this number, are
+/// noise with wide tails.
+const NEGATIVE: (f64, f64) = (0.1, 2.0);
+/// Events without which neither recurrence nor size tells a cause.
+const FEW: usize = 5;
+/// Deviation from which one of few events is no chance of a noisy pixel.
+const STANDS_ALONE: f64 = 12.0;
+/// Events from which the share of those with several pixels is asked for; that share of particles,
+/// at least (telegraph noise: 1 to 3 %); and the chance of a smaller one.
+const SEVERAL_PIXELS: (usize, f64, f64) = (8, 0.10, 1e-2);
+
+/// The events that are particles; `None` where something else made them. `found` are those of all
+/// bands, `pixels` those of a frame.
+pub fn particles(found: Vec<Found>, pixels: usize) -> Option<Vec<Event>> {
+    let negative: usize = found.iter().map(|f| f.negative).sum();
+    let mut events: Vec<Event> = found.into_iter().flat_map(|f| f.events).collect();
+    if events.is_empty() || negative as f64 > NEGATIVE.0 * events.len() as f64 + NEGATIVE.1 {
+        return None;
+    }
+    // Events whose largest sample is in the same pixel again.
+    let mut at: BTreeMap<[usize; 2], usize> = BTreeMap::new();
+    events.iter().for_each(|e| *at.entry(e.at).or_default() += 1);
+    let n = events.len() as f64;
+    let again: usize = at.values().map(|&k| k - 1).sum();
+    if tails::poisson_least(again, n * n / (2.0 * pixels as f64)) < FALSE_EVENTS {
+        if again as f64 > NEGATIVE.0 * n + NEGATIVE.1 {
+            return None;
+        }
+        events.retain(|e| at[&e.at] == 1);
+    }
+    let several = events.iter().filter(|e| e.pixels.len() > 1).count();
+    if events.len() < FEW {
+        return (several > 0 || events.iter().any(|e| e.z > STANDS_ALONE)).then_some(events);
+    }
+    let (least, share, chance) = SEVERAL_PIXELS;
+    let single =
+        events.len() >= least && tails::binomial_most(several, events.len(), share) < chance;
+    (!single).then_some(events)
+}
+
+/// What is said of them. `limits` are the largest deviations, DN, that single samples of each
+/// stack need.
+pub fn finding(
+    set: &CaptureSet,
+    scans: &[Scan],
+    transfer: &Transfer,
+    events: &[Event],
+    limits: &[f64],
+) -> Finding {
+    let quietest = limits.iter().copied().fold(f64::INFINITY, f64::min);
+    // Peaks in stacks nearly as quiet tell which share of events a brighter stack shows.
+    let peaks: Vec<f64> =
+        events.iter().filter(|e| limits[e.stack] < 1.5 * quietest).map(|e| e.peak_dn).collect();
+    let shown = |limit: f64| {
+        let above = peaks.iter().filter(|&&p| p > limit).count();
+        (above.max(1) as f64 / peaks.len().max(1) as f64).min(1.0)
+    };
+    let counts: Vec<Counted> = scans
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| limits[*i].is_finite())
+        .map(|(i, s)| Counted {
+            events: events.iter().filter(|e| e.stack == i).count() as f64,
+            frames: s.frames.len() as f64
+                * if limits[i] < 1.5 * quietest { 1.0 } else { shown(limits[i]) },
+            exposure_s: set.captures[s.capture].exposure_s,
+        })
+        .collect();
+    let rate = rate(&counts);
+    let mut stacks: Vec<usize> = events.iter().map(|e| e.stack).collect();
+    stacks.sort_unstable();
+    stacks.dedup();
+    let ids: Vec<&str> =
+        stacks.iter().map(|&s| set.captures[scans[s].capture].id.as_str()).collect();
+    let samples: usize = events.iter().map(|e| e.pixels.len()).sum();
+    let charge = events.iter().map(|e| e.charge_dn).sum::<f64>() / events.len() as f64;
+    let electrons = |dn: f64| match transfer.dn_per_e {
+        Some(k) if k > 0.0 => format!("{dn:.1} DN ({:.0} e⁻)", dn / k),
+        _ => format!("{dn:.1} DN"),
+    };
+    let several = events.iter().filter(|e| e.pixels.len() > 1).count();
+    let cause = match events.len() < FEW {
+        true => "; too few to tell particles from pixels that jump",
+        false => "",
+    };
+    let mut finding = Finding::new(Kind::ParticleHits, ids.join(", "), Done::LeftOut);
+    finding.count = events.len();
+    finding.pixels = events.iter().map(|e| e.at).take(super::finding::MOST_PIXELS).collect();
+    finding.rate = Some(rate);
+    let value = rate.per_s.unwrap_or(rate.per_frame);
+    let error = rate.per_s_std_error.unwrap_or(rate.per_frame_std_error);
+    let unit = if rate.per_s.is_some() { "1/s" } else { "1/frame" };
+    finding.amount(value, error, unit).says(format!(
+        "{} events in a single frame each, as particles leave them (cosmic rays, radioactivity), \
+         {several} of them over several pixels, {samples} samples in {}; mean charge {}. Rate of \
+         those with more than {} in one pixel: {}{cause}. Their samples are left out",
+        events.len(),
+        names(&ids),
+        electrons(charge),
+        electrons(quietest),
+        in_words(&rate),
+    ))
+}
+
+fn in_words(rate: &Rate) -> String {
+    let constant = format!("{:.2} ± {:.2} per frame", rate.per_frame, rate.per_frame_std_error);
+    match (rate.per_s, rate.per_s_std_error) {
+        (Some(b), Some(se)) => format!("{constant} and {b:.3} ± {se:.3} per second of exposure"),
+        _ => constant,
+    }
+}
+
+/// Events of a stack.
+struct Counted {
+    events: f64,
+    /// Frames in which an event would be seen.
+    frames: f64,
+    exposure_s: f64,
+}
+
+/// a + b t by Poisson's likelihood, Newton steps from a straight line.
+fn rate(counts: &[Counted]) -> Rate {
+    let frames: f64 = counts.iter().map(|c| c.frames).sum();
+    let events: f64 = counts.iter().map(|c| c.events).sum();
+    let longest = counts.iter().map(|c| c.exposure_s).fold(0.0, f64::max);
+    let shortest = counts.iter().map(|c| c.exposure_s).fold(f64::INFINITY, f64::min);
+    let constant = Rate {
+        per_frame: events / frames.max(1e-9),
+        per_frame_std_error: events.max(1.0).sqrt() / frames.max(1e-9),
+        per_s: None,
+        per_s_std_error: None,
+    };
+    if longest < 2.0 * shortest || longest <= 0.0 {
+        return constant;
+    }
+    // Expectation maximisation: each event is of the frame or of the exposure, in proportion. It
+    // keeps both terms at 0 and above.
+    let (mut a, mut b) = (0.5 * constant.per_frame, 0.5 * constant.per_frame / longest);
+    let seconds: f64 = counts.iter().map(|c| c.frames * c.exposure_s).sum();
+    for _ in 0..2000 {
+        let (mut of_frames, mut of_time) = (0.0, 0.0);
+        for c in counts {
+            let total = (a + b * c.exposure_s).max(1e-300);
+            of_frames += c.events * a / total;
+            of_time += c.events * b * c.exposure_s / total;
+        }
+        (a, b) = (of_frames / frames, of_time / seconds);
+    }
+    // Fisher information of both.
+    let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
+    for c in counts {
+        let w = c.frames / (a + b * c.exposure_s).max(1e-9);
+        aa += w;
+        ab += w * c.exposure_s;
+        bb += w * c.exposure_s * c.exposure_s;
+    }
+    let determinant = (aa * bb - ab * ab).max(1e-300);
+    Rate {
+        per_frame: a,
+        per_frame_std_error: (bb / determinant).sqrt(),
+        per_s: Some(b),
+        per_s_std_error: Some((aa / determinant).sqrt()),
+    }
+}

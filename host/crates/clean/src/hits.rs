@@ -1,0 +1,262 @@
+//! Events of single frames: samples far above what their pixel is in the other frames, with the
+//! neighbours they reach. Whether they are particles is judged over the whole set
+//! ([`super::events`]).
+//!
+//! A residual r from the pixel's median over N frames is compared with √(v (1 + π/(2(N − 1)))): v
+//! is the larger of the variance that the pixel's level gives it and the least that its own
+//! residuals, without the largest, allow. The limit is the normal deviate that one sample of the
+//! whole set passes once in a thousand sets, plus γ/6 (z² − 1) for the skewness γ of shot noise
+//! (Cornish & Fisher 1938).
+
+use super::band::{Band, Residuals};
+use super::tails;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Chance of one false event in a whole set.
+pub const FALSE_EVENTS: f64 = 1e-3;
+/// Frames from which a sample stands out against the others.
+pub const LEAST_FRAMES: usize = 3;
+/// Deviations from which a neighbour belongs to an event, and from which the further neighbours of
+/// a large one do.
+const NEIGHBOUR: (f64, f64) = (3.5, 2.5);
+/// Deviation from which an event is large: its edge reaches further than one pixel.
+const LARGE: f64 = 12.0;
+/// How far a large event is followed, pixels.
+const REACH: usize = 12;
+/// Deviation from which a pixel's own variance is looked at.
+const LOOKED_AT: f64 = 4.0;
+/// Least variance that residuals allow: passed once in a thousand by chance.
+const OWN_BOUND: f64 = 3.09;
+
+/// One event.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Index of the scan.
+    pub stack: usize,
+    /// Its frame.
+    pub frame: usize,
+    /// Column and row of its largest sample.
+    pub at: [usize; 2],
+    /// Its samples: index of the pixel in the frame.
+    pub pixels: Vec<u32>,
+    /// What these samples were, and what stands in for them, DN.
+    pub samples: Vec<[u16; 2]>,
+    /// Sum of its residuals, DN.
+    pub charge_dn: f64,
+    /// Largest residual, DN.
+    pub peak_dn: f64,
+    /// Its deviation, standard deviations.
+    pub z: f64,
+}
+
+/// Events of a band.
+#[derive(Default)]
+pub struct Found {
+    /// Samples far above.
+    pub events: Vec<Event>,
+    /// Number of samples as far below.
+    pub negative: usize,
+}
+
+/// Where a band lies, and what its samples are judged by.
+pub struct Search {
+    /// Index of the scan.
+    pub stack: usize,
+    /// The band's first row.
+    pub first_row: usize,
+    /// DN per electron; 0 where not known.
+    pub dn_per_e: f64,
+    /// Level without light, DN.
+    pub black: f64,
+    /// Samples of the whole set.
+    pub samples: f64,
+    /// Samples at this DN and above are clipped.
+    pub white: f64,
+}
+
+impl Search {
+    /// The limit, normal deviates.
+    pub fn limit(&self) -> f64 {
+        tails::normal_deviate(FALSE_EVENTS / self.samples.max(1.0))
+    }
+
+    /// Events of a band; `period` columns of the filter pattern.
+    pub fn find(&self, band: &Band, r: &Residuals, period: usize) -> Found {
+        let n = r.frames;
+        if n < LEAST_FRAMES {
+            return Found::default();
+        }
+        let limit = self.limit();
+        let scatter = 1.0 + std::f64::consts::PI / 2.0 / (n as f64 - 1.0);
+        let sd: Vec<f32> = r
+            .expected(self.dn_per_e)
+            .par_iter()
+            .zip(r.values.par_chunks(n))
+            .map(|(&v, values)| (own_variance(v, values, scatter) * scatter).sqrt() as f32)
+            .collect();
+        // Limits in DN above and below for each pixel.
+        let above = |p: usize| {
+            let v = f64::from(sd[p]).powi(2);
+            let signal = (f64::from(r.median[p]) - self.black).max(0.0);
+            let skewness = self.dn_per_e * self.dn_per_e * signal / v.powf(1.5);
+            f64::from(sd[p]) * (limit + skewness / 6.0 * (limit * limit - 1.0))
+        };
+        let mut seeds: Vec<(usize, usize)> = Vec::new();
+        let mut negative = 0;
+        for (p, values) in r.values.chunks(n).enumerate() {
+            let below = -f64::from(sd[p]) * limit;
+            let mut high = None;
+            for (i, &x) in values.iter().enumerate() {
+                let x = f64::from(x);
+                if x < below && f64::from(r.median[p]) < self.white {
+                    negative += 1;
+                } else if x > -below && x > *high.get_or_insert_with(|| above(p)) {
+                    seeds.push((i, p));
+                }
+            }
+        }
+        seeds.sort_unstable();
+        let mut events = self.grown(r, &sd, &seeds);
+        self.fill(band, r, period, &mut events);
+        Found { events, negative }
+    }
+
+    /// What stands in for the samples of events: the next pixel of the same filter in the row, at
+    /// the same time, moved to the pixel's own level. It has the noise of the row and the frame.
+    fn fill(&self, band: &Band, r: &Residuals, period: usize, events: &mut [Event]) {
+        let first = self.first_row * r.width;
+        let taken: BTreeSet<(usize, u32)> =
+            events.iter().flat_map(|e| e.pixels.iter().map(|&p| (e.frame, p))).collect();
+        for e in events {
+            let sample = |p: usize| band.samples[p * r.frames + e.frame];
+            e.samples = (e.pixels.iter())
+                .map(|&pixel| {
+                    let p = pixel as usize - first;
+                    let used = |q: usize| taken.contains(&(e.frame, (q + first) as u32));
+                    let q = stand_in(p, r.width, period, used);
+                    let moved = f32::from(sample(q)) + (r.median[p] - r.median[q]);
+                    [sample(p), moved.round().clamp(0.0, f32::from(u16::MAX)) as u16]
+                })
+                .collect();
+        }
+    }
+
+    /// Events around seeds, which are in the order of frames.
+    fn grown(&self, r: &Residuals, sd: &[f32], seeds: &[(usize, usize)]) -> Vec<Event> {
+        let n = r.frames;
+        let (width, height) = (r.width, r.median.len() / r.width);
+        let z = |p: usize, i: usize| f64::from(r.values[p * n + i] / sd[p]);
+        let mut events = Vec::new();
+        let mut taken = BTreeSet::new();
+        for &(i, seed) in seeds {
+            if !taken.insert((i, seed)) {
+                continue;
+            }
+            // Breadth first, each pixel with its distance from the seed's event.
+            let mut pixels = vec![(seed, 0)];
+            let mut next = 0;
+            while let Some(&(p, steps)) = pixels.get(next) {
+                next += 1;
+                let large = z(seed, i) > LARGE;
+                let least = if steps > 0 && large { NEIGHBOUR.1 } else { NEIGHBOUR.0 };
+                if steps > 0 && (!large || steps > REACH) && z(p, i) < self.limit() {
+                    continue;
+                }
+                for q in around(p, width, height) {
+                    if z(q, i) > least && taken.insert((i, q)) {
+                        pixels.push((q, steps + 1));
+                    }
+                }
+            }
+            let residual = |p: usize| f64::from(r.values[p * n + i]);
+            let peak = pixels
+                .iter()
+                .map(|p| p.0)
+                .fold(seed, |best, p| if residual(p) > residual(best) { p } else { best });
+            events.push(Event {
+                stack: self.stack,
+                frame: i,
+                at: [peak % width, peak / width + self.first_row],
+                pixels: pixels.iter().map(|p| (p.0 + self.first_row * width) as u32).collect(),
+                samples: Vec::new(),
+                charge_dn: pixels.iter().map(|p| residual(p.0)).sum(),
+                peak_dn: residual(peak),
+                z: z(peak, i),
+            });
+        }
+        events
+    }
+}
+
+/// The larger of a pixel's expected variance and the least that its own residuals allow.
+fn own_variance(expected: f32, values: &[f32], scatter: f64) -> f64 {
+    let expected = f64::from(expected);
+    let far = LOOKED_AT * LOOKED_AT * expected * scatter;
+    let n = values.len();
+    if n < 4 || values.iter().all(|&x| f64::from(x * x) < far) {
+        return expected;
+    }
+    // Without the largest two: two events in one pixel must not hide each other.
+    let out = if n >= 8 { 2 } else { 1 };
+    let mut squares: Vec<f64> = values.iter().map(|&x| f64::from(x * x)).collect();
+    squares.sort_unstable_by(f64::total_cmp);
+    // What the rest of n squares of normal deviates makes up, by the law's quantiles.
+    let kept: f64 = (0..n - out)
+        .map(|i| {
+            let share = (i as f64 + 0.625) / (n as f64 + 0.25);
+            tails::normal_deviate((1.0 - share) / 2.0).powi(2)
+        })
+        .sum();
+    let own = squares[..n - out].iter().sum::<f64>() / kept;
+    let least = own / tails::squares(OWN_BOUND, (n - out - 1) as f64);
+    expected.max(least)
+}
+
+/// The eight neighbours of a pixel.
+fn around(p: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (p % width, p / width);
+    let rows = y.saturating_sub(1)..(y + 2).min(height);
+    rows.flat_map(move |v| {
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        columns.map(move |u| v * width + u)
+    })
+    .filter(move |&q| q != p)
+}
+
+/// The nearest pixel of the same filter in the row of `p` that is not `taken`; `p` itself where
+/// there is none.
+pub fn stand_in(p: usize, width: usize, period: usize, taken: impl Fn(usize) -> bool) -> usize {
+    let (row, x) = (p / width * width, p % width);
+    let (mut left, mut right) = (x, x);
+    loop {
+        let more = right + period < width;
+        if more {
+            right += period;
+            if !taken(row + right) {
+                return row + right;
+            }
+        }
+        if left >= period {
+            left -= period;
+            if !taken(row + left) {
+                return row + left;
+            }
+        } else if !more {
+            return p;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stand_in_has_the_same_filter_and_is_not_taken() {
+        assert_eq!(stand_in(3, 10, 2, |_| false), 5);
+        assert_eq!(stand_in(13, 10, 2, |q| q == 15), 11);
+        assert_eq!(stand_in(9, 10, 2, |q| q != 1), 1);
+        assert_eq!(stand_in(1, 3, 2, |_| false), 1);
+    }
+}

@@ -1,0 +1,151 @@
+//! One pass over the frames of a stack: what each frame is as a whole, and which codes occur.
+
+use super::band::Band;
+use camrig_base::{Plane, Result};
+use camrig_captures::{Capture, CaptureSet, Role};
+use rayon::prelude::*;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// Codes of 16-bit samples.
+const CODES: usize = 1 << 16;
+/// Share of the samples at either end of the first frame's histogram that is taken off before its
+/// width is measured, so that defective pixels do not make it.
+const ENDS: f64 = 0.01;
+/// Samples count at most so many widths beyond these ends, so that particles do not move a
+/// frame's level; a lamp or an offset that changes by less does.
+const REACH: f64 = 3.0;
+
+/// Pixels in the middle rows of a stack that are kept, and frames of them, at most: enough for a
+/// variance to 0.2 %.
+const SAMPLE: (usize, usize) = (1 << 14, 64);
+
+/// A dark or flat stack as a whole.
+pub struct Scan {
+    /// Index of the capture in its set.
+    pub capture: usize,
+    /// Its frames in order of time.
+    pub frames: Vec<Frame>,
+    /// Samples of each code.
+    pub codes: Vec<u64>,
+    /// Its middle rows.
+    pub sample: Band,
+}
+
+/// A frame as a whole.
+pub struct Frame {
+    /// Two independent hashes of its samples.
+    pub hash: [u64; 2],
+    /// Mean of its samples for each place in the colour filter pattern, DN; samples far outside
+    /// the rest count as at the border.
+    pub levels: Vec<f64>,
+    /// Share of samples that differ from their neighbour to the right.
+    pub differing: f64,
+}
+
+impl Scan {
+    /// Reads a stack once.
+    ///
+    /// # Errors
+    /// Files that cannot be read.
+    pub fn read(set: &CaptureSet, index: usize) -> Result<Self> {
+        let cfa = set.cfa();
+        let pattern = (cfa.width, cfa.height);
+        let (width, height) = (set.sensor.width, set.sensor.height);
+        // Whole periods of the pattern from its first row on.
+        let rows = (SAMPLE.0 / width).clamp(cfa.height, height.max(cfa.height));
+        let first = (height.saturating_sub(rows) / 2) / cfa.height * cfa.height;
+        let (mut kept, mut codes) = (Vec::new(), vec![0; CODES]);
+        let mut frames: Vec<Frame> = Vec::new();
+        let mut bounds: Option<Vec<(f64, f64)>> = None;
+        set.for_each_batch(&set.captures[index], |planes| {
+            let bounds = bounds.get_or_insert_with(|| bounds_of(&planes[0], pattern));
+            frames.par_extend(planes.par_iter().map(|plane| Frame::of(plane, pattern, bounds)));
+            for plane in planes {
+                plane.data.iter().for_each(|&v| codes[usize::from(v)] += 1);
+                if kept.len() < SAMPLE.1 {
+                    let rows = plane.data.chunks(width).skip(first).take(rows);
+                    kept.push(rows.flatten().copied().collect::<Vec<u16>>());
+                }
+            }
+            Ok(())
+        })?;
+        Ok(Self { capture: index, frames, codes, sample: Band::of(width, first, &kept) })
+    }
+
+    /// Mean level of a frame over all pixels, DN.
+    pub fn level(&self, frame: usize) -> f64 {
+        let levels = &self.frames[frame].levels;
+        levels.iter().sum::<f64>() / levels.len() as f64
+    }
+
+    /// Mean level of all frames for each place in the colour filter pattern, DN.
+    pub fn site_levels(&self) -> Vec<f64> {
+        let sites = self.frames.first().map_or(0, |f| f.levels.len());
+        let n = self.frames.len().max(1) as f64;
+        (0..sites).map(|s| self.frames.iter().map(|f| f.levels[s]).sum::<f64>() / n).collect()
+    }
+
+    /// Mean level of all frames and pixels, DN.
+    pub fn mean(&self) -> f64 {
+        let levels = self.site_levels();
+        levels.iter().sum::<f64>() / levels.len().max(1) as f64
+    }
+
+    /// Share of samples at `white` and above.
+    pub fn saturated(&self, white: u16) -> f64 {
+        let all: u64 = self.codes.iter().sum();
+        self.codes[usize::from(white)..].iter().sum::<u64>() as f64 / all.max(1) as f64
+    }
+}
+
+impl Frame {
+    fn of(plane: &Plane<u16>, (across, down): (usize, usize), bounds: &[(f64, f64)]) -> Self {
+        let mut sums = vec![0.0; across * down];
+        let mut counts = vec![0usize; across * down];
+        let mut differing = 0usize;
+        for (y, row) in plane.data.chunks(plane.width).enumerate() {
+            let first = y % down * across;
+            for (x, &v) in row.iter().enumerate() {
+                let site = first + x % across;
+                let (low, high) = bounds[site];
+                sums[site] += f64::from(v).clamp(low, high);
+                counts[site] += 1;
+            }
+            differing += row.windows(2).filter(|p| p[0] != p[1]).count();
+        }
+        let hash = [0u8, 1].map(|salt| {
+            let mut hasher = DefaultHasher::new();
+            salt.hash(&mut hasher);
+            plane.data.hash(&mut hasher);
+            hasher.finish()
+        });
+        let levels = sums.iter().zip(&counts).map(|(s, &n)| s / n.max(1) as f64).collect();
+        Self { hash, levels, differing: differing as f64 / plane.data.len() as f64 }
+    }
+}
+
+/// For each place in the pattern, between which codes samples count as they are.
+fn bounds_of(plane: &Plane<u16>, (across, down): (usize, usize)) -> Vec<(f64, f64)> {
+    (0..across * down)
+        .map(|site| {
+            let rows = plane.data.chunks(plane.width).skip(site / across).step_by(down);
+            let mut values: Vec<u16> =
+                rows.flat_map(|r| r.iter().skip(site % across).step_by(across)).copied().collect();
+            if values.is_empty() {
+                return (0.0, f64::from(u16::MAX));
+            }
+            let end = (ENDS * values.len() as f64) as usize;
+            let last = values.len() - 1 - end;
+            let low = f64::from(*values.select_nth_unstable(end).1);
+            let high = f64::from(*values.select_nth_unstable(last).1);
+            let reach = REACH * (high - low + 1.0);
+            (low - reach, high + reach)
+        })
+        .collect()
+}
+
+/// The captures of a set that are dark or flat stacks.
+pub fn of_light(set: &CaptureSet) -> impl Iterator<Item = (usize, &Capture)> {
+    let captures = set.captures.iter().enumerate();
+    captures.filter(|(_, c)| matches!(c.role, Role::Dark | Role::Flat))
+}

@@ -1,0 +1,357 @@
+//! Capture sets by equations of their own, each with one thing hidden.
+
+use super::*;
+use camrig_base::Plane;
+use camrig_captures::CaptureSet;
+use camrig_formats::{Facts, Format, Frames};
+use rand_distr::{Distribution, Exp, Normal, Poisson};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+use std::path::Path;
+
+const W: usize = 64;
+const H: usize = 48;
+const BLACK: f64 = 80.0;
+/// DN per electron.
+const K: f64 = 0.5;
+const READ_E: f64 = 4.0;
+
+/// A stack to be made: id, electrons of light, exposure, frames.
+type Plan = (&'static str, f64, f64, usize);
+
+const PLAN: [Plan; 8] = [
+    ("dark-a", 0.0, 0.02, 16),
+    ("dark-b", 0.0, 2.0, 16),
+    ("flat-a", 400.0, 0.02, 12),
+    ("flat-b", 1200.0, 0.02, 12),
+    ("flat-c", 2100.0, 0.02, 12),
+    ("flat-d", 3300.0, 0.02, 12),
+    ("flat-e", 4700.0, 0.02, 12),
+    ("flat-f", 6000.0, 0.02, 12),
+];
+
+type Random = Xoshiro256PlusPlus;
+
+/// What is done to each frame: mean electrons of light, electrons after noise, DN.
+#[derive(Default)]
+struct Hooks<'a> {
+    light: Option<&'a dyn Fn(f64, usize, usize) -> f64>,
+    electrons: Option<&'a mut dyn FnMut(&mut [f64], &Plan, usize)>,
+    codes: Option<&'a mut dyn FnMut(&mut [f64], usize)>,
+}
+
+/// Makes a set; `stated` over true light of each stack.
+fn set(
+    folder: &Path,
+    seed: u64,
+    plan: &[Plan],
+    mut hooks: Hooks<'_>,
+    stated: &dyn Fn(&str) -> f64,
+) -> CaptureSet {
+    let mut random = Random::seed_from_u64(seed);
+    let unit = Normal::new(0.0, 1.0).unwrap();
+    let gains: Vec<f64> = (0..W * H).map(|_| 1.0 + 0.006 * unit.sample(&mut random)).collect();
+    let mut text = format!(
+        "format = \"captures/1\"\n[sensor]\nwidth = {W}\nheight = {H}\nbits = 12\n\
+         black_level_dn = {BLACK}\n"
+    );
+    for (id, light_e, exposure_s, frames) in plan {
+        let mut planes = Vec::new();
+        for i in 0..*frames {
+            let light = hooks.light.map_or(*light_e, |f| f(*light_e, i, *frames));
+            let mut e: Vec<f64> = gains
+                .iter()
+                .map(|g| {
+                    let mean = light * g + 10.0 * exposure_s;
+                    Poisson::new(mean).unwrap().sample(&mut random)
+                        + READ_E * unit.sample(&mut random)
+                })
+                .collect();
+            if let Some(f) = &mut hooks.electrons {
+                f(&mut e, &(*id, *light_e, *exposure_s, *frames), i);
+            }
+            let mut dn: Vec<f64> = e.iter().map(|e| (BLACK + K * e).round()).collect();
+            if let Some(f) = &mut hooks.codes {
+                f(&mut dn, i);
+            }
+            let data = dn.iter().map(|v| v.round().clamp(0.0, 4095.0) as u16).collect();
+            planes.push(Plane { width: W, height: H, data });
+        }
+        let bytes = Format::Npy.encode(&Frames { planes, facts: Facts::default() }).unwrap();
+        std::fs::write(folder.join(format!("{id}.npy")), bytes).unwrap();
+        let role = if *light_e > 0.0 { "flat" } else { "dark" };
+        text += &format!(
+            "[[capture]]\nid = \"{id}\"\nrole = \"{role}\"\nfiles = \"{id}.npy\"\n\
+             exposure_s = {exposure_s}\ntemperature_c = 20\n"
+        );
+        if *light_e > 0.0 {
+            let photons = light_e / 0.5 / exposure_s * stated(id);
+            text += &format!(
+                "[capture.light]\nphotons_per_pixel_per_s = {photons}\nwavelength_nm = 530\n"
+            );
+        }
+    }
+    std::fs::write(folder.join("captures.toml"), text).unwrap();
+    CaptureSet::load(folder).unwrap()
+}
+
+fn looked(seed: u64, hooks: Hooks<'_>) -> Cleaned {
+    let folder = tempfile::tempdir().unwrap();
+    let set = set(folder.path(), seed, &PLAN, hooks, &|_| 1.0);
+    let cleaned = Cleaned::look(set, &|_| ()).unwrap();
+    // Frames are read again while the folder is there.
+    let variance = dark_variance(&cleaned);
+    let expected = K * K * (READ_E * READ_E + 0.2) + 1.0 / 12.0;
+    let unsteady = |f: &Finding| !matches!(f.kind, Kind::ParticleHits | Kind::DefectsAppear);
+    if !cleaned.findings.iter().any(unsteady) {
+        assert!((variance / expected - 1.0).abs() < 0.04, "{variance} of {expected}");
+    }
+    cleaned
+}
+
+/// Mean over pixels of the variance over time of the first stack, frames level, DN².
+fn dark_variance(cleaned: &Cleaned) -> f64 {
+    let mut frames: Vec<Vec<f64>> = Vec::new();
+    cleaned
+        .for_each_batch(0, |planes| {
+            frames.extend(
+                planes.iter().map(|p| p.data.iter().map(|&v| f64::from(v)).collect::<Vec<_>>()),
+            );
+            Ok(())
+        })
+        .unwrap();
+    let n = frames.len() as f64;
+    let mut sum = 0.0;
+    for p in 0..W * H {
+        let mean = frames.iter().map(|f| f[p]).sum::<f64>() / n;
+        sum += frames.iter().map(|f| (f[p] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    }
+    sum / (W * H) as f64
+}
+
+fn only(cleaned: &Cleaned) -> &Finding {
+    assert_eq!(cleaned.findings.len(), 1, "{:#?}", cleaned.findings);
+    &cleaned.findings[0]
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_hidden() {
+    for seed in 1..6 {
+        let clean = looked(seed, Hooks::default());
+        assert_eq!(clean.findings, [], "seed {seed}");
+    }
+}
+
+#[test]
+fn offsets_of_frames_and_flicker_are_no_curve_and_no_events() {
+    let mut random = Random::seed_from_u64(77);
+    let unit = Normal::new(0.0, 1.0).unwrap();
+    let mut offsets = |e: &mut [f64], _: &Plan, _: usize| {
+        let z: f64 = unit.sample(&mut random);
+        e.iter_mut().for_each(|v| *v += 3.0 * z);
+    };
+    let found = looked_at(7, Hooks { electrons: Some(&mut offsets), ..Hooks::default() });
+    assert_eq!(found, []);
+}
+
+#[test]
+fn particle_hits_are_counted_and_left_out() {
+    let mut random = Random::seed_from_u64(88);
+    let charge = Exp::new(1.0 / 500.0).unwrap();
+    let mut hits = |e: &mut [f64], (_, _, exposure_s, _): &Plan, _: usize| {
+        let n: f64 = Poisson::new(1.0 + 2.0 * exposure_s).unwrap().sample(&mut random);
+        for _ in 0..n as usize {
+            let at: f64 =
+                rand_distr::Uniform::new(0.0, (W * H - 4) as f64).unwrap().sample(&mut random);
+            let q: f64 = charge.sample(&mut random);
+            // Two thirds in one pixel, a third in the next.
+            e[at as usize] += 0.67 * q;
+            e[at as usize + 1] += 0.33 * q;
+        }
+    };
+    let clean = looked(8, Hooks { electrons: Some(&mut hits), ..Hooks::default() });
+    let found = only(&clean);
+    assert_eq!((found.kind, found.done), (Kind::ParticleHits, Done::LeftOut));
+    let rate = found.rate.unwrap();
+    let (b, se) = (rate.per_s.unwrap(), rate.per_s_std_error.unwrap());
+    // Small charges stay below the limit: a tenth in the darks.
+    assert!((b - 1.8).abs() < 3.5 * se, "{rate:?}");
+    assert!((rate.per_frame - 0.9).abs() < 3.5 * rate.per_frame_std_error, "{rate:?}");
+}
+
+#[test]
+fn telegraph_noise_and_wide_tails_are_no_hits() {
+    let mut random = Random::seed_from_u64(99);
+    let even = rand_distr::Uniform::new(0.0, 1.0).unwrap();
+    let pixels: Vec<usize> = (0..25).map(|i| (i * 977 + 31) % (W * H)).collect();
+    let mut jumps = |e: &mut [f64], _: &Plan, _: usize| {
+        for &p in &pixels {
+            if even.sample(&mut random) < 0.15 {
+                e[p] += 250.0;
+            }
+        }
+    };
+    let clean = looked_at(9, Hooks { electrons: Some(&mut jumps), ..Hooks::default() });
+    assert!(clean.is_empty(), "{clean:#?}");
+    let mut random = Random::seed_from_u64(98);
+    let mut tails = |e: &mut [f64], _: &Plan, _: usize| {
+        for v in e {
+            let u: f64 = even.sample(&mut random);
+            *v += if u < 5e-4 {
+                90.0
+            } else if u < 1e-3 {
+                -90.0
+            } else {
+                0.0
+            };
+        }
+    };
+    let clean = looked_at(10, Hooks { electrons: Some(&mut tails), ..Hooks::default() });
+    assert!(clean.is_empty(), "{clean:#?}");
+}
+
+fn looked_at(seed: u64, hooks: Hooks<'_>) -> Vec<Finding> {
+    let folder = tempfile::tempdir().unwrap();
+    let set = set(folder.path(), seed, &PLAN, hooks, &|_| 1.0);
+    Cleaned::look(set, &|_| ()).unwrap().findings
+}
+
+#[test]
+fn a_wrong_label_is_named_and_corrected() {
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = |id: &str| if id == "flat-d" { 0.94 } else { 1.0 };
+    let set = set(folder.path(), 11, &PLAN, Hooks::default(), &wrong);
+    let stated = set.captures[5].light.as_ref().unwrap().photons_per_pixel_per_s.unwrap();
+    let clean = Cleaned::new(set, &|_| ()).unwrap();
+    let found = only(&clean);
+    assert_eq!((found.kind, found.place.as_str()), (Kind::LightLabel, "flat-d"));
+    assert!((found.amount.unwrap() - 0.94).abs() < 2e-3, "{found:?}");
+    let now = clean.set().captures[5].light.as_ref().unwrap().photons_per_pixel_per_s.unwrap();
+    assert!((now / stated * 0.94 - 1.0).abs() < 2e-3);
+}
+
+#[test]
+fn pixels_that_break_are_found_with_their_frame() {
+    let broken: Vec<usize> = (0..14).map(|i| (i * 211 + 100) % (W * H)).collect();
+    let mut damage = |e: &mut [f64], (.., frames): &Plan, i: usize| {
+        if i >= frames / 2 {
+            broken.iter().for_each(|&p| e[p] += 110.0);
+        }
+    };
+    let clean = looked(12, Hooks { electrons: Some(&mut damage), ..Hooks::default() });
+    let found = only(&clean);
+    assert_eq!((found.kind, found.count), (Kind::DefectsAppear, 14));
+    assert!(found.frames.contains(&8) && found.frames.contains(&6), "{found:?}");
+    let (by, se) = (found.amount.unwrap(), found.std_error.unwrap());
+    assert!((by - 110.0 * K).abs() < 4.0 * se + 0.5, "{by} ± {se}");
+}
+
+#[test]
+fn start_up_and_drift_of_the_lamp_have_their_amplitudes() {
+    let mut first = |e: &mut [f64], _: &Plan, i: usize| {
+        let more = 7.0 * (-(i as f64) / 2.0).exp();
+        e.iter_mut().for_each(|v| *v += more);
+    };
+    let clean = looked(13, Hooks { electrons: Some(&mut first), ..Hooks::default() });
+    let found = only(&clean);
+    assert_eq!(found.kind, Kind::StartUp);
+    assert!((found.amount.unwrap() - 7.0 * K).abs() < 0.15, "{found:?}");
+    let Shape::Decay(tau) = clean.curve().unwrap().shape else { panic!("{:?}", clean.curve()) };
+    assert!((tau - 2.0).abs() < 0.2, "{tau}");
+
+    let lamp =
+        |light: f64, i: usize, n: usize| light * (1.0 + 0.012 * i as f64 / (n as f64 - 1.0));
+    let clean = looked(14, Hooks { light: Some(&lamp), ..Hooks::default() });
+    let found = only(&clean);
+    assert_eq!(found.kind, Kind::LampDrift);
+    assert!((found.amount.unwrap() - 1.2).abs() < 0.1, "{found:?}");
+}
+
+#[test]
+fn processed_frames_are_told() {
+    let mut smooth = |dn: &mut [f64], _: usize| {
+        let old = dn.to_vec();
+        for y in 0..H {
+            for x in 0..W {
+                let at = |dx: isize, dy: isize| {
+                    let u = (x as isize + dx).clamp(0, W as isize - 1) as usize;
+                    let v = (y as isize + dy).clamp(0, H as isize - 1) as usize;
+                    old[v * W + u]
+                };
+                let around: f64 = (-1..2)
+                    .flat_map(|dy| (-1..2).map(move |dx| (dx, dy)))
+                    .map(|(dx, dy)| at(dx, dy))
+                    .sum();
+                dn[y * W + x] = 0.6 * old[y * W + x] + 0.4 * around / 9.0;
+            }
+        }
+    };
+    let found = looked_at(15, Hooks { codes: Some(&mut smooth), ..Hooks::default() });
+    assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
+
+    // Blocks whose highest frequencies were dropped on steps of 6 DN.
+    let basis: Vec<Vec<f64>> = (0..8)
+        .map(|k| {
+            let norm = (if k == 0 { 1.0f64 } else { 2.0 } / 8.0).sqrt();
+            (0..8)
+                .map(|i| {
+                    norm * (std::f64::consts::PI * (2 * i + 1) as f64 * k as f64 / 16.0).cos()
+                })
+                .collect()
+        })
+        .collect();
+    let mut compress = |dn: &mut [f64], _: usize| {
+        for by in (0..H).step_by(8) {
+            for bx in (0..W).step_by(8) {
+                let mut c = [[0.0; 8]; 8];
+                for (a, row) in c.iter_mut().enumerate() {
+                    for (b, c) in row.iter_mut().enumerate() {
+                        let sum: f64 = (0..64)
+                            .map(|i| {
+                                basis[a][i / 8]
+                                    * basis[b][i % 8]
+                                    * dn[(by + i / 8) * W + bx + i % 8]
+                            })
+                            .sum();
+                        *c = (sum / 6.0).round() * 6.0;
+                    }
+                }
+                for i in 0..64 {
+                    dn[(by + i / 8) * W + bx + i % 8] = (0..64)
+                        .map(|k| basis[k / 8][i / 8] * basis[k % 8][i % 8] * c[k / 8][k % 8])
+                        .sum();
+                }
+            }
+        }
+    };
+    let found = looked_at(16, Hooks { codes: Some(&mut compress), ..Hooks::default() });
+    let marks: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::ProcessedFrames).collect();
+    assert_eq!(marks.len(), 1, "{found:#?}");
+    assert!((marks[0].amount.unwrap() - 6.0).abs() < 0.2, "{found:#?}");
+}
+
+#[test]
+fn left_justified_samples_are_divided() {
+    let mut shifted =
+        |dn: &mut [f64], _: usize| dn.iter_mut().for_each(|v| *v = (*v / 8.0).floor() * 8.0);
+    let folder = tempfile::tempdir().unwrap();
+    let set = set(
+        folder.path(),
+        17,
+        &PLAN,
+        Hooks { codes: Some(&mut shifted), ..Hooks::default() },
+        &|_| 1.0,
+    );
+    let clean = Cleaned::new(set, &|_| ()).unwrap();
+    let found = only(&clean);
+    assert_eq!((found.kind, found.amount), (Kind::CodeStep, Some(8.0)));
+    assert_eq!((clean.set().sensor.bits, clean.set().sensor.white_level_dn), (9, 511));
+    let mut largest = 0;
+    clean
+        .for_each_batch(7, |planes| {
+            largest = planes.iter().flat_map(|p| &p.data).copied().fold(largest, u16::max);
+            Ok(())
+        })
+        .unwrap();
+    assert!((390..512).contains(&largest), "{largest}");
+}

@@ -1,0 +1,77 @@
+//! Stacks of two or three frames, as EMVA 1288 asks for at many levels: too short to be divided,
+//! they go to one half as a whole, levels by turns.
+
+use camrig_captures::{Capture, CaptureSet, Role};
+
+/// Frames from which a stack is divided into halves of its own.
+const DIVIDED: usize = 4;
+/// Frames that show noise.
+const LEAST: usize = 2;
+/// Short flats from which levels are taken by turns: below, neither half has a series.
+const LEAST_LEVELS: usize = 6;
+
+/// A short stack, and the halves it belongs to.
+pub(super) struct Short {
+    /// Index of the capture.
+    pub capture: usize,
+    /// Whether it is fitted.
+    pub fit: bool,
+    /// Whether it is held out.
+    pub held_out: bool,
+}
+
+/// The short dark and flat stacks of a set: by level, every second one held out. The only dark of
+/// a set serves both halves, as neither can do without.
+pub(super) fn stacks(set: &CaptureSet, counts: &[usize]) -> Vec<Short> {
+    let short = |role: Role| -> Vec<usize> {
+        let of =
+            |i: &usize| set.captures[*i].role == role && (LEAST..DIVIDED).contains(&counts[*i]);
+        (0..counts.len()).filter(of).collect()
+    };
+    let (mut flats, mut darks) = (short(Role::Flat), short(Role::Dark));
+    if flats.len() < LEAST_LEVELS {
+        return Vec::new();
+    }
+    let captures = &set.captures;
+    flats.sort_by(|&a, &b| level(&captures[a]).total_cmp(&level(&captures[b])));
+    darks.sort_by(|&a, &b| captures[a].exposure_s.total_cmp(&captures[b].exposure_s));
+    let only_dark = captures.iter().filter(|c| c.role == Role::Dark).count() == 1;
+    let turns = |all: &[usize], both: bool| -> Vec<Short> {
+        let one = |(k, &capture): (usize, &usize)| {
+            let fit = k % 2 == 0;
+            Short { capture, fit: fit || both, held_out: !fit || both }
+        };
+        all.iter().enumerate().map(one).collect()
+    };
+    let mut out = turns(&flats, false);
+    out.extend(turns(&darks, only_dark));
+    out
+}
+
+/// The stated light of a capture, for their order; 0 where it is not stated.
+fn level(c: &Capture) -> f64 {
+    let light = c.light.as_ref();
+    let amount = light.and_then(|l| l.photons_per_pixel_per_s.or(l.irradiance_w_m2).or(l.lux));
+    amount.unwrap_or(0.0) * c.exposure_s
+}
+
+/// What is said of them.
+pub(super) fn note(set: &CaptureSet, short: &[Short]) -> Option<String> {
+    if short.is_empty() {
+        return None;
+    }
+    let ids = |of: &dyn Fn(&Short) -> bool| -> String {
+        let ids: Vec<&str> =
+            short.iter().filter(|s| of(s)).map(|s| set.captures[s.capture].id.as_str()).collect();
+        ids.join(", ")
+    };
+    let both = ids(&|s| s.fit && s.held_out);
+    let shared = if both.is_empty() { both } else { format!("; in both halves: {both}") };
+    Some(format!(
+        "{} stacks have two or three frames, too few to divide: levels alternate between fit ({}) \
+         and held-out ({}){shared}",
+        short.len(),
+        ids(&|s| s.fit && !s.held_out),
+        ids(&|s| s.held_out && !s.fit),
+    ))
+}

@@ -1,0 +1,80 @@
+//! `camrig captures`: what is in a capture set.
+
+use super::diagnose::looking;
+use camrig_base::{Error, Result};
+use camrig_captures::CaptureSet;
+use camrig_clean::{Cleaned, Finding};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Look at capture sets
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum Command {
+    Check(CheckArgs),
+}
+
+/// List every fault of a manifest, and everything in its frames that is not the sensor's steady
+/// behaviour: copies, codes with a step, processing, particle hits, pixels that change, wrong
+/// labels of light, drift, start-up
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Exit status 0 where nothing was found, 1 where something was, 2 where the set \
+    cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. Example:\n  \
+    camrig captures check captures"
+)]
+pub struct CheckArgs {
+    /// Capture set: a directory with captures.toml
+    captures: PathBuf,
+    /// Print the findings as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    match &args.command {
+        Command::Check(args) => check(args),
+    }
+}
+
+fn check(args: &CheckArgs) -> Result<ExitCode> {
+    let set = CaptureSet::load(&args.captures)?;
+    // Frames of every size and number of bits, those of targets too.
+    let mut frames = 0;
+    let mut faults: Vec<Error> = Vec::new();
+    for capture in &set.captures {
+        match set.for_each_batch(capture, |_| Ok(())) {
+            Ok(n) => frames += n,
+            Err(e) => faults.push(e),
+        }
+    }
+    if !faults.is_empty() {
+        return Err(camrig_base::mistakes::all(faults));
+    }
+    let bar = looking(&set)?;
+    let looked = Cleaned::look(set, &|n| bar.inc(n as u64))?;
+    bar.finish_and_clear();
+    let found = looked.findings();
+    if args.json {
+        let json = serde_json::json!({ "nuisances": found });
+        println!("{}", serde_json::to_string_pretty(&json).unwrap_or_default());
+    } else {
+        for line in found.iter().map(Finding::line) {
+            println!("{line}");
+        }
+        let captures = looked.set().captures.len();
+        let what = match found.len() {
+            0 => "nothing found".to_string(),
+            1 => "1 finding".to_string(),
+            n => format!("{n} findings"),
+        };
+        println!("{captures} captures, {frames} frames: {what}");
+    }
+    Ok(if found.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
