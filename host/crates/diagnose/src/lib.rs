@@ -42,15 +42,14 @@
 //! ```
 
 pub mod candidates;
-pub mod data;
 pub mod evidence;
 pub mod model;
-pub mod numerics;
 pub mod report;
 pub mod search;
 pub mod shapes;
-pub mod statistics;
 pub mod verdict;
 
+pub use camrig_statistics as statistics;
+pub use camrig_statistics::{data, numerics};
 pub use report::Report;
 pub use search::{Outcome, Session};

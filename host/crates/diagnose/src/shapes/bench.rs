@@ -2,6 +2,7 @@
 //! `sensor-core`, as moments.
 
 use super::view::View;
+use crate::data::course::Course;
 use crate::data::design::{Condition, Design, Stack};
 use crate::model::prediction::Prediction;
 use crate::model::replicate;
@@ -94,6 +95,8 @@ fn design() -> Design {
             role: if photo_e > 0.0 { Role::Flat } else { Role::Dark },
             skip: 0,
             frames: FRAMES,
+            total: FRAMES,
+            course: Course::default(),
             first_number: 10_000 * (i as u32 + 1),
             exposure_s,
             analog_gain: 1.0,

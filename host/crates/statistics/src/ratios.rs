@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use crate::data::course::Course;
     use crate::data::design::Stack;
-    use crate::statistics::temporal::Collector;
+    use crate::temporal::Collector;
     use camrig_base::Plane;
     use camrig_camera::Camera;
     use camrig_captures::Role;

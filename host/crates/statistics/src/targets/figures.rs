@@ -3,7 +3,7 @@
 use super::picture::Picture;
 use super::{chart, dots, edge};
 use crate::data::design::{Design, Target};
-use crate::statistics::statistic::{Figure, Place, Scale, Statistic, What};
+use crate::statistic::{Figure, Place, Scale, Statistic, What};
 use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_scene::chart::Geometry;

@@ -97,8 +97,8 @@ fn corner(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::maps::MapKind;
-    use crate::statistics::spatial::describe;
+    use crate::maps::MapKind;
+    use crate::spatial::describe;
     use camrig_base::Plane;
     use camrig_camera::Camera;
     use rand_distr::{Distribution, StandardNormal};

@@ -2,7 +2,7 @@
 
 use super::patches::measure;
 use super::picture::Picture;
-use crate::statistics::statistic::{Figure, Scale};
+use crate::statistic::{Figure, Scale};
 use camrig_base::Result;
 use camrig_camera::Camera;
 

@@ -1,7 +1,7 @@
 //! The response along a slanted edge.
 
 use super::picture::Picture;
-use crate::statistics::statistic::{Figure, Scale};
+use crate::statistic::{Figure, Scale};
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_measure::mtf::{self, Roi};

@@ -1,7 +1,7 @@
 //! Where the dots of a grid lie, how large they are, and the level between them.
 
 use super::picture::{Picture, densest_channel};
-use crate::statistics::statistic::{Figure, Scale};
+use crate::statistic::{Figure, Scale};
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Cfa, Plane};
 use camrig_camera::Camera;
