@@ -13,6 +13,7 @@
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
+//! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
 //! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
@@ -73,4 +74,5 @@ pub use camrig_render as render;
 pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;
+pub use camrig_statistics as statistics;
 pub use camrig_validate as validate;
