@@ -1,9 +1,9 @@
 //! Whether events of single frames are particles, and how often they come.
 //!
-//! Telegraph noise jumps in the same pixels again, heavy tails of noise go both ways, and neither
-//! reaches a neighbour; particles come anywhere, add charge, and often cross pixels. The rate is
-//! fitted to the counts of the stacks as a + b t, t the exposure, by the likelihood of their
-//! Poisson law, after the share of events that brighter stacks hide.
+//! Telegraph noise jumps in the same pixels again, or by little; heavy tails of noise go both ways;
+//! and neither reaches a neighbour. Particles come anywhere, add charge, often much of it, and
+//! often cross pixels. The rate is fitted to the counts of the stacks as a + b t, t the exposure,
+//! by the likelihood of their Poisson law, after the share of events that brighter stacks hide.
 
 use super::finding::{Done, Finding, Kind, Rate, names};
 use super::hits::{Event, FALSE_EVENTS, Found};
@@ -16,13 +16,18 @@ use std::collections::BTreeMap;
 /// Events below their pixel's other samples, beyond this share of those above and this number, are
 /// noise with wide tails.
 const NEGATIVE: (f64, f64) = (0.1, 2.0);
-/// Events without which neither recurrence nor size tells a cause.
-const FEW: usize = 5;
-/// Deviation from which one of few events is no chance of a noisy pixel.
-const STANDS_ALONE: f64 = 12.0;
-/// Events from which the share of those with several pixels is asked for; that share of particles,
-/// at least (telegraph noise: 1 to 3 %); and the chance of a smaller one.
-const SEVERAL_PIXELS: (usize, f64, f64) = (8, 0.10, 1e-2);
+/// Chance of as few events below among symmetric ones from which these are not taken to be so.
+const SYMMETRIC: f64 = 0.01;
+/// Events below which neither symmetry nor recurrence tells much of a cause: 2⁻⁷ is below the
+/// chance above.
+const FEW: usize = 7;
+/// Deviation from which an event is no chance of a noisy pixel: one that jumps so far is seen
+/// again.
+const STRONG: f64 = 12.0;
+/// Share of particles that reach several pixels or are strong, at least, and the chance of fewer.
+/// Of an exponential law with a mean as large as the limit a third is strong; of pixels that jump
+/// by a few standard deviations of noise, none.
+const TELLING: (f64, f64) = (0.10, 1e-2);
 
 /// The events that are particles; `None` where something else made them. `found` are those of all
 /// bands, `pixels` those of a frame.
@@ -43,14 +48,16 @@ pub fn particles(found: Vec<Found>, pixels: usize) -> Option<Vec<Event>> {
         }
         events.retain(|e| at[&e.at] == 1);
     }
-    let several = events.iter().filter(|e| e.pixels.len() > 1).count();
-    if events.len() < FEW {
-        return (several > 0 || events.iter().any(|e| e.z > STANDS_ALONE)).then_some(events);
+    // Few events may be the tails of noise, which is symmetric; such do not reach neighbours.
+    let several = events.iter().any(|e| e.pixels.len() > 1);
+    let all = negative + events.len();
+    if tails::binomial_most(negative, all, 0.5) > SYMMETRIC && !(several && negative == 0) {
+        return None;
     }
-    let (least, share, chance) = SEVERAL_PIXELS;
-    let single =
-        events.len() >= least && tails::binomial_most(several, events.len(), share) < chance;
-    (!single).then_some(events)
+    let telling = events.iter().filter(|e| e.pixels.len() > 1 || e.z > STRONG).count();
+    let (share, chance) = TELLING;
+    let enough = telling > 0 && tails::binomial_most(telling, events.len(), share) > chance;
+    enough.then_some(events)
 }
 
 /// What is said of them. `limits` are the largest deviations, DN, that single samples of each

@@ -38,7 +38,8 @@ const OWN_NOISE: f64 = 0.1;
 /// Variance over that of the dark from which it tells the light.
 const SHOT_NOISE: f64 = 2.0;
 /// Exponents n that are tried; 0 stands for a straight response.
-const EXPONENTS: [f64; 10] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 6.0];
+const EXPONENTS: [f64; 17] =
+    [0.0, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.25, 3.5, 4.0, 5.0, 6.0];
 
 /// A wrong label.
 #[derive(Clone, Debug, PartialEq)]
