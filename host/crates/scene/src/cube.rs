@@ -186,8 +186,8 @@ impl Cube {
         } else {
             (
                 "too large for a reflectance",
-                "reflectance is 0 to 1: give scale=0.01 for percent, scale=1.52590e-5 (1/65535) for \
-                 counts of 16 bits, or quantity=radiance",
+                "reflectance is 0 to 1: give scale=0.01 for percent, scale=1.52590e-5 (1/65535) \
+                 for counts of 16 bits, or quantity=radiance",
             )
         };
         let nm = self.wavelength_nm[band];

@@ -4,14 +4,15 @@
 //!
 //! | name | source | quantity |
 //! | --- | --- | --- |
-//! | `S0.550,000000nm` | A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021 | radiance |
+//! | `S0.550,000000nm` | Fichet et al. 2021 | radiance |
 //! | `T.550,000000nm` | the same | reflectance |
 //! | `545.00-555.00nm` | Mitsuba 0.6: a band from, to | radiance |
-//! | `w550nm`, `550nm`, `550` | KAIST's set of hyperspectral reflectances and others | reflectance |
+//! | `w550nm`, `550nm`, `550` | KAIST's hyperspectral set and others | reflectance |
 //!
-//! Decimals have a comma or a point; units are metres or hertz with any prefix (nm, um, THz), and
-//! nm where there is none. Stokes components `S1` to `S3` are left out. Channels are decoded one at
-//! a time, so a cube needs the memory of one band.
+//! (A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3),
+//! 2021.) Decimals have a comma or a point; units are metres or hertz with any prefix (nm, um,
+//! THz), and nm where there is none. Stokes components `S1` to `S3` are left out. Channels are
+//! decoded one at a time, so a cube needs the memory of one band.
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};

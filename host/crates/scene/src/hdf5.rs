@@ -131,8 +131,8 @@ fn samples(lengths: &[usize]) -> Option<usize> {
     lengths.iter().try_fold(1usize, |n, &length| n.checked_mul(length))
 }
 
-/// Most samples of an array or band that is held in memory: 512 MiB. One whose bands come first is read
-/// band by band.
+/// Most samples of an array or band that is held in memory: 512 MiB. An array whose bands come
+/// first is read band by band.
 const MOST_HELD: usize = 1 << 27;
 
 /// An array as a cube; `axes` names its axes, slowest first.
