@@ -19,7 +19,7 @@ pub struct Rig<'m> {
     camera: CameraStore<'m>,
     frame: Option<Frame>,
     memory: Memory<'m>,
-    sink: Option<&'m mut dyn RowSink>,
+    sink: Option<&'m mut (dyn RowSink + Send)>,
 }
 
 impl<'m> Rig<'m> {
@@ -30,7 +30,7 @@ impl<'m> Rig<'m> {
     }
 
     /// Gives the rig an interface of its own, where raw rows go whose host wants them there.
-    pub fn set_sink(&mut self, sink: &'m mut dyn RowSink) {
+    pub fn set_sink(&mut self, sink: &'m mut (dyn RowSink + Send)) {
         self.sink = Some(sink);
     }
 
@@ -43,7 +43,7 @@ impl<'m> Rig<'m> {
     /// [`Rig::running`], and where its rows go.
     pub(crate) fn running_and_sink(
         &mut self,
-    ) -> Option<(AnyRunning<'_>, Option<&mut (dyn RowSink + 'm)>)> {
+    ) -> Option<(AnyRunning<'_>, Option<&mut (dyn RowSink + Send + 'm)>)> {
         let frame = self.frame.as_mut()?;
         let (camera, memory) = (&self.camera, &mut self.memory);
         let running = AnyRunning::new(camera.config()?, camera.crosstalk(), frame, memory)?;

@@ -205,7 +205,7 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
 /// A frame in progress as the device's model; it only receives packets of that frame.
 struct Streaming<'r, 's, D> {
     running: AnyRunning<'r>,
-    sink: Option<&'r mut (dyn RowSink + 's)>,
+    sink: Option<&'r mut (dyn RowSink + Send + 's)>,
     dispatch: PhantomData<D>,
 }
 
