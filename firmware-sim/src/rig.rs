@@ -3,7 +3,7 @@
 use crate::camera::CameraStore;
 use crate::memory::{Memory, UNIT_BYTES};
 use crate::running::{self, AnyRunning, Frame, MAX_RING};
-use camrig_rig_link::device::{Begun, Model};
+use camrig_rig_link::device::{Begun, Model, RowSink};
 use camrig_rig_link::message::*;
 use camrig_rig_link::packing::Packing;
 use camrig_rig_link::registers::Registers;
@@ -19,20 +19,35 @@ pub struct Rig<'m> {
     camera: CameraStore<'m>,
     frame: Option<Frame>,
     memory: Memory<'m>,
+    sink: Option<&'m mut (dyn RowSink + Send)>,
 }
 
 impl<'m> Rig<'m> {
     /// A rig without a camera. `firmware`: name and version, at most 40 bytes.
     pub fn new(firmware: &'static str, mut memory: Memory<'m>) -> Self {
         let camera = CameraStore::new(core::mem::take(&mut memory.crosstalk));
-        Self { firmware, camera, frame: None, memory }
+        Self { firmware, camera, frame: None, memory, sink: None }
+    }
+
+    /// Gives the rig an interface of its own, where raw rows go whose host wants them there.
+    pub fn set_sink(&mut self, sink: &'m mut (dyn RowSink + Send)) {
+        self.sink = Some(sink);
     }
 
     /// The frame in progress with everything that it needs; `None` between frames. Making it costs
     /// about as much as a few hundred pixels, so keep it while parts arrive.
     pub fn running(&mut self) -> Option<AnyRunning<'_>> {
+        self.running_and_sink().map(|(running, _)| running)
+    }
+
+    /// [`Rig::running`], and where its rows go.
+    pub(crate) fn running_and_sink(
+        &mut self,
+    ) -> Option<(AnyRunning<'_>, Option<&mut (dyn RowSink + Send + 'm)>)> {
         let frame = self.frame.as_mut()?;
-        AnyRunning::new(self.camera.config()?, self.camera.crosstalk(), frame, &mut self.memory)
+        let (camera, memory) = (&self.camera, &mut self.memory);
+        let running = AnyRunning::new(camera.config()?, camera.crosstalk(), frame, memory)?;
+        Some((running, self.sink.as_deref_mut()))
     }
 
     fn max_width(&self) -> usize {
@@ -188,5 +203,9 @@ impl Model for Rig<'_> {
         if let Some(mut running) = self.running() {
             running::raw_row(&mut running, row, out);
         }
+    }
+
+    fn sink(&mut self) -> Option<&mut dyn RowSink> {
+        Some(&mut **self.sink.as_mut()?)
     }
 }

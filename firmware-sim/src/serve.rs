@@ -2,7 +2,7 @@
 
 use crate::rig::Rig;
 use crate::running::{self, AnyRunning};
-use camrig_rig_link::device::{Begun, Device, Model};
+use camrig_rig_link::device::{Begun, Device, Model, RowSink};
 use camrig_rig_link::framing::{Framing, OutOfStep, Receiver, Sender};
 use camrig_rig_link::message::*;
 use camrig_rig_link::registers::Registers;
@@ -191,9 +191,10 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     let mut open = port.wait()?;
     while open {
         open = if is_of_frame(port.receiver.packet())
-            && let Some(running) = rig.running()
+            && let Some((running, sink)) = rig.running_and_sink()
         {
-            port.run(device, &mut Streaming::<D>(running, PhantomData), is_of_frame)?
+            let mut model = Streaming::<D> { running, sink, dispatch: PhantomData };
+            port.run(device, &mut model, is_of_frame)?
         } else {
             port.run(device, rig, |packet| !is_of_frame(packet))?
         };
@@ -202,9 +203,13 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
 }
 
 /// A frame in progress as the device's model; it only receives packets of that frame.
-struct Streaming<'r, D>(AnyRunning<'r>, PhantomData<D>);
+struct Streaming<'r, 's, D> {
+    running: AnyRunning<'r>,
+    sink: Option<&'r mut (dyn RowSink + Send + 's)>,
+    dispatch: PhantomData<D>,
+}
 
-impl<D: Dispatch> Model for Streaming<'_, D> {
+impl<D: Dispatch> Model for Streaming<'_, '_, D> {
     fn capabilities(&self) -> Capabilities {
         Capabilities::default()
     }
@@ -222,10 +227,14 @@ impl<D: Dispatch> Model for Streaming<'_, D> {
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
-        D::units(&mut self.0, row, first, units);
+        D::units(&mut self.running, row, first, units);
     }
 
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
-        D::raw_row(&mut self.0, row, out);
+        D::raw_row(&mut self.running, row, out);
+    }
+
+    fn sink(&mut self) -> Option<&mut dyn RowSink> {
+        Some(&mut **self.sink.as_mut()?)
     }
 }

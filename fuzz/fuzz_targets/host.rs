@@ -29,7 +29,7 @@ impl FrameIo for Io {
     }
 }
 
-const KINDS: [Kind; 6] = [Kind::Hello, Kind::Control, Kind::Raw, Kind::Ack, Kind::Log, Kind::Part];
+const KINDS: [Kind; 5] = [Kind::Hello, Kind::Control, Kind::Raw, Kind::Ack, Kind::Part];
 
 fn begin() -> FrameBegin {
     FrameBegin {

@@ -1,6 +1,7 @@
 //! The smallest device: a camera whose raw samples are the light it is sent, and the host that
 //! asks it for a frame. Both ends run in one process, and packets go from one to the other in
-//! memory.
+//! memory. A second frame leaves by the device's own interface, as on a board that feeds an image
+//! signal processor, and the host gets receipts.
 //!
 //! A real device keeps `Smallest` and `Device` as they are; instead of the loop in `run` it reads
 //! bytes from a port, puts packets together with `framing::Receiver`, and writes the answers with
@@ -10,11 +11,12 @@
 //! cargo run -p camrig-rig-link --example smallest_device
 //! ```
 
-use camrig_rig_link::device::{Begun, Device, Model};
+use camrig_rig_link::device::{Begun, Device, Model, RowSink};
 use camrig_rig_link::host::{Event, FrameIo, Host, Limits, Poll};
 use camrig_rig_link::message::*;
 use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
 use camrig_rig_link::registers::Registers;
+use camrig_rig_link::wire::crc32c;
 
 /// Pixels in a row: one unit of the row codec.
 const WIDTH: usize = 16;
@@ -42,6 +44,30 @@ const SHAPE: FrameShape = FrameShape {
 struct Smallest {
     exposure_s: f32,
     row_e: [f32; WIDTH],
+    interface: Interface,
+}
+
+/// The device's own way out. On a board it starts a DMA to a camera interface or an FPGA; here it
+/// counts the rows and keeps the CRC of each.
+#[derive(Default)]
+struct Interface {
+    rows: usize,
+    crcs: [u32; ROWS],
+}
+
+impl RowSink for Interface {
+    fn raw_bits(&self) -> u8 {
+        12
+    }
+
+    fn begin(&mut self, _start: &FrameStart, _row_bytes: u16) {
+        *self = Self::default();
+    }
+
+    fn row(&mut self, row: u16, packed: &[u8]) {
+        self.rows += 1;
+        self.crcs[usize::from(row)] = crc32c(packed);
+    }
 }
 
 impl Model for Smallest {
@@ -101,6 +127,10 @@ impl Model for Smallest {
         let packed = pack_row(Packing::Raw12, &dn, out);
         debug_assert!(packed.is_ok());
     }
+
+    fn sink(&mut self) -> Option<&mut dyn RowSink> {
+        Some(&mut self.interface)
+    }
 }
 
 /// 2^exponent, by the bits of an f32 (`core` has no powers).
@@ -156,7 +186,7 @@ fn main() {
     let mut ends: Ends = (
         Host::new(Limits::default(), [0; ROWS]),
         Device::new(PACKET_BYTES as u16, 8),
-        Smallest { exposure_s: 0.0, row_e: [0.0; WIDTH] },
+        Smallest { exposure_s: 0.0, row_e: [0.0; WIDTH], interface: Interface::default() },
         Picture { raw: [[0; RAW_BYTES]; ROWS] },
     );
 
@@ -192,5 +222,20 @@ fn main() {
         println!("row {y}: {dn:?} DN");
         let ramp = core::array::from_fn(|x| 50 * (x + y) as u16);
         assert_eq!(dn, ramp, "1000 (x + y) electrons per second for 0.05 s");
+    }
+
+    // The same light again; the rows stay with the device.
+    let begin = FrameBegin { frame: 1, raw_bits: 0, ..begin };
+    let shape = FrameShape { raw_bytes: RECEIPT_BYTES as u16, ..SHAPE };
+    let crcs = ends.3.raw.map(|row| crc32c(&row));
+    ends.0.begin(begin, shape, false);
+    match run(&mut ends) {
+        Event::FrameDone(start) => println!("frame {} has left by the interface", start.frame),
+        event => panic!("no frame: {event}"),
+    }
+    assert_eq!((ends.2.interface.rows, ends.2.interface.crcs), (ROWS, crcs));
+    // A receipt is the CRC of the row that left.
+    for (raw, crc) in ends.3.raw.iter().zip(crcs) {
+        assert_eq!(raw[..RECEIPT_BYTES], crc.to_le_bytes());
     }
 }

@@ -56,6 +56,31 @@ pub trait Model {
 
     /// Computes raw row `row` and packs it into `out`, which has the frame's `raw_bytes`.
     fn raw_row(&mut self, row: u16, out: &mut [u8]);
+
+    /// Where raw rows go that stay with the device ([`FrameBegin::raw_bits`] 0), if it has a place
+    /// for them.
+    fn sink(&mut self) -> Option<&mut dyn RowSink> {
+        None
+    }
+}
+
+/// A device's own way out for its raw rows, such as a camera interface (DVP, CSI-2) or an FPGA: a
+/// frame with [`FrameBegin::raw_bits`] 0 goes there, and the link has a receipt of
+/// [`RECEIPT_BYTES`] for each row instead.
+///
+/// A row goes out once in each announcement of a frame, in order. Where the link loses a receipt,
+/// the row is computed again, to the same bytes, and only the receipt is sent again. A host that
+/// has to connect again announces the rows that it still needs, and they begin a new announcement.
+pub trait RowSink {
+    /// Bits per sample of the rows, which [`crate::packing::Packing::of_bits`] packs.
+    fn raw_bits(&self) -> u8;
+
+    /// A frame begins; rows of `row_bytes` bytes follow, or none where `start.fault` drops it. A
+    /// device with a clock delays a frame whose `start.fault` asks for that.
+    fn begin(&mut self, start: &FrameStart, row_bytes: u16);
+
+    /// The next packed row.
+    fn row(&mut self, row: u16, packed: &[u8]);
 }
 
 /// What a model answers when it has begun a frame.
@@ -66,9 +91,6 @@ pub struct Begun {
     /// The camera's seed.
     pub seed: u64,
 }
-
-/// Buffer for log bytes that wait to be sent: several messages of a firmware's binary log.
-const LOG_BYTES: usize = 128;
 
 /// Answers that may wait to be sent. A host has one operation at a time, so few ever wait; where
 /// there is no room an answer is dropped, and the host asks again.
@@ -96,6 +118,10 @@ struct Transfer {
     gap: bool,
     /// Next raw row to compute.
     next_out: u16,
+    /// Bytes of a packed raw row: those of the link, or of the device's own way out.
+    row_bytes: u16,
+    /// Rows before this one have gone to the [`RowSink`]; `None` where rows go over the link.
+    delivered: Option<u16>,
 }
 
 impl Transfer {
@@ -157,7 +183,6 @@ pub struct Device<const RAW: usize> {
     raw: [u8; RAW],
     /// The row in `raw`, its CRC and how much of it has been sent.
     sending: Option<RawHeader>,
-    log: Deque<u8, LOG_BYTES>,
 }
 
 impl<const RAW: usize> Device<RAW> {
@@ -185,15 +210,6 @@ impl<const RAW: usize> Device<RAW> {
             transfer: None,
             raw: [0; RAW],
             sending: None,
-            log: Deque::new(),
-        }
-    }
-
-    /// Queues bytes of the firmware's log for the host; bytes for which there is no room are
-    /// dropped.
-    pub fn log(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            let _ = self.log.push_back(byte);
         }
     }
 
@@ -242,7 +258,7 @@ impl<const RAW: usize> Device<RAW> {
             Kind::Camera => self.camera(packet.body, model),
             Kind::Ping => self.answer(Answer::Ack),
             Kind::Ack => {}
-            Kind::Hello | Kind::Raw | Kind::Log => {
+            Kind::Hello | Kind::Raw => {
                 self.nack(Nack::Unsupported(packet.header.kind as u8));
             }
         }
@@ -260,9 +276,6 @@ impl<const RAW: usize> Device<RAW> {
         }
         if self.seq.wrapping_sub(self.acknowledged) > self.host?.credit {
             return None;
-        }
-        if !self.log.is_empty() {
-            return Some(self.send_log(out));
         }
         if self.sending.is_none() {
             self.compute_row(model);
@@ -346,9 +359,18 @@ impl<const RAW: usize> Device<RAW> {
             return Err(Refusal::NoCamera);
         }
         let exposure = begin.exposure.unwrap_or_else(|| self.registers.exposure());
-        let Begun { shape, seed } = model.begin(&begin, exposure, &self.registers)?;
-        if !shape.is_sound() || usize::from(shape.raw_bytes) > RAW {
+        let stays = begin.raw_bits == 0;
+        let mut asked = begin;
+        if stays {
+            asked.raw_bits = model.sink().ok_or(Refusal::Packing)?.raw_bits();
+        }
+        let Begun { mut shape, seed } = model.begin(&asked, exposure, &self.registers)?;
+        if !shape.is_sound() || usize::from(shape.raw_bytes) > RAW || RECEIPT_BYTES > RAW {
             return Err(Refusal::WrongShape);
+        }
+        let row_bytes = shape.raw_bytes;
+        if stays {
+            shape.raw_bytes = RECEIPT_BYTES as u16;
         }
         let mut fault = self.registers.next_frame();
         if begin.exposure.is_none() && !self.registers.streaming {
@@ -365,8 +387,18 @@ impl<const RAW: usize> Device<RAW> {
             fault,
         };
         count(&mut self.statistics.frames);
-        self.transfer =
-            Some(Transfer { begin, start, cursor: Cursor::default(), gap: false, next_out: 0 });
+        if let Some(sink) = model.sink().filter(|_| stays) {
+            sink.begin(&start, row_bytes);
+        }
+        self.transfer = Some(Transfer {
+            begin,
+            start,
+            cursor: Cursor::default(),
+            gap: false,
+            next_out: 0,
+            row_bytes,
+            delivered: stays.then_some(0),
+        });
         Ok(start)
     }
 
@@ -493,17 +525,6 @@ impl<const RAW: usize> Device<RAW> {
         self.seal(out, kind, flags, written.unwrap_or(0))
     }
 
-    fn send_log(&mut self, out: &mut [u8]) -> usize {
-        let mut bytes = 0;
-        while bytes < CONTROL_BYTES
-            && let Some(byte) = self.log.pop_front()
-        {
-            out[HEADER_BYTES + bytes] = byte;
-            bytes += 1;
-        }
-        self.seal(out, Kind::Log, 0, bytes)
-    }
-
     /// Computes the next raw row that can be computed, if any.
     fn compute_row(&mut self, model: &mut impl Model) {
         let Some(t) = &mut self.transfer else { return };
@@ -515,12 +536,23 @@ impl<const RAW: usize> Device<RAW> {
         }
         let row = t.next_out;
         t.next_out += 1;
-        let raw = &mut self.raw[..usize::from(t.start.shape.raw_bytes)];
+        let mut raw = &mut self.raw[..usize::from(t.row_bytes)];
         model.raw_row(row, raw);
         if t.start.fault == Fault::CorruptRow(row) {
             raw.iter_mut().for_each(|byte| *byte = !*byte);
         }
         count(&mut self.statistics.rows_out);
+        if let Some(delivered) = &mut t.delivered {
+            if row >= *delivered
+                && let Some(sink) = model.sink()
+            {
+                sink.row(row, raw);
+                *delivered = row + 1;
+            }
+            let receipt = crc32c(raw).to_le_bytes();
+            raw = &mut self.raw[..RECEIPT_BYTES];
+            raw.copy_from_slice(&receipt);
+        }
         let row_crc = crc32c(raw);
         self.sending = Some(RawHeader { transfer: t.begin.transfer, row, offset: 0, row_crc });
     }

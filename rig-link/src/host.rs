@@ -25,9 +25,6 @@ pub trait FrameIo {
 
     /// Fills `out` with the camera's bytes from `offset` on.
     fn camera(&mut self, offset: u32, out: &mut [u8]);
-
-    /// Takes bytes of the device's log.
-    fn log(&mut self, _bytes: &[u8]) {}
 }
 
 /// Time limits of the host and the amounts that it handles at once.
@@ -578,8 +575,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         if after(header.ack, self.acknowledged) {
             self.acknowledged = header.ack;
         }
-        let of_frame = matches!(self.operation, Operation::Frame(_));
-        if of_frame && header.kind != Kind::Log {
+        if matches!(self.operation, Operation::Frame(_)) {
             self.deadline = now + self.limits.timeout;
         }
         match (header.kind, self.operation) {
@@ -605,10 +601,6 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
                 let event = self.frame_raw(&mut frame, packet.body, io);
                 self.operation = Operation::Frame(frame);
                 event.and_then(|event| self.end(event))
-            }
-            (Kind::Log, _) => {
-                io.log(packet.body);
-                None
             }
             _ => None,
         }

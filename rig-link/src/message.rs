@@ -16,6 +16,10 @@ pub const MAGIC: [u8; 6] = *b"camrig";
 /// Longest control message, bytes (a test encodes the largest).
 pub const CONTROL_BYTES: usize = 160;
 
+/// Bytes of a row's receipt, where raw rows stay with the device: the CRC-32C of the packed row that
+/// left by its own interface, little-endian.
+pub const RECEIPT_BYTES: usize = 4;
+
 /// The host's first message: opens a session and ends any other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
@@ -115,7 +119,9 @@ pub struct FrameBegin {
     pub codec: Codec,
     /// Which arithmetic computes the raw rows.
     pub arithmetic: NumberFormat,
-    /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`].
+    /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`]. 0: the rows
+    /// leave by the device's own interface, packed as that has them, and a raw row on the link is
+    /// its receipt ([`RECEIPT_BYTES`]). A device without such an interface refuses it.
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.
     pub temperature_c: f32,
@@ -293,7 +299,8 @@ pub enum Refusal {
     Arithmetic,
     /// The device does not read this row codec.
     Codec,
-    /// The packing does not exist, or has fewer bits per sample than the camera.
+    /// The packing does not exist, or has fewer bits per sample than the camera; or 0 bits, and
+    /// the device has no interface of its own.
     Packing,
     /// Exposure time or gain is not a positive finite number.
     Exposure,

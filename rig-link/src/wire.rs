@@ -37,7 +37,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC32C.checksum(bytes)
 }
 
-/// What a packet's body is.
+/// What a packet's body is. Number 8 is taken: early devices had it for a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
@@ -57,22 +57,12 @@ pub enum Kind {
     /// Host: empty; asks for an Ack. It needs no credit, so it can be sent on a link that stands
     /// still.
     Ping = 7,
-    /// Device: bytes of its log, in the encoding that the firmware's logger uses.
-    Log = 8,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 8] = [
-        Self::Hello,
-        Self::Control,
-        Self::Camera,
-        Self::Part,
-        Self::Raw,
-        Self::Ack,
-        Self::Ping,
-        Self::Log,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Hello, Self::Control, Self::Camera, Self::Part, Self::Raw, Self::Ack, Self::Ping];
 
     fn from_byte(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|&k| k as u8 == byte)

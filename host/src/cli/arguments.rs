@@ -1,18 +1,16 @@
-//! What several commands have in common: durations, progress bars, where frames go.
+//! What several commands have in common: durations, progress bars, how frames are taken.
 
-use camrig_base::output::{OutputDir, OutputFile, write_file};
-use camrig_base::{Bands, Error, RawFrame, Result};
+use camrig_base::output::OutputFile;
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
-use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
 use camrig_optics::DeviceChoice;
 use camrig_render::Arithmetic;
 use camrig_render::hdr::Hdr;
 use camrig_report::page::Page;
-use camrig_report::simulation;
 use camrig_sensor_core::config::FrameSettings;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -119,8 +117,8 @@ pub struct FrameArgs {
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
-    /// Frames to take; more than one go into a directory, or as a stream into - or headerless
-    /// pixels [default: 1, or as many as the bracket has]
+    /// Frames to take; more than one go into a directory, or one after another as headerless
+    /// pixels, csi2, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1, or as many as the bracket has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
     /// Exposure bracket: steps in EV around the exposure, taken in turn
@@ -144,8 +142,10 @@ pub struct FrameArgs {
     /// frames
     #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     pub output: PathBuf,
-    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, ..., or the
-    /// V4L2 name of headerless pixels
+    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, csi2, y4m (of
+    /// sensors without colour filters), or the V4L2 name of headerless pixels. These are at full
+    /// scale where their bits are not the sensor's: of 10 bits, SRGGB16 is shifted left by 6 and
+    /// SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<String>,
     /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
@@ -174,35 +174,6 @@ pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
     file.finish()
 }
 
-/// What a frame's file is to be.
-#[derive(Clone, Debug, PartialEq)]
-enum Kind {
-    Raw(Format),
-    Picture,
-}
-
-/// Where the files are.
-enum Place {
-    /// One file.
-    File,
-    /// A file for each frame.
-    Directory(OutputDir),
-    /// One file, or standard output, into which frame after frame goes.
-    Stream(OutputFile),
-    /// One file with all frames, written when they are there.
-    Stack(Option<Box<Frames>>),
-}
-
-/// Where frames go; made before any work, so that a bad output fails at once.
-pub struct FrameSink {
-    kind: Kind,
-    place: Place,
-    path: PathBuf,
-    force: bool,
-    written: Vec<Value>,
-    report: Option<(OutputFile, simulation::Frames)>,
-}
-
 impl FrameArgs {
     /// Frames to take.
     pub fn count(&self) -> u32 {
@@ -215,150 +186,6 @@ impl FrameArgs {
         let exposure_s = self.exposure * libm::exp2(*step);
         camera.settings(self.frame_seed.wrapping_add(i), exposure_s, self.gain)
     }
-
-    /// The kind of file asked for; `None` for a directory.
-    fn kind(&self) -> Result<Option<Kind>> {
-        if let Some(name) = &self.to {
-            return Ok(Some(Kind::Raw(Format::parse(name).map_err(|e| e.at("--to"))?)));
-        }
-        if self.output.as_os_str() == "-" {
-            return Err(Error::input("standard output does not say its format")
-                .help("give --to, for instance --to SGRBG10 or --to npy"));
-        }
-        match self.output.extension() {
-            None => Ok(None),
-            Some(e) if e.eq_ignore_ascii_case("png") => Ok(Some(Kind::Picture)),
-            Some(_) => Ok(Some(Kind::Raw(Format::from_path(&self.output)?))),
-        }
-    }
-
-    /// Opens the output.
-    pub fn sink(&self) -> Result<FrameSink> {
-        if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
-            let help = "use steps of -32 to 32 EV, such as -2,0,2";
-            return Err(Error::input("--bracket").help(help));
-        }
-        let several = self.count() > 1;
-        let (kind, place) = match self.kind()? {
-            None => {
-                let directory = OutputDir::create(&self.output, self.force)?;
-                (Kind::Raw(Format::Dng), Place::Directory(directory))
-            }
-            Some(kind @ Kind::Raw(Format::Raw(_) | Format::Pgm)) => {
-                (kind, Place::Stream(OutputFile::create(&self.output, self.force)?))
-            }
-            Some(Kind::Picture | Kind::Raw(Format::Dng | Format::Png)) if several => {
-                return Err(Error::unsupported(format!(
-                    "{} frames into {}",
-                    self.count(),
-                    self.output.display()
-                ))
-                .help(
-                    "several frames go into a directory (a name without extension), into one file \
-                     (.npy .tiff .fits .csi2), or one after the other as .pgm or headerless \
-                     pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
-                ));
-            }
-            Some(kind) => {
-                if self.output.exists() && !self.force {
-                    return Err(Error::input(format!("{} exists", self.output.display()))
-                        .help("give another name, or --force to replace it"));
-                }
-                (kind, if several { Place::Stack(None) } else { Place::File })
-            }
-        };
-        Ok(FrameSink {
-            kind,
-            place,
-            path: self.output.clone(),
-            force: self.force,
-            written: Vec::new(),
-            report: open_report(self.report.as_deref(), self.force)?
-                .map(|file| (file, simulation::Frames::default())),
-        })
-    }
-}
-
-impl FrameSink {
-    /// Writes the next frame.
-    pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
-        let number = self.written.len();
-        if let Kind::Raw(format) = &self.kind
-            && number == 0
-        {
-            let left_out = format.leaves_out(&Facts::of(frame));
-            left_out.iter().for_each(|note| eprintln!("note: {note}"));
-        }
-        let encoded = || match &self.kind {
-            Kind::Picture => png::encode_rgb(&preview::render(frame, info)),
-            Kind::Raw(format) => {
-                let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
-                format.encode(&Frames { facts, ..Frames::from_raw(frame) })
-            }
-        };
-        let name = match &mut self.place {
-            Place::File => {
-                write_file(&self.path, self.force, &encoded()?)?;
-                self.path.display().to_string()
-            }
-            Place::Directory(directory) => {
-                let name = format!("{number:04}.dng");
-                directory.write(Path::new(&name), &encoded()?)?;
-                self.path.join(name).display().to_string()
-            }
-            Place::Stream(file) => {
-                let bytes = encoded()?;
-                // Frame by frame: who reads a pipe waits for whole frames.
-                let written = file.write_all(&bytes).and_then(|()| file.flush());
-                written.map_err(|e| Error::io("write", &self.path, e))?;
-                format!("{} frame {number}", self.path.display())
-            }
-            Place::Stack(stack) => {
-                let mut one = Frames::from_raw(frame);
-                match stack {
-                    Some(stack) => stack.planes.append(&mut one.planes),
-                    None => *stack = Some(Box::new(one)),
-                }
-                format!("{} frame {number}", self.path.display())
-            }
-        };
-        if let Some((_, frames)) = &mut self.report {
-            let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
-            frames.add(&file, frame, info)?;
-        }
-        self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
-        Ok(())
-    }
-
-    /// Completes the output; what was written, for `--json`. `page` is asked for the page about
-    /// the frames.
-    pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
-        match self.place {
-            Place::File => {}
-            Place::Directory(directory) => directory.finish()?,
-            Place::Stream(file) => file.finish()?,
-            Place::Stack(stack) => {
-                if let (Some(stack), Kind::Raw(format)) = (stack, &self.kind) {
-                    write_file(&self.path, self.force, &format.encode(&stack)?)?;
-                }
-            }
-        }
-        if let Some((file, frames)) = self.report {
-            write_report(file, &page(&frames))?;
-        }
-        Ok(self.written)
-    }
-}
-
-fn channel_figures(frame: &RawFrame) -> Value {
-    frame
-        .channel_means()
-        .into_iter()
-        .map(|(name, mean_dn, saturated)| {
-            (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
-        })
-        .collect::<serde_json::Map<_, _>>()
-        .into()
 }
 
 /// Share of a channel's samples that may be saturated without a warning. A trade: hot pixels and

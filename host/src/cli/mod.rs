@@ -30,12 +30,13 @@ mod diagnose;
 mod effects;
 mod explain;
 mod expose;
+mod frame_sink;
 mod isp;
 mod lens;
+mod live;
 mod measure;
 mod presets;
 mod rig;
-mod rig_pace;
 mod rig_stream;
 mod rig_view;
 mod scene;
@@ -86,11 +87,15 @@ enum Command {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
-    platform::before_signals_end(output::remove_unfinished);
-    stdout::guard(|| run(command)).unwrap_or_else(|error| {
+    let stopping =
+        || eprintln!("ending after the frame in progress; a second signal ends at once");
+    platform::before_signals_end(stopping, output::remove_unfinished);
+    let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {
         eprintln!("error: {}", advice::advised(error));
         ExitCode::from(2)
-    })
+    });
+    platform::end_if_asked();
+    status
 }
 
 fn run(command: Command) -> Result<ExitCode> {

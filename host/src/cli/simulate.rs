@@ -1,6 +1,7 @@
 //! `camrig simulate`: scene to raw.
 
 use super::arguments::{self, DeviceArgs, FrameArgs, positive};
+use super::frame_sink::FrameSink;
 use camrig_base::Result;
 use camrig_camera::{Camera, changes};
 use camrig_exposure::{CubeHeader, IrradianceCube};
@@ -88,7 +89,8 @@ pub struct ViewArgs {
     pub no_cache: bool,
 }
 
-fn pair(text: &str) -> Result<[f64; 2], String> {
+/// Reads two numbers.
+pub fn pair(text: &str) -> Result<[f64; 2], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
@@ -96,7 +98,8 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-fn part(text: &str) -> Result<f64, String> {
+/// Reads a number from 0 to 1.
+pub fn part(text: &str) -> Result<f64, String> {
     let value = text.parse().ok().filter(|v| (0.0..=1.0).contains(v));
     value.ok_or_else(|| format!("{text:?}: use a number from 0 to 1"))
 }
@@ -127,7 +130,7 @@ impl ViewArgs {
     }
 
     /// What is looked at.
-    fn optics_stage(&self) -> Result<OpticsStage> {
+    pub fn optics_stage(&self) -> Result<OpticsStage> {
         let level = match (self.lux, self.luminance) {
             (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
             (lux, None) => lux.map(LightLevel::Lux),
@@ -265,7 +268,7 @@ pub fn expose_frames(
     sensor: &SimulatedSensor,
     (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
     illuminant: Option<&Illuminant>,
-    sink: &mut arguments::FrameSink,
+    sink: &mut FrameSink,
 ) -> Result<()> {
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
     stage.on_broken_link(arguments::broken_link);
@@ -277,6 +280,9 @@ pub fn expose_frames(
     // Irradiance of this frame and the one before, where it changes.
     let (mut moved, mut moved_before) = (None, None);
     for i in 0..args.count() {
+        if sink.is_asked_to_stop() {
+            break;
+        }
         if let (Some(next), true) = (&mut next, i > 0) {
             moved_before = moved.replace(next(i)?);
         }

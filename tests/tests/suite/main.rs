@@ -10,6 +10,7 @@ mod full_disk;
 mod guide;
 mod interfaces;
 mod lens;
+mod live;
 mod measuring;
 mod photon_transfer;
 mod radiometry;

@@ -4,7 +4,8 @@
 //! * [`Plane`], [`RawFrame`] and [`Cfa`]: rectangles of values, row by row from the top; raw
 //!   frames in digital numbers (DN) with their colour filter pattern;
 //! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
-//! * [`output`]: files and directories that appear whole or not at all;
+//! * [`output`]: files and directories that appear whole or not at all, and outputs that are read
+//!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //! * [`median`], and [`platform`] for what operating systems do differently.
 //!
@@ -41,6 +42,7 @@ pub mod output;
 mod plane;
 pub mod platform;
 mod spectrum;
+pub mod stop;
 pub mod table;
 mod table_form;
 pub mod toml_text;

@@ -4,7 +4,11 @@
 //! dropping it unfinished (an error, a panic) removes it. On Linux an unfinished file has no name
 //! at all (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file
 //! systems without that, it has a hidden temporary name. What already exists is replaced only when
-//! asked to.
+//! asked to. [`LiveOutput`] is for what is read while it is written: of that, each record is whole.
+
+mod live;
+
+pub use live::LiveOutput;
 
 use crate::{Error, Result, platform};
 use std::fs;

@@ -18,9 +18,11 @@
 //! | PNG | [`mod@png`] | one | all |
 //! | FITS | [`fits`] | any number | all |
 //! | CSI-2 packets | [`csi2`] | any number | bits |
+//! | Y4M video, written alone | [`y4m`] | any number, without colour filters | bits |
 //! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
 //!
-//! Any of them but the last may lie in a gzip file. What a reader takes for granted stands in
+//! Any of them but the last two may lie in a gzip file. [`live`] writes frames one after another.
+//! What a reader takes for granted stands in
 //! [`Facts::notes`], and [`Format::leaves_out`] says what a format cannot carry.
 //!
 //! # Example
@@ -58,6 +60,7 @@ pub mod fits;
 mod full_scale;
 mod gzip;
 mod ifd;
+pub mod live;
 mod ljpeg;
 mod narrow;
 pub mod npy;
@@ -70,11 +73,13 @@ pub mod preview;
 mod tests;
 pub mod tiff16;
 mod tiff_samples;
+pub mod y4m;
 
 use camrig_base::{Error, Plane, RawFrame, Result};
 pub use dng_info::DngInfo;
 pub use facts::Facts;
 pub use pixel_format::PixelFormat;
+use std::fmt;
 use std::path::Path;
 
 /// A stack of raw frames of one size, with what is known about them.
@@ -103,6 +108,8 @@ pub enum Format {
     Fits,
     /// MIPI CSI-2 packet stream as it leaves the receiver's lane merger.
     Csi2,
+    /// YUV4MPEG2, grey video of a sensor without colour filters; written, not read.
+    Y4m,
     /// Headerless pixels in a V4L2 format, one frame after another.
     Raw(PixelFormat),
 }
@@ -157,7 +164,7 @@ impl Frames {
 }
 
 impl Format {
-    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 pixel format.
+    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, y4m, or a V4L2 pixel format.
     ///
     /// # Errors
     /// A name that is none of these.
@@ -170,10 +177,11 @@ impl Format {
             "png" => Self::Png,
             "fits" | "fit" => Self::Fits,
             "csi2" => Self::Csi2,
+            "y4m" => Self::Y4m,
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
                 Error::unsupported(format!("raw format {name:?}")).help(
-                    "use dng, tiff, npy, pgm, png, fits, csi2, or a V4L2 or GenICam pixel format \
-                     like SGRBG10P",
+                    "use dng, tiff, npy, pgm, png, fits, csi2, y4m, or a V4L2 or GenICam pixel \
+                     format like SGRBG10P",
                 )
             })?),
         })
@@ -191,8 +199,8 @@ impl Format {
         Self::parse(path.extension().and_then(|e| e.to_str()).unwrap_or("")).map_err(|_| {
             Error::unsupported(format!("no raw format is known by the name {}", path.display()))
                 .help(
-                    "end the name in .dng .tiff .npy .pgm .png .fits .csi2, or, headerless, like \
-                 NAME_640x480_SGRBG10P.raw",
+                    "end the name in .dng .tiff .npy .pgm .png .fits .csi2 .y4m, or, headerless, \
+                 like NAME_640x480_SGRBG10P.raw",
                 )
         })
     }
@@ -222,6 +230,12 @@ impl Format {
         }
     }
 
+    /// Whether frames of this format follow one another, so that each can be written when it is
+    /// there ([`live`]).
+    pub fn is_stream(&self) -> bool {
+        matches!(self, Self::Pgm | Self::Csi2 | Self::Y4m | Self::Raw(_))
+    }
+
     /// The bytes of a file of this format.
     ///
     /// # Errors
@@ -247,8 +261,25 @@ impl Format {
             Self::Png => png::encode(frames),
             Self::Fits => fits::encode(frames),
             Self::Csi2 => csi2::encode(frames),
+            Self::Y4m => y4m::encode(frames),
             Self::Raw(pixels) => pixels.encode(frames),
         }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Dng => "dng",
+            Self::Tiff => "tiff",
+            Self::Npy => "npy",
+            Self::Pgm => "pgm",
+            Self::Png => "png",
+            Self::Fits => "fits",
+            Self::Csi2 => "csi2",
+            Self::Y4m => "y4m",
+            Self::Raw(pixels) => return pixels.fmt(f),
+        })
     }
 }
 
@@ -272,10 +303,12 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Png) => png::decode(bytes),
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
-        Some(Format::Raw(_)) | None => Err(Error::unsupported("not in a known raw format").help(
-            "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 \
+        Some(Format::Raw(_) | Format::Y4m) | None => {
+            Err(Error::unsupported("not in a known raw format").help(
+                "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 \
              packets; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
-        )),
+            ))
+        }
     }?;
     debug_assert!(!frames.planes.is_empty());
     Ok(frames)

@@ -31,8 +31,6 @@ const REOPEN_WAIT: Duration = Duration::from_millis(200);
 /// No try begins later than this after the link broke: a rig that opens and does not answer takes
 /// each of them some time.
 const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
-/// Log bytes kept for [`Rig::take_log`]; the oldest go first.
-const LOG_BYTES: usize = 1 << 20;
 /// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
 const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
 /// Addresses of the embedded line in CCS's manufacturer-specific range: what a frame was exposed
@@ -91,8 +89,6 @@ pub struct Rig {
     camera: Vec<u8>,
     out: Vec<u8>,
     since: Instant,
-    /// Log bytes that came over the link.
-    log: Vec<u8>,
     /// Hears of links that broke and are opened again.
     link_broken: Option<Listener>,
     /// The rig's line time, ns, once it was asked; `Some(None)` where it has none.
@@ -139,7 +135,6 @@ impl Rig {
             camera: Vec::new(),
             out: vec![0; MAX_PACKET],
             since: Instant::now(),
-            log: Vec::new(),
             link_broken: None,
             line_ns: None,
         };
@@ -166,11 +161,6 @@ impl Rig {
     /// Bytes over the link, framing included: sent and received.
     pub fn link_bytes(&self) -> (u64, u64) {
         self.transport.as_ref().map_or((0, 0), |t| t.bytes())
-    }
-
-    /// Log bytes that came over the link since the last call: the last mebibyte of them.
-    pub fn take_log(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.log)
     }
 
     /// Asks the rig for its counters.
@@ -449,7 +439,7 @@ impl Rig {
             .ok_or_else(|| Error::device("the link is closed").at(&self.url))?;
         loop {
             let now = self.since.elapsed().as_micros() as u64 + 1;
-            let mut io = Io { transfer, camera: &self.camera, log: &mut self.log };
+            let mut io = Io { transfer, camera: &self.camera };
             let wait = match self.host.poll(now, &mut io, &mut self.out) {
                 Poll::Done(event) => return Ok(event),
                 Poll::Send(bytes) => {
@@ -671,7 +661,6 @@ struct Transfer<'a, 'c> {
 struct Io<'a, 'f, 'c> {
     transfer: &'a mut Option<Transfer<'f, 'c>>,
     camera: &'a [u8],
-    log: &'a mut Vec<u8>,
 }
 
 impl FrameIo for Io<'_, '_, '_> {
@@ -697,11 +686,5 @@ impl FrameIo for Io<'_, '_, '_> {
     fn camera(&mut self, offset: u32, out: &mut [u8]) {
         let start = offset as usize;
         out.copy_from_slice(&self.camera[start..start + out.len()]);
-    }
-
-    fn log(&mut self, bytes: &[u8]) {
-        self.log.extend_from_slice(bytes);
-        let beyond = self.log.len().saturating_sub(LOG_BYTES);
-        self.log.drain(..beyond);
     }
 }

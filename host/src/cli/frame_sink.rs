@@ -1,0 +1,218 @@
+//! Where the frames of `simulate` and `expose` go: a file, a directory, a stream.
+
+use super::arguments::{FrameArgs, open_report, write_report};
+use super::live::{self, LiveFrames};
+use camrig_base::output::{LiveOutput, OutputDir, OutputFile, write_file};
+use camrig_base::stop::Stoppable;
+use camrig_base::{Error, RawFrame, Result};
+use camrig_formats::live::{Beside, LiveEncoder};
+use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
+use camrig_report::page::Page;
+use camrig_report::simulation;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Frames of a live stream whose figures are kept: a stream may go on for days.
+const FIGURES: usize = 1000;
+
+/// What a frame's file is to be.
+#[derive(Clone, Debug, PartialEq)]
+enum Kind {
+    Raw(Format),
+    Picture,
+}
+
+/// Where the files are.
+enum Place {
+    /// One file.
+    File,
+    /// A file for each frame.
+    Directory(OutputDir),
+    /// One file into which frame after frame goes; it has its name when all are there.
+    Stream(OutputFile, LiveEncoder),
+    /// Standard output, a named pipe or a device, into which frames go as they come.
+    Live(Box<LiveFrames>, Stoppable),
+    /// One file with all frames, written when they are there.
+    Stack(Option<Box<Frames>>),
+}
+
+/// Where frames go; made before any work, so that a bad output fails at once.
+pub struct FrameSink {
+    kind: Kind,
+    place: Place,
+    path: PathBuf,
+    force: bool,
+    count: usize,
+    written: Vec<Value>,
+    report: Option<(OutputFile, simulation::Frames)>,
+}
+
+impl FrameArgs {
+    /// The kind of file asked for; `None` for a directory.
+    fn kind(&self) -> Result<Option<Kind>> {
+        let path = &self.output;
+        live::check_figures(path, self.json)?;
+        if self.to.is_some() {
+            return Ok(live::format(path, self.to.as_deref())?.map(Kind::Raw));
+        }
+        if LiveOutput::is_stdout(path) {
+            return Err(Error::input("standard output does not say its format")
+                .help("give --to, for instance --to SGRBG10 or --to npy"));
+        }
+        match path.extension() {
+            None => Ok(None),
+            Some(e) if e.eq_ignore_ascii_case("png") => Ok(Some(Kind::Picture)),
+            Some(_) => Ok(Some(Kind::Raw(Format::from_path(path)?))),
+        }
+    }
+
+    /// Opens the output.
+    pub fn sink(&self) -> Result<FrameSink> {
+        if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
+            let help = "use steps of -32 to 32 EV, such as -2,0,2";
+            return Err(Error::input("--bracket").help(help));
+        }
+        let several = self.count() > 1;
+        let (kind, live) = (self.kind()?, LiveOutput::is_stream(&self.output));
+        let packets = kind == Some(Kind::Raw(Format::Csi2));
+        let (kind, place) = match kind {
+            None => {
+                let directory = OutputDir::create(&self.output, self.force)?;
+                (Kind::Raw(Format::Dng), Place::Directory(directory))
+            }
+            Some(Kind::Raw(format)) if format.is_stream() && (several || live || !packets) => {
+                let encoder = LiveEncoder::new(format.clone(), None)?;
+                let place = if live {
+                    let frames = LiveFrames::create(&self.output, self.force, encoder)?;
+                    Place::Live(Box::new(frames), Stoppable::new())
+                } else {
+                    Place::Stream(OutputFile::create(&self.output, self.force)?, encoder)
+                };
+                (Kind::Raw(format), place)
+            }
+            Some(Kind::Picture | Kind::Raw(Format::Dng | Format::Png)) if several => {
+                return Err(Error::unsupported(format!(
+                    "{} frames into {}",
+                    self.count(),
+                    self.output.display()
+                ))
+                .help(
+                    "several frames go into a directory (a name without extension), into one file \
+                     (.npy .tiff .fits), or one after the other as .csi2, .pgm, .y4m or \
+                     headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
+                ));
+            }
+            Some(kind) => {
+                if self.output.exists() && !self.force {
+                    return Err(Error::input(format!("{} exists", self.output.display()))
+                        .help("give another name, or --force to replace it"));
+                }
+                (kind, if several { Place::Stack(None) } else { Place::File })
+            }
+        };
+        Ok(FrameSink {
+            kind,
+            place,
+            path: self.output.clone(),
+            force: self.force,
+            count: 0,
+            written: Vec::new(),
+            report: open_report(self.report.as_deref(), self.force)?
+                .map(|file| (file, simulation::Frames::default())),
+        })
+    }
+}
+
+impl FrameSink {
+    /// Whether a signal has asked a stream that goes out live to end.
+    pub fn is_asked_to_stop(&self) -> bool {
+        matches!(&self.place, Place::Live(_, stop) if stop.is_asked())
+    }
+
+    /// Writes the next frame.
+    pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        let number = self.count;
+        let encoded = || match &self.kind {
+            Kind::Picture => png::encode_rgb(&preview::render(frame, info)),
+            Kind::Raw(format) => {
+                let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
+                format.encode(&Frames { facts, ..Frames::from_raw(frame) })
+            }
+        };
+        let mut name = format!("{} frame {number}", self.path.display());
+        match &mut self.place {
+            Place::File => {
+                write_file(&self.path, self.force, &encoded()?)?;
+                name = self.path.display().to_string();
+            }
+            Place::Directory(directory) => {
+                let file = format!("{number:04}.dng");
+                directory.write(Path::new(&file), &encoded()?)?;
+                name = self.path.join(file).display().to_string();
+            }
+            Place::Stream(file, encoder) => {
+                if number == 0 {
+                    live::tell(encoder, frame);
+                }
+                let bytes = encoder.encode(frame, &Beside::default())?;
+                file.write_all(&bytes).map_err(|e| Error::io("write", &self.path, e))?;
+            }
+            Place::Live(frames, _) => frames.write(frame, &Beside::default())?,
+            Place::Stack(stack) => {
+                let mut one = Frames::from_raw(frame);
+                match stack {
+                    Some(stack) => stack.planes.append(&mut one.planes),
+                    None => *stack = Some(Box::new(one)),
+                }
+            }
+        }
+        if let Some((_, frames)) = &mut self.report {
+            let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
+            frames.add(&file, frame, info)?;
+        }
+        self.count += 1;
+        if self.count <= FIGURES || !matches!(self.place, Place::Live(..)) {
+            self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
+        }
+        Ok(())
+    }
+
+    /// Completes the output; what was written, for `--json`. `page` is asked for the page about
+    /// the frames.
+    pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
+        let place = live::named(&self.path);
+        match self.place {
+            Place::File => {}
+            Place::Directory(directory) => directory.finish()?,
+            Place::Stream(file, _) => file.finish()?,
+            Place::Live(frames, stop) if stop.is_asked() => {
+                eprintln!("interrupted: {} whole frames went to {place}", frames.count());
+            }
+            Place::Live(..) if self.count > FIGURES => {
+                eprintln!("{} frames went to {place}; the first {FIGURES} of them:", self.count);
+            }
+            Place::Live(..) => {}
+            Place::Stack(stack) => {
+                if let (Some(stack), Kind::Raw(format)) = (stack, &self.kind) {
+                    write_file(&self.path, self.force, &format.encode(&stack)?)?;
+                }
+            }
+        }
+        if let Some((file, frames)) = self.report {
+            write_report(file, &page(&frames))?;
+        }
+        Ok(self.written)
+    }
+}
+
+fn channel_figures(frame: &RawFrame) -> Value {
+    frame
+        .channel_means()
+        .into_iter()
+        .map(|(name, mean_dn, saturated)| {
+            (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
+        })
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}

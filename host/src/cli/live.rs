@@ -1,0 +1,96 @@
+//! Frames that go out as they come: into a file that grows, a named pipe or standard output.
+
+use camrig_base::output::LiveOutput;
+use camrig_base::{Error, RawFrame, Result};
+use camrig_formats::Format;
+use camrig_formats::live::{Beside, LiveEncoder};
+use std::path::Path;
+
+/// The format of an output: what was asked for, which its name must not contradict, or that of its
+/// name. `None` where neither says one.
+pub fn format(path: &Path, to: Option<&str>) -> Result<Option<Format>> {
+    let named = Format::from_path(path).ok();
+    let Some(to) = to else { return Ok(named) };
+    let asked = Format::parse(to).map_err(|e| e.at("--to"))?;
+    match named {
+        Some(named) if named != asked => {
+            Err(Error::disagreement(format!("{asked} under a name of {named}"))
+                .at(path.display())
+                .help("change the name, or leave --to out"))
+        }
+        _ => Ok(Some(asked)),
+    }
+}
+
+/// Refuses figures on standard output, where the frames are.
+pub fn check_figures(path: &Path, json: bool) -> Result<()> {
+    if json && LiveOutput::is_stdout(path) {
+        return Err(Error::input("frames and figures on one standard output")
+            .help("write the frames into a file or a named pipe, or leave --json out"));
+    }
+    Ok(())
+}
+
+/// Where frames go.
+pub struct LiveFrames {
+    output: LiveOutput,
+    encoder: LiveEncoder,
+}
+
+impl LiveFrames {
+    /// Opens an output; a named pipe waits for its reader.
+    pub fn create(path: &Path, force: bool, encoder: LiveEncoder) -> Result<Self> {
+        Ok(Self { output: LiveOutput::create(path, force)?, encoder })
+    }
+
+    /// Refuses frames that the format cannot hold.
+    pub fn check(&self, like: &RawFrame) -> Result<()> {
+        self.encoder.clone().encode(like, &Beside::default()).map(drop)
+    }
+
+    /// Writes the next frame, whole.
+    pub fn write(&mut self, frame: &RawFrame, beside: &Beside) -> Result<()> {
+        if self.output.records() == 0 {
+            tell(&self.encoder, frame);
+        }
+        self.output.push(&self.encoder.encode(frame, beside)?)
+    }
+
+    /// Frames written.
+    pub fn count(&self) -> u64 {
+        self.output.records()
+    }
+}
+
+/// Says what the format of a stream does not.
+pub fn tell(encoder: &LiveEncoder, frame: &RawFrame) {
+    encoder.notes(frame).iter().for_each(|note| eprintln!("note: {note}"));
+}
+
+/// An output as words name it.
+pub fn named(path: &Path) -> String {
+    if LiveOutput::is_stdout(path) {
+        return "standard output".into();
+    }
+    path.display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_and_a_format_must_agree() {
+        let of = |path: &str, to| format(Path::new(path), to).map(|f| f.map(|f| f.to_string()));
+        let known = |format: &str| Some(format.to_string());
+        assert_eq!(of("a.csi2", None).unwrap(), known("csi2"));
+        assert_eq!(of("-", Some("SRGGB10P")).unwrap(), known("SRGGB10P"));
+        assert_eq!(of("a.raw", Some("SRGGB10P")).unwrap(), known("SRGGB10P"));
+        assert_eq!(of("-", None).unwrap(), None);
+        let said = of("a.dng", Some("csi2")).unwrap_err().to_string();
+        assert!(said.contains("csi2 under a name of dng"), "{said}");
+        assert!(of("a_64x48_SGRBG10.raw", Some("SGRBG16")).is_err());
+        assert!(check_figures(Path::new("-"), true).is_err());
+        assert!(check_figures(Path::new("a.csi2"), true).is_ok());
+    }
+}

@@ -1,0 +1,321 @@
+//! `camrig rig stream`: frames of irradiance to a rig, raw frames back.
+
+mod light;
+mod output;
+mod pace;
+mod report;
+
+use super::arguments::{self, DeviceArgs, arithmetic, duration, positive};
+use super::{live, simulate};
+use camrig_base::Result;
+use camrig_base::stop::Stoppable;
+use camrig_camera::Camera;
+use camrig_exposure::IrradianceCube;
+use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_rig::script::{Script, Write, exposure_cut};
+use camrig_rig::{FrameRequest, Rig, RigFrame, feed::Feed};
+use camrig_rig_link::registers::address;
+use light::Light;
+use output::Output;
+use pace::Pace;
+use report::{Outcome, Record};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Send frames of irradiance, take raw frames back
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms \
+    --frames 100\n  \
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 \
+    -o out.csi2\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 \
+    --json\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \
+    --frames 90 \\\n    \
+        -o - --to SGRBG16 | ffmpeg -f rawvideo -pixel_format bayer_grbg16le \
+        -video_size 752x480 -i - dots.mp4\n\n\
+    A script:\n  \
+    format = \"rig-script/1\"\n  \
+    [[write]]\n  \
+    before_frame = 5\n  \
+    exposure_s = 0.02            # or analog_gain, or registers = { \"0x0202\" = 800 }")]
+pub struct Args {
+    /// Address of the rig
+    url: String,
+    /// Camera file or preset
+    #[arg(long, value_name = "C")]
+    camera: String,
+    /// Scene to look at
+    #[arg(
+        long,
+        value_name = "S",
+        required_unless_present = "irradiance",
+        conflicts_with = "irradiance"
+    )]
+    scene: Option<String>,
+    /// Light on a reflectance scene (D65 unless given)
+    #[arg(long, value_name = "I", conflicts_with = "irradiance")]
+    illuminant: Option<String>,
+    /// Scene illuminance, lx; a radiance scene is scaled to it
+    #[arg(long, value_parser = positive, value_name = "X", conflicts_with = "irradiance")]
+    lux: Option<f64>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Let the scene move: pixels per frame to the right and down
+    #[arg(
+        long,
+        value_name = "DX,DY",
+        value_parser = simulate::pair,
+        allow_hyphen_values = true,
+        requires = "scene"
+    )]
+    motion: Option<[f64; 2]>,
+    /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
+    #[arg(
+        long,
+        value_name = "PART",
+        value_parser = simulate::part,
+        default_value_t = 0.0,
+        requires = "motion"
+    )]
+    rolling: f64,
+    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
+    /// each frame, over and over, in the order of the numbers in their names
+    #[arg(long, value_name = "FILE|DIR")]
+    irradiance: Option<PathBuf>,
+    /// Integration time; the rig's registers decide unless given
+    #[arg(
+        long,
+        value_parser = duration,
+        allow_hyphen_values = true,
+        value_name = "TIME",
+        required_unless_present_any = ["by_registers", "script"]
+    )]
+    exposure: Option<f64>,
+    /// Take exposure and gain from the rig's registers
+    #[arg(long, conflicts_with_all = ["exposure", "gain"])]
+    by_registers: bool,
+    /// Write registers as this script says, before the frames it names; implies --by-registers
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
+    script: Option<PathBuf>,
+    /// Analog gain; the camera file's unless given
+    #[arg(long, value_parser = positive, value_name = "G")]
+    gain: Option<f64>,
+    /// Frames to send
+    #[arg(
+        long,
+        default_value_t = 10,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..)
+    )]
+    frames: u32,
+    /// Number of the first frame
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    frame_seed: u32,
+    /// Arithmetic of the rig's sensor stage
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
+    arith: Arithmetic,
+    /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
+    #[arg(long)]
+    collapse: bool,
+    /// Pace to this frame rate, frames per second. Ends with status 1 where less than 97 % of it
+    /// was reached; with --json, `pace_kept` says so instead
+    #[arg(long, value_parser = positive, value_name = "F")]
+    fps: Option<f64>,
+    /// Write each frame as soon as it is there into a file, a named pipe or - (standard output,
+    /// whose figures then go to standard error). A file ends with a whole frame however the
+    /// stream ends
+    #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
+    output: Option<PathBuf>,
+    /// Format of the frames where the name does not say it: csi2 (for -, unless given), pgm, y4m
+    /// (of sensors without colour filters), or the V4L2 name of headerless pixels. csi2 has an
+    /// embedded data line for each frame and the numbers of the sensor's counter, so that lost
+    /// frames leave a gap. Headerless pixels are at full scale where their bits are not the
+    /// sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
+    #[arg(long, value_name = "FORMAT", requires = "output")]
+    to: Option<String>,
+    /// Replace existing output
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object at the end; it keeps some 80 bytes of each frame until then
+    #[arg(long)]
+    json: bool,
+}
+
+/// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
+/// for all frames. A trade: a gibibyte that any workstation has to spare.
+const KEPT_BYTES: usize = 1 << 30;
+
+fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &Args) -> Feed<'a> {
+    if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
+}
+
+/// Writes what a script has for a frame; says where the frame length cuts the exposure.
+fn write_registers(
+    rig: &mut Rig,
+    script: Option<&Script>,
+    frame: u32,
+    by_registers: bool,
+) -> Result<()> {
+    const CUTTING: [u16; 2] = [address::COARSE_INTEGRATION_TIME, address::FRAME_LENGTH_LINES];
+    let mut look = by_registers && frame == 0;
+    for write in script.into_iter().flat_map(|script| script.before(frame)) {
+        write.apply(rig).map_err(|e| e.at(format!("script, before frame {frame}")))?;
+        look |= matches!(write, Write::Register(at, _) if CUTTING.contains(&(at & !1)));
+    }
+    if look && let Some(cut) = exposure_cut(rig)? {
+        eprintln!("note: before frame {frame}: {cut}");
+    }
+    Ok(())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let mut output = Output::open(args)?;
+    let camera = Camera::load(&args.camera)?;
+    let script = args.script.as_deref().map(Script::load).transpose()?;
+    let mut rig = Rig::open(&args.url)?;
+    rig.on_broken_link(arguments::broken_link);
+    tell_injected(&mut rig)?;
+    let light = Light::open(args, &camera)?;
+    let sensors = light.sensors(&camera)?;
+    if let Some(output) = &output {
+        output.check(&sensors[0])?;
+    }
+    let before = rig.link_bytes();
+    let stream = Stream { args, camera: &camera, light: &light, sensors: &sensors };
+    let mut taken = Taken { pace: Pace::new(args.fps), outcome: Outcome::default() };
+    let stop = Stoppable::new();
+    let ended = stream.frames(&mut rig, script.as_ref(), &mut output, &mut taken, &stop);
+    let Taken { mut pace, outcome } = taken;
+    pace.finish();
+    if pace.frames() > 0 {
+        report::tell(args, &rig, before, &pace, &outcome);
+    }
+    if let Some(output) = &output {
+        let whole = output.count();
+        let place = live::named(output.path());
+        if stop.is_asked() {
+            eprintln!("interrupted: {whole} whole frames are in {place}");
+        } else if ended.is_err() && whole > 0 {
+            eprintln!("the stream broke off: {whole} whole frames are in {place}");
+        } else if ended.is_ok() {
+            output.check_any()?;
+        }
+    }
+    ended?;
+    if let Some(said) = pace.said() {
+        eprintln!("{said}");
+    }
+    let failed = !args.json && pace.is_kept() == Some(false);
+    Ok(if failed { ExitCode::from(1) } else { ExitCode::SUCCESS })
+}
+
+/// Says what registers from before this stream do to its frames. A rig need not have registers, and
+/// one that does not answer about them can still take frames.
+fn tell_injected(rig: &mut Rig) -> Result<()> {
+    match rig.injected() {
+        Ok(None) => Ok(()),
+        Ok(Some(held)) => {
+            eprintln!(
+                "note: the rig's registers hold {held} from before this stream, and its frames \
+                 show it"
+            );
+            Ok(())
+        }
+        Err(error) if error.code() == Some("rig-not-found") => {
+            eprintln!("note: the rig does not answer about its fault and test-pattern registers");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// What a stream is made of.
+struct Stream<'a> {
+    args: &'a Args,
+    camera: &'a Camera,
+    light: &'a Light,
+    /// One for each of the light's cubes.
+    sensors: &'a [SimulatedSensor],
+}
+
+/// What has been taken of a stream, also where it breaks off.
+struct Taken {
+    pace: Pace,
+    outcome: Outcome,
+}
+
+impl Stream<'_> {
+    /// Takes the frames, until there are enough or a signal asks for the end.
+    fn frames(
+        &self,
+        rig: &mut Rig,
+        script: Option<&Script>,
+        output: &mut Option<Output>,
+        taken: &mut Taken,
+        stop: &Stoppable,
+    ) -> Result<()> {
+        let Self { args, camera, light, sensors } = *self;
+        let cubes = &light.cubes;
+        let mut feeds: Vec<Feed<'_>> =
+            cubes.iter().zip(sensors).map(|(cube, sensor)| feed(cube, sensor, args)).collect();
+        if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
+            feeds = feeds.into_iter().map(Feed::kept).collect();
+        }
+        let by_registers = args.by_registers || script.is_some();
+        let bar = arguments::progress("frames", args.frames.into());
+        // Cubes of one light level have one sensor on the rig; another level is another one.
+        let mut level = cubes[0].header.level;
+        rig.set_camera(&sensors[0])?;
+        taken.pace.start();
+        for i in 0..args.frames {
+            let moved = light.moved(camera, i)?;
+            taken.pace.wait(rig, stop);
+            if stop.is_asked() {
+                break;
+            }
+            write_registers(rig, script, i, by_registers)?;
+            let at = i as usize % cubes.len();
+            let request = self.request(i, by_registers);
+            taken.pace.begin();
+            if level != cubes[at].header.level {
+                level = cubes[at].header.level;
+                rig.set_camera(&sensors[at])?;
+            }
+            let sensor = &sensors[at];
+            let frame: RigFrame = match &moved {
+                Some(cube) => rig.frame_from(&mut feed(cube, sensor, args), sensor, &request)?,
+                None => rig.frame_from(&mut feeds[at], sensor, &request)?,
+            };
+            let time = taken.pace.end();
+            taken.outcome.dropped += u64::from(frame.dropped);
+            if args.json {
+                taken.outcome.records.push(Record::new(&frame, time));
+            }
+            if let Some(output) = output {
+                output.take(&frame, sensor)?;
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// How a frame is to be taken.
+    fn request(&self, frame: u32, by_registers: bool) -> FrameRequest {
+        let args = self.args;
+        FrameRequest {
+            settings: self.camera.settings(
+                args.frame_seed.wrapping_add(frame),
+                args.exposure.unwrap_or(1.0),
+                args.gain,
+            ),
+            arithmetic: args.arith,
+            collapse: args.collapse,
+            lit_before: frame > 0 && self.light.stands_still(),
+            by_registers,
+        }
+    }
+}

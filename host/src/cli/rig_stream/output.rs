@@ -1,0 +1,131 @@
+//! Where the raw frames of a stream go, each as soon as it is there.
+
+use super::Args;
+use crate::cli::live::{self, LiveFrames};
+use camrig_base::output::LiveOutput;
+use camrig_base::{Error, Result};
+use camrig_formats::Format;
+use camrig_formats::live::{Beside, LiveEncoder};
+use camrig_render::SimulatedSensor;
+use camrig_rig::RigFrame;
+use std::path::{Path, PathBuf};
+
+/// An output of frames.
+pub struct Output {
+    path: PathBuf,
+    frames: LiveFrames,
+    numbers: Numbers,
+}
+
+impl Output {
+    /// Opens the output that the arguments name, if any.
+    ///
+    /// # Errors
+    /// A format in which frames do not follow one another, and those of [`LiveFrames::create`].
+    pub fn open(args: &Args) -> Result<Option<Self>> {
+        let Some(path) = &args.output else { return Ok(None) };
+        live::check_figures(path, args.json)?;
+        let encoder = LiveEncoder::new(format(path, args.to.as_deref())?, args.fps);
+        let encoder = encoder.map_err(|e| {
+            e.at(path.display()).help(
+                "a rig's frames are written as .csi2, .pgm, .y4m or headerless pixels \
+                 (NAME_640x480_SGRBG10P.raw); `camrig convert` makes other formats of them",
+            )
+        })?;
+        let frames = LiveFrames::create(path, args.force, encoder)?;
+        Ok(Some(Self { path: path.clone(), frames, numbers: Numbers::default() }))
+    }
+
+    /// Refuses a sensor whose frames the format cannot hold.
+    pub fn check(&self, sensor: &SimulatedSensor) -> Result<()> {
+        let pixels = sensor.config.width as usize * sensor.config.height as usize;
+        self.frames.check(&sensor.raw_frame(vec![0; pixels], 1.0))
+    }
+
+    /// Writes a frame, unless the sensor has dropped it.
+    pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor) -> Result<()> {
+        let number = self.numbers.of(frame.start.counter);
+        if frame.dropped {
+            return Ok(());
+        }
+        let beside = Beside {
+            number: Some(number),
+            embedded: vec![frame.embedded_line()],
+            line_packets: true,
+        };
+        self.frames.write(&frame.to_raw(sensor)?, &beside)
+    }
+
+    /// Refuses an output into which nothing came.
+    pub fn check_any(&self) -> Result<()> {
+        match self.count() {
+            0 => Err(Error::input("every frame was dropped, as asked")),
+            _ => Ok(()),
+        }
+    }
+
+    /// Frames written.
+    pub fn count(&self) -> u64 {
+        self.frames.count()
+    }
+
+    /// Where they go.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// The format asked for, or that of the name; on standard output CSI-2.
+fn format(path: &Path, to: Option<&str>) -> Result<Format> {
+    match live::format(path, to)? {
+        Some(format) => Ok(format),
+        None if LiveOutput::is_stdout(path) => Ok(Format::Csi2),
+        None => Format::from_path(path).map_err(|e| e.help("end the name in .csi2, or give --to")),
+    }
+}
+
+/// CSI-2 frame numbers that follow the sensor's counter: 1 for the first frame of the stream, up
+/// to 65535 and then 1 again. A lost frame leaves a gap, a counter that is stuck repeats itself.
+#[derive(Default)]
+struct Numbers {
+    counted: u64,
+    last: Option<u16>,
+}
+
+impl Numbers {
+    fn of(&mut self, counter: u16) -> u16 {
+        self.counted += u64::from(counter.wrapping_sub(self.last.unwrap_or(counter)));
+        self.last = Some(counter);
+        (self.counted % u64::from(u16::MAX) + 1) as u16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frame_numbers_follow_the_counter() {
+        let numbers = |counters: &[u16]| {
+            let mut numbers = Numbers::default();
+            counters.iter().map(|&c| numbers.of(c)).collect::<Vec<_>>()
+        };
+        assert_eq!(numbers(&[57, 58, 60, 60, 61]), [1, 2, 4, 4, 5]);
+        let mut of = Numbers { counted: 65533, last: Some(65534) };
+        assert_eq!([65535, 0, 1].map(|counter| of.of(counter)), [65535, 1, 2]);
+    }
+
+    #[test]
+    fn the_format_is_that_of_the_name() {
+        let encoder = |name: &str, to| LiveEncoder::new(format(Path::new(name), to)?, None);
+        for name in ["a/x.csi2", "x.pgm", "x.y4m", "x_64x48_SGRBG10P.raw", "-"] {
+            assert!(encoder(name, None).is_ok(), "{name}");
+        }
+        for name in ["x.dng", "x.npy", "x.raw10", "x", ".csi2", "x.tiff"] {
+            assert!(encoder(name, None).is_err(), "{name}");
+        }
+        assert!(encoder("pipe", Some("SGRBG16")).is_ok());
+        assert!(encoder("x.dng", Some("csi2")).is_err());
+        assert!(encoder("-", Some("npy")).is_err());
+    }
+}

@@ -1,0 +1,135 @@
+//! What is told of a stream.
+
+use super::Args;
+use super::pace::{FrameTime, Pace};
+use camrig_base::output::LiveOutput;
+use camrig_rig::{Rig, RigFrame};
+use camrig_rig_link::message::{Exposure, Fault};
+use serde_json::{Value, json};
+
+/// What the sensor says about a frame, and its times.
+#[derive(Clone, Copy, Debug)]
+pub struct Record {
+    counter: u16,
+    frame: u32,
+    exposure: Exposure,
+    dropped: bool,
+    fault: Fault,
+    test_pattern: u16,
+    time: FrameTime,
+}
+
+impl Record {
+    /// A frame that has come.
+    pub fn new(frame: &RigFrame, time: FrameTime) -> Self {
+        let start = &frame.start;
+        Self {
+            counter: start.counter,
+            frame: start.frame,
+            exposure: start.exposure,
+            dropped: frame.dropped,
+            fault: start.fault,
+            test_pattern: start.test_pattern,
+            time,
+        }
+    }
+
+    /// What was in force, and what was done to the frame.
+    fn settings(&self) -> Value {
+        let mut settings = json!({
+            "counter": self.counter,
+            "frame": self.frame,
+            "exposure_s": self.exposure.exposure_s,
+            "analog_gain": self.exposure.analog_gain,
+            "dropped": self.dropped,
+            "fault": fault(self.fault),
+            "test_pattern": self.test_pattern,
+        });
+        if let Some(late) = self.time.late {
+            settings["late_us"] = json!(1e6 * late);
+        }
+        settings
+    }
+}
+
+/// A fault by name, `null` for none.
+fn fault(fault: Fault) -> Value {
+    match fault {
+        Fault::None => Value::Null,
+        Fault::DropFrame => json!({ "kind": "drop-frame" }),
+        Fault::CorruptRow(row) => json!({ "kind": "corrupt-row", "row": row }),
+        Fault::StuckCounter => json!({ "kind": "stuck-counter" }),
+        Fault::LateFrame(ms) => json!({ "kind": "late-frame", "ms": ms }),
+    }
+}
+
+/// What came of a stream, beside its times.
+#[derive(Default)]
+pub struct Outcome {
+    /// Frames that the sensor dropped, as it was asked.
+    pub dropped: u64,
+    /// Each frame, where figures are asked for.
+    pub records: Vec<Record>,
+}
+
+/// Tells figures: one JSON object, or lines for a person, on standard error where the frames are
+/// on standard output.
+pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &Outcome) {
+    let (sent, received) = rig.link_bytes();
+    let (sent, received) = (sent.saturating_sub(before.0), received.saturating_sub(before.1));
+    let s = rig.statistics();
+    let repairs: Value = json!({
+        "damaged_packets": s.damaged,
+        "rewinds": s.rewinds,
+        "timeouts": s.timeouts,
+    });
+    let ([p50, p99], max) = (pace.latency_ms([0.5, 0.99]), pace.longest_ms());
+    let (fps, seconds, dropped) = (pace.frames_per_s(), pace.seconds(), outcome.dropped);
+    if args.json {
+        let late = args.fps.map(|_| pace.late());
+        let times: Vec<Value> = outcome.records.iter().map(|record| record.time.json()).collect();
+        let settings: Vec<Value> = outcome.records.iter().map(Record::settings).collect();
+        println!(
+            "{}",
+            json!({
+                "frames": pace.frames(),
+                "dropped_on_request": dropped,
+                "frames_dropped": dropped,
+                "seconds": seconds,
+                "frames_per_s": fps,
+                "rate_hz": fps,
+                "fps_asked": args.fps,
+                "pace_kept": pace.is_kept(),
+                "late_frames": late,
+                "frames_late": late,
+                "frame_times": times,
+                "latency_p50_ms": p50,
+                "latency_p99_ms": p99,
+                "latency_max_ms": max,
+                "latency_us": { "p50": 1e3 * p50, "p99": 1e3 * p99, "max": 1e3 * max },
+                "sent_bytes": sent,
+                "received_bytes": received,
+                "repairs": repairs,
+                "settings": settings,
+            })
+        );
+        return;
+    }
+    let rate = |bytes: u64| bytes as f64 / seconds / 1e6;
+    let mut lines = vec![
+        format!("{} frames in {seconds:.2} s: {fps:.2} frames/s", pace.frames()),
+        format!("latency p50 {p50:.1} ms, p99 {p99:.1} ms, largest {max:.1} ms"),
+        format!("sent {:.3} MB/s, received {:.3} MB/s", rate(sent), rate(received)),
+    ];
+    if s.damaged + s.rewinds + s.timeouts > 0 {
+        lines.push(format!("repairs: {repairs}"));
+    }
+    if dropped > 0 {
+        lines.push(format!("{dropped} frames were dropped, as the rig's fault register asked"));
+    }
+    let text = lines.join("\n");
+    match args.output.as_deref().is_some_and(LiveOutput::is_stdout) {
+        true => eprintln!("{text}"),
+        false => println!("{text}"),
+    }
+}

@@ -1,0 +1,206 @@
+//! Frames that go out as they come: from a rig and from `simulate`, in every format of streams,
+//! and what stays when a stream is interrupted.
+
+use super::bad_input::refuses;
+use super::{camrig, camrig_ok, small_camera};
+use camrig::formats::{self, csi2};
+use std::io::Read;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const RIG: &str = "rig stream emulator: --camera c.toml --exposure 8ms";
+
+fn folder() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("c.toml"), small_camera(64, 48, &[])).unwrap();
+    dir
+}
+
+fn start(dir: &Path, arguments: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+        .args(arguments.split_whitespace())
+        .current_dir(dir)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Waits for something that a child does.
+fn until(child: &mut Child, wanted: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(60);
+    while !wanted() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended first");
+        assert!(Instant::now() < end, "not in a minute");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn said(child: Child) -> (Option<i32>, String) {
+    let output = child.wait_with_output().unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn words(bytes: &[u8]) -> Vec<u16> {
+    bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+}
+
+#[test]
+fn every_stream_format_has_the_frames_of_this_process() {
+    let dir = folder();
+    let light = "--scene ramp --frames 3";
+    let rig = |to: &str| camrig_ok(dir.path(), &format!("{RIG} {light} -o - --to {to}")).stdout;
+    let here = "simulate --camera c.toml --exposure 8ms";
+    let own = camrig_ok(dir.path(), &format!("{here} {light} -o - --to SGRBG10")).stdout;
+    assert_eq!(own.len(), 3 * 64 * 48 * 2);
+    let dn = words(&own);
+    assert_eq!(rig("SGRBG10"), own);
+    // Full scale: shifted left by 16 - 10, right by 10 - 8.
+    assert!(words(&rig("SGRBG16")).iter().zip(&dn).all(|(full, dn)| *full == dn << 6));
+    assert!(rig("SGRBG8").iter().zip(&dn).all(|(byte, dn)| u16::from(*byte) == dn >> 2));
+    for to in ["SGRBG16", "SGRBG8", "SGRBG10P", "pgm"] {
+        let here = camrig_ok(dir.path(), &format!("{here} {light} -o - --to {to}"));
+        assert_eq!(rig(to), here.stdout, "{to}");
+        let told = String::from_utf8_lossy(&here.stderr).into_owned();
+        assert_eq!(told.contains("at full scale"), to == "SGRBG16" || to == "SGRBG8", "{told}");
+    }
+    // On standard output packets unless asked otherwise.
+    let stream =
+        csi2::decode_stream(&camrig_ok(dir.path(), &format!("{RIG} {light} -o -")).stdout);
+    let planes = stream.unwrap().frames.planes;
+    assert!(planes.iter().map(|p| &p.data[..]).eq(dn.chunks(64 * 48)));
+}
+
+#[test]
+fn names_and_formats_that_mislead_are_refused() {
+    let dir = folder();
+    let refuses = |more: &str, says: &[&str]| {
+        refuses(dir.path(), &format!("{RIG} --scene ramp --frames 2 {more}"), says);
+    };
+    refuses("-o out.dng", &["a stream of frames as dng", ".csi2"]);
+    refuses("-o x.dng --to csi2", &["csi2 under a name of dng"]);
+    refuses("-o x", &["no raw format"]);
+    refuses("-o - --json", &["--json"]);
+    // A mosaic is no grey picture.
+    refuses("-o x.y4m", &["colour filters (GRBG)"]);
+    refuses("-o - --to SRGGB8", &["GRBG"]);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no empty files");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_grows_frame_by_frame_and_a_signal_leaves_whole_ones() {
+    for (signal, name) in [("INT", "x.csi2"), ("TERM", "x_64x48_SGRBG10P.raw")] {
+        let dir = folder();
+        let path = dir.path().join(name);
+        let mut child = start(
+            dir.path(),
+            &format!("{RIG} --scene ramp --frames 100000 --fps 50 --collapse -o {name}"),
+        );
+        let bytes = || std::fs::metadata(&path).map_or(0, |m| m.len());
+        until(&mut child, || bytes() > 3 * 64 * 48 * 10 / 8);
+        let kill = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
+        assert!(kill.unwrap().success());
+        let (status, told) = said(child);
+        assert_eq!(status, None, "ended by the signal: {told}");
+        let frames = formats::read(&path).unwrap().planes.len();
+        assert!(frames >= 3 && told.contains(&format!("interrupted: {frames} whole")), "{told}");
+    }
+}
+
+#[test]
+fn a_reader_that_leaves_ends_a_stream_with_words() {
+    for command in [
+        format!("{RIG} --scene ramp --frames 100000 --collapse -o -"),
+        "simulate --camera c.toml --exposure 1ms --scene ramp --frames 100000 -o - --to SGRBG16"
+            .into(),
+    ] {
+        let dir = folder();
+        let mut child = start(dir.path(), &command);
+        let mut reader = child.stdout.take().unwrap();
+        reader.read_exact(&mut [0; 20_000]).unwrap();
+        drop(reader);
+        let (status, told) = said(child);
+        assert_eq!(status, Some(2), "{told}");
+        assert!(told.contains("has ended") && told.contains("written whole"), "{told}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_named_pipe_has_frames_while_the_stream_runs() {
+    let dir = folder();
+    let pipe = dir.path().join("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let mut child =
+        start(dir.path(), &format!("{RIG} --scene ramp --frames 100000 -o pipe --to SGRBG10"));
+    let mut frames = vec![0; 5 * 64 * 48 * 2];
+    std::fs::File::open(&pipe).unwrap().read_exact(&mut frames).unwrap();
+    assert!(child.try_wait().unwrap().is_none(), "it goes on");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let here = camrig_ok(
+        dir.path(),
+        "simulate --camera c.toml --exposure 8ms --scene ramp --frames 5 -o - --to SGRBG10",
+    );
+    assert_eq!(frames, here.stdout);
+}
+
+#[test]
+fn a_moving_scene_and_changing_light_stream_as_they_are_simulated() {
+    let dir = folder();
+    let moving = "--scene checkerboard --motion 3,-1 --rolling 0.5 --frames 3 -o - --to SGRBG10";
+    let rig = camrig_ok(dir.path(), &format!("{RIG} {moving}")).stdout;
+    let here = format!("simulate --camera c.toml --exposure 8ms {moving}");
+    assert!(rig == camrig_ok(dir.path(), &here).stdout);
+    assert!(rig[..64 * 48 * 2] != rig[64 * 48 * 2..2 * 64 * 48 * 2]);
+
+    // 200 lx, then 50: a quarter of the signal above black. The radiometry is linear; the scatter
+    // of the mean of 3072 pixels is below 0.01 of it.
+    for (name, lux) in [("light/a2.irr", 200), ("light/a10.irr", 50)] {
+        std::fs::create_dir_all(dir.path().join("light")).unwrap();
+        camrig_ok(
+            dir.path(),
+            &format!(
+                "simulate --camera c.toml --scene uniform:0.4 --lux {lux} --exposure 8ms \
+                 -o x.npy --force --save-irradiance {name}"
+            ),
+        );
+    }
+    std::fs::write(dir.path().join("light/notes.txt"), "taken on Tuesday").unwrap();
+    let stream =
+        camrig_ok(dir.path(), &format!("{RIG} --irradiance light --frames 2 -o - --to SGRBG10"));
+    let dn = words(&stream.stdout);
+    let signal = |frame: &[u16]| {
+        frame.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.len() as f64 - 42.0
+    };
+    let ratio = signal(&dn[64 * 48..]) / signal(&dn[..64 * 48]);
+    assert!((ratio - 0.25).abs() < 0.02, "{ratio}");
+    let told = String::from_utf8_lossy(&stream.stderr).into_owned();
+    assert!(told.contains("left out") && told.contains("notes.txt"), "{told}");
+
+    // An effect that remembers the frame before knows only light that stands still.
+    let lag = small_camera(64, 48, &[]) + "[[effect]]\nkind = \"image-lag\"\nfraction = 0.02\n";
+    std::fs::write(dir.path().join("lag.toml"), lag).unwrap();
+    let refused = camrig(
+        dir.path(),
+        "rig stream emulator: --camera lag.toml --exposure 8ms --scene ramp --motion 1,0",
+    );
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("image-lag"));
+}
+
+/// The figures of a stream, by the names that outside scripts use.
+#[test]
+fn figures_of_a_stream_have_their_names() {
+    let dir = folder();
+    let told =
+        camrig_ok(dir.path(), &format!("{RIG} --scene ramp --frames 4 --fps 20 --json -o x.csi2"));
+    let told: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert_eq!((told["frames"].as_u64(), told["frames_dropped"].as_u64()), (Some(4), Some(0)));
+    assert!(told["frames_late"].is_u64() && told["rate_hz"].is_f64(), "{told}");
+    assert!(["p50", "p99", "max"].iter().all(|p| told["latency_us"][p].is_f64()), "{told}");
+    let frames = told["settings"].as_array().unwrap();
+    assert!(frames.len() == 4 && frames.iter().all(|f| f["late_us"].is_f64()), "{told}");
+}
