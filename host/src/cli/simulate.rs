@@ -27,9 +27,8 @@ use std::process::ExitCode;
     -o bracket\n  \
     camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 \
     --rolling 0.8 \\\n    \
-        -o - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le \
-        -video_size 752x480 \\\n    \
-        -vf format=rgb48le,lutrgb=r=val*64:g=val*64:b=val*64 -")]
+        -o - --to SRGGB16 | ffplay -f rawvideo -pixel_format bayer_rggb16le \
+        -video_size 752x480 -")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,

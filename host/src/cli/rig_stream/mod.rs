@@ -33,7 +33,7 @@ use std::process::ExitCode;
     --json\n  \
     camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \
     --frames 90 \\\n    \
-        -o - --to SGRBG16 | ffmpeg -f rawvideo -pixel_format bayer_grbg16le \
+        -o - --to SRGGB16 | ffmpeg -f rawvideo -pixel_format bayer_rggb16le \
         -video_size 752x480 -i - dots.mp4\n\n\
     A script:\n  \
     format = \"rig-script/1\"\n  \
