@@ -32,6 +32,22 @@ pub fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result
     Ok(())
 }
 
+/// Bytes that a widened pipe holds: a frame of 640 x 480 in 16 bits, and what an unprivileged
+/// process may ask of Linux (`/proc/sys/fs/pipe-max-size`).
+#[cfg(target_os = "linux")]
+const PIPE_BYTES: usize = 1 << 20;
+
+/// Lets a pipe hold whole frames, so that writer and reader change turns less often. Anything else
+/// than a pipe, and a system that does not allow it, stays as it is.
+#[cfg(target_os = "linux")]
+pub(crate) fn widen_pipe(file: &impl std::os::fd::AsFd) {
+    let _ = rustix::pipe::fcntl_setpipe_size(file, PIPE_BYTES);
+}
+
+/// Lets a pipe hold whole frames; nothing to be done on this system.
+#[cfg(not(target_os = "linux"))]
+pub(crate) fn widen_pipe<T>(_file: &T) {}
+
 /// The permissions of any new file or directory, less the user's mask; `None` where the operating
 /// system has no such thing.
 pub(crate) fn default_permissions(directory: bool) -> Option<Permissions> {

@@ -5,6 +5,7 @@
 //! or is interrupted later leaves the records before.
 
 use super::{Listed, cannot_create, exists};
+use crate::platform::widen_pipe;
 use crate::{Error, Result};
 use std::fs;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -36,6 +37,7 @@ impl LiveOutput {
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         let live = |target| Self { path: path.to_owned(), target, bytes: 0, records: 0 };
         if Self::is_stdout(path) {
+            widen_pipe(&io::stdout());
             return Ok(live(Target::Stream(Box::new(io::stdout()))));
         }
         let mut options = fs::OpenOptions::new();
@@ -50,7 +52,10 @@ impl LiveOutput {
                 let file = options.open(path).map_err(|e| Error::io("open", path, e))?;
                 Ok(live(match meta.is_file() {
                     true => Target::File(file, None),
-                    false => Target::Stream(Box::new(file)),
+                    false => {
+                        widen_pipe(&file);
+                        Target::Stream(Box::new(file))
+                    }
                 }))
             }
             Err(_) => {
