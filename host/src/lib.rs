@@ -13,7 +13,7 @@
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
-//! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; both compared |
+//! | [`diagnose`], [`shapes`], [`validate`] | a camera and capture sets | missing effects, what none describes; both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
 //! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
 //!
@@ -71,4 +71,5 @@ pub use camrig_render as render;
 pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;
+pub use camrig_shapes as shapes;
 pub use camrig_validate as validate;

@@ -10,7 +10,7 @@ mod collect;
 mod levels;
 pub mod light_scatter;
 pub mod maps;
-pub(crate) mod noise;
+pub mod noise;
 mod patterns;
 pub mod ratios;
 pub mod read;

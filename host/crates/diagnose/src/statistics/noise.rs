@@ -103,7 +103,7 @@ fn half_width(histogram: &[u32]) -> f64 {
 }
 
 /// Variance of the frames' means about their mean, DN².
-pub(crate) fn frame_variance(t: &Temporal) -> f64 {
+pub fn frame_variance(t: &Temporal) -> f64 {
     let m = t.frame_means.iter().sum::<f64>() / t.frames as f64;
     t.frame_means.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (t.frames as f64 - 1.0)
 }
