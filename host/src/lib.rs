@@ -15,7 +15,7 @@
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
-//! | [`diagnose`], [`validate`] | a camera and capture sets | missing effects; both compared |
+//! | [`diagnose`], [`shapes`], [`validate`] | a camera and capture sets | effects, shapes; both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
 //! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
 //!
@@ -74,5 +74,6 @@ pub use camrig_render as render;
 pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;
+pub use camrig_shapes as shapes;
 pub use camrig_statistics as statistics;
 pub use camrig_validate as validate;

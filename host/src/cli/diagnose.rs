@@ -11,9 +11,9 @@ use camrig_diagnose::Session;
 use camrig_diagnose::data::codes;
 use camrig_diagnose::data::design::{self, Halves};
 use camrig_diagnose::report::Report;
-use camrig_diagnose::shapes;
 use camrig_diagnose::verdict::{self, improved};
 use camrig_report as pages;
+use camrig_shapes as shapes;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -12,8 +12,10 @@
 //!    statistic, deviations, deviance.
 //! 4. [`evidence`], [`candidates`]: how large each effect of the catalogue would have to be.
 //! 5. [`search`]: forward selection and backward elimination; standard errors.
-//! 6. [`shapes`]: what no effect of the catalogue describes, as a shape with place and amount.
-//! 7. [`verdict`]: the [`report`], statistics in words, the camera file with the effects found.
+//! 6. [`verdict`]: the [`report`], statistics in words, the camera file with the effects found.
+//!
+//! What no effect of the catalogue describes (a [`finding`]) is sought by `camrig-shapes`, which
+//! searches for names in what it leaves.
 //!
 //! The **gap** is the mean over statistics of the squared deviation of the held-out frames from
 //! the model, in units of what a replicate of the model scores against other replicates: 1.0 is as
@@ -21,7 +23,7 @@
 //! constant: its fall is the evidence for an effect.
 //!
 //! ```no_run
-//! use camrig_diagnose::{Session, data::design, shapes, verdict};
+//! use camrig_diagnose::{Session, data::design, search, verdict};
 //!
 //! # fn main() -> camrig_base::Result<()> {
 //! let camera = camrig_camera::Camera::load("camera.toml")?;
@@ -31,8 +33,8 @@
 //! let set = cleaned.set();
 //! let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<_>, _>>()?;
 //! let halves = design::divide(&camera, set, &counts)?;
-//! let mut session = Session::open(&camera, &cleaned, halves, &|_frames| ())?;
-//! let outcome = shapes::run(&mut session, &camera, &[], &|_kind| ())?;
+//! let session = Session::open(&camera, &cleaned, halves, &|_frames| ())?;
+//! let outcome = search::run(&session, &camera, &[], &|_kind| ())?;
 //! let report = verdict::report(&session, &outcome);
 //! for step in &report.steps {
 //!     println!("{} ({}): gap {:.2}", step.effect, step.status.word(), step.gap_after);
@@ -43,10 +45,10 @@
 
 pub mod candidates;
 pub mod evidence;
+pub mod finding;
 pub mod model;
 pub mod report;
 pub mod search;
-pub mod shapes;
 pub mod verdict;
 
 pub use camrig_statistics as statistics;

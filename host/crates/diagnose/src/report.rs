@@ -3,6 +3,7 @@
 //! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite,
 //! or that was not determined, is `null` in the file.
 
+use crate::finding::{Dependence, Domain, Form};
 pub use camrig_clean::Finding;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -101,7 +102,7 @@ pub struct Step {
     /// Of what was proposed: what of the sensor it is in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub domain: Option<Domain>,
-    /// Its kind; [`EMPIRICAL`] of what was proposed.
+    /// Its kind; [`EMPIRICAL`](crate::finding::EMPIRICAL) of what was proposed.
     pub effect: String,
     /// Fall of the deviance of the frames to fit.
     #[serde(with = "number")]
@@ -154,60 +155,6 @@ impl Status {
             Status::Proposed => "proposed",
         }
     }
-}
-
-/// Name in `diagnosis.json` of an effect that no catalogue has.
-pub const EMPIRICAL: &str = "empirical";
-
-/// What of the sensor a proposed effect is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Domain {
-    /// What every frame has, e⁻.
-    Offset,
-    /// The response to light, relative.
-    Gain,
-    /// The rate of dark charge, e⁻/s.
-    Dark,
-    /// What is new in every frame, e⁻.
-    Temporal,
-    /// The signal over the light.
-    Response,
-}
-
-/// The shape of a proposed effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Form {
-    /// A step between two parts of the sensor.
-    Seam,
-    /// A plane wave.
-    Wave,
-    /// Common to a row, with a profile along it.
-    RowProfile,
-    /// Common to a column, with a profile along it.
-    ColumnProfile,
-    /// Common to a row, alike along it.
-    RowFlat,
-    /// Common to a column, alike along it.
-    ColumnFlat,
-    /// Follows itself from pixel to pixel.
-    Correlation,
-    /// A law over pixels.
-    Distribution,
-    /// A step of the response at a signal.
-    SignalStep,
-}
-
-/// How the amount of a proposed effect depends on the conditions: exponents.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dependence {
-    /// On the exposure.
-    #[serde(with = "number")]
-    pub exposure: f64,
-    /// On the signal.
-    #[serde(with = "number")]
-    pub signal: f64,
 }
 
 /// A parameter of an effect.
@@ -379,7 +326,7 @@ impl Comparison {
 }
 
 /// A number that is `null` where it is not finite.
-mod number {
+pub(crate) mod number {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {

@@ -18,4 +18,4 @@ pub mod trial;
 
 pub use run::{Outcome, run};
 pub use session::{Session, State};
-pub(crate) use trial::EVIDENCE_IN_ALL;
+pub use trial::EVIDENCE_IN_ALL;

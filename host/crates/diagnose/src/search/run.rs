@@ -8,7 +8,7 @@ use super::session::{Session, State};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
-use crate::shapes::Finding;
+use crate::finding::Finding;
 use camrig_base::Result;
 use camrig_camera::Camera;
 

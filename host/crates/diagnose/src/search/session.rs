@@ -66,7 +66,7 @@ pub struct Half {
 }
 
 /// What is measured on the dark and flat frames of a half: moments, statistics, allowances, maps.
-pub(crate) struct Measured {
+pub struct Measured {
     stacks: Vec<Temporal>,
     values: Values,
     allowance: BTreeMap<Key, f64>,
@@ -161,7 +161,7 @@ impl Half {
 
     /// Everything that is measured on dark and flat frames, from their moments; statistics that
     /// are set `aside` are left out.
-    pub(crate) fn measured(
+    pub fn measured(
         &self,
         camera: &Camera,
         stacks: Vec<Temporal>,
@@ -181,7 +181,7 @@ impl Half {
     }
 
     /// Puts other moments in the place of those it has, which it gives.
-    pub(crate) fn exchange(&mut self, new: Measured) -> Measured {
+    pub fn exchange(&mut self, new: Measured) -> Measured {
         Measured {
             stacks: replace(&mut self.stacks, new.stacks),
             values: replace(&mut self.values, new.values),
@@ -333,7 +333,7 @@ impl Session {
     }
 
     /// Deviance of both halves.
-    pub(crate) fn deviance(&self, state: &State) -> f64 {
+    pub fn deviance(&self, state: &State) -> f64 {
         self.fit.deviance(&state.fit) + self.holdout.deviance(&state.holdout)
     }
 

@@ -16,7 +16,7 @@ pub(super) const EVIDENCE_TO_FIT: f64 = 14.0;
 /// a single statistic, in the right direction.
 const EVIDENCE_HELD_OUT: f64 = 3.0;
 /// Fall of the deviance on both together: 5.3² for 5.3 standard deviations of a single statistic.
-pub(crate) const EVIDENCE_IN_ALL: f64 = 28.0;
+pub const EVIDENCE_IN_ALL: f64 = 28.0;
 /// Share of the deviance of the statistics that a candidate moves which it must remove. Chosen:
 /// the right effect beside others that are still missing leaves much of it, another effect nearly
 /// all.

@@ -1,28 +1,28 @@
 //! The moments of a half as shapes are sought in them, and how a shape is taken out of them.
 
-use crate::data::channels::Channels;
-use crate::data::design::{Condition, Design};
-use crate::model::effects::dn_per_e;
-use crate::model::prediction::Prediction;
-use crate::statistics::maps::{self, Map, MapKind};
-use crate::statistics::statistic::Key;
-use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::channels::Channels;
+use camrig_diagnose::data::design::{Condition, Design};
+use camrig_diagnose::model::effects::dn_per_e;
+use camrig_diagnose::model::prediction::Prediction;
+use camrig_diagnose::statistics::maps::{self, Map, MapKind};
+use camrig_diagnose::statistics::statistic::Key;
+use camrig_diagnose::statistics::temporal::Temporal;
 
 /// Values are clipped at this many robust standard deviations, so that single pixels decide
 /// nothing; a normal law loses 1.2·10⁻⁴ of its variance.
 const CLIP: f64 = 4.0;
 
 /// Maps of the dark frames' means, in which noise of the voltage is left.
-pub(super) const IN_THE_DARK: [MapKind; 3] =
+pub(crate) const IN_THE_DARK: [MapKind; 3] =
     [MapKind::Offset, MapKind::DarkCurrent, MapKind::AfterLight];
 
 /// The moments of one half.
 #[derive(Clone, Copy)]
-pub(super) struct View<'a> {
+pub(crate) struct View<'a> {
     pub camera: &'a Camera,
     pub design: &'a Design,
     pub stacks: &'a [Temporal],
@@ -76,18 +76,18 @@ impl<'a> View<'a> {
 }
 
 /// System gain under a condition, DN/e⁻.
-pub(super) fn gain(camera: &Camera, condition: &Condition) -> f64 {
+pub(crate) fn gain(camera: &Camera, condition: &Condition) -> f64 {
     dn_per_e(camera, condition.stack.analog_gain)
 }
 
 /// Robust standard deviation about zero.
-pub(super) fn robust_sd(values: &[f32]) -> f64 {
+pub(crate) fn robust_sd(values: &[f32]) -> f64 {
     let mut sizes: Vec<f32> = values.iter().map(|v| v.abs()).collect();
     SD_PER_MAD * f64::from(median(&mut sizes, f32::total_cmp))
 }
 
 /// The median of each channel.
-pub(super) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
+pub(crate) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
     let mut own = vec![Vec::new(); channels.count()];
     channels.visit(values, |v, c| own[c].push(v));
     own.iter_mut().map(|v| f64::from(median(v, f32::total_cmp))).collect()
@@ -95,7 +95,7 @@ pub(super) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
 
 /// Changes a stack's mean frame, value by column and row. The outermost pixels hold what lies one
 /// repeat of the colour pattern further in and are changed as that is.
-pub(super) fn change_mean(
+pub(crate) fn change_mean(
     camera: &Camera,
     t: &mut Temporal,
     change: &dyn Fn(usize, usize, f64) -> f64,

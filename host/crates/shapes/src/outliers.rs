@@ -1,18 +1,17 @@
 //! Pixels whose offset is off and grows with neither time nor light. They are no hot pixels, whose
 //! excess grows with the exposure, and no telegraph noise, which makes them noisier.
 
-use super::finding::{Finding, number};
-use super::view::{View, change_mean, channel_medians, gain, robust_sd};
-use super::{FALSE_ALARMS, Shape};
-use crate::data::channels::Channels;
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::numerics::tails;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
-use crate::statistics::temporal::{Temporal, mean};
+use crate::view::{View, change_mean, channel_medians, gain, robust_sd};
+use crate::{FALSE_ALARMS, Shape};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::channels::Channels;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::numerics::tails;
+use camrig_diagnose::statistics::maps::{self, MapKind};
+use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use std::collections::BTreeMap;
 
 /// Pixels without which there is no law to tell.
@@ -23,7 +22,7 @@ const GROWS: (f64, f64) = (0.25, 4.0);
 const NOISIER: f64 = 1.5;
 
 /// Pixels with an offset of their own.
-pub(super) struct Outliers {
+pub(crate) struct Outliers {
     /// Offset by pixel, row-major, e⁻.
     offsets: BTreeMap<usize, f64>,
     width: usize,
@@ -37,7 +36,7 @@ pub(super) struct Outliers {
 }
 
 /// The outliers that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = outliers(fit, held_out);
     found.into_iter().map(|o| Box::new(o) as Box<dyn Shape>).collect()
 }
@@ -154,8 +153,8 @@ impl Shape for Outliers {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, Shot, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, Shot, figure, shoot};
 
     #[test]
     fn outliers_of_the_offset_are_told_and_hot_pixels_are_not() {

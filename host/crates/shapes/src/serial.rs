@@ -6,19 +6,18 @@
 //! all frequencies but 0, which the residuals do not have. By Whittle's likelihood (1953), W of
 //! each stack free, r and A common.
 
-use super::finding::{Finding, number};
-use super::view::{View, gain};
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::{Estimated, pooled};
-use crate::numerics::minimise::minimum;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps;
-use crate::statistics::statistic::{Key, Place, What};
-use crate::statistics::temporal::{Temporal, mean};
+use crate::view::{View, gain};
+use crate::{FALSE_ALARMS, Shape};
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::{Estimated, pooled};
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::numerics::minimise::minimum;
+use camrig_diagnose::statistics::maps;
+use camrig_diagnose::statistics::statistic::{Key, Place, What};
+use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use std::f64::consts::{SQRT_2, TAU};
 
 /// Correlations tried: from noise that alternates to one that hardly changes over a frame.
@@ -48,7 +47,7 @@ const KNOWN_WITHIN: f64 = 8.0;
 const SEEN_AGAIN: f64 = 4.0;
 
 /// Noise that follows itself.
-pub(super) struct Serial {
+pub(crate) struct Serial {
     /// Whether along rows; down columns otherwise.
     along_rows: bool,
     correlation: Estimated,
@@ -72,7 +71,7 @@ struct Spectrum {
 }
 
 /// Serial correlations that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found: Vec<Serial> =
         [true, false].into_iter().filter_map(|rows| of(rows, fit, held_out)).collect();
     found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
@@ -328,7 +327,7 @@ impl Shape for Serial {
         match place {
             Place::Stack(_) => correlated,
             // What is left of it in the mean of the frames.
-            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            Place::Map(kind) => crate::view::IN_THE_DARK.contains(kind),
             _ => false,
         }
     }
@@ -371,8 +370,8 @@ impl Shape for Serial {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn noise_that_follows_itself_is_found_along_its_axis() {

@@ -3,9 +3,9 @@
 //! Smooth laws of several degrees stand against the same laws with steps, by the scatter of the
 //! lines about each: n ln(scatter) + free parameters ln n (Schwarz 1978).
 
-use super::FALSE_ALARMS;
-use crate::evidence::Estimated;
-use crate::numerics::tails;
+use crate::FALSE_ALARMS;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::numerics::tails;
 use std::f64::consts::PI;
 
 /// Smooth laws: degree of the polynomial, and cosines for what is steep at an edge.
@@ -20,7 +20,7 @@ const END: (usize, usize) = (32, 4);
 
 /// Steps of a profile with the smooth law beside them.
 #[derive(Clone, Debug)]
-pub(super) struct Steps {
+pub(crate) struct Steps {
     /// First line after each step, ascending.
     pub at: Vec<usize>,
     /// Twice the gain in log-likelihood of all steps together.
@@ -89,7 +89,7 @@ fn independent(rest: &[f64]) -> f64 {
 
 /// The steps of a profile; `profiles` is how many are searched in all. None where a smooth law
 /// does as well.
-pub(super) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
+pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
     let n = profile.len();
     let end = (n / END.0).max(END.1);
     if n < 4 * end {

@@ -1,23 +1,22 @@
 //! Taps in both directions, as of four amplifiers, one for each quadrant, whose gains and offsets
 //! are no sums of a column's and a row's part.
 
-use super::Shape;
-use super::finding::{Finding, number};
-use super::seam::MAPS;
-use super::view::{View, change_mean, gain};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
-use crate::statistics::temporal::Temporal;
+use crate::Shape;
+use crate::seam::MAPS;
+use crate::view::{View, change_mean, gain};
 use camrig_camera::Camera;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::maps::{self, MapKind};
+use camrig_diagnose::statistics::temporal::Temporal;
 
 /// Standard errors by which the parts differ from sums of a column's and a row's part where they
 /// are parts of their own, and from which a level is told.
 const APART: f64 = 5.0;
 
 /// Parts of the sensor, each with its levels in the maps.
-pub(super) struct Blocks {
+pub(crate) struct Blocks {
     /// First column of each column of parts, first row of each row of parts.
     columns: Vec<usize>,
     rows: Vec<usize>,
@@ -59,7 +58,7 @@ fn part(line: usize, starts: &[usize]) -> usize {
 
 /// The parts between seams of columns and of rows, where they are no sums; `evidence` is that of
 /// the seams.
-pub(super) fn of(
+pub(crate) fn of(
     fit: &View<'_>,
     held_out: &View<'_>,
     [columns, rows]: [Vec<usize>; 2],

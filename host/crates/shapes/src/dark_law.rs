@@ -4,18 +4,17 @@
 //! Both by likelihood over the dark-current map, blurred by the temporal noise of a pixel of each
 //! rate.
 
-use super::finding::{Finding, number};
-use super::view::View;
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::numerics::minimise::lowest;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
-use crate::statistics::statistic::{Key, Place, What};
-use crate::statistics::temporal::{Temporal, mean};
+use crate::view::View;
+use crate::{FALSE_ALARMS, Shape};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::numerics::minimise::lowest;
+use camrig_diagnose::statistics::maps::{self, MapKind};
+use camrig_diagnose::statistics::statistic::{Key, Place, What};
+use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use std::f64::consts::SQRT_2;
 
 /// Bins of the map's values, and the share of pixels beyond them at the top.
@@ -28,14 +27,16 @@ const REACH: f64 = 4.5;
 const SPREADS: [f64; 2] = [0.05, 1.8];
 /// Rounds in which the four parameters of the catalogue's law are settled, two at a time.
 const ROUNDS: usize = 3;
-/// Standard errors of the correlation of neighbours up to which they are independent: the border's
-/// pixels hold their neighbours' values, 4 % of those of a small sensor.
+/// Standard errors of the correlation of neighbours, and correlation, up to which they are
+/// independent: the border's pixels hold their neighbours' values, which makes two errors of it, and
+/// large sensors show correlations that change no law.
 const WHITE: f64 = 6.0;
+const TOGETHER: f64 = 0.05;
 /// Share of the pixels that may be hot, by powers of e.
 const HOT: [f64; 2] = [-9.0, -0.7];
 
 /// A log-normal law of the dark current.
-pub(super) struct DarkLaw {
+pub(crate) struct DarkLaw {
     mean: Estimated,
     spread: Estimated,
     sd: Estimated,
@@ -44,7 +45,7 @@ pub(super) struct DarkLaw {
 }
 
 /// The law that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = law(fit, held_out);
     found.into_iter().map(|l| Box::new(l) as Box<dyn Shape>).collect()
 }
@@ -140,7 +141,7 @@ fn is_white(view: &View<'_>) -> bool {
     let power: f64 = map.iter().map(|&v| f64::from(v).powi(2)).sum();
     let pairs = |apart: usize| map.iter().zip(&map[apart.min(map.len())..]);
     let products = |apart| pairs(apart).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-    let least = WHITE * power / (map.len() as f64).sqrt();
+    let least = power * (WHITE / (map.len() as f64).sqrt()).max(TOGETHER);
     [1, w].into_iter().all(|apart| products(apart).abs() < least)
 }
 
@@ -247,8 +248,8 @@ impl Shape for DarkLaw {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
     use rand_distr::{Distribution, Normal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
@@ -263,7 +264,7 @@ mod tests {
         };
         // Mean 12 e⁻/s, which the bench has, spread 0.7.
         let law = |i: usize| 12.0 * ((0.7 * z[i] - 0.245).exp() - 1.0);
-        let hot = |i: usize| if i % 97 == 0 { 200.0 } else { 0.0 };
+        let hot = |i: usize| if i.is_multiple_of(97) { 200.0 } else { 0.0 };
         let glow = |i: usize| 60.0 * (-((i % WIDTH) as f64) / 6.0).exp();
         let of = |rate: &dyn Fn(usize) -> f64| {
             let charge = |e: &mut [f64], shot: &mut Shot<'_>| add(e, shot, rate);

@@ -1,15 +1,15 @@
 //! The search for names, with shapes taken out where there are any.
 
-use super::Shape;
-use super::view::View;
-use super::{dark_law, droop, line_noise, outliers, seam, serial, stitch, wave};
-use crate::search::session::{Half, Measured};
-use crate::search::{self, Outcome, Session, State};
-use crate::statistics::maps;
-use crate::statistics::statistic::Key;
-use crate::statistics::temporal::Temporal;
+use crate::Shape;
+use crate::view::View;
+use crate::{dark_law, droop, line_noise, outliers, seam, serial, stitch, wave};
 use camrig_base::Result;
 use camrig_camera::Camera;
+use camrig_diagnose::search::session::{Half, Measured};
+use camrig_diagnose::search::{self, Outcome, Session, State};
+use camrig_diagnose::statistics::maps;
+use camrig_diagnose::statistics::statistic::Key;
+use camrig_diagnose::statistics::temporal::Temporal;
 use std::collections::BTreeSet;
 
 /// Twice the log-likelihood by which the frames must be likelier with shapes of the means taken

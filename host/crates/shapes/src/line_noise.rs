@@ -6,17 +6,16 @@
 //! law. Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; a
 //! spectrum that is not flat is its `flicker-banding` or `row-correlated-noise`.
 
-use super::finding::{Finding, number};
-use super::view::View;
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps;
-use crate::statistics::statistic::{Key, Place, What};
-use crate::statistics::temporal::{Temporal, mean};
+use crate::view::View;
+use crate::{FALSE_ALARMS, Shape};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::maps;
+use camrig_diagnose::statistics::statistic::{Key, Place, What};
+use camrig_diagnose::statistics::temporal::{Temporal, mean};
 
 /// Exponents on the signal that are tried, in steps of 0.05: from where the law hardly differs
 /// from a constant.
@@ -41,7 +40,7 @@ enum Lines {
 }
 
 /// Line noise that grows with the signal.
-pub(super) struct LineNoise {
+pub(crate) struct LineNoise {
     lines: Lines,
     exponent: Estimated,
     /// Standard deviation at a signal of S, e⁻.
@@ -63,7 +62,7 @@ struct Point {
 }
 
 /// Line noise that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = [Lines::Rows, Lines::Columns].into_iter().filter_map(|l| of(l, fit, held_out));
     found.map(|noise| Box::new(noise) as Box<dyn Shape>).collect()
 }
@@ -259,8 +258,8 @@ impl Shape for LineNoise {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, Shot, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn row_noise_that_grows_with_the_signal_is_told_from_one_that_does_not() {

@@ -14,7 +14,6 @@ mod bench;
 mod blocks;
 mod dark_law;
 mod droop;
-mod finding;
 mod line_noise;
 mod outliers;
 mod run;
@@ -25,11 +24,11 @@ mod stitch;
 mod view;
 mod wave;
 
-use crate::data::design::Design;
-use crate::statistics::statistic::Key;
-use crate::statistics::temporal::Temporal;
 use camrig_camera::Camera;
-pub use finding::Finding;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::finding::Finding;
+use camrig_diagnose::statistics::statistic::Key;
+use camrig_diagnose::statistics::temporal::Temporal;
 pub use run::run;
 
 /// False alarms of a detector per set, of what it looks at taken together: with some ten detectors

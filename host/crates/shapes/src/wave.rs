@@ -4,18 +4,17 @@
 //! The catalogue's `periodic-pattern-noise` has a new phase in each frame, and
 //! `readout-channel-mismatch` repeats every 2, 4 or 8 lines; both are left to it.
 
-use super::finding::{Finding, number};
-use super::view::{View, change_mean, gain};
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
-use crate::statistics::temporal::Temporal;
+use crate::view::{View, change_mean, gain};
+use crate::{FALSE_ALARMS, Shape};
 use camrig_base::Plane;
 use camrig_base::median::median;
 use camrig_camera::Camera;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::numerics::spectrum::{Background, Spectrum, Spectrum2};
+use camrig_diagnose::statistics::maps::{self, MapKind};
+use camrig_diagnose::statistics::temporal::Temporal;
 use std::f64::consts::{LN_2, PI, TAU};
 
 /// Waves of a map, at most: harmonics and beats of a clock.
@@ -36,7 +35,7 @@ const SMOOTH: usize = 4;
 const HALVINGS: usize = 16;
 
 /// A plane wave a sin(2π(f_x x + f_y y) + φ) in one map.
-pub(super) struct Wave {
+pub(crate) struct Wave {
     kind: MapKind,
     cycles: [Estimated; 2],
     amplitude: Estimated,
@@ -47,7 +46,7 @@ pub(super) struct Wave {
 }
 
 /// Waves that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let mut found: Vec<Box<dyn Shape>> = Vec::new();
     for kind in MAPS {
         let (Some(a), Some(b)) = (fit.plane(kind), held_out.plane(kind)) else { continue };
@@ -339,8 +338,8 @@ impl Shape for Wave {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, Shot, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     /// Adds 2 sin(2π(0.21 x − 0.34 y) + turn) e⁻.
     fn add(e: &mut [f64], turn: f64) {

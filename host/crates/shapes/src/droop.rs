@@ -5,17 +5,16 @@
 //! have, the row means σ²v̄², and neighbours along the row a covariance, which noise that merely
 //! differs from column to column does not. `row-temporal-noise` of the catalogue has v = 1.
 
-use super::finding::{Finding, number};
-use super::view::View;
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::numerics::spectrum::Spectrum;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::statistic::{Key, Place, What};
-use crate::statistics::temporal::{LAGS, Temporal, mean};
+use crate::view::View;
+use crate::{FALSE_ALARMS, Shape};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::numerics::spectrum::Spectrum;
+use camrig_diagnose::statistics::statistic::{Key, Place, What};
+use camrig_diagnose::statistics::temporal::{LAGS, Temporal, mean};
 
 /// Shortest length looked for, pixels, and the longest, of the side: beyond, the fall is a slope.
 const LENGTHS: (f64, f64) = (1.5, 0.5);
@@ -38,7 +37,7 @@ struct Side {
 }
 
 /// Noise of lines that falls along them.
-pub(super) struct Droop {
+pub(crate) struct Droop {
     side: Side,
     /// By how much χ² of the pixels alone falls.
     pixels: f64,
@@ -65,7 +64,7 @@ struct Profile {
 }
 
 /// Droops that both halves show: the likeliest side along rows, and along columns.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = [true, false].into_iter().filter_map(|rows| {
         let sides = [false, true].map(|from_end| Side { rows, from_end });
         // What rises towards both ends alike is no droop: noise that follows itself does, once the
@@ -223,7 +222,7 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
 fn refine(halves: &[&Vec<Profile>], low: f64, high: f64, from_end: bool) -> f64 {
     /// Turns of the golden section: 10⁻⁴ of the range.
     const TURNS: usize = 20;
-    crate::numerics::minimise::minimum(low, high, TURNS, |l| {
+    camrig_diagnose::numerics::minimise::minimum(low, high, TURNS, |l| {
         -halves.iter().map(|p| fitted(p.iter(), l, from_end).1).sum::<f64>()
     })
 }
@@ -252,7 +251,7 @@ impl Droop {
 impl Shape for Droop {
     fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         for (c, t) in design.conditions.iter().zip(stacks) {
-            let unit = super::view::gain(camera, c).powi(2);
+            let unit = crate::view::gain(camera, c).powi(2);
             let w = t.width;
             let n = if self.side.rows { w } else { t.height };
             let v = fall(n, self.length.value, self.side.from_end);
@@ -304,7 +303,7 @@ impl Shape for Droop {
         match place {
             Place::Stack(_) => lines || pixels,
             // What is left of it in the mean of the frames.
-            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            Place::Map(kind) => crate::view::IN_THE_DARK.contains(kind),
             _ => false,
         }
     }
@@ -348,8 +347,8 @@ impl Shape for Droop {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, Shot, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn a_kick_that_falls_along_the_row_is_told_from_row_noise() {

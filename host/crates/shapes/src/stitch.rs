@@ -5,18 +5,17 @@
 //! signal over the light 1 + a' + b'/x + d [x above the step]. A smooth law, x^e in place of the
 //! step, stands against it. The step is known between the samples of two levels only.
 
-use super::finding::{Finding, number};
-use super::view::{View, gain};
-use super::{FALSE_ALARMS, Shape};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
-use crate::statistics::noise::frame_variance;
-use crate::statistics::statistic::{Key, Place, What};
-use crate::statistics::temporal::{Temporal, mean};
+use crate::view::{View, gain};
+use crate::{FALSE_ALARMS, Shape};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
+use camrig_diagnose::statistics::noise::frame_variance;
+use camrig_diagnose::statistics::statistic::{Key, Place, What};
+use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use nalgebra::{DMatrix, DVector};
 
 /// Flats without which no step is told from a smooth law.
@@ -32,7 +31,7 @@ const SEEN_AGAIN: f64 = 4.0;
 const ENDS: f64 = 1e-4;
 
 /// A step of the response.
-pub(super) struct Stitch {
+pub(crate) struct Stitch {
     /// Levels of the flats on either side, e⁻.
     levels_e: [f64; 2],
     /// Their ids.
@@ -62,7 +61,7 @@ struct Level {
 }
 
 /// The step that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = stitch(fit, held_out);
     found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
 }
@@ -215,7 +214,7 @@ fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
             Estimated { value: variance - ratio * ratio * own, se: l.excess.se }
         }));
     }
-    let variance = crate::evidence::pooled(found)?;
+    let variance = camrig_diagnose::evidence::pooled(found)?;
     let sigma = variance.value.max(0.0).sqrt();
     (sigma > 0.0).then(|| Estimated { value: sigma, se: variance.se / (2.0 * sigma) })
 }
@@ -242,7 +241,7 @@ impl Shape for Stitch {
                 continue;
             }
             let r = self.ratio.value;
-            super::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
+            crate::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
             let old = mean(&t.pixel_variance);
             let new = (old - (k * self.more_e.value).powi(2)).max(0.0) / (r * r);
             let ratio = new / old.max(1e-12);
@@ -299,8 +298,8 @@ impl Shape for Stitch {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, Shot, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, Shot, figure, shoot};
 
     #[test]
     fn a_second_amplifier_is_told_from_a_bent_response() {

@@ -5,21 +5,20 @@
 //! or of the gain. Smooth laws stand against it (`steps`). The parts are brought to the one that
 //! the camera file fits best.
 
-use super::finding::{Finding, number};
-use super::steps::{self, Steps};
-use super::view::{View, change_mean, gain};
-use super::{Shape, blocks};
-use crate::data::design::Design;
-use crate::evidence::Estimated;
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
-use crate::statistics::temporal::Temporal;
+use crate::steps::{self, Steps};
+use crate::view::{View, change_mean, gain};
+use crate::{Shape, blocks};
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::maps::{self, MapKind};
+use camrig_diagnose::statistics::temporal::Temporal;
 
 /// Maps that are searched, each along both axes.
-pub(super) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
+pub(crate) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
 /// Profiles that are searched: three maps, two axes.
 const PROFILES: usize = 6;
 /// Lines by which one seam's place may differ from map to map.
@@ -47,7 +46,7 @@ struct Seam {
 }
 
 /// The seams across one axis.
-pub(super) struct Taps {
+pub(crate) struct Taps {
     axis: Axis,
     /// Columns or rows of the sensor.
     lines: usize,
@@ -58,7 +57,7 @@ pub(super) struct Taps {
 }
 
 /// Seams that both halves show.
-pub(super) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let [columns, rows] = [Axis::Columns, Axis::Rows].map(|axis| across(axis, fit, held_out));
     if let (Some(columns), Some(rows)) = (&columns, &rows) {
         let at = [columns, rows].map(|taps| taps.seams.iter().map(|s| s.at).collect());
@@ -267,12 +266,12 @@ impl Taps {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bench::{Hidden, WIDTH, figure, shoot};
     use super::*;
+    use crate::bench::{Hidden, WIDTH, figure, shoot};
 
     #[test]
     fn two_taps_have_a_seam_with_a_ratio_and_an_offset() {
-        let volts = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+        let volts = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH) {
                 row[40..].iter_mut().for_each(|v| *v = *v * 1.008 - 3.0);
             }
@@ -295,7 +294,7 @@ mod tests {
 
     #[test]
     fn one_quadrant_that_is_off_is_a_part_of_its_own() {
-        let volts = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+        let volts = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH).skip(24) {
                 row[36..].iter_mut().for_each(|v| *v = *v * 1.012 + 4.0);
             }
@@ -310,7 +309,7 @@ mod tests {
 
     #[test]
     fn smooth_shading_and_nothing_have_no_seam() {
-        let charge = |e: &mut [f64], _: &mut super::super::bench::Shot<'_>| {
+        let charge = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH) {
                 for (x, v) in row.iter_mut().enumerate() {
                     let u = 2.0 * x as f64 / WIDTH as f64 - 1.0;

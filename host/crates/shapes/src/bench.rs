@@ -1,24 +1,24 @@
 //! A plain sensor on a bench, for tests: frames from equations that share nothing with
 //! `sensor-core`, as moments.
 
-use super::view::View;
-use crate::data::course::Course;
-use crate::data::design::{Condition, Design, Stack};
-use crate::model::prediction::Prediction;
-use crate::model::replicate;
-use crate::statistics::battery::battery;
-use crate::statistics::maps::{self, Map};
-use crate::statistics::statistic::by_key;
-use crate::statistics::temporal::{Collector, Temporal};
+use crate::view::View;
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_diagnose::data::course::Course;
+use camrig_diagnose::data::design::{Condition, Design, Stack};
+use camrig_diagnose::model::prediction::Prediction;
+use camrig_diagnose::model::replicate;
+use camrig_diagnose::statistics::battery::battery;
+use camrig_diagnose::statistics::maps::{self, Map};
+use camrig_diagnose::statistics::statistic::by_key;
+use camrig_diagnose::statistics::temporal::{Collector, Temporal};
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
-pub(super) const WIDTH: usize = 72;
-pub(super) const HEIGHT: usize = 56;
+pub(crate) const WIDTH: usize = 72;
+pub(crate) const HEIGHT: usize = 56;
 /// DN/e⁻, DN, e⁻, e⁻/s.
 const GAIN: f64 = 0.4;
 const BLACK: f64 = 100.0;
@@ -38,7 +38,7 @@ const PLAN: [(f64, f64); 7] = [
 const FRAMES: usize = 10;
 
 /// A frame as it is made.
-pub(super) struct Shot<'a> {
+pub(crate) struct Shot<'a> {
     pub rng: &'a mut Xoshiro256PlusPlus,
     /// Mean photo-electrons.
     pub signal: f64,
@@ -52,17 +52,20 @@ impl Shot<'_> {
     }
 }
 
+/// A change of a frame's pixels, e⁻.
+type Change = dyn Fn(&mut [f64], &mut Shot<'_>);
+
 /// What a test hides: on the mean electrons before shot noise, and on electrons after read noise.
 #[derive(Default)]
-pub(super) struct Hidden<'a> {
-    pub charge: Option<&'a dyn Fn(&mut [f64], &mut Shot<'_>)>,
-    pub volts: Option<&'a dyn Fn(&mut [f64], &mut Shot<'_>)>,
+pub(crate) struct Hidden<'a> {
+    pub charge: Option<&'a Change>,
+    pub volts: Option<&'a Change>,
     /// Read noise, where it is not the model's, e⁻.
     pub read_e: Option<f64>,
 }
 
 /// Both halves of a set.
-pub(super) struct Bench {
+pub(crate) struct Bench {
     pub camera: Camera,
     pub design: Design,
     pub stacks: [Vec<Temporal>; 2],
@@ -112,7 +115,7 @@ fn design() -> Design {
 }
 
 /// A set in which something is hidden.
-pub(super) fn shoot(seed: u64, hidden: &Hidden<'_>) -> Bench {
+pub(crate) fn shoot(seed: u64, hidden: &Hidden<'_>) -> Bench {
     let (camera, design) = (camera(), design());
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let normal = Normal::new(0.0, 1.0).unwrap();
@@ -165,6 +168,6 @@ impl Bench {
 }
 
 /// The figure of a finding.
-pub(super) fn figure(finding: &super::Finding, key: &str) -> f64 {
+pub(crate) fn figure(finding: &camrig_diagnose::finding::Finding, key: &str) -> f64 {
     finding.parameters.iter().find(|p| p.0 == key).unwrap_or_else(|| panic!("{key}")).1.value
 }

@@ -1,7 +1,63 @@
-//! What a shape is, how much and where, as figures and in words.
+//! What no effect of the catalogue describes: what it is, how much and where, as figures and in
+//! words. `camrig-shapes` finds it.
 
 use crate::evidence::Estimated;
-use crate::report::{Dependence, Domain, EMPIRICAL, Form, Parameter, Status, Step};
+use crate::report::{Parameter, Status, Step};
+use serde::{Deserialize, Serialize};
+
+/// Name in `diagnosis.json` of an effect that no catalogue has.
+pub const EMPIRICAL: &str = "empirical";
+
+/// What of the sensor a proposed effect is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Domain {
+    /// What every frame has, e⁻.
+    Offset,
+    /// The response to light, relative.
+    Gain,
+    /// The rate of dark charge, e⁻/s.
+    Dark,
+    /// What is new in every frame, e⁻.
+    Temporal,
+    /// The signal over the light.
+    Response,
+}
+
+/// The shape of a proposed effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// A step between two parts of the sensor.
+    Seam,
+    /// A plane wave.
+    Wave,
+    /// Common to a row, with a profile along it.
+    RowProfile,
+    /// Common to a column, with a profile along it.
+    ColumnProfile,
+    /// Common to a row, alike along it.
+    RowFlat,
+    /// Common to a column, alike along it.
+    ColumnFlat,
+    /// Follows itself from pixel to pixel.
+    Correlation,
+    /// A law over pixels.
+    Distribution,
+    /// A step of the response at a signal.
+    SignalStep,
+}
+
+/// How the amount of a proposed effect depends on the conditions: exponents.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dependence {
+    /// On the exposure.
+    #[serde(with = "crate::report::number")]
+    pub exposure: f64,
+    /// On the signal.
+    #[serde(with = "crate::report::number")]
+    pub signal: f64,
+}
 
 /// A shape that was found.
 #[derive(Clone, Debug)]
@@ -48,7 +104,7 @@ impl Finding {
 }
 
 /// A value with its standard error, to two digits of the error.
-pub(super) fn number(e: Estimated) -> String {
+pub fn number(e: Estimated) -> String {
     let digits = match e.se.log10().floor() {
         power if power.is_finite() => (1.0 - power).clamp(0.0, 12.0) as usize,
         _ => 3,
