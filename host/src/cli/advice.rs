@@ -31,8 +31,8 @@ const ADVICE: &[(&str, &str)] = &[
     ("rotation-stacks", "camrig crosstalk bench makes such captures"),
     ("saturated-capture", "camrig scene hdr merges captures"),
     ("several-frames", "--frame N"),
-    ("stop-radius", "--stop-radius MM"),
-    ("unknown-glass", "--glass NAME=ND:VD"),
+    ("stop-radius", "--stop-radius MM, in a camera file stop_radius_mm = MM"),
+    ("unknown-glass", "--glass NAME=ND:VD, in a camera file glass = \"NAME=ND:VD\""),
 ];
 
 /// The error with what to type behind its help.

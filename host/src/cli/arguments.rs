@@ -1,11 +1,13 @@
 //! What several commands have in common: durations, progress bars, how frames are taken.
 
 use camrig_base::output::OutputFile;
-use camrig_base::{Bands, Error, Result};
+use camrig_base::{Bands, Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_optics::DeviceChoice;
-use camrig_render::Arithmetic;
+use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
+use camrig_render::readout::{self, Region};
+use camrig_render::{Arithmetic, IrradianceCube, SimulatedSensor};
 use camrig_report::page::Page;
 use camrig_sensor_core::config::FrameSettings;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -108,15 +110,73 @@ pub struct DeviceArgs {
     pub device: DeviceChoice,
 }
 
+/// Integration time, or how it is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Exposure {
+    /// Seconds.
+    Time(f64),
+    /// Found by trial frames.
+    Auto(Brightness),
+}
+
+/// Reads a duration, `auto` or `auto:SHARE`.
+pub fn exposure(text: &str) -> Result<Exposure, String> {
+    match text.split_once(':') {
+        None if text == "auto" => Ok(Exposure::Auto(Brightness::Highlights)),
+        Some(("auto", share)) => Ok(Exposure::Auto(Brightness::Mean(positive(share)?))),
+        _ => duration(text).map(Exposure::Time),
+    }
+}
+
+/// How pixels are put together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Binning {
+    /// Pixels in a row and in a column.
+    pub n: u32,
+    /// Charges are added before they are read, instead of samples averaged.
+    pub charge: bool,
+}
+
+/// Reads `2`, `2x2`, `2x2:digital` or `2x2:charge`.
+pub fn binning(text: &str) -> Result<Binning, String> {
+    let wrong = || format!("{text:?} is not a binning; use 2x2, 2x2:digital or 2x2:charge");
+    let (size, kind) = text.split_once(':').unwrap_or((text, "digital"));
+    let (across, down) = size.split_once('x').unwrap_or((size, size));
+    let charge = match kind {
+        "charge" => true,
+        "digital" => false,
+        _ => return Err(wrong()),
+    };
+    match across.parse() {
+        Ok(n) if across == down && n > 0 => Ok(Binning { n, charge }),
+        _ => Err(wrong()),
+    }
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let camrig_measure::mtf::Roi { x, y, width, height } = super::measure::roi(text)?;
+    Ok(Region { x, y, width, height })
+}
+
 /// How frames are taken and where they go.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct FrameArgs {
-    /// Integration time: 20ms, 1.5s, 300us
-    #[arg(long, value_parser = duration, allow_hyphen_values = true, value_name = "TIME")]
-    pub exposure: f64,
+    /// Integration time: 20ms, 1.5s, 300us; auto (99 % of the samples below 0.85 of the range), or
+    /// auto:SHARE (mean of green, as a share of the range above black)
+    #[arg(long, value_parser = exposure, allow_hyphen_values = true, value_name = "TIME")]
+    pub exposure: Exposure,
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
+    /// Only this region of the frame, in pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
+    #[arg(conflicts_with_all = ["hdr", "opcodes"])]
+    pub roi: Option<Region>,
+    /// Put N x N pixels of a colour together, after the region is taken: 2x2 or 2x2:digital (mean
+    /// of samples), 2x2:charge (charges added before they are read; monochrome, simulate only)
+    #[arg(long, value_name = "NxN[:KIND]", value_parser = binning)]
+    #[arg(conflicts_with_all = ["hdr", "opcodes"])]
+    pub binning: Option<Binning>,
     /// Frames to take; more than one go into a directory, or one after another as headerless
     /// pixels, csi2, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1, or as many as the bracket has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -180,10 +240,54 @@ impl FrameArgs {
         self.frames.unwrap_or(self.bracket.len().max(1) as u32)
     }
 
-    /// Settings of frame `i`.
-    pub fn settings(&self, camera: &Camera, i: u32) -> FrameSettings {
+    /// The integration time, s; one that is found by trial frames is told.
+    pub fn exposure_s(
+        &self,
+        camera: &Camera,
+        sensor: &SimulatedSensor,
+        cube: &IrradianceCube,
+    ) -> Result<f64> {
+        match self.exposure {
+            Exposure::Time(seconds) => Ok(seconds),
+            Exposure::Auto(brightness) => {
+                let seconds =
+                    auto_exposure::exposure_s(camera, sensor, cube, self.gain, brightness)?;
+                eprintln!("note: automatic exposure: {} ms", 1e3 * seconds);
+                Ok(seconds)
+            }
+        }
+    }
+
+    /// What of a frame is read: region and digital binning.
+    pub fn read_out(&self, frame: RawFrame) -> Result<RawFrame> {
+        let frame = match self.roi {
+            Some(region) => region.of(&frame)?,
+            None => frame,
+        };
+        match self.binning {
+            Some(Binning { n, charge: false }) => readout::digitally_binned(&frame, n as usize),
+            _ => Ok(frame),
+        }
+    }
+
+    /// What a page says about region and binning.
+    pub fn readout_rows(&self) -> Vec<(&'static str, String)> {
+        let mut rows = Vec::new();
+        if let Some(r) = self.roi {
+            let place = format!("{} x {} pixels from {}, {}", r.width, r.height, r.x, r.y);
+            rows.push(("region of interest", place));
+        }
+        if let Some(Binning { n, charge }) = self.binning {
+            let kind = if charge { "charges added" } else { "mean of samples" };
+            rows.push(("binning", format!("{n} x {n} pixels, {kind}")));
+        }
+        rows
+    }
+
+    /// Settings of frame `i` for an exposure of `exposure_s` seconds before bracketing.
+    pub fn settings(&self, camera: &Camera, exposure_s: f64, i: u32) -> FrameSettings {
         let step = self.bracket.get(i as usize % self.bracket.len().max(1)).unwrap_or(&0.0);
-        let exposure_s = self.exposure * libm::exp2(*step);
+        let exposure_s = exposure_s * libm::exp2(*step);
         camera.settings(self.frame_seed.wrapping_add(i), exposure_s, self.gain)
     }
 }
@@ -220,6 +324,24 @@ pub fn report(written: &[Value], json_object: Value, as_json: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exposures_and_binnings() {
+        assert_eq!(exposure("20ms"), Ok(Exposure::Time(0.02)));
+        assert_eq!(exposure("auto"), Ok(Exposure::Auto(Brightness::Highlights)));
+        assert_eq!(exposure("auto:0.18"), Ok(Exposure::Auto(Brightness::Mean(0.18))));
+        assert!(exposure("auto:-1").is_err() && exposure("automatic").is_err());
+        for (text, n, charge) in
+            [("2", 2, false), ("2x2", 2, false), ("4x4:charge", 4, true), ("3:digital", 3, false)]
+        {
+            assert_eq!(binning(text), Ok(Binning { n, charge }), "{text}");
+        }
+        for text in ["0", "2x3", "2x2:sum", "x", ""] {
+            assert!(binning(text).is_err(), "{text}");
+        }
+        let region = region("40,20,80,60").unwrap();
+        assert_eq!((region.x, region.y, region.width, region.height), (40, 20, 80, 60));
+    }
 
     #[test]
     fn durations() {

@@ -91,7 +91,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     if args.preview {
         let raw = frames.raw(0)?;
-        let picture = preview::render(&raw, &frames.facts.dng.clone().unwrap_or_default());
+        let info = frames.facts.dng.clone().unwrap_or_default();
+        let (picture, factor) = preview::bright(&raw, &info);
+        eprintln!("note: {}", preview::brightness_words(factor));
         output::write_file(&args.output, args.force, &png::encode_rgb(&picture)?)?;
         return Ok(ExitCode::SUCCESS);
     }

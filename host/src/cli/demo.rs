@@ -80,11 +80,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let facts = Facts { dng: Some(info.clone()), ..Facts::of(&frame) };
         let raw = Format::Dng.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
         directory.write(format!("{name}.dng"), &raw)?;
-        let picture = png::encode_rgb(&preview::render(&frame, &info))?;
+        let picture = png::encode_rgb(&preview::bright(&frame, &info).0)?;
         directory.write(format!("{name}.png"), &picture)?;
-        let small = png::encode_rgb(&preview::thumbnail(&frame, &info, 1024))?;
+        let (small, factor) = preview::bright_thumbnail(&frame, &info, 1024);
         page.heading(&format!("{lux} lx, {} ms", exposure_s * 1e3));
-        page.picture(&small, &format!("{name}.dng, simple demosaicing, white balance, sRGB"));
+        let words = preview::brightness_words(factor);
+        let caption = format!("{name}.dng, simple demosaicing, white balance, sRGB, {words}");
+        page.picture(&png::encode_rgb(&small)?, &caption);
         page.table(&["channel", "mean DN above black", "saturated"], &channel_rows(&frame));
     }
     page.heading("Rig");

@@ -105,6 +105,8 @@ fn holds(key: &Key) -> String {
         Holds::Word(words) => format!("one of {}", words.join(", ")),
         Holds::WordOrFile(words) => format!("{}, or a file", words.join(", ")),
         Holds::Text => "text".into(),
+        Holds::Texts => "text, or a list of texts".into(),
+        Holds::NumberOrName => "whole number from 1, or a name".into(),
     }
 }
 

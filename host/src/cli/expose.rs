@@ -53,6 +53,10 @@ pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<Irr
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
+    if args.frames.binning.is_some_and(|b| b.charge) {
+        return Err(Error::unsupported("charge binning of stored irradiance")
+            .help("camrig simulate --binning 2x2:charge makes it; or bin digitally"));
+    }
     let camera = Camera::load_with(&args.camera, &args.set)?;
     let cube = open(&args.irradiance, &camera)?;
     let factor = match (args.lux, cube.header.lux) {
@@ -66,17 +70,20 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
     let sensor = SimulatedSensor::new(&camera, &cube.header, factor)?;
-    expose_frames(&args.frames, &camera, &sensor, (&cube, None), light.as_ref(), &mut sink)?;
+    let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
+    let of = (&camera, &sensor, exposure_s);
+    expose_frames(&args.frames, of, (&cube, None), light.as_ref(), &mut sink)?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];
     made_of.extend(light_of(&header));
-    let settings = args.frames.settings(&camera, 0);
+    made_of.extend(args.frames.readout_rows());
+    let settings = args.frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} in other light or settings", camera.name);
         simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
     })?;
-    let object = json!({ "camera": camera.name, "frames": written });
+    let object = json!({ "camera": camera.name, "frames": written, "exposure_s": exposure_s });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)
 }

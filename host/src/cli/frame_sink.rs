@@ -134,7 +134,11 @@ impl FrameSink {
     pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
         let number = self.count;
         let encoded = || match &self.kind {
-            Kind::Picture => png::encode_rgb(&preview::render(frame, info)),
+            Kind::Picture => {
+                let (picture, factor) = preview::bright(frame, info);
+                eprintln!("note: {}", preview::brightness_words(factor));
+                png::encode_rgb(&picture)
+            }
             Kind::Raw(format) => {
                 let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
                 format.encode(&Frames { facts, ..Frames::from_raw(frame) })

@@ -1,11 +1,12 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, DeviceArgs, FrameArgs, positive};
+use super::arguments::{self, Binning, DeviceArgs, FrameArgs, positive};
 use super::frame_sink::FrameSink;
-use camrig_base::Result;
+use camrig_base::{Error, Result};
 use camrig_camera::{Camera, changes};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
+use camrig_render::readout;
 use camrig_render::{self as render, Motion, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
@@ -155,9 +156,15 @@ impl ViewArgs {
     /// Loads the camera and runs the optics stage.
     pub fn view(&self) -> Result<(Camera, OpticsOutput)> {
         let camera = Camera::load_with(&self.camera, &self.set)?;
+        let view = self.view_with(&camera)?;
+        Ok((camera, view))
+    }
+
+    /// Runs the optics stage for a camera.
+    fn view_with(&self, camera: &Camera) -> Result<OpticsOutput> {
         let optics_stage = self.optics_stage()?;
         let bar = arguments::progress("optics", 0);
-        let view = optics_stage.run(&camera, |done, bands| {
+        let view = optics_stage.run(camera, |done, bands| {
             bar.set_length(bands as u64);
             bar.set_position(done as u64);
         })?;
@@ -172,24 +179,34 @@ impl ViewArgs {
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
-        Ok((camera, view))
+        Ok(view)
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let (camera, OpticsOutput { light, cube, optics, cached, lens_traced, .. }) =
-        args.view.view()?;
+    let mut camera = Camera::load_with(&args.view.camera, &args.view.set)?;
+    if let Some(Binning { n, charge: true }) = args.frames.binning {
+        if args.frames.roi.is_some() || args.view.motion.is_some() {
+            return Err(Error::unsupported("charge binning of a region or of a moving scene")
+                .help("bin digitally, or leave region and motion out: both count single pixels"));
+        }
+        camera = readout::charge_binned(&camera, n)?;
+    }
+    let OpticsOutput { light, cube, optics, cached, lens_traced, .. } =
+        args.view.view_with(&camera)?;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, args.frames.force)?;
     }
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
     let optics_stage = args.view.optics_stage()?;
     let mut moved = |frame: u32| Ok(optics_stage.run_frame(&camera, frame, |_, _| ())?.cube);
     let next: Option<&mut Cubes<'_>> =
         if optics_stage.motion.is_some() { Some(&mut moved) } else { None };
-    expose_frames(&args.frames, &camera, &sensor, (&cube, next), light.as_ref(), &mut sink)?;
+    let of = (&camera, &sensor, exposure_s);
+    expose_frames(&args.frames, of, (&cube, next), light.as_ref(), &mut sink)?;
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),
         ("camera", camera.name.clone()),
@@ -203,7 +220,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     made_of.extend(optics.nodes.iter().flat_map(psf_rows));
     made_of.extend(optics.device.iter().map(|device| ("optics on", device.clone())));
     made_of.extend(light_of(&cube.header));
-    let settings = args.frames.settings(&camera, 0);
+    made_of.extend(args.frames.readout_rows());
+    let settings = args.frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} through {}", args.view.scene, camera.name);
         simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
@@ -211,6 +229,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let object = json!({
         "camera": camera.name,
         "frames": written,
+        "exposure_s": exposure_s,
         "optics": {
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
@@ -259,12 +278,11 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
 /// Irradiance at each frame of a sequence.
 pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
 
-/// Takes the frames and writes them. `light` is the irradiance, and what gives that of frames 1,
-/// 2, ... where it changes.
+/// Takes the frames of a camera and writes them. `exposure_s` is theirs before bracketing; `first`
+/// and `next` are the irradiance, and what gives that of frames 1, 2, ... where it changes.
 pub fn expose_frames(
     args: &FrameArgs,
-    camera: &Camera,
-    sensor: &SimulatedSensor,
+    (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),
     (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
     illuminant: Option<&Illuminant>,
     sink: &mut FrameSink,
@@ -287,7 +305,7 @@ pub fn expose_frames(
         }
         let cube = moved.as_ref().unwrap_or(first);
         let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
-        let settings = args.settings(camera, i);
+        let settings = args.settings(camera, exposure_s, i);
         let mut take = |settings: &FrameSettings| stage.frame(sensor, cube, before, settings);
         let frame = match args.hdr {
             None => take(&settings)?,
@@ -300,7 +318,7 @@ pub fn expose_frames(
             }
         };
         let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
-        sink.write(&frame, &info)?;
+        sink.write(&args.read_out(frame)?, &info)?;
         bar.inc(1);
     }
     bar.finish_and_clear();

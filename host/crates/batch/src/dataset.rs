@@ -5,6 +5,7 @@
 //! DIR/frames/000/000042.dng    picture 42
 //! DIR/frames/000/000042.json   its parameters, digest and figures
 //! DIR/manifest.jsonl           all of these in order: the data set is complete
+//! DIR/figures.csv              figures of all pictures, where the sweep file has [figures]
 //! ```
 //!
 //! Files appear whole, a picture's record before the picture: where the picture is, both are. So a
@@ -12,6 +13,7 @@
 //! way, and two processes that make the same picture make the same bytes.
 
 use super::Sweep;
+use super::figures::{self, Figures, Wanted};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use serde_json::{Value, json};
@@ -25,6 +27,7 @@ pub struct Dataset {
     directory: PathBuf,
     extension: String,
     pictures: u64,
+    wanted: Wanted,
 }
 
 /// Pictures in one folder: few enough for tools that list a folder to stay quick.
@@ -64,6 +67,7 @@ impl Dataset {
             directory: directory.to_path_buf(),
             extension: sweep.files.clone(),
             pictures: sweep.pictures(),
+            wanted: sweep.figures.clone(),
         })
     }
 
@@ -81,20 +85,28 @@ impl Dataset {
         (0..self.pictures).filter(|&i| self.has(i)).count() as u64
     }
 
-    /// Writes a picture and its record, which holds the picture's `parameters` and the `figures`
-    /// of its channels.
+    /// Writes a picture and its record, which holds the picture's `parameters` and `figures`.
     ///
     /// # Errors
     /// What the operating system refuses.
-    pub fn put(&self, index: u64, bytes: &[u8], parameters: Value, figures: Value) -> Result<()> {
-        let record = json!({
+    pub fn put(
+        &self,
+        index: u64,
+        bytes: &[u8],
+        parameters: Value,
+        figures: Figures,
+    ) -> Result<()> {
+        let mut record = json!({
             "index": index,
             "file": relative(index, &self.extension),
             "sha256": hex(&Sha256::digest(bytes)),
             "bytes": bytes.len(),
             "parameters": parameters,
-            "channels": figures,
+            "channels": figures.channels,
         });
+        if !figures.picture.is_empty() {
+            record["figures"] = figures.picture.into();
+        }
         let folder = self.place(index, "");
         let folder = folder.parent().unwrap_or(&self.directory);
         fs::create_dir_all(folder).map_err(|e| Error::io("create", folder, e))?;
@@ -114,6 +126,13 @@ impl Dataset {
                 let path = self.place(index, "json");
                 let record = fs::read(&path).map_err(|e| Error::io("read", &path, e))?;
                 manifest.extend_from_slice(&record);
+            }
+            if self.wanted.is_named() {
+                let lines = manifest.split(|b| *b == b'\n').filter(|line| !line.is_empty());
+                let records: Vec<Value> =
+                    lines.filter_map(|line| serde_json::from_slice(line).ok()).collect();
+                let table = figures::table(&records, &self.wanted);
+                put_once(&self.directory.join("figures.csv"), table.as_bytes())?;
             }
             put_once(&self.directory.join("manifest.jsonl"), &manifest)?;
         }

@@ -23,12 +23,13 @@
 //! [`run`] then makes the pictures of a [`Shard`] into a [`Dataset`].
 
 pub mod dataset;
+pub mod figures;
 pub mod sweep;
 
 pub use dataset::Dataset;
 pub use sweep::{Picture, Sweep};
 
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_optics::{Device, Options};
@@ -152,11 +153,13 @@ fn take(
     let frame = sensor.frame(&view.cube, before, &settings, sweep.arithmetic)?;
     let info =
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
+    let scene = &picture.scene.name;
+    let figures = figures::of(&frame, &info, scene, &sweep.figures);
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
     let parameters = parameters(sweep, &camera, &header, picture, settings.analog_gain);
-    dataset.put(picture.index, &bytes, parameters, figures(&frame))
+    dataset.put(picture.index, &bytes, parameters, figures)
 }
 
 /// The values of a picture by which it differs from the others of its sweep.
@@ -181,14 +184,6 @@ fn parameters(
         "sensor_seed": camera.sensor.seed,
         "frame": picture.frame,
     })
-}
-
-/// Mean DN and saturated fraction of each channel.
-fn figures(frame: &RawFrame) -> Value {
-    let figures = frame.channel_means().into_iter().map(|(name, mean_dn, saturated)| {
-        (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
-    });
-    figures.collect::<Map<_, _>>().into()
 }
 
 #[cfg(test)]

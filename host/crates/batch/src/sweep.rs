@@ -17,12 +17,17 @@
 //!
 //! [grid.camera_keys]          # any key of the camera file, with its table
 //! "sensor.noise.read_e" = [2.0, 4.0]
+//!
+//! [figures]                   # these alone, and a table of them, figures.csv; without it, all
+//! snr_db = true               # that a scene allows are in its record. Also mean_dn,
+//! delta_e_2000 = true         # saturated_fraction, mtf50_cycles_per_pixel
 //! ```
 //!
 //! Every combination is taken. Their order, slowest first: camera, camera keys (by name), scene,
 //! illuminant, lux, exposure, gain, sensor seed, frame. Picture i of the grid has frame number
 //! `frame_seed + i`, so no two share temporal noise.
 
+use super::figures::Wanted;
 use camrig_base::alternatives::{Alternatives, Numbers};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_camera::{Camera, is_preset};
@@ -57,6 +62,7 @@ struct File {
     #[serde(default)]
     opcodes: bool,
     oversample: Option<usize>,
+    figures: Option<BTreeMap<String, bool>>,
     grid: GridFile,
 }
 
@@ -106,6 +112,8 @@ pub struct Sweep {
     pub oversample: Option<usize>,
     /// Files and directories that the pictures depend on.
     pub inputs: Vec<PathBuf>,
+    /// Figures that records have.
+    pub figures: Wanted,
     frame_seed: u32,
     frames: u32,
     /// Cameras: what they are called, and what is changed in their files.
@@ -199,6 +207,7 @@ impl Sweep {
             opcodes: file.opcodes,
             oversample: file.oversample,
             inputs: Vec::new(),
+            figures: Wanted::new(file.figures.as_ref())?,
             frame_seed: file.frame_seed,
             frames: file.frames,
             variants: variants(&grid, folder)?,

@@ -2,6 +2,7 @@
 
 use super::effects::{AnyEffect, read_effect};
 use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
+use super::prescription;
 use super::{
     Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise, RelativeIllumination, SensorModel,
     csv_reader,
@@ -27,14 +28,14 @@ const ROW_FPN_OVER_READ: f64 = 0.5;
 
 /// Finds the keys of one table in the file's text, for messages, and collects what is wrong with
 /// them.
-struct Keys<'a> {
+pub(super) struct Keys<'a> {
     text: &'a str,
     table: &'static str,
     wrong: &'a RefCell<Vec<Error>>,
 }
 
 impl Keys<'_> {
-    fn place(&self, key: &str) -> String {
+    pub(super) fn place(&self, key: &str) -> String {
         match toml_text::line_of_key(self.text, self.table, key) {
             Some(line) => format!("line {line}, key {key:?} of [{}]", self.table),
             None => format!("key {key:?} of [{}]", self.table),
@@ -43,7 +44,7 @@ impl Keys<'_> {
 
     /// A value, if it lies within its limits; else the nearest limit, and a mistake collected.
     /// `unit` is for the message.
-    fn within(
+    pub(super) fn within(
         &self,
         key: &str,
         v: f64,
@@ -59,7 +60,7 @@ impl Keys<'_> {
         Ok(if v > *ok.end() { *ok.end() } else { *ok.start() })
     }
 
-    fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
+    pub(super) fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
         value.ok_or_else(|| {
             Error::input(format!("key {key:?} is missing"))
                 .at(format!("[{}]", self.table))
@@ -99,16 +100,15 @@ pub(super) fn camera(
 
 fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensModel> {
     let kind = file.kind.as_str();
-    let foreign = match kind {
-        "diffraction-limited" => [("data", file.data.is_some()), ("file", file.file.is_some())],
-        "characterised" => [
-            ("file", file.file.is_some()),
-            ("relative_illumination", file.relative_illumination.is_some()),
-        ],
-        "prescription" => [
-            ("data", file.data.is_some()),
-            ("relative_illumination", file.relative_illumination.is_some()),
-        ],
+    let given = [
+        ("relative_illumination", file.relative_illumination.is_some()),
+        ("data", file.data.is_some()),
+        ("file", file.file.is_some()),
+    ];
+    let foreign: &[&str] = match kind {
+        "diffraction-limited" => &["data", "file"],
+        "characterised" => &["file", "relative_illumination"],
+        "prescription" => &["data", "relative_illumination"],
         _ => {
             let known = ["diffraction-limited", "characterised", "prescription"];
             return Err(Error::input(format!("lens kind {kind:?}"))
@@ -116,7 +116,10 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
                 .help(toml_text::did_you_mean(kind, &known)));
         }
     };
-    if let Some((key, _)) = foreign.iter().find(|(_, given)| *given) {
+    let foreign = given.iter().filter(|(key, given)| *given && foreign.contains(key));
+    let foreign = foreign.map(|(key, _)| *key);
+    let of_prescription = (kind != "prescription").then(|| prescription::given(&file)).flatten();
+    if let Some(key) = foreign.chain(of_prescription).next() {
         return Err(Error::input(format!("key {key:?} means nothing for kind = {kind:?}"))
             .at(keys.place(key))
             .help("remove it, or change the kind"));
@@ -136,11 +139,9 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
             file.data,
             "characterised",
         )?)),
-        "prescription" => LensKind::Prescription(folder.path(&keys.required(
-            "file",
-            file.file,
-            "prescription",
-        )?)),
+        "prescription" => {
+            LensKind::Prescription(Box::new(prescription::setup(&file, keys, folder)?))
+        }
         kind => LensKind::DiffractionLimited {
             f_number: keys.within(
                 "f_number",

@@ -33,6 +33,49 @@ pub struct LensFile {
     pub relative_illumination: Option<String>,
     pub data: Option<String>,
     pub file: Option<String>,
+    pub object_distance_mm: Option<f64>,
+    pub focus_distance_mm: Option<f64>,
+    pub focus_mtf_per_mm: Option<f64>,
+    pub sensor_shift_mm: Option<f64>,
+    pub stop_radius_mm: Option<f64>,
+    pub reference_nm: Option<f64>,
+    pub configuration: Option<NumberOrName>,
+    pub glass: Option<OneOrSeveral>,
+    pub glass_catalogue: Option<OneOrSeveral>,
+}
+
+/// A number from 1, or a name.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum NumberOrName {
+    Number(u32),
+    Name(String),
+}
+
+impl std::fmt::Display for NumberOrName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(n) => n.fmt(f),
+            Self::Name(name) => name.fmt(f),
+        }
+    }
+}
+
+/// One text or a list of them.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum OneOrSeveral {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl OneOrSeveral {
+    pub fn texts(&self) -> &[String] {
+        match self {
+            Self::One(text) => std::slice::from_ref(text),
+            Self::Several(texts) => texts,
+        }
+    }
 }
 
 /// `[sensor]`.

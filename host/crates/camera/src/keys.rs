@@ -21,6 +21,10 @@ pub enum Holds {
     WordOrFile(&'static [&'static str]),
     /// Text.
     Text,
+    /// A text or a list of texts.
+    Texts,
+    /// A whole number from 1, or a name.
+    NumberOrName,
 }
 
 /// A key.
@@ -75,10 +79,20 @@ const fn key(
     Key { table, name, holds, unit, doc, usual, default }
 }
 
-use Holds::{File, Number, NumberOrFile, Text, Whole, Word, WordOrFile};
+use Holds::{File, Number, NumberOrFile, NumberOrName, Text, Texts, Whole, Word, WordOrFile};
 
 const SIDE: u64 = camrig_sensor_core::config::MAX_SIDE as u64;
 const SIGNAL_E: f64 = camrig_sensor_core::arith::MAX_SIGNAL_E as f64;
+/// Distances in front of a lens, mm: from a micrometre to infinity.
+pub(crate) const DISTANCES_MM: (f64, f64) = (1e-3, f64::INFINITY);
+/// Ways of the sensor along the axis, mm: more than the longest camera lens.
+pub(crate) const SHIFTS_MM: (f64, f64) = (-1e3, 1e3);
+/// Radii of a stop, mm: a micrometre to ten metres.
+pub(crate) const STOP_RADII_MM: (f64, f64) = (1e-3, 1e4);
+/// Wavelengths that a lens may be made for, nm: far ultraviolet to far infrared.
+pub(crate) const WAVELENGTHS_NM: (f64, f64) = (100.0, 20_000.0);
+/// Spatial frequencies on the sensor, cycles/mm: up to the cut-off of f/0.5 in the blue.
+pub(crate) const FREQUENCIES_PER_MM: (f64, f64) = (1e-2, 5000.0);
 /// Default of keys that only some kinds of lens need.
 const BY_KIND: Option<&str> = Some("needed or not after lens.kind");
 
@@ -153,6 +167,90 @@ pub const KEYS: &[Key] = &[
     ),
     key("lens", "data", File, "", BY_KIND, "", "Directory or file of a characterised lens."),
     key("lens", "file", File, "", BY_KIND, "", "Prescription: .zmx, CODE V .seq, or .toml."),
+    key(
+        "lens",
+        "object_distance_mm",
+        Number(DISTANCES_MM.0, DISTANCES_MM.1),
+        "mm",
+        Some("that of the file"),
+        "",
+        "Distance of the scene in front of the first surface; inf is allowed (prescription).",
+    ),
+    key(
+        "lens",
+        "focus_distance_mm",
+        Number(DISTANCES_MM.0, DISTANCES_MM.1),
+        "mm",
+        Some("the sensor is where the file has the image"),
+        "",
+        "Focuses at this distance: the sensor moves as the paraxial image does from the file's \
+         object to one there; inf is allowed (prescription).",
+    ),
+    key(
+        "lens",
+        "focus_mtf_per_mm",
+        Number(FREQUENCIES_PER_MM.0, FREQUENCIES_PER_MM.1),
+        "cycles/mm",
+        Some("the sensor is where the file has the image"),
+        "20 to 100",
+        "Focuses where the MTF on the axis at this frequency is largest, in the mean over the \
+         file's wavelengths (prescription).",
+    ),
+    key(
+        "lens",
+        "sensor_shift_mm",
+        Number(SHIFTS_MM.0, SHIFTS_MM.1),
+        "mm",
+        Some("0"),
+        "",
+        "Moves the sensor away from the lens, from where focus puts it (prescription).",
+    ),
+    key(
+        "lens",
+        "stop_radius_mm",
+        Number(STOP_RADII_MM.0, STOP_RADII_MM.1),
+        "mm",
+        Some("from the file's aperture"),
+        "",
+        "Radius of the stop (prescription).",
+    ),
+    key(
+        "lens",
+        "reference_nm",
+        Number(WAVELENGTHS_NM.0, WAVELENGTHS_NM.1),
+        "nm",
+        Some("that of the file"),
+        "",
+        "Wavelength of paraxial figures and of the stop's radius (prescription).",
+    ),
+    key(
+        "lens",
+        "configuration",
+        NumberOrName,
+        "",
+        Some("the active one"),
+        "",
+        "Configuration of a file with several, by number from 1 or by title (prescription).",
+    ),
+    key(
+        "lens",
+        "glass",
+        Texts,
+        "",
+        Some("none"),
+        "",
+        "Glasses that no catalogue has, as NAME=n_d:V_d (prescription).",
+    ),
+    key(
+        "lens",
+        "glass_catalogue",
+        Texts,
+        "",
+        Some("those beside the file"),
+        "",
+        "Glass catalogues (.agf), or folders of them, before those beside the file \
+         (prescription).",
+    ),
     key("sensor", "width", Whole(1, SIDE), "pixels", None, "640 to 8000", "Pixels in a row."),
     key("sensor", "height", Whole(1, SIDE), "pixels", None, "480 to 6000", "Rows."),
     key(

@@ -30,6 +30,7 @@ mod crosstalk;
 mod effects;
 mod file;
 pub mod keys;
+mod prescription;
 pub mod presets;
 pub mod schema;
 mod sensor;
@@ -88,8 +89,8 @@ pub enum LensKind {
     },
     /// Measured, or exported by a lens program, over a grid of field heights: a directory.
     Characterised(PathBuf),
-    /// Traced from a prescription: a file.
-    Prescription(PathBuf),
+    /// Traced from a prescription: a file, and how the lens is used.
+    Prescription(Box<camrig_lens::Setup>),
 }
 
 /// Relative illumination over the field.

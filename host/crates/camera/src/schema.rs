@@ -40,8 +40,10 @@ fn table(name: &str) -> Value {
 }
 
 fn property(key: &Key) -> Value {
-    let number =
-        |low: f64, high: f64| json!({ "type": "number", "minimum": low, "maximum": high });
+    let number = |low: f64, high: f64| match high.is_finite() {
+        true => json!({ "type": "number", "minimum": low, "maximum": high }),
+        false => json!({ "type": "number", "minimum": low }),
+    };
     let mut property = match key.holds {
         Holds::Number(low, high) => number(low, high),
         Holds::Whole(low, high) => json!({ "type": "integer", "minimum": low, "maximum": high }),
@@ -51,6 +53,12 @@ fn property(key: &Key) -> Value {
         Holds::Word(words) => json!({ "enum": words }),
         Holds::WordOrFile(words) => json!({ "type": "string", "examples": words }),
         Holds::File | Holds::Text => json!({ "type": "string" }),
+        Holds::Texts => json!({
+            "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }]
+        }),
+        Holds::NumberOrName => {
+            json!({ "anyOf": [{ "type": "integer", "minimum": 1 }, { "type": "string" }] })
+        }
     };
     let unit = if key.unit.is_empty() { String::new() } else { format!(" Unit: {}.", key.unit) };
     let usual =

@@ -1,7 +1,8 @@
 //! A quick picture of a raw frame: black and white level, white balance, bilinear demosaicing,
 //! camera colour to sRGB. A preview only; a raw converter does better.
 //!
-//! Brightness is as captured: the white level becomes white, without automatic exposure.
+//! Brightness is as captured, the white level becoming white, or automatic ([`bright`]), as raw
+//! converters show a picture that nobody has developed yet.
 
 use super::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use super::dng_info::{DngInfo, black_levels};
@@ -12,15 +13,82 @@ use rayon::prelude::*;
 /// channel that sees almost nothing.
 const LEAST_NEUTRAL: f64 = 1e-6;
 
-/// The frame in full size, 8-bit sRGB, demosaiced bilinearly.
+/// Share of the pixels that automatic brightness lets be white: dcraw and LibRaw take 1 %
+/// (`auto_bright_thr` 0.01).
+const WHITE_SHARE: f64 = 0.01;
+/// Largest factor of automatic brightness: 4 EV. Beyond it a picture shows noise rather than the
+/// scene, and a dark frame stays dark.
+const MOST_BRIGHTENING: f64 = 16.0;
+/// Levels of linear light in which the share of white pixels is counted.
+const LEVELS: usize = 65536;
+
+/// The frame in full size, 8-bit sRGB, demosaiced bilinearly, with brightness as captured.
 pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
+    demosaiced(frame, info, |to_srgb, rgb| to_srgb.encode(rgb))
+}
+
+/// The frame as [`render`] shows it, brightened so that the brightest 1 % of the pixels are white
+/// in one channel, and the factor on linear light. Nothing is darkened.
+pub fn bright(frame: &RawFrame, info: &DngInfo) -> (Plane<[u8; 3]>, f64) {
+    let linear = demosaiced(frame, info, |to_srgb, rgb| to_srgb.linear(rgb));
+    brightened(&linear)
+}
+
+/// The frame as [`thumbnail`] shows it, brightened as [`bright`] does it, and the factor on linear
+/// light.
+pub fn bright_thumbnail(
+    frame: &RawFrame,
+    info: &DngInfo,
+    longest: usize,
+) -> (Plane<[u8; 3]>, f64) {
+    brightened(&averaged(frame, info, longest, |to_srgb, rgb| to_srgb.linear(rgb)))
+}
+
+/// What is said about the brightness of a picture, `factor` times that of the frame.
+#[must_use]
+pub fn brightness_words(factor: f64) -> String {
+    match factor > 1.0 {
+        true => format!("automatic brightness ({factor:.1} times as captured)"),
+        false => "brightness as captured".into(),
+    }
+}
+
+/// A picture of linear sRGB with automatic brightness.
+fn brightened(linear: &Plane<[f64; 3]>) -> (Plane<[u8; 3]>, f64) {
+    let white = (WHITE_SHARE * linear.data.len() as f64).ceil() as usize;
+    let brightest = (0..3).map(|c| {
+        let mut counts = vec![0usize; LEVELS];
+        for pixel in &linear.data {
+            counts[(pixel[c].clamp(0.0, 1.0) * (LEVELS - 1) as f64) as usize] += 1;
+        }
+        let mut above = 0;
+        let level = (0..LEVELS).rev().find(|level| {
+            above += counts[*level];
+            above > white
+        });
+        level.unwrap_or(0) as f64 / (LEVELS - 1) as f64
+    });
+    let brightest = brightest.fold(0.0, f64::max);
+    let factor = (1.0 / brightest.max(1.0 / MOST_BRIGHTENING)).max(1.0);
+    let encode = |pixel: &[f64; 3]| pixel.map(|v| gamma((v * factor).clamp(0.0, 1.0)));
+    let data = linear.data.par_iter().map(encode).collect();
+    (Plane { width: linear.width, height: linear.height, data }, factor)
+}
+
+/// The frame in full size, demosaiced bilinearly; `encode` makes samples of white-balanced camera
+/// colour.
+fn demosaiced<T: Copy + Default + Send>(
+    frame: &RawFrame,
+    info: &DngInfo,
+    encode: impl Fn(&ToSrgb, [f32; 3]) -> [T; 3] + Sync,
+) -> Plane<[T; 3]> {
     let to_srgb = ToSrgb::new(frame, info);
     let signal: Vec<f32> = (0..frame.data.len())
         .map(|i| to_srgb.signal(frame, i % frame.width, i / frame.width))
         .collect();
     // Distance within which every pixel has neighbours of every channel.
     let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
-    let mut picture = Plane::filled(frame.width, frame.height, [0; 3]);
+    let mut picture = Plane::filled(frame.width, frame.height, [T::default(); 3]);
     picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
         let rows = y.saturating_sub(reach)..(y + reach + 1).min(frame.height);
         for (x, pixel) in row.iter_mut().enumerate() {
@@ -32,7 +100,7 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
                     mean.add(to_srgb.channel(u, v), weight as f32, signal[v * frame.width + u]);
                 }
             }
-            *pixel = to_srgb.encode(mean.rgb());
+            *pixel = encode(&to_srgb, mean.rgb());
         }
     });
     picture
@@ -42,6 +110,15 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
 /// `longest` pixels. It is always smaller than the frame: DNG readers take the larger of two
 /// images for the raw.
 pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8; 3]> {
+    averaged(frame, info, longest, |to_srgb, rgb| to_srgb.encode(rgb))
+}
+
+fn averaged<T: Copy>(
+    frame: &RawFrame,
+    info: &DngInfo,
+    longest: usize,
+    encode: impl Fn(&ToSrgb, [f32; 3]) -> [T; 3],
+) -> Plane<[T; 3]> {
     let to_srgb = ToSrgb::new(frame, info);
     let cell = frame.cfa.width.max(frame.cfa.height);
     let longer = frame.width.max(frame.height);
@@ -54,7 +131,7 @@ pub fn thumbnail(frame: &RawFrame, info: &DngInfo, longest: usize) -> Plane<[u8;
                 mean.add(to_srgb.channel(u, v), 1.0, to_srgb.signal(frame, u, v));
             }
         }
-        to_srgb.encode(mean.rgb())
+        encode(&to_srgb, mean.rgb())
     })
 }
 
@@ -133,11 +210,15 @@ impl ToSrgb {
         ((dn - self.black[cell]) * self.scale[cell]).min(1.0) as f32
     }
 
+    /// Linear sRGB, white 1.
+    fn linear(&self, camera: [f32; 3]) -> [f64; 3] {
+        self.srgb_from_camera
+            .map(|row| row.iter().zip(&camera).map(|(m, c)| m * f64::from(*c)).sum())
+    }
+
     fn encode(&self, camera: [f32; 3]) -> [u8; 3] {
-        self.srgb_from_camera.map(|row| {
-            let linear: f64 = row.iter().zip(&camera).map(|(m, c)| m * f64::from(*c)).sum();
-            self.gamma[(linear.clamp(0.0, 1.0) * 65535.0).round() as usize]
-        })
+        let level = |v: f64| self.gamma[(v.clamp(0.0, 1.0) * 65535.0).round() as usize];
+        self.linear(camera).map(level)
     }
 }
 
@@ -205,6 +286,37 @@ mod tests {
                 assert_eq!(picture.at(x, y), [expected; 3], "{x} {y}");
             }
         }
+    }
+
+    /// Automatic brightness puts the brightest 1 % at white, keeps ratios of linear light, darkens
+    /// nothing and leaves a dark frame dark.
+    #[test]
+    fn the_brightest_hundredth_becomes_white() {
+        let info = DngInfo::default();
+        let raw = frame("mono", |x, y, _| match (x, y) {
+            (3, 4) | (9, 8) => 64.0 + 3000.0,
+            (x, _) if x < 8 => 64.0 + 500.0,
+            _ => 64.0 + 1000.0,
+        });
+        let (picture, factor) = bright_thumbnail(&raw, &info, 16);
+        // Cells of 2 x 2 pixels: the second brightest of 48 has (3 · 500 + 3000)/4 of 4000 DN.
+        assert!((factor - 4000.0 / 1125.0).abs() < 1e-3, "{factor}");
+        assert_eq!((picture.width, picture.height), (8, 6));
+        let flat = frame("mono", |_, _, _| 64.0 + 1000.0);
+        let (picture, factor) = bright(&flat, &info);
+        assert!((factor - 4.0).abs() < 1e-3 && picture.data.iter().all(|p| *p == [255; 3]));
+        let half = frame("mono", |x, _, _| 64.0 + if x < 8 { 500.0 } else { 1000.0 });
+        let (picture, _) = bright(&half, &info);
+        // Half of white is sRGB 188.
+        assert_eq!((picture.at(2, 5), picture.at(13, 5)), ([188; 3], [255; 3]));
+        let white = frame("mono", |_, _, _| 4064.0);
+        assert_eq!(bright(&white, &info), (render(&white, &info), 1.0));
+        let dark = frame("mono", |_, _, _| 66.0);
+        let (picture, factor) = bright(&dark, &info);
+        assert_eq!(factor, 16.0);
+        assert!(picture.data.iter().all(|p| p[0] < 30));
+        assert!(brightness_words(4.0).contains("4.0 times"));
+        assert_eq!(brightness_words(1.0), "brightness as captured");
     }
 
     /// A camera that is sRGB itself: its matrix is the inverse of [`XYZ_FROM_SRGB`], colours come

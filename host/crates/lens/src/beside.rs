@@ -15,16 +15,42 @@ const LARGEST: u64 = 64 << 20;
 pub(crate) fn with_catalogues_beside(lens: &Path, glasses: &Catalogue) -> Result<Catalogue> {
     let mut glasses = glasses.clone();
     for path in catalogues(lens.parent().unwrap_or(Path::new(""))) {
-        let size = std::fs::metadata(&path).map_err(|e| Error::io("read", &path, e))?.len();
-        if size > LARGEST {
-            return Err(Error::limit(format!("a glass catalogue of {} MiB", size >> 20))
-                .at(path.display())
-                .help(format!("catalogues have up to {} MiB", LARGEST >> 20)));
-        }
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        glasses.insert_agf(&name, &read_text(&path)?);
+        add(&mut glasses, &path)?;
     }
     Ok(glasses)
+}
+
+/// Adds the glasses of a catalogue under its file's name.
+///
+/// # Errors
+/// A catalogue that cannot be read, or is too large to be one.
+pub(crate) fn add(glasses: &mut Catalogue, path: &Path) -> Result<()> {
+    let size = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
+    if size > LARGEST {
+        return Err(Error::limit(format!("a glass catalogue of {} MiB", size >> 20))
+            .at(path.display())
+            .help(format!("catalogues have up to {} MiB", LARGEST >> 20)));
+    }
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    glasses.insert_agf(&name, &read_text(path)?);
+    Ok(())
+}
+
+/// The catalogue at `path`, or those in the folder at `path`.
+///
+/// # Errors
+/// Nothing there, or a folder without a catalogue.
+pub(crate) fn named(path: &Path) -> Result<Vec<PathBuf>> {
+    let found = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?;
+    if !found.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    match catalogues(path) {
+        none if none.is_empty() => Err(Error::input("no glass catalogue in the folder")
+            .at(path.display())
+            .help("catalogues are files in the AGF format, named *.agf")),
+        some => Ok(some),
+    }
 }
 
 /// The catalogues of a folder, by name; a folder that cannot be listed has none.

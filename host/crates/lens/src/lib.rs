@@ -64,6 +64,7 @@
 //!   place where it meets the plane of the paraxial exit pupil.
 
 mod beside;
+mod best_focus;
 pub mod characterise;
 pub mod glass;
 pub mod heights;
@@ -75,6 +76,7 @@ pub mod pupil;
 mod real_height;
 pub mod samples;
 pub mod seq;
+mod setup;
 pub mod system;
 mod text;
 pub mod toml;
@@ -87,33 +89,53 @@ mod tests;
 
 pub use glass::{Catalogue, Found, Glass};
 pub use prescription::Prescription;
+pub use setup::Setup;
 pub use system::{Conditions, System};
 
 use camrig_base::{Error, Result};
 use std::path::Path;
 
 /// Reads a prescription: `.zmx` (Zemax), `.seq` (CODE V) or `.toml` ([`toml`]), by extension. Glass
-/// catalogues (`.agf`) in its folder are known to it.
+/// catalogues (`.agf`) in its folder are known to it. [`Setup`] says more about how it is read.
 ///
 /// # Errors
 /// An unknown extension; what is wrong in the file, with its line.
 pub fn read_prescription(path: &Path, glasses: &Catalogue) -> Result<Prescription> {
+    read_configuration(path, glasses, None)
+}
+
+/// Reads a prescription in one of its configurations.
+fn read_configuration(
+    path: &Path,
+    glasses: &Catalogue,
+    configuration: Option<&str>,
+) -> Result<Prescription> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    let reader = match extension.as_deref() {
-        Some("zmx") => zmx::read,
-        Some("seq") => seq::read,
-        Some("toml") => toml::read,
-        _ => {
-            return Err(Error::unsupported(format!("{} is no lens prescription", path.display()))
-                .help("known are .zmx (Zemax), .seq (CODE V) and .toml"));
-        }
-    };
+    let known = extension.as_deref().filter(|e| ["zmx", "seq", "toml"].contains(e));
+    let extension = known.ok_or_else(|| {
+        Error::unsupported(format!("{} is no lens prescription", path.display()))
+            .help("known are .zmx (Zemax), .seq (CODE V) and .toml")
+    })?;
     let glasses = beside::with_catalogues_beside(path, glasses)?;
-    let mut prescription =
-        reader(&text::read_text(path)?, &glasses).map_err(|e| e.at(path.display()))?;
+    let text = text::read_text(path)?;
+    let read = match extension {
+        "zmx" => zmx::read_configuration(&text, &glasses, configuration),
+        "seq" => only_configuration(configuration).and_then(|()| seq::read(&text, &glasses)),
+        _ => only_configuration(configuration).and_then(|()| toml::read(&text, &glasses)),
+    };
+    let mut prescription = read.map_err(|e| e.at(path.display()))?;
     if prescription.name.is_empty() {
         let stem = path.file_stem().unwrap_or_default();
         prescription.name = stem.to_string_lossy().into_owned();
     }
     Ok(prescription)
+}
+
+/// Refuses a configuration other than the first of a file that has one.
+fn only_configuration(wanted: Option<&str>) -> Result<()> {
+    match wanted {
+        None | Some("1") => Ok(()),
+        Some(name) => Err(Error::input(format!("no configuration \"{name}\""))
+            .help("the file has one configuration; leave the choice out")),
+    }
 }

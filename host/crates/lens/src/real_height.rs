@@ -14,6 +14,9 @@ const HALVINGS: usize = 50;
 /// # Errors
 /// No field up to the first lost ray reaches the height.
 pub(crate) fn first_field(mm: f64, height: impl Fn(f64) -> Result<f64>) -> Result<f64> {
+    if mm == 0.0 {
+        return Ok(0.0);
+    }
     let (mut low, mut largest) = (0.0, 0.0_f64);
     let mut high = STEP;
     while high <= END {
@@ -59,6 +62,7 @@ mod tests {
         };
         assert!((first_field(2.5, height).unwrap() - 10.0).abs() < 1e-9);
         assert!((first_field(10.05, height).unwrap() - 40.2).abs() < 1e-9);
+        assert_eq!(first_field(0.0, height).unwrap(), 0.0);
         let error = first_field(10.2, height).unwrap_err().to_string();
         assert!(error.contains("largest height is 10.07"), "{error}");
         // The first of two fields, where the height turns back.

@@ -1,6 +1,7 @@
 //! A prescription prepared for tracing: paraxial figures, the real radius of the stop, and the
 //! lens at each wavelength.
 
+use super::best_focus;
 use super::glass::Glass;
 use super::paraxial::{self, Paraxial};
 use super::prescription::{Clip, FieldKind, Medium, Object, Prescription};
@@ -15,10 +16,30 @@ use camrig_base::{Error, Result};
 pub struct Conditions {
     /// Object distance in front of the first surface, mm (infinite is allowed).
     pub object_distance_mm: Option<f64>,
-    /// The sensor moved away from the lens by this much, mm.
+    /// Where the sensor is.
+    pub focus: Focus,
+    /// The sensor moved away from the lens by this much, mm, from where `focus` puts it.
     pub sensor_shift_mm: f64,
     /// Radius of the stop instead of the one the prescription's aperture gives, mm.
     pub stop_radius_mm: Option<f64>,
+    /// Wavelength of paraxial figures and of the stop's radius instead of the prescription's, nm.
+    pub reference_nm: Option<f64>,
+}
+
+/// Where the sensor is, before [`Conditions::sensor_shift_mm`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Focus {
+    /// Where the prescription has the image, whatever the object distance.
+    #[default]
+    AsDesigned,
+    /// Focused by moving the sensor: away from where the prescription has the image by as much as
+    /// the paraxial image moves from the prescription's object to one at this distance in front of
+    /// the first surface, mm (infinite is allowed). What the design chose between paraxial and
+    /// best focus is kept.
+    At(f64),
+    /// Where the MTF on the axis at this many cycles per mm, averaged over the design
+    /// wavelengths, is largest.
+    BestMtf(f64),
 }
 
 /// A lens ready to trace.
@@ -44,26 +65,24 @@ impl System {
     /// power, a stop that light does not fill.
     pub fn new(prescription: Prescription, conditions: Conditions) -> Result<Self> {
         let mut prescription = prescription;
+        let designed = prescription.object;
         if let Some(distance) = conditions.object_distance_mm {
-            prescription.object = match distance.is_infinite() && distance > 0.0 {
-                true => Object::Infinity,
-                false => Object::Distance(distance),
-            };
+            prescription.object = object_at(distance);
         }
+        let reference_nm = conditions.reference_nm.unwrap_or(prescription.reference_nm);
+        prescription.reference_nm = reference_nm;
         prescription.validate()?;
-        let finite = |name: &str, v: f64| match v.is_finite() {
-            true => Ok(v),
-            false => Err(Error::input(format!("{name} {v}")).help("give a finite number, in mm")),
-        };
-        let last = prescription.surfaces.len() - 1;
-        // Behind an odd number of mirrors "away from the lens" is towards −z.
-        let towards = match mirrors(&prescription) % 2 {
-            0 => 1.0,
-            _ => -1.0,
-        };
-        prescription.surfaces[last].thickness +=
-            towards * finite("sensor shift", conditions.sensor_shift_mm)?;
+        if conditions.reference_nm.is_some() {
+            // Another one is no substitute for a wavelength that a person gave.
+            surfaces_at(&prescription, reference_nm).map_err(|e| e.at("reference wavelength"))?;
+        }
         keep_known_wavelengths(&mut prescription);
+        if let Focus::At(distance) = conditions.focus {
+            focus_at(&mut prescription, designed, distance)?;
+        }
+        if !matches!(conditions.focus, Focus::BestMtf(_)) {
+            move_sensor(&mut prescription, conditions.sensor_shift_mm)?;
+        }
         let surfaces = surfaces_at(&prescription, prescription.reference_nm)?;
         let paraxial = Paraxial::of(&surfaces, prescription.stop, prescription.object)?;
         let from_file = paraxial::stop_radius(&paraxial, &prescription)?;
@@ -79,7 +98,25 @@ impl System {
         let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
         let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };
         system.clear_apertures_from_vignetting()?;
+        if let Focus::BestMtf(per_mm) = conditions.focus {
+            system.focus_by_mtf(per_mm)?;
+            move_sensor(&mut system.prescription, conditions.sensor_shift_mm)?;
+        }
         Ok(system)
+    }
+
+    /// Moves the sensor to the best MTF on the axis, and notes by how much.
+    fn focus_by_mtf(&mut self, per_mm: f64) -> Result<()> {
+        let best = best_focus::find(self, per_mm).map_err(|e| e.at("best focus"))?;
+        let away = best.shift_mm * away_from_lens(&self.prescription);
+        let last = self.prescription.surfaces.len() - 1;
+        self.prescription.surfaces[last].thickness += best.shift_mm;
+        self.prescription.notes.push(format!(
+            "the sensor is {away:.6} mm farther from the lens than in the file: best MTF at \
+             {per_mm} cycles/mm on the axis ({:.4}, mean over the design wavelengths)",
+            best.mtf
+        ));
+        Ok(())
     }
 
     /// The lens at a wavelength, nm.
@@ -160,43 +197,7 @@ impl System {
     fn field_of_real_height(&self, mm: f64) -> Result<f64> {
         let train = self.at(self.prescription.reference_nm)?;
         let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
-        // A ray that is lost on the way says nothing about smaller fields.
-        self.real_height_from_paraxial(mm, height)
-            .or_else(|_: Error| real_height::first_field(mm, height))
-    }
-
-    /// The search that starts at the field whose paraxial image has the height.
-    fn real_height_from_paraxial(
-        &self,
-        mm: f64,
-        height: impl Fn(f64) -> Result<f64>,
-    ) -> Result<f64> {
-        let mut low = 0.0;
-        // Degrees: the search starts at 80° at most, and each step goes a fifth of the way to
-        // 89.9°.
-        const START: f64 = 80.0;
-        const END: f64 = 89.5;
-        const LIMIT: f64 = 89.9;
-        const STEP: f64 = 0.2;
-        let mut high = self.field_of_paraxial_height(mm).min(START);
-        // With barrel distortion the paraxial angle falls short: go outwards as far as rays
-        // arrive.
-        while height(high)? < mm {
-            low = high;
-            high += (LIMIT - high) * STEP;
-            if high > END {
-                return Err(Error::input(format!(
-                    "no chief ray reaches the image height {mm} mm"
-                ))
-                .help("give smaller fields"));
-            }
-        }
-        // 50 halvings of at most 90° reach the last bits of f64.
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            if height(middle)? < mm { low = middle } else { high = middle }
-        }
-        Ok(0.5 * (low + high))
+        real_height::first_field(mm, height)
     }
 
     /// Derives clear apertures where a file gives vignetting factors instead: as in CODE V, every
@@ -233,6 +234,65 @@ impl System {
         );
         Ok(())
     }
+}
+
+fn object_at(distance_mm: f64) -> Object {
+    match distance_mm.is_infinite() && distance_mm > 0.0 {
+        true => Object::Infinity,
+        false => Object::Distance(distance_mm),
+    }
+}
+
+fn finite(name: &str, v: f64) -> Result<f64> {
+    match v.is_finite() {
+        true => Ok(v),
+        false => Err(Error::input(format!("{name} {v}")).help("give a finite number, in mm")),
+    }
+}
+
+/// 1 where "away from the lens" is towards +z; −1 behind an odd number of mirrors.
+fn away_from_lens(prescription: &Prescription) -> f64 {
+    match mirrors(prescription) % 2 {
+        0 => 1.0,
+        _ => -1.0,
+    }
+}
+
+/// Moves the sensor away from the lens.
+fn move_sensor(prescription: &mut Prescription, shift_mm: f64) -> Result<()> {
+    let last = prescription.surfaces.len() - 1;
+    prescription.surfaces[last].thickness +=
+        away_from_lens(prescription) * finite("sensor shift", shift_mm)?;
+    Ok(())
+}
+
+/// Focuses at a distance by moving the sensor ([`Focus::At`]), and notes by how much.
+fn focus_at(prescription: &mut Prescription, designed: Object, distance_mm: f64) -> Result<()> {
+    let wrong = |what: String| {
+        Error::input(what)
+            .help("focus at a distance beyond the front focus, in mm in front of the lens")
+    };
+    if distance_mm.is_nan() || distance_mm <= 0.0 {
+        return Err(wrong(format!("focus distance {distance_mm}")));
+    }
+    let surfaces = surfaces_at(prescription, prescription.reference_nm)?;
+    let image_of = |object| Paraxial::of(&surfaces, prescription.stop, object);
+    let image = image_of(object_at(distance_mm))?;
+    // Up to the front focus the image is virtual, and magnification and focal length have one
+    // sign.
+    if image.magnification * image.efl_mm > 0.0 {
+        return Err(wrong(format!("an object at {distance_mm} mm has no real image")));
+    }
+    let shift_mm = image.image_distance_mm - image_of(designed)?.image_distance_mm;
+    let away = away_from_lens(prescription);
+    let last = prescription.surfaces.len() - 1;
+    prescription.surfaces[last].thickness += shift_mm;
+    prescription.notes.push(format!(
+        "focused at {distance_mm} mm: the sensor is {:.6} mm farther from the lens than in the \
+         file",
+        shift_mm * away
+    ));
+    Ok(())
 }
 
 /// Leaves out design wavelengths at which a glass has no data, with a note, as long as others

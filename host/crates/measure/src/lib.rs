@@ -59,6 +59,7 @@ pub mod correlation;
 pub mod coupling;
 pub mod crosstalk;
 pub mod dark;
+pub mod dark_stack;
 pub mod emva;
 pub mod fit;
 pub mod gains;

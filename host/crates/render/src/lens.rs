@@ -56,8 +56,8 @@ impl Described {
             Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
         let transmittance = camera.lens.transmittance.clone();
         let lens: Box<dyn Lens> = match &camera.lens.kind {
-            LensKind::Prescription(path) => {
-                let tracing = Box::new(Tracing::new(camera, path, bands, options, defocus_um)?);
+            LensKind::Prescription(setup) => {
+                let tracing = Box::new(Tracing::new(camera, setup, bands, options, defocus_um)?);
                 let departures = Box::new(departures);
                 return Ok(Self::Traced { tracing, transmittance, departures });
             }
@@ -156,6 +156,7 @@ fn characterised(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use camrig_lens::Setup;
     use camrig_optics::diffraction::hopkins_otf;
     use camrig_optics::{Blur, OpticalEffect};
     use std::path::PathBuf;
@@ -189,7 +190,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("singlet.toml");
         std::fs::write(&file, SINGLET).unwrap();
-        camera.lens.kind = LensKind::Prescription(file);
+        camera.lens.kind = LensKind::Prescription(Box::new(Setup { file, ..Setup::default() }));
         (camera.sensor.width, camera.sensor.height) = (64, 48);
         let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
         for defocus_um in [0.0, 40.0, -80.0] {
@@ -220,7 +221,7 @@ mod tests {
         let text =
             "RDM; EPD 2; DIM M; WL 550; YAN 0; SO 0 1e13; S 10 2 1.5168:64.17; S -10 9; SI 0 0";
         std::fs::write(&file, text).unwrap();
-        camera.lens.kind = LensKind::Prescription(file);
+        camera.lens.kind = LensKind::Prescription(Box::new(Setup { file, ..Setup::default() }));
         let notes = described(&camera);
         assert!(notes.len() == 1 && notes[0].contains("first surface is the stop"), "{notes:?}");
     }

@@ -29,6 +29,7 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+pub mod auto_exposure;
 mod binning;
 pub mod cache;
 mod corrections;
@@ -39,6 +40,7 @@ mod lighting;
 mod made_for;
 mod metadata;
 mod optics_stage;
+pub mod readout;
 mod traced;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};

@@ -8,6 +8,8 @@
 use super::CubeHeader;
 use camrig_base::{Error, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
+use camrig_lens::Setup;
+use camrig_lens::system::Focus;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -47,9 +49,10 @@ pub fn made_for(camera: &Camera) -> Result<MadeFor> {
             put("lens.kind", "characterised".into());
             put("lens.data", files(path)?);
         }
-        LensKind::Prescription(path) => {
+        LensKind::Prescription(setup) => {
             put("lens.kind", "prescription".into());
-            put("lens.file", files(path)?);
+            put("lens.file", files(&setup.file)?);
+            prescribed(setup, &mut put)?;
         }
     }
     for effect in &camera.optical_effects {
@@ -59,6 +62,39 @@ pub fn made_for(camera: &Camera) -> Result<MadeFor> {
         }
     }
     Ok(keys)
+}
+
+/// How a prescription is used, where that is not as in its file.
+fn prescribed(setup: &Setup, mut put: impl FnMut(&str, String) -> Option<String>) -> Result<()> {
+    let conditions = &setup.conditions;
+    let mut number = |key: &str, value: Option<f64>| {
+        if let Some(value) = value {
+            put(&format!("lens.{key}"), value.to_string());
+        }
+    };
+    number("object_distance_mm", conditions.object_distance_mm);
+    match conditions.focus {
+        Focus::AsDesigned => {}
+        Focus::At(mm) => number("focus_distance_mm", Some(mm)),
+        Focus::BestMtf(per_mm) => number("focus_mtf_per_mm", Some(per_mm)),
+    }
+    let shift = conditions.sensor_shift_mm;
+    number("sensor_shift_mm", (shift != 0.0).then_some(shift));
+    number("stop_radius_mm", conditions.stop_radius_mm);
+    number("reference_nm", conditions.reference_nm);
+    if let Some(name) = &setup.configuration {
+        put("lens.configuration", name.clone());
+    }
+    for (name, glass) in &setup.glasses {
+        let (nd, vd) = glass.nd_vd();
+        put(&format!("lens.glass {name}"), format!("{nd}:{vd}"));
+    }
+    let catalogues = setup.catalogue_files()?;
+    if !catalogues.is_empty() {
+        let digests: Result<Vec<String>> = catalogues.iter().map(|file| files(file)).collect();
+        put("lens.glass_catalogue", digests?.join(", "));
+    }
+    Ok(())
 }
 
 /// Refuses a camera for which a cube was not made. A cube that does not say is let pass
@@ -179,6 +215,7 @@ mod tests {
     use super::*;
     use crate::{SceneLight, frame_info, scene_irradiance};
     use camrig_exposure::IrradianceCube;
+    use camrig_lens::Conditions;
     use camrig_optics::Options;
 
     fn camera(changes: &[(&str, toml::Value)]) -> Camera {
@@ -255,12 +292,17 @@ mod tests {
         std::fs::write(at("a.zmx"), "SURF 0").unwrap();
         std::fs::write(at("b.zmx"), "SURF 0").unwrap();
         std::fs::write(at("c.zmx"), "SURF 1").unwrap();
-        let of = |name: &str| {
+        let used = |name: &str, conditions: Conditions| {
             let mut camera = camera(&[]);
-            camera.lens.kind = LensKind::Prescription(at(name));
+            let setup = Setup { file: at(name), conditions, ..Setup::default() };
+            camera.lens.kind = LensKind::Prescription(Box::new(setup));
             made_for(&camera).unwrap()
         };
+        let of = |name: &str| used(name, Conditions::default());
         assert_eq!(of("a.zmx"), of("b.zmx"));
         assert_ne!(of("a.zmx")["lens.file"], of("c.zmx")["lens.file"]);
+        let near = Conditions { object_distance_mm: Some(200.0), ..Conditions::default() };
+        assert_eq!(used("a.zmx", near)["lens.object_distance_mm"], "200");
+        assert!(!of("a.zmx").contains_key("lens.sensor_shift_mm"));
     }
 }

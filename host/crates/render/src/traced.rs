@@ -8,26 +8,26 @@ use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_lens::characterise::{Plan, PsfMethod, characterise};
 use camrig_lens::heights::Density;
-use camrig_lens::{Catalogue, Conditions, System, read_prescription};
+use camrig_lens::{Setup, System};
 use camrig_optics::{Characterisation, Options, content};
 use std::path::{Path, PathBuf};
 
 /// A prescription and what is to be traced of it.
 pub struct Tracing {
-    path: PathBuf,
+    file: PathBuf,
     system: System,
     plan: Plan,
     description: String,
 }
 
 impl Tracing {
-    /// The prescription at `path`, out to the sensor's corner, in the scene's bands.
+    /// The prescription of `setup`, out to the sensor's corner, in the scene's bands.
     ///
     /// # Errors
     /// A prescription that cannot be read, or does not image.
     pub fn new(
         camera: &Camera,
-        path: &Path,
+        setup: &Setup,
         bands: &Bands,
         options: &Options,
         defocus_um: f64,
@@ -35,11 +35,12 @@ impl Tracing {
         /// Image heights from the axis to the corner, before more are added.
         const HEIGHTS: usize = 21;
         const PSF_SIZE: usize = 128;
-        let prescription = read_prescription(path, &Catalogue::default())?;
-        let conditions =
-            Conditions { sensor_shift_mm: 1e-3 * defocus_um, ..Conditions::default() };
+        let mut conditions = setup.conditions;
+        conditions.sensor_shift_mm += 1e-3 * defocus_um;
+        let prescription = setup.prescription()?;
         let given = format!("{prescription:?} {conditions:?}");
-        let system = System::new(prescription, conditions).map_err(|e| e.at(path.display()))?;
+        let system =
+            System::new(prescription, conditions).map_err(|e| e.at(setup.file.display()))?;
         let plan = Plan {
             heights: HEIGHTS,
             density: Some(Density {
@@ -53,7 +54,7 @@ impl Tracing {
             method: PsfMethod::Auto,
         };
         let description = format!("{given} {plan:?}");
-        Ok(Self { path: path.to_owned(), system, plan, description })
+        Ok(Self { file: setup.file.clone(), system, plan, description })
     }
 
     /// All that the result depends on.
@@ -78,7 +79,7 @@ impl Tracing {
             return Ok((lens, false));
         }
         let lens = characterise(&self.system, &self.plan, &|_, _| ())
-            .map_err(|e| e.at(self.path.display()))?;
+            .map_err(|e| e.at(self.file.display()))?;
         if let (Some(kept), Some(directory)) = (&kept, directory) {
             // What is there cannot be read. That the lens cannot be kept is no reason to fail: it
             // is in hand.

@@ -13,11 +13,23 @@ const SHOWN: usize = 4;
 /// Longest side of a picture, pixels.
 const PICTURE: usize = 1024;
 
+/// How pictures are made of raw frames.
+const WORDS: &str = "simple demosaicing, white balance, sRGB";
+
 /// Pictures and levels, collected frame by frame.
 #[derive(Default)]
 pub struct Frames {
-    shown: Vec<(String, Vec<u8>, String)>,
+    shown: Vec<Shown>,
     rows: Vec<Vec<String>>,
+}
+
+/// A frame as a page shows it.
+struct Shown {
+    name: String,
+    as_captured: Vec<u8>,
+    /// Brightened, and its caption, where that differs.
+    bright: Option<(Vec<u8>, String)>,
+    histogram: String,
 }
 
 impl Frames {
@@ -27,8 +39,15 @@ impl Frames {
     /// A picture that cannot be encoded.
     pub fn add(&mut self, name: &str, frame: &RawFrame, info: &DngInfo) -> Result<()> {
         if self.shown.len() < SHOWN {
-            let picture = png::encode_rgb(&preview::thumbnail(frame, info, PICTURE))?;
-            self.shown.push((name.to_string(), picture, histogram(frame)));
+            let (picture, factor) = preview::bright_thumbnail(frame, info, PICTURE);
+            let caption = format!("{WORDS}; {}", preview::brightness_words(factor));
+            let bright = png::encode_rgb(&picture)?;
+            self.shown.push(Shown {
+                name: name.to_string(),
+                as_captured: png::encode_rgb(&preview::thumbnail(frame, info, PICTURE))?,
+                bright: (factor > 1.0).then_some((bright, caption)),
+                histogram: histogram(frame),
+            });
         }
         for (channel, mean_dn, saturated) in frame.channel_means() {
             self.rows.push(vec![
@@ -72,10 +91,13 @@ pub fn page(
     ];
     facts.extend(fixed.into_iter().map(|(name, value)| vec![name.to_string(), value]));
     page.table(&["", ""], &facts);
-    for (name, picture, histogram) in &frames.shown {
-        page.heading(name);
-        page.picture(picture, "simple demosaicing, white balance, sRGB; brightness as captured");
-        page.drawing(histogram, "samples per DN");
+    for shown in &frames.shown {
+        page.heading(&shown.name);
+        if let Some((picture, caption)) = &shown.bright {
+            page.picture(picture, caption);
+        }
+        page.picture(&shown.as_captured, &format!("{WORDS}; {}", preview::brightness_words(1.0)));
+        page.drawing(&shown.histogram, "samples per DN");
     }
     page.heading("Levels");
     page.table(&["frame", "channel", "mean DN above black", "saturated"], &frames.rows);

@@ -7,7 +7,8 @@ use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_lens::characterise::{self, Plan, PsfMethod};
 use camrig_lens::heights::Density;
-use camrig_lens::{Catalogue, Conditions, Glass, Prescription, System, import, read_prescription};
+use camrig_lens::system::Focus;
+use camrig_lens::{Conditions, Glass, Setup, System, import};
 use camrig_optics::{Characterisation, Options};
 use camrig_report::lens as report;
 use clap::builder::TypedValueParser;
@@ -101,34 +102,56 @@ struct LensArgs {
     /// Object distance in front of the first surface, mm, or inf; the file's own unless given
     #[arg(long, value_name = "MM")]
     object_distance: Option<f64>,
+    /// Focus at this distance by moving the sensor, mm, or inf
+    #[arg(long, value_name = "MM", conflicts_with = "focus_mtf")]
+    focus_distance: Option<f64>,
+    /// Focus where the MTF on the axis at this frequency is largest, cycles per mm
+    #[arg(long, value_name = "PER_MM", value_parser = arguments::positive)]
+    focus_mtf: Option<f64>,
     /// Move the sensor away from the lens by this much, mm
     #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
     sensor_shift: f64,
     /// Radius of the stop, mm; from the file's aperture unless given
     #[arg(long, value_name = "MM", value_parser = arguments::positive)]
     stop_radius: Option<f64>,
+    /// Wavelength of paraxial figures and of the stop's radius, nm; the file's own unless given
+    #[arg(long, value_name = "NM", value_parser = arguments::positive)]
+    reference: Option<f64>,
+    /// Configuration of a file with several, by number or title; the active one unless given
+    #[arg(long, value_name = "NAME")]
+    configuration: Option<String>,
+    /// A glass catalogue (.agf) or a folder of them; may be repeated
+    #[arg(long, value_name = "PATH")]
+    glass_catalogue: Vec<PathBuf>,
     /// A glass the program does not know, as NAME=n_d:V_d; may be repeated
     #[arg(long, value_name = "NAME=ND:VD", value_parser = glass)]
     glass: Vec<(String, Glass)>,
 }
 
 impl LensArgs {
-    fn prescription(&self) -> Result<Prescription> {
-        let mut glasses = Catalogue::default();
-        for (name, glass) in &self.glass {
-            glasses.insert(name, glass.clone());
+    fn setup(&self) -> Setup {
+        let focus = match (self.focus_distance, self.focus_mtf) {
+            (Some(mm), _) => Focus::At(mm),
+            (None, Some(per_mm)) => Focus::BestMtf(per_mm),
+            (None, None) => Focus::AsDesigned,
+        };
+        Setup {
+            file: self.file.clone(),
+            glasses: self.glass.clone(),
+            catalogues: self.glass_catalogue.clone(),
+            configuration: self.configuration.clone(),
+            conditions: Conditions {
+                object_distance_mm: self.object_distance,
+                focus,
+                sensor_shift_mm: self.sensor_shift,
+                stop_radius_mm: self.stop_radius,
+                reference_nm: self.reference,
+            },
         }
-        read_prescription(&self.file, &glasses)
     }
 
     fn system(&self) -> Result<System> {
-        let conditions = Conditions {
-            object_distance_mm: self.object_distance,
-            sensor_shift_mm: self.sensor_shift,
-            stop_radius_mm: self.stop_radius,
-        };
-        let system = System::new(self.prescription()?, conditions)
-            .map_err(|e| e.at(self.file.display()))?;
+        let system = self.setup().system()?;
         for note in &system.prescription.notes {
             eprintln!("note: {note}");
         }
@@ -145,12 +168,7 @@ fn psf_method() -> impl TypedValueParser<Value = PsfMethod> {
 }
 
 fn glass(text: &str) -> Result<(String, Glass), String> {
-    let wrong = || format!("{text:?} is not NAME=n_d:V_d, for instance RESIN=1.53:56");
-    let (name, values) = text.split_once('=').ok_or_else(wrong)?;
-    let (nd, vd) = values.split_once(':').ok_or_else(wrong)?;
-    let read = |v: &str| v.trim().parse::<f64>().map_err(|_| wrong());
-    let glass = Glass::model(read(nd)?, read(vd)?).map_err(|e| e.to_string())?;
-    Ok((name.to_owned(), Glass { name: name.to_owned(), ..glass }))
+    Glass::named(text).map_err(|e| e.to_string())
 }
 
 /// Most steps of a range of wavelengths: 0.3 nm over the visible.

@@ -4,7 +4,7 @@ use super::InfoArgs;
 use camrig_base::Result;
 use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
-use camrig_lens::prescription::{Medium, Object};
+use camrig_lens::prescription::{Medium, Object, Prescription};
 use camrig_optics::Characterisation;
 use serde_json::{Value, json};
 
@@ -60,6 +60,7 @@ pub(super) fn figures(system: &System) -> Value {
         "reference_nm": lens.reference_nm,
         "bfl_mm": p.bfl_mm,
         "image_distance_mm": p.image_distance_mm,
+        "sensor_distance_mm": sensor_distance_mm(system),
         "magnification": p.magnification,
         "object_distance_mm": match lens.object {
             Object::Infinity => Value::Null,
@@ -75,6 +76,26 @@ pub(super) fn figures(system: &System) -> Value {
     })
 }
 
+/// From the last vertex to the sensor, mm.
+fn sensor_distance_mm(system: &System) -> f64 {
+    system.prescription.surfaces.last().map_or(0.0, |s| s.thickness)
+}
+
+/// Of which plane the figures are.
+fn planes(system: &System) -> String {
+    let (sensor, image) = (sensor_distance_mm(system), system.paraxial.image_distance_mm);
+    let ideal = match system.prescription.object {
+        Object::Infinity => "EFL·tan θ",
+        Object::Distance(_) => "|m|·object height",
+    };
+    format!(
+        "heights, CRA, spots and PSFs are of the sensor, {sensor:.6} mm behind the last surface; \
+         the paraxial image lies at {image:.6} mm\n\
+         distortion is against {ideal} of the paraxial image: where the sensor is elsewhere, it \
+         does not tend to 0 on the axis"
+    )
+}
+
 /// Figures of field points as a table.
 pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
     println!(
@@ -84,6 +105,7 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
         system.stop_radius_mm,
         system.prescription.reference_nm
     );
+    println!("{}", planes(system));
     println!(
         "{:>9} {:>8} {:>12} {:>10} {:>9} {:>11} {:>10} {:>11}",
         "field deg",
@@ -110,12 +132,13 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
     }
 }
 
-/// Figures and surfaces of a prescription.
+/// Figures and surfaces of a prescription: what was understood, assumed and ignored.
 pub(super) fn info(args: &InfoArgs) -> Result<()> {
-    let system = args.lens.system()?;
+    let system = args.lens.setup().system()?;
     let lens = &system.prescription;
     let fields = system.fields_deg().map_err(|e| e.at(args.lens.file.display()))?;
     if args.json {
+        lens.notes.iter().for_each(|note| eprintln!("note: {note}"));
         let mut object = figures(&system);
         object["fields_deg"] = fields.into();
         object["wavelengths_nm"] = lens.wavelengths_nm.clone().into();
@@ -126,7 +149,14 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
     let p = &system.paraxial;
     println!("{}", lens.name);
     println!("EFL {:.6} mm, f/{:.4}, at {} nm", p.efl_mm, system.f_number(), lens.reference_nm);
-    println!("back focus {:.6} mm, paraxial image at {:.6} mm", p.bfl_mm, p.image_distance_mm);
+    match lens.object {
+        Object::Infinity => println!("object at infinity, back focus {:.6} mm", p.bfl_mm),
+        Object::Distance(d) => println!(
+            "object {d} mm in front of the first surface, magnification {:.6}, back focus {:.6} mm",
+            p.magnification, p.bfl_mm
+        ),
+    }
+    println!("{}", planes(&system));
     println!(
         "entrance pupil {:.6} mm at z {:.6} mm, stop (surface {}) radius {:.6} mm",
         system.entrance_pupil_mm,
@@ -135,6 +165,16 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
         system.stop_radius_mm
     );
     println!("fields {fields:?}°, wavelengths {:?} nm", lens.wavelengths_nm);
+    print_surfaces(lens);
+    match lens.notes.is_empty() {
+        true => println!("assumed and ignored: nothing that changes the image"),
+        false => println!("assumed and ignored:"),
+    }
+    lens.notes.iter().for_each(|note| println!("  {note}"));
+    Ok(())
+}
+
+fn print_surfaces(lens: &Prescription) {
     println!(
         "{:>3} {:>14} {:>12} {:>12} {:>16} {:>10}",
         "", "radius mm", "thickness", "aperture", "behind", "conic"
@@ -158,7 +198,6 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
             s.conic
         );
     }
-    Ok(())
 }
 
 /// What a characterisation holds.

@@ -1,8 +1,8 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
-use super::{PageArgs, object, plus_minus, to_json};
+use super::{PageArgs, dark, object, plus_minus, to_json};
 use camrig_base::{Error, Result};
-use camrig_captures::CaptureSet;
+use camrig_captures::{CaptureSet, Role};
 use camrig_measure::{Value, compare, emva, gains, ptc, rates};
 use camrig_report as report;
 use clap::Args as ClapArgs;
@@ -41,6 +41,14 @@ pub struct CompareArgs {
 pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
     let WithPage { on: args, page } = args;
     let set = CaptureSet::load(&args.captures)?;
+    let has = |role| set.with_role(role).next().is_some();
+    if has(Role::Dark) && !has(Role::Flat) && !page.is_wanted() {
+        eprintln!(
+            "note: no flat captures, so no gain: figures of the darks in DN (role = \"flat\" at \
+             several exposures gives electrons)"
+        );
+        return dark::of_set(&set, None, args.json);
+    }
     let result = ptc::measure(&set)?;
     page.write(|| report::measurement::ptc(&set, &result).html())?;
     let gains = gains::measure(&set)?;

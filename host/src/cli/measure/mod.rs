@@ -1,6 +1,7 @@
 //! `camrig measure`: figures from captures or frames.
 
 mod captures;
+mod dark;
 mod frames;
 
 pub use frames::{corners, roi};
@@ -28,6 +29,9 @@ enum What {
     /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
     #[command(after_help = "Example: camrig measure emva captures/ --report emva.html")]
     Emva(captures::WithPage),
+    /// Read noise, offset, noise of rows and columns and hot pixels of a stack of dark frames
+    #[command(after_help = "Example: camrig measure dark dark-*.dng --dn-per-e 0.25")]
+    Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(
         after_help = "Example: camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
@@ -62,6 +66,11 @@ struct PageArgs {
 }
 
 impl PageArgs {
+    /// Whether a page was asked for.
+    fn is_wanted(&self) -> bool {
+        self.report.is_some()
+    }
+
     /// Writes the page if one was asked for.
     fn write(&self, page: impl FnOnce() -> String) -> Result<()> {
         match &self.report {
@@ -76,6 +85,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
     match args.what {
         What::Ptc(args) => captures::ptc_of(&args),
         What::Emva(args) => captures::emva_of(&args),
+        What::Dark(args) => dark::dark_of(&args),
         What::Mtf(args) => frames::mtf_of(&args),
         What::Patches(args) => frames::patches_of(&args),
         What::Profile(args) => frames::profile_of(&args),

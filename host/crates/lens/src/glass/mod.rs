@@ -45,6 +45,26 @@ const MODEL_RANGE_NM: [f64; 2] = [350.0, 1100.0];
 const LEAST_INDEX: f64 = 0.5;
 
 impl Glass {
+    /// A model glass and its name from `NAME=n_d:V_d`.
+    ///
+    /// # Errors
+    /// Another shape; those of [`Self::model`].
+    pub fn named(text: &str) -> Result<(String, Self)> {
+        let wrong = || {
+            Error::input(format!("{text:?} is not NAME=n_d:V_d"))
+                .help("write for instance RESIN=1.53:56")
+        };
+        let (name, values) = text.split_once('=').ok_or_else(wrong)?;
+        let (nd, vd) = values.split_once(':').ok_or_else(wrong)?;
+        let read = |v: &str| v.trim().parse::<f64>().map_err(|_| wrong());
+        let glass = Self::model(read(nd)?, read(vd)?)?;
+        let name = name.trim().to_owned();
+        if name.is_empty() {
+            return Err(wrong());
+        }
+        Ok((name.clone(), Self { name, ..glass }))
+    }
+
     /// A model glass from n_d and V_d ([`Dispersion::Model`]) on the normal line.
     ///
     /// # Errors

@@ -1,11 +1,12 @@
 //! Zemax lens files (`.zmx`), in any of their encodings.
 //!
 //! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and
-//! model glasses, angles and heights as fields, circular apertures and obscurations, the active
-//! configuration. Refused: tilts and decentres, other surface types, apertures that are not
+//! model glasses, angles and heights as fields, circular apertures and obscurations,
+//! configurations. Refused: tilts and decentres, other surface types, apertures that are not
 //! circular, cone angles, systems that are afocal or telecentric on the object's side. Keywords of
 //! editing, drawing, tolerancing and merit functions are ignored.
 
+mod configurations;
 mod fields;
 mod material;
 #[cfg(test)]
@@ -15,6 +16,7 @@ use super::glass::Catalogue;
 use super::prescription::{Aperture, Clip, Medium, Object, Prescription, Surface};
 use super::text::{number, numbers, refuse};
 use camrig_base::{Error, Result};
+use configurations::Configurations;
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs
 /// write 1e10 where they do not write INFINITY.
@@ -51,6 +53,7 @@ struct File {
     primary: usize,
     makers: Vec<String>,
     surfaces: Vec<Draft>,
+    configurations: Configurations,
     notes: Vec<String>,
 }
 
@@ -59,19 +62,36 @@ struct File {
 /// # Errors
 /// What is unsupported or wrong, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
+    read_configuration(text, glasses, None)
+}
+
+/// A prescription from the text of a `.zmx` file in one of its configurations, by number from 1 or
+/// by title; `None` takes the active one.
+///
+/// # Errors
+/// Those of [`read`]; a configuration that the file does not have, or that differs from the active
+/// one in more than thicknesses, curvatures and conics.
+pub fn read_configuration(
+    text: &str,
+    glasses: &Catalogue,
+    configuration: Option<&str>,
+) -> Result<Prescription> {
     let mut file = File { primary: 1, ..File::default() };
     for (i, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some((keyword, rest)) = words.split_first() else { continue };
         let inside = line.starts_with(' ') || line.starts_with('\t');
         let read = match (inside, file.surfaces.last_mut()) {
-            (true, Some(surface)) => surface.keyword(keyword, rest, i + 1),
+            (true, Some(surface)) => {
+                file.configurations.surface_line(keyword, rest, i + 1);
+                surface.keyword(keyword, rest, i + 1)
+            }
             (true, None) => Ok(()),
             (false, _) => file.keyword(keyword, rest, i + 1),
         };
         read.map_err(|e| e.at(format!("line {}", i + 1)))?;
     }
-    file.finish(glasses)
+    file.finish(glasses, configuration)
 }
 
 fn word<'a>(words: &[&'a str], i: usize, keyword: &str) -> Result<&'a str> {
@@ -162,23 +182,14 @@ impl File {
                 self.surfaces.push(Draft { line, kind, ..Draft::default() });
             }
             "AFOC" => return refuse("an afocal system"),
-            "MNUM" => {
-                let all = count(rest, 0, keyword)?;
-                let active = if rest.len() > 1 { count(rest, 1, keyword)? } else { 1 };
-                if all > 1 {
-                    self.notes.push(format!(
-                        "configuration {active} of {all} is taken: it is the active one, whose \
-                         values the surfaces have"
-                    ));
-                }
-            }
+            "MNUM" => self.configurations.number(rest)?,
             "GFAC" if value(rest, 0, keyword)? != 0.0 => self.notes.push(format!(
                 "line {line}: GFAC is ignored: the pupil is taken as evenly bright"
             )),
             "ENVD" if rest.len() > 2 && rest[2] == "1" => self.notes.push(format!(
                 "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
             )),
-            _ => {}
+            _ => self.configurations.line(keyword, rest, line),
         }
         Ok(())
     }
@@ -310,14 +321,15 @@ fn place(values: &mut Vec<f64>, rest: &[&str], keyword: &str) -> Result<()> {
 }
 
 impl File {
-    fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {
+    fn finish(mut self, glasses: &Catalogue, configuration: Option<&str>) -> Result<Prescription> {
         if self.surfaces.len() < 3 {
             return Err(Error::input(format!("{} surfaces", self.surfaces.len())).help(
                 "a lens file has at least an object, one surface and an image: is it complete?",
             ));
         }
         let scale = self.scale.unwrap_or(1.0);
-        let drafts = std::mem::take(&mut self.surfaces);
+        let mut drafts = std::mem::take(&mut self.surfaces);
+        self.configurations.apply(configuration, &mut drafts, &mut self.notes)?;
         let image = drafts.len() - 1;
         let lens = &drafts[1..image];
         let object = match drafts[0].thickness {

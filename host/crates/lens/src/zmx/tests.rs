@@ -5,6 +5,10 @@ use crate::{Conditions, System, characterise};
 
 /// A plano-convex lens, curvature 0.025, of N-BK7 (n_d 1.51680), with words replaced.
 fn lens(changes: &[(&str, &str)]) -> Result<Prescription> {
+    read(&lens_text(changes), &Catalogue::default())
+}
+
+fn lens_text(changes: &[(&str, &str)]) -> String {
     let mut text = "MODE SEQ\nUNIT MM\nENPD 6\nGCAT SCHOTT\nFTYP 0 0 2 1 0 0 0\nXFLN 0 0\n\
                     YFLN 0 4\nWAVM 1 0.5875618 1\nWAVM 2 0.92 1\nPWAV 1\nSURF 0\n  DISZ INFINITY\n\
                     SURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS N-BK7 0 0 0 0 0 0 0 0 0 0\n\
@@ -14,7 +18,7 @@ fn lens(changes: &[(&str, &str)]) -> Result<Prescription> {
         assert!(text.contains(from), "{from}");
         text = text.replace(from, to);
     }
-    read(&text, &Catalogue::default())
+    text
 }
 
 fn system(changes: &[(&str, &str)]) -> System {
@@ -87,6 +91,55 @@ fn the_configuration_that_is_taken_is_said() {
     for one in ["PWAV 1\nMNUM 1 1", "PWAV 1\nMNUM 1"] {
         assert!(self::lens(&[("PWAV 1", one)]).unwrap().notes.is_empty());
     }
+}
+
+/// Thickness 75 of the last space and the curvature of the lens per configuration.
+const SET: &str = "PWAV 1\nMNUM 2 1\n\
+    LTTL 0 1 0 0 0 0 1 1 1 0 0 \"far\" 0\nLTTL 0 2 0 0 0 0 1 1 1 0 0 \"near by\" 0\n\
+    THIC 2 1 75 0 0 0 1 1 1 0 0 \"\" 0\nTHIC 2 2 80 0 0 0 1 1 1 0 0 \"\" 0\n\
+    CRVT 1 1 0.025 0 0 0 1 1 1 0 0 \"\" 0\nCRVT 1 2 0.02 0 0 0 1 1 1 0 0 \"\" 0\n";
+
+#[test]
+fn a_configuration_is_chosen_by_number_or_title() {
+    let text = |more: &str| lens_text(&[("PWAV 1", &format!("{SET}{more}")[..])]);
+    let read = |more: &str, name| read_configuration(&text(more), &Catalogue::default(), name);
+    let active = read("", None).unwrap();
+    assert_eq!(active, read("", Some("far")).unwrap());
+    for name in ["2", "Near By"] {
+        let lens = read("", Some(name)).unwrap();
+        let (last, first) = (&lens.surfaces[1], &lens.surfaces[0]);
+        assert_eq!((last.thickness, first.curvature), (80.0, 0.02));
+        let note = &lens.notes[0];
+        assert!(note.contains("configuration 2 of 2") && note.contains("THIC 2 = 80"), "{note}");
+        assert!(!note.contains("LTTL"), "{note}");
+    }
+    for (more, name, words) in [
+        ("", "3", "1 \"far\", 2 \"near by\""),
+        ("APER 0 1 6 0 0 0\nAPER 0 2 3 0 0 0\n", "2", "APER 0"),
+        ("GLSS 1 2 0 0 0 0 1 1 1 0 0 \"N-SF11\" 0\n", "2", "GLSS 1"),
+    ] {
+        let error = read(more, Some(name)).unwrap_err().to_string();
+        assert!(error.contains(words), "{more}: {error}");
+    }
+    // The same value in both is no difference; one that says nothing about the second is.
+    assert!(read("APER 0 1 6 0 0 0\nAPER 0 2 6 0 0 0\n", Some("2")).is_ok());
+    let bare = lens_text(&[("PWAV 1", "PWAV 1\nMNUM 2 1")]);
+    let error = read_configuration(&bare, &Catalogue::default(), Some("2")).unwrap_err();
+    assert!(error.to_string().contains("no values for it"), "{error}");
+}
+
+#[test]
+fn a_solve_keeps_another_configuration_from_being_set() {
+    let solved = |line: &str| {
+        let text = lens_text(&[("PWAV 1", SET), ("  DISZ 75", &format!("  DISZ 75\n{line}")[..])]);
+        [None, Some("2")].map(|name| read_configuration(&text, &Catalogue::default(), name))
+    };
+    let [active, other] = solved("  MAZH 0 0");
+    assert!(active.is_ok());
+    let error = other.unwrap_err().to_string();
+    assert!(error.contains("MAZH") && error.contains("line 28"), "{error}");
+    assert!(solved("  COMM rear")[1].is_ok());
+    assert!(solved("  CURV 0 4 0 0 0")[1].is_err());
 }
 
 /// B270 is tabulated from 436 to 656 nm.

@@ -1,0 +1,192 @@
+//! `MNUM` and the lines of the multi-configuration editor behind it.
+//!
+//! `MNUM count active` is followed by `OPERAND place configuration value ... "text" n`, one line
+//! per operand and configuration; the surfaces hold the values of the active one. Another one is
+//! made by setting its values, as long as the tracer knows all operands in which the two differ,
+//! and nothing in the file follows from them by a solve.
+
+use super::{Draft, count};
+use crate::text::number;
+use camrig_base::{Error, Result};
+
+/// Operands without effect on the image: comments, titles, switched-off lines, drawing.
+const WITHOUT_EFFECT: [&str; 4] = ["MOFF", "MCOM", "LTTL", "CHZN"];
+/// The operand whose text is the title of a configuration.
+const TITLE: &str = "LTTL";
+/// Keywords of a surface that say nothing of solves and pickups (`VDSZ`, `VPAR`: variables).
+const PLAIN: [&str; 32] = [
+    "TYPE", "CURV", "CONI", "DISZ", "PARM", "XDAT", "GLAS", "DIAM", "MEMA", "OEMA", "FLAP",
+    "CLAP", "OBSC", "OBDC", "SCBD", "STOP", "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT",
+    "FIMP", "SQAP", "ELAP", "SQOB", "ELOB", "SPID", "UDAP", "UDOB", "VDSZ", "VPAR",
+];
+
+/// A value of one operand in one configuration.
+struct Value {
+    line: usize,
+    operand: String,
+    /// Surface, field or wavelength, and a second number that some operands have.
+    place: [String; 2],
+    configuration: usize,
+    value: String,
+    text: String,
+}
+
+/// What a file says about its configurations.
+#[derive(Default)]
+pub(super) struct Configurations {
+    count: usize,
+    active: usize,
+    values: Vec<Value>,
+    /// The first line of a surface that a solve may govern.
+    solved: Option<(usize, String)>,
+}
+
+impl Configurations {
+    /// `MNUM count active`.
+    pub(super) fn number(&mut self, rest: &[&str]) -> Result<()> {
+        self.count = count(rest, 0, "MNUM")?;
+        self.active = if rest.len() > 1 { count(rest, 1, "MNUM")? } else { 1 };
+        Ok(())
+    }
+
+    /// A line behind `MNUM` that is not about surfaces.
+    pub(super) fn line(&mut self, keyword: &str, rest: &[&str], line: usize) {
+        let whole = |i: usize| rest.get(i).and_then(|w| w.parse::<usize>().ok());
+        let (Some(_), Some(configuration), true) = (whole(0), whole(1), rest.len() > 2) else {
+            return;
+        };
+        if self.count < 2 || !(1..=self.count).contains(&configuration) {
+            return;
+        }
+        let all = rest.join(" ");
+        let text = all.split('"').nth(1).unwrap_or_default().to_owned();
+        let words = [0, 4].map(|i| rest.get(i).copied().unwrap_or_default().to_owned());
+        self.values.push(Value {
+            line,
+            operand: keyword.to_owned(),
+            place: words,
+            configuration,
+            value: rest[2].to_owned(),
+            text,
+        });
+    }
+
+    /// A line of a surface: remembers one that a solve may govern.
+    pub(super) fn surface_line(&mut self, keyword: &str, rest: &[&str], line: usize) {
+        // `CURV value kind ...`: 0 is fixed, 1 variable, others are solves.
+        let solve = !PLAIN.contains(&keyword)
+            || keyword == "CURV" && rest.get(1).is_some_and(|kind| !["0", "1"].contains(kind));
+        if solve && self.solved.is_none() {
+            self.solved = Some((line, keyword.to_owned()));
+        }
+    }
+
+    /// The number of the configuration of this number or title.
+    fn find(&self, wanted: &str) -> Result<usize> {
+        let count = self.count.max(1);
+        if let Some(number) = wanted.parse().ok().filter(|n| (1..=count).contains(n)) {
+            return Ok(number);
+        }
+        let titles = || self.values.iter().filter(|v| v.operand == TITLE);
+        let title = |v: &Value| if v.text.is_empty() { v.value.clone() } else { v.text.clone() };
+        if let Some(value) = titles().find(|v| title(v).eq_ignore_ascii_case(wanted)) {
+            return Ok(value.configuration);
+        }
+        let named: Vec<String> =
+            titles().map(|v| format!("{} \"{}\"", v.configuration, title(v))).collect();
+        let known = match named.is_empty() {
+            true => format!("the file has configurations 1 to {count}, without titles"),
+            false => format!("the file has {}", named.join(", ")),
+        };
+        Err(Error::input(format!("no configuration \"{wanted}\"")).help(known))
+    }
+
+    /// Sets the surfaces to the configuration `wanted` (the active one unless given), and says
+    /// which was taken.
+    pub(super) fn apply(
+        &self,
+        wanted: Option<&str>,
+        surfaces: &mut [Draft],
+        notes: &mut Vec<String>,
+    ) -> Result<()> {
+        let (count, active) = (self.count, self.active);
+        let wanted = wanted.map(|w| self.find(w)).transpose()?.unwrap_or(active);
+        if count < 2 {
+            return Ok(());
+        }
+        if wanted == active {
+            notes.push(format!(
+                "configuration {active} of {count} is taken: it is the active one, whose values \
+                 the surfaces have"
+            ));
+            return Ok(());
+        }
+        let values = || self.values.iter().filter(|v| v.configuration == wanted);
+        if values().next().is_none() {
+            return Err(self.refuse(wanted, "the file has no values for it"));
+        }
+        let mut set = Vec::new();
+        for value in values().filter(|v| !WITHOUT_EFFECT.contains(&&v.operand[..])) {
+            let same = |v: &&Value| {
+                v.configuration == active && v.operand == value.operand && v.place == value.place
+            };
+            let before = self.values.iter().find(same);
+            if before.is_some_and(|b| b.value == value.value && b.text == value.text) {
+                continue;
+            }
+            self.set(value, surfaces)?;
+            set.push(format!("{} {} = {}", value.operand, value.place[0], value.value));
+        }
+        if let (Some((line, keyword)), false) = (&self.solved, set.is_empty()) {
+            let why =
+                format!("line {line}: {keyword} may be a solve that follows from its values");
+            return Err(self.refuse(wanted, &why));
+        }
+        notes.push(format!(
+            "configuration {wanted} of {count} is taken instead of the active one ({active}): {}",
+            match set.is_empty() {
+                true => "the two trace alike".to_owned(),
+                false => set.join(", "),
+            }
+        ));
+        Ok(())
+    }
+
+    fn set(&self, value: &Value, surfaces: &mut [Draft]) -> Result<()> {
+        let place: Option<usize> = value.place[0].parse().ok();
+        let number = || number(&value.operand, &value.value);
+        let surface = match place {
+            Some(i) => surfaces.get_mut(i),
+            None => None,
+        };
+        match (&value.operand[..], surface) {
+            ("THIC", Some(surface)) => {
+                surface.thickness = match number()? {
+                    v if v.abs() >= super::INFINITE => None,
+                    v => Some(v),
+                };
+            }
+            ("CRVT", Some(surface)) => surface.curvature = number()?,
+            ("CONN", Some(surface)) => surface.conic = number()?,
+            (operand, _) => {
+                let why = format!(
+                    "line {}: it differs from the active one in {operand} {}, which is not known",
+                    value.line, value.place[0]
+                );
+                return Err(self.refuse(value.configuration, &why));
+            }
+        }
+        Ok(())
+    }
+
+    fn refuse(&self, wanted: usize, why: &str) -> Error {
+        Error::unsupported(format!(
+            "configuration {wanted} of {} cannot be set: {why}",
+            self.count
+        ))
+        .help(
+            "make it the active one in the lens program and save the file (thicknesses, \
+                 curvatures and conics are set here)",
+        )
+    }
+}

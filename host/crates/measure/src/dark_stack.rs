@@ -1,0 +1,343 @@
+//! Figures of one stack of dark frames in DN: offset, read noise, noise of rows and columns, hot
+//! pixels. Nothing but the samples need be known.
+//!
+//! Read noise is the square root of the temporal variance of the pixels less that of rounding,
+//! step²/12 (EMVA 1288 release 4.0, section 7.1); the dark current's shot noise is part of it.
+//! Noise of rows is that of the frames' row means about their temporal mean, less what white noise
+//! gives: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
+
+use super::codes::Codes;
+use super::moments::{Moments, SATURATED_SHARE};
+use super::ptc::QUANTISATION_LIMITED;
+use super::rounding::QUANTISATION;
+use super::stack::Stack;
+use super::value::Value;
+use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_captures::{Capture, CaptureSet, Role, SensorFacts};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Standard deviations, estimated from the median deviation, from which a pixel counts as hot:
+/// Gaussian patterns give one in 1e9.
+const HOT_SIGMAS: f64 = 6.0;
+/// Standard deviation of a Gaussian over its median absolute deviation.
+const SIGMA_OVER_MEDIAN: f64 = 1.482_602;
+/// Bits of samples whose range is not known.
+const MOST_BITS: u32 = 16;
+
+/// Figures of a stack of dark frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DarkStack {
+    /// Mean of all samples, DN.
+    pub offset_dn: Value,
+    /// Temporal noise of a pixel without rounding, DN; `None` where rounding hides it.
+    pub read_noise_dn: Option<Value>,
+    /// Temporal noise that the pixels of a row share, DN.
+    pub row_noise_dn: Value,
+    /// Temporal noise that the pixels of a column share, DN.
+    pub column_noise_dn: Value,
+    /// Standard deviation of the rows' offsets, DN.
+    pub row_fpn_dn: Value,
+    /// Standard deviation of the columns' offsets, DN.
+    pub column_fpn_dn: Value,
+    /// Distance of neighbouring codes, DN.
+    pub code_step_dn: Value,
+    /// Number of pixels whose mean lies far above that of the others of their colour.
+    pub hot_pixels: Value,
+    /// Number of frames.
+    pub frames: usize,
+    /// What a person should know.
+    pub notes: Vec<String>,
+}
+
+/// The figures of the frames in `files`, in order of time. The pattern of the colour filters is
+/// `cfa`, or what the first file says, or one colour.
+///
+/// # Errors
+/// No file, files that cannot be read or differ in size, fewer than two frames.
+pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
+    let first = files.first().ok_or_else(|| {
+        Error::input("no frames").help("give the files of one stack of dark frames")
+    })?;
+    let frames = camrig_formats::read(first).map_err(|e| e.at(first.display()))?;
+    let facts = frames.facts;
+    let (width, height) = frames.planes.first().map_or((0, 0), |p| (p.width, p.height));
+    drop(frames.planes);
+    let bits = facts.bits.unwrap_or(MOST_BITS).min(MOST_BITS);
+    let full_scale = ((1u32 << bits) - 1) as u16;
+    let sensor = SensorFacts {
+        width,
+        height,
+        bits,
+        cfa: cfa.or(facts.cfa),
+        black_level_dn: None,
+        white_level_dn: facts.white_level_dn.unwrap_or(full_scale),
+        pitch_um: None,
+    };
+    let capture = Capture {
+        id: first.display().to_string(),
+        role: Role::Dark,
+        files: files.to_vec(),
+        split: None,
+        exposure_s: 0.0,
+        analog_gain: 1.0,
+        temperature_c: None,
+        exposure_requested_s: None,
+        preceded_by: None,
+        light: None,
+        scene: None,
+        rotation: None,
+    };
+    let set = CaptureSet { root: PathBuf::new(), camera: None, sensor, captures: Vec::new() };
+    of_capture(&set, &capture)
+}
+
+/// The figures of a dark stack of a capture set.
+///
+/// # Errors
+/// Frames that cannot be read, fewer than two.
+pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
+    let stack = Stack::read(set, capture)?;
+    if stack.frames < 2 {
+        return Err(Error::input("one frame")
+            .at(format!("capture {:?}", capture.id))
+            .help("noise is what differs between frames: give at least two, better sixteen"));
+    }
+    let m = Moments::pool(&stack.moments);
+    let codes = Codes::of([stack.seen]);
+    let mut notes: Vec<String> = codes.note().into_iter().collect();
+    let lines = Lines::read(set, capture)?;
+    let [row_noise_dn, column_noise_dn] = lines.noise(&stack, m.temporal);
+    let fpn = m.spatial();
+    if m.zeros > SATURATED_SHARE {
+        notes.push(format!(
+            "{:.2} % of the samples are 0: the dark is cut off there, so that the offset is too \
+             high and the noise too low; raise the black level",
+            100.0 * m.zeros
+        ));
+    }
+    if m.whites > SATURATED_SHARE {
+        notes.push(format!("{:.2} % of the samples are at the white level", 100.0 * m.whites));
+    }
+    let read_noise_dn = read_noise(&m, &codes);
+    if read_noise_dn.is_none() {
+        notes.push(format!(
+            "rounding hides the read noise: it is {:.2} DN at most (EMVA 1288 release 4.0, eq. 53); \
+             raise the gain",
+            (QUANTISATION_LIMITED * codes.square()).sqrt()
+        ));
+    }
+    // A constant frame has no scatter; its mean is still uncertain by rounding.
+    let floor = (codes.quantisation() / (m.pixels() * m.frames as f64)).sqrt();
+    Ok(DarkStack {
+        offset_dn: Value::new(m.mean(), m.mean_error().max(floor)),
+        read_noise_dn,
+        row_noise_dn,
+        column_noise_dn,
+        row_fpn_dn: root(fpn.row),
+        column_fpn_dn: root(fpn.column),
+        code_step_dn: Value::new(codes.step_dn, 0.0),
+        hot_pixels: hot_pixels(&stack),
+        frames: stack.frames,
+        notes,
+    })
+}
+
+/// Temporal noise without rounding; `None` where rounding is no longer equivalent to added noise.
+fn read_noise(m: &Moments, codes: &Codes) -> Option<Value> {
+    if m.temporal < QUANTISATION_LIMITED * codes.square() {
+        return None;
+    }
+    let spread = m.spatial().total.value.max(0.0);
+    let guess = m.temporal - codes.quantisation();
+    let variance = m.temporal - codes.rounding(guess, m.mean(), spread);
+    Value::sqrt(variance, m.temporal_error)
+}
+
+/// The square root of a variance; where that is not positive, 0 with the error that a variance of
+/// the size of its error would have.
+fn root(variance: Value) -> Value {
+    Value::sqrt(variance.value, variance.std_error)
+        .unwrap_or_else(|| Value::new(0.0, variance.std_error.max(0.0).sqrt()))
+}
+
+/// Means of the rows and columns of each frame, DN.
+#[derive(Default)]
+struct Lines {
+    rows: Vec<Vec<f64>>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Lines {
+    fn read(set: &CaptureSet, capture: &Capture) -> Result<Self> {
+        let mut lines = Self::default();
+        set.for_each_batch(capture, |frames| {
+            frames.iter().for_each(|frame| lines.add(frame));
+            Ok(())
+        })?;
+        Ok(lines)
+    }
+
+    fn add(&mut self, frame: &Plane<u16>) {
+        let mut columns = vec![0u64; frame.width];
+        let row = |samples: &[u16]| {
+            let sum: u64 = samples.iter().map(|v| u64::from(*v)).sum();
+            sum as f64 / frame.width as f64
+        };
+        for samples in frame.data.chunks_exact(frame.width) {
+            columns.iter_mut().zip(samples).for_each(|(sum, v)| *sum += u64::from(*v));
+        }
+        self.rows.push(frame.data.chunks_exact(frame.width).map(row).collect());
+        self.columns.push(columns.iter().map(|s| *s as f64 / frame.height as f64).collect());
+    }
+
+    /// Temporal noise of rows and of columns.
+    fn noise(&self, stack: &Stack, temporal: f64) -> [Value; 2] {
+        [(&self.rows, stack.width), (&self.columns, stack.height)].map(|(lines, pixels)| {
+            let (variance, freedom) = scatter(lines);
+            let pixels = pixels as f64;
+            let excess = (variance - temporal / pixels) / (1.0 - 1.0 / pixels);
+            root(Value::new(excess, variance * (2.0 / freedom).sqrt()))
+        })
+    }
+}
+
+/// Variance of lines over frames about their own and the frames' means, and its degrees of
+/// freedom.
+fn scatter(lines: &[Vec<f64>]) -> (f64, f64) {
+    let (frames, count) = (lines.len(), lines[0].len());
+    let of_line: Vec<f64> =
+        (0..count).map(|i| lines.iter().map(|l| l[i]).sum::<f64>() / frames as f64).collect();
+    let all = of_line.iter().sum::<f64>() / count as f64;
+    let mut square = 0.0;
+    for frame in lines {
+        let of_frame = frame.iter().sum::<f64>() / count as f64;
+        square += frame
+            .iter()
+            .zip(&of_line)
+            .map(|(v, line)| (v - line - of_frame + all).powi(2))
+            .sum::<f64>();
+    }
+    let freedom = ((frames - 1) * (count - 1)).max(1) as f64;
+    (square / freedom, freedom)
+}
+
+/// Pixels whose mean lies more than [`HOT_SIGMAS`] above the median of their site.
+fn hot_pixels(stack: &Stack) -> Value {
+    let frames = stack.frames as f64;
+    let mut count = 0usize;
+    for (site, moments) in stack.sites.iter().zip(&stack.moments) {
+        let (rows, columns) = (site.rows(stack.height), site.columns(stack.width));
+        let places = (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j)));
+        let mut sums: Vec<u32> = places
+            .map(|(i, j)| {
+                let (x, y) = (site.x0 + i * site.step_x, site.y0 + j * site.step_y);
+                stack.sum[y * stack.width + x]
+            })
+            .collect();
+        let middle = sums.len() / 2;
+        let median = *sums.select_nth_unstable(middle).1;
+        let mut away: Vec<u32> = sums.iter().map(|v| v.abs_diff(median)).collect();
+        let spread = f64::from(*away.select_nth_unstable(middle).1) * SIGMA_OVER_MEDIAN;
+        // Where most means are equal, noise and rounding still scatter them.
+        let noise = ((moments.temporal + QUANTISATION) * frames).sqrt();
+        let limit = f64::from(median) + HOT_SIGMAS * spread.max(noise);
+        count += sums.iter().filter(|v| f64::from(**v) > limit).count();
+    }
+    Value::new(count as f64, (count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_formats::{Facts, Frames, npy};
+    use rand_distr::{Distribution, Normal};
+    use rand_xoshiro::{Xoshiro256PlusPlus, rand_core::SeedableRng};
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    /// Figures of frames of `sample(frame, x, y)`, the last frame in a file of its own.
+    fn figures(frames: usize, mut sample: impl FnMut(usize, usize, usize) -> f64) -> DarkStack {
+        let folder = tempfile::tempdir().unwrap();
+        let mut planes: Vec<Plane<u16>> = (0..frames)
+            .map(|f| {
+                Plane::from_fn(SIZE.0, SIZE.1, |x, y| sample(f, x, y).round().max(0.0) as u16)
+            })
+            .collect();
+        let last = planes.split_off(frames - 1);
+        let files: Vec<PathBuf> = [planes, last]
+            .into_iter()
+            .enumerate()
+            .filter(|(_, planes)| !planes.is_empty())
+            .map(|(i, planes)| {
+                let path = folder.path().join(format!("{i}.npy"));
+                let bytes = npy::encode(&Frames { planes, facts: Facts::default() }).unwrap();
+                std::fs::write(&path, bytes).unwrap();
+                path
+            })
+            .collect();
+        of_files(&files, None).unwrap()
+    }
+
+    fn near(found: Value, truth: f64, most_sigmas: f64) {
+        let off = (found.value - truth).abs();
+        assert!(off < most_sigmas * found.std_error, "{found:?}, truth {truth}");
+    }
+
+    #[test]
+    fn noise_of_pixels_rows_and_columns_comes_back() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+        let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
+        let mut row = 0.0;
+        let found = figures(16, |_, x, _| {
+            if x == 0 {
+                row = normal(0.5);
+            }
+            100.2 + row + normal(4.0)
+        });
+        let read = found.read_noise_dn.unwrap();
+        // 4.0 and the row's 0.5 together.
+        near(read, 4.031, 4.0);
+        assert!(read.std_error < 0.02, "{read:?}");
+        assert!((found.offset_dn.value - 100.2).abs() < 0.1, "{:?}", found.offset_dn);
+        near(found.row_noise_dn, 0.5, 4.0);
+        assert!(found.column_noise_dn.value < 0.15, "{:?}", found.column_noise_dn);
+        assert_eq!((found.code_step_dn.value, found.hot_pixels.value), (1.0, 0.0));
+        assert_eq!((found.frames, found.notes.len()), (16, 0));
+    }
+
+    /// Noise of 0.6 DN: without the 1/12 DN² of rounding it would come out as 0.666.
+    #[test]
+    fn rounding_is_taken_off_and_hides_what_is_small() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(6);
+        let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
+        near(figures(16, |_, _, _| 20.3 + normal(0.6)).read_noise_dn.unwrap(), 0.6, 4.0);
+        let hidden = figures(4, |_, _, _| 20.0 + normal(0.2));
+        assert_eq!(hidden.read_noise_dn, None);
+        assert!(hidden.notes[0].contains("0.49 DN at most"), "{:?}", hidden.notes);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_dark_is_said() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
+        let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
+        let cut = figures(4, |_, _, _| 2.0 + normal(3.0));
+        assert!(cut.notes[0].contains("cut off"), "{:?}", cut.notes);
+        let hot = figures(4, |_, x, y| {
+            normal(1.0) + if (x, y) == (5, 7) || (x, y) == (40, 3) { 90.0 } else { 50.0 }
+        });
+        assert_eq!(hot.hot_pixels.value, 2.0);
+    }
+
+    #[test]
+    fn one_frame_has_no_noise() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("one.npy");
+        let planes = vec![Plane::from_fn(16, 12, |x, _| x as u16)];
+        let bytes = npy::encode(&Frames { planes, facts: Facts::default() }).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        let error = of_files(&[path], None).unwrap_err().to_string();
+        assert!(error.contains("at least two"), "{error}");
+        assert!(of_files(&[], None).is_err());
+    }
+}

@@ -1,0 +1,159 @@
+//! Automatic exposure: the integration time at which a frame has the brightness that is asked for.
+//!
+//! Trial frames are taken and judged as a camera does it, by their samples; each time the exposure
+//! is scaled by what lacks. The result is rounded to three digits, so that it can be typed again.
+
+use super::{Arithmetic, SimulatedSensor};
+use camrig_base::{Error, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_exposure::IrradianceCube;
+
+/// What a frame is to be like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Brightness {
+    /// 99 % of the samples lie below 0.85 of the range above black: highlights keep a quarter of a
+    /// stop.
+    Highlights,
+    /// The mean of the green channel (of all, where none is green) is this share of the range
+    /// above black.
+    Mean(f64),
+}
+
+/// Share of the range above black at which 99 % of the samples end.
+const HIGHLIGHTS: f64 = 0.85;
+/// The share of samples that lies below it.
+const BELOW: f64 = 0.99;
+/// Shortest and longest exposure, s: a global shutter's least, and a minute.
+const EXPOSURES_S: [f64; 2] = [1e-6, 60.0];
+/// Exposure of the first trial, s.
+const FIRST_S: f64 = 0.01;
+/// Relative error of the share with which the search ends.
+const ENOUGH: f64 = 0.01;
+/// Trials at most: 18 steps of [`STEP`] span the exposures, and six follow a straight line.
+const TRIALS: usize = 24;
+/// Factor of the exposure where a trial is saturated or black.
+const STEP: f64 = 4.0;
+/// Share from which a trial counts as saturated, and below which as black.
+const SATURATED: f64 = 0.97;
+const BLACK: f64 = 0.01;
+
+/// The exposure time, s, for irradiance on the sensor at analog gain `gain` (the camera file's
+/// unless given).
+///
+/// # Errors
+/// A share that is not between 0 and 1; light that no exposure from 1 µs to a minute brings to
+/// that brightness.
+pub fn exposure_s(
+    camera: &Camera,
+    sensor: &SimulatedSensor,
+    cube: &IrradianceCube,
+    gain: Option<f64>,
+    brightness: Brightness,
+) -> Result<f64> {
+    let goal = match brightness {
+        Brightness::Highlights => HIGHLIGHTS,
+        Brightness::Mean(share) => share,
+    };
+    if !(goal > BLACK && goal < SATURATED) {
+        return Err(Error::input(format!("automatic exposure to {goal} of the range"))
+            .help(format!("give a share from {BLACK} to {SATURATED}, such as 0.18")));
+    }
+    let [shortest, longest] = EXPOSURES_S;
+    let mut exposure_s = FIRST_S;
+    for _ in 0..TRIALS {
+        let settings = camera.settings(0, exposure_s, gain);
+        let frame = sensor.frame(cube, None, &settings, Arithmetic::F32)?;
+        let share = share(&frame, brightness);
+        if (share / goal - 1.0).abs() < ENOUGH {
+            return Ok(three_digits(exposure_s));
+        }
+        let factor = match share {
+            s if s > SATURATED => 1.0 / STEP,
+            s if s < BLACK => STEP,
+            s => goal / s,
+        };
+        let next = exposure_s * factor;
+        if next < shortest || next > longest {
+            break;
+        }
+        exposure_s = next;
+    }
+    Err(Error::limit("automatic exposure finds no exposure time").help(format!(
+        "no exposure from {shortest} to {longest} s brings the frame to {goal} of the range above \
+         black: change light or gain, or give the time"
+    )))
+}
+
+/// How bright a frame is, of the range above black.
+fn share(frame: &RawFrame, brightness: Brightness) -> f64 {
+    let level = match brightness {
+        Brightness::Highlights => {
+            let mut samples = frame.data.clone();
+            let place = ((BELOW * samples.len() as f64) as usize).min(samples.len() - 1);
+            f64::from(*samples.select_nth_unstable(place).1)
+        }
+        Brightness::Mean(_) => {
+            let cfa = &frame.cfa;
+            let any_green = cfa.letters.contains(&'G');
+            let counts = |i: usize| {
+                let (x, y) = (i % frame.width, i / frame.width);
+                let letter = cfa.letters[y % cfa.height * cfa.width + x % cfa.width];
+                !any_green || letter == 'G'
+            };
+            let samples = frame.data.iter().enumerate().filter(|(i, _)| counts(*i));
+            let (sum, n) = samples.fold((0u64, 0u64), |(s, n), (_, v)| (s + u64::from(*v), n + 1));
+            sum as f64 / n.max(1) as f64
+        }
+    };
+    let range = f64::from(frame.white_level_dn) - frame.black_level_dn;
+    (level - frame.black_level_dn) / range
+}
+
+fn three_digits(v: f64) -> f64 {
+    format!("{v:.2e}").parse().unwrap_or(v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{SceneLight, scene_irradiance};
+    use camrig_optics::Options;
+
+    fn exposed(scene: &str, lux: f64, brightness: Brightness) -> Result<(f64, RawFrame)> {
+        let mut camera = Camera::load("mt9t012").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (64, 48);
+        let light = SceneLight::lux("D65", lux);
+        let options = Options::default();
+        let cube = scene_irradiance(&camera, scene, &light, &options, |_, _| ()).unwrap().0;
+        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let seconds = exposure_s(&camera, &sensor, &cube, None, brightness)?;
+        let settings = camera.settings(7, seconds, None);
+        Ok((seconds, sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap()))
+    }
+
+    #[test]
+    fn frames_have_the_brightness_that_is_asked_for() {
+        let mut times = Vec::new();
+        for lux in [3.0, 300.0, 30_000.0] {
+            let (seconds, frame) = exposed("colorchecker", lux, Brightness::Highlights).unwrap();
+            let found = share(&frame, Brightness::Highlights);
+            assert!((found - HIGHLIGHTS).abs() < 0.03, "{lux}: {found}");
+            times.push(seconds);
+        }
+        // A hundred times the light takes a hundredth of the time.
+        assert!((times[1] / times[2] / 100.0 - 1.0).abs() < 0.05, "{times:?}");
+        let mean = Brightness::Mean(0.18);
+        let (_, frame) = exposed("colorchecker", 300.0, mean).unwrap();
+        assert!((share(&frame, mean) - 0.18).abs() < 0.01);
+        let green = frame.channel_means();
+        assert!(green.iter().any(|(name, ..)| name.to_lowercase().starts_with('g')));
+    }
+
+    #[test]
+    fn light_that_no_exposure_suits_is_refused() {
+        let error = exposed("uniform:0.5", 1e12, Brightness::Highlights).unwrap_err();
+        assert!(error.to_string().contains("no exposure time"), "{error}");
+        assert!(exposed("uniform:0.5", 300.0, Brightness::Mean(1.5)).is_err());
+        assert_eq!(three_digits(0.0123456), 0.0123);
+    }
+}

@@ -1,0 +1,132 @@
+//! `camrig measure dark`: figures of a stack of dark frames.
+
+use super::{object, plus_minus};
+use camrig_base::{Cfa, Error, Result};
+use camrig_captures::{CaptureSet, Role};
+use camrig_measure::Value;
+use camrig_measure::dark_stack::{self, DarkStack};
+use clap::Args as ClapArgs;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(ClapArgs)]
+pub struct DarkArgs {
+    /// Frames taken without light under the same conditions: files, stacks, or their folder
+    #[arg(required = true)]
+    frames: Vec<PathBuf>,
+    /// System gain, for the read noise in electrons
+    #[arg(long, value_name = "K", value_parser = crate::cli::arguments::positive)]
+    dn_per_e: Option<f64>,
+    /// Colour filter pattern, where the files do not say (one colour without either)
+    #[arg(long, value_name = "PATTERN")]
+    cfa: Option<String>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
+    if let [folder] = &args.frames[..]
+        && folder.join("captures.toml").is_file()
+    {
+        let set = CaptureSet::load(folder)?;
+        return of_set(&set, args.dn_per_e, args.json);
+    }
+    let cfa = args.cfa.as_deref().map(Cfa::parse).transpose()?;
+    let found = dark_stack::of_files(&files(&args.frames)?, cfa)?;
+    if args.json {
+        println!("{}", json_of(&found, args.dn_per_e)?);
+    } else {
+        print(&found, args.dn_per_e);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The dark stacks of a capture set. At the top of the JSON object is the shortest of them, whose
+/// noise has least of the dark current's in it.
+pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<ExitCode> {
+    let mut darks: Vec<_> = set.with_role(Role::Dark).collect();
+    darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    let figures: Vec<DarkStack> =
+        darks.iter().map(|c| dark_stack::of_capture(set, c)).collect::<Result<_>>()?;
+    let Some(shortest) = figures.first() else {
+        return Err(Error::input("no dark captures")
+            .help("a capture of role = \"dark\" is a stack without light"));
+    };
+    if !json {
+        for (capture, found) in darks.iter().zip(&figures) {
+            let (id, time, gain) = (&capture.id, capture.exposure_s, capture.analog_gain);
+            print!("{id} ({time} s, analog gain {gain}): ");
+            print(found, dn_per_e);
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut all = Vec::new();
+    for (capture, found) in darks.iter().zip(&figures) {
+        let mut one = json_of(found, dn_per_e)?;
+        one["id"] = json!(capture.id);
+        one["exposure_s"] = json!(capture.exposure_s);
+        one["analog_gain"] = json!(capture.analog_gain);
+        all.push(one);
+    }
+    let mut top = json_of(shortest, dn_per_e)?;
+    top["darks"] = json!(all);
+    println!("{top}");
+    Ok(ExitCode::SUCCESS)
+}
+
+fn read_noise_e(found: &DarkStack, dn_per_e: Option<f64>) -> Option<Value> {
+    Some(found.read_noise_dn?.scaled(1.0 / dn_per_e?))
+}
+
+fn json_of(found: &DarkStack, dn_per_e: Option<f64>) -> Result<serde_json::Value> {
+    let mut figures = object(found)?;
+    if dn_per_e.is_some() {
+        figures.insert("read_noise_e".into(), json!(read_noise_e(found, dn_per_e)));
+    }
+    Ok(figures.into())
+}
+
+fn print(found: &DarkStack, dn_per_e: Option<f64>) {
+    found.notes.iter().for_each(|note| eprintln!("note: {note}"));
+    let read = match (found.read_noise_dn, read_noise_e(found, dn_per_e)) {
+        (Some(dn), Some(e)) => format!("{} DN ({} e-)", plus_minus(dn), plus_minus(e)),
+        (Some(dn), None) => format!("{} DN", plus_minus(dn)),
+        (None, _) => "hidden by rounding".into(),
+    };
+    println!(
+        "read noise {read}, offset {} DN, noise of rows {} and columns {} DN, {} hot pixels, {} \
+         frames",
+        plus_minus(found.offset_dn),
+        plus_minus(found.row_noise_dn),
+        plus_minus(found.column_noise_dn),
+        found.hot_pixels.value,
+        found.frames
+    );
+}
+
+/// The files that were named, and those in folders, in order of their names.
+fn files(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut all = Vec::new();
+    for path in named {
+        match path.is_dir() {
+            true => all.extend(inside(path)?),
+            false => all.push(path.clone()),
+        }
+    }
+    Ok(all)
+}
+
+fn inside(folder: &Path) -> Result<Vec<PathBuf>> {
+    let failed = |e| Error::io("read", folder, e);
+    let entries = std::fs::read_dir(folder).map_err(failed)?;
+    let mut files: Vec<PathBuf> =
+        entries.map(|entry| Ok(entry.map_err(failed)?.path())).collect::<Result<_>>()?;
+    let hidden = |path: &Path| {
+        path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
+    };
+    files.retain(|path| path.is_file() && !hidden(path));
+    files.sort();
+    Ok(files)
+}
