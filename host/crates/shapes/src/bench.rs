@@ -53,13 +53,13 @@ impl Shot<'_> {
 }
 
 /// A change of a frame's pixels, e⁻.
-type Change = dyn Fn(&mut [f64], &mut Shot<'_>);
+type Change<'a> = dyn Fn(&mut [f64], &mut Shot<'_>) + 'a;
 
 /// What a test hides: on the mean electrons before shot noise, and on electrons after read noise.
 #[derive(Default)]
 pub(crate) struct Hidden<'a> {
-    pub charge: Option<&'a Change>,
-    pub volts: Option<&'a Change>,
+    pub charge: Option<&'a Change<'a>>,
+    pub volts: Option<&'a Change<'a>>,
     /// Read noise, where it is not the model's, e⁻.
     pub read_e: Option<f64>,
 }
