@@ -124,7 +124,7 @@ mod tests {
         (camera.sensor.width, camera.sensor.height) = (64, 48);
         let light = SceneLight::lux("D65", lux);
         let options = Options::default();
-        let cube = scene_irradiance(&camera, scene, &light, &options, |_, _| ()).unwrap().0;
+        let cube = scene_irradiance(&camera, scene, &light, &options, |_, _| ()).unwrap().cube;
         let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
         let seconds = exposure_s(&camera, &sensor, &cube, None, brightness)?;
         let settings = camera.settings(7, seconds, None);
