@@ -32,12 +32,17 @@ const PLAN: [Plan; 8] = [
 
 type Random = Xoshiro256PlusPlus;
 
+/// A change of a frame's electrons, of its stack and number.
+type OnElectrons<'a> = dyn FnMut(&mut [f64], &Plan, usize) + 'a;
+/// A change of a frame's DN, of its number.
+type OnCodes<'a> = dyn FnMut(&mut [f64], usize) + 'a;
+
 /// What is done to each frame: mean electrons of light, electrons after noise, DN.
 #[derive(Default)]
 struct Hooks<'a> {
     light: Option<&'a dyn Fn(f64, usize, usize) -> f64>,
-    electrons: Option<&'a mut dyn FnMut(&mut [f64], &Plan, usize)>,
-    codes: Option<&'a mut dyn FnMut(&mut [f64], usize)>,
+    electrons: Option<&'a mut OnElectrons<'a>>,
+    codes: Option<&'a mut OnCodes<'a>>,
 }
 
 /// Makes a set; `stated` over true light of each stack.
