@@ -12,6 +12,8 @@ use std::f64::consts::{PI, TAU};
 const SIDE: usize = 8;
 /// Steps that are tried, DN: from what rounding leaves visible to the coarsest compression.
 const STEPS: (f64, f64, usize) = (1.3, 60.0, 160);
+/// Where the step is looked for once one was found: this share around it, in so many parts.
+const NEAR: (f64, usize) = (0.12, 120);
 /// Coefficients whose standard deviation is below this share of a step all lie on one.
 const WIDE: f64 = 0.45;
 /// Blocks that are looked at, at most: enough for steps of a tenth of the noise.
@@ -57,17 +59,26 @@ fn strongest(frames: &[Plane<u16>], (top, left): (usize, usize)) -> (f64, f64) {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let sd = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-        let powers = (0..count).map(step).filter(|q| sd > WIDE * q).map(|q| {
-            let (re, im) = values.iter().fold((0.0, 0.0), |(re, im), v| {
-                let (s, c) = (TAU * v / q).sin_cos();
-                (re + c, im + s)
-            });
-            ((re * re + im * im) / n, q)
-        });
-        powers.fold((0.0, 0.0), |a: (f64, f64), b| if b.0 > a.0 { b } else { a })
+        largest(values, (0..count).map(step).filter(|q| sd > WIDE * q))
     };
     let best: Vec<(f64, f64)> = coefficients.par_iter().map(of).collect();
-    best.into_iter().fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
+    let strongest = (0..best.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let Some(k) = strongest.filter(|&k| best[k].0 > 0.0) else { return (0.0, 0.0) };
+    // The steps that are tried are coarse, and the true one may be wider than those tried here.
+    let near = (0..=NEAR.1).map(|i| 1.0 + NEAR.0 * (2.0 * i as f64 / NEAR.1 as f64 - 1.0));
+    (best[k].0, largest(&coefficients[k], near.map(|f| best[k].1 * f)).1)
+}
+
+/// The largest n |mean e^(2πic/q)|² of coefficients c over steps q, and that step.
+fn largest(values: &[f64], steps: impl Iterator<Item = f64>) -> (f64, f64) {
+    let powers = steps.map(|q| {
+        let (re, im) = values.iter().fold((0.0, 0.0), |(re, im), v| {
+            let (s, c) = (TAU * v / q).sin_cos();
+            (re + c, im + s)
+        });
+        ((re * re + im * im) / values.len() as f64, q)
+    });
+    powers.fold((0.0, 0.0), |a: (f64, f64), b| if b.0 > a.0 { b } else { a })
 }
 
 /// The coefficients of each of the 63 frequencies but the constant one.
