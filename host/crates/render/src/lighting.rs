@@ -144,7 +144,7 @@ pub fn radiance_at(
             .help("this scene of radiance is black in visible light"));
     }
     let note = format!(
-        "{spec} holds radiance: all of it times {:.4}, so that its mean luminance of {own:.4} \
+        "{spec} holds radiance: all of it times {:.4e}, so that its mean luminance of {own:.4} \
          cd/m² becomes the {asked:.4} cd/m² of {:.0} % grey at the level asked for",
         asked / own,
         100.0 * MEAN_REFLECTANCE
