@@ -108,6 +108,8 @@ fn as_serde(value: &Value) -> Value {
             Value::Object([(name.to_string(), fields)].into_iter().collect())
         }
         Value::Object(fields) => Value::Object(object(fields)),
+        // Numbers with a point are single precision in every message.
+        Value::Number(n) if n.is_f64() => Value::from(n.as_f64().unwrap() as f32),
         other => other.clone(),
     }
 }

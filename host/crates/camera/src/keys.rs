@@ -540,8 +540,11 @@ mod tests {
             for inside in [low, high] {
                 // Ends that other keys of the preset do not allow.
                 let apart = ["read_e_post", "black_level_dn", "read_e"].contains(&key.name);
+                // Keys of another kind of lens than the preset's are not looked at.
+                let of_other_kind = |said: &str| said.contains("means nothing for kind");
                 if let Err(said) = with(key, value(inside))
                     && !apart
+                    && !of_other_kind(&said)
                 {
                     assert!(!said.contains(&format!("{} =", key.name)), "{}: {said}", key.path());
                 }
