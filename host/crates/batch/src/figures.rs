@@ -230,7 +230,8 @@ mod tests {
     fn mtf50_of_an_edge_and_why_there_is_none() {
         let edge = frame(|x, y| {
             let place = 32.0 + 0.1 * (y as f64 - 24.0) - x as f64;
-            (500.0 + 2000.0 * (1.0 - (place / 2.0).clamp(0.0, 1.0))).round() as u16
+            let noise = ((3 * x + 5 * y) % 7) as f64;
+            (500.0 + 2000.0 * (1.0 - (place / 2.0).clamp(0.0, 1.0)) + noise).round() as u16
         });
         let figures = figures("slanted-edge:angle=5", &edge);
         let found = figures.channels["m"]["mtf50_cycles_per_pixel"].as_f64();
