@@ -7,6 +7,7 @@ use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
 use hdf5_pure::{DType, File, Group};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 fn refused(error: hdf5_pure::Error) -> Error {
     Error::input(format!("not a readable HDF5 file: {error}"))
@@ -37,7 +38,8 @@ pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSo
         if let [bands, width, height] = lengths[..] {
             let (path, name) = (path.into(), name.clone());
             let (transposed, scale) = (true, 1.0);
-            let planes = Planes { path, name, width, height, bands, transposed, scale };
+            let held = Mutex::default();
+            let planes = Planes { path, name, width, height, bands, transposed, scale, held };
             found.push((planes.name.clone(), Box::new(planes)));
         }
     }
@@ -53,6 +55,29 @@ struct Planes {
     /// Whether the rows of the array are columns of the scene, as in MATLAB's files.
     transposed: bool,
     scale: f32,
+    held: Mutex<Option<Chunk>>,
+}
+
+/// Bands that lie in the same chunks of the file, which are decompressed together.
+struct Chunk {
+    first: usize,
+    samples: Vec<f64>,
+}
+
+impl Planes {
+    /// Reads the bands that share chunks with one, as far as memory allows.
+    fn chunk_of(&self, band: usize) -> Result<Chunk> {
+        let file = File::open_streaming(&self.path).map_err(refused)?;
+        let dataset = file.dataset(&self.name).map_err(refused)?;
+        let shape = dataset.chunk_shape().map_err(refused)?;
+        let depth = shape.and_then(|s| s.first().copied()).unwrap_or(1);
+        let most = MOST_HELD / (self.width * self.height).max(1);
+        let depth = usize::try_from(depth).unwrap_or(1).clamp(1, most.max(1));
+        let first = band / depth * depth;
+        let count = depth.min(self.bands - first);
+        let samples = dataset.read_f64_rows(first as u64, count as u64).map_err(refused)?;
+        Ok(Chunk { first, samples })
+    }
 }
 
 impl BandSource for Planes {
@@ -65,15 +90,23 @@ impl BandSource for Planes {
     }
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let file = File::open_streaming(&self.path).map_err(refused)?;
-        let dataset = file.dataset(&self.name).map_err(refused)?;
-        let samples = dataset.read_f64_rows(band as u64, 1).map_err(refused)?;
         let Self { width, height, scale, .. } = *self;
-        if samples.len() != width * height {
-            return Err(Error::input(format!("band {band} of {} is cut off", self.name)));
-        }
+        let size = width * height;
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let holds = |c: &Chunk| (c.first..c.first + c.samples.len() / size.max(1)).contains(&band);
+        let chunk = match held.take().filter(holds) {
+            Some(chunk) => chunk,
+            None => self.chunk_of(band)?,
+        };
+        let from = (band - chunk.first) * size;
+        let samples = chunk
+            .samples
+            .get(from..from + size)
+            .ok_or_else(|| Error::input(format!("band {band} of {} is cut off", self.name)))?;
         let at = |x: usize, y: usize| if self.transposed { x * height + y } else { y * width + x };
-        Ok(Plane::from_fn(width, height, |x, y| samples[at(x, y)] as f32 * scale))
+        let plane = Plane::from_fn(width, height, |x, y| samples[at(x, y)] as f32 * scale);
+        *held = Some(chunk);
+        Ok(plane)
     }
 }
 
@@ -155,7 +188,9 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     let small = |lengths: &[usize]| samples(lengths).is_some_and(|n| n <= MOST_HELD);
     if axes.starts_with('b') && shape.len() == 3 && small(&[width, height]) {
         let (path, name, transposed) = (path.into(), name.into(), axes == "bxy");
-        return Ok(Box::new(Planes { path, name, width, height, bands, transposed, scale }));
+        let held = Mutex::default();
+        let planes = Planes { path, name, width, height, bands, transposed, scale, held };
+        return Ok(Box::new(planes));
     }
     if !small(&lengths) {
         return Err(Error::limit(format!("array {name:?} of shape {shape:?}")).help(format!(
@@ -197,4 +232,37 @@ fn struct_of(
         }
     }
     Ok(fields)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hdf5_pure::FileBuilder;
+
+    #[test]
+    fn bands_in_chunks_are_those_of_the_array_in_any_order() {
+        let (bands, height, width) = (7, 5, 4);
+        let value = |b: usize, y: usize, x: usize| (100 * b + 10 * y + x) as f64;
+        let data: Vec<f64> = (0..bands * height * width)
+            .map(|i| value(i / (height * width), i / width % height, i % width))
+            .collect();
+        let mut file = FileBuilder::new();
+        file.create_dataset("cube")
+            .with_f64_data(&data)
+            .with_shape(&[7, 5, 4])
+            .with_chunks(&[3, 2, 4])
+            .with_shuffle()
+            .with_deflate(4);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        file.write(&path).unwrap();
+        let cube = cube(&path, "cube", "byx", 1.0).unwrap();
+        assert_eq!((cube.size(), cube.bands()), ((width, height), bands));
+        for band in [5, 0, 6, 1, 2, 4, 3, 6] {
+            let plane = cube.read(band).unwrap();
+            for (i, &v) in plane.data.iter().enumerate() {
+                assert_eq!(f64::from(v), value(band, i / width, i % width), "band {band}");
+            }
+        }
+    }
 }
