@@ -29,7 +29,7 @@ const OF_MEANS: [Detector; 2] = [seam::find, wave::find];
 const OF_THE_REST: [Detector; 6] =
     [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
 
-/// Searches for the effects that the camera lacks, as [`search::run`], and for shapes that no
+/// Searches for the effects that the camera lacks, as [`search::run()`], and for shapes that no
 /// effect has. Where there are some, the moments that the session has at the end are without them.
 ///
 /// # Errors
