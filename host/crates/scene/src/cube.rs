@@ -73,68 +73,7 @@ impl Cube {
     /// A cube whose source bands are centred at `wavelength_nm`, in any order.
     ///
     /// # Errors
-    /// A file that cannot be read.
-    fn read(&self, band: usize) -> Result<Plane<f32>>;
-}
-
-/// Samples below zero that are taken as 0, as a part of the band's largest value, or of 1 for a
-/// reflectance: dark samples from which a dark frame or stray light was subtracted scatter around
-/// 0. Far below it something else is wrong.
-const NOISE_FLOOR: f32 = 0.02;
-/// Largest value that is accepted as a reflectance: highlights and noise of measured cubes exceed
-/// 1, while per cent, counts and radiance exceed 2 almost everywhere.
-const MAX_REFLECTANCE: f32 = 2.0;
-/// Wavelengths that band centres may have, nm: from the ultraviolet to the shortwave infrared. A
-/// list in µm or in Å lies outside.
-const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
-/// The visible range that every cube has to cover or is extended to, nm: that of
-/// [`Bands::VISIBLE`].
-const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
-/// Steps of equally spaced bands that are kept, nm. Below, a scene would cost many bands for
-/// little gain in colour; above, bands are too coarse for spectra of light sources.
-const KEPT_STEPS_NM: std::ops::RangeInclusive<f64> = 5.0..=50.0;
-/// Step of the bands that all other cubes are converted to, nm: that of [`Bands::VISIBLE`].
-const STEP_NM: f64 = 10.0;
-/// Deviation from equal spacing, in steps, that counts as rounding of the wavelengths.
-const EQUAL_SPACING: f64 = 1e-3;
-/// Weights of source bands closer than this to 0 or 1 differ from it by rounding only.
-const WEIGHT_ROUNDING: f64 = 1e-6;
-
-/// A spectral image as a scene.
-pub struct Cube {
-    source: Box<dyn BandSource>,
-    wavelength_nm: Vec<f64>,
-    quantity: Quantity,
-    bands: Bands,
-    /// For each band the source bands and their weights.
-    mix: Vec<Vec<(usize, f32)>>,
-    understood: Vec<String>,
-    notes: Vec<String>,
-    /// Whether all negative samples are taken as 0, however far below it.
-    clips: bool,
-    /// Source bands read so far in which negative samples were taken as 0: how many, and the
-    /// least.
-    clipped: Mutex<BTreeMap<usize, (usize, f32)>>,
-}
-
-impl Cube {
-    /// A cube whose source bands are centred at `wavelength_nm`, in any order.
-    ///
-    /// # Errors
-    /// Those of `stated`.
-    pub fn new(
-        source: Box<dyn BandSource>,
-        wavelength_nm: Vec<f64>,
-        quantity: Quantity,
-    ) -> Result<Self> {
-        Self::stated(source, &wavelength_nm, quantity, Stated::default())
-    }
-
-    /// A cube of which the file says more than its wavelengths.
-    ///
-    /// # Errors
-    /// Wavelengths that are not one per band, or of which none lies within 200 to 2500 nm; lists
-    /// that do not fit.
+    /// Wavelengths that are not one per band, or of which none lies within 200 to 2500 nm.
     pub fn new(
         source: Box<dyn BandSource>,
         wavelength_nm: Vec<f64>,
