@@ -4,7 +4,8 @@
     real-sensors.py target/release/camrig OUT CAPTURES...
 
 OUT gets a camera file and a diagnosis for each capture set. Nothing is tuned: gain, read noise, PRNU and black level are
-those of the measurement, all else is left out.
+those of the measurement, all else is left out. Where rounding hides the read noise (8 bits), it is taken at its upper limit,
+which is said.
 """
 import json
 import pathlib
@@ -56,11 +57,16 @@ def main(camrig, out, *sets):
         folder = pathlib.Path(out) / captures.name
         folder.mkdir(parents=True)
         camera = folder / "camera.toml"
+        gain = m["overall_system_gain"]
+        read = m["temporal_dark_noise_e"]
+        if read is None:  # below 0.24 DN² the quantisation decides: EMVA 1288
+            read = 0.24**0.5 / gain
+            print(f"    {captures.name}: rounding hides the read noise; its upper limit is taken, {read:.2f} electrons")
         # DN per electron is full scale over full well.
         camera.write_text(CAMERA.format(
             name=captures.name, width=sensor["width"], height=sensor["height"], bits=bits,
-            full_well=(2**bits - 1) / m["overall_system_gain"], black=m["darks"][0]["mean_dn"],
-            read=m["temporal_dark_noise_e"], prnu=m["prnu_1288_percent"] / 100))
+            full_well=(2**bits - 1) / gain, black=m["darks"][0]["mean_dn"],
+            read=read, prnu=(m["prnu_1288_percent"] or 0) / 100))
         qe = m["quantum_efficiency"] or 0.5  # where light was not measured it takes no part
         (folder / "qe.csv").write_text("wavelength_nm,qe\n" + "".join(f"{nm},{qe}\n" for nm in range(300, 1101, 20)))
         told = run("diagnose", str(camera), str(captures), "-o", str(folder / "diagnosis"), "--json")

@@ -15,7 +15,8 @@
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
-//! | [`diagnose`], [`shapes`], [`validate`] | a camera and capture sets | effects, shapes; both compared |
+//! | [`diagnose`], [`shapes`] | a camera and capture sets | effects that it lacks, other shapes |
+//! | [`validate`] | a camera and capture sets | both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
 //! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
 //!

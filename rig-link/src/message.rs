@@ -16,8 +16,8 @@ pub const MAGIC: [u8; 6] = *b"camrig";
 /// Longest control message, bytes (a test encodes the largest).
 pub const CONTROL_BYTES: usize = 160;
 
-/// Bytes of a row's receipt, where raw rows stay with the device: the CRC-32C of the packed row that
-/// left by its own interface, little-endian.
+/// Bytes of a row's receipt, where raw rows stay with the device: the CRC-32C of the packed row
+/// that left by its own interface, little-endian.
 pub const RECEIPT_BYTES: usize = 4;
 
 /// The host's first message: opens a session and ends any other.

@@ -43,7 +43,13 @@ struct BenchArgs {
     )]
     frames: u32,
     /// Integration time
-    #[arg(long, default_value = "10ms", value_parser = duration, value_name = "TIME", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        default_value = "10ms",
+        value_parser = duration,
+        value_name = "TIME",
+        allow_hyphen_values = true
+    )]
     exposure: f64,
     /// Number of the first frame
     #[arg(long, default_value_t = 0, value_name = "K")]

@@ -26,7 +26,13 @@ pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
     /// Integration time at the start
-    #[arg(long, value_parser = duration, allow_hyphen_values = true, value_name = "TIME", default_value = "10ms")]
+    #[arg(
+        long,
+        value_parser = duration,
+        allow_hyphen_values = true,
+        value_name = "TIME",
+        default_value = "10ms"
+    )]
     exposure: f64,
     /// Analog gain at the start
     #[arg(long, value_parser = positive, value_name = "G", default_value_t = 1.0)]

@@ -17,7 +17,8 @@ use std::f64::consts::TAU;
 const RAYS: usize = 1024;
 /// Azimuths in which the rim is looked for: the nearest to y misses it by 1e-5 of its radius.
 const AZIMUTHS: usize = 256;
-/// Samples of the displaced pupil over its radius: the rim makes the sum over its overlap err by some 1e-3.
+/// Samples of the displaced pupil over its radius: the rim makes the sum over its overlap err by
+/// some 1e-3.
 const SAMPLES: usize = 64;
 /// Places of the sensor per cycle of the fastest phase in the sum.
 const PLACES_PER_CYCLE: f64 = 16.0;
