@@ -55,7 +55,8 @@ impl<A: Arith, F: Fn(u32, u32) -> f32> MeanRows<A> for Means<F> {
     }
 }
 
-/// A frame's DN, row by row. The source is dynamic, so that the chain is compiled once, not per light.
+/// A frame's DN, row by row. The source is dynamic, so that the chain is compiled once, not per
+/// light.
 pub fn frame<A: Arith>(
     config: &SensorConfig,
     settings: &FrameSettings,

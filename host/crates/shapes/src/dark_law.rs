@@ -5,7 +5,7 @@
 //! rate.
 
 use crate::view::View;
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
@@ -28,8 +28,8 @@ const SPREADS: [f64; 2] = [0.05, 1.8];
 /// Rounds in which the four parameters of the catalogue's law are settled, two at a time.
 const ROUNDS: usize = 3;
 /// Standard errors of the correlation of neighbours, and correlation, up to which they are
-/// independent: the border's pixels hold their neighbours' values, which makes two errors of it, and
-/// large sensors show correlations that change no law.
+/// independent: the border's pixels hold their neighbours' values, which makes two errors of it,
+/// and large sensors show correlations that change no law.
 const WHITE: f64 = 6.0;
 const TOGETHER: f64 = 0.05;
 /// Share of the pixels that may be hot, by powers of e.
@@ -46,8 +46,7 @@ pub(crate) struct DarkLaw {
 
 /// The law that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found = law(fit, held_out);
-    found.into_iter().map(|l| Box::new(l) as Box<dyn Shape>).collect()
+    shapes(law(fit, held_out))
 }
 
 /// Counts of a map's values, and the noise of a value.

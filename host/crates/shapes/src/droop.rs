@@ -6,7 +6,7 @@
 //! differs from column to column does not. `row-temporal-noise` of the catalogue has v = 1.
 
 use crate::view::View;
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
@@ -76,7 +76,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
         };
         (best.is_seen && best.pixels - other.pixels > limit()).then_some(best)
     });
-    found.map(|droop| Box::new(droop) as Box<dyn Shape>).collect()
+    shapes(found)
 }
 
 fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {

@@ -48,3 +48,8 @@ trait Shape {
     /// What it is.
     fn findings(&self) -> Vec<Finding>;
 }
+
+/// What a detector found, as shapes of any kind.
+fn shapes<S: Shape + 'static>(found: impl IntoIterator<Item = S>) -> Vec<Box<dyn Shape>> {
+    found.into_iter().map(|shape| Box::new(shape) as Box<dyn Shape>).collect()
+}

@@ -7,7 +7,7 @@
 //! spectrum that is not flat is its `flicker-banding` or `row-correlated-noise`.
 
 use crate::view::View;
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
@@ -63,8 +63,7 @@ struct Point {
 
 /// Line noise that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found = [Lines::Rows, Lines::Columns].into_iter().filter_map(|l| of(l, fit, held_out));
-    found.map(|noise| Box::new(noise) as Box<dyn Shape>).collect()
+    shapes([Lines::Rows, Lines::Columns].into_iter().filter_map(|l| of(l, fit, held_out)))
 }
 
 fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {

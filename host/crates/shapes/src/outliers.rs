@@ -2,7 +2,7 @@
 //! excess grows with the exposure, and no telegraph noise, which makes them noisier.
 
 use crate::view::{View, change_mean, channel_medians, gain, robust_sd};
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_diagnose::data::channels::Channels;
@@ -37,8 +37,7 @@ pub(crate) struct Outliers {
 
 /// The outliers that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found = outliers(fit, held_out);
-    found.into_iter().map(|o| Box::new(o) as Box<dyn Shape>).collect()
+    shapes(outliers(fit, held_out))
 }
 
 /// A stack's mean less the median of each channel, e⁻.

@@ -7,7 +7,7 @@
 
 use crate::steps::{self, Steps};
 use crate::view::{View, change_mean, gain};
-use crate::{Shape, blocks};
+use crate::{Shape, blocks, shapes};
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
@@ -66,8 +66,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
             return vec![Box::new(blocks)];
         }
     }
-    let found = [columns, rows].into_iter().flatten();
-    found.map(|taps| Box::new(taps) as Box<dyn Shape>).collect()
+    shapes([columns, rows].into_iter().flatten())
 }
 
 /// Means of a map's lines in the unit that is told.

@@ -7,7 +7,7 @@
 //! each stack free, r and A common.
 
 use crate::view::{View, gain};
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_captures::Role;
@@ -72,9 +72,7 @@ struct Spectrum {
 
 /// Serial correlations that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found: Vec<Serial> =
-        [true, false].into_iter().filter_map(|rows| of(rows, fit, held_out)).collect();
-    found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
+    shapes([true, false].into_iter().filter_map(|rows| of(rows, fit, held_out)))
 }
 
 fn spectra(view: &View<'_>, along_rows: bool) -> Vec<Spectrum> {

@@ -6,7 +6,7 @@
 //! step, stands against it. The step is known between the samples of two levels only.
 
 use crate::view::{View, gain};
-use crate::{FALSE_ALARMS, Shape};
+use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
@@ -62,8 +62,7 @@ struct Level {
 
 /// The step that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found = stitch(fit, held_out);
-    found.into_iter().map(|s| Box::new(s) as Box<dyn Shape>).collect()
+    shapes(stitch(fit, held_out))
 }
 
 /// Stacks by signal; none without flats of known light in one channel.

@@ -28,8 +28,8 @@ const CATALOGUED_PERIOD: f64 = 16.0;
 /// A wave with a new phase in each frame shows one of its own, and passes in one set of eight per
 /// map, before the stacks of each half are asked too.
 const SEEN_AGAIN: f64 = 0.75;
-/// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws of
-/// the catalogue have two, and what is steep at an edge has more.
+/// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws
+/// of the catalogue have two, and what is steep at an edge has more.
 const SMOOTH: usize = 4;
 /// Halvings of the step with which a frequency is refined, from a quarter of a bin: 1/65536 of it.
 const HALVINGS: usize = 16;
