@@ -45,6 +45,7 @@ mod spectrum;
 pub mod stop;
 pub mod table;
 mod table_form;
+pub mod tails;
 pub mod toml_text;
 
 pub use cfa::Cfa;

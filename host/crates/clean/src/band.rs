@@ -5,9 +5,9 @@
 //! over time that single samples are compared with.
 
 use super::scan::Scan;
-use super::tails;
 use camrig_base::Result;
 use camrig_base::median::median;
+use camrig_base::tails;
 use camrig_captures::{Capture, CaptureSet, Role};
 use rayon::prelude::*;
 use std::ops::Range;

@@ -11,9 +11,9 @@ use super::band::{Band, Levels, Residuals, bands};
 use super::finding::{Done, Finding, Kind, MOST_PIXELS, names};
 use super::hits::{FALSE_EVENTS, Search, stand_in};
 use super::scan::Scan;
-use super::tails;
 use super::transfer::Transfer;
 use camrig_base::Result;
+use camrig_base::tails;
 use camrig_captures::CaptureSet;
 
 /// Frames from which a change within a stack is looked for.
@@ -45,7 +45,7 @@ pub fn changes(search: &Search, r: &Residuals, masked: &[(usize, usize)]) -> Vec
         return Vec::new();
     }
     let first = search.first_row * r.width;
-    let limit = tails::normal_deviate(FALSE_EVENTS / search.samples.max(1.0));
+    let limit = tails::deviate((FALSE_EVENTS / search.samples.max(1.0)).ln());
     let expected = r.expected(search.dn_per_e);
     let mut out = Vec::new();
     let mut residuals = vec![0.0f32; n];
@@ -71,7 +71,7 @@ pub fn changes(search: &Search, r: &Residuals, masked: &[(usize, usize)]) -> Vec
         let more = search.dn_per_e * (high - low).abs();
         let dof = n as f64 - 2.0;
         let rest = (of(before, low) + of(after, high)) / dof / (f64::from(v) + more);
-        if best > limit && rest < tails::squares(REST, dof) {
+        if best > limit && rest < tails::quantile_of_squares(REST, dof) {
             out.push(Change { pixel: first + p, from: at_now, by_dn: high - low });
         }
     }
@@ -167,7 +167,7 @@ pub fn follow(
             }
         }
         let (from, z) = steepest(&pooled, kept.len() as f64);
-        if z < tails::normal_deviate(FALSE_EVENTS / (n * scans.len()) as f64) {
+        if z < tails::deviate((FALSE_EVENTS / (n * scans.len()) as f64).ln()) {
             continue;
         }
         let mean = |v: &[f32]| v.iter().map(|&x| f64::from(x)).sum::<f64>() / v.len() as f64;

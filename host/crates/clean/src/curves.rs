@@ -10,8 +10,8 @@
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
-use super::tails;
 use super::transfer::Transfer;
+use camrig_base::tails;
 use camrig_captures::{CaptureSet, Role};
 
 /// Fall of χ² from which a curve is there. Of 350 sets without one, 2 passed 17 and none this
@@ -182,7 +182,7 @@ fn fit(stacks: &[&Means], shape: Shape, of_light: bool) -> Fitted {
         if differ > MORE {
             let t = amplitude * (weight / differ).sqrt();
             let chance = tails::student_both(t, dof).max(1e-300);
-            fall = fall.min(tails::normal_deviate(chance / 2.0).powi(2));
+            fall = fall.min(tails::deviate((chance / 2.0).ln()).powi(2));
         } else {
             // What stacks share, whatever single frames scatter.
             fall = fall.max(amplitude * amplitude * weight / differ.max(1.0));

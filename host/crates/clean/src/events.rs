@@ -8,8 +8,8 @@
 use super::finding::{Done, Finding, Kind, Rate, names};
 use super::hits::{Event, FALSE_EVENTS, Found};
 use super::scan::Scan;
-use super::tails;
 use super::transfer::Transfer;
+use camrig_base::tails;
 use camrig_captures::CaptureSet;
 use std::collections::BTreeMap;
 

@@ -9,7 +9,7 @@
 //! (Cornish & Fisher 1938).
 
 use super::band::{Band, Residuals};
-use super::tails;
+use camrig_base::tails;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
@@ -78,7 +78,7 @@ pub struct Search {
 impl Search {
     /// The limit, normal deviates.
     pub fn limit(&self) -> f64 {
-        tails::normal_deviate(FALSE_EVENTS / self.samples.max(1.0))
+        tails::deviate((FALSE_EVENTS / self.samples.max(1.0)).ln())
     }
 
     /// Events of a band; `period` columns of the filter pattern.
@@ -89,11 +89,12 @@ impl Search {
         }
         let limit = self.limit();
         let scatter = 1.0 + std::f64::consts::PI / 2.0 / (n as f64 - 1.0);
+        let trimmed = Trimmed::new(n);
         let sd: Vec<f32> = r
             .expected(self.dn_per_e)
             .par_iter()
             .zip(r.values.par_chunks(n))
-            .map(|(&v, values)| (own_variance(v, values, scatter) * scatter).sqrt() as f32)
+            .map(|(&v, values)| (trimmed.own_variance(v, values, scatter) * scatter).sqrt() as f32)
             .collect();
         // Limits in DN above and below for each pixel.
         let above = |p: usize| {
@@ -117,7 +118,7 @@ impl Search {
             }
         }
         seeds.sort_unstable();
-        let mut events = self.grown(r, &sd, &seeds);
+        let mut events = self.grown(r, &sd, &seeds, limit);
         self.fill(band, r, period, &mut events);
         Found { events, negative }
     }
@@ -143,7 +144,13 @@ impl Search {
     }
 
     /// Events around seeds, which are in the order of frames.
-    fn grown(&self, r: &Residuals, sd: &[f32], seeds: &[(usize, usize)]) -> Vec<Event> {
+    fn grown(
+        &self,
+        r: &Residuals,
+        sd: &[f32],
+        seeds: &[(usize, usize)],
+        limit: f64,
+    ) -> Vec<Event> {
         let n = r.frames;
         let (width, height) = (r.width, r.median.len() / r.width);
         let z = |p: usize, i: usize| f64::from(r.values[p * n + i] / sd[p]);
@@ -160,7 +167,7 @@ impl Search {
                 next += 1;
                 let large = z(seed, i) > LARGE;
                 let least = if steps > 0 && large { NEIGHBOUR.1 } else { NEIGHBOUR.0 };
-                if steps > 0 && (!large || steps > REACH) && z(p, i) < self.limit() {
+                if steps > 0 && (!large || steps > REACH) && z(p, i) < limit {
                     continue;
                 }
                 for q in around(p, width, height) {
@@ -189,28 +196,43 @@ impl Search {
     }
 }
 
-/// The larger of a pixel's expected variance and the least that its own residuals allow.
-fn own_variance(expected: f32, values: &[f32], scatter: f64) -> f64 {
-    let expected = f64::from(expected);
-    let far = LOOKED_AT * LOOKED_AT * expected * scatter;
-    let n = values.len();
-    if n < 4 || values.iter().all(|&x| f64::from(x * x) < far) {
-        return expected;
+/// What the squared residuals of a pixel are judged by without its largest ones: two events in one
+/// pixel must not hide each other. The same for every pixel of a stack.
+struct Trimmed {
+    /// How many of the largest are left out.
+    out: usize,
+    /// What the rest of the squares of normal deviates makes up, by the law's quantiles.
+    kept: f64,
+    /// What the rest over `kept` passes upwards by chance alone.
+    bound: f64,
+}
+
+impl Trimmed {
+    /// Of stacks of `n` frames.
+    fn new(n: usize) -> Self {
+        let out = if n >= 8 { 2 } else { 1 };
+        let kept = (0..n - out)
+            .map(|i| {
+                let share = (i as f64 + 0.625) / (n as f64 + 0.25);
+                tails::deviate(((1.0 - share) / 2.0).ln()).powi(2)
+            })
+            .sum();
+        Self { out, kept, bound: tails::quantile_of_squares(OWN_BOUND, (n - out - 1) as f64) }
     }
-    // Without the largest two: two events in one pixel must not hide each other.
-    let out = if n >= 8 { 2 } else { 1 };
-    let mut squares: Vec<f64> = values.iter().map(|&x| f64::from(x * x)).collect();
-    squares.sort_unstable_by(f64::total_cmp);
-    // What the rest of n squares of normal deviates makes up, by the law's quantiles.
-    let kept: f64 = (0..n - out)
-        .map(|i| {
-            let share = (i as f64 + 0.625) / (n as f64 + 0.25);
-            tails::normal_deviate((1.0 - share) / 2.0).powi(2)
-        })
-        .sum();
-    let own = squares[..n - out].iter().sum::<f64>() / kept;
-    let least = own / tails::squares(OWN_BOUND, (n - out - 1) as f64);
-    expected.max(least)
+
+    /// The larger of a pixel's expected variance and the least that its own residuals allow.
+    fn own_variance(&self, expected: f32, values: &[f32], scatter: f64) -> f64 {
+        let expected = f64::from(expected);
+        let far = LOOKED_AT * LOOKED_AT * expected * scatter;
+        let n = values.len();
+        if n < 4 || values.iter().all(|&x| f64::from(x * x) < far) {
+            return expected;
+        }
+        let mut squares: Vec<f64> = values.iter().map(|&x| f64::from(x * x)).collect();
+        squares.sort_unstable_by(f64::total_cmp);
+        let own = squares[..n - self.out].iter().sum::<f64>() / self.kept;
+        expected.max(own / self.bound)
+    }
 }
 
 /// The eight neighbours of a pixel.

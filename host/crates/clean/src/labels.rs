@@ -12,9 +12,9 @@
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
-use super::tails;
 use super::transfer::Transfer;
 use camrig_base::median::median;
+use camrig_base::tails;
 use camrig_captures::{Capture, CaptureSet, Light, Role};
 use nalgebra::{DMatrix, DVector};
 

@@ -48,7 +48,6 @@ mod inspect;
 mod labels;
 mod processed;
 mod scan;
-mod tails;
 mod temperature;
 #[cfg(test)]
 mod tests;

@@ -83,7 +83,7 @@ fn black(set: &CaptureSet, scans: &[Scan]) -> f64 {
 fn of_hot_pixels(r: &Residuals) -> Option<f64> {
     let limit = r.level + HOT.0 * r.typical.sqrt();
     let dof = (r.frames as f64 - 1.0).max(1.0);
-    let scale = super::tails::median_of_squares(dof);
+    let scale = camrig_base::tails::median_of_squares(dof);
     let mut slopes: Vec<f64> = (r.median.iter().zip(&r.variance))
         .filter(|(m, _)| f64::from(**m) > limit)
         .map(|(&m, &v)| (f64::from(v) / scale - r.typical) / (f64::from(m) - r.level))

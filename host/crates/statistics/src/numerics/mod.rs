@@ -4,4 +4,5 @@
 pub mod lanes;
 pub mod minimise;
 pub mod spectrum;
-pub mod tails;
+
+pub use camrig_base::tails;
