@@ -24,7 +24,7 @@
 use super::exposures::Series;
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
-use nalgebra::{DMatrix, DVector};
+use camrig_linear::{Matrix, Vector, solve_positive};
 
 /// Distance of the knots in ln Z.
 const STEP: f64 = 0.1;
@@ -290,8 +290,8 @@ fn block_statistics(signal: &Plane<f32>, cfa: &Cfa, channel: char) -> Vec<Block>
 
 /// Solves for the knots with ln E of every block eliminated, g = `anchor` at ln Z = `anchor`.
 fn solve(blocks: &[Vec<Sample>], first: f64, knots: usize, anchor: f64) -> Result<Vec<f64>> {
-    let mut normal = DMatrix::<f64>::zeros(knots, knots);
-    let mut right = DVector::<f64>::zeros(knots);
+    let mut normal = Matrix::zeros(knots, knots);
+    let mut right = Vector::zeros(knots);
     for block in blocks {
         let sum: f64 = block.iter().map(|s| s.weight).sum();
         let mean_time = block.iter().map(|s| s.weight * s.ln_seconds).sum::<f64>() / sum;
@@ -335,8 +335,7 @@ fn solve(blocks: &[Vec<Sample>], first: f64, knots: usize, anchor: f64) -> Resul
             normal[(i, j)] += heavy * a * b;
         }
     }
-    let solved = normal.cholesky().map(|c| c.solve(&right));
-    let solved = solved.ok_or_else(|| {
+    let solved = solve_positive(normal, &right).ok_or_else(|| {
         Error::input("the exposures do not determine a response curve")
             .help("add exposures so that neighbouring ones share part of their range of signals")
     })?;

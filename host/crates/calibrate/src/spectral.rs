@@ -15,11 +15,11 @@
 
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
+use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product, symmetric_eigen};
 use camrig_scene::Illuminant;
 use camrig_scene::delta_e::{delta_e_2000, lab};
 use camrig_scene::photometry::observer_in_bands;
 use camrig_vector::vectorised;
-use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Relative noise of a channel that the estimate is regularised with, unless told otherwise.
@@ -27,14 +27,14 @@ pub const NOISE: f64 = 0.01;
 
 /// What a camera's channels see of a reflectance: C of the module's text.
 #[derive(Clone, Debug)]
-pub struct Channels(DMatrix<f64>);
+pub struct Channels(Matrix);
 
 impl Channels {
     /// From sensitivities per channel and band (electrons per energy, any scale) and light per
     /// band.
     pub fn new(sensitivity: &[Vec<f64>], light: &[f64]) -> Result<Self> {
         let mut rows =
-            DMatrix::from_fn(sensitivity.len(), light.len(), |c, b| sensitivity[c][b] * light[b]);
+            Matrix::from_fn(sensitivity.len(), light.len(), |c, b| sensitivity[c][b] * light[b]);
         for (channel, mut row) in rows.row_iter_mut().enumerate() {
             let white = row.sum();
             if !(white > 0.0) {
@@ -48,7 +48,7 @@ impl Channels {
 
     /// Signals of a reflectance, 1 for a perfect white.
     pub fn see(&self, reflectance: &[f64]) -> Vec<f64> {
-        (&self.0 * DVector::from_column_slice(reflectance)).iter().copied().collect()
+        apply(&self.0, &Vector::from_column_slice(reflectance)).data.into()
     }
 }
 
@@ -56,8 +56,8 @@ impl Channels {
 #[derive(Clone, Debug)]
 pub struct Estimator {
     /// Per band a weight for each channel.
-    matrix: DMatrix<f64>,
-    offset: DVector<f64>,
+    matrix: Matrix,
+    offset: Vector,
 }
 
 impl Estimator {
@@ -70,15 +70,16 @@ impl Estimator {
         noise: f64,
     ) -> Result<Self> {
         let (mean, basis, variances) = principal_components(training, components, true)?;
-        let a = &channels.0 * &basis;
-        let prior = DMatrix::from_diagonal(&variances);
-        let mut seen = &a * &prior * a.transpose();
+        let a = product(&channels.0, &basis);
+        let prior = Matrix::from_diagonal(&variances);
+        let mut seen = product(&product(&a, &prior), &a.transpose());
         for i in 0..seen.nrows() {
             seen[(i, i)] += noise * noise;
         }
-        let inverse = seen.try_inverse().ok_or_else(no_inverse)?;
-        let matrix = basis * prior * a.transpose() * inverse;
-        let offset = &mean - &matrix * (&channels.0 * &mean);
+        let inverse = inverse(seen).ok_or_else(no_inverse)?;
+        let weighted = product(&product(&basis, &prior), &a.transpose());
+        let matrix = product(&weighted, &inverse);
+        let offset = &mean - apply(&matrix, &apply(&channels.0, &mean));
         Ok(Self { matrix, offset })
     }
 
@@ -89,15 +90,15 @@ impl Estimator {
         components: usize,
     ) -> Result<Self> {
         let (_, basis, _) = principal_components(training, components, false)?;
-        let inverse = (&channels.0 * &basis).pseudo_inverse(1e-12).map_err(|_| no_inverse())?;
-        let matrix = basis * inverse;
-        let offset = DVector::zeros(matrix.nrows());
+        let seen = Singular::of(&product(&channels.0, &basis));
+        let matrix = product(&basis, &seen.pseudo_inverse(1e-12).ok_or_else(no_inverse)?);
+        let offset = Vector::zeros(matrix.nrows());
         Ok(Self { matrix, offset })
     }
 
     /// The reflectance that signals stand for.
     pub fn estimate(&self, signals: &[f64]) -> Vec<f64> {
-        let estimate = &self.offset + &self.matrix * DVector::from_column_slice(signals);
+        let estimate = &self.offset + apply(&self.matrix, &Vector::from_column_slice(signals));
         estimate.iter().map(|v| v.clamp(0.0, 1.0)).collect()
     }
 
@@ -149,22 +150,20 @@ fn principal_components(
     training: &[Vec<f64>],
     components: usize,
     centred: bool,
-) -> Result<(DVector<f64>, DMatrix<f64>, DVector<f64>)> {
+) -> Result<(Vector, Matrix, Vector)> {
     let (count, bands) = (training.len(), training.first().map_or(0, Vec::len));
     let most = bands.min(count.saturating_sub(1));
     if components == 0 || components > most {
         return Err(Error::input(format!("{components} components of {count} training spectra"))
             .help(format!("use 1 to {most}, or more spectra")));
     }
-    let spectra = DMatrix::from_fn(count, bands, |i, b| training[i][b]);
-    let mean = if centred { spectra.row_mean().transpose() } else { DVector::zeros(bands) };
-    let deviations = DMatrix::from_fn(count, bands, |i, b| training[i][b] - mean[b]);
-    let covariance = deviations.transpose() * &deviations / (count as f64 - 1.0);
-    let eigen = covariance.symmetric_eigen();
-    let mut order: Vec<usize> = (0..bands).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let basis = DMatrix::from_fn(bands, components, |b, k| eigen.eigenvectors[(b, order[k])]);
-    let variances = DVector::from_fn(components, |k, _| eigen.eigenvalues[order[k]].max(0.0));
+    let spectra = Matrix::from_fn(count, bands, |i, b| training[i][b]);
+    let mean = if centred { spectra.row_mean().transpose() } else { Vector::zeros(bands) };
+    let deviations = Matrix::from_fn(count, bands, |i, b| training[i][b] - mean[b]);
+    let covariance = product(&deviations.transpose(), &deviations) / (count as f64 - 1.0);
+    let (values, vectors) = symmetric_eigen(covariance);
+    let basis = Matrix::from_fn(bands, components, |b, k| vectors[(b, k)]);
+    let variances = Vector::from_fn(components, |k, _| values[k].max(0.0));
     Ok((mean, basis, variances))
 }
 

@@ -16,7 +16,7 @@ use super::transfer::Transfer;
 use camrig_base::median::median;
 use camrig_base::tails;
 use camrig_captures::{Capture, CaptureSet, Light, Role};
-use nalgebra::{DMatrix, DVector};
+use camrig_linear::{LeastSquares, Matrix, Vector, quadratic};
 
 /// Chance of a false name in a set.
 const FALSE_NAME: f64 = 1e-3;
@@ -223,27 +223,25 @@ fn fit(levels: &[Level], keep: &[bool], also: Also) -> Option<Fit> {
         if n - used < 1.0 {
             continue;
         }
-        let a = DMatrix::from_fn(kept.len(), columns, |r, c| {
+        let a = Matrix::from_fn(kept.len(), columns, |r, c| {
             terms(&levels[kept[r]])[c] / error(&levels[kept[r]])
         });
         let b =
-            DVector::from_fn(kept.len(), |r, _| ratio(&levels[kept[r]]) / error(&levels[kept[r]]));
-        let Some(covariance) = (a.transpose() * &a).try_inverse() else { continue };
-        let solution = &covariance * a.transpose() * &b;
-        let chi = (&b - &a * &solution).norm_squared();
-        let score = n * chi.max(0.3 * n).ln() + used * n.ln();
+            Vector::from_fn(kept.len(), |r, _| ratio(&levels[kept[r]]) / error(&levels[kept[r]]));
+        let Some(fit) = LeastSquares::of(&a, &b) else { continue };
+        let score = n * fit.chi2.max(0.3 * n).ln() + used * n.ln();
         if best.as_ref().is_some_and(|(least, _)| score >= *least) {
             continue;
         }
         let (mut left, mut law) = (Vec::new(), Vec::new());
         for l in levels {
-            let row = DVector::from_vec(terms(l));
-            let value = row.dot(&solution);
-            let of_law = row.dot(&(&covariance * &row));
+            let row = Vector::from_vec(terms(l));
+            let value = row.dot(&fit.coefficients);
+            let of_law = quadratic(&fit.covariance, &row);
             left.push((ratio(l) - value, (error(l).powi(2) + of_law).sqrt()));
             law.push(value);
         }
-        best = Some((score, Fit { left, law, chi, dof: n - used }));
+        best = Some((score, Fit { left, law, chi: fit.chi2, dof: n - used }));
     }
     best.map(|b| b.1)
 }

@@ -1,7 +1,7 @@
 //! Weighted linear least squares with the covariance of the coefficients.
 
 use camrig_base::{Error, Result};
-use nalgebra::{DMatrix, DVector};
+use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product};
 
 /// Smallest ratio of singular values of the scaled design with which its columns count as
 /// independent: below 1e-10 rounding (1e-16) costs more than six of the sixteen digits.
@@ -13,7 +13,7 @@ pub struct Fit {
     /// Fitted coefficients, one per column of the design.
     pub coefficients: Vec<f64>,
     /// Covariance of the coefficients for the given errors of the data.
-    covariance: DMatrix<f64>,
+    covariance: Matrix,
     /// χ²: sum of squared residuals in units of the given errors.
     pub chi2: f64,
     /// Degrees of freedom: number of data less number of coefficients.
@@ -36,25 +36,26 @@ impl Fit {
         }
         // Columns are scaled to unit length, so that their units have no influence on the
         // condition.
-        let weighted = DMatrix::from_fn(rows, columns, |i, j| design[i][j] / error[i]);
+        let weighted = Matrix::from_fn(rows, columns, |i, j| design[i][j] / error[i]);
         let scale: Vec<f64> = (0..columns).map(|j| weighted.column(j).norm()).collect();
-        let scaled = DMatrix::from_fn(rows, columns, |i, j| weighted[(i, j)] / scale[j]);
-        let target = DVector::from_fn(rows, |i, _| y[i] / error[i]);
+        let scaled = Matrix::from_fn(rows, columns, |i, j| weighted[(i, j)] / scale[j]);
+        let target = Vector::from_fn(rows, |i, _| y[i] / error[i]);
         let degenerate = || Error::input("the data do not determine every unknown of a fit");
         if scale.iter().any(|s| !(*s > 0.0 && s.is_finite())) {
             return Err(degenerate());
         }
-        let svd = scaled.clone().svd(true, true);
-        let smallest = svd.singular_values.min() / svd.singular_values.max();
-        if smallest.is_nan() || smallest < LEAST_CONDITION {
+        let singular = Singular::of(&scaled);
+        let condition = singular.condition();
+        if condition.is_nan() || condition < LEAST_CONDITION {
             return Err(degenerate());
         }
-        let solution = svd.solve(&target, 0.0).map_err(|_| degenerate())?;
-        let residual = &target - &scaled * &solution;
-        let inverse = (scaled.transpose() * &scaled).try_inverse().ok_or_else(degenerate)?;
+        let solution = singular.solve(&target, 0.0).ok_or_else(degenerate)?;
+        let residual = &target - apply(&scaled, &solution);
+        let normal = product(&scaled.transpose(), &scaled);
+        let inverse = inverse(normal).ok_or_else(degenerate)?;
         Ok(Self {
             coefficients: (0..columns).map(|j| solution[j] / scale[j]).collect(),
-            covariance: DMatrix::from_fn(columns, columns, |i, j| {
+            covariance: Matrix::from_fn(columns, columns, |i, j| {
                 inverse[(i, j)] / (scale[i] * scale[j])
             }),
             chi2: residual.norm_squared(),

@@ -16,7 +16,7 @@ use camrig_diagnose::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated
 use camrig_diagnose::statistics::noise::frame_variance;
 use camrig_diagnose::statistics::statistic::{Key, Place, What};
 use camrig_diagnose::statistics::temporal::{Temporal, mean};
-use nalgebra::{DMatrix, DVector};
+use camrig_linear::{LeastSquares, Matrix, Vector};
 
 /// Flats without which no step is told from a smooth law.
 const LEAST_FLATS: usize = 5;
@@ -107,13 +107,12 @@ fn levels(view: &View<'_>) -> Option<Vec<Level>> {
 
 /// Weighted least squares: the last coefficient with its standard error, and χ².
 fn least_squares(columns: &[Vec<f64>], y: &[Estimated]) -> Option<(Estimated, f64)> {
-    let a = DMatrix::from_fn(y.len(), columns.len(), |i, j| columns[j][i] / y[i].se);
-    let b = DVector::from_fn(y.len(), |i, _| y[i].value / y[i].se);
-    let inverse = (a.transpose() * &a).try_inverse()?;
-    let x = &inverse * a.transpose() * &b;
-    let rest = (&b - &a * &x).norm_squared();
+    let a = Matrix::from_fn(y.len(), columns.len(), |i, j| columns[j][i] / y[i].se);
+    let b = Vector::from_fn(y.len(), |i, _| y[i].value / y[i].se);
+    let fit = LeastSquares::of(&a, &b)?;
     let last = columns.len() - 1;
-    Some((Estimated { value: x[last], se: inverse[(last, last)].sqrt() }, rest))
+    let se = fit.covariance[(last, last)].sqrt();
+    Some((Estimated { value: fit.coefficients[last], se }, fit.chi2))
 }
 
 /// Columns of the laws of the variance: constant, in proportion to the signal, and one more.

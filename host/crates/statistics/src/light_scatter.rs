@@ -8,6 +8,7 @@
 use super::statistic::{Key, Place, Values, What};
 use crate::data::design::{Condition, Design, same_temperature};
 use camrig_camera::Camera;
+use camrig_linear::{Matrix, Singular, Vector, apply};
 use std::collections::BTreeMap;
 
 /// Relative scatter of the light where a set has too few flats to show it: that of a stabilised
@@ -138,12 +139,10 @@ fn scatter(design: &Design, values: &Values, series: &[usize], class: u8) -> Opt
         return None;
     }
     let rows = points.len();
-    let a = nalgebra::DMatrix::from_fn(rows, 3, |r, c| {
-        (points[r].0 / top).powi(c as i32) / points[r].2
-    });
-    let b = nalgebra::DVector::from_fn(rows, |r, _| points[r].1 / points[r].2);
-    let fit = a.clone().svd(true, true).solve(&b, 1e-12).ok()?;
-    let left = b - a * fit;
+    let a = Matrix::from_fn(rows, 3, |r, c| (points[r].0 / top).powi(c as i32) / points[r].2);
+    let b = Vector::from_fn(rows, |r, _| points[r].1 / points[r].2);
+    let fit = Singular::of(&a).solve(&b, 1e-12)?;
+    let left = b - apply(&a, &fit);
     let chi = left.norm_squared() / (rows as f64 - 3.0);
     let mean = points.iter().map(|p| p.1).sum::<f64>() / rows as f64;
     let statistical = points.iter().map(|p| p.2 * p.2).sum::<f64>() / rows as f64;

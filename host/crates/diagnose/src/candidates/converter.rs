@@ -14,8 +14,8 @@ use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
 use crate::statistics::temporal::Temporal;
+use camrig_linear::{Matrix, Vector, apply, inverse, product};
 use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
-use nalgebra::{DMatrix, DVector};
 
 /// Bits whose errors the effect has parameters for, from the lowest.
 const BITS: usize = 7;
@@ -68,11 +68,11 @@ fn widening(bit: usize, code: usize) -> f64 {
 /// stacks do not determine them.
 fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     let n = bits.len();
-    let mut errors = DVector::<f64>::zeros(n);
-    let mut scatter = DMatrix::zeros(n, n);
+    let mut errors = Vector::zeros(n);
+    let mut scatter = Matrix::zeros(n, n);
     for _ in 0..NEWTON {
-        let (mut sums, mut matrix) = (DVector::<f64>::zeros(n), DMatrix::<f64>::zeros(n, n));
-        let mut covariance = DMatrix::zeros(n, n);
+        let (mut sums, mut matrix) = (Vector::zeros(n), Matrix::zeros(n, n));
+        let mut covariance = Matrix::zeros(n, n);
         for stack in stacks {
             let smooth: Vec<bool> = bits.iter().map(|&b| stack.smooth_over(b)).collect();
             for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
@@ -89,9 +89,9 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
                 }
             }
         }
-        let inverse = matrix.try_inverse()?;
-        errors += &inverse * sums;
-        scatter = &inverse * covariance * inverse.transpose();
+        let inverse = inverse(matrix)?;
+        errors += apply(&inverse, &sums);
+        scatter = product(&product(&inverse, &covariance), &inverse.transpose());
     }
     Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
 }

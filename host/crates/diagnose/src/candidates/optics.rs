@@ -24,9 +24,9 @@ use crate::model::effects;
 use crate::statistics::shading;
 use crate::statistics::statistic::{Key, Place, Statistic};
 use camrig_camera::{Camera, LensKind};
+use camrig_linear::{LeastSquares, Matrix, Vector, inverse, quadratic};
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
-use nalgebra::{DMatrix, DVector};
 
 /// A parameter that is estimated.
 struct Free {
@@ -102,7 +102,7 @@ struct Column {
     kind: &'static str,
     key: &'static str,
     /// What a unit of it does to every figure, in standard deviations.
-    change: DVector<f64>,
+    change: Vector,
     /// Whether the model has another value than that which does nothing.
     present: bool,
     /// Whether it moves figures of maps.
@@ -115,7 +115,7 @@ struct Residual {
     /// Standard deviation of each figure on its scale.
     sd: Vec<f64>,
     /// Measured less predicted, in standard deviations.
-    z: DVector<f64>,
+    z: Vector,
 }
 
 /// Whether a kind is estimated from captures of targets.
@@ -254,7 +254,7 @@ fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
 impl Residual {
     /// Of all figures of targets, and of the fall-off of the gain map.
     fn of(e: &Evidence<'_>) -> Self {
-        let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: DVector::zeros(0) };
+        let mut out = Self { keys: Vec::new(), sd: Vec::new(), z: Vector::zeros(0) };
         let mut z = Vec::new();
         let of_falls = |what| shading::slope(what, None, 0).is_some();
         let wanted = |k: &Key| matches!(k.0, Place::Target(_)) || of_falls(k.1);
@@ -265,14 +265,14 @@ impl Residual {
             out.sd.push(sd);
             z.push((p.scale.of(s.value) - p.scaled) / sd);
         }
-        out.z = DVector::from_vec(z);
+        out.z = Vector::from_vec(z);
         out
     }
 
     /// A derivative with every figure in its standard deviations.
-    fn scaled(&self, slope: &Slope) -> DVector<f64> {
+    fn scaled(&self, slope: &Slope) -> Vector {
         let at = |(key, sd): (&Key, &f64)| slope.get(key).copied().unwrap_or(0.0) / sd;
-        DVector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(at))
+        Vector::from_iterator(self.keys.len(), self.keys.iter().zip(&self.sd).map(at))
     }
 }
 
@@ -374,7 +374,7 @@ struct Solution {
     /// Index of a column and change of its parameter, in the parameter's unit.
     estimates: Vec<(usize, Estimated)>,
     /// Covariance of the changes.
-    covariance: DMatrix<f64>,
+    covariance: Matrix,
     /// By how much the sum of squares falls.
     fall: f64,
 }
@@ -386,24 +386,24 @@ impl Solution {
             return None;
         }
         let norms: Vec<f64> = free.iter().map(|&i| columns[i].change.norm()).collect();
-        let scaled: Vec<DVector<f64>> =
-            free.iter().zip(&norms).map(|(&i, n)| &columns[i].change / *n).collect();
-        let a = DMatrix::from_columns(&scaled);
-        let normal = a.transpose() * &a;
-        let inverse = normal.try_inverse()?;
+        // Columns of unit length: their units have no influence on what counts as confounded.
+        let a = Matrix::from_fn(residual.z.len(), free.len(), |row, k| {
+            columns[free[k]].change[row] / norms[k]
+        });
+        let fit = LeastSquares::of(&a, &residual.z)?;
         // Diagonal of the inverse: one over the share of each column that the others leave.
-        if inverse.diagonal().iter().any(|d| !(*d > 0.0 && *d < 1.0 / APART)) {
+        if fit.covariance.diagonal().iter().any(|d| !(*d > 0.0 && *d < 1.0 / APART)) {
             return None;
         }
-        let moment = a.transpose() * &residual.z;
-        let x = &inverse * &moment;
         let estimates = free.iter().enumerate().map(|(k, &i)| {
-            let se = inverse[(k, k)].sqrt() / norms[k];
-            (i, Estimated { value: x[k] / norms[k], se })
+            let se = fit.covariance[(k, k)].sqrt() / norms[k];
+            (i, Estimated { value: fit.coefficients[k] / norms[k], se })
         });
         let estimates = estimates.collect();
-        let scale = DMatrix::from_diagonal(&DVector::from_vec(norms)).try_inverse()?;
-        Some(Self { estimates, covariance: &scale * inverse * &scale, fall: x.dot(&moment) })
+        let covariance = Matrix::from_fn(free.len(), free.len(), |r, c| {
+            fit.covariance[(r, c)] / (norms[r] * norms[c])
+        });
+        Some(Self { estimates, covariance, fall: residual.z.norm_squared() - fit.chi2 })
     }
 
     /// Distance of the kind's own parameters from what the model has, in standard errors.
@@ -411,9 +411,9 @@ impl Solution {
         let mine: Vec<usize> =
             (0..self.estimates.len()).filter(|&k| self.estimates[k].0 < own).collect();
         let n = mine.len();
-        let block = DMatrix::from_fn(n, n, |r, c| self.covariance[(mine[r], mine[c])]);
-        let x = DVector::from_fn(n, |r, _| self.estimates[mine[r]].1.value);
-        Some((x.transpose() * block.try_inverse()? * x)[(0, 0)].max(0.0).sqrt())
+        let block = Matrix::from_fn(n, n, |r, c| self.covariance[(mine[r], mine[c])]);
+        let x = Vector::from_fn(n, |r, _| self.estimates[mine[r]].1.value);
+        Some(quadratic(&inverse(block)?, &x).max(0.0).sqrt())
     }
 }
 
@@ -490,7 +490,7 @@ mod tests {
 
     /// A column that moves some of three figures by `change` each.
     fn column(key: &'static str, change: [f64; 3]) -> Column {
-        let change = DVector::from_row_slice(&change);
+        let change = Vector::from_row_slice(&change);
         Column { kind: "colour-shading", key, change, present: false, in_maps: true }
     }
 
@@ -504,7 +504,7 @@ mod tests {
         let shared = || Some(column("corner", [1.0; 3]));
         let chosen = |z: [f64; 3], shared| {
             let residual =
-                Residual { keys: Vec::new(), sd: Vec::new(), z: DVector::from_row_slice(&z) };
+                Residual { keys: Vec::new(), sd: Vec::new(), z: Vector::from_row_slice(&z) };
             choose(&channels, 3, shared, &residual)
         };
         assert_eq!(chosen([1.0, -2.0, 3.0], shared()), None, "nothing");

@@ -24,12 +24,12 @@ use crate::numerics::minimise::minimum;
 use crate::statistics::maps::{MapKind, reference_dark};
 use crate::statistics::statistic::{Place, What};
 use camrig_captures::Role;
+use camrig_linear::{Matrix, Singular, Vector, apply};
 use camrig_sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
     image_lag::ImageLag, nonlinearity::Nonlinearity, quantum_efficiency::QuantumEfficiency,
     system_gain::SystemGain,
 };
-use nalgebra::{DMatrix, DVector};
 
 /// Longest exposure of a dark stack, in that of the reference, from which the change of the black
 /// level with gain is taken: of longer ones it is the dark signal that changes.
@@ -250,22 +250,22 @@ struct Bend {
 /// do not allow it.
 fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend> {
     let weighted = |f: &dyn Fn(f64) -> f64| {
-        DVector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
+        Vector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
     };
-    let y = DVector::from_iterator(points.len(), points.iter().map(|(_, r)| r.value / r.se));
+    let y = Vector::from_iterator(points.len(), points.iter().map(|(_, r)| r.value / r.se));
     let scale = weighted(&|_| f64::from(u8::from(free)));
     let unbent = match scale.norm_squared() {
         0.0 => y.clone(),
         norm => &y - &scale * (scale.dot(&y) / norm),
     };
     let columns = [scale, weighted(&|x| -x.powf(n)), weighted(&|x| -l * x.powf(n) * x.ln())];
-    let a = DMatrix::from_columns(&columns);
-    let svd = a.clone().svd(true, true);
-    let least = SINGULAR * svd.singular_values.max();
-    let solved = svd.solve(&y, least).ok()?;
-    let inverse = svd.pseudo_inverse(least).ok()?;
+    let a = Matrix::from_columns(&columns);
+    let singular = Singular::of(&a);
+    let least = SINGULAR * singular.largest();
+    let solved = singular.solve(&y, least)?;
+    let inverse = singular.pseudo_inverse(least)?;
     let value = |i: usize| Estimated { value: solved[i], se: inverse.row(i).norm() };
-    let left = (&y - a * &solved).norm_squared();
+    let left = (&y - apply(&a, &solved)).norm_squared();
     let fell = (unbent.norm_squared() - left).max(0.0);
     Some(Bend { scale: solved[0], values: [value(1), value(2)], left, fell })
 }
