@@ -2,7 +2,7 @@
 
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, RawFrame, Result};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, changes, is_preset};
 use camrig_optics::DeviceChoice;
 use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
@@ -17,6 +17,29 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+
+/// A camera, and changes to its file.
+#[derive(clap::Args, Debug)]
+pub struct CameraArgs {
+    /// Camera file or preset
+    #[arg(long, value_name = "C")]
+    pub camera: String,
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    pub set: Vec<(String, toml::Value)>,
+}
+
+impl CameraArgs {
+    /// The camera with its changes.
+    pub fn load(&self) -> Result<Camera> {
+        Camera::load_with(&self.camera, &self.set)
+    }
+
+    /// The name of a preset as it is; `None` of a file, or of a preset that was changed.
+    pub fn preset(&self) -> Option<&str> {
+        (is_preset(&self.camera) && self.set.is_empty()).then_some(&self.camera)
+    }
+}
 
 /// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
 pub fn duration(text: &str) -> Result<f64, String> {

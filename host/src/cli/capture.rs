@@ -1,8 +1,7 @@
 //! `camrig capture`: a whole capture set, simulated.
 
-use super::arguments::{arithmetic, broken_link, progress};
+use super::arguments::{CameraArgs, arithmetic, broken_link, progress};
 use camrig_base::Result;
-use camrig_camera::{Camera, is_preset};
 use camrig_capture::{plan, take};
 use camrig_render::Arithmetic;
 use std::path::PathBuf;
@@ -15,9 +14,8 @@ use std::process::ExitCode;
     camrig measure ptc captures\n  \
     camrig capture --camera mt9v024 --size 128,128 --plan ptc --rig emulator: -o from-rig")]
 pub struct Args {
-    /// Camera file or preset
-    #[arg(long, value_name = "C")]
-    camera: String,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Built-in plan or plan file
     #[arg(long, value_name = "P")]
     plan: String,
@@ -56,7 +54,7 @@ fn side_lengths(text: &str) -> Result<(u32, u32), String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let mut camera = Camera::load(&args.camera)?;
+    let mut camera = args.camera.load()?;
     if let Some((width, height)) = args.size {
         camera.sensor.width = width.min(camera.sensor.width);
         camera.sensor.height = height.min(camera.sensor.height);
@@ -68,9 +66,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let total: u64 = shots.iter().map(|s| u64::from(s.frames)).sum();
     let bar = progress("frames", total);
     // A preset can be named in the set; a file's place relative to the set is not known to last.
-    let preset = is_preset(&args.camera);
     let options = take::TakeOptions {
-        camera_name: preset.then_some(args.camera.as_str()),
+        camera_name: args.camera.preset(),
         force: args.force,
         first_frame: args.frame_seed,
         arithmetic: args.arith,

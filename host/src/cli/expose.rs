@@ -1,9 +1,9 @@
 //! `camrig expose`: the sensor stage alone.
 
-use super::arguments::{self, FrameArgs, positive};
+use super::arguments::{self, CameraArgs, FrameArgs, positive};
 use super::simulate::{expose_frames, light_of};
 use camrig_base::{Error, Result};
-use camrig_camera::{Camera, changes};
+use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{self as render, SimulatedSensor};
 use camrig_report::simulation;
@@ -19,18 +19,14 @@ use std::process::ExitCode;
     --save-irradiance a.irr\n  \
     camrig expose --camera mt9t012 --irradiance a.irr --exposure 40ms --lux 10 -o dark.dng")]
 pub struct Args {
-    /// Camera file or preset for which the irradiance was made
-    #[arg(long, value_name = "C")]
-    camera: String,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Irradiance kept by `camrig simulate --save-irradiance`
     #[arg(long, value_name = "FILE")]
     irradiance: PathBuf,
     /// Scene illuminance, lx, instead of the one it was made for
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     lux: Option<f64>,
-    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
-    set: Vec<(String, toml::Value)>,
     #[command(flatten)]
     frames: FrameArgs,
 }
@@ -57,7 +53,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Err(Error::unsupported("charge binning of stored irradiance")
             .help("camrig simulate --binning 2x2:charge makes it; or bin digitally"));
     }
-    let camera = Camera::load_with(&args.camera, &args.set)?;
+    let camera = args.camera.load()?;
     let cube = open(&args.irradiance, &camera)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,

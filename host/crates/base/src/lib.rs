@@ -38,6 +38,7 @@ mod error;
 mod frame;
 pub mod median;
 pub mod mistakes;
+pub mod numbers;
 pub mod output;
 mod plane;
 pub mod platform;

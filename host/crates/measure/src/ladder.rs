@@ -160,12 +160,6 @@ pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     same.then(|| flats.iter().map(|f| f.exposure_s).collect())
 }
 
-/// Variance over pixels of the dark's pixel means at the shortest exposure, DN².
-pub fn dark_spread(darks: &[Level], channel: usize) -> f64 {
-    let shortest = darks.iter().min_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
-    shortest.map_or(0.0, |d| d.channels[channel].spatial().total.value)
-}
-
 /// Refuses darks that cannot be measured.
 ///
 /// # Errors

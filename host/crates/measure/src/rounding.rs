@@ -13,6 +13,14 @@ pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
+/// d/dσ² of the variance of rounded Gaussian noise, σ² + [`rounding`]: how much of a change of the
+/// noise shows.
+pub fn sensitivity(variance: f64, mean: f64, spread: f64) -> f64 {
+    use std::f64::consts::PI;
+    let fall = (-2.0 * PI * PI * (variance + spread)).exp();
+    1.0 - (2.0 * PI * mean).cos() * fall * (2.0 - 8.0 * PI * PI * variance)
+}
+
 /// Largest relative change by rounding to whole DN of differences of means that are much smaller
 /// than a DN, under Gaussian noise of `variance` (DN², before rounding).
 ///

@@ -39,10 +39,6 @@ const SCATTER_PASS: usize = 2;
 /// Largest change of a sampling error by the fit, as a factor: keeps one wrong variance from
 /// dominating.
 const LARGEST_REWEIGHTING: f64 = 2.0;
-/// Steps of the fixed-point iteration for the variance of rounding. Each multiplies the error by
-/// 2 |1 − 4π²v| exp(−2π²v) for a variance of v DN²: 0.15 at the limit of quantisation, 0.24 DN²,
-/// and 0.8 at 0.1 DN².
-const ROUNDING_STEPS: usize = 50;
 /// Step of the numerical derivative over the curve's quadratic coefficient, over 1/signal.
 const DERIVATIVE_STEP: f64 = 1e-4;
 
@@ -59,8 +55,8 @@ pub struct Knee {
 
 impl Knee {
     /// Judges the next brighter level: mean signal and temporal variance above dark, the latter
-    /// with its sampling error.
-    pub fn passes(&mut self, m: &Moments, signal: f64, variance: Value) -> bool {
+    /// with its sampling error. A level whose noise rounding hides is no evidence about others.
+    pub fn passes(&mut self, m: &Moments, signal: f64, variance: Value, codes: &Codes) -> bool {
         let ratio = Value::new(variance.value / signal, variance.std_error / signal);
         self.saturated |= m.whites > SATURATED_SHARE;
         if self.saturated || self.is_bent(ratio, m, signal) {
@@ -70,7 +66,7 @@ impl Knee {
         // Beyond a full well the variance never comes back: a dim level that lies low, with a
         // brighter one that does not, is a bad stack and no knee.
         self.plateau = None;
-        if variance.value > CLEAR_VARIANCE * variance.std_error {
+        if variance.value > CLEAR_VARIANCE * variance.std_error && !codes.hides(m.temporal) {
             self.ratios.push(ratio);
         }
         true
@@ -114,8 +110,12 @@ impl Knee {
 pub struct Transfer {
     /// K at small signals, DN/e⁻.
     pub gain: Value,
-    /// Temporal variance of the dark at zero exposure, DN².
+    /// Temporal variance of the dark at zero exposure, DN², as if rounding added a twelfth of the
+    /// square of the codes' step.
     pub dark_variance: Value,
+    /// Whether the darks have too little noise to tell how much: `dark_variance` is that of the
+    /// flats, carried on to no signal.
+    pub dark_is_hidden: bool,
     /// Covariance of `gain` and `dark_variance`.
     covariance: f64,
     /// Growth of the dark's variance, DN²/s, where the darks' exposure times span a line.
@@ -199,6 +199,9 @@ impl Transfer {
             return Ok(Self {
                 gain: fit.gain,
                 dark_variance: fit.dark_variance,
+                dark_is_hidden: darks
+                    .iter()
+                    .all(|d| data.resolved(&d.channels[channel]).is_none()),
                 covariance: fit.covariance,
                 dark_variance_rate: fit.rate,
                 dark,
@@ -214,18 +217,10 @@ impl Transfer {
     }
 
     /// Read noise at zero exposure, e⁻, without quantisation; `None` where quantisation hides it.
-    ///
-    /// `spread` is the variance over pixels of the dark's mean, DN²: the effect of rounding on
-    /// noise of less than a DN depends on the mean's distance from the next code.
-    pub fn read_noise(&self, spread: f64) -> Option<Value> {
+    pub fn read_noise(&self) -> Option<Value> {
         let (k, v) = (self.gain, self.dark_variance);
-        let (black, _) = self.dark.offset_and_rate();
-        let mut variance = v.value - self.codes.quantisation();
-        for _ in 0..ROUNDING_STEPS {
-            let rounding = self.codes.rounding(variance.max(0.0), black.value, spread.max(0.0));
-            variance = v.value - rounding;
-        }
-        if variance <= 0.0 {
+        let variance = v.value - self.codes.quantisation();
+        if self.dark_is_hidden || variance <= 0.0 {
             return None;
         }
         let noise = variance.sqrt() / k.value;
@@ -300,8 +295,8 @@ impl Data<'_> {
             )
             .collect();
         let moments = levels.iter().map(|(_, l)| &l.channels[self.channel]);
-        let measured: Vec<f64> = moments.clone().map(|m| m.temporal).collect();
-        let sampling: Vec<f64> = moments.map(|m| variance_error(m, &self.codes)).collect();
+        let (measured, sampling): (Vec<f64>, Vec<f64>) =
+            moments.map(|m| self.variance(m)).map(|v| (v.value, v.std_error)).unzip();
         let exposures: Vec<f64> = self.darks.iter().map(|d| d.exposure_s).collect();
         let has_rate = spans(&exposures);
 
@@ -361,6 +356,19 @@ impl Data<'_> {
                     sampling[i] * ratio.clamp(1.0 / LARGEST_REWEIGHTING, LARGEST_REWEIGHTING);
             }
         }
+    }
+
+    /// Temporal variance of a level, DN², as if rounding added the same to each; `None` where the
+    /// level has too little noise to tell.
+    fn resolved(&self, m: &Moments) -> Option<Value> {
+        let measured = Value::new(m.temporal, variance_error(m, &self.codes));
+        self.codes.as_if_resolved(measured, m.mean(), m.spatial().total.value.max(0.0))
+    }
+
+    /// The same; where it cannot be told, the measured variance, uncertain by that of rounding.
+    fn variance(&self, m: &Moments) -> Value {
+        let error = || variance_error(m, &self.codes).max(self.codes.quantisation());
+        self.resolved(m).unwrap_or_else(|| Value::new(m.temporal, error()))
     }
 
     /// Whether the variance of the brightest level lies more than 3.5 standard errors below the
@@ -447,7 +455,8 @@ mod tests {
                 zeros: 0.0,
                 whites: 0.0,
             };
-            knee.passes(&m, signal, Value::new(temporal, m.temporal_error.max(0.1)))
+            let variance = Value::new(temporal, m.temporal_error.max(0.01));
+            knee.passes(&m, signal, variance, &Codes::of([]))
         };
         let passed = levels.iter().map(judge).collect();
         (passed, knee.plateau())
@@ -459,5 +468,8 @@ mod tests {
         assert_eq!(judged(&knee), (vec![true, true, true, false, false], Some(474.0)));
         let bad = [(100.0, 1.0), (200.0, 1.0), (300.0, 0.5), (400.0, 1.0), (500.0, 1.0)];
         assert_eq!(judged(&bad), (vec![true, true, false, true, true], None));
+        // Dim levels between two codes, with a quarter of a code's square each, say nothing.
+        let between = [(0.1, 5.0), (0.2, 2.5), (300.0, 1.0), (400.0, 1.0)];
+        assert_eq!(judged(&between), (vec![true; 4], None));
     }
 }

@@ -5,6 +5,7 @@
 use super::page::escape;
 use base64::Engine;
 use camrig_base::Plane;
+use camrig_base::numbers::plain;
 use std::fmt::Write;
 
 /// Colours of series, after Okabe and Ito: distinguishable for colour-blind readers.
@@ -14,6 +15,11 @@ const COLOURS: [&str; 8] =
 /// Width and height of a drawing, and its margins: left, right, top, bottom.
 const SIZE: [f64; 2] = [640.0, 400.0];
 const MARGIN: [f64; 4] = [72.0, 16.0, 34.0, 48.0];
+
+/// Height of a line of the legend, width of a mark in it, and of a character on average.
+const LINE: f64 = 18.0;
+const SWATCH: f64 = 26.0;
+const CHARACTER: f64 = 6.6;
 
 /// Colour of a sensor's channel by its name: red, green (also gr and gb), blue, grey for others.
 pub fn channel_colour(channel: &str) -> &'static str {
@@ -139,7 +145,8 @@ impl Plot {
             let (u, v) = (x.at(p[0])?, y.at(p[1])?);
             Some([left + u * inner_width, top + (1.0 - v) * inner_height])
         };
-        let mut out = Drawing::new(width, height, &self.title);
+        let legend = self.legend(width - left - right);
+        let mut out = Drawing::new(width, height + LINE * legend.len() as f64, &self.title);
         out.frame([left, top, inner_width, inner_height]);
         for (value, text) in x.ticks() {
             let at = left + x.at(value).unwrap_or(0.0) * inner_width;
@@ -162,12 +169,32 @@ impl Plot {
             let points: Vec<[f64; 2]> = series.points.iter().filter_map(place).collect();
             out.marks(&points, series.mark, &series.colour);
         }
-        let labelled = self.series.iter().filter(|s| !s.label.is_empty());
-        for (i, series) in labelled.enumerate() {
-            let at = [left + inner_width - 8.0, top + 16.0 + 16.0 * i as f64];
-            out.swatch(at, series.mark, &series.colour, &series.label);
+        for (row, entries) in legend.iter().enumerate() {
+            for (x, series) in entries {
+                let at = [left + x, height + LINE * (row as f64 + 0.5)];
+                out.swatch(at, series.mark, &series.colour, &series.label);
+            }
         }
         out.end()
+    }
+
+    /// The labelled series in lines of a width, each with its distance from the left. They stand
+    /// below the axes, where no data are.
+    fn legend(&self, width: f64) -> Vec<Vec<(f64, &Series)>> {
+        let mut lines: Vec<Vec<(f64, &Series)>> = Vec::new();
+        let mut end = f64::INFINITY;
+        for series in self.series.iter().filter(|s| !s.label.is_empty()) {
+            let own = SWATCH + CHARACTER * series.label.chars().count() as f64;
+            if end + own > width {
+                lines.push(Vec::new());
+                end = 0.0;
+            }
+            if let Some(line) = lines.last_mut() {
+                line.push((end, series));
+            }
+            end += own + 2.0 * CHARACTER;
+        }
+        lines
     }
 
     fn scale(&self, axis: &Axis, index: usize) -> Scale {
@@ -289,8 +316,8 @@ pub fn heat_map(
     let bar = Plane::from_fn(1, 64, |_, row| 1.0 - row as f64 / 63.0);
     let bar_place = [left + across + 16.0, top, 14.0, side];
     out.picture(&bar, 0.0, 1.0, root, bar_place);
-    out.text([left + across + 36.0, top + 10.0], "start", &format!("{high:.3e}"), "");
-    out.text([left + across + 36.0, top + side], "start", &format!("{low:.3e}"), "");
+    out.text([left + across + 36.0, top + 10.0], "start", &plain(high), "");
+    out.text([left + across + 36.0, top + side], "start", &plain(low), "");
     out.end()
 }
 
@@ -400,14 +427,14 @@ impl Drawing {
         ));
     }
 
-    /// An entry of the legend; its right end is at a position.
+    /// An entry of the legend; its left end is at a position.
     fn swatch(&mut self, [x, y]: [f64; 2], mark: Mark, colour: &str, label: &str) {
-        let ends = [[x - 20.0, y - 4.0], [x, y - 4.0]];
+        let ends = [[x, y - 4.0], [x + 20.0, y - 4.0]];
         match mark {
-            Mark::Points => self.marks(&[[x - 10.0, y - 4.0]], mark, colour),
+            Mark::Points => self.marks(&[[x + 10.0, y - 4.0]], mark, colour),
             _ => self.marks(&ends, mark, colour),
         }
-        self.text([x - 26.0, y], "end", label, "");
+        self.text([x + SWATCH, y], "start", label, "");
     }
 
     fn picture(&mut self, plane: &Plane<f64>, low: f64, high: f64, root: bool, place: [f64; 4]) {
@@ -457,6 +484,22 @@ mod tests {
         assert_eq!(texts(0.0, 1.0, false), "0.0 0.2 0.4 0.6 0.8 1.0");
         assert_eq!(texts(-0.013, 0.004, false), "-0.010 -0.005 0.000");
         assert_eq!(texts(1.0, 10000.0, true), "1 10 100 1000 10000");
+    }
+
+    #[test]
+    fn legends_stand_below_the_axes() {
+        let mut plot = Plot::new("many", "x", "y");
+        for i in 0..12 {
+            plot.series(&format!("a series of number {i}"), Mark::Line, vec![[0.0, 0.0]]);
+        }
+        let inner = SIZE[0] - MARGIN[0] - MARGIN[1];
+        let lines = plot.legend(inner);
+        assert_eq!(lines.iter().map(Vec::len).sum::<usize>(), 12);
+        for (x, series) in lines.iter().flatten() {
+            assert!(x + SWATCH + CHARACTER * series.label.len() as f64 <= inner, "{x}");
+        }
+        let height = SIZE[1] + LINE * lines.len() as f64;
+        assert!(plot.svg().contains(&format!("viewBox=\"0 0 640 {height:.0}\"")));
     }
 
     #[test]

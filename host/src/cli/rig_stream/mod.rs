@@ -5,7 +5,7 @@ mod output;
 mod pace;
 mod report;
 
-use super::arguments::{self, DeviceArgs, arithmetic, duration, positive};
+use super::arguments::{self, CameraArgs, DeviceArgs, arithmetic, duration, positive};
 use super::{live, simulate};
 use camrig_base::Result;
 use camrig_base::stop::Stoppable;
@@ -43,9 +43,8 @@ use std::process::ExitCode;
 pub struct Args {
     /// Address of the rig
     url: String,
-    /// Camera file or preset
-    #[arg(long, value_name = "C")]
-    camera: String,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Scene to look at
     #[arg(
         long,
@@ -173,7 +172,7 @@ fn write_registers(
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut output = Output::open(args)?;
-    let camera = Camera::load(&args.camera)?;
+    let camera = args.camera.load()?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(arguments::broken_link);

@@ -5,6 +5,7 @@ use super::words;
 use crate::model::effects::dn_per_e;
 use crate::search::session::{Session, State};
 use crate::statistics::statistic::{Key, Place, Scale, What};
+use camrig_base::numbers::plain;
 
 /// A statistic that a model leaves unexplained, `z` standard deviations from it: how far, in units
 /// that a person knows, and where. Empty where it was not measured or is not predicted.
@@ -52,8 +53,10 @@ pub(super) fn describe(session: &Session, state: &State, key: Key, z: f64) -> St
         }
         _ => match state.fit.of.get(&key).map(|x| x.scale) {
             Some(Scale::Log) => format!(
-                "{m:.4e}, {:.1} % {more} than the model's {p:.4e}",
-                100.0 * (m / p - 1.0).abs()
+                "{}, {:.1} % {more} than the model's {}",
+                plain(m),
+                100.0 * (m / p - 1.0).abs(),
+                plain(p)
             ),
             _ => format!("{m:.4}, the model {p:.4}"),
         },

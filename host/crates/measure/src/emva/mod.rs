@@ -328,7 +328,7 @@ fn ladder_figures(
         quantum_efficiency: figures.quantum_efficiency.map(|eta| eta * k_error / k),
         temporal_dark_noise_e: transfer
             .as_ref()
-            .and_then(|t| t.read_noise(ladder::dark_spread(darks, c)))
+            .and_then(Transfer::read_noise)
             .map(|v| v.std_error),
         linearised_system_gain: transfer.as_ref().map(|t| t.gain.std_error),
         ..StdErrors::default()
@@ -368,12 +368,13 @@ fn whole_transfer(
     let white = f64::from(set.sensor.white_level_dn);
     let dark = DarkLine::of(darks, c);
     let mut knee = Knee::default();
+    let codes = ladder::codes(darks, levels);
     let passed: Vec<bool> = levels
         .iter()
         .map(|l| {
             let m = &l.channels[c];
             let signal = m.mean() - dark.mean_at(l.exposure_s).value;
-            knee.passes(m, signal, m.above(&darks[0].channels[c]))
+            knee.passes(m, signal, m.above(&darks[0].channels[c]), &codes)
         })
         .collect();
     Transfer::fit(c, darks, levels, &passed, &knee, white)

@@ -75,16 +75,16 @@ impl Sfr {
         let mut spectrum = plan.make_output_vec();
         plan.process(&mut lsf, &mut spectrum)
             .map_err(|e| Error::internal(format!("Fourier transform: {e}")))?;
-        let mut curve = Vec::new();
+        let mut curve: Vec<[f64; 2]> = Vec::new();
         for (k, value) in spectrum.iter().enumerate() {
             let f = k as f64 / (padded as f64 * bin);
             if f > 1.0 || f * bin > HIGHEST {
                 break;
             }
             let correction = sinc(2.0 * f * bin) * sinc(f * bin);
-            // At f = 0 the response is 1 by definition, although the window has cut the tails.
-            curve.push([f, if k == 0 { 1.0 } else { value.norm() / correction }]);
+            curve.push([f, value.norm() / correction]);
         }
+        line_from_one(&mut curve, 1.0 / (side as f64 * bin));
         Ok(Self { curve, height, half: side as f64 * bin })
     }
 
@@ -101,6 +101,17 @@ impl Sfr {
         let i = self.curve.partition_point(|p| p[0] < f).clamp(1, self.curve.len() - 1);
         let ([f0, m0], [f1, m1]) = (self.curve[i - 1], self.curve[i]);
         m0 + (m1 - m0) * (f - f0) / (f1 - f0)
+    }
+}
+
+/// At f = 0 the response is 1 by definition, although the window has cut the tails. Below
+/// `resolved`, cycles per pixel, of which half the window holds a period, the transform shows the
+/// window: the curve is a line from 1 to the first frequency that is resolved.
+fn line_from_one(curve: &mut [[f64; 2]], resolved: f64) {
+    let first = curve.iter().find(|p| p[0] >= resolved).or(curve.last());
+    let Some(&[end, response]) = first else { return };
+    for [f, value] in curve.iter_mut().take_while(|p| p[0] < end) {
+        *value = 1.0 + (response - 1.0) * *f / end;
     }
 }
 

@@ -158,8 +158,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
             Transfer::fit(c, &darks, &flats.levels, &flats.passed[c], &flats.knees[c], white)
                 .map_err(|e| e.at(format!("channel {name}")))?;
         channel_notes(&transfer, &flats.levels, &name, &mut notes);
-        let dark_spread = ladder::dark_spread(&darks, c);
-        let mut figures = figures_of(&transfer, &flats.levels, c, white, dark_spread);
+        let mut figures = figures_of(&transfer, &flats.levels, c, white);
         let k = transfer.gain.value;
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
@@ -236,6 +235,7 @@ impl Flats {
         for capture in order {
             let stack = Stack::read(set, capture)?;
             let level = Level::new(set, capture, &stack);
+            let codes = ladder::codes(darks, std::slice::from_ref(&level));
             for (c, m) in level.channels.iter().enumerate() {
                 if m.frames < 2 {
                     return Err(Error::input("one frame has no temporal noise to measure")
@@ -244,7 +244,7 @@ impl Flats {
                 }
                 let dark = dark_lines[c].mean_at(level.exposure_s).value;
                 let variance = m.above(&darks[0].channels[c]);
-                let passes = flats.knees[c].passes(m, m.mean() - dark, variance);
+                let passes = flats.knees[c].passes(m, m.mean() - dark, variance, &codes);
                 flats.passed[c].push(passes);
             }
             if let Some((stack, level)) = waiting.replace((stack, level)) {
@@ -276,13 +276,7 @@ impl Flats {
     }
 }
 
-fn figures_of(
-    t: &Transfer,
-    flats: &[Level],
-    channel: usize,
-    white: f64,
-    dark_spread: f64,
-) -> Figures {
+fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figures {
     let k = t.gain;
     let (black, rate) = t.dark.offset_and_rate();
     let brightest =
@@ -290,7 +284,7 @@ fn figures_of(
     let photons_known = flats.iter().all(|f| f.photons.is_some());
     Figures {
         system_gain_dn_per_e: Some(k),
-        read_noise_e: t.read_noise(dark_spread),
+        read_noise_e: t.read_noise(),
         full_well_e: t.full_well(flats, channel, white),
         dark_current_e_per_s: rate.map(|r| r.over(k)),
         dark_current_from_variance_e_per_s: t

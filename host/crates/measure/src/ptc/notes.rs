@@ -85,7 +85,11 @@ pub(super) fn channel_notes(t: &Transfer, flats: &[Level], name: &str, notes: &m
             t.reduced_chi2
         ));
     }
-    if t.dark_variance.value < QUANTISATION_LIMITED * t.codes.square() {
+    if t.dark_is_hidden {
+        notes.push(format!(
+            "channel {name}: the darks take one code or two: quantisation hides the read noise"
+        ));
+    } else if t.dark_variance.value < QUANTISATION_LIMITED * t.codes.square() {
         notes.push(format!(
             "channel {name}: the dark noise ({:.2} DN²) is not above quantisation: the read noise \
              is an upper limit at best",
