@@ -77,11 +77,11 @@ impl OutputFile {
             let target = Target::Link(io::BufWriter::with_capacity(BUFFER, file));
             return Ok(Self { path, target, force, _listed: None });
         }
-        let temporary =
-            builder(false).tempfile_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
-        let _listed = Some(Listed::new(temporary.path()));
+        let make = || builder(false).tempfile_in(folder_of(&path));
+        let (temporary, listed) =
+            Listed::create(make, |t| t.path().to_owned()).map_err(|e| cannot_create(&path, e))?;
         let target = Target::Rename(io::BufWriter::with_capacity(BUFFER, temporary));
-        Ok(Self { path, target, force, _listed })
+        Ok(Self { path, target, force, _listed: Some(listed) })
     }
 
     /// Puts the complete file in its place.
@@ -161,10 +161,16 @@ static UNFINISHED: RwLock<Vec<PathBuf>> = RwLock::new(Vec::new());
 struct Listed(PathBuf);
 
 impl Listed {
-    fn new(path: &Path) -> Self {
-        let path = path.to_owned();
-        UNFINISHED.write().unwrap_or_else(PoisonError::into_inner).push(path.clone());
-        Self(path)
+    /// Makes a file or a directory and lists its path. A signal in between waits.
+    fn create<T>(
+        make: impl FnOnce() -> io::Result<T>,
+        path: impl FnOnce(&T) -> PathBuf,
+    ) -> io::Result<(T, Self)> {
+        let mut all = UNFINISHED.write().unwrap_or_else(PoisonError::into_inner);
+        let made = make()?;
+        let path = path(&made);
+        all.push(path.clone());
+        Ok((made, Self(path)))
     }
 }
 
@@ -212,9 +218,9 @@ impl OutputDir {
     pub fn create(path: &Path, force: bool) -> Result<Self> {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         check_replaceable(&path, force)?;
-        let temporary =
-            builder(true).tempdir_in(folder_of(&path)).map_err(|e| cannot_create(&path, e))?;
-        let _listed = Listed::new(temporary.path());
+        let make = || builder(true).tempdir_in(folder_of(&path));
+        let (temporary, _listed) =
+            Listed::create(make, |t| t.path().to_owned()).map_err(|e| cannot_create(&path, e))?;
         fs::write(temporary.path().join(DIRECTORY_MARK), "")
             .map_err(|e| Error::io("write", &path, e))?;
         Ok(Self { path, temporary, force, _listed })

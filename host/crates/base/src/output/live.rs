@@ -59,9 +59,10 @@ impl LiveOutput {
                 }))
             }
             Err(_) => {
-                let file = options.create_new(true).open(path);
-                let file = file.map_err(|e| cannot_create(path, e))?;
-                Ok(live(Target::File(file, Some(Listed::new(path)))))
+                let make = || options.create_new(true).open(path);
+                let (file, listed) = Listed::create(make, |_| path.to_owned())
+                    .map_err(|e| cannot_create(path, e))?;
+                Ok(live(Target::File(file, Some(listed))))
             }
         }
     }
