@@ -89,7 +89,8 @@ impl Singular {
         self.0.singular_values.min() / self.largest()
     }
 
-    /// x of least norm that minimises |a x − b|, where singular values up to `least` count as zero.
+    /// x of least norm that minimises |a x − b|, where singular values up to `least` count as
+    /// zero.
     pub fn solve(&self, b: &Vector, least: f64) -> Option<Vector> {
         self.0.solve(b, least).ok()
     }

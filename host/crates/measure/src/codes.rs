@@ -3,8 +3,7 @@
 //! A converter of 10 bits whose samples are stored at the top of 16-bit words (left-aligned) has
 //! steps of 64 DN, and rounding adds 64²/12 DN² instead of 1/12.
 
-use super::ptc::QUANTISATION_LIMITED;
-use super::rounding::{self, QUANTISATION, sensitivity};
+use super::rounding::{self, QUANTISATION, QUANTISATION_LIMITED, sensitivity};
 use super::value::Value;
 
 /// Variance of the noise, in squares of the step, from which rounding adds 1/12 whatever the mean:
@@ -79,10 +78,10 @@ impl Codes {
         square * rounding::rounding(variance / square, mean, spread / square)
     }
 
-    /// A measured variance of samples as it were if rounding added [`quantisation`](Self::quantisation)
-    /// whatever the mean, DN². Rounding noise of less than a step adds anything from less than
-    /// nothing (all samples are one code) to a quarter of its square (they are two). `None` where the
-    /// noise is too little to tell how much it is.
+    /// A measured variance of samples as it were if rounding added
+    /// [`quantisation`](Self::quantisation) whatever the mean, DN². Rounding noise of less than a
+    /// step adds anything from less than nothing (all samples are one code) to a quarter of its
+    /// square (they are two). `None` where the noise is too little to tell how much it is.
     pub fn as_if_resolved(&self, measured: Value, mean: f64, spread: f64) -> Option<Value> {
         let square = self.square();
         if measured.value - self.quantisation() > RESOLVED * square {

@@ -8,8 +8,8 @@
 
 use super::codes::Codes;
 use super::moments::{Moments, SATURATED_SHARE};
-use super::ptc::QUANTISATION_LIMITED;
 use super::rounding::QUANTISATION;
+use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use super::value::Value;
 use camrig_base::{Cfa, Error, Plane, Result};

@@ -3,6 +3,10 @@
 /// Variance of rounding to whole DN, DN² (uniform over one DN).
 pub const QUANTISATION: f64 = 1.0 / 12.0;
 
+/// Temporal variance of the dark, in squares of the codes' step (DN²), below which rounding is no
+/// longer equivalent to added noise (EMVA 1288 release 4.0, eq. 53 and 54).
+pub const QUANTISATION_LIMITED: f64 = 0.24;
+
 /// Variance that rounding to whole DN adds to Gaussian noise of `variance` (DN²) around `mean`
 /// (DN), which itself varies over pixels with the variance `spread` (DN²): 1/12 and the first
 /// harmonic of the characteristic function, -cos(2πµ) exp(-2π² (σ² + s²)) (1/π² + 4 σ²) (Widrow
@@ -13,8 +17,8 @@ pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
-/// d/dσ² of the variance of rounded Gaussian noise, σ² + [`rounding`]: how much of a change of the
-/// noise shows.
+/// d/dσ² of the variance of rounded Gaussian noise, σ² + [`rounding`]: how much of a change of
+/// the noise shows.
 pub fn sensitivity(variance: f64, mean: f64, spread: f64) -> f64 {
     use std::f64::consts::PI;
     let fall = (-2.0 * PI * PI * (variance + spread)).exp();

@@ -26,7 +26,7 @@ use super::codes::Codes;
 use super::dark::{self, DarkLine, SAME_EXPOSURE};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
-use super::ptc::QUANTISATION_LIMITED;
+use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use super::transfer::{Knee, Transfer};
 use camrig_base::{Error, Result};

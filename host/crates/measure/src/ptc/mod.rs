@@ -37,10 +37,6 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
 
-/// Temporal variance of the dark, in squares of the codes' step (DN²), below which rounding is no
-/// longer equivalent to added noise (EMVA 1288 release 4.0, eq. 53 and 54).
-pub const QUANTISATION_LIMITED: f64 = 0.24;
-
 /// The figures of one channel, or of the sensor over its channels. `None` where the captures do
 /// not determine a figure.
 #[derive(Clone, Debug, Default, Serialize)]

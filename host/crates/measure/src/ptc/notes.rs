@@ -1,8 +1,8 @@
 //! Notes on a photon transfer: levels left out, assumptions that do not hold.
 
-use super::QUANTISATION_LIMITED;
 use crate::dark::DarkLine;
 use crate::ladder::{Level, Selection};
+use crate::rounding::QUANTISATION_LIMITED;
 use crate::transfer::Transfer;
 use camrig_captures::CaptureSet;
 
