@@ -19,9 +19,9 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// A camera, and changes to its file.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct CameraArgs {
-    /// Camera file or preset
+    /// Camera file, or a preset: mt9t012, mt9v024, mobile
     #[arg(long, value_name = "C")]
     pub camera: String,
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable

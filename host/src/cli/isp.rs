@@ -1,6 +1,6 @@
 //! `camrig isp`: a chart through the camera and through real ISPs, judged against the truth.
 
-use super::arguments::{DeviceArgs, WARN_SATURATED, duration, positive};
+use super::arguments::{CameraArgs, DeviceArgs, WARN_SATURATED, duration, positive};
 use super::simulate::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
@@ -23,9 +23,8 @@ use std::process::{Command, ExitCode, Stdio};
     camrig isp --camera mobile --illuminant A --exposure 20ms --keep chart.dng\n  \
     camrig isp --camera mobile --exposure 20ms --picture from-my-board.png --json")]
 pub struct Args {
-    /// Camera file or preset
-    #[arg(long, value_name = "C")]
-    camera: String,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Light on the chart
     #[arg(long, default_value = "D65", value_name = "I")]
     illuminant: String,
@@ -35,9 +34,6 @@ pub struct Args {
     /// Integration time
     #[arg(long, value_parser = duration, value_name = "TIME", allow_hyphen_values = true)]
     exposure: f64,
-    /// Change a key of the camera file: sensor.width=640; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = camrig_camera::changes::read)]
-    set: Vec<(String, toml::Value)>,
     #[command(flatten)]
     device: DeviceArgs,
     /// A picture (sRGB PNG) of another ISP to judge as well
@@ -112,16 +108,13 @@ const CONVERTERS: [Converter; 4] = [
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let view = ViewArgs {
-        set: args.set.clone(),
-        ..ViewArgs::still(
-            &args.camera,
-            format!("colorchecker:width={CARD}"),
-            Some(&args.illuminant),
-            args.lux,
-            args.device,
-        )
-    };
+    let view = ViewArgs::still(
+        args.camera.clone(),
+        format!("colorchecker:width={CARD}"),
+        Some(&args.illuminant),
+        args.lux,
+        args.device,
+    );
     let (camera, view) = view.view()?;
     let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
     let settings = camera.settings(0, args.exposure, None);

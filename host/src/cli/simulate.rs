@@ -1,9 +1,9 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, Binning, DeviceArgs, FrameArgs, positive};
+use super::arguments::{self, Binning, CameraArgs, DeviceArgs, FrameArgs, positive};
 use super::frame_sink::FrameSink;
 use camrig_base::{Error, Result};
-use camrig_camera::{Camera, changes};
+use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
 use camrig_render::readout;
@@ -43,9 +43,8 @@ pub struct Args {
 /// Camera, scene and light.
 #[derive(clap::Args, Debug)]
 pub struct ViewArgs {
-    /// Camera file, or a preset: mt9t012, mt9v024, mobile
-    #[arg(long, value_name = "C")]
-    pub camera: String,
+    #[command(flatten)]
+    pub camera: CameraArgs,
     /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...) or a scene file
     #[arg(long, value_name = "S")]
     pub scene: String,
@@ -67,9 +66,6 @@ pub struct ViewArgs {
     /// unless given)
     #[arg(long, value_name = "PART", value_parser = positive)]
     pub psf_tolerance: Option<f64>,
-    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
-    pub set: Vec<(String, toml::Value)>,
     /// Let the scene move: pixels per frame to the right and down
     #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
@@ -107,21 +103,20 @@ pub fn part(text: &str) -> Result<f64, String> {
 impl ViewArgs {
     /// A scene at rest, seen by a camera as its file has it; the rest as the options' defaults.
     pub fn still(
-        camera: &str,
+        camera: CameraArgs,
         scene: String,
         illuminant: Option<&str>,
         lux: Option<f64>,
         device: DeviceArgs,
     ) -> Self {
         Self {
-            camera: camera.to_owned(),
+            camera,
             scene,
             illuminant: illuminant.map(str::to_owned),
             lux,
             luminance: None,
             oversample: None,
             psf_tolerance: None,
-            set: Vec::new(),
             motion: None,
             rolling: 0.0,
             device,
@@ -155,7 +150,7 @@ impl ViewArgs {
 
     /// Loads the camera and runs the optics stage.
     pub fn view(&self) -> Result<(Camera, OpticsOutput)> {
-        let camera = Camera::load_with(&self.camera, &self.set)?;
+        let camera = self.camera.load()?;
         let view = self.view_with(&camera)?;
         Ok((camera, view))
     }
@@ -186,7 +181,7 @@ impl ViewArgs {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let mut camera = Camera::load_with(&args.view.camera, &args.view.set)?;
+    let mut camera = args.view.camera.load()?;
     if let Some(Binning { n, charge: true }) = args.frames.binning {
         if args.frames.roi.is_some() || args.view.motion.is_some() {
             return Err(Error::unsupported("charge binning of a region or of a moving scene")

@@ -23,14 +23,13 @@ impl Light {
     pub fn open(args: &Args, camera: &Camera) -> Result<Self> {
         if let Some(scene) = &args.scene {
             let still = ViewArgs::still(
-                &args.camera.camera,
+                args.camera.clone(),
                 scene.clone(),
                 args.illuminant.as_deref(),
                 args.lux,
                 args.device,
             );
-            let set = args.camera.set.clone();
-            let view = ViewArgs { set, motion: args.motion, rolling: args.rolling, ..still };
+            let view = ViewArgs { motion: args.motion, rolling: args.rolling, ..still };
             let cubes = vec![view.view()?.1.cube];
             let moving = args.motion.map(|_| view.optics_stage()).transpose()?;
             return Ok(Self { cubes, moving });
