@@ -85,7 +85,7 @@ fn tcp_server() -> String {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let ready = |address: &str| sender.send(format!("tcp://{address}")).unwrap();
-        serve::tcp("127.0.0.1:0", Emulator::new(None), ready, drop).unwrap();
+        serve::tcp("127.0.0.1:0", None, Emulator::new(None), ready, drop).unwrap();
     });
     receiver.recv().unwrap()
 }

@@ -356,6 +356,9 @@ impl Lens for Unmapped {
     fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
         None
     }
+    fn principal_distance_mm(&self) -> f64 {
+        self.0.principal_distance_mm()
+    }
     fn blur(&self, nm: f64) -> Blur<'_> {
         self.0.blur(nm)
     }

@@ -1,8 +1,10 @@
 //! What several commands have in common: durations, progress bars, how frames are taken.
 
+use super::live;
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, RawFrame, Result};
 use camrig_camera::{Camera, changes, is_preset};
+use camrig_formats::mcap::CameraInfo;
 use camrig_optics::DeviceChoice;
 use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
@@ -201,7 +203,7 @@ pub struct FrameArgs {
     #[arg(conflicts_with_all = ["hdr", "opcodes"])]
     pub binning: Option<Binning>,
     /// Frames to take; more than one go into a directory, or one after another as headerless
-    /// pixels, csi2, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1,
+    /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1,
     /// or as many as the bracket has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
@@ -292,6 +294,13 @@ impl FrameArgs {
             Some(Binning { n, charge: false }) => readout::digitally_binned(&frame, n as usize),
             _ => Ok(frame),
         }
+    }
+
+    /// The figures of a camera of which the region is read, binned.
+    pub fn figures(&self, camera: &Camera) -> Result<CameraInfo> {
+        let begin = self.roi.map_or([0, 0], |r| [r.x, r.y]);
+        let n = self.binning.filter(|b| !b.charge).map_or(1, |b| b.n);
+        Ok(live::figures(camera)?.of_part(begin, n))
     }
 
     /// What a page says about region and binning.

@@ -6,6 +6,7 @@ use camrig_base::output::{LiveOutput, OutputDir, OutputFile, write_file};
 use camrig_base::stop::Stoppable;
 use camrig_base::{Error, RawFrame, Result};
 use camrig_formats::live::{Beside, LiveEncoder};
+use camrig_formats::mcap::CameraInfo;
 use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
 use camrig_report::page::Page;
 use camrig_report::simulation;
@@ -30,7 +31,7 @@ enum Place {
     /// A file for each frame.
     Directory(OutputDir),
     /// One file into which frame after frame goes; it has its name when all are there.
-    Stream(OutputFile, LiveEncoder),
+    Stream(OutputFile, Box<LiveEncoder>),
     /// Standard output, a named pipe or a device, into which frames go as they come.
     Live(Box<LiveFrames>, Stoppable),
     /// One file with all frames, written when they are there.
@@ -87,7 +88,8 @@ impl FrameArgs {
                     let frames = LiveFrames::create(&self.output, self.force, encoder)?;
                     Place::Live(Box::new(frames), Stoppable::new())
                 } else {
-                    Place::Stream(OutputFile::create(&self.output, self.force)?, encoder)
+                    let file = OutputFile::create(&self.output, self.force)?;
+                    Place::Stream(file, Box::new(encoder))
                 };
                 (Kind::Raw(format), place)
             }
@@ -99,8 +101,8 @@ impl FrameArgs {
                 ))
                 .help(
                     "several frames go into a directory (a name without extension), into one file \
-                     (.npy .tiff .fits), or one after the other as .csi2, .pgm, .y4m or \
-                     headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
+                     (.npy .tiff .fits), or one after the other as .csi2, .mcap, .pgm, .y4m \
+                     or headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
                 ));
             }
             Some(kind) => {
@@ -128,6 +130,16 @@ impl FrameSink {
     /// Whether a signal has asked a stream that goes out live to end.
     pub fn is_asked_to_stop(&self) -> bool {
         matches!(&self.place, Place::Live(_, stop) if stop.is_asked())
+    }
+
+    /// Says the camera's figures before the first frame, where the output holds them.
+    pub fn set_camera(&mut self, figures: impl FnOnce() -> Result<CameraInfo>) -> Result<()> {
+        match &mut self.place {
+            Place::Stream(_, encoder) if encoder.has_camera() => encoder.set_camera(figures()?),
+            Place::Live(frames, _) if frames.has_camera() => frames.set_camera(figures()?),
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Writes the next frame.
@@ -189,14 +201,22 @@ impl FrameSink {
         match self.place {
             Place::File => {}
             Place::Directory(directory) => directory.finish()?,
-            Place::Stream(file, _) => file.finish()?,
-            Place::Live(frames, stop) if stop.is_asked() => {
+            Place::Stream(mut file, mut encoder) => {
+                let end = encoder.finish()?;
+                file.write_all(&end).map_err(|e| Error::io("write", &self.path, e))?;
+                file.finish()?;
+            }
+            Place::Live(mut frames, stop) if stop.is_asked() => {
+                frames.finish()?;
                 eprintln!("interrupted: {} whole frames went to {place}", frames.count());
             }
-            Place::Live(..) if self.count > FIGURES => {
-                eprintln!("{} frames went to {place}; the first {FIGURES} of them:", self.count);
+            Place::Live(mut frames, _) => {
+                frames.finish()?;
+                if self.count > FIGURES {
+                    let count = self.count;
+                    eprintln!("{count} frames went to {place}; the first {FIGURES} of them:");
+                }
             }
-            Place::Live(..) => {}
             Place::Stack(stack) => {
                 if let (Some(stack), Kind::Raw(format)) = (stack, &self.kind) {
                     write_file(&self.path, self.force, &format.encode(&stack)?)?;

@@ -2,8 +2,10 @@
 
 use camrig_base::output::LiveOutput;
 use camrig_base::{Error, RawFrame, Result};
+use camrig_camera::Camera;
 use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
+use camrig_formats::mcap::CameraInfo;
 use std::path::Path;
 
 /// The format of an output: what was asked for, which its name must not contradict, or that of its
@@ -35,31 +37,68 @@ pub fn check_figures(path: &Path, json: bool) -> Result<()> {
 pub struct LiveFrames {
     output: LiveOutput,
     encoder: LiveEncoder,
+    frames: u64,
 }
 
 impl LiveFrames {
     /// Opens an output; a named pipe waits for its reader.
     pub fn create(path: &Path, force: bool, encoder: LiveEncoder) -> Result<Self> {
-        Ok(Self { output: LiveOutput::create(path, force)?, encoder })
+        Ok(Self { output: LiveOutput::create(path, force)?, encoder, frames: 0 })
+    }
+
+    /// Whether the format holds the figures of a camera.
+    pub fn has_camera(&self) -> bool {
+        self.encoder.has_camera()
+    }
+
+    /// Says the camera's figures.
+    pub fn set_camera(&mut self, figures: CameraInfo) {
+        self.encoder.set_camera(figures);
     }
 
     /// Refuses frames that the format cannot hold.
     pub fn check(&self, like: &RawFrame) -> Result<()> {
-        self.encoder.clone().encode(like, &Beside::default()).map(drop)
+        self.encoder.check(like)
     }
 
     /// Writes the next frame, whole.
     pub fn write(&mut self, frame: &RawFrame, beside: &Beside) -> Result<()> {
-        if self.output.records() == 0 {
+        if self.frames == 0 {
             tell(&self.encoder, frame);
         }
-        self.output.push(&self.encoder.encode(frame, beside)?)
+        self.output.push(&self.encoder.encode(frame, beside)?)?;
+        self.frames += 1;
+        Ok(())
     }
 
     /// Frames written.
     pub fn count(&self) -> u64 {
-        self.output.records()
+        self.frames
     }
+
+    /// Writes what follows the last frame.
+    pub fn finish(&mut self) -> Result<()> {
+        match self.encoder.finish()? {
+            end if end.is_empty() => Ok(()),
+            end => self.output.push(&end),
+        }
+    }
+}
+
+/// The figures of a camera for formats that hold them, and a word where they describe its lens
+/// badly.
+pub fn figures(camera: &Camera) -> Result<CameraInfo> {
+    /// Errors below this are beyond what calibration of a real camera reaches, pixels.
+    const TOLD_PX: f64 = 0.1;
+    let found = camrig_render::intrinsics(camera)?;
+    if found.largest_error_px > TOLD_PX {
+        eprintln!(
+            "note: CameraInfo has the lens's distortion to within {:.2} pixels: plumb_bob has no \
+             more terms",
+            found.largest_error_px
+        );
+    }
+    Ok(found.info)
 }
 
 /// Says what the format of a stream does not.

@@ -3,7 +3,9 @@
 use camrig_base::{Error, Result};
 use camrig_render::Arithmetic;
 use camrig_rig::script::exposure_cut;
-use camrig_rig::{self as rig, Rig, emulator::Emulator, log::LogDecoder, serve::ServeError};
+use camrig_rig::{
+    self as rig, Rig, Token, emulator::Emulator, log::LogDecoder, serve::ServeError,
+};
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
@@ -61,6 +63,7 @@ struct InfoArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig serve --tcp 127.0.0.1:7420\n  \
+    camrig rig serve --tcp 0.0.0.0:7420 --allow-remote --token\n  \
     camrig rig serve --pty\n  \
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
 #[command(group(clap::ArgGroup::new("link").required(true).args(["tcp", "pty", "device"])))]
@@ -69,10 +72,21 @@ struct ServeArgs {
     /// it has been silent for 10 s
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
-    /// Listen on an address that other machines reach. A rig asks no password: whoever connects
-    /// reads and writes its registers and takes its frames
+    /// Listen on an address that other machines reach: whoever connects, and knows the token if
+    /// there is one, reads and writes the rig's registers and takes its frames
     #[arg(long, requires = "tcp")]
     allow_remote: bool,
+    /// Serve only hosts that know a token: this one, or one that is made up and printed with the
+    /// address. The network carries it in clear
+    #[arg(
+        long,
+        value_name = "TEXT",
+        requires = "tcp",
+        num_args = 0..=1,
+        default_missing_value = "",
+        require_equals = true
+    )]
+    token: Option<String>,
     /// Make a pseudo-terminal and print its name
     #[arg(long)]
     pty: bool,
@@ -254,17 +268,41 @@ fn serve(args: &ServeArgs) -> Result<()> {
         let _ = std::io::stdout().flush();
     };
     if let Some(address) = &args.tcp {
-        let opens = "connect to this rig, which asks no password: they read and write its \
-                     registers and take its frames";
-        remote(address, args.allow_remote, opens)?;
-        let listening = |address: &str| ready(format!("tcp://{address}"));
-        return rig::serve::tcp(address, emulator, listening, link_failed);
+        return serve_tcp(address, args, emulator, ready);
     }
     if let Some(path) = &args.device {
         ready(path.display().to_string());
         return rig::serve::device(path, args.report, emulator, link_failed);
     }
     rig::serve::pty(emulator, |path| ready(format!("serial://{path}")), link_failed)
+}
+
+/// Serves an address, behind a token where the arguments ask for one.
+fn serve_tcp(
+    address: &str,
+    args: &ServeArgs,
+    emulator: Emulator,
+    ready: impl FnOnce(String),
+) -> Result<()> {
+    let token = match args.token.as_deref() {
+        None => None,
+        Some("") => Some(Token::random()?),
+        Some(text) => Some(Token::parse(text).map_err(|e| e.at("--token"))?),
+    };
+    let opens = match token {
+        None => {
+            "connect to this rig, which asks no password (--token makes it ask): they read \
+             and write its registers and take its frames"
+        }
+        Some(_) => {
+            "connect to this rig if they know the token, which the network carries in clear: \
+             they read and write its registers and take its frames"
+        }
+    };
+    remote(address, args.allow_remote, opens)?;
+    let query = token.as_ref().map_or(String::new(), |t| format!("?token={}", t.secret()));
+    let listening = |address: &str| ready(format!("tcp://{address}{query}"));
+    rig::serve::tcp(address, token, emulator, listening, link_failed)
 }
 
 /// Refuses to listen where other machines connect, unless that is allowed; then says what they

@@ -288,6 +288,7 @@ pub fn expose_frames(
         eprintln!("note: cleared the rig's {held}, which an earlier host had left");
     }
     stage.set_camera(sensor)?;
+    sink.set_camera(|| args.figures(camera))?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.
     let (mut moved, mut moved_before) = (None, None);

@@ -15,6 +15,7 @@ mod state;
 pub use state::{State, Told};
 
 use camrig_base::{Error, Result};
+use camrig_rig::Token;
 use serde::Deserialize;
 use std::io::Read;
 use std::net::SocketAddr;
@@ -53,7 +54,7 @@ const TOKEN: &str = "X-Camrig-Token";
 pub struct View {
     server: Arc<Server>,
     address: SocketAddr,
-    token: String,
+    token: Token,
 }
 
 impl View {
@@ -69,12 +70,12 @@ impl View {
         };
         let server = Server::http(address).map_err(|e| failed(e.to_string()))?;
         let ip = server.server_addr().to_ip().ok_or_else(|| failed("no address".into()))?;
-        Ok(Self { server: Arc::new(server), address: ip, token: token()? })
+        Ok(Self { server: Arc::new(server), address: ip, token: Token::random()? })
     }
 
     /// Where the page is, its token included.
     pub fn url(&self) -> String {
-        format!("http://{}/#{}", self.address, self.token)
+        format!("http://{}/#{}", self.address, self.token.secret())
     }
 
     /// Answers requests until the process ends. What the page asks of the rig goes to `controls`.
@@ -121,8 +122,7 @@ impl View {
         }
         let api = request.url().starts_with("/api/");
         let token = request.headers().iter().find(|h| h.field.equiv(TOKEN));
-        if api && !token.is_some_and(|t| same(t.value.as_str().as_bytes(), self.token.as_bytes()))
-        {
+        if api && !token.is_some_and(|t| self.token.is(t.value.as_str().as_bytes())) {
             return Some((
                 403,
                 "the token is missing or wrong: open the address that camrig printed",
@@ -228,20 +228,6 @@ fn picture(picture: Result<Option<Vec<u8>>>) -> Answer {
     }
 }
 
-/// Compares in a time that does not depend on where the difference is, so that the token cannot be
-/// guessed byte by byte.
-fn same(a: &[u8], b: &[u8]) -> bool {
-    a.len() == b.len() && a.iter().zip(b).fold(0, |d, (x, y)| d | (x ^ y)) == 0
-}
-
-/// 128 bits from the operating system, in hexadecimal.
-fn token() -> Result<String> {
-    let mut bytes = [0; 16];
-    getrandom::fill(&mut bytes)
-        .map_err(|e| Error::device(format!("no random numbers for the token: {e}")))?;
-    Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -253,7 +239,7 @@ mod tests {
     #[test]
     fn a_request_whose_body_never_comes_does_not_hold_up_others() {
         let page = View::listen("127.0.0.1:0").unwrap();
-        let (address, token) = (page.address, page.token.clone());
+        let (address, token) = (page.address, page.token.secret().to_string());
         let (sender, _controls) = mpsc::channel();
         page.serve(Arc::new(Mutex::new(State::new(DngInfo::default()))), sender);
         let connect = |request: String| {

@@ -15,7 +15,7 @@ pub fn tcp_server(versions: Option<(u8, u8)>) -> String {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let ready = |address: &str| sender.send(format!("tcp://{address}")).unwrap();
-        serve::tcp("127.0.0.1:0", Emulator::new(versions), ready, drop).unwrap();
+        serve::tcp("127.0.0.1:0", None, Emulator::new(versions), ready, drop).unwrap();
     });
     receiver.recv().unwrap()
 }

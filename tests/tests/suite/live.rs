@@ -91,7 +91,8 @@ fn names_and_formats_that_mislead_are_refused() {
 #[cfg(unix)]
 #[test]
 fn a_file_grows_frame_by_frame_and_a_signal_leaves_whole_ones() {
-    for (signal, name) in [("INT", "x.csi2"), ("TERM", "x_64x48_SGRBG10P.raw")] {
+    for (signal, name) in [("INT", "x.csi2"), ("TERM", "x_64x48_SGRBG10P.raw"), ("INT", "x.mcap")]
+    {
         let dir = folder();
         let path = dir.path().join(name);
         let mut child = start(
@@ -99,7 +100,8 @@ fn a_file_grows_frame_by_frame_and_a_signal_leaves_whole_ones() {
             &format!("{RIG} --scene ramp --frames 100000 --fps 50 --collapse -o {name}"),
         );
         let bytes = || std::fs::metadata(&path).map_or(0, |m| m.len());
-        until(&mut child, || bytes() > 3 * 64 * 48 * 10 / 8);
+        // More than three frames, and what comes before the first in a recording.
+        until(&mut child, || bytes() > 30_000);
         let kill = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
         assert!(kill.unwrap().success());
         let (status, told) = said(child);
@@ -203,4 +205,45 @@ fn figures_of_a_stream_have_their_names() {
     assert!(["p50", "p99", "max"].iter().all(|p| told["latency_us"][p].is_f64()), "{told}");
     let frames = told["settings"].as_array().unwrap();
     assert!(frames.len() == 4 && frames.iter().all(|f| f["late_us"].is_f64()), "{told}");
+}
+
+/// Both readers find the frames of this process, when they began and the camera's figures.
+#[test]
+fn recordings_are_read_by_two_readers_of_ros() {
+    let Some(python) = camrig_tests::client("rosbags") else { return };
+    let dir = folder();
+    let lens = "\n[[effect]]\nkind = \"distortion\"\nk1 = -0.05\n";
+    let camera = small_camera(64, 48, &[]) + lens;
+    std::fs::write(dir.path().join("c.toml"), camera).unwrap();
+    let light = "--scene ramp --frames 3";
+    camrig_ok(dir.path(), &format!("{RIG} {light} --fps 20 -o a.mcap --json"));
+    let here = format!("simulate --camera c.toml --exposure 8ms {light} -o - --to SGRBG10");
+    let own = camrig_ok(dir.path(), &here).stdout;
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/ros_recording.py");
+    let found = camrig_tests::run(&python, &[&script, &dir.path().join("a.mcap")]);
+    let found: serde_json::Value = serde_json::from_slice(&found).unwrap();
+    for reader in ["mcap-ros2-support", "rosbags"] {
+        let messages = found[reader].as_array().unwrap();
+        assert_eq!(messages.len(), 6, "{reader}: an image and its CameraInfo, three times");
+        for (i, pair) in messages.chunks(2).enumerate() {
+            let of = |topic: &str| pair.iter().find(|m| m["topic"] == topic).unwrap();
+            let (image, info) = (of("/camera/image_raw"), of("/camera/camera_info"));
+            for message in [image, info] {
+                assert_eq!(message["stamp_ns"], i as u64 * 50_000_000, "{reader}");
+                assert_eq!(message["header_ns"], message["stamp_ns"], "{reader}");
+                assert_eq!(message["size"], serde_json::json!([64, 48]), "{reader}");
+            }
+            assert_eq!(image["encoding"], "bayer_grbg16");
+            let frame = &own[i * 64 * 48 * 2..][..64 * 48 * 2];
+            let hex: String = frame.iter().map(|byte| format!("{byte:02x}")).collect();
+            assert!(image["data"] == hex.as_str(), "{reader}");
+            // The axis is at the centre: between the two middle pixels.
+            assert_eq!(info["k"][2], 31.5);
+            assert_eq!(info["k"][5], 23.5);
+            assert!(info["d"][0].as_f64().unwrap() < 0.0, "barrel: {info}");
+        }
+    }
+    // And it comes back as it went out.
+    camrig_ok(dir.path(), "convert a.mcap back_64x48_SGRBG10.raw");
+    assert_eq!(std::fs::read(dir.path().join("back_64x48_SGRBG10.raw")).unwrap(), own);
 }

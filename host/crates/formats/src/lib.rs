@@ -18,6 +18,7 @@
 //! | PNG | [`mod@png`] | one | all |
 //! | FITS | [`fits`] | any number | all |
 //! | CSI-2 packets | [`csi2`] | any number | bits |
+//! | MCAP recording | [`mod@mcap`] | any number, of grey and Bayer | bits, pattern, black and white level |
 //! | Y4M video, written alone | [`y4m`] | any number, without colour filters | bits |
 //! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
 //!
@@ -62,6 +63,7 @@ mod gzip;
 mod ifd;
 pub mod live;
 mod ljpeg;
+pub mod mcap;
 mod narrow;
 pub mod npy;
 pub mod opcodes;
@@ -108,6 +110,8 @@ pub enum Format {
     Fits,
     /// MIPI CSI-2 packet stream as it leaves the receiver's lane merger.
     Csi2,
+    /// MCAP recording of ROS 2 images.
+    Mcap,
     /// YUV4MPEG2, grey video of a sensor without colour filters; written, not read.
     Y4m,
     /// Headerless pixels in a V4L2 format, one frame after another.
@@ -164,7 +168,8 @@ impl Frames {
 }
 
 impl Format {
-    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, y4m, or a V4L2 pixel format.
+    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, or a V4L2 pixel
+    /// format.
     ///
     /// # Errors
     /// A name that is none of these.
@@ -177,11 +182,12 @@ impl Format {
             "png" => Self::Png,
             "fits" | "fit" => Self::Fits,
             "csi2" => Self::Csi2,
+            "mcap" => Self::Mcap,
             "y4m" => Self::Y4m,
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
                 Error::unsupported(format!("raw format {name:?}")).help(
-                    "use dng, tiff, npy, pgm, png, fits, csi2, y4m, or a V4L2 or GenICam pixel \
-                     format like SGRBG10P",
+                    "use dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, or a V4L2 or GenICam \
+                     pixel format like SGRBG10P",
                 )
             })?),
         })
@@ -199,8 +205,8 @@ impl Format {
         Self::parse(path.extension().and_then(|e| e.to_str()).unwrap_or("")).map_err(|_| {
             Error::unsupported(format!("no raw format is known by the name {}", path.display()))
                 .help(
-                    "end the name in .dng .tiff .npy .pgm .png .fits .csi2 .y4m, or, headerless, \
-                 like NAME_640x480_SGRBG10P.raw",
+                    "end the name in .dng .tiff .npy .pgm .png .fits .csi2 .mcap .y4m, or, \
+                 headerless, like NAME_640x480_SGRBG10P.raw",
                 )
         })
     }
@@ -216,6 +222,7 @@ impl Format {
                 Some(if ifd::is_dng(bytes) { Self::Dng } else { Self::Tiff })
             }
             _ if bytes.starts_with(b"SIMPLE  =") => Some(Self::Fits),
+            _ if bytes.starts_with(mcap::MAGIC) => Some(Self::Mcap),
             _ if csi2::is_stream(bytes) => Some(Self::Csi2),
             _ => None,
         }
@@ -233,7 +240,7 @@ impl Format {
     /// Whether frames of this format follow one another, so that each can be written when it is
     /// there ([`live`]).
     pub fn is_stream(&self) -> bool {
-        matches!(self, Self::Pgm | Self::Csi2 | Self::Y4m | Self::Raw(_))
+        matches!(self, Self::Pgm | Self::Csi2 | Self::Mcap | Self::Y4m | Self::Raw(_))
     }
 
     /// The bytes of a file of this format.
@@ -261,6 +268,7 @@ impl Format {
             Self::Png => png::encode(frames),
             Self::Fits => fits::encode(frames),
             Self::Csi2 => csi2::encode(frames),
+            Self::Mcap => mcap::encode(frames),
             Self::Y4m => y4m::encode(frames),
             Self::Raw(pixels) => pixels.encode(frames),
         }
@@ -277,6 +285,7 @@ impl fmt::Display for Format {
             Self::Png => "png",
             Self::Fits => "fits",
             Self::Csi2 => "csi2",
+            Self::Mcap => "mcap",
             Self::Y4m => "y4m",
             Self::Raw(pixels) => return pixels.fmt(f),
         })
@@ -303,10 +312,11 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Png) => png::decode(bytes),
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
+        Some(Format::Mcap) => mcap::decode(bytes),
         Some(Format::Raw(_) | Format::Y4m) | None => {
             Err(Error::unsupported("not in a known raw format").help(
                 "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 \
-             packets; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
+             packets, MCAP; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
             ))
         }
     }?;

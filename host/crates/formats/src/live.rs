@@ -5,20 +5,23 @@
 //! white is white for programs that know 8 and 16 bits alone: 1023 of 10 bits is 65472 as
 //! `SRGGB16` and 255 as `SRGGB8`.
 
+use super::mcap::{CameraInfo, Recording};
 use super::{Facts, Format, Frames, csi2, y4m};
 use camrig_base::{Error, RawFrame, Result};
 use std::borrow::Cow;
 
 /// Encodes the frames of a stream.
-#[derive(Clone, Debug)]
 pub struct LiveEncoder {
     format: Format,
     frames_per_s: Option<f64>,
+    camera: Option<CameraInfo>,
     /// Frames encoded.
     count: u64,
+    /// What an MCAP file has so far.
+    recording: Option<Recording>,
 }
 
-/// What goes into a CSI-2 stream beside the pixels of a frame.
+/// What goes into a stream beside the pixels of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Beside {
     /// CSI-2 frame number, 1 to 65535; counted from 1 where not given.
@@ -27,6 +30,9 @@ pub struct Beside {
     pub embedded: Vec<Vec<u8>>,
     /// Whether Line Start and Line End packets enclose every image line.
     pub line_packets: bool,
+    /// When the frame began, s from the stream's begin, for formats that say it; from the frame
+    /// rate where not given.
+    pub time_s: Option<f64>,
 }
 
 impl LiveEncoder {
@@ -37,12 +43,32 @@ impl LiveEncoder {
     /// A format that holds one frame, or counts its frames at the front.
     pub fn new(format: Format, frames_per_s: Option<f64>) -> Result<Self> {
         if format.is_stream() {
-            return Ok(Self { format, frames_per_s, count: 0 });
+            return Ok(Self { format, frames_per_s, camera: None, count: 0, recording: None });
         }
         Err(Error::unsupported(format!("a stream of frames as {format}")).help(
-            "formats in which frames follow one another are csi2, pgm, y4m and headerless pixels \
-             such as SGRBG10P",
+            "formats in which frames follow one another are csi2, mcap, pgm, y4m and headerless \
+             pixels such as SGRBG10P",
         ))
+    }
+
+    /// Says the camera's figures before the first frame, for formats that hold them
+    /// ([`Self::has_camera`]).
+    pub fn set_camera(&mut self, figures: CameraInfo) {
+        self.camera = Some(figures);
+    }
+
+    /// Whether the format holds the figures of a camera.
+    pub fn has_camera(&self) -> bool {
+        self.format == Format::Mcap
+    }
+
+    /// Refuses frames that the format cannot hold.
+    ///
+    /// # Errors
+    /// Those of [`Self::encode`].
+    pub fn check(&self, like: &RawFrame) -> Result<()> {
+        let mut anew = Self::new(self.format.clone(), self.frames_per_s)?;
+        anew.encode(like, &Beside::default()).map(drop)
     }
 
     /// Bits per sample as which a frame is written.
@@ -73,7 +99,18 @@ impl LiveEncoder {
                 self.format, frame.bits
             )
         });
-        self.format.leaves_out(&Facts::of(frame)).into_iter().chain(full_scale).collect()
+        let stamps = (self.format == Format::Mcap && self.frames_per_s.is_none()).then(|| {
+            "no frame rate is known: frames whose time is not known either are stamped 1 s apart"
+                .to_string()
+        });
+        let left_out = self.format.leaves_out(&Facts::of(frame));
+        left_out.into_iter().chain(full_scale).chain(stamps).collect()
+    }
+
+    /// Time of the next frame, ns.
+    fn stamp_ns(&self, beside: &Beside) -> u64 {
+        let counted = || self.count as f64 / self.frames_per_s.unwrap_or(1.0);
+        (beside.time_s.unwrap_or_else(counted) * 1e9).round() as u64
     }
 
     /// The bytes of the next frame.
@@ -101,10 +138,26 @@ impl LiveEncoder {
                 bytes.extend(y4m::frame(&frame.data, frame.bits)?);
                 bytes
             }
+            Format::Mcap => {
+                let stamp_ns = self.stamp_ns(beside);
+                let recording = match &mut self.recording {
+                    Some(recording) => recording,
+                    none => none.insert(Recording::new(frame, self.camera)?),
+                };
+                recording.frame(frame, stamp_ns)?
+            }
             other => other.encode(&Frames::from_raw(frame))?,
         };
         self.count += 1;
         Ok(bytes)
+    }
+
+    /// What follows the last frame, in formats that have an end.
+    ///
+    /// # Errors
+    /// None that depends on the frames.
+    pub fn finish(&mut self) -> Result<Vec<u8>> {
+        self.recording.take().map_or(Ok(Vec::new()), Recording::finish)
     }
 }
 
@@ -169,12 +222,13 @@ mod tests {
     fn frames_one_by_one_are_those_of_a_whole_file() {
         let mut whole = Frames::from_raw(&frame("mono"));
         whole.planes = vec![whole.planes[0].clone(); 3];
-        for name in ["csi2", "pgm", "y4m", "Y10", "Y10P"] {
+        for name in ["csi2", "mcap", "pgm", "y4m", "Y10", "Y10P"] {
             let mut encoder = encoder(name);
             let mut bytes = Vec::new();
             for _ in 0..3 {
                 bytes.extend(encoder.encode(&frame("mono"), &Beside::default()).unwrap());
             }
+            bytes.extend(encoder.finish().unwrap());
             assert_eq!(bytes, Format::parse(name).unwrap().encode(&whole).unwrap(), "{name}");
         }
     }
@@ -186,6 +240,7 @@ mod tests {
             number: Some(7),
             embedded: vec![csi2::ccs_line(&[(5, 1)], 10)],
             line_packets: true,
+            ..Beside::default()
         };
         let stream = csi2::decode_stream(&encoder.encode(&frame("RGGB"), &beside).unwrap());
         let stream = stream.unwrap();
@@ -196,8 +251,9 @@ mod tests {
     #[test]
     fn formats_that_hold_one_frame_or_count_them_are_no_streams() {
         for name in ["dng", "png", "npy", "tiff", "fits"] {
-            let said = LiveEncoder::new(Format::parse(name).unwrap(), None).unwrap_err();
-            assert!(said.to_string().contains("csi2, pgm, y4m"), "{name}: {said}");
+            let said = LiveEncoder::new(Format::parse(name).unwrap(), None);
+            let said = said.err().unwrap();
+            assert!(said.to_string().contains("csi2, mcap, pgm"), "{name}: {said}");
         }
     }
 }

@@ -142,6 +142,10 @@ impl Lens for Departed {
         }))
     }
 
+    fn principal_distance_mm(&self) -> f64 {
+        self.lens.principal_distance_mm()
+    }
+
     fn axis_mm(&self) -> (f64, f64) {
         let (own, more) = (self.lens.axis_mm(), self.departures.axis_mm);
         (own.0 + more.0, own.1 + more.1)

@@ -153,6 +153,10 @@ impl Lens for Diffraction {
         None
     }
 
+    fn principal_distance_mm(&self) -> f64 {
+        self.image_distance_mm()
+    }
+
     fn blur(&self, nm: f64) -> Blur<'_> {
         let lambda_n_um = 1e-3 * nm * self.working_f_number();
         // The geometric blur circle of defocus comes on top.

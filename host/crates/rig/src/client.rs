@@ -98,7 +98,7 @@ pub struct Rig {
 fn open(url: &Url) -> Result<Box<dyn Transport>> {
     match url {
         Url::Emulator => Ok(emulator::open()),
-        Url::Tcp { address } => tcp::open(address),
+        Url::Tcp { address, token } => tcp::open(address, token.as_ref()),
         Url::Serial { path, baud } => serial::open(path, *baud),
         Url::Hid { vid, pid, serial } => hid::open(*vid, *pid, serial.as_deref()),
     }

@@ -37,10 +37,12 @@ pub mod serial;
 pub mod serve;
 pub mod stage;
 pub mod tcp;
+pub mod token;
 pub mod transport;
 mod url;
 
 pub use client::{FrameRequest, Rig, RigFrame};
 pub use list::{Found, USB_ID, list};
 pub use stage::SensorStage;
+pub use token::Token;
 pub use url::Url;

@@ -1,5 +1,6 @@
 //! The emulator as a server: on TCP, on a pseudo-terminal, or as the device side of a USB gadget.
 
+use super::Token;
 use super::emulator::Emulator;
 use super::platform::PseudoTerminal;
 use camrig_base::{Error, Result};
@@ -9,7 +10,7 @@ use std::fs::File;
 use std::io;
 use std::net::{Shutdown, TcpListener, TcpStream, ToSocketAddrs};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
@@ -20,6 +21,10 @@ pub const GIVEN_UP_AFTER: Duration = Duration::from_secs(10);
 /// Longest wait for the device to let go of a host that was given up, and how often it is looked.
 const LET_GO: Duration = Duration::from_secs(2);
 const LET_GO_STEP: Duration = Duration::from_millis(10);
+/// Longest wait for the token of a host that has connected, and most hosts that are waited for at
+/// once; further ones are turned away.
+const TO_GREET: Duration = Duration::from_secs(2);
+const GREETING_AT_ONCE: usize = 16;
 
 /// Whether a host is served, and when it was last heard.
 struct Guest {
@@ -135,24 +140,81 @@ fn failures(
     move |outcome| outcome.unwrap_or_else(&mut failed)
 }
 
+/// Takes in what connects: at once without a token, and otherwise who begins with it within
+/// [`TO_GREET`]. Others are turned away without a word.
+fn door(
+    listener: TcpListener,
+    token: Option<Token>,
+    admitted: mpsc::Sender<io::Result<TcpStream>>,
+) {
+    let greeting = Arc::new(AtomicUsize::new(0));
+    for stream in listener.incoming() {
+        let (Ok(stream), Some(token)) = (&stream, &token) else {
+            if admitted.send(stream).is_err() {
+                return;
+            }
+            continue;
+        };
+        // So that a greeting that does not come holds up no other.
+        if greeting.fetch_add(1, Ordering::AcqRel) >= GREETING_AT_ONCE {
+            greeting.fetch_sub(1, Ordering::AcqRel);
+            continue;
+        }
+        let (token, admitted, greeting) = (token.clone(), admitted.clone(), greeting.clone());
+        let Ok(stream) = stream.try_clone() else { continue };
+        std::thread::spawn(move || {
+            if greets(&stream, &token) {
+                // The server may have ended.
+                let _ = admitted.send(Ok(stream));
+            }
+            greeting.fetch_sub(1, Ordering::AcqRel);
+        });
+    }
+}
+
+/// Whether a host begins with the token in time.
+fn greets(stream: &TcpStream, token: &Token) -> bool {
+    let until = Instant::now() + TO_GREET;
+    let timed = Timed { stream, until };
+    token.is_greeted(timed) && stream.set_read_timeout(None).is_ok()
+}
+
+/// Reads until a time, however slowly bytes come.
+struct Timed<'a> {
+    stream: &'a TcpStream,
+    until: Instant,
+}
+
+impl io::Read for Timed<'_> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let left = self.until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        self.stream.set_read_timeout(Some(left))?;
+        (&mut &*self.stream).read(out)
+    }
+}
+
 /// Serves hosts on a TCP address, one at a time; others are turned away at once, unless the one
-/// served has been silent for [`GIVEN_UP_AFTER`]. There is no password. Calls `ready`
-/// with the address in force (a port 0 has become a number), and `link_failed` from another thread
-/// with each fault that ends a link.
+/// served has been silent for [`GIVEN_UP_AFTER`]. With a token, only hosts that know it are
+/// served, and no other has an effect on them. Calls `ready` with the address in force (a port 0
+/// has become a number), and `link_failed` from another thread with each fault that ends a link.
 ///
 /// # Errors
 /// An address at which this machine cannot listen.
 pub fn tcp(
     address: &str,
+    token: Option<Token>,
     emulator: Emulator,
     ready: impl FnOnce(&str),
     link_failed: impl FnMut(ServeError<io::Error>) + Send + 'static,
 ) -> Result<()> {
-    tcp_patient(address, emulator, ready, link_failed, GIVEN_UP_AFTER)
+    tcp_patient((address, token), emulator, ready, link_failed, GIVEN_UP_AFTER)
 }
 
 fn tcp_patient(
-    address: &str,
+    (address, token): (&str, Option<Token>),
     mut emulator: Emulator,
     ready: impl FnOnce(&str),
     link_failed: impl FnMut(ServeError<io::Error>) + Send + 'static,
@@ -180,7 +242,9 @@ fn tcp_patient(
             failures(link_failed),
         );
     });
-    for stream in listener.incoming() {
+    let (admitted, hosts) = mpsc::channel();
+    std::thread::spawn(move || door(listener, token, admitted));
+    for stream in hosts {
         let stream = stream.map_err(failed)?;
         if guest.busy.swap(true, Ordering::AcqRel) && !guest.give_up(patience) {
             // Turned away; whether that works is the other side's business.
@@ -246,7 +310,13 @@ mod tests {
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {
             let ready = |address: &str| sender.send(address.to_string()).unwrap();
-            tcp_patient("127.0.0.1:0", Emulator::with_threads(1, None), ready, drop, PATIENCE)
+            tcp_patient(
+                ("127.0.0.1:0", None),
+                Emulator::with_threads(1, None),
+                ready,
+                drop,
+                PATIENCE,
+            )
         });
         let address = receiver.recv().unwrap();
         let _silent = TcpStream::connect(&address).unwrap();
@@ -262,6 +332,28 @@ mod tests {
         std::thread::sleep(2 * PATIENCE);
         assert!(Rig::open(&url).is_ok(), "it has been silent since");
         assert!(first.keep_alive().is_err(), "it was given up");
+    }
+
+    #[test]
+    fn with_a_token_others_are_not_served_and_hold_nobody_up() {
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let token = Token::parse("right").unwrap();
+            let ready = |address: &str| sender.send(address.to_string()).unwrap();
+            tcp("127.0.0.1:0", Some(token), Emulator::with_threads(1, None), ready, drop)
+        });
+        let address = receiver.recv().unwrap();
+        // Silent strangers wait for nothing, and take no place.
+        let _strangers: Vec<_> =
+            (0..GREETING_AT_ONCE / 2).map(|_| TcpStream::connect(&address).unwrap()).collect();
+        for url in [format!("tcp://{address}"), format!("tcp://{address}?token=wrong")] {
+            let said = Rig::open(&url).err().unwrap().to_string();
+            assert!(said.contains("?token="), "{said}");
+        }
+        let mut rig = Rig::open(&format!("tcp://{address}?token=right")).unwrap();
+        assert!(rig.read_register(0x0005).is_ok());
+        assert!(Rig::open(&format!("tcp://{address}?token=wrong")).is_err());
+        rig.keep_alive().unwrap();
     }
 
     #[test]

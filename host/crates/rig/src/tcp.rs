@@ -1,20 +1,22 @@
 //! Rigs behind TCP.
 
+use super::Token;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
 use camrig_base::{Error, Result};
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
+use std::io::Write;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};
 
 /// Longest wait for a connection, and for a rig that stops reading.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Connects to `HOST:PORT`.
+/// Connects to `HOST:PORT`, and gives the token of a rig that asks for one.
 ///
 /// # Errors
 /// A name that does not resolve, and no answer within 5 s at any of its addresses.
-pub fn open(address: &str) -> Result<Box<dyn Transport>> {
+pub fn open(address: &str, token: Option<&Token>) -> Result<Box<dyn Transport>> {
     let name = format!("tcp://{address}");
     let failed = |e: std::io::Error| {
         Error::device(format!("no rig answers: {e}"))
@@ -25,16 +27,23 @@ pub fn open(address: &str) -> Result<Box<dyn Transport>> {
     let mut last = std::io::ErrorKind::NotFound.into();
     for candidate in address.to_socket_addrs().map_err(failed)? {
         match TcpStream::connect_timeout(&candidate, PATIENCE) {
-            Ok(stream) => return link(stream, name.clone()).map_err(failed),
+            Ok(stream) => return link(stream, name.clone(), token).map_err(failed),
             Err(e) => last = e,
         }
     }
     Err(failed(last))
 }
 
-fn link(stream: TcpStream, name: String) -> std::io::Result<Box<dyn Transport>> {
+fn link(
+    mut stream: TcpStream,
+    name: String,
+    token: Option<&Token>,
+) -> std::io::Result<Box<dyn Transport>> {
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(PATIENCE))?;
+    if let Some(token) = token {
+        stream.write_all(&token.greeting())?;
+    }
     let reader = stream.try_clone()?;
     let limits = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
     Ok(Box::new(ByteLink::new(name, Framing::Length, limits, Closing(stream), reader)))

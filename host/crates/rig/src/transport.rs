@@ -120,7 +120,8 @@ impl<W: Write + Send> ByteLink<W> {
     fn closed(&self, why: &str) -> Error {
         Error::device(format!("the rig closed the link{why}")).at(&self.name).help(
             "it may be busy with another host: an emulator serves one at a time, and gives up one \
-             that has been silent for 10 s; otherwise check the rig and its cable, and try again",
+             that has been silent for 10 s; one with a token wants it in the address \
+             (?token=TEXT); otherwise check the rig and its cable, and try again",
         )
     }
 }

@@ -1,5 +1,6 @@
 //! Addresses of rigs.
 
+use super::Token;
 use camrig_base::{Error, Result};
 use std::fmt;
 
@@ -16,6 +17,8 @@ pub enum Url {
     Tcp {
         /// Host and port.
         address: String,
+        /// What a rig that asks for it is to be told.
+        token: Option<Token>,
     },
     /// A serial port, or a USB device of the class CDC-ACM.
     Serial {
@@ -36,14 +39,14 @@ pub enum Url {
 }
 
 impl Url {
-    /// Reads `emulator:`, `tcp://HOST:PORT`, `serial:///dev/ttyACM0?baud=N` or
+    /// Reads `emulator:`, `tcp://HOST:PORT[?token=TEXT]`, `serial:///dev/ttyACM0?baud=N` or
     /// `hid://VID:PID[/SERIAL]` (VID and PID in hexadecimal).
     pub fn parse(text: &str) -> Result<Self> {
         let wrong = || {
             Error::input(format!("{text:?} is not an address of a rig"))
                 .help(
-                    "use emulator:, tcp://HOST:PORT, serial:///dev/ttyACM0?baud=3000000 or \
-                     hid://VID:PID[/SERIAL] (hexadecimal)",
+                    "use emulator:, tcp://HOST:PORT[?token=TEXT], \
+                     serial:///dev/ttyACM0?baud=3000000 or hid://VID:PID[/SERIAL] (hexadecimal)",
                 )
                 .with_code("rig-not-found")
         };
@@ -52,12 +55,17 @@ impl Url {
         }
         let (scheme, rest) = text.split_once("://").ok_or_else(wrong)?;
         match scheme {
-            "tcp"
-                if rest.rsplit_once(':').is_some_and(|(host, port)| {
-                    !host.is_empty() && port.parse::<u16>().is_ok()
-                }) =>
-            {
-                Ok(Url::Tcp { address: rest.into() })
+            "tcp" => {
+                let (address, query) = rest.split_once('?').unwrap_or((rest, ""));
+                let token = match query.strip_prefix("token=") {
+                    Some(text) => Some(Token::parse(text)?),
+                    None if query.is_empty() => None,
+                    None => return Err(wrong()),
+                };
+                let sound = address
+                    .rsplit_once(':')
+                    .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+                sound.then(|| Url::Tcp { address: address.into(), token }).ok_or_else(wrong)
             }
             "serial" => {
                 let (path, query) = rest.split_once('?').unwrap_or((rest, ""));
@@ -88,7 +96,8 @@ impl fmt::Display for Url {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Url::Emulator => f.write_str("emulator:"),
-            Url::Tcp { address } => write!(f, "tcp://{address}"),
+            // Without the token: it is for the rig, not for logs.
+            Url::Tcp { address, .. } => write!(f, "tcp://{address}"),
             Url::Serial { path, baud } => write!(f, "serial://{path}?baud={baud}"),
             Url::Hid { vid, pid, serial: None } => write!(f, "hid://{vid:04x}:{pid:04x}"),
             Url::Hid { vid, pid, serial: Some(s) } => write!(f, "hid://{vid:04x}:{pid:04x}/{s}"),
@@ -112,6 +121,9 @@ mod tests {
         ] {
             assert_eq!(Url::parse(text).unwrap().to_string(), text);
         }
+        let secret = Url::parse("tcp://localhost:7420?token=s3").unwrap();
+        assert_eq!(secret.to_string(), "tcp://localhost:7420");
+        assert!(matches!(secret, Url::Tcp { token: Some(t), .. } if t.secret() == "s3"));
         let serial = Url::parse("serial://COM3").unwrap();
         assert_eq!(serial, Url::Serial { path: "COM3".into(), baud: DEFAULT_BAUD });
     }
@@ -123,6 +135,8 @@ mod tests {
             "tcp://host",
             "tcp://:1",
             "tcp://host:99999",
+            "tcp://host:1?token=",
+            "tcp://host:1?key=a",
             "serial://",
             "serial:///dev/x?speed=1",
             "serial:///dev/x?baud=0",

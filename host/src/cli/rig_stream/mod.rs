@@ -127,8 +127,9 @@ pub struct Args {
     /// stream ends
     #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     output: Option<PathBuf>,
-    /// Format of the frames where the name does not say it: csi2 (for -, unless given), pgm, y4m
-    /// (of sensors without colour filters), or the V4L2 name of headerless pixels. csi2 has an
+    /// Format of the frames where the name does not say it: csi2 (for -, unless given), mcap
+    /// (recording of ROS 2 images and the camera's figures; the times are those of --fps, or
+    /// measured), pgm, y4m (of sensors without colour filters), or the V4L2 name of headerless pixels. csi2 has an
     /// embedded data line for each frame and the numbers of the sensor's counter, so that lost
     /// frames leave a gap. Headerless pixels are at full scale where their bits are not the
     /// sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
@@ -179,8 +180,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     tell_injected(&mut rig)?;
     let light = Light::open(args, &camera)?;
     let sensors = light.sensors(&camera)?;
-    if let Some(output) = &output {
-        output.check(&sensors[0])?;
+    if let Some(output) = &mut output {
+        output.prepare(&camera, &sensors[0])?;
     }
     let before = rig.link_bytes();
     let stream = Stream { args, camera: &camera, light: &light, sensors: &sensors };
@@ -192,6 +193,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if pace.frames() > 0 {
         report::tell(args, &rig, before, &pace, &outcome);
     }
+    let finished = output.as_mut().map_or(Ok(()), Output::finish);
     if let Some(output) = &output {
         let whole = output.count();
         let place = live::named(output.path());
@@ -204,6 +206,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     }
     ended?;
+    finished?;
     if let Some(said) = pace.said() {
         eprintln!("{said}");
     }
@@ -294,7 +297,8 @@ impl Stream<'_> {
                 taken.outcome.records.push(Record::new(&frame, time));
             }
             if let Some(output) = output {
-                output.take(&frame, sensor)?;
+                let nominal = args.fps.map(|fps| f64::from(i) / fps);
+                output.take(&frame, sensor, nominal.unwrap_or(time.begin))?;
             }
             bar.inc(1);
         }

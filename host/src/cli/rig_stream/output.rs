@@ -4,6 +4,7 @@ use super::Args;
 use crate::cli::live::{self, LiveFrames};
 use camrig_base::output::LiveOutput;
 use camrig_base::{Error, Result};
+use camrig_camera::Camera;
 use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_render::SimulatedSensor;
@@ -28,7 +29,7 @@ impl Output {
         let encoder = LiveEncoder::new(format(path, args.to.as_deref())?, args.fps);
         let encoder = encoder.map_err(|e| {
             e.at(path.display()).help(
-                "a rig's frames are written as .csi2, .pgm, .y4m or headerless pixels \
+                "a rig's frames are written as .csi2, .mcap, .pgm, .y4m or headerless pixels \
                  (NAME_640x480_SGRBG10P.raw); `camrig convert` makes other formats of them",
             )
         })?;
@@ -36,14 +37,19 @@ impl Output {
         Ok(Some(Self { path: path.clone(), frames, numbers: Numbers::default() }))
     }
 
-    /// Refuses a sensor whose frames the format cannot hold.
-    pub fn check(&self, sensor: &SimulatedSensor) -> Result<()> {
+    /// Takes up the camera's figures where the format holds them, and refuses a sensor whose
+    /// frames it cannot hold.
+    pub fn prepare(&mut self, camera: &Camera, sensor: &SimulatedSensor) -> Result<()> {
+        if self.frames.has_camera() {
+            self.frames.set_camera(live::figures(camera)?);
+        }
         let pixels = sensor.config.width as usize * sensor.config.height as usize;
         self.frames.check(&sensor.raw_frame(vec![0; pixels], 1.0))
     }
 
-    /// Writes a frame, unless the sensor has dropped it.
-    pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor) -> Result<()> {
+    /// Writes a frame that began `time_s` after the first was due, unless the sensor has dropped
+    /// it.
+    pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) -> Result<()> {
         let number = self.numbers.of(frame.start.counter);
         if frame.dropped {
             return Ok(());
@@ -52,6 +58,7 @@ impl Output {
             number: Some(number),
             embedded: vec![frame.embedded_line()],
             line_packets: true,
+            time_s: Some(time_s),
         };
         self.frames.write(&frame.to_raw(sensor)?, &beside)
     }
@@ -62,6 +69,11 @@ impl Output {
             0 => Err(Error::input("every frame was dropped, as asked")),
             _ => Ok(()),
         }
+    }
+
+    /// Writes what follows the last frame.
+    pub fn finish(&mut self) -> Result<()> {
+        self.frames.finish()
     }
 
     /// Frames written.
@@ -118,7 +130,7 @@ mod tests {
     #[test]
     fn the_format_is_that_of_the_name() {
         let encoder = |name: &str, to| LiveEncoder::new(format(Path::new(name), to)?, None);
-        for name in ["a/x.csi2", "x.pgm", "x.y4m", "x_64x48_SGRBG10P.raw", "-"] {
+        for name in ["a/x.csi2", "x.mcap", "x.pgm", "x.y4m", "x_64x48_SGRBG10P.raw", "-"] {
             assert!(encoder(name, None).is_ok(), "{name}");
         }
         for name in ["x.dng", "x.npy", "x.raw10", "x", ".csi2", "x.tiff"] {

@@ -292,6 +292,10 @@ impl Lens for Characterisation {
         Some(Box::new(move |real| distortion.inverse(real)))
     }
 
+    fn principal_distance_mm(&self) -> f64 {
+        self.efl_mm * (1.0 + self.magnification / self.pupil_magnification)
+    }
+
     fn blur(&self, nm: f64) -> Blur<'_> {
         let distortion = self.distortion(nm);
         Blur::Field {

@@ -90,6 +90,9 @@ pub trait Lens: Send + Sync {
     fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>>;
     /// Paraxial height over real height: the inverse of distortion; `None` without any.
     fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>>;
+    /// Ideal image height over the tangent of the angle before the lens, mm: f(1 + |m|/P) with
+    /// focal length f, magnification m and pupil magnification P.
+    fn principal_distance_mm(&self) -> f64;
     /// Where the optical axis meets the sensor, mm right of and below its centre.
     fn axis_mm(&self) -> (f64, f64) {
         (0.0, 0.0)

@@ -201,6 +201,9 @@ impl Lens for GaussianOtf {
     fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
         None
     }
+    fn principal_distance_mm(&self) -> f64 {
+        1.0
+    }
     fn blur(&self, _nm: f64) -> Blur<'_> {
         let sigma = self.sigma_um;
         let cutoff_per_mm = 1.3e3 / sigma;

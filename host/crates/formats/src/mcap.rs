@@ -1,0 +1,288 @@
+//! MCAP recordings of ROS 2 camera topics (`.mcap`): what robots and their simulators record and
+//! play back. Source: the MCAP specification, version 0; the container is written and read by
+//! Foxglove's `mcap`.
+//!
+//! Each frame is a `sensor_msgs/msg/Image` on `/camera/image_raw` and, where the lens is known, a
+//! `sensor_msgs/msg/CameraInfo` on `/camera/camera_info` with the same time stamp. Samples of up
+//! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
+//! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
+//! metadata under [`NOTE`], from which [`decode`] takes it. Without compression; a chunk for each
+//! frame, so that a recording that is cut off can be repaired (`mcap recover`).
+
+mod ros;
+
+use super::{Facts, Frames, check_range};
+use camrig_base::{Error, Plane, RawFrame, Result};
+use mcap::write::NoSeek;
+use mcap::{MessageStream, WriteOptions, records::MessageHeader};
+pub use ros::CameraInfo;
+use ros::Image;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Topic of the images.
+const IMAGES: &str = "/camera/image_raw";
+/// Topic of the camera's figures.
+const CAMERA: &str = "/camera/camera_info";
+/// Key of a channel's metadata under which its frames' facts stand.
+const NOTE: &str = "camrig";
+/// First bytes of a file.
+pub const MAGIC: &[u8] = mcap::MAGIC;
+
+/// Bytes of the recording that have not been fetched.
+#[derive(Clone, Default)]
+struct Pending(Arc<Mutex<Vec<u8>>>);
+
+impl Pending {
+    fn fetch(&self) -> Vec<u8> {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Write for Pending {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut pending = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        pending.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A recording in progress.
+pub struct Recording {
+    writer: mcap::Writer<NoSeek<Pending>>,
+    pending: Pending,
+    images: u16,
+    camera: Option<(u16, CameraInfo)>,
+    sequence: u32,
+}
+
+fn failed(error: mcap::McapError) -> Error {
+    Error::internal(format!("an MCAP record: {error}"))
+}
+
+impl Recording {
+    /// A recording of frames with the facts of `like`.
+    ///
+    /// # Errors
+    /// A colour filter pattern for which ROS has no name.
+    pub fn new(like: &RawFrame, camera: Option<CameraInfo>) -> Result<Self> {
+        ros::encoding(&like.cfa, sample_bytes(like))?;
+        let pending = Pending::default();
+        let options = WriteOptions::new()
+            .profile("ros2")
+            .library("camrig")
+            .compression(None)
+            .chunk_size(None)
+            .disable_seeking(true);
+        let mut writer = options.create(NoSeek::new(pending.clone())).map_err(failed)?;
+        let mut metadata = BTreeMap::from([("offered_qos_profiles".into(), String::new())]);
+        let channel = |writer: &mut mcap::Writer<_>, topic, name, definition: &str| {
+            let schema = writer.add_schema(name, "ros2msg", definition.as_bytes())?;
+            writer.add_channel(schema, topic, "cdr", &metadata)
+        };
+        let camera = match camera {
+            Some(info) => {
+                let definition = ros::CAMERA_INFO_DEFINITION;
+                let id = channel(&mut writer, CAMERA, ros::CAMERA_INFO, definition);
+                Some((id.map_err(failed)?, info))
+            }
+            None => None,
+        };
+        metadata.insert(NOTE.into(), Facts::of(like).note());
+        let schema = writer.add_schema(ros::IMAGE, "ros2msg", ros::IMAGE_DEFINITION.as_bytes());
+        let schema = schema.map_err(failed)?;
+        let images = writer.add_channel(schema, IMAGES, "cdr", &metadata).map_err(failed)?;
+        Ok(Self { writer, pending, images, camera, sequence: 0 })
+    }
+
+    /// The bytes that come next in the file, up to and with this frame; `stamp_ns` since the
+    /// recording's begin.
+    ///
+    /// # Errors
+    /// Samples beyond the bits, a size beyond ROS's.
+    pub fn frame(&mut self, frame: &RawFrame, stamp_ns: u64) -> Result<Vec<u8>> {
+        check_range(&frame.data, frame.bits)?;
+        let size = |n: usize| {
+            u32::try_from(n).map_err(|_| Error::limit(format!("{n} pixels in a row of ROS's")))
+        };
+        let (width, height) = (size(frame.width)?, size(frame.height)?);
+        let bytes = sample_bytes(frame);
+        let data = match bytes {
+            1 => frame.data.iter().map(|&dn| dn as u8).collect(),
+            _ => frame.data.iter().flat_map(|dn| dn.to_le_bytes()).collect(),
+        };
+        let encoding = ros::encoding(&frame.cfa, bytes)?;
+        let image = Image { width, height, encoding, data };
+        if let Some((channel, info)) = self.camera {
+            self.message(channel, stamp_ns, &info.encode(width, height, stamp_ns))?;
+        }
+        self.message(self.images, stamp_ns, &image.encode(stamp_ns))?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.writer.flush().map_err(failed)?;
+        Ok(self.pending.fetch())
+    }
+
+    fn message(&mut self, channel_id: u16, stamp_ns: u64, data: &[u8]) -> Result<()> {
+        let (log_time, publish_time, sequence) = (stamp_ns, stamp_ns, self.sequence);
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time };
+        self.writer.write_to_known_channel(&header, data).map_err(failed)
+    }
+
+    /// The bytes of the file's end: its index.
+    ///
+    /// # Errors
+    /// None that depends on the frames.
+    pub fn finish(mut self) -> Result<Vec<u8>> {
+        self.writer.finish().map_err(failed)?;
+        Ok(self.pending.fetch())
+    }
+}
+
+/// Bytes of a sample.
+fn sample_bytes(frame: &RawFrame) -> usize {
+    if frame.bits <= 8 { 1 } else { 2 }
+}
+
+/// A whole recording. No time is known of these frames: they are stamped 1 s apart.
+///
+/// # Errors
+/// Facts that the frames do not carry, and those of [`Recording`].
+pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
+    let mut recording = Recording::new(&frames.raw(0)?, None)?;
+    let mut bytes = Vec::new();
+    for i in 0..frames.planes.len() {
+        bytes.extend(recording.frame(&frames.raw(i)?, i as u64 * ros::NS_PER_S)?);
+    }
+    bytes.extend(recording.finish()?);
+    Ok(bytes)
+}
+
+/// Reads the frames of a recording: the images of its one topic of raw pixels.
+///
+/// # Errors
+/// A damaged file, several topics of images, pixels that are not raw, images of several sizes.
+pub fn decode(bytes: &[u8]) -> Result<Frames> {
+    let damaged = |error: mcap::McapError| {
+        Error::input(format!("not a whole MCAP recording: {error}"))
+            .help("one that was cut off is repaired by `mcap recover`")
+    };
+    let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
+    let (mut planes, mut facts) = (Vec::<Plane<u16>>::new(), Facts::default());
+    for message in MessageStream::new(bytes).map_err(damaged)? {
+        let message = message.map_err(damaged)?;
+        let channel = &message.channel;
+        if channel.schema.as_ref().is_none_or(|schema| schema.name != ros::IMAGE) {
+            continue;
+        }
+        if topic.as_ref().is_some_and(|t| t.id != channel.id) {
+            return Err(Error::unsupported("images of several topics in one recording")
+                .help("filter it: `mcap filter --include-topic-regex /camera/image_raw`"));
+        }
+        let (cfa, width, height, data) = Image::decode(&message.data)?;
+        if topic.is_none() {
+            facts.cfa = Some(cfa);
+            facts.merge_note(channel.metadata.get(NOTE).map_or("", |note| note));
+            topic = Some(channel.clone());
+        }
+        if planes.first().is_some_and(|p| (p.width, p.height) != (width, height)) {
+            return Err(Error::unsupported("images of several sizes in one recording"));
+        }
+        planes.push(Plane { width, height, data });
+    }
+    if planes.is_empty() {
+        return Err(Error::input("a recording without images")
+            .help("raw pixels are in messages sensor_msgs/msg/Image"));
+    }
+    Ok(Frames { planes, facts })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_base::Cfa;
+
+    fn frame(bits: u32, cfa: &str) -> RawFrame {
+        let white = ((1u32 << bits) - 1) as u16;
+        RawFrame {
+            width: 4,
+            height: 2,
+            bits,
+            cfa: Cfa::parse(cfa).unwrap(),
+            black_level_dn: 4.5,
+            white_level_dn: white,
+            data: vec![0, 1, 42, white, white / 2, 3, 4, 5],
+        }
+    }
+
+    fn info() -> CameraInfo {
+        CameraInfo { focal_px: [900.0; 2], centre_px: [1.5, 0.5], radial: [-0.1, 0.02, 0.0] }
+    }
+
+    fn recorded(frame: &RawFrame, camera: Option<CameraInfo>) -> Vec<u8> {
+        let mut recording = Recording::new(frame, camera).unwrap();
+        let mut bytes = Vec::new();
+        for i in 0..3 {
+            bytes.extend(recording.frame(frame, 1_500_000_000 * i).unwrap());
+        }
+        bytes.extend(recording.finish().unwrap());
+        bytes
+    }
+
+    #[test]
+    fn frames_come_back_with_what_is_known_about_them() {
+        for (bits, cfa) in [(8, "GRBG"), (10, "RGGB"), (16, "BGGR"), (12, "mono")] {
+            let frame = frame(bits, cfa);
+            let bytes = recorded(&frame, Some(info()));
+            let back = decode(&bytes).unwrap();
+            assert_eq!(back.planes.len(), 3);
+            assert_eq!(back.raw(2).unwrap(), frame, "{bits} {cfa}");
+            assert_eq!(recorded(&frame, Some(info())), bytes, "the same bytes again");
+        }
+    }
+
+    /// Bytes by hand from the message definitions and XCDR1's alignment.
+    #[test]
+    fn messages_are_laid_out_as_the_definitions_say() {
+        let image = Image { width: 2, height: 1, encoding: "mono8".into(), data: vec![7, 9] };
+        let mut expected = vec![0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 7, 0, 0, 0];
+        expected.extend(b"camera\0\0"); // one byte of padding before the next u32
+        expected.extend([1, 0, 0, 0, 2, 0, 0, 0, 6, 0, 0, 0]);
+        expected.extend(b"mono8\0\0\0"); // not big-endian, one byte of padding
+        expected.extend([2, 0, 0, 0, 2, 0, 0, 0, 7, 9]);
+        assert_eq!(image.encode(1_000_000_002), expected);
+        let message = info().encode(4, 2, 0);
+        // Head, stamp, frame, sizes, "plumb_bob", count: 4 + 8 + 11 + 1 + 8 + 14 + 2 + 4, then d.
+        let f64_at = |at: usize| f64::from_le_bytes(message[at..at + 8].try_into().unwrap());
+        assert_eq!([0, 1, 2, 3, 4].map(|i| f64_at(52 + 8 * i)), [-0.1, 0.02, 0.0, 0.0, 0.0]);
+        assert_eq!(f64_at(52 + 40), 900.0);
+        assert_eq!(f64_at(52 + 56), 1.5);
+        assert_eq!(message.len(), 52 + 8 * (5 + 9 + 9 + 12) + 6 * 4 + 1);
+    }
+
+    /// Pixels 2 and 3 of the whole are pixel 0 of the part, whose centre is at 2.5 of the whole.
+    #[test]
+    fn a_part_of_the_frame_has_figures_of_its_own() {
+        let part = CameraInfo { centre_px: [6.5, 3.5], ..info() }.of_part([2, 0], 2);
+        assert_eq!((part.focal_px, part.centre_px), ([450.0; 2], [2.0, 1.5]));
+        assert_eq!(part.radial, info().radial);
+    }
+
+    #[test]
+    fn what_ros_has_no_name_for_and_damage_are_refused() {
+        let said = Recording::new(&frame(10, "RGBW/BGWR"), None).err().map(|e| e.to_string());
+        assert!(said.is_none_or(|s| s.contains("ROS")));
+        let bytes = recorded(&frame(10, "RGGB"), None);
+        for end in [0, 8, 40, bytes.len() / 2] {
+            assert!(decode(&bytes[..end]).is_err(), "{end}");
+        }
+        let message = Image { width: 2, height: 2, encoding: "rgb8".into(), data: vec![0; 12] };
+        assert!(Image::decode(&message.encode(0)).is_err());
+        let message = Image { width: 9, height: 9, encoding: "mono16".into(), data: vec![0; 12] };
+        assert!(Image::decode(&message.encode(0)).is_err());
+    }
+}
