@@ -153,6 +153,23 @@ impl<'r, A: Arith> Running<'r, A> {
         }
     }
 
+    /// Takes a whole spectral row at once, and stores no band of it.
+    #[inline(always)]
+    fn whole_row(&mut self, row: u16, units: &[u8]) {
+        self.sums.fill([A::Sum::default(); GROUP]);
+        let (units, _) = units.as_chunks::<UNIT_BYTES>();
+        for (band, units) in units.chunks_exact(self.exponents.len()).enumerate() {
+            let groups = units.iter().map(group_of);
+            match self.frame.begin.codec {
+                Codec::Bfp16 => self.collector.add_groups(row.into(), band, groups, self.sums),
+                Codec::Electrons16 => {
+                    self.collector.add_rates(groups, self.frame.settings.exposure_s, self.sums);
+                }
+            }
+        }
+        self.keep(row.into());
+    }
+
     /// Adds the band that has just become complete.
     #[inline(always)]
     fn add_band(&mut self, row: u32, band: usize) {
@@ -160,7 +177,7 @@ impl<'r, A: Arith> Running<'r, A> {
         if self.frame.begin.codec == Codec::Bfp16 {
             return self.collector.add_band(row, band, whole, self.sums);
         }
-        self.collector.add_rates(whole, self.frame.settings.exposure_s, self.sums);
+        self.collector.add_rates(whole.groups(), self.frame.settings.exposure_s, self.sums);
     }
 
     /// Puts the row that has just become complete into the ring.
@@ -193,6 +210,14 @@ impl<'r, A: Arith> Running<'r, A> {
             debug_assert!(packed.is_ok());
         }
     }
+}
+
+/// A unit's exponent and mantissas.
+#[inline(always)]
+fn group_of(unit: &[u8; UNIT_BYTES]) -> (i8, [u16; GROUP]) {
+    let [exponent, bytes @ ..] = unit;
+    let (words, _) = bytes.as_chunks::<2>();
+    (*exponent as i8, core::array::from_fn(|i| u16::from_le_bytes(words[i])))
 }
 
 /// Decodes a unit; the last one of a row may have fewer pixels.
@@ -295,6 +320,17 @@ impl<'r> AnyRunning<'r> {
             Self::Float(running) => running.units(row, first, units),
             #[cfg(feature = "fixed")]
             Self::Fixed(running) => running.units(row, first, units),
+        }
+    }
+
+    /// Takes a whole spectral row at once: faster than by [`Self::units`], to the same sums.
+    #[inline(always)]
+    pub fn whole_row(&mut self, row: u16, units: &[u8]) {
+        match self {
+            #[cfg(feature = "float")]
+            Self::Float(running) => running.whole_row(row, units),
+            #[cfg(feature = "fixed")]
+            Self::Fixed(running) => running.whole_row(row, units),
         }
     }
 

@@ -51,6 +51,8 @@ struct Port<'m, L> {
     input: &'m mut [u8],
     /// Start and end of the unused part of `input`.
     left: (usize, usize),
+    /// Start and end of the current packet in `input`; elsewhere it is in the receiver.
+    in_place: Option<(usize, usize)>,
     answer: &'m mut [u8],
 }
 
@@ -63,6 +65,7 @@ impl<'m, L: Read + Write> Port<'m, L> {
             sender: Sender::new(framing, framed),
             input,
             left: (0, 0),
+            in_place: None,
             answer,
         }
     }
@@ -71,9 +74,21 @@ impl<'m, L: Read + Write> Port<'m, L> {
     fn arrived(&mut self) -> Result<bool, ServeError<L::Error>> {
         let (start, end) = self.left;
         let mut bytes = &self.input[start..end];
-        let whole = self.receiver.push(&mut bytes).map_err(|_| ServeError::OutOfStep)?;
-        self.left = (end - bytes.len(), end);
+        let in_place = self.receiver.whole(&mut bytes).map(<[u8]>::len);
+        let whole = in_place.is_some()
+            || self.receiver.push(&mut bytes).map_err(|_| ServeError::OutOfStep)?;
+        let used = end - bytes.len();
+        self.in_place = in_place.map(|length| (used - length, used));
+        self.left = (used, end);
         Ok(whole)
+    }
+
+    /// The packet that has arrived.
+    fn packet(&mut self) -> &[u8] {
+        match self.in_place {
+            Some((start, end)) => &self.input[start..end],
+            None => self.receiver.packet(),
+        }
     }
 
     /// Waits for a packet; false when the link is closed.
@@ -116,7 +131,7 @@ impl<'m, L: Read + Write> Port<'m, L> {
         wanted: impl Fn(&[u8]) -> bool,
     ) -> Result<bool, ServeError<L::Error>> {
         loop {
-            device.receive(self.receiver.packet(), model);
+            device.receive(self.packet(), model);
             if device.is_pressed(model) {
                 self.send(device, model)?;
             }
@@ -127,7 +142,7 @@ impl<'m, L: Read + Write> Port<'m, L> {
                     return Ok(false);
                 }
             }
-            if !wanted(self.receiver.packet()) {
+            if !wanted(self.packet()) {
                 return Ok(true);
             }
         }
@@ -190,7 +205,7 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     let mut port = Port::new(link, framing, buffers);
     let mut open = port.wait()?;
     while open {
-        open = if is_of_frame(port.receiver.packet())
+        open = if is_of_frame(port.packet())
             && let Some((running, sink)) = rig.running_and_sink()
         {
             let mut model = Streaming::<D> { running, sink, dispatch: PhantomData };

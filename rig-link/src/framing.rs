@@ -120,6 +120,33 @@ impl<B: AsMut<[u8]>> Sender<B> {
         Ok(())
     }
 
+    /// Where the next packet, of at most `bytes`, can be made so that [`Sender::push_placed`] sends
+    /// it without a copy: in [`Framing::Length`] alone, which changes no byte of a packet.
+    ///
+    /// # Errors
+    /// Those of `write`, which takes what no longer has room.
+    pub fn place<E>(
+        &mut self,
+        bytes: usize,
+        write: impl FnMut(&[u8]) -> Result<(), E>,
+    ) -> Result<Option<&mut [u8]>, E> {
+        if self.framing != Framing::Length {
+            return Ok(None);
+        }
+        if self.framing.max_encoded(bytes) > self.buffer.as_mut().len() - self.filled {
+            self.flush(write)?;
+        }
+        let start = self.filled + LENGTH_HEAD;
+        Ok(self.buffer.as_mut().get_mut(start..start + bytes))
+    }
+
+    /// Appends the packet of `bytes` bytes that was made in [`Sender::place`].
+    pub fn push_placed(&mut self, bytes: usize) {
+        let head = &mut self.buffer.as_mut()[self.filled..][..LENGTH_HEAD];
+        head.copy_from_slice(&(bytes as u32).to_le_bytes());
+        self.filled += LENGTH_HEAD + bytes;
+    }
+
     fn push_reports<E>(
         &mut self,
         packet: &[u8],
@@ -221,6 +248,22 @@ impl<B: AsMut<[u8]>> Receiver<B> {
         };
         self.packet = whole.unwrap_or((0, 0));
         Ok(whole.is_some())
+    }
+
+    /// Takes a packet that lies whole at the front of `input`, without a copy; `None` where there
+    /// is none, and [`Receiver::push`] goes on: of [`Framing::Length`] alone, between packets.
+    pub fn whole<'i>(&mut self, input: &mut &'i [u8]) -> Option<&'i [u8]> {
+        if self.framing != Framing::Length || self.filled > 0 {
+            return None;
+        }
+        let (head, rest) = input.split_first_chunk()?;
+        let bytes = u32::from_le_bytes(*head) as usize;
+        if bytes == 0 || bytes > self.buffer.as_mut().len() - LENGTH_HEAD {
+            return None;
+        }
+        let (packet, rest) = rest.split_at_checked(bytes)?;
+        *input = rest;
+        Some(packet)
     }
 
     fn push_cobs(&mut self, input: &mut &[u8]) -> Option<(usize, usize)> {
@@ -394,6 +437,46 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn packets_made_in_place_and_taken_whole_are_the_same() {
+        let mut link = Vec::new();
+        let mut write = |bytes: &[u8]| {
+            link.extend_from_slice(bytes);
+            Ok::<(), ()>(())
+        };
+        let mut sender = Sender::new(Framing::Length, std::vec![0xaa; 1100]);
+        for packet in packets() {
+            let place = sender.place(1000, &mut write).unwrap().unwrap();
+            place[..packet.len()].copy_from_slice(&packet);
+            sender.push_placed(packet.len());
+        }
+        sender.flush(&mut write).unwrap();
+        assert_eq!(link, link_bytes(Framing::Length, &packets(), 1100));
+        assert!(
+            Sender::new(Framing::Cobs, [0; 99]).place(9, |_| Ok::<(), ()>(())).unwrap().is_none()
+        );
+        for cut in [1, 7, 300, link.len()] {
+            let mut receiver = Receiver::new(Framing::Length, [0; 1100]);
+            let mut got = Vec::new();
+            for mut chunk in link.chunks(cut) {
+                loop {
+                    if let Some(packet) = receiver.whole(&mut chunk) {
+                        got.push(packet.to_vec());
+                    } else if receiver.push(&mut chunk).unwrap() {
+                        got.push(receiver.packet().to_vec());
+                    } else {
+                        break;
+                    }
+                }
+            }
+            assert_eq!(got, packets(), "cut {cut}");
+        }
+        // What is no packet is left for `push`, which says so.
+        let mut receiver = Receiver::new(Framing::Length, [0; 100]);
+        assert_eq!(receiver.whole(&mut &[0xff, 0xff, 0xff, 0x7f, 1, 2][..]), None);
+        assert_eq!(receiver.whole(&mut &[0; 9][..]), None);
     }
 
     /// One pointer byte of 64, two of 1024, two bytes of length for each packet, and no other room

@@ -70,26 +70,29 @@ impl<'a, A: Arith> Collector<'a, A> {
     /// photo-electrons.
     #[inline(always)]
     pub fn add_band(&mut self, y: u32, band: usize, row: BandRow<'_>, sums: &mut [Sums<A::Sum>]) {
+        self.add_groups(y, band, row.groups(), sums);
+    }
+
+    /// [`Self::add_band`] of a band whose groups come from elsewhere: exponents and mantissas.
+    #[inline(always)]
+    pub fn add_groups(
+        &mut self,
+        y: u32,
+        band: usize,
+        groups: impl Iterator<Item = (i8, [u16; GROUP])>,
+        sums: &mut [Sums<A::Sum>],
+    ) {
         self.set_weights(y as usize, band);
         let phases = self.phases();
         let cells = self.nodes.len() - 1;
         let mut cell = 0;
-        let groups = row.mantissas.chunks(GROUP).zip(row.exponents).zip(sums).enumerate();
-        for (g, ((mantissas, &exponent), sums)) in groups {
-            let mut padded = [0; GROUP];
-            let mantissas = match mantissas.first_chunk() {
-                Some(whole) => whole,
-                None => {
-                    padded[..mantissas.len()].copy_from_slice(mantissas);
-                    &padded
-                }
-            };
+        for (g, ((exponent, mantissas), sums)) in groups.zip(sums).enumerate() {
             let phase = g % phases;
             let first = (g * GROUP) as f32 + 0.5;
             let last = first + (GROUP - 1) as f32;
             let exponent = i32::from(exponent) + self.scale;
             if cells == 0 {
-                A::accumulate(sums, mantissas, exponent, &self.weights[0][phase]);
+                A::accumulate(sums, &mantissas, exponent, &self.weights[0][phase]);
                 continue;
             }
             while cell + 1 < cells && self.node(cell + 1) <= first {
@@ -106,21 +109,23 @@ impl<'a, A: Arith> Collector<'a, A> {
                     *w = if first + i as f32 >= from { beyond[i] } else { *w };
                 }
             }
-            A::accumulate(sums, mantissas, exponent, &weights);
+            A::accumulate(sums, &mantissas, exponent, &weights);
         }
     }
 
     /// Adds a row of mean photo-electrons per second of exposure (e⁻/s): bands that were summed
-    /// elsewhere. `exposure_s`: exposure time, s.
+    /// elsewhere, as groups of exponents and mantissas. `exposure_s`: exposure time, s.
     #[inline(always)]
-    pub fn add_rates(&mut self, row: BandRow<'_>, exposure_s: f32, sums: &mut [Sums<A::Sum>]) {
+    pub fn add_rates(
+        &mut self,
+        groups: impl Iterator<Item = (i8, [u16; GROUP])>,
+        exposure_s: f32,
+        sums: &mut [Sums<A::Sum>],
+    ) {
         let scale = scale_of(exposure_s);
         let weights = [A::weight(exposure_s * power_of_two(-scale)); GROUP];
-        let groups = row.mantissas.chunks(GROUP).zip(row.exponents).zip(sums);
-        for ((mantissas, &exponent), sums) in groups {
-            let mut padded = [0; GROUP];
-            padded[..mantissas.len()].copy_from_slice(mantissas);
-            A::accumulate(sums, &padded, i32::from(exponent) + scale, &weights);
+        for ((exponent, mantissas), sums) in groups.zip(sums) {
+            A::accumulate(sums, &mantissas, i32::from(exponent) + scale, &weights);
         }
     }
 

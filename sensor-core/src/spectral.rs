@@ -21,6 +21,22 @@ pub struct BandRow<'a> {
     pub mantissas: &'a [u16],
 }
 
+impl BandRow<'_> {
+    /// Exponents and mantissas group by group; the last group is padded with zeros.
+    #[inline(always)]
+    pub fn groups(self) -> impl Iterator<Item = (i8, [u16; GROUP])> {
+        let mantissas = self.mantissas.chunks(GROUP).map(|group| match group.first_chunk() {
+            Some(whole) => *whole,
+            None => {
+                let mut padded = [0; GROUP];
+                padded[..group.len()].copy_from_slice(group);
+                padded
+            }
+        });
+        self.exponents.iter().copied().zip(mantissas)
+    }
+}
+
 /// Number of groups in a row of `width` pixels.
 pub const fn groups(width: usize) -> usize {
     width.div_ceil(GROUP)

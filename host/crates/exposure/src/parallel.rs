@@ -15,8 +15,9 @@ use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Memory for spectral rows that wait, bytes, and most of them.
-const AHEAD_BYTES: usize = 16 << 20;
+/// Memory for spectral rows that wait, bytes, and most of them. A trade: rows enough for all cores,
+/// and little enough to stay in their caches.
+const AHEAD_BYTES: usize = 2 << 20;
 const MAX_AHEAD: usize = 96;
 /// Fewest rows for which a further rig is set to work.
 const LEAST_ROWS: usize = 4;
@@ -93,7 +94,7 @@ fn rows<'a>(
     let mut fed = first.saturating_sub(halo);
     for (row, out) in (first..).zip(out.chunks_mut(shape.raw_bytes.into())) {
         while fed < shape.rows.min(row.saturating_add(halo + 1)) {
-            units(running, fed, spectral_row(fed));
+            whole_row(running, fed, spectral_row(fed));
             fed += 1;
         }
         raw_row(running, row, out);
@@ -104,8 +105,8 @@ fn rows<'a>(
 // itself is that of `rows`.
 
 #[vectorised]
-fn units(running: &mut AnyRunning<'_>, row: u16, bytes: &[u8]) {
-    running.units(row, 0, bytes);
+fn whole_row(running: &mut AnyRunning<'_>, row: u16, units: &[u8]) {
+    running.whole_row(row, units);
 }
 
 #[vectorised]

@@ -1,7 +1,7 @@
 //! A rig in use: its camera, its registers, its frames.
 
 use super::feed::Feed;
-use super::transport::{MAX_PACKET, Transport};
+use super::transport::Transport;
 use super::{Url, emulator, hid, serial, tcp};
 use camrig_base::{Error, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
@@ -87,7 +87,6 @@ pub struct Rig {
     transport: Option<Box<dyn Transport>>,
     host: Host<Vec<u16>>,
     camera: Vec<u8>,
-    out: Vec<u8>,
     since: Instant,
     /// Hears of links that broke and are opened again.
     link_broken: Option<Listener>,
@@ -133,7 +132,6 @@ impl Rig {
             transport: Some(transport),
             host,
             camera: Vec::new(),
-            out: vec![0; MAX_PACKET],
             since: Instant::now(),
             link_broken: None,
             line_ns: None,
@@ -440,10 +438,10 @@ impl Rig {
         loop {
             let now = self.since.elapsed().as_micros() as u64 + 1;
             let mut io = Io { transfer, camera: &self.camera };
-            let wait = match self.host.poll(now, &mut io, &mut self.out) {
+            let wait = match self.host.poll(now, &mut io, transport.room()?) {
                 Poll::Done(event) => return Ok(event),
                 Poll::Send(bytes) => {
-                    transport.send(&self.out[..bytes])?;
+                    transport.send(bytes)?;
                     Duration::ZERO
                 }
                 Poll::Wait(until) => {

@@ -65,6 +65,7 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
         name,
         device,
         sender: Sender::new(framing, vec![0; report.into()]),
+        out: vec![0; MAX_PACKET],
         receiver: Receiver::new(framing, vec![0; framing.max_encoded(MAX_PACKET)]),
         report: vec![0; report.into()],
         used: report.into(),
@@ -122,6 +123,8 @@ struct HidLink {
     name: String,
     device: HidDevice,
     sender: Sender<Vec<u8>>,
+    /// The packet that is being made.
+    out: Vec<u8>,
     receiver: Receiver<Vec<u8>>,
     /// The report that was read last, and how much of it has been used.
     report: Vec<u8>,
@@ -151,8 +154,13 @@ fn write<'a>(
 }
 
 impl Transport for HidLink {
-    fn send(&mut self, packet: &[u8]) -> Result<()> {
-        self.sender.push(packet, write(&self.device, &self.name, &mut self.bytes.0))
+    fn room(&mut self) -> Result<&mut [u8]> {
+        Ok(&mut self.out)
+    }
+
+    fn send(&mut self, bytes: usize) -> Result<()> {
+        let write = write(&self.device, &self.name, &mut self.bytes.0);
+        self.sender.push(&self.out[..bytes], write)
     }
 
     fn flush(&mut self) -> Result<()> {

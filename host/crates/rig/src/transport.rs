@@ -9,12 +9,18 @@ use std::time::{Duration, Instant};
 
 /// A link to a rig. Packets may get lost; those that arrive are checked by their receiver.
 pub trait Transport: Send {
-    /// Sends a packet, at the latest with the next [`Transport::flush`]. Does not wait for ever
-    /// when the rig stops reading.
+    /// Where the next packet is made, [`MAX_PACKET`] bytes.
     ///
     /// # Errors
     /// A link that has failed or was closed.
-    fn send(&mut self, packet: &[u8]) -> Result<()>;
+    fn room(&mut self) -> Result<&mut [u8]>;
+
+    /// Sends the packet of `bytes` bytes that was made in [`Transport::room`], at the latest with
+    /// the next [`Transport::flush`]. Does not wait for ever when the rig stops reading.
+    ///
+    /// # Errors
+    /// A link that has failed or was closed.
+    fn send(&mut self, bytes: usize) -> Result<()>;
 
     /// Sends what has been gathered.
     ///
@@ -44,6 +50,8 @@ pub const MAX_PACKET: usize = 32 * 1024;
 
 /// Bytes read at a time from a byte stream: two of the longest packets.
 const READ_BYTES: usize = 2 * MAX_PACKET;
+/// Longest packets that are gathered before bytes are written.
+const SENT_AT_ONCE: usize = 4;
 
 /// A byte stream with framing. A thread reads at all times, so that a rig that keeps to its credit
 /// is never held up in sending and two ends can never wait for each other. Another one is: its
@@ -53,6 +61,8 @@ pub struct ByteLink<W> {
     limits: Limits,
     writer: W,
     sender: Sender<Vec<u8>>,
+    /// The packet that is being made, where the framing will change its bytes.
+    out: Vec<u8>,
     arrived: Outlet,
     chunk: Vec<u8>,
     used: usize,
@@ -103,27 +113,30 @@ impl<W: Write + Send> ByteLink<W> {
         writer: W,
         arrived: Outlet,
     ) -> Self {
-        let buffer = || vec![0; 2 * framing.max_encoded(MAX_PACKET)];
+        let buffer = |packets| vec![0; packets * framing.max_encoded(MAX_PACKET)];
+        let out = if framing == Framing::Length { 0 } else { MAX_PACKET };
         Self {
             name,
             limits,
             writer,
-            sender: Sender::new(framing, buffer()),
+            sender: Sender::new(framing, buffer(SENT_AT_ONCE)),
+            out: vec![0; out],
             arrived,
             chunk: Vec::new(),
             used: 0,
-            receiver: Receiver::new(framing, buffer()),
+            receiver: Receiver::new(framing, buffer(1)),
             bytes: (0, 0),
         }
     }
+}
 
-    fn closed(&self, why: &str) -> Error {
-        Error::device(format!("the rig closed the link{why}")).at(&self.name).help(
-            "it may be busy with another host: an emulator serves one at a time, and gives up one \
-             that has been silent for 10 s; one with a token wants it in the address \
-             (?token=TEXT); otherwise check the rig and its cable, and try again",
-        )
-    }
+/// Why a link is over.
+fn closed(name: &str, why: &str) -> Error {
+    Error::device(format!("the rig closed the link{why}")).at(name).help(
+        "it may be busy with another host: an emulator serves one at a time, and gives up one \
+         that has been silent for 10 s; one with a token wants it in the address \
+         (?token=TEXT); otherwise check the rig and its cable, and try again",
+    )
 }
 
 /// Writes all bytes and counts them.
@@ -135,9 +148,20 @@ fn counted(writer: &mut impl Write, count: &mut u64) -> impl FnMut(&[u8]) -> io:
 }
 
 impl<W: Write + Send> Transport for ByteLink<W> {
-    fn send(&mut self, packet: &[u8]) -> Result<()> {
+    fn room(&mut self) -> Result<&mut [u8]> {
+        let Self { name, sender, out, writer, bytes, .. } = self;
+        let place = sender.place(MAX_PACKET, counted(writer, &mut bytes.0));
+        Ok(place.map_err(|e| closed(name, &format!(": {e}")))?.unwrap_or(out))
+    }
+
+    fn send(&mut self, bytes: usize) -> Result<()> {
+        if self.out.is_empty() {
+            self.sender.push_placed(bytes);
+            return Ok(());
+        }
         let write = counted(&mut self.writer, &mut self.bytes.0);
-        self.sender.push(packet, write).map_err(|e| self.closed(&format!(": {e}")))
+        let sent = self.sender.push(&self.out[..bytes], write);
+        sent.map_err(|e| closed(&self.name, &format!(": {e}")))
     }
 
     fn flush(&mut self) -> Result<()> {
@@ -145,7 +169,7 @@ impl<W: Write + Send> Transport for ByteLink<W> {
         self.sender
             .flush(write)
             .and_then(|()| self.writer.flush())
-            .map_err(|e| self.closed(&format!(": {e}")))
+            .map_err(|e| closed(&self.name, &format!(": {e}")))
     }
 
     fn receive(&mut self, wait: Duration) -> Result<bool> {
@@ -171,8 +195,8 @@ impl<W: Write + Send> Transport for ByteLink<W> {
                     (self.used, taken) = (0, true);
                 }
                 Taken::Nothing => return Ok(false),
-                Taken::Ended(Ok(())) => return Err(self.closed("")),
-                Taken::Ended(Err(e)) => return Err(self.closed(&format!(": {e}"))),
+                Taken::Ended(Ok(())) => return Err(closed(&self.name, "")),
+                Taken::Ended(Err(e)) => return Err(closed(&self.name, &format!(": {e}"))),
             }
         }
     }
