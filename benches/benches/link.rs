@@ -77,6 +77,7 @@ fn request(camera: &Camera, frame: u32) -> FrameRequest {
         collapse: false,
         lit_before: false,
         by_registers: false,
+        rows_stay: false,
     }
 }
 

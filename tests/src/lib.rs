@@ -69,3 +69,30 @@ pub fn png_rgb(path: &Path) -> (usize, usize, Vec<[f64; 3]>) {
     let pixels = values.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
     (info.width as usize, info.height as usize, pixels)
 }
+
+/// A pipe as the rig's end of a link.
+#[cfg(unix)]
+pub struct Pipe(pub std::os::unix::net::UnixStream);
+
+#[cfg(unix)]
+impl embedded_io::ErrorType for Pipe {
+    type Error = std::io::Error;
+}
+
+#[cfg(unix)]
+impl embedded_io::Read for Pipe {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        std::io::Read::read(&mut self.0, out)
+    }
+}
+
+#[cfg(unix)]
+impl embedded_io::Write for Pipe {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        std::io::Write::write(&mut self.0, bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        std::io::Write::flush(&mut self.0)
+    }
+}

@@ -70,6 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             collapse: false,
             lit_before: false,
             by_registers: false,
+            rows_stay: false,
         };
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
         same &= frame == sensor.frame(&cube, None, &settings, Arithmetic::F32)?;

@@ -120,6 +120,7 @@ pub fn run(args: &Args) -> Result<()> {
             collapse: false,
             lit_before: number > 0,
             by_registers: true,
+            rows_stay: false,
         };
         let frame = rig.frame(&view.cube, &sensor, &request).inspect_err(|error| {
             locked().ended = Some(error.to_string());

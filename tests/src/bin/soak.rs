@@ -16,6 +16,7 @@ use camrig::rig::transport::{ByteLink, Transport};
 use camrig::rig::{FrameRequest, Rig, Url, serve};
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
+use camrig_tests::Pipe;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -86,29 +87,6 @@ impl<T: Write> Write for Faulty<T> {
 
     fn flush(&mut self) -> io::Result<()> {
         self.stream.flush()
-    }
-}
-
-/// A pipe as the rig's link.
-struct Pipe(UnixStream);
-
-impl embedded_io::ErrorType for Pipe {
-    type Error = io::Error;
-}
-
-impl embedded_io::Read for Pipe {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        self.0.read(out)
-    }
-}
-
-impl embedded_io::Write for Pipe {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
     }
 }
 
@@ -200,6 +178,7 @@ fn soak(minutes: f64, kind: &str) -> camrig::Result<bool> {
             collapse: false,
             lit_before: false,
             by_registers: false,
+            rows_stay: false,
         };
         match rig.frame(&cube, &sensor, &request) {
             Err(error) => {

@@ -95,6 +95,7 @@ pub fn compare_frame(
         collapse: false,
         lit_before: frame > 0,
         by_registers: false,
+        rows_stay: false,
     };
     let before = (frame > 0).then_some(cube);
     let here = sensor.frame(cube, before, &settings, arithmetic).unwrap();

@@ -96,6 +96,7 @@ fn collapsed_rows_differ_by_their_rounding_only() {
         collapse: false,
         lit_before: false,
         by_registers: false,
+        rows_stay: false,
     };
     let spectral = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     request.collapse = true;
@@ -132,6 +133,7 @@ fn registers_set_the_exposure_and_faults_happen_as_ordered() {
         collapse: false,
         lit_before: false,
         by_registers: true,
+        rows_stay: false,
     };
     let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
     let said = by_registers.start.exposure;

@@ -9,3 +9,5 @@ mod emulator;
 mod errors;
 mod overhead;
 mod qemu;
+#[cfg(unix)]
+mod stays;

@@ -51,6 +51,7 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
         collapse: false,
         lit_before: false,
         by_registers: false,
+        rows_stay: false,
     };
     let frame = rig.frame_from(&mut feed, &sensor, &request).unwrap();
     let after = rig.link_bytes();

@@ -12,7 +12,7 @@ use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
     Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack, NumberFormat,
-    Refusal, Statistics, ToDevice, ToHost, camera_id,
+    RECEIPT_BYTES, Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
 use camrig_rig_link::packing::{Packing, unpack_row};
 use camrig_rig_link::registers::{MODEL_ID, UNITY_GAIN_CODE, address};
@@ -60,6 +60,8 @@ pub struct FrameRequest {
     pub lit_before: bool,
     /// Take exposure and gain from the rig's registers.
     pub by_registers: bool,
+    /// Leave the raw rows with the rig, which has a way out of its own for them.
+    pub rows_stay: bool,
 }
 
 /// A frame from a rig.
@@ -67,8 +69,10 @@ pub struct FrameRequest {
 pub struct RigFrame {
     /// What the rig said at the frame's start: counter, exposure, gain, seed, fault.
     pub start: FrameStart,
-    /// Packed raw rows, one after the other.
+    /// Packed raw rows, one after the other; none where they stayed with the rig.
     pub packed: Vec<u8>,
+    /// Of rows that stayed with the rig, the CRC-32C of each as it left there.
+    pub receipts: Option<Vec<u32>>,
     /// How they are packed.
     pub packing: Packing,
     /// The rig was asked, through its fault register, to drop this frame: there are no rows.
@@ -372,13 +376,20 @@ impl Rig {
                     }
                     let dropped = matches!(outcome, Ok(Event::FrameDropped(_)));
                     let packed = transfer.map(|t| t.packed).filter(|_| !dropped);
-                    let packed = packed.unwrap_or_default();
+                    let mut packed = packed.unwrap_or_default();
+                    let receipts =
+                        request.rows_stay.then(|| receipts(&std::mem::take(&mut packed)));
                     let exposure_s = f64::from(start.exposure.exposure_s);
                     let lines = line_ns.and_then(|ns| whole_lines(exposure_s, ns));
-                    return Ok(RigFrame { start, packed, packing, dropped, lines });
+                    return Ok(RigFrame { start, packed, receipts, packing, dropped, lines });
                 }
                 Ok(event @ (Event::NoAnswer | Event::Refused(Nack::NoSession))) => {
                     self.failed(event)
+                }
+                Ok(Event::Refused(Nack::Refused(Refusal::Packing))) if request.rows_stay => {
+                    return Err(Error::unsupported("the rig has no way out of its own for rows")
+                        .at(&self.url)
+                        .help("take them over the link: only a board's interface keeps them"));
                 }
                 Ok(event) => return Err(self.failed(event)),
                 Err(error) => error,
@@ -540,6 +551,11 @@ impl Rig {
     }
 }
 
+/// Receipts as they came over the link.
+fn receipts(bytes: &[u8]) -> Vec<u32> {
+    bytes.as_chunks().0.iter().map(|receipt| u32::from_le_bytes(*receipt)).collect()
+}
+
 /// What the host says before a frame, the sizes on the link that follow from it, and how raw rows
 /// come back.
 fn announcement(
@@ -557,7 +573,10 @@ fn announcement(
         .help("send fewer bands, or mean electrons")
         .with_code("frame-too-large")
     };
-    let shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
+    let mut shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
+    if request.rows_stay {
+        shape.raw_bytes = RECEIPT_BYTES as u16;
+    }
     let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
     let begin = FrameBegin {
         transfer: 0,
@@ -570,7 +589,7 @@ fn announcement(
             Arithmetic::F32 => NumberFormat::F32,
             Arithmetic::Fixed => NumberFormat::Fixed,
         },
-        raw_bits,
+        raw_bits: if request.rows_stay { 0 } else { raw_bits },
         temperature_c: request.settings.temperature_c,
         lit_before: request.lit_before,
         exposure: (!request.by_registers).then_some(Exposure {
@@ -628,12 +647,17 @@ impl RigFrame {
     /// Unpacks the frame into digital numbers.
     ///
     /// # Errors
-    /// A dropped frame, which has no rows.
+    /// A dropped frame, which has no rows; one whose rows stayed with the rig.
     pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
         if self.dropped {
             let what = format!("the rig dropped frame {}, as it was asked", self.start.frame);
             return Err(Error::disagreement(what)
                 .help("write 0 to its fault register 0x3100, and 1 to 0x0100"));
+        }
+        if self.receipts.is_some() {
+            return Err(Error::input(format!("the rows of frame {} stayed", self.start.frame))
+                .at("the rig")
+                .help("take them from the rig's own interface, or ask for them"));
         }
         let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
         let mut data = vec![0; width * height];

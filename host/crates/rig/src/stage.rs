@@ -82,6 +82,7 @@ impl SensorStage {
             collapse: false,
             lit_before,
             by_registers: false,
+            rows_stay: false,
         };
         let frame = rig.frame(cube, sensor, &request)?;
         if let Some(what) = frame.injected() {

@@ -135,6 +135,10 @@ pub struct Args {
     /// sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT", requires = "output")]
     to: Option<String>,
+    /// Leave the raw rows with the rig, which has a way out of its own for them (DVP, CSI, FPGA);
+    /// the link brings a receipt of each
+    #[arg(long, conflicts_with = "output")]
+    rows_stay: bool,
     /// Replace existing output
     #[arg(long)]
     force: bool,
@@ -319,6 +323,7 @@ impl Stream<'_> {
             collapse: args.collapse,
             lit_before: frame > 0 && self.light.stands_still(),
             by_registers,
+            rows_stay: args.rows_stay,
         }
     }
 }

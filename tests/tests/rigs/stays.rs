@@ -1,0 +1,105 @@
+//! Raw rows that leave by the rig's own interface: the frames of this process, and receipts.
+
+use crate::common::{self, BANDS, HEIGHT, WIDTH};
+use camrig::render::Arithmetic;
+use camrig::rig::transport::{ByteLink, MAX_PACKET};
+use camrig::rig::{FrameRequest, Rig, Url};
+use camrig_firmware_sim::{Buffers, Memory, RowMemory, serve};
+use camrig_rig_link::device::{Device, RowSink};
+use camrig_rig_link::framing::Framing;
+use camrig_rig_link::host::Limits;
+use camrig_rig_link::message::FrameStart;
+use camrig_rig_link::packing::{Packing, unpack_row};
+use camrig_rig_link::wire::crc32c;
+use camrig_sensor_core::arith::{BLOCK, blocks};
+use camrig_sensor_core::spectral::groups;
+use camrig_tests::Pipe;
+use std::os::unix::net::UnixStream;
+use std::sync::mpsc;
+
+/// A board's camera interface of 16 bits.
+struct Interface(mpsc::Sender<(u16, Vec<u8>)>);
+
+impl RowSink for Interface {
+    fn raw_bits(&self) -> u8 {
+        16
+    }
+
+    fn begin(&mut self, _: &FrameStart, row_bytes: u16) {
+        assert_eq!(usize::from(row_bytes), 2 * WIDTH);
+    }
+
+    fn row(&mut self, row: u16, packed: &[u8]) {
+        self.0.send((row, packed.to_vec())).unwrap();
+    }
+}
+
+/// A rig of one row at a time, with an interface.
+fn board(mut link: Pipe, mut interface: Interface) {
+    let mut float =
+        (vec![[0.0; BLOCK]; 7 * blocks(WIDTH)], vec![Default::default(); groups(WIDTH)]);
+    let mut fixed = (Vec::new(), vec![Default::default(); groups(WIDTH)]);
+    let (mut mantissas, mut exponents) = (vec![0; WIDTH], vec![0; groups(WIDTH)]);
+    let memory = Memory {
+        float: RowMemory { rows: &mut float.0, sums: &mut float.1 },
+        fixed: RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 },
+        mantissas: &mut mantissas,
+        exponents: &mut exponents,
+        crosstalk: &mut vec![0.0; 10_000],
+        max_bands: 31,
+    };
+    let mut rig = camrig_firmware_sim::Rig::new("board", memory);
+    rig.set_sink(&mut interface);
+    let mut device = Box::new(Device::<{ 2 * WIDTH }>::new(MAX_PACKET as u16, 16));
+    let buffer = || vec![0; Framing::Length.max_encoded(MAX_PACKET)];
+    let (mut input, mut packet, mut answer, mut framed) = (buffer(), buffer(), buffer(), buffer());
+    let buffers = Buffers {
+        input: &mut input,
+        packet: &mut packet,
+        answer: &mut answer[..MAX_PACKET],
+        framed: &mut framed,
+    };
+    serve(&mut *device, &mut rig, &mut link, Framing::Length, buffers).unwrap();
+}
+
+#[test]
+fn rows_that_stay_with_the_rig_are_those_of_the_host() {
+    let (near, far) = UnixStream::pair().unwrap();
+    let (sender, rows) = mpsc::channel();
+    std::thread::spawn(move || board(Pipe(far), Interface(sender)));
+    let reader = near.try_clone().unwrap();
+    let link = ByteLink::new("board".into(), Framing::Length, Limits::default(), near, reader);
+    let mut rig = Rig::with_transport(Url::Emulator, Box::new(link)).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 0);
+    let cube = common::cube(&camera, BANDS);
+    let sensor = common::sensor(&camera, &cube);
+    rig.set_camera(&sensor).unwrap();
+    let settings = camera.settings(3, 0.02, None);
+    let request = FrameRequest {
+        settings,
+        arithmetic: Arithmetic::F32,
+        collapse: false,
+        lit_before: false,
+        by_registers: false,
+        rows_stay: true,
+    };
+    let frame = rig.frame(&cube, &sensor, &request).unwrap();
+    let here = sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
+    let receipts = frame.receipts.as_ref().unwrap();
+    assert_eq!((receipts.len(), frame.packed.len()), (HEIGHT, 0));
+    for (y, (receipt, row)) in receipts.iter().zip(here.data.chunks(WIDTH)).enumerate() {
+        let (number, packed) = rows.recv().unwrap();
+        assert_eq!(usize::from(number), y);
+        assert_eq!(*receipt, crc32c(&packed));
+        let mut dn = vec![0; WIDTH];
+        unpack_row(Packing::of_bits(16).unwrap(), &packed, &mut dn).unwrap();
+        assert!(dn == row, "row {y}");
+    }
+    assert!(frame.to_raw(&sensor).unwrap_err().to_string().contains("stayed"));
+    // And without such an interface they do not stay.
+    let mut emulator = Rig::open("emulator:").unwrap();
+    emulator.set_camera(&sensor).unwrap();
+    let said = emulator.frame(&cube, &sensor, &request).unwrap_err().to_string();
+    assert!(said.contains("no way out"), "{said}");
+}
