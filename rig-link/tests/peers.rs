@@ -173,12 +173,10 @@ impl Guest {
         guest
     }
 
-    /// Announces a frame and lets it begin.
-    fn begin(&mut self) -> FrameStart {
-        self.host.begin(begin(0), SHAPE, false);
-        let announced = self.next().expect("an announcement").seq;
-        let start = FrameStart {
-            transfer: 1,
+    /// How the device begins a frame.
+    fn start(transfer: u16) -> FrameStart {
+        FrameStart {
+            transfer,
             shape: SHAPE,
             exposure: Exposure { exposure_s: 0.01, analog_gain: 1.0 },
             counter: 1,
@@ -186,7 +184,14 @@ impl Guest {
             seed: 1,
             test_pattern: 0,
             fault: Fault::None,
-        };
+        }
+    }
+
+    /// Announces a frame and lets it begin.
+    fn begin(&mut self) -> FrameStart {
+        self.host.begin(begin(0), SHAPE, false);
+        let announced = self.next().expect("an announcement").seq;
+        let start = Self::start(1);
         let begun = postcard(&ToHost::FrameStart(start));
         assert_eq!(self.answer(Kind::Control, announced, &begun), None);
         start
@@ -232,6 +237,49 @@ fn a_host_keeps_no_row_whose_crc_is_anothers() {
     assert_eq!(guest.host.missing(ROWS).collect::<Vec<_>>(), [3]);
     assert_eq!(guest.host.statistics().torn_rows, 1);
     assert_eq!(guest.raw(3, right, newest), Some(Event::FrameDone(start)));
+}
+
+#[test]
+fn a_host_takes_no_old_packet() {
+    let mut guest = Guest::new(Limits::default(), 64);
+    guest.begin();
+    let newest = guest.sent().last().unwrap().seq;
+    let right = crc32c(&[0; RAW_BYTES]);
+    assert_eq!(guest.raw(0, right, newest), None);
+    let seq = guest.seq;
+    for old in [seq, seq - 1] {
+        guest.seq = old - 1;
+        assert_eq!(guest.raw(1, right, newest), None);
+        assert_eq!(guest.host.missing(ROWS).next(), Some(1), "packet {old} after {seq}");
+    }
+    guest.seq = seq;
+    guest.raw(1, right, newest);
+    assert_eq!(guest.host.missing(ROWS).next(), Some(2));
+}
+
+/// Rows of an earlier attempt at a frame stay only if the device began it as this time.
+#[test]
+fn a_host_keeps_rows_of_an_attempt_that_began_alike_alone() {
+    let exposure = Exposure { exposure_s: 0.02, analog_gain: 1.0 };
+    let alike = Guest::start(2);
+    for start in [
+        alike,
+        FrameStart { fault: Fault::CorruptRow(0), ..alike },
+        FrameStart { test_pattern: 1, ..alike },
+        FrameStart { seed: 2, ..alike },
+        FrameStart { exposure, ..alike },
+    ] {
+        let mut guest = Guest::new(Limits::default(), 64);
+        guest.begin();
+        let newest = guest.sent().last().unwrap().seq;
+        guest.raw(0, crc32c(&[0; RAW_BYTES]), newest);
+        guest.host.begin(begin(0), SHAPE, true);
+        assert_eq!(guest.host.missing(ROWS).next(), Some(1));
+        let announced = guest.next().expect("an announcement").seq;
+        guest.answer(Kind::Control, announced, &postcard(&ToHost::FrameStart(start)));
+        let first_missing = u16::from(start == alike);
+        assert_eq!(guest.host.missing(ROWS).next(), Some(first_missing), "{start:?}");
+    }
 }
 
 #[test]
