@@ -92,7 +92,7 @@ fn thousands_of_frames_arrive_right_or_are_reported_as_failed() {
             let level = bench.random.below(4);
             let p = [0.0, 1e-4, 1e-3, 1e-2][level];
             let per_byte = if framing == Framing::Cobs { p } else { 3.0 * p };
-            bench.set_faults(Faults { per_byte, per_write: p });
+            bench.set_faults(Faults { per_byte, per_write: p, per_burst: 0.0 });
             if !open {
                 open = establish(&mut bench);
             }
@@ -120,6 +120,53 @@ fn thousands_of_frames_arrive_right_or_are_reported_as_failed() {
         // What repair is for: not one frame is lost below 1 % of bytes.
         assert_eq!(failed[..3], [0; 3], "{framing:?}");
         assert!(done[3] > 9 * failed[3], "{framing:?}: {done:?} {failed:?}");
+    }
+}
+
+/// Bursts, faults in one direction alone, and a stream whose lengths are hit, after which only a
+/// new connection helps.
+#[test]
+fn frames_are_right_or_reported_whatever_the_line_does() {
+    let quiet = Faults::default();
+    // Chances per byte, or per report.
+    for (framing, per_byte, per_burst) in [
+        (Framing::Cobs, 3e-3, 1e-4),
+        (Framing::Report(64), 3e-2, 5e-3),
+        (Framing::Length, 1e-4, 2e-5),
+    ] {
+        let scattered = Faults { per_byte, ..quiet };
+        let bursts = Faults { per_burst, ..quiet };
+        for (up, down) in [
+            (bursts, bursts),
+            (bursts, quiet),
+            (quiet, bursts),
+            (scattered, quiet),
+            (quiet, scattered),
+        ] {
+            let mut bench = Bench::new(framing, limits(), 11);
+            let (mut done, mut failed, mut open) = (0, 0, false);
+            for frame in 0..200 {
+                (bench.up.faults, bench.down.faults) = (up, down);
+                open = open || establish(&mut bench);
+                match if open { bench.frame(frame, false) } else { Event::NoAnswer } {
+                    Event::FrameDone(start) => {
+                        assert!(bench.is_right(), "{framing:?} {up:?} {down:?}: frame {frame}");
+                        assert_eq!(start.frame, frame);
+                        done += 1;
+                    }
+                    _ => {
+                        bench.disconnect();
+                        (failed, open) = (failed + 1, false);
+                    }
+                }
+            }
+            let s = bench.host.statistics();
+            eprintln!("{framing:?}: {done} done, {failed} reported as failed, {s:?}");
+            match framing {
+                Framing::Length => assert!(done > 0 && failed > 0, "{done} {failed}"),
+                _ => assert_eq!(failed, 0, "{framing:?} {up:?} {down:?}"),
+            }
+        }
     }
 }
 

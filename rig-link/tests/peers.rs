@@ -135,6 +135,27 @@ fn a_device_sends_no_more_than_its_credit() {
     assert_eq!(answers.iter().filter(|(kind, _)| *kind == Kind::Raw).count(), 4);
 }
 
+/// A raw row that may not leave for want of credit keeps its place: spectral rows beyond it wait.
+#[test]
+fn a_device_takes_no_row_that_it_has_no_room_for() {
+    let mut rig = Rig::new(600, 2);
+    let bytes = [1, 2, 3];
+    rig.camera(&bytes, camera_id(&bytes));
+    rig.control(ToDevice::FrameBegin(FrameBegin { transfer: 9, ..begin(0) }));
+    for row in 0..8 {
+        let mut body = vec![0; PartHeader::BYTES];
+        PartHeader { transfer: 9, row, unit: 0 }.write(&mut body);
+        body.extend(spectral_row(0, row));
+        rig.send(Kind::Part, &body);
+    }
+    let answers = rig.send(Kind::Ping, &[]);
+    let (kind, body) = answers.last().unwrap();
+    assert_eq!(*kind, Kind::Ack);
+    // Of raw row 0 rows 0 and 1 are needed, and no raw row has left since nothing was acknowledged.
+    let (cursor, _) = AckBody::split(body).unwrap();
+    assert_eq!((cursor.row, cursor.unit), (2, 0));
+}
+
 #[test]
 fn bytes_of_registers_are_read_and_written_over_the_link() {
     let mut rig = Rig::new(600, 64);

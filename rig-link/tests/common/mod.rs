@@ -153,12 +153,20 @@ impl Model for Toy {
 pub struct Faults {
     /// Chance per byte (per report on HID) of each of: flip, drop, duplicate.
     pub per_byte: f64,
+    /// Chance per byte (per report on HID) that a burst of up to [`LONGEST_BURST`] bytes begins,
+    /// which become others.
+    pub per_burst: f64,
     /// Chance per write of each of: truncation, reordering with the next write, a stall.
     pub per_write: f64,
 }
 
+/// Longest burst of damage, bytes.
+pub const LONGEST_BURST: usize = 100;
+
 /// One direction of a link.
 pub struct Pipe {
+    /// Bytes of a burst that are still to come.
+    burst: usize,
     queue: VecDeque<(Micros, Vec<u8>)>,
     pub faults: Faults,
     delay: Micros,
@@ -167,7 +175,7 @@ pub struct Pipe {
 
 impl Pipe {
     pub fn new(delay: Micros) -> Self {
-        Self { queue: VecDeque::new(), faults: Faults::default(), delay, bytes: 0 }
+        Self { burst: 0, queue: VecDeque::new(), faults: Faults::default(), delay, bytes: 0 }
     }
 
     pub fn write(
@@ -182,6 +190,13 @@ impl Pipe {
         let mut sent = Vec::new();
         for unit in bytes.chunks(report.unwrap_or(1)) {
             let mut unit = unit.to_vec();
+            if f.per_burst > 0.0 && random.chance(f.per_burst) {
+                self.burst = 1 + random.below(LONGEST_BURST);
+            }
+            for byte in unit.iter_mut().take(self.burst) {
+                *byte = random.next() as u8;
+            }
+            self.burst = self.burst.saturating_sub(unit.len());
             if random.chance(f.per_byte) {
                 match random.below(3) {
                     0 => {
@@ -327,6 +342,11 @@ impl Bench {
         let buffer = || vec![0; self.framing.max_encoded(2000)];
         self.host_receiver = Receiver::new(self.framing, buffer());
         self.host_sender = Sender::new(self.framing, buffer());
+        if self.framing == Framing::Length {
+            // A new connection, to the device as well.
+            self.device_receiver = Receiver::new(self.framing, buffer());
+            self.device_sender = Sender::new(self.framing, buffer());
+        }
     }
 
     /// Runs the host's operation to its end, or until `stop` packets were sent. The clock jumps to
