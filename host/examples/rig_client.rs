@@ -39,6 +39,7 @@ fn main() -> Result<()> {
             collapse: false,
             lit_before: false,
             by_registers: false,
+            rows_stay: false,
         };
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
         let here = sensor.frame(&cube, None, &request.settings, Arithmetic::F32)?;

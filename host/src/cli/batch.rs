@@ -4,6 +4,7 @@ use super::arguments::{device, progress};
 use camrig_base::Result;
 use camrig_batch::{self as batch, Dataset, Shard, Sweep};
 use camrig_optics::{DeviceChoice, content};
+use camrig_report::tradeoff;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,7 +28,12 @@ use std::process::ExitCode;
     analog_gain = 1.0\n  \
     sensor_seed = [1, 2]\n\n  \
     [grid.camera_keys]\n  \
-    \"sensor.noise.read_e\" = [2.0, 4.0]\n\nExamples:\n  \
+    \"sensor.noise.read_e\" = [2.0, 4.0]\n\n  \
+    [figures]                        # into figures.csv and a page, figures.html\n  \
+    snr_db = true                    # uniform scenes\n  \
+    dynamic_range_db = true\n  \
+    mtf50_cycles_per_pixel = true    # slanted edges\n  \
+    delta_e_2000 = true              # colour charts\n\nExamples:\n  \
     camrig batch sweep.toml --dry-run\n  \
     camrig batch sweep.toml -o dataset\n  \
     camrig batch sweep.toml -o dataset --shard $SLURM_ARRAY_TASK_ID/64\n  \
@@ -81,6 +87,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None => 0,
     };
     let (in_part, complete) = (part.end - part.start, done == total);
+    let title = args.sweep.file_stem().unwrap_or_default().to_string_lossy();
+    let page = match &dataset {
+        Some(dataset) => dataset.draw(|records| tradeoff::page(&title, records).html())?,
+        None => None,
+    };
     if args.json {
         println!(
             "{}",
@@ -90,6 +101,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         eprintln!("{total} pictures, {in_part} of them in shard {}; {done} are there", args.shard);
         if let (true, Some(directory)) = (complete, &args.output) {
             eprintln!("complete: {}", directory.join("manifest.jsonl").display());
+            if let Some(page) = page {
+                eprintln!("figures: {} and figures.csv", page.display());
+            }
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -165,3 +165,44 @@ fn a_batch_killed_at_any_moment_loses_and_repeats_nothing() {
     camrig_ok(dir.path(), "batch sweep.toml -o set --no-cache");
     assert!(files(&set) == whole);
 }
+
+/// Pixel size against SNR and resolution, after the textbook: shot noise makes the SNR proportional
+/// to the pitch, 6.02 dB for each doubling; a pixel of half the size resolves more per millimetre.
+#[test]
+fn pixel_size_against_snr_and_mtf() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let changes = [("bits", "14"), ("full_well_e", "200000"), ("prnu", "0.0")];
+    std::fs::write(dir.join("c.toml"), small_camera(192, 144, &changes)).unwrap();
+    let sweep = "format = \"sweep/1\"\n[grid]\ncamera = \"c.toml\"\nlux = 600\nexposure_s = 0.04\n\
+                 scene = [\"uniform:0.4\", \"slanted-edge:angle=5\"]\n[grid.camera_keys]\n\
+                 \"sensor.pitch_um\" = [2, 4]\n[figures]\nsnr_db = true\n\
+                 dynamic_range_db = true\nmtf50_cycles_per_pixel = true\n";
+    std::fs::write(dir.join("pixels.toml"), sweep).unwrap();
+    camrig_ok(dir, "batch pixels.toml -o out --no-cache");
+    let table = std::fs::read_to_string(dir.join("out/figures.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let place = |name: &str| head.iter().position(|h| *h == name).unwrap();
+    let rows: Vec<Vec<&str>> = lines.collect();
+    let figure = |name: &str, pitch: &str| {
+        let (pitch_at, at) = (place("sensor.pitch_um"), place(name));
+        let of_pitch = |row: &&Vec<&str>| {
+            row[pitch_at].parse::<f64>() == pitch.parse() && row[place("channel")] == "g"
+        };
+        let values = rows.iter().filter(of_pitch).filter_map(|row| row[at].parse::<f64>().ok());
+        values.collect::<Vec<_>>()[0]
+    };
+    let gain_db = figure("snr_db", "4") - figure("snr_db", "2");
+    assert!((gain_db - 6.02).abs() < 0.3, "{gain_db} dB for twice the pitch");
+    let per_mm = |pitch: &str| {
+        figure("mtf50_cycles_per_pixel", pitch) / (1e-3 * pitch.parse::<f64>().unwrap())
+    };
+    assert!(per_mm("2") > 1.3 * per_mm("4"), "{} and {} per mm", per_mm("2"), per_mm("4"));
+    // The sensor's dark noise does not know its pitch.
+    assert_eq!(figure("dynamic_range_db", "2"), figure("dynamic_range_db", "4"));
+    let page = std::fs::read_to_string(dir.join("out/figures.html")).unwrap();
+    for words in ["SNR over pixel pitch, µm", "everywhere", "MTF50 on the sensor against SNR"] {
+        assert!(page.contains(words), "{words}");
+    }
+}

@@ -6,6 +6,7 @@
 //! DIR/frames/000/000042.json   its parameters, digest and figures
 //! DIR/manifest.jsonl           all of these in order: the data set is complete
 //! DIR/figures.csv              figures of all pictures, where the sweep file has [figures]
+//! DIR/figures.html             the same as a page, by whoever draws pages
 //! ```
 //!
 //! Files appear whole, a picture's record before the picture: where the picture is, both are. So a
@@ -128,16 +129,35 @@ impl Dataset {
                 manifest.extend_from_slice(&record);
             }
             if self.wanted.is_named() {
-                let lines = manifest.split(|b| *b == b'\n').filter(|line| !line.is_empty());
-                let records: Vec<Value> =
-                    lines.filter_map(|line| serde_json::from_slice(line).ok()).collect();
-                let table = figures::table(&records, &self.wanted);
+                let table = figures::table(&records(&manifest), &self.wanted);
                 put_once(&self.directory.join("figures.csv"), table.as_bytes())?;
             }
             put_once(&self.directory.join("manifest.jsonl"), &manifest)?;
         }
         Ok(done)
     }
+
+    /// Writes `figures.html` as `page` draws it from the records of the pictures, if the sweep
+    /// file has `[figures]` and the data set is complete. Returns where it is.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn draw(&self, page: impl FnOnce(&[Value]) -> String) -> Result<Option<PathBuf>> {
+        let manifest = self.directory.join("manifest.jsonl");
+        if !self.wanted.is_named() || !manifest.exists() {
+            return Ok(None);
+        }
+        let manifest = fs::read(&manifest).map_err(|e| Error::io("read", &manifest, e))?;
+        let place = self.directory.join("figures.html");
+        put_once(&place, page(&records(&manifest)).as_bytes())?;
+        Ok(Some(place))
+    }
+}
+
+/// The records of a manifest.
+fn records(manifest: &[u8]) -> Vec<Value> {
+    let lines = manifest.split(|b| *b == b'\n').filter(|line| !line.is_empty());
+    lines.filter_map(|line| serde_json::from_slice(line).ok()).collect()
 }
 
 fn relative(index: u64, extension: &str) -> String {

@@ -4,6 +4,10 @@
 //!   middle quarter of the frame. Noise is that of one frame from pixel to pixel, temporal and
 //!   fixed, from differences of neighbours of one colour, so that shading does not count.
 //! - `slanted-edge`: `mtf50_cycles_per_pixel` per channel (e-SFR) in the same region.
+//! - any scene, where `[figures]` names it: `dynamic_range_db` per channel (EMVA 1288), 20 log₁₀ of
+//!   the largest signal over the least that tells: (white − black)/K e⁻ over σ/K + ½ e⁻ with the
+//!   temporal noise σ of two dark frames of the picture's exposure, gain and temperature, and the
+//!   system gain K, DN/e⁻.
 //! - `colorchecker`: `delta_e_2000`, mean and largest over the patches, of the simple development
 //!   by [`preview`].
 
@@ -15,8 +19,14 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
 /// Names of the figures.
-const NAMES: [&str; 5] =
-    ["mean_dn", "saturated_fraction", "snr_db", "mtf50_cycles_per_pixel", "delta_e_2000"];
+const NAMES: [&str; 6] = [
+    "mean_dn",
+    "saturated_fraction",
+    "snr_db",
+    "dynamic_range_db",
+    "mtf50_cycles_per_pixel",
+    "delta_e_2000",
+];
 /// Width of the built-in ColorChecker's card unless its options say otherwise, sensor widths.
 const CARD: f64 = 0.8;
 
@@ -43,6 +53,11 @@ impl Wanted {
         self.0.is_some()
     }
 
+    /// Whether dark frames are wanted: they are taken for a figure that is named alone.
+    pub(crate) fn has_dark(&self) -> bool {
+        self.is_named() && self.has("dynamic_range_db")
+    }
+
     fn has(&self, name: &str) -> bool {
         self.0.as_ref().is_none_or(|names| names.iter().any(|n| n == name))
     }
@@ -56,16 +71,50 @@ pub struct Figures {
     pub picture: Map<String, Value>,
 }
 
+/// Two frames without light, and the system gain, DN/e⁻.
+pub struct Dark {
+    /// Frames of the picture's settings.
+    pub frames: [RawFrame; 2],
+    /// K.
+    pub dn_per_e: f64,
+}
+
+impl Dark {
+    /// Dynamic range of a channel, dB; `None` without a pixel of it.
+    fn dynamic_range_db(&self, channel: usize) -> Option<f64> {
+        let [a, b] = &self.frames;
+        let of_channel = |i: &usize| a.cfa.channel(i % a.width, i / a.width) == channel;
+        let (mut square, mut count) = (0.0, 0.0);
+        for i in (0..a.data.len()).filter(of_channel) {
+            square += (f64::from(a.data[i]) - f64::from(b.data[i])).powi(2);
+            count += 1.0;
+        }
+        // A difference of two samples has twice the variance of one.
+        let noise_e = (square / (2.0 * count)).sqrt() / self.dn_per_e;
+        let largest_e = (f64::from(a.white_level_dn) - a.black_level_dn) / self.dn_per_e;
+        (count > 0.0).then(|| 20.0 * libm::log10(largest_e / (noise_e + 0.5)))
+    }
+}
+
 /// The figures of a frame of `scene`. One that the frame does not determine is null, with the
 /// reason beside it.
 #[must_use]
-pub fn of(frame: &RawFrame, info: &DngInfo, scene: &str, wanted: &Wanted) -> Figures {
+pub fn of(
+    frame: &RawFrame,
+    dark: Option<&Dark>,
+    info: &DngInfo,
+    scene: &str,
+    wanted: &Wanted,
+) -> Figures {
     let (chart, options) = scene.split_once(':').unwrap_or((scene, ""));
     let mut channels = Map::new();
     for (index, (name, mean_dn, saturated)) in frame.channel_means().into_iter().enumerate() {
         let mut figures = json!({ "mean_dn": mean_dn, "saturated_fraction": saturated });
         if chart == "uniform" && wanted.has("snr_db") {
             figures["snr_db"] = json!(snr_db(frame, index));
+        }
+        if let Some(dark) = dark {
+            figures["dynamic_range_db"] = json!(dark.dynamic_range_db(index));
         }
         if chart == "slanted-edge" && wanted.has("mtf50_cycles_per_pixel") {
             let mtf50 = mtf50(frame, frame.cfa.channels()[index]);
@@ -207,7 +256,7 @@ mod tests {
     }
 
     fn figures(scene: &str, frame: &RawFrame) -> Figures {
-        of(frame, &DngInfo::default(), scene, &Wanted::default())
+        of(frame, None, &DngInfo::default(), scene, &Wanted::default())
     }
 
     /// Samples alternate by ±5 about 1100 on a slope of 1 DN per pixel. Of the 32 columns in the
@@ -222,6 +271,23 @@ mod tests {
         assert!(figures("ramp", &frame).channels["m"].get("snr_db").is_none());
         let flat = self::frame(|_, _| 500);
         assert!(figures("uniform", &flat).channels["m"]["snr_db"].is_null());
+    }
+
+    /// Frames that differ by ±4 DN have a noise of 4/√2 DN, with K = 2 DN/e⁻ 1.414 e⁻; the range is
+    /// 3995/2 e⁻.
+    #[test]
+    fn dynamic_range_of_dark_frames() {
+        let dark = Dark {
+            frames: [
+                frame(|x, _| 100 + 4 * (x % 2) as u16),
+                frame(|x, _| 104 - 4 * (x % 2) as u16),
+            ],
+            dn_per_e: 2.0,
+        };
+        let found = dark.dynamic_range_db(0).unwrap();
+        let truth = 20.0 * (1997.5_f64 / (2.0_f64.sqrt() + 0.5)).log10();
+        assert!((found - truth).abs() < 1e-9, "{found} {truth}");
+        assert_eq!(dark.dynamic_range_db(7), None);
     }
 
     /// An edge that rises evenly over two pixels has the MTF sinc(2f), which is ½ at 0.3017 cycles

@@ -35,6 +35,7 @@ use camrig_formats::{Facts, Format, Frames};
 use camrig_optics::{Device, Options};
 use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_scene::LightLevel;
+use camrig_sensor_core::config::FrameSettings;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -154,7 +155,18 @@ fn take(
     let info =
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let scene = &picture.scene.name;
-    let figures = figures::of(&frame, &info, scene, &sweep.figures);
+    let dark = sweep.figures.has_dark().then(|| {
+        let unlit = SimulatedSensor::new(&camera, &header, 0.0)?;
+        // Frames that no picture of a sweep has.
+        let take = |number| {
+            let settings = FrameSettings { frame: number, ..settings };
+            unlit.frame(&view.cube, None, &settings, sweep.arithmetic)
+        };
+        let dn_per_e = f64::from(unlit.config.dn_per_e(settings.analog_gain));
+        Ok::<_, Error>(figures::Dark { frames: [take(u32::MAX)?, take(u32::MAX - 1)?], dn_per_e })
+    });
+    let dark = dark.transpose()?;
+    let figures = figures::of(&frame, dark.as_ref(), &info, scene, &sweep.figures);
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
