@@ -1,14 +1,12 @@
 //! What several commands have in common: durations, progress bars, how frames are taken.
 
-use super::live;
+use super::readout::ReadoutArgs;
 use camrig_base::output::OutputFile;
-use camrig_base::{Bands, Error, RawFrame, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::{Camera, changes, is_preset};
-use camrig_formats::mcap::CameraInfo;
 use camrig_optics::DeviceChoice;
 use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
-use camrig_render::readout::{self, Region};
 use camrig_render::{Arithmetic, IrradianceCube, SimulatedSensor};
 use camrig_report::page::Page;
 use camrig_sensor_core::config::FrameSettings;
@@ -153,36 +151,6 @@ pub fn exposure(text: &str) -> Result<Exposure, String> {
     }
 }
 
-/// How pixels are put together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Binning {
-    /// Pixels in a row and in a column.
-    pub n: u32,
-    /// Charges are added before they are read, instead of samples averaged.
-    pub charge: bool,
-}
-
-/// Reads `2`, `2x2`, `2x2:digital` or `2x2:charge`.
-pub fn binning(text: &str) -> Result<Binning, String> {
-    let wrong = || format!("{text:?} is not a binning; use 2x2, 2x2:digital or 2x2:charge");
-    let (size, kind) = text.split_once(':').unwrap_or((text, "digital"));
-    let (across, down) = size.split_once('x').unwrap_or((size, size));
-    let charge = match kind {
-        "charge" => true,
-        "digital" => false,
-        _ => return Err(wrong()),
-    };
-    match across.parse() {
-        Ok(n) if across == down && n > 0 => Ok(Binning { n, charge }),
-        _ => Err(wrong()),
-    }
-}
-
-fn region(text: &str) -> Result<Region, String> {
-    let camrig_measure::mtf::Roi { x, y, width, height } = super::measure::roi(text)?;
-    Ok(Region { x, y, width, height })
-}
-
 /// How frames are taken and where they go.
 #[derive(clap::Args, Clone, Debug)]
 pub struct FrameArgs {
@@ -193,15 +161,8 @@ pub struct FrameArgs {
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
-    /// Only this region of the frame, in pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
-    #[arg(conflicts_with_all = ["hdr", "opcodes"])]
-    pub roi: Option<Region>,
-    /// Put N x N pixels of a colour together, after the region is taken: 2x2 or 2x2:digital (mean
-    /// of samples), 2x2:charge (charges added before they are read; monochrome, simulate only)
-    #[arg(long, value_name = "NxN[:KIND]", value_parser = binning)]
-    #[arg(conflicts_with_all = ["hdr", "opcodes"])]
-    pub binning: Option<Binning>,
+    #[command(flatten)]
+    pub(super) readout: ReadoutArgs,
     /// Frames to take; more than one go into a directory, or one after another as headerless
     /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1,
     /// or as many as the bracket has]
@@ -213,6 +174,7 @@ pub struct FrameArgs {
     /// Two exposures in one frame: rows:RATIO (pairs of rows long and short in turn) or
     /// `staggered:RATIO[:OFFSET]` (each row twice, the short one OFFSET rows later)
     #[arg(long, value_name = "FORM", value_parser = Hdr::parse)]
+    #[arg(conflicts_with_all = ["roi", "binning"])]
     pub hdr: Option<Hdr>,
     /// Number of the first frame: names its temporal noise; fixed patterns stay the sensor's
     #[arg(long, default_value_t = 0, value_name = "K")]
@@ -235,7 +197,7 @@ pub struct FrameArgs {
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<String>,
     /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["roi", "binning"])]
     pub opcodes: bool,
     /// Also write a page about the frames, for people: pictures, plots, tables, the camera file
     #[arg(long, value_name = "FILE.html")]
@@ -284,39 +246,6 @@ impl FrameArgs {
         }
     }
 
-    /// What of a frame is read: region and digital binning.
-    pub fn read_out(&self, frame: RawFrame) -> Result<RawFrame> {
-        let frame = match self.roi {
-            Some(region) => region.of(&frame)?,
-            None => frame,
-        };
-        match self.binning {
-            Some(Binning { n, charge: false }) => readout::digitally_binned(&frame, n as usize),
-            _ => Ok(frame),
-        }
-    }
-
-    /// The figures of a camera of which the region is read, binned.
-    pub fn figures(&self, camera: &Camera) -> Result<CameraInfo> {
-        let begin = self.roi.map_or([0, 0], |r| [r.x, r.y]);
-        let n = self.binning.filter(|b| !b.charge).map_or(1, |b| b.n);
-        Ok(live::figures(camera)?.of_part(begin, n))
-    }
-
-    /// What a page says about region and binning.
-    pub fn readout_rows(&self) -> Vec<(&'static str, String)> {
-        let mut rows = Vec::new();
-        if let Some(r) = self.roi {
-            let place = format!("{} x {} pixels from {}, {}", r.width, r.height, r.x, r.y);
-            rows.push(("region of interest", place));
-        }
-        if let Some(Binning { n, charge }) = self.binning {
-            let kind = if charge { "charges added" } else { "mean of samples" };
-            rows.push(("binning", format!("{n} x {n} pixels, {kind}")));
-        }
-        rows
-    }
-
     /// Settings of frame `i` for an exposure of `exposure_s` seconds before bracketing.
     pub fn settings(&self, camera: &Camera, exposure_s: f64, i: u32) -> FrameSettings {
         let step = self.bracket.get(i as usize % self.bracket.len().max(1)).unwrap_or(&0.0);
@@ -359,21 +288,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exposures_and_binnings() {
+    fn exposures() {
         assert_eq!(exposure("20ms"), Ok(Exposure::Time(0.02)));
         assert_eq!(exposure("auto"), Ok(Exposure::Auto(Brightness::Highlights)));
         assert_eq!(exposure("auto:0.18"), Ok(Exposure::Auto(Brightness::Mean(0.18))));
         assert!(exposure("auto:-1").is_err() && exposure("automatic").is_err());
-        for (text, n, charge) in
-            [("2", 2, false), ("2x2", 2, false), ("4x4:charge", 4, true), ("3:digital", 3, false)]
-        {
-            assert_eq!(binning(text), Ok(Binning { n, charge }), "{text}");
-        }
-        for text in ["0", "2x3", "2x2:sum", "x", ""] {
-            assert!(binning(text).is_err(), "{text}");
-        }
-        let region = region("40,20,80,60").unwrap();
-        assert_eq!((region.x, region.y, region.width, region.height), (40, 20, 80, 60));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! `camrig capture`: a whole capture set, simulated.
 
 use super::arguments::{CameraArgs, arithmetic, broken_link, progress};
+use super::readout::ReadoutArgs;
 use camrig_base::Result;
 use camrig_capture::{plan, take};
 use camrig_render::Arithmetic;
@@ -31,6 +32,8 @@ pub struct Args {
     /// Simulate a smaller sensor of the same pixels
     #[arg(long, value_name = "W,H", value_parser = side_lengths)]
     size: Option<(u32, u32)>,
+    #[command(flatten)]
+    readout: ReadoutArgs,
     /// Arithmetic of the sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
@@ -59,6 +62,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         camera.sensor.width = width.min(camera.sensor.width);
         camera.sensor.height = height.min(camera.sensor.height);
     }
+    let camera = args.readout.camera(camera)?;
     let mut shots = plan::load(&args.plan)?;
     if let Some(frames) = args.frames {
         shots.iter_mut().for_each(|s| s.frames = frames);
@@ -67,10 +71,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let bar = progress("frames", total);
     // A preset can be named in the set; a file's place relative to the set is not known to last.
     let options = take::TakeOptions {
-        camera_name: args.camera.preset(),
+        camera_name: args.camera.preset().filter(|_| !args.readout.adds_charge()),
         force: args.force,
         first_frame: args.frame_seed,
         arithmetic: args.arith,
+        readout: args.readout.readout(),
         rig: args.rig.as_deref(),
         told: Some(|note| eprintln!("note: {note}")),
         link_broken: Some(broken_link),

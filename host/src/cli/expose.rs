@@ -49,10 +49,7 @@ pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<Irr
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    if args.frames.binning.is_some_and(|b| b.charge) {
-        return Err(Error::unsupported("charge binning of stored irradiance")
-            .help("camrig simulate --binning 2x2:charge makes it; or bin digitally"));
-    }
+    args.frames.readout.refuse_charge()?;
     let camera = args.camera.load()?;
     let cube = open(&args.irradiance, &camera)?;
     let factor = match (args.lux, cube.header.lux) {
@@ -73,7 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];
     made_of.extend(light_of(&header));
-    made_of.extend(args.frames.readout_rows());
+    made_of.extend(args.frames.readout.rows());
     let settings = args.frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} in other light or settings", camera.name);

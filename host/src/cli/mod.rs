@@ -36,6 +36,7 @@ mod lens;
 mod live;
 mod measure;
 mod presets;
+mod readout;
 mod rig;
 mod rig_stream;
 mod rig_view;

@@ -1,12 +1,11 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, Binning, CameraArgs, DeviceArgs, FrameArgs, positive};
+use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, positive};
 use super::frame_sink::FrameSink;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
-use camrig_render::readout;
 use camrig_render::{self as render, Motion, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
@@ -181,14 +180,12 @@ impl ViewArgs {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
-    let mut camera = args.view.camera.load()?;
-    if let Some(Binning { n, charge: true }) = args.frames.binning {
-        if args.frames.roi.is_some() || args.view.motion.is_some() {
-            return Err(Error::unsupported("charge binning of a region or of a moving scene")
-                .help("bin digitally, or leave region and motion out: both count single pixels"));
-        }
-        camera = readout::charge_binned(&camera, n)?;
+    let readout = &args.frames.readout;
+    if readout.adds_charge() && args.view.motion.is_some() {
+        return Err(Error::unsupported("charge binning of a moving scene")
+            .help("bin digitally, or leave the motion out: it counts single pixels"));
     }
+    let camera = readout.camera(args.view.camera.load()?)?;
     let OpticsOutput { light, cube, optics, cached, lens_traced, .. } =
         args.view.view_with(&camera)?;
     if let Some(path) = &args.save_irradiance {
@@ -215,7 +212,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     made_of.extend(optics.nodes.iter().flat_map(psf_rows));
     made_of.extend(optics.device.iter().map(|device| ("optics on", device.clone())));
     made_of.extend(light_of(&cube.header));
-    made_of.extend(args.frames.readout_rows());
+    made_of.extend(readout.rows());
     let settings = args.frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} through {}", args.view.scene, camera.name);
@@ -288,7 +285,7 @@ pub fn expose_frames(
         eprintln!("note: cleared the rig's {held}, which an earlier host had left");
     }
     stage.set_camera(sensor)?;
-    sink.set_camera(|| args.figures(camera))?;
+    sink.set_camera(|| args.readout.figures(camera))?;
     let bar = arguments::progress("frames", u64::from(args.count()));
     // Irradiance of this frame and the one before, where it changes.
     let (mut moved, mut moved_before) = (None, None);
@@ -314,7 +311,7 @@ pub fn expose_frames(
             }
         };
         let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
-        sink.write(&args.read_out(frame)?, &info)?;
+        sink.write(&args.readout.readout().of(frame)?, &info)?;
         bar.inc(1);
     }
     bar.finish_and_clear();

@@ -247,3 +247,55 @@ fn recordings_are_read_by_two_readers_of_ros() {
     camrig_ok(dir.path(), "convert a.mcap back_64x48_SGRBG10.raw");
     assert_eq!(std::fs::read(dir.path().join("back_64x48_SGRBG10.raw")).unwrap(), own);
 }
+
+/// A region and binned pixels of a rig's frames are those of `simulate`; a capture set says what
+/// was read.
+#[test]
+fn regions_and_binning_are_those_of_this_process() {
+    let dir = folder();
+    let part = "--roi 8,4,32,24 --binning 2x2";
+    let light = "--scene ramp --frames 2";
+    let rig = camrig_ok(dir.path(), &format!("{RIG} {light} {part} -o - --to SGRBG10")).stdout;
+    let here = format!("simulate --camera c.toml --exposure 8ms {light} {part} -o - --to SGRBG10");
+    assert_eq!(rig.len(), 2 * 16 * 12 * 2);
+    assert_eq!(rig, camrig_ok(dir.path(), &here).stdout);
+    camrig_ok(dir.path(), &format!("capture --camera c.toml --plan ptc {part} --frames 2 -o set"));
+    let manifest = std::fs::read_to_string(dir.path().join("set/captures.toml")).unwrap();
+    let manifest: toml::Table = manifest.parse().unwrap();
+    let sensor = &manifest["sensor"];
+    assert_eq!(sensor["width"].as_integer(), Some(16));
+    assert_eq!(sensor["height"].as_integer(), Some(12));
+    // Twice the pitch of the mt9t012, 2.2 µm.
+    assert_eq!(sensor["pitch_um"].as_float(), Some(4.4));
+    refuses(
+        dir.path(),
+        "capture --camera c.toml --plan ptc --roi 60,0,32,16 -o other",
+        &["region 60,0,32,16"],
+    );
+    refuses(
+        dir.path(),
+        &format!("{RIG} {light} --roi 0,0,8,8 --binning 2x2:charge -o -"),
+        &["charge binning of a region"],
+    );
+}
+
+/// Dark frames straight from a rig's stream give the figures of the same frames in a file.
+#[test]
+fn a_stream_of_dark_frames_is_measured() {
+    let dir = folder();
+    let dark = format!("{RIG} --scene uniform:0 --frames 8 -o x.csi2");
+    camrig_ok(dir.path(), &dark);
+    let of_file = camrig_ok(dir.path(), "measure dark x.csi2 --json").stdout;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+        .args(["measure", "dark", "-", "--json"])
+        .current_dir(dir.path())
+        .stdin(std::fs::File::open(dir.path().join("x.csi2")).unwrap())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut of_stream = Vec::new();
+    child.stdout.take().unwrap().read_to_end(&mut of_stream).unwrap();
+    assert_eq!(said(child).0, Some(0));
+    assert!(!of_stream.is_empty() && of_stream == of_file);
+}

@@ -3,13 +3,14 @@
 use super::plan::Shot;
 use camrig_base::Bands;
 use camrig_base::output::OutputDir;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_captures::manifest::ManifestWriter;
 use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_optics::Options;
+use camrig_render::readout::Readout;
 use camrig_render::scene_irradiance;
 use camrig_render::{Arithmetic, SceneInLight, SceneIrradiance, SceneLight, SimulatedSensor};
 use camrig_rig::SensorStage;
@@ -39,6 +40,8 @@ pub struct TakeOptions<'a> {
     pub first_frame: u32,
     /// Arithmetic of the sensor stage.
     pub arithmetic: Arithmetic,
+    /// What is read of each frame.
+    pub readout: Readout,
     /// Address of the rig that takes the frames; this process unless given.
     pub rig: Option<&'a str>,
     /// Hears what a user should know of scenes, lights and the camera's tables, each once.
@@ -67,7 +70,10 @@ pub fn take(
         stage.on_broken_link(tell);
     }
     let output = OutputDir::create(directory, options.force)?;
-    let mut manifest = ManifestWriter::new(facts(camera), options.camera_name, &camera.name);
+    let facts = facts_read(camera, &options.readout)?;
+    // Binned frames are not those of the camera file.
+    let camera_name = options.camera_name.filter(|_| options.readout.binning.is_none());
+    let mut manifest = ManifestWriter::new(facts, camera_name, &camera.name);
     let mut frame_number = options.first_frame;
     let mut told = BTreeSet::new();
     let mut tell = |note: String| {
@@ -117,6 +123,7 @@ pub fn take(
             let white = frame.white_level_dn;
             saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
             samples += frame.data.len() as u64;
+            let frame = options.readout.of(frame)?;
             let bytes = Format::Npy.encode(&Frames::from_raw(&frame))?;
             output.write(format!("{}/{i:04}.npy", shot.id), &bytes)?;
             progress();
@@ -162,6 +169,23 @@ pub fn facts(camera: &Camera) -> SensorFacts {
         white_level_dn: full_scale,
         pitch_um: Some(s.pitch_um),
     }
+}
+
+/// The facts of what is read of the camera's frames.
+fn facts_read(camera: &Camera, readout: &Readout) -> Result<SensorFacts> {
+    let whole = facts(camera);
+    let blank = RawFrame {
+        width: whole.width,
+        height: whole.height,
+        bits: whole.bits,
+        cfa: camera.sensor.cfa.clone(),
+        black_level_dn: camera.sensor.black_level_dn,
+        white_level_dn: whole.white_level_dn,
+        data: vec![0; whole.width * whole.height],
+    };
+    let read = readout.of(blank)?;
+    let pitch_um = whole.pitch_um.map(|pitch| pitch * f64::from(readout.side()));
+    Ok(SensorFacts { width: read.width, height: read.height, pitch_um, ..whole })
 }
 
 fn settings(camera: &Camera, shot: &Shot, frame: u32) -> FrameSettings {

@@ -51,6 +51,42 @@ impl Region {
     }
 }
 
+/// What of a frame is read, and how.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Readout {
+    /// The region; all of the frame unless given.
+    pub region: Option<Region>,
+    /// Samples of one colour that are averaged, in a row and in a column; not binned unless given.
+    pub binning: Option<u32>,
+}
+
+impl Readout {
+    /// What is read of a frame.
+    ///
+    /// # Errors
+    /// Those of [`Region::of`] and [`digitally_binned`].
+    pub fn of(&self, frame: RawFrame) -> Result<RawFrame> {
+        let frame = match self.region {
+            Some(region) => region.of(&frame)?,
+            None => frame,
+        };
+        match self.binning {
+            Some(n) => digitally_binned(&frame, n as usize),
+            None => Ok(frame),
+        }
+    }
+
+    /// First column and row that are read.
+    pub fn begin(&self) -> [usize; 2] {
+        self.region.map_or([0, 0], |r| [r.x, r.y])
+    }
+
+    /// Pixels that become one, in a row and in a column.
+    pub fn side(&self) -> u32 {
+        self.binning.unwrap_or(1)
+    }
+}
+
 /// The mean of n x n samples of one colour each, rounded; what is left at the right and lower
 /// border is dropped.
 ///

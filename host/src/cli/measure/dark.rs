@@ -1,6 +1,7 @@
 //! `camrig measure dark`: figures of a stack of dark frames.
 
 use super::{object, plus_minus};
+use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::Value;
@@ -12,7 +13,8 @@ use std::process::ExitCode;
 
 #[derive(ClapArgs)]
 pub struct DarkArgs {
-    /// Frames taken without light under the same conditions: files, stacks, or their folder
+    /// Frames taken without light under the same conditions: files, stacks, or their folder; - for
+    /// standard input, into which a rig or another program sends CSI-2, MCAP, PGM or NPY
     #[arg(required = true)]
     frames: Vec<PathBuf>,
     /// System gain, for the read noise in electrons
@@ -34,7 +36,16 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
         return of_set(&set, args.dn_per_e, args.json);
     }
     let cfa = args.cfa.as_deref().map(Cfa::parse).transpose()?;
-    let found = dark_stack::of_files(&files(&args.frames)?, cfa)?;
+    let stream = args.frames.iter().any(|path| path.as_os_str() == "-");
+    let spooled = stream.then(spooled).transpose()?;
+    let found = match &spooled {
+        Some(_) if args.frames.len() > 1 => {
+            return Err(Error::input("a stream beside files").help("give one or the other"));
+        }
+        Some(folder) => dark_stack::of_files(&[folder.path().join(SPOOLED)], cfa)
+            .map_err(|e| e.at("standard input"))?,
+        None => dark_stack::of_files(&files(&args.frames)?, cfa)?,
+    };
     if args.json {
         println!("{}", json_of(&found, args.dn_per_e)?);
     } else {
@@ -74,6 +85,18 @@ pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<Exi
     top["darks"] = json!(all);
     println!("{top}");
     Ok(ExitCode::SUCCESS)
+}
+
+/// Name of what came on standard input.
+const SPOOLED: &str = "frames";
+
+/// Standard input in a folder of its own, as a stack is read more than once. The folder goes with
+/// what is returned, and with the program.
+fn spooled() -> Result<OutputDir> {
+    let name = format!("camrig-frames-{}", std::process::id());
+    let folder = OutputDir::create(&std::env::temp_dir().join(name), false)?;
+    folder.write(SPOOLED, &camrig_formats::read_bytes(Path::new("-"))?)?;
+    Ok(folder)
 }
 
 fn read_noise_e(found: &DarkStack, dn_per_e: Option<f64>) -> Option<Value> {

@@ -30,7 +30,9 @@ enum What {
     #[command(after_help = "Example: camrig measure emva captures/ --report emva.html")]
     Emva(captures::WithPage),
     /// Read noise, offset, noise of rows and columns and hot pixels of a stack of dark frames
-    #[command(after_help = "Example: camrig measure dark dark-*.dng --dn-per-e 0.25")]
+    #[command(after_help = "Examples:\n  camrig measure dark dark-*.dng --dn-per-e 0.25\n  \
+        camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --scene uniform:0 --exposure 5ms \\\n    \
+            --frames 16 -o - | camrig measure dark -")]
     Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(

@@ -6,6 +6,7 @@ mod pace;
 mod report;
 
 use super::arguments::{self, CameraArgs, DeviceArgs, arithmetic, duration, positive};
+use super::readout::ReadoutArgs;
 use super::{live, simulate};
 use camrig_base::Result;
 use camrig_base::stop::Stoppable;
@@ -112,6 +113,8 @@ pub struct Args {
     /// Number of the first frame
     #[arg(long, default_value_t = 0, value_name = "K")]
     frame_seed: u32,
+    #[command(flatten)]
+    readout: ReadoutArgs,
     /// Arithmetic of the rig's sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
@@ -137,7 +140,7 @@ pub struct Args {
     to: Option<String>,
     /// Leave the raw rows with the rig, which has a way out of its own for them (DVP, CSI, FPGA);
     /// the link brings a receipt of each
-    #[arg(long, conflicts_with = "output")]
+    #[arg(long, conflicts_with_all = ["output", "roi", "binning"])]
     rows_stay: bool,
     /// Replace existing output
     #[arg(long)]
@@ -177,7 +180,10 @@ fn write_registers(
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut output = Output::open(args)?;
-    let camera = args.camera.load()?;
+    if args.irradiance.is_some() {
+        args.readout.refuse_charge()?;
+    }
+    let camera = args.readout.camera(args.camera.load()?)?;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(arguments::broken_link);
@@ -185,7 +191,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let light = Light::open(args, &camera)?;
     let sensors = light.sensors(&camera)?;
     if let Some(output) = &mut output {
-        output.prepare(&camera, &sensors[0])?;
+        output.prepare(args, &camera, &sensors[0])?;
     }
     let before = rig.link_bytes();
     let stream = Stream { args, camera: &camera, light: &light, sensors: &sensors };

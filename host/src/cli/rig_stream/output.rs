@@ -8,6 +8,7 @@ use camrig_camera::Camera;
 use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_render::SimulatedSensor;
+use camrig_render::readout::Readout;
 use camrig_rig::RigFrame;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +16,7 @@ use std::path::{Path, PathBuf};
 pub struct Output {
     path: PathBuf,
     frames: LiveFrames,
+    readout: Readout,
     numbers: Numbers,
 }
 
@@ -34,17 +36,28 @@ impl Output {
             )
         })?;
         let frames = LiveFrames::create(path, args.force, encoder)?;
-        Ok(Some(Self { path: path.clone(), frames, numbers: Numbers::default() }))
+        Ok(Some(Self {
+            path: path.clone(),
+            frames,
+            readout: Readout::default(),
+            numbers: Numbers::default(),
+        }))
     }
 
     /// Takes up the camera's figures where the format holds them, and refuses a sensor whose
     /// frames it cannot hold.
-    pub fn prepare(&mut self, camera: &Camera, sensor: &SimulatedSensor) -> Result<()> {
+    pub fn prepare(
+        &mut self,
+        args: &Args,
+        camera: &Camera,
+        sensor: &SimulatedSensor,
+    ) -> Result<()> {
+        self.readout = args.readout.readout();
         if self.frames.has_camera() {
-            self.frames.set_camera(live::figures(camera)?);
+            self.frames.set_camera(args.readout.figures(camera)?);
         }
         let pixels = sensor.config.width as usize * sensor.config.height as usize;
-        self.frames.check(&sensor.raw_frame(vec![0; pixels], 1.0))
+        self.frames.check(&self.readout.of(sensor.raw_frame(vec![0; pixels], 1.0))?)
     }
 
     /// Writes a frame that began `time_s` after the first was due, unless the sensor has dropped
@@ -60,7 +73,7 @@ impl Output {
             line_packets: true,
             time_s: Some(time_s),
         };
-        self.frames.write(&frame.to_raw(sensor)?, &beside)
+        self.frames.write(&self.readout.of(frame.to_raw(sensor)?)?, &beside)
     }
 
     /// Refuses an output into which nothing came.
