@@ -347,7 +347,7 @@ impl Making<'_> {
 
     fn number(&self, path: &str) -> Option<f64> {
         let (value, _) = self.decided(path)?;
-        value.as_float().or(value.as_integer().map(|i| i as f64))
+        number_of(&value)
     }
 
     fn mono(&self) -> bool {
@@ -482,7 +482,7 @@ impl Making<'_> {
         }
         let well = sensor.fact("full_well")?;
         let (black, _) = self.entry("sensor.black_level_dn")?;
-        let black = black.as_float()?;
+        let black = number_of(&black)?;
         let note = format!("{} e- fill {} of {top} DN", well.value, top - black);
         let full = well.number()? * top / (top - black);
         Some((rounded(full, 4).into(), Basis::derived(well, note)))
@@ -500,6 +500,11 @@ impl Making<'_> {
         let note = format!("{a} e- at unity gain, {b} e- at gain {}", rounded(gain, 3));
         Some((rounded(post, 3).into(), Basis::derived(raised, note)))
     }
+}
+
+/// A number, whole or not.
+fn number_of(value: &toml::Value) -> Option<f64> {
+    value.as_float().or(value.as_integer().map(|i| i as f64))
 }
 
 /// A colour filter pattern in the words of a camera file.
@@ -612,6 +617,10 @@ mod tests {
         assert_eq!(camera.sensor.black_level_dn, 64.08);
         assert_eq!(camera.sensor.full_well_e, 8727.0);
         assert_eq!(grade("sensor.full_well_e"), Grade::Derived);
+        // A whole number is a number: 4562 e- in 1023 - 23 DN.
+        let given = request(Some("imx219"), &["sensor.black_level_dn=23"], &[]);
+        let full = Draft::of(&given).unwrap().entry("sensor.full_well_e").unwrap().clone();
+        assert_eq!(full.value.as_float(), Some(4667.0));
         assert!(matches!(
             camera.lens.kind,
             crate::LensKind::DiffractionLimited { f_number: 4.0, .. }
