@@ -18,6 +18,9 @@ const WIDEST_GAP_NM: f64 = 25.0;
 /// points; what is wider than [`WIDEST_GAP_NM`] is told. Colour filters are about so wide: a line
 /// over more could pass one by.
 const WIDEST_GAP_OF_QE_NM: f64 = 100.0;
+/// Gap over the table's median step from which on lines are missing, where the gap is wider than
+/// [`WIDEST_GAP_NM`]: points of a data sheet are more even than that.
+const HOLE: f64 = 3.0;
 /// Largest values of a table that are per cent: more than a measured fraction with its error, up to
 /// 100 with the same.
 const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
@@ -316,7 +319,7 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
 }
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
-/// without gaps wider than `widest_nm`.
+/// without holes and gaps wider than `widest_nm`.
 fn spectral_table(name: &str, widest_nm: f64, folder: &Folder<'_>) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     let mut table = table.named(name);
@@ -332,13 +335,16 @@ fn spectral_table(name: &str, widest_nm: f64, folder: &Folder<'_>) -> Result<Spe
             .help("values are fractions, 0 to 1, or per cent, 0 to 100"));
         }
     }
-    if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > widest_nm) {
+    let mut steps: Vec<f64> = table.wavelength_nm.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let hole = (HOLE * steps.get(steps.len() / 2).unwrap_or(&0.0)).max(WIDEST_GAP_NM);
+    let allowed = widest_nm.min(hole);
+    if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > allowed) {
         return Err(Error::input(format!("no values between {} and {} nm", gap[0], gap[1]))
             .at(name)
-            .help(format!("give a value at least every {widest_nm} nm")));
+            .help(format!("give a value at least every {allowed} nm")));
     }
-    let gaps = table.wavelength_nm.windows(2).map(|w| w[1] - w[0]);
-    let widest = gaps.fold(0.0f64, f64::max);
+    let widest = steps.last().copied().unwrap_or_default();
     if widest > WIDEST_GAP_NM {
         table.remark(format!("straight lines join its points, up to {widest} nm apart"));
     }
