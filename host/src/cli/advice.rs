@@ -9,6 +9,10 @@ use camrig_base::Error;
 /// about another command.
 const ADVICE: &[(&str, &str)] = &[
     ("built-without-graphics", "--features gpu; --device cpu"),
+    (
+        "camera-keys",
+        "--pixels, --pitch-um, --cfa, --bits; or --like NAME, a built-in sensor of camrig presets",
+    ),
     ("chart-not-drawn", "camrig scene export CHART -o FILE draws it"),
     ("exposure-time", "--only, --response"),
     ("frame-too-large", "--collapse"),

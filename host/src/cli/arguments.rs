@@ -21,7 +21,7 @@ use std::str::FromStr;
 /// A camera, and changes to its file.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CameraArgs {
-    /// Camera file, or a preset: mt9t012, mt9v024, mobile
+    /// Camera file, or a preset: mt9t012, mobile, imx219, ... (camrig presets lists them)
     #[arg(long, value_name = "C")]
     pub camera: String,
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable

@@ -1,20 +1,24 @@
 //! `camrig explain` and `camrig schema`: what the keys of a camera file mean.
 
 use super::effects;
+use super::presets::bare;
 use camrig_base::{Error, Result};
+use camrig_camera::draft::{Draft, Entry};
 use camrig_camera::keys::{Holds, KEYS, Key};
-use camrig_camera::{EffectKind, schema};
+use camrig_camera::{Camera, EffectKind, presets, schema};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
-/// What a key of the camera file means: unit, range, what real cameras have
+/// What a key of the camera file means: unit, range, what real cameras have; or what a built-in
+/// camera's values are based on
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig explain                            every key and every effect\n  \
     camrig explain sensor.noise.read_e\n  \
-    camrig explain effect.row-temporal-noise")]
+    camrig explain effect.row-temporal-noise\n  \
+    camrig explain imx477                     every value of a preset, with its source")]
 pub struct Args {
-    /// A key with or without its table, or an effect
+    /// A key with or without its table, an effect, or a preset
     key: Option<String>,
     /// Print one JSON object
     #[arg(long)]
@@ -36,6 +40,10 @@ pub fn run_schema(_: &SchemaArgs) -> Result<ExitCode> {
 
 /// Runs `camrig explain`.
 pub fn run(args: &Args) -> Result<ExitCode> {
+    if let Some(name) = args.key.as_ref().filter(|name| presets::names().contains(&&name[..])) {
+        explain_preset(name, args.json)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let (keys, kinds) = match &args.key {
         None => (KEYS.iter().collect(), EffectKind::all().collect()),
         Some(name) => find(name)?,
@@ -48,14 +56,19 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     if args.key.is_none() {
         for key in keys {
-            println!("{:38} {}", key.path(), first_sentence(key.doc));
+            println!("{:38} {}.", key.path(), key.summary());
         }
         for kind in kinds {
             println!("{:38} {}", format!("effect.{}", kind.kind), first_sentence(kind.doc));
         }
         return Ok(ExitCode::SUCCESS);
     }
-    keys.iter().for_each(|key| explain_key(key));
+    for key in keys {
+        explain_key(key);
+        if key.path() != "name" {
+            in_presets(key)?;
+        }
+    }
     kinds.iter().for_each(effects::describe);
     Ok(ExitCode::SUCCESS)
 }
@@ -77,15 +90,16 @@ fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
     let mut known: Vec<&str> = paths.iter().map(String::as_str).collect();
     known.extend(KEYS.iter().map(|k| k.name));
     known.extend(EffectKind::all().map(|e| e.kind));
+    known.extend(presets::names());
     let nearest = camrig_base::toml_text::nearest(name, known.iter().copied());
-    Err(Error::input(format!("no key or effect {name:?}"))
+    Err(Error::input(format!("no key, effect or preset {name:?}"))
         .help(format!("did you mean {nearest:?}? `camrig explain` lists them all")))
 }
 
 fn explain_key(key: &Key) {
     println!("{}", key.path());
     println!("  {}", key.doc);
-    println!("  {}", holds(key));
+    println!("  {}", key.range());
     if !key.usual.is_empty() {
         println!("  usual: {}", key.usual);
     }
@@ -95,19 +109,70 @@ fn explain_key(key: &Key) {
     }
 }
 
-fn holds(key: &Key) -> String {
-    let unit = if key.unit.is_empty() { String::new() } else { format!(" {}", key.unit) };
-    match key.holds {
-        Holds::Number(low, high) => format!("number, {low} to {high}{unit}"),
-        Holds::Whole(low, high) => format!("whole number, {low} to {high}{unit}"),
-        Holds::NumberOrFile(low, high) => format!("number, {low} to {high}{unit}, or a file"),
-        Holds::File => "file".into(),
-        Holds::Word(words) => format!("one of {}", words.join(", ")),
-        Holds::WordOrFile(words) => format!("{}, or a file", words.join(", ")),
-        Holds::Text => "text".into(),
-        Holds::Texts => "text, or a list of texts".into(),
-        Holds::NumberOrName => "whole number from 1, or a name".into(),
+/// The values that built-in cameras have for a key.
+fn in_presets(key: &Key) -> Result<()> {
+    let mut lines = Vec::new();
+    for name in presets::names() {
+        let draft = Draft::of_preset(name)?;
+        if let Some(entry) = draft.entry(&key.path()) {
+            lines.push(format!("    {name:13} {:12} {}", bare(entry), based_on(entry)));
+        }
     }
+    if !lines.is_empty() {
+        println!("  built-in cameras:");
+    }
+    lines.iter().for_each(|line| println!("{line}"));
+    Ok(())
+}
+
+/// What a value is based on, in a line.
+fn based_on(entry: &Entry) -> String {
+    let basis = &entry.basis;
+    let second_hand = if basis.second_hand { ", second-hand" } else { "" };
+    let parts = [&format!("{}{second_hand}", basis.grade.name()), &basis.note, &basis.source];
+    parts.into_iter().filter(|p| !p.is_empty()).cloned().collect::<Vec<_>>().join("; ")
+}
+
+/// Every value of a built-in camera with what is behind it.
+fn explain_preset(name: &str, json: bool) -> Result<()> {
+    let draft = Draft::of_preset(name)?;
+    let entries = || draft.entries.iter().filter(|entry| !entry.key.table.is_empty());
+    let sensor = Camera::load(name)?.sensor;
+    let top = f64::from((1u32 << sensor.bits) - 1);
+    let dn_per_e = top / sensor.full_well_e;
+    let saturation_e = (top - sensor.black_level_dn) / dn_per_e;
+    let dynamic_range_db = 20.0 * (saturation_e / sensor.noise.read_e).log10();
+    if json {
+        let values: Vec<Value> = entries().map(value_json).collect();
+        let figures = json!({
+            "system_gain_dn_per_e": dn_per_e, "saturation_e": saturation_e,
+            "dynamic_range_db": dynamic_range_db,
+        });
+        let about = &draft.about;
+        let all = json!({ "preset": name, "about": about, "values": values, "follows": figures });
+        println!("{all}");
+        return Ok(());
+    }
+    println!("{name}\n  {}", draft.about);
+    for entry in entries() {
+        let unit = if entry.value.is_str() { "" } else { entry.key.unit };
+        let value = format!("{} {unit}", bare(entry));
+        println!("  {:34} {value:22} {}", entry.key.path(), based_on(entry));
+    }
+    println!(
+        "  At unity gain this gives {dn_per_e:.4} DN per electron, saturation at {saturation_e:.0} \
+         e-, and {dynamic_range_db:.1} dB over the read noise."
+    );
+    Ok(())
+}
+
+fn value_json(entry: &Entry) -> Value {
+    let basis = &entry.basis;
+    json!({
+        "key": entry.key.path(), "value": entry.value, "unit": entry.key.unit,
+        "grade": basis.grade.name(), "second_hand": basis.second_hand, "source": basis.source,
+        "note": basis.note,
+    })
 }
 
 fn first_sentence(doc: &str) -> String {
@@ -122,7 +187,7 @@ fn key_json(key: &Key) -> Value {
         _ => (None, None),
     };
     json!({
-        "key": key.path(), "holds": holds(key), "unit": key.unit, "min": low, "max": high,
+        "key": key.path(), "holds": key.range(), "unit": key.unit, "min": low, "max": high,
         "usual": key.usual, "default": key.default, "doc": key.doc,
     })
 }

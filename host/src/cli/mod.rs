@@ -19,6 +19,7 @@ mod advice;
 pub mod arguments;
 mod batch;
 mod calibrate;
+mod camera;
 mod capture;
 mod captures;
 mod compare;
@@ -67,6 +68,7 @@ enum Command {
     Captures(captures::Args),
     Scene(scene::Args),
     Lens(lens::Args),
+    Camera(camera::Args),
     Crosstalk(crosstalk::Args),
     /// Figures from captures or frames
     Measure(measure::Args),
@@ -109,6 +111,7 @@ fn run(command: Command) -> Result<ExitCode> {
         Command::Captures(args) => captures::run(&args),
         Command::Scene(args) => scene::run(&args),
         Command::Lens(args) => lens::run(&args),
+        Command::Camera(args) => camera::run(&args),
         Command::Crosstalk(args) => crosstalk::run(&args),
         Command::Measure(args) => measure::run(args),
         Command::Compare(args) => compare::run(&args),

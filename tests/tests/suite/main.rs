@@ -3,6 +3,7 @@
 mod bad_input;
 mod batch;
 mod calibration;
+mod cameras;
 mod command_line;
 mod control;
 mod diagnosis;

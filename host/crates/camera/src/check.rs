@@ -14,6 +14,13 @@ use std::cell::RefCell;
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
 const WIDEST_GAP_NM: f64 = 25.0;
+/// Widest gap of a quantum efficiency, nm, of which a data sheet may give no more than a few
+/// points; what is wider than [`WIDEST_GAP_NM`] is told. Colour filters are about so wide: a line
+/// over more could pass one by.
+const WIDEST_GAP_OF_QE_NM: f64 = 100.0;
+/// Gap over the table's median step from which on lines are missing, where the gap is wider than
+/// [`WIDEST_GAP_NM`]: points of a data sheet are more even than that.
+const HOLE: f64 = 3.0;
 /// Largest values of a table that are per cent: more than a measured fraction with its error, up to
 /// 100 with the same.
 const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
@@ -202,6 +209,11 @@ fn sensor(
         .help(format!("use at most {} letters", camrig_sensor_core::config::MAX_CHANNELS)));
     }
     let (channel_names, qe) = match &file.qe {
+        NumberOrFile::Number(_) if file.qe_peak.is_some() => {
+            return Err(Error::input("qe_peak beside a number of qe")
+                .at(keys.place("qe_peak"))
+                .help("remove one of them: qe_peak scales a table"));
+        }
         NumberOrFile::Number(q) => {
             let q = keys.within("qe", *q, 0.0..=1.0, "electrons per photon")?;
             let names: Vec<String> =
@@ -210,7 +222,10 @@ fn sensor(
             (names, curves)
         }
         NumberOrFile::File(name) => {
-            quantum_efficiency(name, &cfa, folder).map_err(|e| e.at(keys.place("qe")))?
+            let peak = file.qe_peak;
+            let within = |v| keys.within("qe_peak", v, 0.001..=1.0, "electrons per photon");
+            let peak = peak.map(within).transpose()?;
+            quantum_efficiency(name, &cfa, peak, folder).map_err(|e| e.at(keys.place("qe")))?
         }
     };
     let ir_cut = match &file.ir_cut {
@@ -239,12 +254,12 @@ fn sensor(
         qe,
         ir_cut,
         crosstalk,
-        conversion_gain_uv_per_e: keys.within(
-            "conversion_gain_uv_per_e",
-            file.conversion_gain_uv_per_e,
-            0.001..=10_000.0,
-            "µV per electron",
-        )?,
+        conversion_gain_uv_per_e: file
+            .conversion_gain_uv_per_e
+            .map(|v| {
+                keys.within("conversion_gain_uv_per_e", v, 0.001..=10_000.0, "µV per electron")
+            })
+            .transpose()?,
         full_well_e: keys.within(
             "full_well_e",
             file.full_well_e,
@@ -294,7 +309,7 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
 
 /// A curve of fractions over wavelength: a table of one column.
 fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
-    let table = spectral_table(name, folder)?;
+    let table = spectral_table(name, WIDEST_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))
             .at(name)
@@ -304,8 +319,8 @@ fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
 }
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
-/// without wide gaps.
-fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
+/// without holes and gaps wider than `widest_nm`.
+fn spectral_table(name: &str, widest_nm: f64, folder: &Folder<'_>) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     let mut table = table.named(name);
     table.clip_noise();
@@ -320,10 +335,18 @@ fn spectral_table(name: &str, folder: &Folder<'_>) -> Result<SpectralTable> {
             .help("values are fractions, 0 to 1, or per cent, 0 to 100"));
         }
     }
-    if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > WIDEST_GAP_NM) {
+    let mut steps: Vec<f64> = table.wavelength_nm.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let hole = (HOLE * steps.get(steps.len() / 2).unwrap_or(&0.0)).max(WIDEST_GAP_NM);
+    let allowed = widest_nm.min(hole);
+    if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > allowed) {
         return Err(Error::input(format!("no values between {} and {} nm", gap[0], gap[1]))
             .at(name)
-            .help(format!("give a value at least every {WIDEST_GAP_NM} nm")));
+            .help(format!("give a value at least every {allowed} nm")));
+    }
+    let widest = steps.last().copied().unwrap_or_default();
+    if widest > WIDEST_GAP_NM {
+        table.remark(format!("straight lines join its points, up to {widest} nm apart"));
     }
     let (first, last) =
         (table.wavelength_nm[0], table.wavelength_nm[table.wavelength_nm.len() - 1]);
@@ -352,14 +375,29 @@ fn from_percent(table: &mut SpectralTable) {
 /// Names of columns by the colours of the pattern's letters.
 const COLOURS: [(&str, &str); 3] = [("r", "red"), ("g", "green"), ("b", "blue")];
 
-/// Channel names and curves. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one
-/// column for mono, else one column per letter of the pattern.
+/// Scales all columns of a table so that its largest value is `peak`.
+fn scaled_to(peak: f64, table: &mut SpectralTable) -> Result<()> {
+    let largest = table.curves.iter().flat_map(|(_, v)| v).fold(0.0f64, |m, &v| m.max(v));
+    if largest == 0.0 {
+        return Err(Error::input("a table of zeros cannot be scaled to a peak"));
+    }
+    let values = table.curves.iter_mut().flat_map(|(_, values)| values);
+    values.for_each(|v| *v = *v / largest * peak);
+    Ok(())
+}
+
+/// Channel names and curves, scaled to a peak where one is given. The table's columns are r,g,b or
+/// r,gr,gb,b for Bayer patterns, one column for mono, else one column per letter of the pattern.
 fn quantum_efficiency(
     name: &str,
     cfa: &Cfa,
+    peak: Option<f64>,
     folder: &Folder<'_>,
 ) -> Result<(Vec<String>, Vec<Spectrum>)> {
-    let table = spectral_table(name, folder)?;
+    let mut table = spectral_table(name, WIDEST_GAP_OF_QE_NM, folder)?;
+    if let Some(peak) = peak {
+        scaled_to(peak, &mut table).map_err(|e| e.at(name))?;
+    }
     let letters: Vec<String> =
         cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
     let names = if cfa.is_mono() && table.curves.len() == 1 {

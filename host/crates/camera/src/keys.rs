@@ -47,8 +47,53 @@ pub struct Key {
 }
 
 impl Key {
+    /// The key of a path such as `sensor.noise.read_e`.
+    #[must_use]
+    pub fn of(path: &str) -> Option<&'static Self> {
+        KEYS.iter().find(|key| key.path() == path)
+    }
+
+    /// The first sentence of its meaning, without the full stop.
+    #[must_use]
+    pub fn summary(&self) -> &'static str {
+        self.doc.split_once(". ").map_or(self.doc, |(first, _)| first).trim_end_matches('.')
+    }
+
+    /// What its value may be, such as `number, 8 to 16 bits`.
+    #[must_use]
+    pub fn range(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        match self.holds {
+            Holds::Number(low, high) => format!("number, {low} to {high}{unit}"),
+            Holds::Whole(low, high) => format!("whole number, {low} to {high}{unit}"),
+            Holds::NumberOrFile(low, high) => format!("number, {low} to {high}{unit}, or a file"),
+            Holds::File => "file".into(),
+            Holds::Word(words) => format!("one of {}", words.join(", ")),
+            Holds::WordOrFile(words) => format!("{}, or a file", words.join(", ")),
+            Holds::Text => "text".into(),
+            Holds::Texts => "text, or a list of texts".into(),
+            Holds::NumberOrName => "whole number from 1, or a name".into(),
+        }
+    }
+
+    /// Whether a value has the type and lies in the range that [`Key::range`] tells.
+    #[must_use]
+    pub fn takes(&self, value: &toml::Value) -> bool {
+        let number = value.as_float().or(value.as_integer().map(|i| i as f64));
+        let within = |low, high| number.is_some_and(|v| (low..=high).contains(&v));
+        match self.holds {
+            Holds::Number(low, high) => within(low, high),
+            Holds::Whole(low, high) => value.is_integer() && within(low as f64, high as f64),
+            Holds::NumberOrFile(low, high) => value.is_str() || within(low, high),
+            Holds::File | Holds::Text | Holds::WordOrFile(_) => value.is_str(),
+            Holds::Word(words) => value.as_str().is_some_and(|word| words.contains(&word)),
+            Holds::Texts => value.is_str() || value.is_array(),
+            Holds::NumberOrName => value.is_str() || within(1.0, f64::INFINITY),
+        }
+    }
+
     /// Path, unit and usual values, such as `sensor.height in pixels, usually 480 to 6000`.
-    fn with_usual(&self) -> String {
+    pub(crate) fn with_usual(&self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) };
         let usual = match (self.holds, self.usual) {
             (Holds::Word(words), "") => format!(", one of {}", words.join(", ")),
@@ -289,7 +334,18 @@ pub const KEYS: &[Key] = &[
         None,
         "0.3 to 0.8 at the peak",
         "Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or \
-         gr,gb apart, one column for mono, a column per letter of the pattern).",
+         gr,gb apart, one column for mono, a column per letter of the pattern). Straight lines \
+         join its points, at most 100 nm apart.",
+    ),
+    key(
+        "sensor",
+        "qe_peak",
+        Number(0.001, 1.0),
+        "electrons per photon",
+        Some("the table's values as they are"),
+        "0.4 to 0.95",
+        "Largest quantum efficiency: scales the table of qe, which may be relative, so that its \
+         largest value is this.",
     ),
     key(
         "sensor",
@@ -315,7 +371,7 @@ pub const KEYS: &[Key] = &[
         "conversion_gain_uv_per_e",
         Number(0.001, 10_000.0),
         "µV per electron",
-        None,
+        Some("it cancels in the DN"),
         "20 to 200",
         "Voltage per electron at the sense node. Cancels in the DN: full well and bits set the \
          scale.",
@@ -462,16 +518,20 @@ pub(crate) fn missing(text: &str) -> Option<Error> {
     let of_lens = OF_LENS.iter().find(|(of, _)| *of == kind).map_or(&[][..], |(_, keys)| *keys);
     let needed =
         |key: &Key| key.default.is_none() || key.table == "lens" && of_lens.contains(&key.name);
-    let missing: Vec<String> =
-        KEYS.iter().filter(|key| needed(key) && !given(key)).map(Key::with_usual).collect();
-    if missing.is_empty() {
-        return None;
-    }
-    let (keys, are) = if missing.len() == 1 { ("key", "is") } else { ("keys", "are") };
-    Some(Error::input(format!("{keys} {are} missing:\n  {}", missing.join("\n  "))).help(
-        "`camrig presets mt9v024` prints a whole camera file, and `camrig explain` says what the \
-         keys mean",
-    ))
+    let missing: Vec<&Key> = KEYS.iter().filter(|key| needed(key) && !given(key)).collect();
+    (!missing.is_empty()).then(|| {
+        are_missing(&missing).help(
+            "`camrig camera new` writes a whole camera file, and `camrig explain` says what the \
+             keys mean",
+        )
+    })
+}
+
+/// Some keys are missing, with units and usual values.
+pub(crate) fn are_missing(keys: &[&Key]) -> Error {
+    let (what, are) = if keys.len() == 1 { ("key", "is") } else { ("keys", "are") };
+    let keys: Vec<String> = keys.iter().map(|key| key.with_usual()).collect();
+    Error::input(format!("{what} {are} missing:\n  {}", keys.join("\n  ")))
 }
 
 #[cfg(test)]

@@ -24,10 +24,15 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+mod builtin;
 pub mod changes;
 mod check;
 mod crosstalk;
+pub mod draft;
+mod draft_text;
 mod effects;
+pub mod efficiency;
+pub mod facts;
 mod file;
 pub mod keys;
 mod prescription;
@@ -36,6 +41,7 @@ pub mod schema;
 mod sensor;
 #[cfg(test)]
 mod tests;
+pub mod typical;
 
 pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
@@ -43,7 +49,7 @@ pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
 
 use camrig_base::table::text_of;
-use camrig_base::{Bands, Error, Result, Spectrum, mistakes, toml_text};
+use camrig_base::{Bands, Error, Result, Spectrum, mistakes};
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
@@ -108,6 +114,11 @@ pub enum RelativeIllumination {
 pub(crate) enum Folder<'a> {
     Directory(&'a Path),
     BuiltIn,
+    /// Tables that are not written yet, by name and text; others are in the directory.
+    Draft {
+        tables: &'a [(String, String)],
+        directory: &'a Path,
+    },
 }
 
 impl Folder<'_> {
@@ -116,8 +127,20 @@ impl Folder<'_> {
         match self {
             Folder::Directory(directory) => {
                 let path = directory.join(name);
-                std::fs::read(&path).map(text_of).map_err(|e| Error::io("read", &path, e))
+                std::fs::read(&path).map(text_of).map_err(|e| {
+                    let error = Error::io("read", &path, e);
+                    match builtin::file(name) {
+                        Some(_) => error.help(format!(
+                            "it comes with the program: `camrig presets {name} > {name}`"
+                        )),
+                        None => error,
+                    }
+                })
             }
+            Folder::Draft { tables, directory } => match tables.iter().find(|(n, _)| n == name) {
+                Some((_, text)) => Ok(text.clone()),
+                None => Folder::Directory(directory).read(name),
+            },
             Folder::BuiltIn => presets::file(name)
                 .map(str::to_string)
                 .ok_or_else(|| Error::input(format!("no built-in file {name:?}"))),
@@ -126,7 +149,7 @@ impl Folder<'_> {
 
     fn path(&self, name: &str) -> PathBuf {
         match self {
-            Folder::Directory(directory) => directory.join(name),
+            Folder::Directory(directory) | Folder::Draft { directory, .. } => directory.join(name),
             Folder::BuiltIn => PathBuf::from(name),
         }
     }
@@ -179,10 +202,9 @@ impl Camera {
     pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
         if is_preset(spec) {
             let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {
-                Error::input(format!("unknown camera {spec:?}")).help(format!(
-                    "{}; or give a file such as ./camera.toml",
-                    toml_text::did_you_mean(spec, &presets::NAMES)
-                ))
+                let error = presets::unknown("camera", spec);
+                let help = error.remedy().unwrap_or_default().to_string();
+                error.help(format!("{help}; or give a file such as ./camera.toml"))
             })?;
             return changes::parse(text, changes, spec, &Folder::BuiltIn);
         }

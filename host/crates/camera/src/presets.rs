@@ -1,35 +1,59 @@
-//! Built-in cameras: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, a machine-vision
-//! camera, and `mobile`, a phone camera.
+//! Built-in cameras.
+//!
+//! Three are files of their own: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, a
+//! machine-vision camera, and `mobile`, a phone camera. The others are sensors of
+//! [`crate::facts`], each behind a usual lens; what is not known of them follows the rules of
+//! [`crate::typical`].
 
-/// Names of the built-in cameras.
-pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
+use super::builtin;
+pub use super::builtin::NAMES;
+use super::draft::{self, Draft};
+use super::facts::Sensor;
+use camrig_base::Error;
+use std::sync::LazyLock;
 
-const FILES: [(&str, &str); 7] = [
-    ("mt9t012.toml", include_str!("../presets/mt9t012.toml")),
-    ("mt9v024.toml", include_str!("../presets/mt9v024.toml")),
-    ("mobile.toml", include_str!("../presets/mobile.toml")),
-    ("mt9m131-qe.csv", include_str!("../presets/mt9m131-qe.csv")),
-    ("mt9v024-qe.csv", include_str!("../presets/mt9v024-qe.csv")),
-    ("mobile-qe.csv", include_str!("../presets/mobile-qe.csv")),
-    ("ir-cut-690.csv", include_str!("../presets/ir-cut-690.csv")),
-];
+/// Files of the cameras that are made of facts, by name and text.
+static FILES: LazyLock<Vec<(String, String)>> = LazyLock::new(|| {
+    // A test drafts them all.
+    let text = |sensor: Sensor| Draft::of_preset(sensor.name()).map(|draft| draft.text());
+    let file = |sensor: Sensor| Some((format!("{}.toml", sensor.name()), text(sensor).ok()?));
+    Sensor::all().filter_map(file).collect()
+});
+
+/// Names of all built-in cameras.
+#[must_use]
+pub fn names() -> Vec<&'static str> {
+    draft::names()
+}
 
 /// The text of a built-in file, `None` for a name that is not built in.
+#[must_use]
 pub fn file(name: &str) -> Option<&'static str> {
-    FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+    let made = || FILES.iter().find(|(n, _)| n == name).map(|(_, text)| text.as_str());
+    builtin::file(name).or_else(made)
+}
+
+/// No built-in camera has this name; `what` is what it was taken for.
+#[must_use]
+pub fn unknown(what: &str, name: &str) -> Error {
+    draft::unknown(what, name)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::Camera;
     use camrig_base::Bands;
 
     #[test]
-    fn every_preset_loads_and_makes_a_sensor() {
-        for name in super::NAMES {
+    fn every_preset_loads_without_remarks_and_makes_a_sensor() {
+        for name in names() {
             let camera = Camera::load(name).unwrap();
             assert_eq!(camera.name, name);
-            camera.sensor_config(&Bands::VISIBLE).unwrap();
+            let config = camera.sensor_config(&Bands::VISIBLE).unwrap();
+            assert!(config.response.iter().any(|&r| r > 0.0), "{name}");
+            assert_eq!(camera.notes(&Bands::VISIBLE), [""; 0], "{name}");
         }
+        assert!(names().len() >= 25 + NAMES.len());
     }
 }

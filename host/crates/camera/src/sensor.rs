@@ -31,8 +31,8 @@ pub struct SensorModel {
     pub ir_cut: Option<Spectrum>,
     /// Positional crosstalk.
     pub crosstalk: Option<CrosstalkTable>,
-    /// Conversion gain, µV per electron.
-    pub conversion_gain_uv_per_e: f64,
+    /// Conversion gain, µV per electron, where it is known: it cancels in the DN.
+    pub conversion_gain_uv_per_e: Option<f64>,
     /// Linear full well, e⁻: the charge at which the converter's range ends at unity gain.
     pub full_well_e: f64,
     /// Bits of the converter.

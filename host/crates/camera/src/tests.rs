@@ -121,3 +121,28 @@ fn tables_of_per_cent_and_of_named_colours_are_read_and_told() {
         assert!(remark.is_none_or(|remark| notes.contains(remark)), "{notes}");
     }
 }
+
+/// A table of relative values with its peak; few points of a data sheet; no conversion gain.
+#[test]
+fn data_sheets_with_few_figures_suffice() {
+    let folder = tempfile::tempdir().unwrap();
+    let load = |table: &str, keys: &str| {
+        std::fs::write(folder.path().join("qe.csv"), table).unwrap();
+        let text = GOOD.replace("\"mt9m131-qe.csv\"", &format!("\"qe.csv\"\n{keys}"));
+        let text = text.replace("conversion_gain_uv_per_e = 75.0", "");
+        let text = text.replace("\"GRBG\"", "\"mono\"").replace("ir_cut", "#ir_cut");
+        Camera::parse(&text, "test", &Folder::Directory(folder.path()))
+    };
+    let coarse = "nm,mono\n380,0.1\n450,0.5\n550,1.0\n650,0.8\n720,0.3\n";
+    let camera = load(coarse, "qe_peak = 0.6").unwrap();
+    assert_eq!(camera.sensor.conversion_gain_uv_per_e, None);
+    let at = [450.0, 500.0, 550.0].map(|nm| camera.sensor.qe[0].at(nm));
+    assert!(at.iter().zip([0.3, 0.45, 0.6]).all(|(a, b)| (a - b).abs() < 1e-12), "{at:?}");
+    let notes = camera.notes(&Bands::VISIBLE).join("\n");
+    assert!(notes.contains("straight lines join its points, up to 100 nm apart"), "{notes}");
+    let told = |table: &str, keys: &str| load(table, keys).unwrap_err().to_string();
+    assert!(told("nm,mono\n380,0.1\n550,1\n720,0.3\n", "").contains("no values between"));
+    assert!(told(coarse, "qe_peak = 1.5").contains("qe_peak = 1.5"));
+    let number = GOOD.replace("\"mt9m131-qe.csv\"", "0.5\nqe_peak = 0.6");
+    assert!(self::told(&number).contains("qe_peak beside a number"));
+}

@@ -1,0 +1,33 @@
+//! Files that come with the program: three cameras, tables that cameras name, and the facts on
+//! sensors that the other built-in cameras are made of.
+
+/// Names of the cameras that are files of their own.
+pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
+
+macro_rules! files {
+    ($($name:literal),* $(,)?) => { [$(($name, include_str!(concat!("../presets/", $name)))),*] };
+}
+
+const FILES: [(&str, &str); 16] = files![
+    "mt9t012.toml",
+    "mt9v024.toml",
+    "mobile.toml",
+    "mt9m131-qe.csv",
+    "mt9v024-qe.csv",
+    "mobile-qe.csv",
+    "ir-cut-690.csv",
+    "gsense400bsi-qe.csv",
+    "imx183-qe.csv",
+    "imx219-relative-qe.csv",
+    "imx426-qe.csv",
+    "imx455-qe.csv",
+    "kaf8300-qe.csv",
+    "mt9v024-mono-qe.csv",
+    "ov5647-qe.csv",
+    "sensors.csv",
+];
+
+/// The text of a file, `None` for a name that is not built in.
+pub fn file(name: &str) -> Option<&'static str> {
+    FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+}

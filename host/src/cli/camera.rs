@@ -1,0 +1,175 @@
+//! `camrig camera new`: a camera file from what is known of a camera.
+
+use camrig_base::output::OutputFile;
+use camrig_base::{Error, Result};
+use camrig_camera::draft::{Draft, Grade, Request};
+use camrig_camera::{changes, is_preset};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Make camera files
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum Command {
+    New(NewArgs),
+}
+
+/// Write a complete, commented camera file from the figures of a data sheet, or from a built-in
+/// sensor; what is not known gets a usual value, marked typical
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig camera new --like imx219 -o my-camera.toml\n  \
+    camrig camera new --like imx296 --cfa RGGB --f-number 1.8 -o colour.toml\n  \
+    camrig camera new --pixels 3280x2464 --pitch-um 1.12 --bits 10 --cfa RGGB -o mine.toml\n  \
+    camrig camera new --pixels 2464x2056 --pitch-um 3.45 --bits 12 --cfa mono \\\n    \
+    --full-well-e 10400 --read-noise-e 2.1 --qe 450:0.56,529:0.64,650:0.5 -o mono.toml\n\n\
+    `camrig presets` lists the built-in sensors, `camrig explain KEY` says what a key means.")]
+struct NewArgs {
+    /// The file; tables that it names are written beside it
+    #[arg(short, long, value_name = "FILE.toml")]
+    output: PathBuf,
+    /// Built-in sensor that it starts from
+    #[arg(long, visible_alias = "sensor", value_name = "NAME")]
+    like: Option<String>,
+    /// Columns and rows
+    #[arg(long, value_name = "WxH")]
+    pixels: Option<String>,
+    /// Pixel pitch, µm
+    #[arg(long, value_name = "UM")]
+    pitch_um: Option<String>,
+    /// Bits of the converter
+    #[arg(long, value_name = "N")]
+    bits: Option<String>,
+    /// Colour filters: RGGB, GRBG, GBRG, BGGR, mono, or rows of letters parted by slashes
+    #[arg(long, value_name = "PATTERN")]
+    cfa: Option<String>,
+    /// Quantum efficiency: its peak, points of a data sheet (nm:value,... or channel:nm:value,...),
+    /// or a table beside FILE.toml
+    #[arg(long, value_name = "PEAK|POINTS|FILE.csv")]
+    qe: Option<String>,
+    /// Linear full well, e-: electrons per DN at unity gain x (2^bits - 1)
+    #[arg(long, value_name = "E")]
+    full_well_e: Option<String>,
+    /// Read noise at unity gain, e-
+    #[arg(long, value_name = "E")]
+    read_noise_e: Option<String>,
+    /// Black level, DN
+    #[arg(long, value_name = "DN")]
+    black_level_dn: Option<String>,
+    /// F-number of the lens
+    #[arg(long, value_name = "N")]
+    f_number: Option<String>,
+    /// Focal length of the lens, mm
+    #[arg(long, value_name = "MM")]
+    focal_length_mm: Option<String>,
+    /// Any other key of the file: sensor.noise.prnu=0.008; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    set: Vec<(String, toml::Value)>,
+    /// Name of the camera in raw files and reports; that of the file unless given
+    #[arg(long)]
+    name: Option<String>,
+    /// Replace existing files
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let Command::New(args) = &args.command;
+    if is_preset(&args.output.to_string_lossy()) {
+        return Err(Error::input(format!("a camera file called {}", args.output.display()))
+            .help("names without a dot are those of presets: call it FILE.toml"));
+    }
+    let draft = Draft::of(&args.request())?;
+    let directory = args.output.parent().unwrap_or(Path::new(""));
+    draft.camera(directory).map_err(|e| e.at(format!("{} to be", args.output.display())))?;
+    let mut files = vec![(args.output.clone(), draft.text())];
+    files.extend(draft.tables().into_iter().map(|(name, text)| (directory.join(name), text)));
+    // A table that is there already, as another camera's, stays.
+    files.retain(|(path, text)| std::fs::read_to_string(path).ok().as_ref() != Some(text));
+    write_all(&files, args.force)?;
+    tell(&draft, &args.output, &files);
+    Ok(ExitCode::SUCCESS)
+}
+
+impl NewArgs {
+    fn request(&self) -> Request {
+        let (width, height) = match &self.pixels {
+            Some(pixels) => match pixels.split_once(['x', 'X', '×']) {
+                Some((width, height)) => (Some(width), Some(height)),
+                None => (Some(&pixels[..]), None),
+            },
+            None => (None, None),
+        };
+        let mut given: Vec<(String, toml::Value)> = Vec::new();
+        for (key, text) in [
+            ("sensor.width", width),
+            ("sensor.height", height),
+            ("sensor.pitch_um", self.pitch_um.as_deref()),
+            ("sensor.bits", self.bits.as_deref()),
+            ("sensor.cfa", self.cfa.as_deref()),
+            ("sensor.full_well_e", self.full_well_e.as_deref()),
+            ("sensor.noise.read_e", self.read_noise_e.as_deref()),
+            ("sensor.black_level_dn", self.black_level_dn.as_deref()),
+            ("lens.f_number", self.f_number.as_deref()),
+            ("lens.focal_length_mm", self.focal_length_mm.as_deref()),
+        ] {
+            given.extend(text.and_then(|text| changes::read(&format!("{key}={text}")).ok()));
+        }
+        let mut efficiency = Vec::new();
+        match self.qe.as_deref() {
+            Some(points) if points.contains(':') => {
+                efficiency = points.split(',').map(str::to_string).collect();
+            }
+            Some(peak) if peak.parse::<f64>().is_ok() => {
+                given.extend(changes::read(&format!("sensor.qe_peak={peak}")));
+            }
+            Some(table) => given.push(("sensor.qe".into(), table.into())),
+            None => (),
+        }
+        given.extend(self.set.iter().cloned());
+        let stem =
+            self.output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
+        let name = self.name.clone().unwrap_or(stem);
+        Request { name, like: self.like.clone(), given, efficiency }
+    }
+}
+
+/// Writes all files or none.
+fn write_all(files: &[(PathBuf, String)], force: bool) -> Result<()> {
+    let mut outputs = Vec::new();
+    for (path, text) in files {
+        let mut output = OutputFile::create(path, force)?;
+        output.write_all(text.as_bytes()).map_err(|e| Error::io("write", path, e))?;
+        outputs.push(output);
+    }
+    outputs.into_iter().try_for_each(OutputFile::finish)
+}
+
+/// Says what was written, which values are typical, and what to type next.
+fn tell(draft: &Draft, output: &Path, files: &[(PathBuf, String)]) {
+    let names: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
+    match names.is_empty() {
+        true => eprintln!("{} is there already, the same", output.display()),
+        false => eprintln!("wrote {}", names.join(", ")),
+    }
+    let typical = draft.entries.iter().filter(|entry| entry.basis.grade == Grade::Typical);
+    let typical: Vec<String> = typical.map(|e| format!("{} = {}", e.key.name, e.value)).collect();
+    eprintln!(
+        "{} of {} values are typical: {}",
+        typical.len(),
+        draft.entries.len(),
+        typical.join(", ")
+    );
+    let dot = if output.is_absolute() { "" } else { "./" };
+    eprintln!(
+        "next: camrig simulate --camera {dot}{} --scene colorchecker --exposure auto:0.18 -o first.dng",
+        output.display()
+    );
+}
