@@ -127,8 +127,8 @@ struct ExportArgs {
     /// Light that an ISETCam scene of reflectance is given (D65 unless given)
     #[arg(long, value_name = "I")]
     illuminant: Option<String>,
-    /// Its luminance on a perfect white, cd/m² (100 unless given); a picture of radiance is scaled so
-    /// that its white has it, another scene of radiance so that its mean is that of 18 % grey
+    /// Its luminance on a perfect white, cd/m² (100 unless given); a picture of radiance is scaled
+    /// so that its white has it, another scene of radiance so that its mean is that of 18 % grey
     #[arg(long, value_parser = arguments::positive, value_name = "L")]
     luminance: Option<f64>,
     /// Output directory

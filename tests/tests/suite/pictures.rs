@@ -3,7 +3,8 @@
 use super::{camrig, camrig_ok, shared};
 use std::path::Path;
 
-/// A camera without noise but that of light, so flat that a frame's mean is the scene's brightness.
+/// A camera without noise but that of light, so flat that a frame's mean is the scene's
+/// brightness.
 const CAMERA: &str = "[lens]\nkind = \"diffraction-limited\"\nf_number = 4.0\n\
     focal_length_mm = 4.0\nrelative_illumination = \"none\"\n\
     [sensor]\nwidth = 64\nheight = 48\npitch_um = 3.0\nfill_factor = 1.0\ncfa = \"RGGB\"\n\

@@ -1,5 +1,5 @@
-//! Colour spaces from ICC profiles: those of a matrix and three curves, or of one grey curve, which
-//! are almost all that pictures carry.
+//! Colour spaces from ICC profiles: those of a matrix and three curves, or of one grey curve,
+//! which are almost all that pictures carry.
 
 use super::picture::Said;
 use super::space::{SRGB, Space};

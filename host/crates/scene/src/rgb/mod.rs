@@ -1,9 +1,9 @@
 //! Pictures of red, green and blue, and renders, as scenes: PNG, JPEG, TIFF, OpenEXR, Radiance.
 //!
-//! Samples become linear sRGB ([`space`], [`transfer`]), and each colour the smoothest spectrum that
-//! has it ([`smoothest`], [`spectra`]), in the bands of [`Bands::VISIBLE`]: a reflectance between 0
-//! and 1, or a radiance over the spectrum of D65. Colours that no spectrum has are moved to their
-//! grey ([`gamut`]), which the notes say with their number and the largest ΔE2000.
+//! Samples become linear sRGB ([`space`], [`transfer`]), and each colour the smoothest spectrum
+//! that has it ([`smoothest`], [`spectra`]), in the bands of [`Bands::VISIBLE`]: a reflectance
+//! between 0 and 1, or a radiance over the spectrum of D65. Colours that no spectrum has are moved
+//! to their grey ([`gamut`]), which the notes say with their number and the largest ΔE2000.
 //!
 //! A colour does not tell a spectrum. What that costs a camera, in its raw values, is in
 //! `docs/guide/scene.md` and in this module's tests; a raw frame with a ColorChecker in it gives
@@ -11,8 +11,8 @@
 //!
 //! # Light
 //! A reflectance takes an illuminant as any other scene does. A radiance has in each unit of Y the
-//! luminance that the user (`scale`) or the file states; where neither does, a level in lux or cd/m²
-//! must be asked for. A level is that of the picture's white ([`White`]).
+//! luminance that the user (`scale`) or the file states; where neither does, a level in lux or
+//! cd/m² must be asked for. A level is that of the picture's white ([`White`]).
 
 mod gamut;
 mod icc;
@@ -354,7 +354,7 @@ fn metamerism_note(quantity: Quantity) -> String {
         }
     };
     format!(
-        "its spectra are estimated from three numbers a pixel: raw values differ from the true ones \
-         {cost}; spectra from a raw frame with a ColorChecker in it are better"
+        "its spectra are estimated from three numbers a pixel: raw values differ from the true \
+         ones {cost}; spectra from a raw frame with a ColorChecker in it are better"
     )
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
 const MOST_PIXELS: usize = 1 << 27;
-/// Most pixels of a byte of a file: a grey of 1 bit compressed by 1032, the most that deflate does.
-/// Sizes beyond it are lies.
+/// Most pixels of a byte of a file: a grey of 1 bit compressed by 1032, the most that deflate
+/// does. Sizes beyond it are lies.
 const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Samples of red, green and blue, interleaved.

@@ -1,8 +1,8 @@
 //! Radiance pictures (`.hdr`): colours with a common exponent.
 //!
-//! Lines of the header that are read: FORMAT (RGBE or XYZE), EXPOSURE and COLORCORR (divided by, as
-//! the format demands), PRIMARIES, PIXASPECT. Without PRIMARIES they are taken as those of sRGB,
-//! which almost all programs write.
+//! Lines of the header that are read: FORMAT (RGBE or XYZE), EXPOSURE and COLORCORR (divided by,
+//! as the format demands), PRIMARIES, PIXASPECT. Without PRIMARIES they are taken as those of
+//! sRGB, which almost all programs write.
 
 use super::picture::{Picture, Said, Samples, check_size};
 use super::space::Space;

@@ -6,9 +6,10 @@
 //! > Σ (u_{i+1} − u_i)² + ε Σ u_i², so that Σ_i T_ci ρ_i = rgb_c
 //!
 //! over the bands i of [`Bands::VISIBLE`]. T is the CIE 1931 observer times D65, scaled so that
-//! ρ = 1 has the colour 1, 1, 1: white is white and greys are flat on this grid of bands. No spectra
-//! are learned from; of the methods compared (three bands, Smits 1999, Mallett and Yuksel 2019, Otsu
-//! et al. 2018, Meng et al. 2015, Jakob and Hanika 2019) it comes nearest to measured reflectances.
+//! ρ = 1 has the colour 1, 1, 1: white is white and greys are flat on this grid of bands. No
+//! spectra are learned from; of the methods compared (three bands, Smits 1999, Mallett and Yuksel
+//! 2019, Otsu et al. 2018, Meng et al. 2015, Jakob and Hanika 2019) it comes nearest to measured
+//! reflectances.
 //!
 //! An emission is L = W e^u in place of ρ, with W the spectrum of D65: positive, and of any range,
 //! as it is solved for the colour over its largest component.
@@ -29,8 +30,8 @@ pub const COUNT: usize = Bands::VISIBLE.count;
 /// A value per band.
 pub type Curve = [f64; COUNT];
 
-/// Weight of u itself beside its steps: it decides where neither colour nor smoothness does, beyond
-/// the observer's ends.
+/// Weight of u itself beside its steps: it decides where neither colour nor smoothness does,
+/// beyond the observer's ends.
 const EPSILON: f64 = 1e-4;
 /// Reflectances asked for keep this distance from 0 and 1, which u reaches at infinity only: a
 /// tenth of a code of 8 bits near black.
@@ -40,12 +41,14 @@ const LEAST_EMISSION: f64 = 1e-4;
 /// Bounds of u. A reflectance is within 6e-6 of 0 and 1 there, an emission at e⁻³⁰ is black.
 const BOUND: f64 = 200.0;
 const DARKEST_EMISSION: f64 = -30.0;
-/// Steps after which a colour counts as one without a spectrum.
-const MOST_STEPS: usize = 100;
+/// Steps after which the search ends: beside the faces of the cube u goes on to move where it is
+/// large, and reflectances hardly change.
+const MOST_STEPS: usize = 60;
 /// Halvings of a step before it is given up.
 const MOST_HALVINGS: usize = 14;
-/// Residual and change of u at which a solution is taken.
-const SOLVED: (f64, f64) = (1e-7, 1e-5);
+/// Residual and change of u at which a solution is taken: some ten-thousandths of reflectance from
+/// what further steps would give.
+const SOLVED: (f64, f64) = (1e-6, 1e-4);
 /// Residual up to which a spectrum has its colour: ΔE2000 below 0.1 down to black.
 pub const REACHED: f64 = 1e-4;
 
@@ -73,7 +76,8 @@ pub struct Smoothest {
     domain: Domain,
     /// Rows of T: linear sRGB of a curve of values.
     to_rgb: [Curve; 3],
-    /// Diagonal of the tridiagonal matrix after elimination; its other diagonals are −1.
+    /// One over the diagonal of the tridiagonal matrix after elimination; its other diagonals are
+    /// −1.
     pivots: Curve,
 }
 
@@ -91,8 +95,8 @@ impl Smoothest {
         let mut pivots = [0.0; COUNT];
         for i in 0..COUNT {
             let ends = if i == 0 || i == COUNT - 1 { 1.0 } else { 2.0 };
-            let before = if i == 0 { 0.0 } else { 1.0 / pivots[i - 1] };
-            pivots[i] = ends + EPSILON - before;
+            let before = if i == 0 { 0.0 } else { pivots[i - 1] };
+            pivots[i] = 1.0 / (ends + EPSILON - before);
         }
         Self { domain, to_rgb: colour_of_bands(light), pivots }
     }
@@ -163,6 +167,7 @@ impl Smoothest {
             let colour = self.colour(&u.map(|u| self.value(u).0));
             [0, 1, 2].map(|c| colour[c] - goal[c])
         };
+        let solved = |off: [f64; 3]| off.iter().all(|v| v.abs() < SOLVED.0);
         let mut u = [self.start(goal); COUNT];
         for _ in 0..MOST_STEPS {
             let off = residual(&u);
@@ -176,7 +181,7 @@ impl Smoothest {
                     next[i] = (u[i] + part * (target[i] - u[i])).clamp(least, BOUND);
                 }
                 let off = residual(&next);
-                if square(off) <= before * (1.0 - 0.05 * part) + 1e-18 {
+                if solved(off) || square(off) <= before * (1.0 - 0.05 * part) {
                     found = Some((next, off));
                     break;
                 }
@@ -185,7 +190,7 @@ impl Smoothest {
             let Some((next, off)) = found else { break };
             let change = (0..COUNT).fold(0.0f64, |m, i| m.max((next[i] - u[i]).abs()));
             u = next;
-            if off.iter().all(|v| v.abs() < SOLVED.0) && change < SOLVED.1 {
+            if solved(off) && change < SOLVED.1 {
                 break;
             }
         }
@@ -222,11 +227,11 @@ impl Smoothest {
     /// C times a curve: the tridiagonal system solved.
     fn smoothed(&self, mut curve: Curve) -> Curve {
         for i in 1..COUNT {
-            curve[i] += curve[i - 1] / self.pivots[i - 1];
+            curve[i] += curve[i - 1] * self.pivots[i - 1];
         }
-        curve[COUNT - 1] /= self.pivots[COUNT - 1];
+        curve[COUNT - 1] *= self.pivots[COUNT - 1];
         for i in (0..COUNT - 1).rev() {
-            curve[i] = (curve[i] + curve[i + 1]) / self.pivots[i];
+            curve[i] = (curve[i] + curve[i + 1]) * self.pivots[i];
         }
         curve
     }

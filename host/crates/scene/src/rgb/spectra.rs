@@ -1,11 +1,11 @@
 //! The spectra of all pixels of a picture.
 //!
 //! Each distinct colour is solved once. Where there are more of them than there are nodes under
-//! them of a lattice of 49³ colours, the nodes are solved and spectra between them interpolated, in
-//! each band, with weights that are linear in linear light: so a colour stays exactly what it is.
-//! The nodes crowd at the faces of the cube of sRGB, where spectra change fast. An emission's
-//! colour is divided by its largest component, which scales the spectrum: it lies on three faces of
-//! the lattice.
+//! them of a lattice of 49³ colours, the nodes are solved and spectra between them interpolated,
+//! in each band, with weights that are linear in linear light: so a colour stays exactly what it
+//! is. The nodes crowd at the faces of the cube of sRGB, where spectra change fast. An emission's
+//! colour is divided by its largest component, which scales the spectrum: it lies on three faces
+//! of the lattice.
 //!
 //! A pixel keeps a place in the lattice, 16 bytes; a plane of a band costs eight look-ups a pixel.
 
@@ -34,8 +34,8 @@ pub struct Spectra {
     scale: Option<Vec<f32>>,
 }
 
-/// Where the spectrum of a pixel lies: the entry itself, or in the lattice the corner of a cell with
-/// the least components, and the shares of the opposite corner.
+/// Where the spectrum of a pixel lies: the entry itself, or in the lattice the corner of a cell
+/// with the least components, and the shares of the opposite corner.
 #[derive(Clone, Copy)]
 struct Place {
     entry: u32,

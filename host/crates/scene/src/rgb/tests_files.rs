@@ -155,7 +155,8 @@ fn jpeg_is_read_turned_and_refused_for_print() {
 
     let (_dir, path) = place("turned.jpeg");
     let whole = std::fs::read(data.join("colour.jpg")).unwrap();
-    let exif = b"\xff\xe1\x00\x22Exif\0\0II\x2a\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let exif = b"\xff\xe1\x00\x22Exif\0\0II\x2a\0\x08\0\0\0\x01\0\
+        \x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
     let turned = [&whole[..2], exif, &whole[2..]].concat();
     std::fs::write(&path, turned).unwrap();
     assert_eq!(opened(&path, "").size(), (8, 16));
