@@ -11,8 +11,10 @@ const CAMERA: &str = "[lens]\nkind = \"diffraction-limited\"\nf_number = 4.0\n\
     qe = \"qe.csv\"\nconversion_gain_uv_per_e = 50.0\nfull_well_e = 16000\nbits = 16\n\
     black_level_dn = 400\n[sensor.noise]\nread_e = 0.0\ndark_current_e_per_s = 0.0\n\
     prnu = 0.0\nrow_fpn_e = 0.0\n";
-const QE: &str = "wavelength_nm,r,g,b\n400,0.05,0.1,0.45\n450,0.05,0.15,0.5\n500,0.05,0.4,0.25\n\
-    550,0.1,0.55,0.05\n600,0.5,0.2,0.03\n650,0.5,0.05,0.03\n700,0.4,0.05,0.03\n";
+const QE: &str = "wavelength_nm,r,g,b\n400,0.05,0.1,0.45\n425,0.05,0.125,0.475\n450,0.05,0.15,0.5\n\
+    475,0.05,0.275,0.375\n500,0.05,0.4,0.25\n525,0.075,0.475,0.15\n550,0.1,0.55,0.05\n\
+    575,0.3,0.375,0.04\n600,0.5,0.2,0.03\n625,0.5,0.125,0.03\n650,0.5,0.05,0.03\n\
+    675,0.45,0.05,0.03\n700,0.4,0.05,0.03\n";
 
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -27,7 +29,7 @@ fn signal(dir: &Path, scene: &str, light: &str) -> [f64; 3] {
     camrig_ok(
         dir,
         &format!(
-            "simulate --camera c.toml --scene {scene} {light} --exposure 10ms -o out.npy --force"
+            "simulate --camera c.toml --scene {scene} {light} --exposure 50ms -o out.npy --force"
         ),
     );
     let frames = camrig::formats::read(&dir.join("out.npy")).unwrap();

@@ -67,14 +67,20 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     if !place(&chosen).is_empty() {
         understood[0].push_str(&format!(" of {:?}", place(&chosen)));
     }
+    let mut notes = unused(header, &chosen, &pictures);
+    let stated = header.own_attributes.white_luminance.map(f64::from);
+    let white_luminance = stated.filter(|luminance| *luminance > 0.0 && luminance.is_finite());
+    if let (Some(stated), None) = (stated, white_luminance) {
+        notes.push(format!("a whiteLuminance of {stated} is no luminance, and not used"));
+    }
     Ok(Picture {
         size,
         samples: Samples::Floats(data),
         said: said(header, chosen.names)?,
         orientation: 1,
-        white_luminance: header.own_attributes.white_luminance.map(f64::from),
+        white_luminance,
         understood,
-        notes: unused(header, &chosen, &pictures),
+        notes,
     })
 }
 

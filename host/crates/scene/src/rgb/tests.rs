@@ -262,3 +262,30 @@ fn raw_values_from_srgb_are_near_those_of_measured_reflectances() {
     println!("all: {median:.2} {most:.2} {worst:.2}");
     assert!(median < 1.15 && most < 9.0, "{median} {most}");
 }
+
+/// Paints outside sRGB have reflectances, so their colours are kept: ΔE2000 below 0.1, as a surface
+/// and as a light. A pure green of Rec. 2020 has none; it is moved.
+#[test]
+fn colours_outside_srgb_are_kept_where_a_spectrum_has_them() {
+    let Some((_, data)) = shared() else { return };
+    let table = SpectralTable::read(&data.join("reflectances/dupont120.csv")).unwrap();
+    for domain in [Domain::Reflectance, Domain::Emission] {
+        let smoothest = Smoothest::new(domain).unwrap();
+        let mut outside = 0;
+        for paint in 0..table.curves.len() {
+            let rgb = smoothest.colour(&at_bands(&table.spectrum(paint).unwrap()));
+            if rgb.iter().all(|v| (0.0..=1.0).contains(v)) {
+                continue;
+            }
+            outside += 1;
+            let found = reach(&smoothest, domain, rgb);
+            let off = difference(rgb, smoothest.colour(&found.values), domain);
+            assert!(off < 0.1 && found.delta_e == 0.0, "paint {}: {off}", paint + 1);
+        }
+        assert_eq!(outside, 41);
+    }
+    let smoothest = Smoothest::new(Domain::Reflectance).unwrap();
+    let green = reach(&smoothest, Domain::Reflectance, [-0.5876, 1.1329, -0.1006]);
+    assert!(green.delta_e > 3.0, "{}", green.delta_e);
+    assert!(green.values.iter().all(|v| (0.0..=1.0).contains(v)));
+}
