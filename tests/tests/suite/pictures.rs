@@ -29,10 +29,10 @@ fn signal(dir: &Path, scene: &str, light: &str) -> [f64; 3] {
     camrig_ok(
         dir,
         &format!(
-            "simulate --camera c.toml --scene {scene} {light} --exposure 50ms -o out.npy --force"
+            "simulate --camera c.toml --scene {scene} {light} --exposure 50ms -o out.dng --force"
         ),
     );
-    let frames = camrig::formats::read(&dir.join("out.npy")).unwrap();
+    let frames = camrig::formats::read(&dir.join("out.dng")).unwrap();
     let frame = frames.raw(0).unwrap();
     let (mut sums, mut counts) = ([0.0; 3], [0.0; 3]);
     for y in 8..frame.height - 8 {

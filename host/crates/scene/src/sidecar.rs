@@ -47,23 +47,25 @@ fn quantity<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Quantity
     })
 }
 
-/// The keys of the sidecar of `path`, if there is one, and of `options` (`KEY=VALUE,...`), which
-/// take precedence; `help` names those there are. A number without a key goes on with the value
+/// The keys of a sidecar, if there is one, and of `options` (`KEY=VALUE,...`), which take
+/// precedence; `help` names those there are. A number without a key goes on with the value
 /// before it: `white=10,20,30,40` is one option.
 pub(super) fn keys<T: serde::de::DeserializeOwned>(
-    path: &Path,
+    sidecar: Option<&Path>,
     options: &str,
     help: &str,
 ) -> Result<T> {
-    let place = path.with_extension("toml");
-    let text = match std::fs::read_to_string(&place) {
-        Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(e) => return Err(Error::io("read", &place, e)),
+    let text = sidecar.map(|place| match std::fs::read_to_string(place) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(String::new()),
+        text => text.map_err(|e| Error::io("read", place, e)),
+    });
+    let text = text.transpose()?.unwrap_or_default();
+    let at = |error: Error| match sidecar {
+        Some(place) => error.at(place.display()),
+        None => error,
     };
-    let mut table: toml::Table = text
-        .parse()
-        .map_err(|e: toml::de::Error| Error::input(e.to_string()).at(place.display()))?;
+    let mut table: toml::Table =
+        text.parse().map_err(|e: toml::de::Error| at(Error::input(e.to_string())))?;
     let mut pieces: Vec<String> = Vec::new();
     for piece in options.split(',').map(str::trim).filter(|o| !o.is_empty()) {
         match pieces.last_mut() {
@@ -83,14 +85,14 @@ pub(super) fn keys<T: serde::de::DeserializeOwned>(
         table.insert(key.trim().to_string(), value);
     }
     toml::from_str(&table.to_string())
-        .map_err(|e| Error::input(e.message().to_string()).at(place.display()).help(help))
+        .map_err(|e| at(Error::input(e.message().to_string())).help(help))
 }
 
 impl Sidecar {
     /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) taking precedence.
     pub fn read(path: &Path, options: &str) -> Result<Self> {
         keys(
-            path,
+            Some(&path.with_extension("toml")),
             options,
             "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \
              negative (which is \"zero\")",

@@ -5,8 +5,8 @@ use super::space::{self, D65};
 use crate::delta_e::{delta_e_2000, lab};
 use camrig_formats::color::{Matrix, XYZ_FROM_SRGB};
 
-/// Halvings of the way to the grey: its last step is below a code of 8 bits.
-const HALVINGS: usize = 9;
+/// Halvings of the way to the grey: its last step is below a code of 8 bits for most colours.
+const HALVINGS: usize = 7;
 
 /// The spectrum of a colour, and how far the colour was moved for it.
 pub struct Reached {
@@ -16,7 +16,7 @@ pub struct Reached {
     pub delta_e: f64,
 }
 
-/// The spectrum of a colour in linear sRGB, within the square of sRGB or outside.
+/// The spectrum of a colour in linear sRGB, within the cube of sRGB or outside.
 pub fn reach(smoothest: &Smoothest, domain: Domain, rgb: [f64; 3]) -> Reached {
     let whole = smoothest.solve(rgb);
     if whole.residual <= REACHED {

@@ -50,7 +50,8 @@ const WHITE_PERCENTILE: usize = 99;
 /// Names of primaries.
 const PRIMARIES: &str = "srgb, linear-srgb, rec2020, acescg, xyz, display-p3 and adobe-rgb";
 
-/// What the user says of a picture, behind its name or in a sidecar.
+/// What the user says of a picture, behind its name. Pictures have no sidecar: a file of the same
+/// name beside a photograph or a render is often another program's.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Options {
@@ -81,7 +82,7 @@ pub(super) fn is_picture(path: &Path, extension: &str) -> Result<bool> {
 pub(super) fn open(path: &Path, extension: &str, options: &str) -> Result<Cube> {
     let help = "the keys of a picture are as (reflectance or radiance), primaries, transfer, \
                 scale, white and array";
-    let options: Options = sidecar::keys(path, options, help)?;
+    let options: Options = sidecar::keys(None, options, help)?;
     let mut picture = match extension {
         "png" => read_png::read(path),
         "jpg" | "jpeg" => read_jpeg::read(path),

@@ -44,6 +44,10 @@ const DARKEST_EMISSION: f64 = -30.0;
 /// Steps after which the search ends: beside the faces of the cube u goes on to move where it is
 /// large, and reflectances hardly change.
 const MOST_STEPS: usize = 60;
+/// Steps after which a residual that is still far tells that no spectrum has the colour: those that
+/// have one come within it in ten.
+const TRIED_STEPS: usize = 20;
+const FAR: f64 = 1e-2;
 /// Halvings of a step before it is given up.
 const MOST_HALVINGS: usize = 14;
 /// Residual and change of u at which a solution is taken: some ten-thousandths of reflectance from
@@ -169,7 +173,7 @@ impl Smoothest {
         };
         let solved = |off: [f64; 3]| off.iter().all(|v| v.abs() < SOLVED.0);
         let mut u = [self.start(goal); COUNT];
-        for _ in 0..MOST_STEPS {
+        for step in 0..MOST_STEPS {
             let off = residual(&u);
             let Some(target) = self.target(&u, off) else { break };
             let before = square(off);
@@ -190,7 +194,8 @@ impl Smoothest {
             let Some((next, off)) = found else { break };
             let change = (0..COUNT).fold(0.0f64, |m, i| m.max((next[i] - u[i]).abs()));
             u = next;
-            if solved(off) && change < SOLVED.1 {
+            let without = step >= TRIED_STEPS && off.iter().any(|v| v.abs() > FAR);
+            if without || solved(off) && change < SOLVED.1 {
                 break;
             }
         }
