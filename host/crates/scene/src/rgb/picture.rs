@@ -79,7 +79,7 @@ pub fn three<T: Copy>(data: &[T], channels: usize) -> Vec<T> {
 
 /// What to say of a picture with `channels`.
 pub fn about_channels(channels: usize, notes: &mut Vec<String>) {
-    if channels % 2 == 0 {
+    if channels.is_multiple_of(2) {
         notes.push("its opacity (alpha) is not used: colours are taken as they are stored".into());
     }
 }

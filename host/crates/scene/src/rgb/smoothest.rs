@@ -117,7 +117,7 @@ impl Smoothest {
         if largest <= 0.0 && rgb.iter().all(|&c| c > -LEAST) {
             return Solution { values: [0.0; COUNT], residual: 0.0 };
         }
-        if reflects && rgb.iter().all(|&c| c >= 1.0 && c < 1.0 + LEAST) {
+        if reflects && rgb.iter().all(|c| (1.0..1.0 + LEAST).contains(c)) {
             return Solution { values: [1.0; COUNT], residual: 0.0 };
         }
         // Colours at the bounds themselves come within reach; those beyond stay what they are.
