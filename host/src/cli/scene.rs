@@ -8,7 +8,7 @@ use camrig_formats::png;
 use camrig_render::{DEFAULT_ILLUMINANT, radiance_at};
 use camrig_scene as scene;
 use camrig_scene::library::{Library, describe};
-use camrig_scene::photometry::white_radiance;
+use camrig_scene::photometry::{check_absolute, white_radiance};
 use camrig_scene::{Grid, Illuminant, LightLevel, Quantity, Scene, chart, envi, isetcam, preview};
 use clap::Subcommand;
 use serde_json::json;
@@ -57,7 +57,7 @@ struct ListArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  camrig scene info cube.hdr --json")]
 struct InfoArgs {
-    /// Chart, spectral cube or scene directory
+    /// Chart, spectral cube, picture or scene directory
     scene: String,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -68,7 +68,7 @@ struct InfoArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  camrig scene show colorchecker --illuminant A -o chart.png")]
 struct ShowArgs {
-    /// Chart, spectral cube or scene directory
+    /// Chart, spectral cube, picture or scene directory
     scene: String,
     /// Light on a reflectance scene (D65 unless given)
     #[arg(long, value_name = "I")]
@@ -88,8 +88,8 @@ struct ShowArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  camrig scene add cube.mat --library my-scenes --name street")]
 struct AddArgs {
-    /// Spectral cube: .npy, .npz, .hdr, .mat, .h5, .exr, .tif, a folder of pictures, or a scene
-    /// directory
+    /// Spectral cube: .npy, .npz, .hdr, .mat, .h5, .exr, .tif, a folder of pictures, one per band;
+    /// a picture: .png, .jpg, .tif, .exr, .hdr; or a scene directory
     scene: String,
     /// Library directory; made if it is not there
     #[arg(long, value_name = "DIR")]
@@ -116,7 +116,7 @@ struct AddArgs {
 #[command(after_help = "Example:\n  camrig scene export my-scenes/street -o envi/\n  \
                         camrig scene export colorchecker --format mat --width 640 -o chart/")]
 struct ExportArgs {
-    /// Chart, spectral cube or scene directory
+    /// Chart, spectral cube, picture or scene directory
     scene: String,
     /// File format
     #[arg(long, value_enum, default_value_t)]
@@ -127,8 +127,8 @@ struct ExportArgs {
     /// Light that an ISETCam scene of reflectance is given (D65 unless given)
     #[arg(long, value_name = "I")]
     illuminant: Option<String>,
-    /// Its luminance on a perfect white, cd/m² (100 unless given); a scene of radiance is scaled so
-    /// that its mean is that of 18 % grey
+    /// Its luminance on a perfect white, cd/m² (100 unless given); a picture of radiance is scaled
+    /// so that its white has it, another scene of radiance so that its mean is that of 18 % grey
     #[arg(long, value_parser = arguments::positive, value_name = "L")]
     luminance: Option<f64>,
     /// Output directory
@@ -388,6 +388,7 @@ fn level(args: &ExportArgs, scene: &dyn Scene) -> Result<(f32, Option<String>)> 
     }
     if scene.quantity() == Quantity::Radiance {
         let Some(level) = args.luminance.map(LightLevel::Luminance) else {
+            check_absolute(scene)?;
             return Ok((1.0, None));
         };
         let aspect = scene.aspect().unwrap_or(ANY_ASPECT);

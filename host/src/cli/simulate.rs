@@ -44,14 +44,16 @@ pub struct Args {
 pub struct ViewArgs {
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...) or a scene file
+    /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, or a
+    /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg)
     #[arg(long, value_name = "S")]
     pub scene: String,
     /// Light on a reflectance scene: D65 (unless given), A, F11, D5000K, blackbody:3200, or a CSV
     #[arg(long, value_name = "I")]
     pub illuminant: Option<String>,
-    /// Scene illuminance, lx (300 unless given for a reflectance scene); a radiance scene is scaled
-    /// so that its mean is that of 18 % grey in it
+    /// Scene illuminance, lx (300 unless given for a reflectance scene). A picture of radiance is
+    /// scaled so that its white (1, or its brightest percentile) is one in it, another scene of
+    /// radiance so that its mean is that of 18 % grey
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     #[arg(conflicts_with = "luminance")]
     pub lux: Option<f64>,

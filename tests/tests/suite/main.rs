@@ -14,6 +14,7 @@ mod lens;
 mod live;
 mod measuring;
 mod photon_transfer;
+mod pictures;
 mod radiometry;
 mod real_data;
 mod sequences;

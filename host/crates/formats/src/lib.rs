@@ -56,6 +56,7 @@ pub mod csi2;
 pub mod dng;
 mod dng_info;
 mod dng_read;
+pub mod exif;
 mod facts;
 pub mod fits;
 mod full_scale;

@@ -8,7 +8,7 @@
 use super::lighting::SceneInLight;
 use camrig_base::{Bands, Plane, Result};
 use camrig_camera::Camera;
-use camrig_scene::{Grid, Quantity, Scene};
+use camrig_scene::{Grid, Quantity, Scene, White};
 use camrig_sensor_core::config::MAX_BANDS;
 
 /// Share of each channel's signal that bands at one end may have to be left out.
@@ -41,6 +41,10 @@ impl Scene for Binned {
             sum.data.iter_mut().zip(&plane.data).for_each(|(s, v)| *s += weight * v);
         }
         Ok(sum)
+    }
+
+    fn white(&self) -> Option<&White> {
+        self.scene.white()
     }
 
     fn notes(&self) -> Vec<String> {

@@ -1,7 +1,7 @@
 //! A scene in its light: from what a person names to radiance in the scene's bands.
 //!
 //! A scene of reflectances takes an illuminant and a level. A scene of radiance holds its own
-//! light: a level scales it as a whole ([`MEAN_REFLECTANCE`]), an illuminant is refused. Whoever
+//! light: a level scales it as a whole ([`radiance_at`]), an illuminant is refused. Whoever
 //! renders a scene opens it here, so that no program records a light that was not applied.
 
 use super::About;
@@ -31,7 +31,7 @@ pub const MEAN_REFLECTANCE: f64 = 0.18;
 pub struct SceneLight<'a> {
     /// Name of a built-in illuminant, or a CSV file; none for a scene that holds radiance.
     pub illuminant: Option<&'a str>,
-    /// How much light: of the illuminant, or of the scene's own (see [`MEAN_REFLECTANCE`]).
+    /// How much light: of the illuminant, or of the scene's own (see [`radiance_at`]).
     pub level: Option<LightLevel>,
 }
 
@@ -86,10 +86,13 @@ impl SceneInLight {
         if light.illuminant.is_some() {
             return Err(Error::input(format!("an illuminant for {spec:?}")).help(
                 "this scene holds radiance, light included; leave the illuminant out (a level \
-                 scales the scene as a whole)",
+                 scales the scene as a whole), or say as=reflectance behind a picture's name",
             ));
         }
         let (mut factor, mut lux, mut done) = (1.0, None, Vec::new());
+        if light.level.is_none() {
+            photometry::check_absolute(&*scene).map_err(|e| e.at(format!("scene {spec:?}")))?;
+        }
         if let Some(level) = light.level {
             let (times, note) = radiance_at(&*scene, spec, frame_aspect, level)?;
             (factor, lux) = (times, Some(illuminance(level)));
@@ -126,8 +129,8 @@ impl SceneInLight {
 }
 
 /// What a scene of radiance, called `spec`, is multiplied by for a light level, and what to tell
-/// the user: its mean luminance over a frame of that aspect becomes that of [`MEAN_REFLECTANCE`] in
-/// the light.
+/// the user: a picture's white becomes a perfect white in the light; the mean luminance of another
+/// scene over a frame of that aspect becomes that of [`MEAN_REFLECTANCE`].
 ///
 /// # Errors
 /// A level that is none; a scene that is black in visible light, or cannot be read.
@@ -137,6 +140,11 @@ pub fn radiance_at(
     frame_aspect: f64,
     level: LightLevel,
 ) -> Result<(f64, String)> {
+    if let Some(white) = scene.white() {
+        let (own, asked) = (white.luminance, level.checked()?);
+        let note = format!("{spec} holds radiance: {} has {asked:.4} cd/m²", white.words);
+        return Ok((asked / own, note));
+    }
     let asked = MEAN_REFLECTANCE * level.checked()?;
     let own = photometry::mean_luminance(scene, frame_aspect)?;
     if own <= 0.0 {

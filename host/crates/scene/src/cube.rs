@@ -11,7 +11,7 @@
 
 use super::resample::resample;
 use super::selection::{Arranged, Stated, arrange};
-use super::{Grid, Quantity, Scene};
+use super::{Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -62,6 +62,7 @@ pub struct Cube {
     mix: Vec<Vec<(usize, f32)>>,
     understood: Vec<String>,
     notes: Vec<String>,
+    white: Option<White>,
     /// Whether all negative samples are taken as 0, however far below it.
     clips: bool,
     /// Source bands read so far in which negative samples were taken as 0: how many, and the
@@ -113,6 +114,7 @@ impl Cube {
             mix,
             understood: Vec::new(),
             notes,
+            white: None,
             clips: false,
             clipped: Mutex::default(),
         })
@@ -128,6 +130,11 @@ impl Cube {
     ) -> Self {
         notes.append(&mut self.notes);
         Self { clips, understood, notes, ..self }
+    }
+
+    /// The same cube with a white that light levels refer to.
+    pub(super) fn with_white(self, white: Option<White>) -> Self {
+        Self { white, ..self }
     }
 
     /// What was understood of the file, in words; what was assumed or ignored is in the notes.
@@ -229,6 +236,10 @@ impl Scene for Cube {
     fn aspect(&self) -> Option<f64> {
         let (width, height) = self.source.size();
         Some(width as f64 / height as f64)
+    }
+
+    fn white(&self) -> Option<&White> {
+        self.white.as_ref()
     }
 
     fn notes(&self) -> Vec<String> {

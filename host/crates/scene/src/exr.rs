@@ -28,7 +28,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-fn refused(error: ::exr::error::Error) -> Error {
+pub(super) fn refused(error: ::exr::error::Error) -> Error {
     Error::input(format!("not a readable OpenEXR image: {error}"))
 }
 
@@ -111,7 +111,7 @@ fn put(cubes: &mut Vec<Cubes>, of: (Naming, usize, String), band: (f64, usize)) 
     }
 }
 
-fn part_name(header: &Header) -> Option<String> {
+pub(super) fn part_name(header: &Header) -> Option<String> {
     header.own_attributes.layer_name.as_ref().map(Text::to_string)
 }
 
@@ -122,8 +122,8 @@ fn nothing(wanted: Option<&str>, cubes: &[Cubes], others: &[String]) -> Error {
             .help(format!("the layers with spectral channels are {}", layers.join(", ")));
     }
     Error::unsupported(format!("no spectral channel among {}", others.join(", "))).help(
-        "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance); a \
-         picture of red, green and blue has no spectra",
+        "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance), or R, G, B \
+         of one resolution",
     )
 }
 
@@ -183,6 +183,11 @@ impl Naming {
             Naming::Wavelength => "wavelength",
         }
     }
+}
+
+/// Whether a channel's name is that of a band.
+pub(super) fn is_spectral(name: &str) -> bool {
+    spectral(name).is_some()
 }
 
 /// The layer, naming and wavelength in nm of a channel's name, where it is that of a band.
@@ -261,15 +266,16 @@ fn wavelength_nm(text: &str) -> Option<f64> {
     })
 }
 
-struct Channels {
-    path: PathBuf,
-    size: (usize, usize),
-    part: usize,
+/// Channels of an image, decoded one at a time.
+pub(super) struct Channels {
+    pub path: PathBuf,
+    pub size: (usize, usize),
+    pub part: usize,
     /// For each band the number of its channel in the part.
-    channels: Vec<usize>,
+    pub channels: Vec<usize>,
     /// For each channel of the part the type of its samples.
-    types: Vec<SampleType>,
-    scale: f32,
+    pub types: Vec<SampleType>,
+    pub scale: f32,
 }
 
 impl BandSource for Channels {

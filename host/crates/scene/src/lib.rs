@@ -2,9 +2,10 @@
 //! (W m⁻² sr⁻¹ nm⁻¹) in bands of equal width.
 //!
 //! A [`Scene`] gives one plane per band on any [`Grid`]; each value is the area average over a
-//! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]) and stored
-//! scenes ([`stored`]). An [`Illuminant`] with a [`LightLevel`] in lux or cd/m² turns reflectance
-//! into radiance ([`photometry::white_radiance`], [`LitScene`]).
+//! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]), pictures
+//! of red, green and blue, whose spectra are estimated, and stored scenes ([`stored`]). An
+//! [`Illuminant`] with a [`LightLevel`] in lux or cd/m² turns reflectance into radiance
+//! ([`photometry::white_radiance`], [`LitScene`]).
 //!
 //! # Coordinates
 //! Scenes use *frame coordinates*: the sensor's width is 1, the image centre (0, 0), u points to
@@ -54,6 +55,7 @@ pub mod painting;
 pub mod photometry;
 pub mod preview;
 mod resample;
+mod rgb;
 mod selection;
 pub mod shape;
 mod sidecar;
@@ -117,6 +119,17 @@ impl Quantity {
     }
 }
 
+/// The white of a picture of radiance, to which a light level refers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct White {
+    /// Its luminance by the scene's values, cd/m².
+    pub luminance: f64,
+    /// Whether the scene's values are a radiance as they are, and do not need a level.
+    pub absolute: bool,
+    /// What it is, in words.
+    pub words: String,
+}
+
 /// Something that can be put in front of the lens.
 pub trait Scene: Send + Sync {
     /// The bands in which the scene is given.
@@ -132,6 +145,10 @@ pub trait Scene: Send + Sync {
     /// # Errors
     /// A file that cannot be read or holds values that are not those of the quantity.
     fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>>;
+    /// The white that a light level refers to; none where it refers to the scene as a whole.
+    fn white(&self) -> Option<&White> {
+        None
+    }
     /// Remarks for the user, such as bands that were extrapolated.
     fn notes(&self) -> Vec<String> {
         Vec::new()
@@ -161,7 +178,7 @@ impl LitScene<'_> {
     }
 }
 
-/// Opens a scene by its name: a built-in chart (`NAME[:OPTIONS]`), a spectral cube
+/// Opens a scene by its name: a built-in chart (`NAME[:OPTIONS]`), a spectral cube or a picture
 /// (`FILE[:OPTIONS]`) or the directory of a stored scene, with options as `KEY=VALUE,...`.
 ///
 /// # Errors
@@ -202,7 +219,7 @@ pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, PixelSize)> {
     Ok((Box::new(cube), Some(size)))
 }
 
-/// Opens a spectral cube or the directory of a stored scene.
+/// Opens a spectral cube, a picture or the directory of a stored scene.
 ///
 /// # Errors
 /// The name of a chart, which has no pixels of its own; otherwise those of [`open`].
@@ -215,6 +232,9 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
         return open_folder(path, options);
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    if rgb::is_picture(path, &extension).map_err(|e| e.at(path.display()))? {
+        return rgb::open(path, &extension, options).map_err(|e| e.at(path.display()));
+    }
     let open = match extension.as_str() {
         "npy" | "npz" => numpy::open,
         "hdr" => envi::open,
@@ -265,6 +285,10 @@ impl Scene for Filling {
         self.scene.plane(band, &grid.over_content(self.scene.aspect(), self.frame_aspect))
     }
 
+    fn white(&self) -> Option<&White> {
+        self.scene.white()
+    }
+
     fn notes(&self) -> Vec<String> {
         self.scene.notes()
     }
@@ -277,17 +301,15 @@ fn unknown_scene(spec: &str) -> Error {
             .help("draw it first, at a number of pixels")
             .with_code("chart-not-drawn");
     }
-    let picture = ["png", "jpg", "jpeg", "bmp", "webp", "gif", "ppm"];
+    let picture = ["bmp", "webp", "gif", "ppm", "heic", "avif", "jxl"];
     if picture.iter().any(|e| name.to_ascii_lowercase().ends_with(&format!(".{e}"))) {
-        return Error::unsupported(format!("{spec:?} is a picture, which has no spectra")).help(
-            "a scene has a spectrum in each pixel: give a spectral cube, or a raw frame with a \
-             ColorChecker in it, from which spectra can be estimated",
-        );
+        return Error::unsupported(format!("{spec:?} is a picture of a kind that is not read"))
+            .help("save it as PNG, JPEG, TIFF, OpenEXR or Radiance");
     }
     let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
-        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a folder of \
-         pictures, one per band, or a scene directory",
+        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a picture \
+         (.png, .jpg, .tif, .exr, .hdr), a folder of pictures, one per band, or a scene directory",
         chart::NAMES.join(", ")
     ))
 }

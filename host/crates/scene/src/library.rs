@@ -6,6 +6,7 @@
 //! ```
 
 use super::cube::Cube;
+use super::photometry::check_absolute;
 use super::preview;
 use super::stored::{self, Description};
 use super::{Illuminant, Scene};
@@ -79,8 +80,8 @@ impl Library {
     /// `progress` is called with the index of each band before it is written.
     ///
     /// # Errors
-    /// A name that is no file name, a scene of that name unless `force`, values that the cube
-    /// refuses, files that cannot be written.
+    /// A name that is no file name, a scene of that name unless `force`, a radiance without an
+    /// absolute scale, values that the cube refuses, files that cannot be written.
     pub fn add(
         &mut self,
         cube: &Cube,
@@ -94,6 +95,7 @@ impl Library {
             return Err(Error::input(format!("a scene named {name:?}"))
                 .help("use letters, digits, '-', '_' and '.': the name is that of a directory"));
         }
+        check_absolute(cube)?;
         std::fs::create_dir_all(&self.directory)
             .map_err(|e| Error::io("create", &self.directory, e))?;
         let place = self.directory.join(name);

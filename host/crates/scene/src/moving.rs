@@ -1,6 +1,6 @@
 //! A scene that moves as a whole while the sensor reads a frame.
 
-use super::{Grid, Quantity, Scene};
+use super::{Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Plane, Result};
 
 /// A scene displaced by `velocity` times time; time is counted in frame periods.
@@ -58,6 +58,10 @@ impl Scene for Moving<'_> {
             plane.height += 1;
         }
         Ok(plane)
+    }
+
+    fn white(&self) -> Option<&White> {
+        self.scene.white()
     }
 
     fn notes(&self) -> Vec<String> {

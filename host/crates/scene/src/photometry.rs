@@ -137,6 +137,20 @@ pub fn mean_luminance(scene: &dyn Scene, frame_aspect: f64) -> Result<f64> {
     Ok(luminance)
 }
 
+/// Refuses a scene whose radiance has no absolute scale: it needs a light level.
+///
+/// # Errors
+/// A picture of radiance, of which neither its file nor the user says how bright it was.
+pub fn check_absolute(scene: &dyn Scene) -> Result<()> {
+    if scene.white().is_none_or(|white| white.absolute) {
+        return Ok(());
+    }
+    Err(Error::input("radiance without an absolute scale").help(
+        "ask for a light level, which its white will have, or say the luminance of a unit of Y \
+         behind its name, scale=CD_PER_M2",
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

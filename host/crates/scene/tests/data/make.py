@@ -1,6 +1,6 @@
 """Writes the MATLAB fixtures of scene files in ISETCam's documented layout (sceneToFile), with
 independent writers: scipy.io for version 5, h5py for 7.3. No original ISETCam scene file is used.
-Needs numpy, scipy, h5py; run in this directory.
+Needs numpy, scipy, h5py, Pillow; run in this directory.
 
 The scene: 2 rows, 3 columns, 4 bands (400, 500, 600, 700 nm), reflectance
 (1 + x + 3 y + band) / 10, under 1e15 (1 + band) photons."""
@@ -49,3 +49,8 @@ with h5py.File("array.h5", "w", libver="earliest") as f:
     f.create_dataset("scene/cube", data=counts.transpose(2, 0, 1).astype(np.int16))
     f.create_dataset("scene/wavelength", data=wave)
     f.create_dataset("other", data=counts.astype(np.float32))
+
+# Pictures, by Pillow: one colour of sRGB, and one of four inks.
+from PIL import Image
+Image.new("RGB", (16, 8), (122, 82, 64)).save("colour.jpg", quality=95, subsampling=0)
+Image.new("CMYK", (8, 8), (10, 20, 30, 40)).save("cmyk.jpg", quality=50)

@@ -1,0 +1,141 @@
+//! A picture as its file has it: samples, and what the file says of their colours and light.
+
+use super::space::Space;
+use camrig_base::{Error, Result};
+use std::path::Path;
+
+/// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
+const MOST_PIXELS: usize = 1 << 27;
+/// Most pixels of a byte of a file: a grey of 1 bit compressed by 1032, the most that deflate
+/// does. Sizes beyond it are lies.
+const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
+
+/// Samples of red, green and blue, interleaved.
+pub enum Samples {
+    /// Whole numbers up to `most`.
+    Codes {
+        /// The samples.
+        data: Vec<u16>,
+        /// The number that stands for 1.
+        most: u16,
+    },
+    /// Real numbers.
+    Floats(Vec<f32>),
+}
+
+/// What a file says of its colours.
+pub enum Said {
+    /// Nothing.
+    Nothing,
+    /// This.
+    Space(Space),
+    /// Something that is not understood, in words.
+    Unknown(String),
+    /// Something that must not be passed over.
+    Refused(Error),
+}
+
+/// A decoded picture.
+pub struct Picture {
+    /// Width and height in pixels.
+    pub size: (usize, usize),
+    /// Its samples, row by row.
+    pub samples: Samples,
+    /// What the file says of its colours.
+    pub said: Said,
+    /// Where row 0 and column 0 lie, as EXIF numbers it: 1 is top and left.
+    pub orientation: u8,
+    /// Luminance of a white of components 1, cd/m², where the file says it.
+    pub white_luminance: Option<f64>,
+    /// What was understood.
+    pub understood: Vec<String>,
+    /// What was assumed or ignored.
+    pub notes: Vec<String>,
+}
+
+/// Refuses sizes that memory or the file's bytes cannot hold.
+pub fn check_size(path: &Path, (width, height): (usize, usize)) -> Result<()> {
+    let bytes = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
+    let pixels = width.checked_mul(height).filter(|&n| n <= MOST_PIXELS);
+    let Some(pixels) = pixels else {
+        return Err(Error::limit(format!("a picture of {width} x {height} pixels"))
+            .help(format!("at most {MOST_PIXELS} pixels are read")));
+    };
+    if pixels == 0 {
+        return Err(Error::input(format!("a picture of {width} x {height} pixels")));
+    }
+    if pixels as u64 > bytes.saturating_mul(MOST_PIXELS_PER_BYTE) {
+        return Err(Error::input(format!("{width} x {height} pixels in a file of {bytes} bytes"))
+            .help("the file is cut off, or its header is wrong"));
+    }
+    Ok(())
+}
+
+/// Red, green and blue of interleaved `channels`: 1 is grey, 2 grey with alpha, 4 with alpha.
+pub fn three<T: Copy>(data: &[T], channels: usize) -> Vec<T> {
+    let colours = if channels < 3 { [0, 0, 0] } else { [0, 1, 2] };
+    data.chunks_exact(channels).flat_map(|p| colours.map(|c| p[c])).collect()
+}
+
+/// What to say of a picture with `channels`.
+pub fn about_channels(channels: usize, notes: &mut Vec<String>) {
+    if channels.is_multiple_of(2) {
+        notes.push("its opacity (alpha) is not used: colours are taken as they are stored".into());
+    }
+}
+
+impl Picture {
+    /// Turns pixels so that row 0 is the top and column 0 the left.
+    pub fn upright<T: Copy>(&self, pixels: Vec<T>) -> ((usize, usize), Vec<T>) {
+        let (width, height) = self.size;
+        let (right, bottom) = (width - 1, height - 1);
+        // The stored pixel of one that is shown at (x, y).
+        let stored: fn(usize, usize, usize, usize) -> (usize, usize) = match self.orientation {
+            2 => |x, y, right, _| (right - x, y),
+            3 => |x, y, right, bottom| (right - x, bottom - y),
+            4 => |x, y, _, bottom| (x, bottom - y),
+            5 => |x, y, _, _| (y, x),
+            6 => |x, y, _, bottom| (y, bottom - x),
+            7 => |x, y, right, bottom| (right - y, bottom - x),
+            8 => |x, y, right, _| (right - y, x),
+            _ => return (self.size, pixels),
+        };
+        let size = if self.orientation > 4 { (height, width) } else { (width, height) };
+        let at = |i: usize| stored(i % size.0, i / size.0, right, bottom);
+        let turned = (0..pixels.len()).map(at).map(|(x, y)| pixels[y * width + x]).collect();
+        (size, turned)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The eight orientations of EXIF 2.32, 4.6.4: where row 0 and column 0 of the stored picture
+    /// lie in the shown one.
+    #[test]
+    fn every_orientation_is_turned_upright() {
+        let stored = vec![1, 2, 3, 4, 5, 6];
+        for (orientation, size, shown) in [
+            (1, (3, 2), [1, 2, 3, 4, 5, 6]),
+            (2, (3, 2), [3, 2, 1, 6, 5, 4]),
+            (3, (3, 2), [6, 5, 4, 3, 2, 1]),
+            (4, (3, 2), [4, 5, 6, 1, 2, 3]),
+            (5, (2, 3), [1, 4, 2, 5, 3, 6]),
+            (6, (2, 3), [4, 1, 5, 2, 6, 3]),
+            (7, (2, 3), [6, 3, 5, 2, 4, 1]),
+            (8, (2, 3), [3, 6, 2, 5, 1, 4]),
+        ] {
+            let picture = Picture {
+                size: (3, 2),
+                samples: Samples::Floats(Vec::new()),
+                said: Said::Nothing,
+                orientation,
+                white_luminance: None,
+                understood: Vec::new(),
+                notes: Vec::new(),
+            };
+            assert_eq!(picture.upright(stored.clone()), (size, shown.to_vec()), "{orientation}");
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! OpenEXR pictures: channels R, G, B or X, Y, Z or a grey Y, of halves or floats, in any part.
+//!
+//! Attributes that are read: `chromaticities` (without them the file's default, Rec. 709) and
+//! `whiteLuminance`, the luminance of R = G = B = 1 in cd/m².
+
+use super::picture::{Picture, Said, Samples, check_size};
+use super::space::{Chromaticities, Space};
+use super::transfer::Transfer;
+use crate::cube::BandSource;
+use crate::exr::{Channels, is_spectral, part_name, refused};
+use ::exr::meta::header::Header;
+use ::exr::prelude::{MetaData, Vec2};
+use camrig_base::{Error, Result};
+use std::path::Path;
+
+/// Names of the channels of a picture, in order of preference.
+const CHANNELS: [&[&str]; 3] = [&["R", "G", "B"], &["X", "Y", "Z"], &["Y"]];
+/// The chromaticities that stand for CIE XYZ in place of primaries.
+const XYZ: [[f32; 2]; 3] = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
+
+/// Whether an image has channels of a picture and none of spectra.
+pub fn is_picture(path: &Path) -> Result<bool> {
+    let meta = MetaData::read_from_file(path, false).map_err(refused)?;
+    let names = meta.headers.iter().flat_map(|header| &header.channels.list);
+    let spectra = names.map(|channel| channel.name.to_string()).any(|n| is_spectral(&n));
+    Ok(!spectra && !found(&meta).is_empty())
+}
+
+/// The channels of one picture in a part.
+struct Found {
+    part: usize,
+    layer: String,
+    names: &'static [&'static str],
+    channels: Vec<usize>,
+}
+
+pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
+    let meta = MetaData::read_from_file(path, false).map_err(refused)?;
+    let mut pictures = found(&meta);
+    let place = |f: &Found| {
+        part_name(&meta.headers[f.part]).filter(|_| f.layer.is_empty()).unwrap_or(f.layer.clone())
+    };
+    let named = |f: &Found| wanted.is_none_or(|wanted| place(f) == wanted);
+    let Some(chosen) = pictures.iter().position(named) else {
+        let all: Vec<String> = pictures.iter().map(|f| format!("{:?}", place(f))).collect();
+        return Err(Error::input(format!("no picture in a layer or part {wanted:?}"))
+            .help(format!("the layers with pictures are {}", all.join(", "))));
+    };
+    let chosen = pictures.remove(chosen);
+    let header = &meta.headers[chosen.part];
+    let size = (header.layer_size.width(), header.layer_size.height());
+    check_size(path, size)?;
+    let source = Channels {
+        path: path.into(),
+        size,
+        part: chosen.part,
+        types: header.channels.list.iter().map(|c| c.sample_type).collect(),
+        channels: chosen.channels.clone(),
+        scale: 1.0,
+    };
+    let mut data = vec![0.0f32; 3 * size.0 * size.1];
+    for colour in 0..3 {
+        let plane = source.read(colour.min(chosen.channels.len() - 1))?;
+        data.iter_mut().skip(colour).step_by(3).zip(plane.data).for_each(|(v, p)| *v = p);
+    }
+    let mut understood = vec![format!("OpenEXR, channels {}", chosen.names.join(", "))];
+    if !place(&chosen).is_empty() {
+        understood[0].push_str(&format!(" of {:?}", place(&chosen)));
+    }
+    let mut notes = unused(header, &chosen, &pictures);
+    let stated = header.own_attributes.white_luminance.map(f64::from);
+    let white_luminance = stated.filter(|luminance| *luminance > 0.0 && luminance.is_finite());
+    if let (Some(stated), None) = (stated, white_luminance) {
+        notes.push(format!("a whiteLuminance of {stated} is no luminance, and not used"));
+    }
+    Ok(Picture {
+        size,
+        samples: Samples::Floats(data),
+        said: said(header, chosen.names)?,
+        orientation: 1,
+        white_luminance,
+        understood,
+        notes,
+    })
+}
+
+/// All pictures of a file, those without a layer's name first.
+fn found(meta: &MetaData) -> Vec<Found> {
+    let mut pictures = Vec::new();
+    for (part, header) in meta.headers.iter().enumerate().filter(|(_, header)| !header.deep) {
+        let names: Vec<String> = header.channels.list.iter().map(|c| c.name.to_string()).collect();
+        let at = |name: &str| {
+            let at = names.iter().position(|n| n == name)?;
+            (header.channels.list[at].sampling == Vec2(1, 1)).then_some(at)
+        };
+        let mut layers: Vec<&str> =
+            names.iter().map(|n| n.rsplit_once('.').map_or("", |(layer, _)| layer)).collect();
+        layers.sort_unstable();
+        layers.dedup();
+        for layer in layers {
+            let full = |name: &&str| match layer {
+                "" => name.to_string(),
+                _ => format!("{layer}.{name}"),
+            };
+            // Luminance with chroma at half the resolution is no grey picture.
+            let chroma = names.contains(&full(&"RY"));
+            let picture = CHANNELS.iter().filter(|_| !chroma).find_map(|kind| {
+                let channels = kind.iter().map(|name| at(&full(name))).collect::<Option<_>>()?;
+                Some(Found { part, layer: layer.into(), names: kind, channels })
+            });
+            pictures.extend(picture);
+        }
+    }
+    pictures.sort_by_key(|f| !f.layer.is_empty());
+    pictures
+}
+
+fn said(header: &Header, names: &[&str]) -> Result<Said> {
+    let own = header.shared_attributes.chromaticities;
+    let pair = |v: Vec2<f32>| [v.0, v.1];
+    let xyz = own.is_some_and(|c| [c.red, c.green, c.blue].map(pair) == XYZ);
+    if names == CHANNELS[1] || xyz {
+        return Ok(Said::Space(Space::xyz()));
+    }
+    let Some(c) = own else { return Ok(Said::Nothing) };
+    let primaries: Chromaticities =
+        [c.red, c.green, c.blue, c.white].map(|v| pair(v).map(f64::from));
+    let name = "its attribute chromaticities, linear";
+    Ok(Said::Space(Space::of(name, &primaries, Transfer::Linear)?))
+}
+
+fn unused(header: &Header, chosen: &Found, others: &[Found]) -> Vec<String> {
+    let mut notes = Vec::new();
+    let list = header.channels.list.iter().enumerate();
+    let left = list.filter(|(at, _)| !chosen.channels.contains(at));
+    let left: Vec<String> = left.map(|(_, channel)| channel.name.to_string()).collect();
+    if !left.is_empty() {
+        notes.push(format!("channels that were not used: {}", left.join(", ")));
+    }
+    if !others.is_empty() {
+        let more = others.len();
+        notes.push(format!("{more} more pictures in other layers or parts (array=NAME chooses)"));
+    }
+    notes
+}

@@ -1,0 +1,117 @@
+//! PNG pictures.
+//!
+//! What says the colours, in the order of the standard (PNG third edition, 4.3): the chunks cICP,
+//! iCCP, sRGB, then gAMA and cHRM.
+
+use super::icc;
+use super::picture::{Picture, Said, Samples, about_channels, check_size, three};
+use super::space::{Chromaticities, DISPLAY_P3, REC2020, SRGB, Space};
+use super::transfer::Transfer;
+use camrig_base::{Error, Result};
+use camrig_formats::exif::Exif;
+use png::{ColorType, Info, Transformations};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+pub fn read(path: &Path) -> Result<Picture> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+    let failed = |e: png::DecodingError| Error::input(format!("not a readable PNG: {e}"));
+    let mut decoder = png::Decoder::new(BufReader::new(file));
+    // Palettes become colours, bits fewer than 8 become 8, transparent colours an alpha.
+    decoder.set_transformations(Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(failed)?;
+    let size = (reader.info().width as usize, reader.info().height as usize);
+    check_size(path, size)?;
+    let (kind, depth) = reader.output_color_type();
+    let channels = match kind {
+        ColorType::Grayscale => 1,
+        ColorType::GrayscaleAlpha => 2,
+        ColorType::Rgb | ColorType::Indexed => 3,
+        ColorType::Rgba => 4,
+    };
+    let bytes = reader.output_buffer_size().ok_or_else(|| Error::limit("too large a picture"))?;
+    let mut bytes = vec![0; bytes];
+    reader.next_frame(&mut bytes).map_err(failed)?;
+    let wide = depth == png::BitDepth::Sixteen;
+    let samples = if wide {
+        let pairs = bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]]));
+        Samples::Codes { data: three(&pairs.collect::<Vec<u16>>(), channels), most: u16::MAX }
+    } else {
+        let codes: Vec<u16> = bytes.iter().map(|&b| b.into()).collect();
+        Samples::Codes { data: three(&codes, channels), most: 255 }
+    };
+    let info = reader.info();
+    let mut notes = Vec::new();
+    about_channels(channels, &mut notes);
+    if info.animation_control.is_some() {
+        notes.push("an animation of which the first frame is taken".into());
+    }
+    let exif = info.exif_metadata.as_deref().map(Exif::read).unwrap_or_default();
+    Ok(Picture {
+        size,
+        samples,
+        said: said(info),
+        orientation: exif.orientation,
+        white_luminance: None,
+        understood: vec![format!("PNG, {:?} of {} bits", info.color_type, info.bit_depth as u8)],
+        notes,
+    })
+}
+
+fn said(info: &Info<'_>) -> Said {
+    if let Some(code) = &info.coding_independent_code_points {
+        return match code_points(code.color_primaries, code.transfer_function) {
+            Ok(space) => Said::Space(space),
+            Err(error) => Said::Refused(error),
+        };
+    }
+    if let Some(profile) = &info.icc_profile {
+        return icc::said(profile);
+    }
+    if info.srgb.is_some() {
+        return Said::Space(Space {
+            name: "sRGB, as its chunk sRGB says".into(),
+            ..Space::srgb()
+        });
+    }
+    let transfer = info.gama_chunk.map(|g| Transfer::Gamma(1.0 / f64::from(g.into_value())));
+    let primaries: Option<Chromaticities> = info.chrm_chunk.map(|c| {
+        [c.red, c.green, c.blue, c.white].map(|(x, y)| [x, y].map(|v| f64::from(v.into_value())))
+    });
+    let (name, primaries, transfer) = match (primaries, transfer) {
+        (None, None) => return Said::Nothing,
+        (Some(p), Some(t)) => ("its chunks cHRM and gAMA", p, t),
+        (Some(p), None) => ("its chunk cHRM, with the curve of sRGB", p, Transfer::Srgb),
+        (None, Some(t)) => ("the primaries of sRGB with its chunk gAMA", SRGB, t),
+    };
+    if transfer == Transfer::Gamma(f64::INFINITY) {
+        return Said::Unknown("a chunk gAMA of 0".into());
+    }
+    Space::of(name, &primaries, transfer).map_or_else(Said::Refused, Said::Space)
+}
+
+/// The space of code points of ITU-T H.273.
+fn code_points(primaries: u8, transfer: u8) -> Result<Space> {
+    let unknown = || {
+        Error::unsupported(format!(
+            "colours of code points {primaries} (primaries) and {transfer} (transfer)"
+        ))
+        .help("say what they are by primaries= and transfer=, or convert the picture to sRGB")
+    };
+    let primaries = match primaries {
+        1 => SRGB,
+        9 => REC2020,
+        12 => DISPLAY_P3,
+        _ => return Err(unknown()),
+    };
+    let transfer = match transfer {
+        1 | 6 | 14 | 15 => Transfer::Bt2020,
+        4 => Transfer::Gamma(2.2),
+        5 => Transfer::Gamma(2.8),
+        8 => Transfer::Linear,
+        13 => Transfer::Srgb,
+        _ => return Err(unknown()),
+    };
+    Space::of("its chunk cICP", &primaries, transfer)
+}

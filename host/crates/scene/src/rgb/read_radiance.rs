@@ -1,0 +1,109 @@
+//! Radiance pictures (`.hdr`): colours with a common exponent.
+//!
+//! Lines of the header that are read: FORMAT (RGBE or XYZE), EXPOSURE and COLORCORR (divided by,
+//! as the format demands), PRIMARIES, PIXASPECT. Without PRIMARIES they are taken as those of
+//! sRGB, which almost all programs write.
+
+use super::picture::{Picture, Said, Samples, check_size};
+use super::space::Space;
+use super::transfer::Transfer;
+use camrig_base::{Error, Result};
+use image::ImageDecoder;
+use image::codecs::hdr::{HdrDecoder, HdrMetadata};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// First bytes of the format.
+const MAGIC: &[u8] = b"#?";
+/// The lines that name the coding of samples, of the same length.
+const XYZE: &[u8] = b"FORMAT=32-bit_rle_xyze";
+const RGBE: &[u8] = b"FORMAT=32-bit_rle_rgbe";
+/// Rows from the top, columns from the left.
+const UPRIGHT: ((i8, i8), (i8, i8)) = ((1, 0), (0, 1));
+
+/// Whether a file is a Radiance picture; ENVI's headers have the same ending.
+pub fn is_picture(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok()) && start == MAGIC
+}
+
+pub fn read(path: &Path) -> Result<Picture> {
+    let mut bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+    let failed = |e| Error::input(format!("not a readable Radiance picture: {e}"));
+    let xyz = as_rgbe(&mut bytes);
+    let decoder = HdrDecoder::new_nonstrict(&bytes[..]).map_err(failed)?;
+    let about = decoder.metadata();
+    let size = (about.width as usize, about.height as usize);
+    check_size(path, size)?;
+    if about.orientation != UPRIGHT {
+        return Err(Error::unsupported("a Radiance picture that does not begin at the top left")
+            .help("turn it first, to a resolution line of -Y HEIGHT +X WIDTH"));
+    }
+    if about.pixel_aspect_ratio.is_some_and(|aspect| (aspect - 1.0).abs() > 1e-3) {
+        return Err(Error::unsupported("pixels that are not square (PIXASPECT)")
+            .help("resample it to square pixels"));
+    }
+    let divisor = divisor(&about)?;
+    let mut samples = vec![0; 12 * size.0 * size.1];
+    decoder.read_image(&mut samples).map_err(failed)?;
+    let values = samples.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]]));
+    let data = values.enumerate().map(|(i, v)| v / divisor[i % 3]).collect();
+    let mut understood = vec!["Radiance picture".to_string()];
+    if divisor != [1.0; 3] {
+        understood.push(format!("divided by its EXPOSURE and COLORCORR, {divisor:?}"));
+    }
+    Ok(Picture {
+        size,
+        samples: Samples::Floats(data),
+        said: if xyz { Said::Space(Space::xyz()) } else { said(&about)? },
+        orientation: 1,
+        white_luminance: None,
+        understood,
+        notes: Vec::new(),
+    })
+}
+
+/// Whether the samples are X, Y and Z. Their coding is that of red, green and blue, the only one
+/// that the decoder takes, and the header becomes one of these.
+fn as_rgbe(bytes: &mut [u8]) -> bool {
+    let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap_or(0);
+    let found = bytes[..end].windows(XYZE.len()).position(|part| part == XYZE);
+    if let Some(at) = found {
+        bytes[at..at + RGBE.len()].copy_from_slice(RGBE);
+    }
+    found.is_some()
+}
+
+/// What to divide by: all lines of EXPOSURE and COLORCORR multiply.
+fn divisor(about: &HdrMetadata) -> Result<[f32; 3]> {
+    let mut divisor = [1.0f32; 3];
+    for (key, value) in &about.custom_attributes {
+        let numbers: Vec<f32> = value.split_whitespace().map_while(|n| n.parse().ok()).collect();
+        let factors = match (key.as_str(), &numbers[..]) {
+            ("EXPOSURE", [all]) => [*all; 3],
+            ("COLORCORR", [r, g, b]) => [*r, *g, *b],
+            ("EXPOSURE" | "COLORCORR", _) => [f32::NAN; 3],
+            _ => continue,
+        };
+        if !factors.iter().all(|f| *f > 0.0 && f.is_finite()) {
+            return Err(Error::input(format!("a line {key}={value}")).help("numbers above 0"));
+        }
+        divisor.iter_mut().zip(factors).for_each(|(d, f)| *d *= f);
+    }
+    Ok(divisor)
+}
+
+fn said(about: &HdrMetadata) -> Result<Said> {
+    let line = |key: &str| {
+        let mut lines = about.custom_attributes.iter().rev();
+        lines.find(|(k, _)| k.trim() == key).map(|(_, value)| value.trim().to_string())
+    };
+    let Some(line) = line("PRIMARIES") else { return Ok(Said::Nothing) };
+    let numbers: Vec<f64> = line.split_whitespace().filter_map(|n| n.parse().ok()).collect();
+    let [rx, ry, gx, gy, bx, by, x, y] = numbers[..] else {
+        return Err(Error::input(format!("PRIMARIES of {line:?}")).help("they are eight numbers"));
+    };
+    let primaries = [[rx, ry], [gx, gy], [bx, by], [x, y]];
+    Ok(Said::Space(Space::of("its line PRIMARIES, linear", &primaries, Transfer::Linear)?))
+}
