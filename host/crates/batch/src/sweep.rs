@@ -84,8 +84,9 @@ struct GridFile {
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum CameraKey {
-    Range(camrig_base::alternatives::Range),
+    // Before the range, whose fields would be taken from a list in order.
     List(Vec<toml::Value>),
+    Range(camrig_base::alternatives::Range),
     One(toml::Value),
 }
 
@@ -472,6 +473,18 @@ mod tests {
         assert_eq!((all[1].burst, all[2].lux, &*all[4].scene.name), (1, Some(100.0), "ramp"));
         assert_eq!((all[7].variant, all[8].variant), (0, 1));
         assert!(all[3].same_view(&all[0]) && !all[4].same_view(&all[3]));
+    }
+
+    /// A list of three numbers is three values, and no range of as many as the third says.
+    #[test]
+    fn lists_of_camera_keys_are_their_values() {
+        for (list, last) in [("[2.5, 4, 6]", 6), ("[3, 4, 5]", 5)] {
+            let sweep = Sweep::parse(GRID.replace("[3.0, 5.0]", list), Path::new("")).unwrap();
+            assert_eq!(sweep.variants.len(), 3, "{list}");
+            assert_eq!(sweep.variants[2].changes[0].1, toml::Value::Integer(last));
+        }
+        let range = GRID.replace("[3.0, 5.0]", "{ from = 2, to = 6, count = 5 }");
+        assert_eq!(Sweep::parse(range, Path::new("")).unwrap().variants.len(), 5);
     }
 
     #[test]
