@@ -478,12 +478,12 @@ mod tests {
     /// A list of three numbers is three values, and no range of as many as the third says.
     #[test]
     fn lists_of_camera_keys_are_their_values() {
-        for (list, last) in [("[2.5, 4, 6]", 6), ("[3, 4, 5]", 5)] {
+        for (list, last) in [("[3.5, 4, 6]", 6), ("[3, 4, 5]", 5)] {
             let sweep = Sweep::parse(GRID.replace("[3.0, 5.0]", list), Path::new("")).unwrap();
             assert_eq!(sweep.variants.len(), 3, "{list}");
             assert_eq!(sweep.variants[2].changes[0].1, toml::Value::Integer(last));
         }
-        let range = GRID.replace("[3.0, 5.0]", "{ from = 2, to = 6, count = 5 }");
+        let range = GRID.replace("[3.0, 5.0]", "{ from = 3, to = 7, count = 5 }");
         assert_eq!(Sweep::parse(range, Path::new("")).unwrap().variants.len(), 5);
     }
 
