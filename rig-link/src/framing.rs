@@ -473,6 +473,14 @@ mod tests {
             }
             assert_eq!(got, packets(), "cut {cut}");
         }
+        // What looks like a packet inside one is not taken for one.
+        let outer = [12, 0, 0, 0, 1, 1, 2, 0, 0, 0, 9, 9, 2, 0, 0, 0, 9, 9, 1, 1];
+        let mut receiver = Receiver::new(Framing::Length, [0; 100]);
+        let (mut head, mut rest) = outer.split_at(6);
+        assert!(receiver.whole(&mut head).is_none() && !receiver.push(&mut head).unwrap());
+        assert_eq!(receiver.whole(&mut rest), None);
+        assert!(receiver.push(&mut rest).unwrap());
+        assert_eq!((receiver.packet(), rest), (&outer[4..16], &outer[16..]));
         // What is no packet is left for `push`, which says so.
         let mut receiver = Receiver::new(Framing::Length, [0; 100]);
         assert_eq!(receiver.whole(&mut &[0xff, 0xff, 0xff, 0x7f, 1, 2][..]), None);
