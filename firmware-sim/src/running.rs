@@ -177,7 +177,11 @@ impl<'r, A: Arith> Running<'r, A> {
         if self.frame.begin.codec == Codec::Bfp16 {
             return self.collector.add_band(row, band, whole, self.sums);
         }
-        self.collector.add_rates(whole.groups(), self.frame.settings.exposure_s, self.sums);
+        self.collector.add_rates(
+            whole.groups(&mut [0; GROUP]),
+            self.frame.settings.exposure_s,
+            self.sums,
+        );
     }
 
     /// Puts the row that has just become complete into the ring.

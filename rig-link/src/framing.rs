@@ -13,6 +13,7 @@
 //!   732.0-B do), so after a lost report the next packet is found. Only a flush leaves part of a
 //!   report unused.
 
+use core::ffi::CStr;
 use core::fmt;
 
 /// How packets are separated. Lengths are little-endian.
@@ -269,7 +270,8 @@ impl<B: AsMut<[u8]>> Receiver<B> {
     fn push_cobs(&mut self, input: &mut &[u8]) -> Option<(usize, usize)> {
         let buffer = self.buffer.as_mut();
         while !input.is_empty() {
-            let zero = input.iter().position(|&b| b == 0);
+            // The search of `CStr` looks at a word at a time, on small processors too.
+            let zero = CStr::from_bytes_until_nul(input).ok().map(CStr::count_bytes);
             let (run, rest) = input.split_at(zero.unwrap_or(input.len()));
             let room = buffer.len() - self.filled;
             self.skipping |= run.len() > room;
@@ -283,7 +285,7 @@ impl<B: AsMut<[u8]>> Receiver<B> {
                 let encoded = core::mem::take(&mut self.filled);
                 if !core::mem::take(&mut self.skipping)
                     && encoded > 0
-                    && let Ok(n) = cobs::decode_in_place(&mut buffer[..encoded])
+                    && let Some(n) = decode_cobs(&mut buffer[..encoded])
                 {
                     return Some((0, n));
                 }
@@ -373,6 +375,24 @@ impl<B: AsMut<[u8]>> Receiver<B> {
     }
 }
 
+/// Decodes COBS in place and returns the packet's length; `None` for what no packet encodes to. As
+/// `cobs::decode_in_place`, but run by run and without a search for zeros: with the search above, a
+/// Cortex-M4F needs 16 instructions for a byte that arrives instead of 27.
+fn decode_cobs(bytes: &mut [u8]) -> Option<usize> {
+    let (mut from, mut to) = (0, 0);
+    while let Some(&code) = bytes.get(from) {
+        let run = usize::from(code).checked_sub(1)?;
+        bytes.get(from + 1..from + 1 + run)?;
+        bytes.copy_within(from + 1..from + 1 + run, to);
+        (from, to) = (from + 1 + run, to + run);
+        if code < 0xff && from < bytes.len() {
+            bytes[to] = 0;
+            to += 1;
+        }
+    }
+    Some(to)
+}
+
 /// Skips bytes of a report, of which `left` remain in the input.
 fn skip(left: &mut usize, input: &mut &[u8], bytes: usize) {
     let bytes = bytes.min(*left);
@@ -437,6 +457,40 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn runs_decode_as_the_crate_cobs_decodes_bytes() {
+        let mut seed = 1u32;
+        let mut next = |below: u32| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            ((u64::from(seed) * u64::from(below)) >> 32) as u8
+        };
+        let (mut whole, mut damaged) = (0, 0);
+        for round in 0..20_000 {
+            // Few values and so short runs, or all of them; no zero, as those end a packet.
+            let (length, values) = (1 + usize::from(next(200)), [4, 60, 255][round % 3]);
+            let mut encoded: Vec<u8> = (0..length).map(|_| 1 + next(values)).collect();
+            if round % 2 == 0 {
+                let packet: Vec<u8> = encoded.iter().map(|b| b - 1).chain([9; 300]).collect();
+                encoded = cobs_encoded(&packet);
+            }
+            let mut peer = encoded.clone();
+            let want = cobs::decode_in_place(&mut peer).ok();
+            let got = decode_cobs(&mut encoded);
+            assert_eq!(got, want);
+            let length = got.unwrap_or(0);
+            assert_eq!(encoded[..length], peer[..length]);
+            *(if got.is_some() { &mut whole } else { &mut damaged }) += 1;
+        }
+        assert!(whole > 10_000 && damaged > 1000, "{whole} {damaged}");
+    }
+
+    fn cobs_encoded(packet: &[u8]) -> Vec<u8> {
+        let mut encoded = std::vec![0; Framing::Cobs.max_encoded(packet.len())];
+        let length = cobs::encode(packet, &mut encoded);
+        encoded.truncate(length);
+        encoded
     }
 
     #[test]

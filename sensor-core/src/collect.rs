@@ -9,6 +9,7 @@ use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
 use crate::crosstalk::{Crosstalk, MAX_NODES, place};
 use crate::spectral::{BandRow, GROUP, power_of_two};
+use core::borrow::Borrow;
 
 /// Sums of a group of pixels that share an exponent.
 pub type Sums<S> = [S; GROUP];
@@ -70,7 +71,7 @@ impl<'a, A: Arith> Collector<'a, A> {
     /// photo-electrons.
     #[inline(always)]
     pub fn add_band(&mut self, y: u32, band: usize, row: BandRow<'_>, sums: &mut [Sums<A::Sum>]) {
-        self.add_groups(y, band, row.groups(), sums);
+        self.add_groups(y, band, row.groups(&mut [0; GROUP]), sums);
     }
 
     /// [`Self::add_band`] of a band whose groups come from elsewhere: exponents and mantissas.
@@ -79,7 +80,7 @@ impl<'a, A: Arith> Collector<'a, A> {
         &mut self,
         y: u32,
         band: usize,
-        groups: impl Iterator<Item = (i8, [u16; GROUP])>,
+        groups: impl Iterator<Item = (i8, impl Borrow<[u16; GROUP]>)>,
         sums: &mut [Sums<A::Sum>],
     ) {
         self.set_weights(y as usize, band);
@@ -92,7 +93,7 @@ impl<'a, A: Arith> Collector<'a, A> {
             let last = first + (GROUP - 1) as f32;
             let exponent = i32::from(exponent) + self.scale;
             if cells == 0 {
-                A::accumulate(sums, &mantissas, exponent, &self.weights[0][phase]);
+                A::accumulate(sums, mantissas.borrow(), exponent, &self.weights[0][phase]);
                 continue;
             }
             while cell + 1 < cells && self.node(cell + 1) <= first {
@@ -109,7 +110,7 @@ impl<'a, A: Arith> Collector<'a, A> {
                     *w = if first + i as f32 >= from { beyond[i] } else { *w };
                 }
             }
-            A::accumulate(sums, &mantissas, exponent, &weights);
+            A::accumulate(sums, mantissas.borrow(), exponent, &weights);
         }
     }
 
@@ -118,14 +119,14 @@ impl<'a, A: Arith> Collector<'a, A> {
     #[inline(always)]
     pub fn add_rates(
         &mut self,
-        groups: impl Iterator<Item = (i8, [u16; GROUP])>,
+        groups: impl Iterator<Item = (i8, impl Borrow<[u16; GROUP]>)>,
         exposure_s: f32,
         sums: &mut [Sums<A::Sum>],
     ) {
         let scale = scale_of(exposure_s);
         let weights = [A::weight(exposure_s * power_of_two(-scale)); GROUP];
         for ((exponent, mantissas), sums) in groups.zip(sums) {
-            A::accumulate(sums, &mantissas, i32::from(exponent) + scale, &weights);
+            A::accumulate(sums, mantissas.borrow(), i32::from(exponent) + scale, &weights);
         }
     }
 

@@ -21,19 +21,18 @@ pub struct BandRow<'a> {
     pub mantissas: &'a [u16],
 }
 
-impl BandRow<'_> {
-    /// Exponents and mantissas group by group; the last group is padded with zeros.
+impl<'a> BandRow<'a> {
+    /// Exponents and mantissas group by group; the last group, if it has fewer pixels, stands in
+    /// `padded` with zeros behind them.
     #[inline(always)]
-    pub fn groups(self) -> impl Iterator<Item = (i8, [u16; GROUP])> {
-        let mantissas = self.mantissas.chunks(GROUP).map(|group| match group.first_chunk() {
-            Some(whole) => *whole,
-            None => {
-                let mut padded = [0; GROUP];
-                padded[..group.len()].copy_from_slice(group);
-                padded
-            }
-        });
-        self.exponents.iter().copied().zip(mantissas)
+    pub fn groups(
+        self,
+        padded: &'a mut [u16; GROUP],
+    ) -> impl Iterator<Item = (i8, &'a [u16; GROUP])> {
+        let (whole, rest) = self.mantissas.as_chunks::<GROUP>();
+        padded.iter_mut().zip(rest).for_each(|(p, m)| *p = *m);
+        let last = (!rest.is_empty()).then_some(&*padded);
+        self.exponents.iter().copied().zip(whole.iter().chain(last))
     }
 }
 

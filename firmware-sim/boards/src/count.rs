@@ -11,31 +11,49 @@ const TIMER0: *mut u32 = 0x4000_0000 as *mut u32;
 const VALUE: usize = 1;
 const RELOAD: usize = 2;
 
-/// Ticks per instruction: 1024 / 40.
-const TICKS_PER_16_INSTRUCTIONS: u64 = 16 * 1024 / 40;
+/// Instructions per tick: 40 / 1024.
+const INSTRUCTIONS_PER_TICK: (u64, u64) = (5, 128);
 
-/// Thousands of instructions, and the remainder, for collecting bands and for computing rows.
+/// Collecting bands.
 static COLLECT: Counter = Counter::new();
+/// Computing rows.
 static COMPUTE: Counter = Counter::new();
+/// Everything between those: packets in and out.
+static LINK: Counter = Counter::new();
+/// The timer when the present stretch began.
+static BEGAN: AtomicU32 = AtomicU32::new(0);
 
+/// Ticks: the lower half and how often it overflowed.
 struct Counter {
-    kilo: AtomicU32,
-    rest: AtomicU32,
+    low: AtomicU32,
+    high: AtomicU32,
 }
 
 impl Counter {
     const fn new() -> Self {
-        Self { kilo: AtomicU32::new(0), rest: AtomicU32::new(0) }
+        Self { low: AtomicU32::new(0), high: AtomicU32::new(0) }
     }
 
-    fn time(&self, work: impl FnOnce()) {
-        let start = now();
-        work();
-        let ticks = u64::from(start.wrapping_sub(now())); // It counts down.
-        let count = (ticks * 16 / TICKS_PER_16_INSTRUCTIONS) as u32 + self.rest.load(Relaxed);
-        self.kilo.fetch_add(count / 1000, Relaxed);
-        self.rest.store(count % 1000, Relaxed);
+    /// Ends a stretch and begins the next one, so that counting itself is in neither.
+    fn lap(&self) {
+        let ticks = BEGAN.load(Relaxed).wrapping_sub(now()); // It counts down.
+        let low = self.low.fetch_add(ticks, Relaxed);
+        self.high.fetch_add(u32::from(low.checked_add(ticks).is_none()), Relaxed);
+        BEGAN.store(now(), Relaxed);
     }
+
+    fn kilo_instructions(&self) -> u32 {
+        let halves = [&self.high, &self.low].map(|half| u64::from(half.load(Relaxed)));
+        let (times, over) = INSTRUCTIONS_PER_TICK;
+        ((halves[0] << 32 | halves[1]) * times / over / 1000) as u32
+    }
+}
+
+/// Counts work, and what was done before it for the link.
+fn count(counter: &Counter, work: impl FnOnce()) {
+    LINK.lap();
+    work();
+    counter.lap();
 }
 
 fn now() -> u32 {
@@ -49,11 +67,13 @@ pub fn start() {
         // SAFETY: as in `now`.
         unsafe { TIMER0.add(register).write_volatile(value) };
     }
+    BEGAN.store(now(), Relaxed);
 }
 
-/// Thousands of instructions so far for (collecting bands, computing rows).
-pub fn totals() -> (u32, u32) {
-    (COLLECT.kilo.load(Relaxed), COMPUTE.kilo.load(Relaxed))
+/// Thousands of instructions so far for collecting bands, computing rows, and the link.
+pub fn totals() -> [u32; 3] {
+    LINK.lap();
+    [&COLLECT, &COMPUTE, &LINK].map(Counter::kilo_instructions)
 }
 
 /// Calls the row functions and counts.
@@ -61,10 +81,10 @@ pub struct Counted;
 
 impl Dispatch for Counted {
     fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
-        COLLECT.time(|| Plain::units(running, row, first, units));
+        count(&COLLECT, || Plain::units(running, row, first, units));
     }
 
     fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
-        COMPUTE.time(|| Plain::raw_row(running, row, out));
+        count(&COMPUTE, || Plain::raw_row(running, row, out));
     }
 }

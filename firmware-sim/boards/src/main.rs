@@ -7,9 +7,11 @@
 
 #[cfg(feature = "count")]
 mod count;
+mod limits;
 mod link;
 mod log;
 mod memory;
+mod stack;
 
 #[cfg(not(feature = "count"))]
 use camrig_firmware_sim::Plain as Calls;
@@ -44,15 +46,15 @@ pub mod status {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     log::init();
-    memory::paint_stack();
-    let Some(memory::Parts { rig, device, buffers }) = memory::take() else {
+    stack::paint();
+    let Some(memory::Parts { rig, device, buffers }) = memory::take(FIRMWARE) else {
         semihosting::process::exit(status::MEMORY)
     };
     #[cfg(feature = "count")]
     count::start();
     let mut link = link::Link::open();
     info!("{=str} is up", FIRMWARE);
-    let outcome = serve_rig::<Calls, _, { memory::RAW_BYTES }>(
+    let outcome = serve_rig::<Calls, _, { limits::RAW_BYTES }>(
         device,
         rig,
         &mut link,
@@ -64,13 +66,13 @@ fn main() -> ! {
         "frames {=u32}, rows in {=u32}, out {=u32}, damaged packets {=u32}",
         s.frames, s.rows_in, s.rows_out, s.damaged
     );
-    info!("stack used: {=usize} bytes of {=usize}", memory::stack_used(), memory::stack_size());
+    info!("stack used: {=usize} bytes of {=usize}", stack::used(), stack::size());
     #[cfg(feature = "count")]
     {
-        let (collect, compute) = count::totals();
+        let [collect, compute, link] = count::totals();
         info!(
-            "kilo-instructions: {=u32} to collect bands, {=u32} to compute rows",
-            collect, compute
+            "kilo-instructions: {=u32} to collect bands, {=u32} to compute rows, {=u32} on the link",
+            collect, compute, link
         );
     }
     if outcome.is_err() {

@@ -1,6 +1,7 @@
-//! The memory of the rig, all of it static: the linker's figure is what the rig needs.
+//! The memory of the rig, all of it static: the linker's figure is what the rig needs. The firmware
+//! of `usb-boards` has this module too, with limits of its own.
 
-use crate::FIRMWARE;
+use crate::limits::{ANSWER, BANDS, CREDIT, CROSSTALK, PACKET, RAW_BYTES, ROWS, WIDTH};
 use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory};
 use camrig_rig_link::device::Device;
 use camrig_rig_link::framing::Framing;
@@ -14,24 +15,6 @@ use camrig_sensor_core::spectral::{GROUP, groups};
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
-
-/// Longest row, pixels.
-const WIDTH: usize = 2048;
-/// Largest number of spectral bands; the memory does not depend on it, as bands are summed as they
-/// arrive.
-const BANDS: u16 = 31;
-/// Rows: three of means and a pipeline of four, for one effect that reads its neighbours.
-const ROWS: usize = 7;
-/// Longest packed raw row, bytes.
-pub const RAW_BYTES: usize = 2 * WIDTH;
-/// Longest packet received: a band of 2048 pixels is 4224 bytes.
-const PACKET: usize = 4400;
-/// Packets that the host may have under way.
-const CREDIT: u16 = 32;
-/// Longest packet sent.
-const ANSWER: usize = 1100;
-/// Values of the crosstalk table: 13 x 17 nodes, 7 wavelengths, 3 channels, and the axes.
-const CROSSTALK: usize = 13 * 17 * 7 * 3 + 37;
 
 type Signal = <Arithmetic as Arith>::Signal;
 type Sum = <Arithmetic as Arith>::Sum;
@@ -89,8 +72,8 @@ pub struct Parts {
     pub buffers: Buffers<'static>,
 }
 
-/// Hands out the memory, once.
-pub fn take() -> Option<Parts> {
+/// Hands out the memory, once. `firmware`: name and version, as the rig reports them.
+pub fn take(firmware: &'static str) -> Option<Parts> {
     let rows = RowMemory { rows: SIGNALS.take()?, sums: SUMS.take()? };
     let memory = Memory {
         #[cfg(feature = "float")]
@@ -108,52 +91,7 @@ pub fn take() -> Option<Parts> {
         answer: ANSWER_BYTES.take()?,
         framed: FRAMED.take()?,
     };
-    let rig = RIG.take()?.write(Rig::new(FIRMWARE, memory));
+    let rig = RIG.take()?.write(Rig::new(firmware, memory));
     let device = DEVICE.take()?.write(Device::new(PACKET as u16, CREDIT));
     Some(Parts { rig, device, buffers })
-}
-
-/// Pattern of unused stack.
-const PAINT: u32 = 0x5ac5_ac5a;
-
-unsafe extern "C" {
-    static mut __ebss: u32;
-    static mut _stack_start: u32;
-}
-
-/// From the end of the static memory to the stack's top.
-fn stack() -> (*mut u32, *mut u32) {
-    (&raw mut __ebss, &raw mut _stack_start)
-}
-
-/// Bytes between the static memory and the stack's top.
-pub fn stack_size() -> usize {
-    let (bottom, top) = stack();
-    top as usize - bottom as usize
-}
-
-/// Fills the unused stack with a pattern, to measure later how deep it was used.
-#[inline(never)]
-pub fn paint_stack() {
-    let (bottom, _) = stack();
-    let here = 0u32;
-    let mut word = bottom;
-    // A margin for this function's own frame.
-    let end = (&raw const here as usize - 64) as *mut u32;
-    while word < end {
-        // SAFETY: between the static memory and the stack pointer nothing lives (no heap).
-        unsafe { word.write_volatile(PAINT) };
-        word = word.wrapping_add(1);
-    }
-}
-
-/// Largest stack use since [`paint_stack`], bytes.
-pub fn stack_used() -> usize {
-    let (bottom, top) = stack();
-    let mut word = bottom;
-    // SAFETY: reads the stack's own memory.
-    while word < top && unsafe { word.read_volatile() } == PAINT {
-        word = word.wrapping_add(1);
-    }
-    top as usize - word as usize
 }
