@@ -34,8 +34,8 @@ pub fn serve(firmware: &'static str) -> ! {
             answer: &mut *answer,
             framed: &mut *framed,
         };
-        // A session ends when the host closes the port; a frame of it can be resumed in the next. It
-        // cannot end otherwise: the pipes do not fail, and COBS gets into step by itself.
+        // A session ends when the host closes the port; a frame of it can be resumed in the next.
+        // It cannot end otherwise: the pipes do not fail, and COBS gets into step by itself.
         let _ = serve_rig::<Plain, _, { limits::RAW_BYTES }>(
             device,
             rig,

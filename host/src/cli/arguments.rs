@@ -164,8 +164,8 @@ pub struct FrameArgs {
     #[command(flatten)]
     pub(super) readout: ReadoutArgs,
     /// Frames to take; more than one go into a directory, or one after another as headerless
-    /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there [default: 1,
-    /// or as many as the bracket has]
+    /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there
+    /// [default: 1, or as many as the bracket has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
     /// Exposure bracket: steps in EV around the exposure, taken in turn

@@ -18,7 +18,7 @@
 //! | PNG | [`mod@png`] | one | all |
 //! | FITS | [`fits`] | any number | all |
 //! | CSI-2 packets | [`csi2`] | any number | bits |
-//! | MCAP recording | [`mod@mcap`] | any number, of grey and Bayer | bits, pattern, black and white level |
+//! | MCAP recording | [`mod@mcap`] | any number, grey and Bayer | all |
 //! | Y4M video, written alone | [`y4m`] | any number, without colour filters | bits |
 //! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
 //!

@@ -81,22 +81,19 @@ impl Recording {
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(pending.clone())).map_err(failed)?;
         let mut metadata = BTreeMap::from([("offered_qos_profiles".into(), String::new())]);
-        let channel = |writer: &mut mcap::Writer<_>, topic, name, definition: &str| {
-            let schema = writer.add_schema(name, "ros2msg", definition.as_bytes())?;
-            writer.add_channel(schema, topic, "cdr", &metadata)
+        let mut channel = |topic, name, definition: &str, metadata: &_| {
+            let schema = writer.add_schema(name, "ros2msg", definition.as_bytes());
+            writer.add_channel(schema.map_err(failed)?, topic, "cdr", metadata).map_err(failed)
         };
         let camera = match camera {
             Some(info) => {
                 let definition = ros::CAMERA_INFO_DEFINITION;
-                let id = channel(&mut writer, CAMERA, ros::CAMERA_INFO, definition);
-                Some((id.map_err(failed)?, info))
+                Some((channel(CAMERA, ros::CAMERA_INFO, definition, &metadata)?, info))
             }
             None => None,
         };
         metadata.insert(NOTE.into(), Facts::of(like).note());
-        let schema = writer.add_schema(ros::IMAGE, "ros2msg", ros::IMAGE_DEFINITION.as_bytes());
-        let schema = schema.map_err(failed)?;
-        let images = writer.add_channel(schema, IMAGES, "cdr", &metadata).map_err(failed)?;
+        let images = channel(IMAGES, ros::IMAGE, ros::IMAGE_DEFINITION, &metadata)?;
         Ok(Self { writer, pending, images, camera, sequence: 0 })
     }
 

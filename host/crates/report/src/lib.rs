@@ -4,7 +4,8 @@
 //! loads nothing from elsewhere, is readable on a phone, in print and on a dark background, and
 //! has the same bytes for the same content. A [`plot::Plot`] draws series over linear or
 //! logarithmic axes, whose labels name quantity and unit. The other modules write the pages of
-//! camrig's commands: data sheets, EMVA 1288, lenses, measurements, simulations, diagnosis, trade-offs.
+//! camrig's commands: data sheets, EMVA 1288, lenses, measurements, simulations, diagnosis,
+//! trade-offs.
 //!
 //! # Example
 //! A page with the noise of a sensor over its signal, both in electrons:

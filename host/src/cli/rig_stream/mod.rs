@@ -132,10 +132,10 @@ pub struct Args {
     output: Option<PathBuf>,
     /// Format of the frames where the name does not say it: csi2 (for -, unless given), mcap
     /// (recording of ROS 2 images and the camera's figures; the times are those of --fps, or
-    /// measured), pgm, y4m (of sensors without colour filters), or the V4L2 name of headerless pixels. csi2 has an
-    /// embedded data line for each frame and the numbers of the sensor's counter, so that lost
-    /// frames leave a gap. Headerless pixels are at full scale where their bits are not the
-    /// sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
+    /// measured), pgm, y4m (of sensors without colour filters), or the V4L2 name of headerless
+    /// pixels. csi2 has an embedded data line for each frame and the numbers of the sensor's
+    /// counter, so that lost frames leave a gap. Headerless pixels are at full scale where their
+    /// bits are not the sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT", requires = "output")]
     to: Option<String>,
     /// Leave the raw rows with the rig, which has a way out of its own for them (DVP, CSI, FPGA);
