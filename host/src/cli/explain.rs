@@ -1,11 +1,11 @@
-//! `camrig explain` and `camrig schema`: what the keys of a camera file mean.
+//! `camrig explain`: what the keys of a camera file mean.
 
 use super::effects;
 use super::presets::bare;
 use camrig_base::{Error, Result};
 use camrig_camera::draft::{Draft, Entry};
 use camrig_camera::keys::{Holds, KEYS, Key};
-use camrig_camera::{Camera, EffectKind, presets, schema};
+use camrig_camera::{Camera, EffectKind, presets};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
@@ -23,19 +23,6 @@ pub struct Args {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-}
-
-/// The JSON schema of the camera file, for editors
-#[derive(clap::Args, Debug)]
-#[command(after_help = "Example, for editors that know Taplo's directive:\n  \
-    camrig schema > camera.schema.json\n  \
-    sed -i '1i #:schema ./camera.schema.json' my-camera.toml")]
-pub struct SchemaArgs {}
-
-/// Runs `camrig schema`.
-pub fn run_schema(_: &SchemaArgs) -> Result<ExitCode> {
-    println!("{:#}", schema::schema());
-    Ok(ExitCode::SUCCESS)
 }
 
 /// Runs `camrig explain`.

@@ -42,6 +42,7 @@ mod rig;
 mod rig_stream;
 mod rig_view;
 mod scene;
+mod schema;
 mod shell;
 mod simulate;
 mod stdout;
@@ -82,7 +83,7 @@ enum Command {
     Presets(presets::Args),
     Effects(effects::Args),
     Explain(explain::Args),
-    Schema(explain::SchemaArgs),
+    Schema(schema::Args),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
 }
@@ -124,7 +125,7 @@ fn run(command: Command) -> Result<ExitCode> {
         Command::Presets(args) => presets::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Explain(args) => explain::run(&args),
-        Command::Schema(args) => explain::run_schema(&args),
+        Command::Schema(args) => schema::run(&args),
         Command::Completions(args) => shell::run_completions(&args),
         Command::Man(args) => shell::run_man(&args),
     }

@@ -1,10 +1,11 @@
 //! Alternatives in a TOML file: a key that takes one value, a list, or a range of numbers.
 
 use crate::{Error, Result};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// One value or a list.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Alternatives<T> {
     /// One value.
@@ -27,7 +28,7 @@ impl<T: Clone> Alternatives<T> {
 }
 
 /// A number, a list, or `{ from, to, count }`.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Numbers {
     /// One number.
@@ -39,17 +40,21 @@ pub enum Numbers {
 }
 
 /// `{ from = 0.001, to = 0.1, count = 5, spacing = "log" }`, both ends included.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
+    /// First value.
     from: f64,
+    /// Last value.
     to: f64,
+    /// How many values.
     count: usize,
+    /// How they are spaced.
     #[serde(default)]
     spacing: Spacing,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Spacing {
     /// Equal differences.

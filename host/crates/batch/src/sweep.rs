@@ -33,6 +33,7 @@ use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_camera::{Camera, is_preset};
 use camrig_render::Arithmetic;
 use camrig_scene::{self as scene, Illuminant, chart};
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -47,36 +48,61 @@ const MOST_PICTURES: u64 = u32::MAX as u64;
 /// Kinds of files that a data set may have: those of one frame that keep every sample.
 const FILES: [&str; 5] = ["dng", "tiff", "npy", "pgm", "fits"];
 
-#[derive(Deserialize)]
+/// A grid of pictures. Every combination of the grid's values is taken; their order, slowest
+/// first: camera, camera keys (by name), scene, illuminant, lux, exposure, gain, sensor seed,
+/// frame. Picture i of the grid has frame number `frame_seed + i`, so no two share temporal noise.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// `"sweep/1"`.
     format: String,
+    /// Frames of each combination, each with temporal noise of its own.
     #[serde(default = "one")]
     frames: u32,
+    /// Frame number of the first picture.
     #[serde(default)]
     frame_seed: u32,
+    /// Kind of file: `dng`, `tiff`, `npy`, `pgm` or `fits`.
     #[serde(default = "dng")]
     files: String,
+    /// Arithmetic of the sensor: `f32`, or `fixed` as on parts without a floating-point unit.
     #[serde(default)]
+    #[schemars(with = "Option<String>")]
     arith: Arithmetic,
+    /// Whether DNG files carry lens shading and bad pixels.
     #[serde(default)]
     opcodes: bool,
+    /// Cells per pixel and direction in the optics stage; left out: chosen by error.
     oversample: Option<usize>,
+    /// Figures by name, each true or false: `mean_dn`, `saturated_fraction`, `snr_db`,
+    /// `dynamic_range_db`, `mtf50_cycles_per_pixel`, `delta_e_2000`. Those named have a table,
+    /// figures.csv, and a page; left out: all that a scene allows are in its record.
     figures: Option<BTreeMap<String, bool>>,
+    /// The grid.
     grid: GridFile,
 }
 
-#[derive(Deserialize)]
+/// Axes of the grid.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct GridFile {
+    /// Presets or camera files, which are looked for beside the sweep file.
     camera: Alternatives<String>,
+    /// Any keys of the camera file, with their table: `"sensor.noise.read_e" = [2.0, 4.0]`.
     #[serde(default)]
+    #[schemars(with = "BTreeMap<String, serde_json::Value>")]
     camera_keys: BTreeMap<String, CameraKey>,
+    /// Scenes as on the command line.
     scene: Alternatives<String>,
+    /// Lights on scenes of reflectance: names or files.
     illuminant: Option<Alternatives<String>>,
+    /// Illuminance of the scene, lx.
     lux: Option<Numbers>,
+    /// Exposure time, s.
     exposure_s: Numbers,
+    /// Gain before the converter; left out: the camera's own.
     analog_gain: Option<Numbers>,
+    /// Other physical sensors of the same kind; left out: the camera's own.
     sensor_seed: Option<Alternatives<u64>>,
 }
 
@@ -88,6 +114,11 @@ enum CameraKey {
     List(Vec<toml::Value>),
     Range(camrig_base::alternatives::Range),
     One(toml::Value),
+}
+
+/// The JSON schema of a sweep file.
+pub fn schema() -> Schema {
+    schema_for!(File)
 }
 
 fn one() -> u32 {

@@ -63,7 +63,8 @@ fn property(key: &Key) -> Value {
     let unit = if key.unit.is_empty() { String::new() } else { format!(" Unit: {}.", key.unit) };
     let usual =
         if key.usual.is_empty() { String::new() } else { format!(" Usual: {}.", key.usual) };
-    property["description"] = format!("{}{unit}{usual}", key.doc).into();
+    let default = key.default.map(|value| format!(" Left out: {value}.")).unwrap_or_default();
+    property["description"] = format!("{}{unit}{usual}{default}", key.doc).into();
     property
 }
 
@@ -76,7 +77,7 @@ fn effect(entry: EffectKind) -> Value {
             "type": "number",
             "minimum": p.min,
             "maximum": p.max,
-            "description": format!("{} Unit: {}.", p.doc.trim(), p.unit),
+            "description": format!("{}. Unit: {}.", p.doc.trim().trim_end_matches('.'), p.unit),
         });
         match p.default {
             Some(default) => property["default"] = default.into(),

@@ -9,6 +9,7 @@
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_captures::{Light, Role, SceneSeen};
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -48,38 +49,64 @@ pub struct Shot {
     pub saturates: bool,
 }
 
-#[derive(Deserialize)]
+/// Which stacks to take. Where keys take several values, a stack is taken for every combination.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// `"plan/1"`.
     format: String,
+    /// The stacks, in order of time.
     stack: Vec<Stack>,
 }
 
-#[derive(Deserialize)]
+/// A stack of frames, or several that differ in one condition.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Stack {
+    /// Name within the set; where several stacks are made, each name ends with its number.
     id: String,
+    /// What it is for.
     role: Role,
+    /// Frames.
     frames: u32,
+    /// Exposure time, s.
     exposure_s: Numbers,
+    /// Temperature of the sensor, °C; left out: the camera's own.
     temperature_c: Option<Numbers>,
+    /// Gain before the converter; left out: the camera's own.
     analog_gain: Option<Numbers>,
+    /// Mean signal as a fraction of saturation in the channel that gets most, instead of an amount
+    /// of light.
     fill: Option<Numbers>,
+    /// The light.
     light: Option<PlanLight>,
+    /// What an edge, a chart, dots or a scene looks at.
     scene: Option<SceneSeen>,
+    /// Whether saturation is meant; otherwise it is refused.
     #[serde(default)]
     saturates: bool,
 }
 
-#[derive(Clone, Deserialize)]
+/// The light of a stack.
+#[derive(Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct PlanLight {
+    /// Wavelength of narrow-band light on a flat, nm.
     wavelength_nm: Option<f64>,
+    /// Bandwidth of that light, nm.
     #[serde(default = "default_width_nm")]
     width_nm: f64,
+    /// Irradiance at the sensor, W m⁻².
     irradiance_w_m2: Option<f64>,
+    /// Illuminant of a scene: a name or a file.
     illuminant: Option<String>,
+    /// Illuminance of a scene, lx.
     lux: Option<f64>,
+}
+
+/// The JSON schema of a plan.
+pub fn schema() -> Schema {
+    schema_for!(File)
 }
 
 /// Bandwidth of narrow-band light unless a plan says otherwise, nm: that of the filters of Chen et

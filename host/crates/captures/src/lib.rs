@@ -56,6 +56,7 @@ pub use frames::{Batches, StoredFrame, open};
 
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
+use schemars::JsonSchema;
 use std::path::{Path, PathBuf};
 
 /// A checked capture set. Frames are still on disk.
@@ -91,7 +92,7 @@ pub struct SensorFacts {
 }
 
 /// What a capture is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
     /// No light.
@@ -111,7 +112,7 @@ pub enum Role {
 }
 
 /// Which side of a fit a capture belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
     /// May be used for naming and fitting.
@@ -150,7 +151,7 @@ pub struct Capture {
 }
 
 /// The light of a capture. Every field is what the manifest says; none is made up.
-#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
     /// Sensor-plane irradiance, W m⁻², at `wavelength_nm`.
@@ -174,7 +175,9 @@ pub struct Light {
 }
 
 /// What is known about the evenness of the light over the sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Uniformity {
     /// Even.
@@ -185,7 +188,7 @@ pub enum Uniformity {
 }
 
 /// What an edge, chart, dots or scene capture looked at.
-#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneSeen {
     /// A scene as on the command line.
@@ -215,7 +218,7 @@ impl SceneSeen {
 /// `x` and `y` are -1..1 over the sensor's half width and half height; the light comes from the
 /// direction of the chief ray of that point: `tilt_x_deg` from the side of +x, `tilt_y_deg` from
 /// the side of +y, both direction angles (tan components of one direction).
-#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rotation {
     /// Point read, -1..1 over the half width.
@@ -235,7 +238,9 @@ pub struct Rotation {
 }
 
 /// A scan of the crosstalk experiment.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scan {
     /// The rectangular grid of points, which becomes the table.

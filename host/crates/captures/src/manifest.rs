@@ -4,50 +4,90 @@ use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, 
 use camrig_base::Cfa;
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_scene::{self as scene, Illuminant};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-#[derive(Deserialize)]
+/// What a capture set is: which sensor took its frames, and under what conditions. Paths are
+/// relative to the file.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// `"captures/1"`.
     format: String,
+    /// The camera as it is thought to be: a preset or a camera file.
     camera: Option<String>,
+    /// Where the frames come from: free text for people, under any keys; not interpreted.
     #[serde(default)]
+    #[schemars(schema_with = "free_table")]
     #[allow(dead_code, reason = "free text for people; accepted, not interpreted")]
     source: toml::Table,
+    /// The sensor's frames.
     sensor: Sensor,
+    /// The captures, in order of time.
     #[serde(default)]
+    #[schemars(with = "Vec<Entry>")]
     capture: Vec<toml::Spanned<Entry>>,
 }
 
-#[derive(Deserialize)]
+/// The frames of a sensor.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Sensor {
+    /// Pixels in a row.
     width: usize,
+    /// Rows.
     height: usize,
+    /// Bits of a sample.
     bits: u32,
+    /// Colour filter pattern, such as `"RGGB"`; left out: monochrome.
     cfa: Option<String>,
+    /// Mean without light, DN; where it is left out, dark frames tell.
     black_level_dn: Option<f64>,
+    /// Value at which a sample saturates, DN; left out: the largest of `bits`.
     white_level_dn: Option<u16>,
+    /// Distance of neighbouring pixels, µm.
     pitch_um: Option<f64>,
 }
 
-#[derive(Deserialize)]
+/// One stack of frames under the same conditions.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Entry {
+    /// Unique name within the set.
     id: String,
+    /// What it is for.
     role: Role,
+    /// The frames' files: a name, or a pattern with `*`, in order of time by name.
     files: String,
+    /// Which side of a fit it belongs to; left out: the program alternates, and says so.
     split: Option<Split>,
+    /// Exposure time, s; 0 for bias frames (role `dark`).
     exposure_s: f64,
+    /// Gain before the converter.
     #[serde(default = "one")]
     analog_gain: f64,
+    /// Temperature of the sensor, °C; left out: that of the camera file.
     temperature_c: Option<f64>,
+    /// Exposure time that the camera was asked for, s, where it differs.
     exposure_requested_s: Option<f64>,
+    /// The capture right before it, by id, where image lag may matter.
     preceded_by: Option<String>,
+    /// Light on the sensor or on the scene.
     light: Option<Light>,
+    /// What an edge, a chart, dots or a scene looked at.
     scene: Option<SceneSeen>,
+    /// How the sensor was turned; with role `rotation`.
     rotation: Option<Rotation>,
+}
+
+fn free_table(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({ "type": "object" })
+}
+
+/// The JSON schema of `captures.toml`.
+pub fn schema() -> Schema {
+    schema_for!(File)
 }
 
 /// The text of a manifest, written capture by capture.

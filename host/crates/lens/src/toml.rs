@@ -39,6 +39,7 @@ use super::prescription::{
     Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -46,48 +47,82 @@ use std::ops::Range;
 /// Value of the `format` key.
 const FORMAT: &str = "camrig-prescription/1";
 
-#[derive(Deserialize)]
+/// A lens written by hand: surfaces in the order of the light.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// `"camrig-prescription/1"`.
     format: String,
+    /// Name for people.
     #[serde(default)]
     name: String,
+    /// Distance of the object in front of the first surface, mm; left out: infinity.
     object_distance_mm: Option<f64>,
+    /// Wavelengths of figures, nm.
     wavelengths_nm: Vec<f64>,
+    /// Wavelength of paraxial figures and of the stop's radius, nm; left out: the middle one of
+    /// `wavelengths_nm`.
     reference_nm: Option<f64>,
+    /// Field angles of figures, degrees.
     fields_deg: Vec<f64>,
+    /// One of `entrance_pupil_mm`, `f_number`, `working_f_number`, `stop_radius_mm`, `object_na`,
+    /// `image_na`.
     aperture: BTreeMap<String, f64>,
+    /// The surfaces, from the object to the sensor.
+    #[schemars(with = "Vec<Row>")]
     surface: Vec<::toml::Spanned<Row>>,
+    /// Glasses of one's own, by name.
     #[serde(default)]
     glass: BTreeMap<String, OwnGlass>,
 }
 
-#[derive(Deserialize)]
+/// A surface, and what is behind it.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Row {
+    /// Radius of curvature, mm; 0 or left out: plane.
     radius_mm: Option<f64>,
+    /// Curvature, 1/mm, instead of the radius.
     curvature: Option<f64>,
+    /// Distance to the next surface, mm; of the last one: to the sensor.
     thickness_mm: f64,
+    /// What is behind it: a glass of a catalogue, `"1.5168:64.17"` (n_d:V_d), a name of `[glass]`,
+    /// or `"mirror"`; left out: air.
     glass: Option<String>,
+    /// Conic constant.
     #[serde(default)]
     conic: f64,
+    /// Coefficients of r², r⁴ and so on, mm¹⁻ⁿ for rⁿ.
     #[serde(default)]
     even: Vec<f64>,
+    /// Coefficients of r, r³ and so on, mm¹⁻ⁿ for rⁿ.
     #[serde(default)]
     odd: Vec<f64>,
+    /// Radius within which light passes, mm; left out: everywhere.
     aperture_radius_mm: Option<f64>,
+    /// Radius within which light is stopped, mm.
     #[serde(default)]
     obscuration_radius_mm: f64,
+    /// Whether this surface is the aperture stop; one is.
     #[serde(default)]
     stop: bool,
 }
 
-#[derive(Deserialize)]
+/// A glass: its index and Abbe number, or a table.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct OwnGlass {
+    /// Index at 587.6 nm.
     nd: Option<f64>,
+    /// Abbe number.
     vd: Option<f64>,
+    /// Pairs of wavelength, nm, and index.
     table_nm: Option<Vec<[f64; 2]>>,
+}
+
+/// The JSON schema of a prescription.
+pub fn schema() -> Schema {
+    schema_for!(File)
 }
 
 /// A prescription from the text of a TOML file.

@@ -23,25 +23,40 @@ use camrig_rig_link::registers::UNITY_GAIN_CODE;
 use camrig_rig_link::registers::address::{
     ANALOG_GAIN, COARSE_INTEGRATION_TIME, FRAME_LENGTH_LINES, LINE_LENGTH_NS,
 };
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-#[derive(Deserialize)]
+/// Which registers are written when, in a stream of frames.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// `"rig-script/1"`.
     format: String,
+    /// The writes, in the order of their frames.
     write: Vec<Entry>,
 }
 
-#[derive(Deserialize)]
+/// What is written before a frame.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Entry {
+    /// The frame, counted from the first of the stream, which is 0. While frames run a write
+    /// takes effect with the delay of the rig's sensor.
     before_frame: u32,
+    /// Exposure time, s, rounded to the rig's lines. One longer than the frame lengthens the frame.
     exposure_s: Option<f64>,
+    /// Gain before the converter.
     analog_gain: Option<f64>,
+    /// Registers by address, such as `{ "0x0202" = 800 }`.
     #[serde(default)]
     registers: BTreeMap<String, u32>,
+}
+
+/// The JSON schema of a script.
+pub fn schema() -> Schema {
+    schema_for!(File)
 }
 
 /// Register writes in the order of their frames.

@@ -1,0 +1,178 @@
+//! JSON schemas as pages for people: a table of keys for each table of a file.
+
+use serde_json::Value;
+
+const HEAD: &str = "\
+# Reference of files
+
+Made by `camrig schema --markdown` from what the program reads, so that it is never behind it. Keys in **bold** must
+be given. Unknown keys are refused. `camrig schema FILE` prints the same as a JSON schema for editors, and
+`camrig explain KEY` says more about a key of the camera file.
+";
+
+/// The page of several files: their headings and schemas.
+pub fn page(files: &[(&str, Value)]) -> String {
+    let mut page = HEAD.to_string();
+    for (heading, schema) in files {
+        page += &format!("\n## {heading}\n");
+        Reference { root: schema, page: &mut page }.table("", schema);
+    }
+    page
+}
+
+/// A page in the making, of one schema.
+struct Reference<'a> {
+    root: &'a Value,
+    page: &'a mut String,
+}
+
+/// A table of a file inside another: how it is written, and its schema.
+type Inner<'a> = (String, &'a Value);
+
+impl<'a> Reference<'a> {
+    /// Writes a table, then those in it.
+    fn table(&mut self, path: &str, schema: &'a Value) {
+        if let Some(text) = schema["description"].as_str() {
+            *self.page += &format!("\n{}\n", in_a_line(text));
+        }
+        let Some(properties) = schema["properties"].as_object() else { return };
+        let must = |key: &str| {
+            schema["required"].as_array().is_some_and(|r| r.iter().any(|name| name == key))
+        };
+        let mut keys: Vec<(&String, &Value)> = properties.iter().collect();
+        keys.sort_by_key(|(key, _)| !must(key));
+        let mut inner = Vec::new();
+        *self.page += "\n| key | value | meaning |\n|---|---|---|\n";
+        for (key, property) in keys.into_iter().filter(|(_, property)| property["const"].is_null())
+        {
+            let name = if must(key) { format!("**`{key}`**") } else { format!("`{key}`") };
+            let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+            let value = self.value(&path, property, &mut inner);
+            let meaning = in_a_line(property["description"].as_str().unwrap_or_default());
+            let left_out = match &property["default"] {
+                Value::Null | Value::Object(_) | Value::Array(_) => String::new(),
+                Value::String(nothing) if nothing.is_empty() => String::new(),
+                default => format!(" Left out: {}.", bare(default)),
+            };
+            *self.page += &format!("| {name} | {value} | {meaning}{left_out} |\n");
+        }
+        for (heading, schema) in inner {
+            *self.page += &format!("\n### `{heading}`\n");
+            let path = heading.trim_matches(['[', ']']).to_string();
+            match schema["oneOf"].as_array() {
+                Some(kinds) => kinds.iter().for_each(|kind| self.kind(&heading, kind)),
+                None => self.table(&path, schema),
+            }
+        }
+    }
+
+    /// Writes a table that has one of several kinds.
+    fn kind(&mut self, heading: &str, schema: &'a Value) {
+        let kind = bare(&schema["properties"]["kind"]["const"]);
+        *self.page += &format!("\n#### `{heading}` with `kind = \"{kind}\"`\n");
+        self.table(heading.trim_matches(['[', ']']), schema);
+    }
+
+    /// What a key may be; tables go to `inner`.
+    fn value(&self, path: &str, property: &'a Value, inner: &mut Vec<Inner<'a>>) -> String {
+        let schema = self.resolved(property);
+        let items = self.resolved(&schema["items"]);
+        let values = self.resolved(&schema["additionalProperties"]);
+        let (heading, found) = match () {
+            () if schema["properties"].is_object() => (format!("[{path}]"), schema),
+            () if items["properties"].is_object()
+                || items["oneOf"][0]["properties"].is_object() =>
+            {
+                (format!("[[{path}]]"), items)
+            }
+            () if values["properties"].is_object() => (format!("[{path}.NAME]"), values),
+            () => return self.words(property),
+        };
+        let words = format!("table `{heading}`");
+        inner.push((heading, found));
+        words
+    }
+
+    /// What a value may be, in words.
+    fn words(&self, property: &Value) -> String {
+        let schema = self.resolved(property);
+        let alternatives = ["anyOf", "oneOf"].iter().find_map(|key| schema[key].as_array());
+        if let Some(all) = alternatives {
+            let between = if all[0]["const"].is_null() { ", or " } else { ", " };
+            let all = all.iter().filter(|one| one["type"] != "null");
+            return all.map(|one| self.words(one)).collect::<Vec<_>>().join(between);
+        }
+        if let Some(words) = schema["enum"].as_array() {
+            return words
+                .iter()
+                .map(|w| format!("`\"{}\"`", bare(w)))
+                .collect::<Vec<_>>()
+                .join(", ");
+        }
+        if !schema["const"].is_null() {
+            return format!("`\"{}\"`", bare(&schema["const"]));
+        }
+        if let Some(properties) = schema["properties"].as_object() {
+            let keys: Vec<&str> = properties.keys().map(String::as_str).collect();
+            return format!("`{{ {} }}`", keys.join(", "));
+        }
+        match kind(schema) {
+            "number" => format!("number{}", range(schema)),
+            "integer" => format!("whole number{}", range(schema)),
+            "boolean" => "true or false".into(),
+            "string" => "text".into(),
+            "array" => format!("list of: {}", self.words(&schema["items"])),
+            "object" if schema["additionalProperties"].is_object() => {
+                format!("table of: name = {}", self.words(&schema["additionalProperties"]))
+            }
+            "object" => "table".into(),
+            _ => "any".into(),
+        }
+    }
+
+    /// A schema without references and without "or nothing".
+    fn resolved<'v>(&self, schema: &'v Value) -> &'v Value
+    where
+        'a: 'v,
+    {
+        if let Some(place) = schema["$ref"].as_str() {
+            return self.root.pointer(place.trim_start_matches('#')).unwrap_or(schema);
+        }
+        match schema["anyOf"].as_array().map(Vec::as_slice) {
+            Some([one, nothing]) if nothing["type"] == "null" => self.resolved(one),
+            _ => schema,
+        }
+    }
+}
+
+/// The type of a schema; of a number or nothing, the number.
+fn kind(schema: &Value) -> &str {
+    match &schema["type"] {
+        Value::Array(types) => types[0].as_str(),
+        one => one.as_str(),
+    }
+    .unwrap_or_default()
+}
+
+fn range(schema: &Value) -> String {
+    match (&schema["minimum"], &schema["maximum"]) {
+        (Value::Null, _) => String::new(),
+        (low, Value::Null) => format!(" from {}", bare(low)),
+        (low, high) => format!(", {} to {}", bare(low), bare(high)),
+    }
+}
+
+/// A value without quotation marks, and whole numbers without a point.
+fn bare(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) if number.is_f64() => {
+            number.as_f64().unwrap_or_default().to_string()
+        }
+        other => other.to_string(),
+    }
+}
+
+fn in_a_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+}
