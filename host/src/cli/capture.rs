@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 /// Simulate a whole capture set: dark, flat, edge and chart stacks after a plan
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Built-in plans: diagnosis, optics, emva, ptc, paper. Example:\n  \
+#[command(after_help = "Built-in plans: diagnosis, optics, emva, ptc, paper. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc -o captures\n  \
     camrig measure ptc captures\n  \
     camrig capture --camera mt9v024 --size 128,128 --plan ptc --rig emulator: -o from-rig")]

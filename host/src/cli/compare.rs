@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// How far a camera file is from captures, statistic by statistic
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Exit status 1 where they disagree. Example:\n  \
+#[command(after_help = "Exit status 1 where they disagree. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
     camrig compare mt9v024 captures")]
 pub struct Args {

@@ -13,8 +13,7 @@ use std::process::ExitCode;
 /// packets) and .raw, headerless pixels in the V4L2 or GenICam format that the name says. Input is
 /// recognised by its content, also within gzip, except for headerless pixels.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:
-  camrig convert frame.dng frame.npy
+#[command(after_help = "Examples:\n  camrig convert frame.dng frame.npy
   camrig convert frame.dng frame_2048x1536_SGRBG10P.raw --hint
   camrig convert stack.npy stack.csi2 --bits 10
   camrig convert frame_640x480_SRGGB12P.raw frame.dng --black 64

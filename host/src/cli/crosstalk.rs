@@ -13,7 +13,7 @@ use std::process::ExitCode;
 
 /// The crosstalk experiment: simulate it, or fit its captures
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  \
+#[command(after_help = "Examples:\n  \
     camrig crosstalk bench --camera my.toml --frames 100 -o bench\n  \
     camrig crosstalk fit bench -o crosstalk.csv")]
 pub struct Args {
@@ -24,8 +24,11 @@ pub struct Args {
 #[derive(clap::Subcommand, Debug)]
 enum What {
     /// Simulate the experiment: seven filters, a 17 x 13 grid of points and four axis scans
+    #[command(after_help = "Examples:\n  \
+        camrig crosstalk bench --camera my.toml --frames 100 -o bench")]
     Bench(BenchArgs),
     /// Captures of role "rotation" to the table of factors, with uncertainty
+    #[command(after_help = "Examples:\n  camrig crosstalk fit bench -o crosstalk.csv")]
     Fit(FitArgs),
 }
 

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 /// Measure a camera on simulated captures and write its data sheet (HTML)
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig datasheet mt9t012 -o sheets\n\n\
+#[command(after_help = "Examples:\n  camrig datasheet mt9t012 -o sheets\n\n\
     Without a camera, mt9t012, mt9v024 and mobile: camrig datasheet -o sheets")]
 pub struct Args {
     /// Camera files or presets

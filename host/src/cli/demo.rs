@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// The main job on built-in data: a ColorChecker under D65 to raw files, pictures and a page
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig demo -o demo && open demo/report.html")]
+#[command(after_help = "Examples:\n  camrig demo -o demo && open demo/report.html")]
 pub struct Args {
     /// Directory for the results
     #[arg(short, long, default_value = "camrig-demo", value_name = "DIR")]

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Writes diagnosis.json, camera-improved.toml and report.html. Exit status 1 \
-    where something stays unexplained. Example:\n  \
+    where something stays unexplained. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
     camrig diagnose mt9v024 captures -o diagnosis"
 )]

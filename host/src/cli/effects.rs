@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 /// List the effects that a camera file may name in [[effect]], or describe one
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig effects defocus")]
+#[command(after_help = "Examples:\n  camrig effects defocus")]
 pub struct Args {
     /// An effect
     kind: Option<String>,

@@ -14,9 +14,9 @@ use std::process::ExitCode;
 
 /// The sensor stage alone on stored irradiance: another exposure, gain, light level or noise
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  \
-    camrig simulate --camera mt9t012 --scene colorchecker --exposure 20ms -o a.dng \
-    --save-irradiance a.irr\n  \
+#[command(after_help = "Examples:\n  \
+    camrig simulate --camera mt9t012 --scene colorchecker --exposure 20ms \\\n    \
+        -o a.dng --save-irradiance a.irr\n  \
     camrig expose --camera mt9t012 --irradiance a.irr --exposure 40ms --lux 10 -o dark.dng")]
 pub struct Args {
     #[command(flatten)]

@@ -29,6 +29,8 @@ mod datasheet;
 mod demo;
 mod diagnose;
 mod effects;
+#[cfg(test)]
+mod examples;
 mod explain;
 mod expose;
 mod frame_sink;

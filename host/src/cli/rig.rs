@@ -20,7 +20,7 @@ use std::process::ExitCode;
     emulator:                          an emulator in this process\n  \
     tcp://HOST:PORT                    an emulator elsewhere (camrig rig serve)\n  \
     serial:///dev/ttyACM0?baud=3000000 a serial port or a USB CDC-ACM device\n  \
-    hid://VID:PID[/SERIAL]             a USB HID device\n\nExample:\n  \
+    hid://VID:PID[/SERIAL]             a USB HID device\n\nExamples:\n  \
     camrig rig stream emulator: --camera mt9v024 --scene colorchecker --exposure 20ms \
     --frames 10")]
 pub struct Args {
@@ -41,7 +41,7 @@ enum Command {
 
 /// Show serial ports and HID devices that may be rigs
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig rig list --json")]
+#[command(after_help = "Examples:\n  camrig rig list --json")]
 struct ListArgs {
     /// Print one JSON object
     #[arg(long)]
@@ -50,7 +50,7 @@ struct ListArgs {
 
 /// Ask a rig what it can do
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig rig info tcp://127.0.0.1:7420 --json")]
+#[command(after_help = "Examples:\n  camrig rig info tcp://127.0.0.1:7420 --json")]
 struct InfoArgs {
     /// Address of the rig
     url: String,
@@ -108,7 +108,7 @@ struct ServeArgs {
 
 /// Decode the log of a firmware
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig rig log --elf rig-m4.elf uart1.bin")]
+#[command(after_help = "Examples:\n  camrig rig log --elf rig-m4.elf uart1.bin")]
 struct LogArgs {
     /// The firmware's ELF file, which holds the text of the messages
     #[arg(long, value_name = "FILE")]

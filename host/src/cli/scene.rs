@@ -44,7 +44,7 @@ enum Verb {
 
 /// List charts, illuminants and the scenes of a library
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene list my-scenes")]
+#[command(after_help = "Examples:\n  camrig scene list my-scenes")]
 struct ListArgs {
     /// Library directory
     library: Option<PathBuf>,
@@ -55,7 +55,7 @@ struct ListArgs {
 
 /// Say what a scene holds: size, bands, range of values
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene info cube.hdr --json")]
+#[command(after_help = "Examples:\n  camrig scene info cube.hdr --json")]
 struct InfoArgs {
     /// Chart, spectral cube, picture or scene directory
     scene: String,
@@ -66,7 +66,7 @@ struct InfoArgs {
 
 /// Make an sRGB picture of a scene under a light
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene show colorchecker --illuminant A -o chart.png")]
+#[command(after_help = "Examples:\n  camrig scene show colorchecker --illuminant A -o chart.png")]
 struct ShowArgs {
     /// Chart, spectral cube, picture or scene directory
     scene: String,
@@ -86,7 +86,7 @@ struct ShowArgs {
 
 /// Store a spectral cube in a library
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene add cube.mat --library my-scenes --name street")]
+#[command(after_help = "Examples:\n  camrig scene add cube.mat --library my-scenes --name street")]
 struct AddArgs {
     /// Spectral cube: .npy, .npz, .hdr, .mat, .h5, .exr, .tif, a folder of pictures, one per band;
     /// a picture: .png, .jpg, .tif, .exr, .hdr; or a scene directory
@@ -113,7 +113,7 @@ struct AddArgs {
 
 /// Write a scene for other programs: ENVI (.hdr with .img) or ISETCam (.mat)
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene export my-scenes/street -o envi/\n  \
+#[command(after_help = "Examples:\n  camrig scene export my-scenes/street -o envi/\n  \
                         camrig scene export colorchecker --format mat --width 640 -o chart/")]
 struct ExportArgs {
     /// Chart, spectral cube, picture or scene directory

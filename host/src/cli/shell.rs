@@ -19,7 +19,7 @@ pub struct CompletionsArgs {
 
 /// Write manual pages, one for each command
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig man -o man1 && man -l man1/camrig-simulate.1")]
+#[command(after_help = "Examples:\n  camrig man -o man1 && man -l man1/camrig-simulate.1")]
 pub struct ManArgs {
     /// Directory for the pages
     #[arg(short, long, value_name = "DIR")]

@@ -19,7 +19,7 @@ use std::process::ExitCode;
 
 /// Validate a camera model against captures, as Chen et al. 2009 did
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig validate paper -o paper.html")]
+#[command(after_help = "Examples:\n  camrig validate paper -o paper.html")]
 pub struct Args {
     #[command(subcommand)]
     what: What,

@@ -1,7 +1,7 @@
 //! Descriptions of the program for shells, editors and manuals: completions, manual pages, schema,
 //! explanations.
 
-use super::{camrig, camrig_ok};
+use super::{camrig, camrig_ok, small_camera};
 use camrig_tests::client;
 use serde_json::Value;
 use std::path::Path;
@@ -164,4 +164,40 @@ fn colours_obey_no_color() {
         assert!(on_a_terminal(false).contains("\x1b["), "{arguments}");
         assert!(!on_a_terminal(true).contains("\x1b["), "{arguments}");
     }
+}
+
+/// The page of keys is what the program prints, and an independent checker accepts each schema and
+/// the built-in files of its kind.
+#[test]
+fn the_reference_is_up_to_date_and_the_schemas_hold() {
+    let page = include_str!("../../../docs/reference.md");
+    let printed = text(camrig_ok(Path::new("."), "schema --markdown"));
+    assert!(page == printed, "camrig schema --markdown > docs/reference.md");
+    let Some(python) = client("jsonschema") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["captures", "plan", "sweep", "script", "lens"] {
+        let schema = text(camrig_ok(dir.path(), &format!("schema {name}")));
+        std::fs::write(dir.path().join(format!("{name}.json")), schema).unwrap();
+    }
+    let plans = concat!(env!("CARGO_MANIFEST_DIR"), "/../host/crates/capture/plans");
+    std::fs::write(dir.path().join("c.toml"), small_camera(64, 48, &[])).unwrap();
+    camrig_ok(dir.path(), "capture --camera c.toml --plan optics --frames 1 -o captures");
+    let check = "import glob, json, jsonschema, sys, tomllib\n\
+        def check(name):\n\
+        \x20   schema = json.load(open(name + '.json'))\n\
+        \x20   jsonschema.Draft202012Validator.check_schema(schema)\n\
+        \x20   return jsonschema.Draft202012Validator(schema)\n\
+        good = {'plan': glob.glob(sys.argv[1] + '/*.toml'), 'captures': ['captures/captures.toml']}\n\
+        for name in ['captures', 'plan', 'sweep', 'script', 'lens']:\n\
+        \x20   validator = check(name)\n\
+        \x20   for file in good.get(name, []):\n\
+        \x20       value = tomllib.load(open(file, 'rb'))\n\
+        \x20       validator.validate(value)\n\
+        \x20       assert not validator.is_valid(value | {'frmat': 1})\n\
+        \x20       print(name, file)\n";
+    let output =
+        Command::new(python).args(["-c", check, plans]).current_dir(dir.path()).output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{told}");
+    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 6, "five plans and a set");
 }

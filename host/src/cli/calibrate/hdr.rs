@@ -14,7 +14,7 @@ use std::path::PathBuf;
 ///
 /// Writes radiance.npy (DN/s), sigma.npy, flags.npy and hdr.toml.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene hdr exposures/ -o merged/")]
+#[command(after_help = "Examples:\n  camrig scene hdr exposures/ -o merged/")]
 pub struct HdrArgs {
     #[command(flatten)]
     source: Source,

@@ -11,7 +11,7 @@ use serde_json::json;
 ///
 /// Writes response.toml for `scene hdr`, and response.svg.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  camrig scene response chart-at-seven-exposures -o response/")]
+#[command(after_help = "Examples:\n  camrig scene response chart-at-seven-exposures -o response/")]
 pub struct ResponseArgs {
     #[command(flatten)]
     source: Source,

@@ -24,10 +24,10 @@ pub struct Args {
 #[derive(Subcommand)]
 enum What {
     /// Photon transfer: gain, read noise, full well, fixed patterns, dark current, non-linearity
-    #[command(after_help = "Example: camrig measure ptc captures/ --json --report ptc.html")]
+    #[command(after_help = "Examples:\n  camrig measure ptc captures/ --json --report ptc.html")]
     Ptc(captures::WithPage),
     /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
-    #[command(after_help = "Example: camrig measure emva captures/ --report emva.html")]
+    #[command(after_help = "Examples:\n  camrig measure emva captures/ --report emva.html")]
     Emva(captures::WithPage),
     /// Read noise, offset, noise of rows and columns and hot pixels of a stack of dark frames
     #[command(after_help = "Examples:\n  camrig measure dark dark-*.dng --dn-per-e 0.25\n  \
@@ -36,23 +36,23 @@ enum What {
     Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(
-        after_help = "Example: camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
+        after_help = "Examples:\n  camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
     )]
     Mtf(frames::MtfArgs),
     /// Means and standard deviations of ColorChecker patches
-    #[command(after_help = "Example: camrig measure patches chart.dng --json\n\
+    #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
     Patches(frames::PatchesArgs),
     /// Row or column profile, against another frame, and relative illumination
     #[command(
-        after_help = "Example: camrig measure profile a.dng --row 510 --against b.dng --channel g"
+        after_help = "Examples:\n  camrig measure profile a.dng --row 60 --against b.dng --channel g"
     )]
     Profile(frames::ProfileArgs),
     /// Signal rates per position of the filter pattern under each light, from exposure series
-    #[command(after_help = "Example: camrig measure rates captures/ --json")]
+    #[command(after_help = "Examples:\n  camrig measure rates captures/ --json")]
     Rates(captures::OnCaptures),
     /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
-    #[command(after_help = "Example: camrig measure compare captures-a captures-b")]
+    #[command(after_help = "Examples:\n  camrig measure compare captures-a captures-b")]
     Compare(captures::CompareArgs),
 }
 

@@ -26,15 +26,13 @@ use std::process::ExitCode;
 /// Send frames of irradiance, take raw frames back
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
-    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr --exposure 20ms \
-    --frames 100\n  \
-    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms --fps 2 \
-    -o out.csi2\n  \
-    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --frames 20 \
-    --json\n  \
-    camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \
-    --frames 90 \\\n    \
-        -o - --to SRGGB16 | ffmpeg -f rawvideo -pixel_format bayer_rggb16le \
+    camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr \\\n    \
+        --exposure 20ms --frames 100\n  \
+    camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms \\\n    \
+        --fps 2 -o out.csi2\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --json\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \\\n    \
+        --frames 90 -o - --to SRGGB16 | ffmpeg -f rawvideo -pixel_format bayer_rggb16le \\\n    \
         -video_size 752x480 -i - dots.mp4\n\n\
     A script:\n  \
     format = \"rig-script/1\"\n  \
