@@ -53,4 +53,4 @@ pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
 pub use frame::RawFrame;
 pub use plane::Plane;
-pub use spectrum::{Bands, Spectrum};
+pub use spectrum::{Bands, Outside, Spectrum};

@@ -34,11 +34,22 @@ impl Bands {
 /// three digits says of its ends.
 const ENDS_AT_ZERO: f64 = 1e-3;
 
+/// What a curve is at wavelengths outside its samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outside {
+    /// Its first or last value: what varies slowly, such as a lamp or a lens.
+    #[default]
+    Held,
+    /// Zero: what makers tabulate where it matters, such as filters and quantum efficiencies.
+    Zero,
+}
+
 /// A tabulated curve over wavelength, linear between its samples.
 #[derive(Clone)]
 pub struct Spectrum {
     wavelength_nm: Vec<f64>,
     value: Vec<f64>,
+    outside: Outside,
     /// The table that it is from; for messages alone.
     table: Option<Box<Table>>,
 }
@@ -52,23 +63,25 @@ struct Table {
     remarks: Vec<String>,
 }
 
-/// The same samples; where they are from does not count.
+/// The same curve; where it is from does not count.
 impl PartialEq for Spectrum {
     fn eq(&self, other: &Self) -> bool {
-        (&self.wavelength_nm, &self.value) == (&other.wavelength_nm, &other.value)
+        (&self.wavelength_nm, &self.value, self.outside)
+            == (&other.wavelength_nm, &other.value, other.outside)
     }
 }
 
-/// The samples alone, as they tell curves apart in keys.
+/// The curve alone, as it tells curves apart in keys.
 impl std::fmt::Debug for Spectrum {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut debug = f.debug_struct("Spectrum");
-        debug.field("wavelength_nm", &self.wavelength_nm).field("value", &self.value).finish()
+        debug.field("wavelength_nm", &self.wavelength_nm).field("value", &self.value);
+        debug.field("outside", &self.outside).finish()
     }
 }
 
 impl Spectrum {
-    /// A curve from samples: wavelengths in nm, and a value at each.
+    /// A curve from samples: wavelengths in nm, and a value at each; held outside them.
     ///
     /// # Errors
     /// No samples, unequal numbers, wavelengths that do not rise strictly, values that are not
@@ -94,12 +107,24 @@ impl Spectrum {
             return Err(Error::input(format!("value {} at {} nm", value[i], wavelength_nm[i]))
                 .help("values must be finite numbers"));
         }
-        Ok(Self { wavelength_nm, value, table: None })
+        Ok(Self { wavelength_nm, value, outside: Outside::Held, table: None })
     }
 
     /// The same value at every wavelength.
     pub fn constant(value: f64) -> Self {
-        Self { wavelength_nm: vec![550.0], value: vec![value], table: None }
+        Self {
+            wavelength_nm: vec![550.0],
+            value: vec![value],
+            outside: Outside::Held,
+            table: None,
+        }
+    }
+
+    /// The curve with other values outside its samples.
+    #[must_use]
+    pub fn outside(mut self, outside: Outside) -> Self {
+        self.outside = outside;
+        self
     }
 
     /// The curve with remarks on how its table was read, for [`Spectrum::notes`].
@@ -111,11 +136,11 @@ impl Spectrum {
         self
     }
 
-    /// Remarks for the user: what was assumed in reading the table, and where it is held beyond its
-    /// end in `bands`.
+    /// Remarks for the user: what was assumed in reading the table, and where `bands` reach beyond
+    /// its end.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
         let Some(table) = &self.table else { return Vec::new() };
-        table.remarks.iter().cloned().chain(self.held(bands)).collect()
+        table.remarks.iter().cloned().chain(self.beyond(bands)).collect()
     }
 
     /// The curve as one from a table, which [`Spectrum::notes`] names.
@@ -126,30 +151,31 @@ impl Spectrum {
     }
 
     /// What to tell the user where `bands` reach beyond the table that this curve is from, and its
-    /// end is not zero: its last value is held there, which may be far from the truth (a quantum
-    /// efficiency that ends at 720 nm, a lamp measured to 650 nm).
-    pub fn held(&self, bands: &Bands) -> Option<String> {
+    /// end is not zero: what is taken there may be far from the truth (a quantum efficiency that
+    /// ends at 720 nm, a lamp measured to 650 nm).
+    pub fn beyond(&self, bands: &Bands) -> Option<String> {
         let source = self.table.as_ref()?.name.as_ref()?;
         let largest = self.value.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let counts = |value: f64| value.abs() > ENDS_AT_ZERO * largest;
         let (first, last) = self.range_nm();
         let (low, high) = (bands.nm(0), bands.nm(bands.count.saturating_sub(1)));
         let (start, end) = (self.value[0], self.value[self.value.len() - 1]);
+        let (taken, remedy) = match self.outside {
+            Outside::Held => ("held", "(with zeros, where it is 0)"),
+            Outside::Zero => ("taken as 0", "(or says `# outside: held` if it goes on so)"),
+        };
         let mut ends = Vec::new();
         if low < first && counts(start) {
             ends.push(format!(
-                "begins at {first} nm with {start:.3}, which is held down to {low} nm"
+                "begins at {first} nm with {start:.3}, and is {taken} down to {low} nm"
             ));
         }
         if high > last && counts(end) {
-            ends.push(format!("ends at {last} nm with {end:.3}, which is held up to {high} nm"));
+            ends.push(format!("ends at {last} nm with {end:.3}, and is {taken} up to {high} nm"));
         }
         (!ends.is_empty()).then(|| {
             let ends = ends.join(" and ");
-            format!(
-                "{source} {ends}: use a table that reaches further if that is not so (with zeros, \
-                 where it is 0)"
-            )
+            format!("{source} {ends}: use a table that reaches further if that is not so {remedy}")
         })
     }
 
@@ -163,8 +189,12 @@ impl Spectrum {
         self.wavelength_nm.iter().copied().zip(self.value.iter().copied())
     }
 
-    /// The value at a wavelength: linear between samples, the end value outside the table.
+    /// The value at a wavelength: linear between samples; outside them as [`Outside`] says.
     pub fn at(&self, nm: f64) -> f64 {
+        let (first, last) = self.range_nm();
+        if self.outside == Outside::Zero && !(first..=last).contains(&nm) {
+            return 0.0;
+        }
         let i = self.wavelength_nm.partition_point(|&w| w <= nm);
         if i == 0 {
             return self.value[0];
@@ -177,17 +207,24 @@ impl Spectrum {
         self.value[i - 1] + t * (self.value[i] - self.value[i - 1])
     }
 
-    /// The product of two curves at the samples of both, linear between them.
+    /// The product of two curves at the samples of both, linear between them; zero outside where
+    /// one of them is.
     ///
     /// # Errors
     /// None while products of the values are finite.
     pub fn times(&self, other: &Self) -> Result<Self> {
-        let mut nm: Vec<f64> =
-            [self, other].iter().flat_map(|s| &s.wavelength_nm).copied().collect();
+        let both = [self, other];
+        let zero = || both.into_iter().filter(|s| s.outside == Outside::Zero);
+        let mut nm: Vec<f64> = both.iter().flat_map(|s| &s.wavelength_nm).copied().collect();
+        nm.retain(|nm| zero().all(|s| (s.range_nm().0..=s.range_nm().1).contains(nm)));
         nm.sort_by(f64::total_cmp);
         nm.dedup();
+        if nm.is_empty() {
+            return Ok(Self::constant(0.0));
+        }
         let value = nm.iter().map(|&nm| self.at(nm) * other.at(nm)).collect();
-        Self::new(nm, value)
+        let outside = zero().next().map_or(Outside::Held, |s| s.outside);
+        Ok(Self::new(nm, value)?.outside(outside))
     }
 
     /// The value at each band's centre.
@@ -210,11 +247,21 @@ impl Spectrum {
 
     /// The exact mean of the curve from one wavelength to a longer one, nm.
     pub fn mean(&self, from_nm: f64, to_nm: f64) -> f64 {
-        let first = self.wavelength_nm.partition_point(|&w| w <= from_nm);
-        let (mut previous, mut area) = ((from_nm, self.at(from_nm)), 0.0);
+        let (start, end) = match self.outside {
+            Outside::Held => (from_nm, to_nm),
+            Outside::Zero => {
+                let (first, last) = self.range_nm();
+                (from_nm.max(first), to_nm.min(last))
+            }
+        };
+        if start >= end {
+            return 0.0;
+        }
+        let first = self.wavelength_nm.partition_point(|&w| w <= start);
+        let (mut previous, mut area) = ((start, self.at(start)), 0.0);
         let inside = self.wavelength_nm[first..].iter().copied().zip(&self.value[first..]);
-        let inside = inside.map(|(w, &v)| (w, v)).take_while(|&(w, _)| w < to_nm);
-        for (nm, value) in inside.chain([(to_nm, self.at(to_nm))]) {
+        let inside = inside.map(|(w, &v)| (w, v)).take_while(|&(w, _)| w < end);
+        for (nm, value) in inside.chain([(end, self.at(end))]) {
             area += (nm - previous.0) * (value + previous.1) / 2.0;
             previous = (nm, value);
         }
@@ -231,15 +278,30 @@ mod tests {
         let table = Spectrum::new(vec![400.0, 600.0, 720.0], vec![0.1, 0.6, 0.4]).unwrap();
         let table = table.from_table("qe.csv");
         let bands = |start_nm, count| Bands { start_nm, step_nm: 10.0, count };
-        assert_eq!(table.held(&bands(400.0, 33)), None);
-        let said = table.held(&bands(360.0, 65)).unwrap();
+        assert_eq!(table.beyond(&bands(400.0, 33)), None);
+        let said = table.beyond(&bands(360.0, 65)).unwrap();
         for part in ["qe.csv", "at 400 nm with 0.100", "360 nm", "at 720 nm with 0.400", "1000 nm"]
         {
             assert!(said.contains(part), "{said}");
         }
         let zeros = Spectrum::new(vec![400.0, 600.0, 720.0], vec![0.0, 0.6, 5e-4]).unwrap();
-        assert_eq!(zeros.from_table("qe.csv").held(&bands(360.0, 65)), None);
-        assert_eq!(Spectrum::constant(0.5).held(&bands(360.0, 65)), None);
+        assert_eq!(zeros.from_table("qe.csv").beyond(&bands(360.0, 65)), None);
+        assert_eq!(Spectrum::constant(0.5).beyond(&bands(360.0, 65)), None);
+    }
+
+    #[test]
+    fn what_is_outside_a_table_is_held_or_zero() {
+        let table = Spectrum::new(vec![400.0, 405.0, 410.0], vec![2.0, 4.0, 4.0]).unwrap();
+        assert_eq!((table.at(390.0), table.at(420.0), table.mean(400.0, 420.0)), (2.0, 4.0, 3.75));
+        let zero = table.clone().outside(Outside::Zero);
+        assert_eq!([390.0, 400.0, 410.0, 410.1].map(|nm| zero.at(nm)), [0.0, 2.0, 4.0, 0.0]);
+        // 35 nm under the curve in 20 nm.
+        assert_eq!((zero.mean(395.0, 415.0), zero.mean(411.0, 415.0)), (35.0 / 20.0, 0.0));
+        let said = zero.clone().from_table("qe").beyond(&Bands::VISIBLE).unwrap();
+        assert!(said.contains("410 nm with 4.000, and is taken as 0 up to 700 nm"), "{said}");
+        let wide = Spectrum::new(vec![380.0, 408.0, 800.0], vec![1.0, 1.0, 1.0]).unwrap();
+        let product = wide.times(&zero).unwrap();
+        assert_eq!([399.9, 402.5, 409.0, 411.0].map(|nm| product.at(nm)), [0.0, 3.0, 4.0, 0.0]);
     }
 
     #[test]

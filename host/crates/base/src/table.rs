@@ -3,8 +3,10 @@
 //!
 //! Tables are read as other programs write them: separated by commas, semicolons, tabs or blanks,
 //! with a decimal comma where the comma does not separate; with any header or none; in nm, µm or Å;
-//! from short to long wavelengths or back. What was assumed is in [`SpectralTable::remarks`].
+//! from short to long wavelengths or back. What was assumed is in [`SpectralTable::remarks`]. A line
+//! `# outside: held` or `# outside: zero` says what the curves are outside their wavelengths.
 
+use crate::spectrum::Outside;
 use crate::table_form::{Form, content};
 use crate::{Error, Result, Spectrum};
 use std::path::Path;
@@ -22,6 +24,8 @@ pub struct SpectralTable {
     pub curves: Vec<(String, Vec<f64>)>,
     /// Whether the header says that values are per cent.
     pub percent: bool,
+    /// What the file says of wavelengths outside.
+    pub outside: Option<Outside>,
     /// What was assumed, for the user.
     pub remarks: Vec<String>,
     /// What remarks call the table.
@@ -93,7 +97,8 @@ impl SpectralTable {
             wavelength_nm.reverse();
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
-        Ok(Self { wavelength_nm, curves, percent: form.percent, remarks, name: None })
+        let outside = outside(text)?;
+        Ok(Self { wavelength_nm, curves, percent: form.percent, outside, remarks, name: None })
     }
 
     /// The table with the name that remarks call it by.
@@ -137,13 +142,34 @@ impl SpectralTable {
     /// Those of [`Spectrum::new`], which a table that was read has not.
     pub fn spectrum(&self, column: usize) -> Result<Spectrum> {
         let curve = Spectrum::new(self.wavelength_nm.clone(), self.curves[column].1.clone())?;
-        Ok(curve.remarked(&self.remarks))
+        Ok(curve.remarked(&self.remarks).outside(self.outside.unwrap_or_default()))
     }
 
     /// The column of that name (any letter case).
     pub fn column(&self, name: &str) -> Option<usize> {
         self.curves.iter().position(|(n, _)| n.eq_ignore_ascii_case(name))
     }
+}
+
+/// What a remark `# outside: ...` of a table says.
+fn outside(text: &str) -> Result<Option<Outside>> {
+    let remarks = text.lines().enumerate().filter_map(|(i, line)| {
+        let said = line.trim().strip_prefix('#')?.trim().strip_prefix("outside:")?;
+        Some((i + 1, said.trim()))
+    });
+    let mut found = None;
+    for (line, said) in remarks {
+        found = Some(match said {
+            "held" => Outside::Held,
+            "zero" => Outside::Zero,
+            _ => {
+                return Err(Error::input(format!("outside: {said:?}"))
+                    .at(format!("line {line}"))
+                    .help("the values outside the table are `held` or `zero`"));
+            }
+        });
+    }
+    Ok(found)
 }
 
 /// The text of a table's file: UTF-8, UTF-16 with its mark (a spreadsheet's "Unicode text"), else
@@ -188,6 +214,15 @@ mod tests {
             let message = SpectralTable::parse(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text:?} gives {message}");
         }
+    }
+
+    #[test]
+    fn a_table_says_what_is_outside_it() {
+        let table = |remark: &str| SpectralTable::parse(&format!("{remark}\n400,1\n410,2\n"));
+        assert_eq!(table("# a remark").unwrap().outside, None);
+        assert_eq!(table("# outside: zero").unwrap().spectrum(0).unwrap().at(411.0), 0.0);
+        assert_eq!(table("# outside: held").unwrap().spectrum(0).unwrap().at(411.0), 2.0);
+        assert!(table("# outside: nil").unwrap_err().to_string().contains("line 1"));
     }
 
     /// The same table as different programs write it.

@@ -8,7 +8,7 @@ use super::{
     csv_reader,
 };
 use camrig_base::table::SpectralTable;
-use camrig_base::{Cfa, Error, Result, Spectrum, mistakes, toml_text};
+use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
 use std::cell::RefCell;
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
@@ -136,9 +136,8 @@ fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensMode
         Some(NumberOrFile::Number(t)) => {
             Spectrum::constant(keys.within("transmittance", *t, 0.0..=1.0, "")?)
         }
-        Some(NumberOrFile::File(name)) => {
-            fraction_curve(name, folder).map_err(|e| e.at(keys.place("transmittance")))?
-        }
+        Some(NumberOrFile::File(name)) => fraction_curve(name, Outside::Held, folder)
+            .map_err(|e| e.at(keys.place("transmittance")))?,
     };
     let kind = match kind {
         "characterised" => LensKind::Characterised(folder.path(&keys.required(
@@ -229,7 +228,9 @@ fn sensor(
         }
     };
     let ir_cut = match &file.ir_cut {
-        Some(name) => Some(fraction_curve(name, folder).map_err(|e| e.at(keys.place("ir_cut")))?),
+        Some(name) => Some(
+            fraction_curve(name, Outside::Zero, folder).map_err(|e| e.at(keys.place("ir_cut")))?,
+        ),
         None => None,
     };
     let crosstalk = match &file.crosstalk {
@@ -307,15 +308,16 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
     })
 }
 
-/// A curve of fractions over wavelength: a table of one column.
-fn fraction_curve(name: &str, folder: &Folder<'_>) -> Result<Spectrum> {
+/// A curve of fractions over wavelength: a table of one column, and what it is outside the table
+/// unless that says otherwise.
+fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<Spectrum> {
     let table = spectral_table(name, WIDEST_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))
             .at(name)
             .help("the columns are wavelength_nm,transmittance"));
     }
-    Ok(table.spectrum(0)?.from_table(name))
+    Ok(table.spectrum(0)?.from_table(name).outside(table.outside.unwrap_or(outside)))
 }
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
@@ -386,8 +388,9 @@ fn scaled_to(peak: f64, table: &mut SpectralTable) -> Result<()> {
     Ok(())
 }
 
-/// Channel names and curves, scaled to a peak where one is given. The table's columns are r,g,b or
-/// r,gr,gb,b for Bayer patterns, one column for mono, else one column per letter of the pattern.
+/// Channel names and curves, scaled to a peak where one is given; zero outside the table unless
+/// that says otherwise. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one column
+/// for mono, else one column per letter of the pattern.
 fn quantum_efficiency(
     name: &str,
     cfa: &Cfa,
@@ -398,10 +401,11 @@ fn quantum_efficiency(
     if let Some(peak) = peak {
         scaled_to(peak, &mut table).map_err(|e| e.at(name))?;
     }
+    let outside = table.outside.unwrap_or(Outside::Zero);
     let letters: Vec<String> =
         cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
     let names = if cfa.is_mono() && table.curves.len() == 1 {
-        return Ok((letters, vec![table.spectrum(0)?.from_table(name)]));
+        return Ok((letters, vec![table.spectrum(0)?.from_table(name).outside(outside)]));
     } else if table.column("gr").is_some() && table.column("gb").is_some() {
         ["r", "gr", "gb", "b"].map(String::from).to_vec()
     } else {
@@ -419,7 +423,8 @@ fn quantum_efficiency(
                     known.join(",")
                 ))
             })?;
-        curves.push(table.spectrum(column)?.from_table(format!("{name}, column {channel:?},")));
+        let curve = table.spectrum(column)?.from_table(format!("{name}, column {channel:?},"));
+        curves.push(curve.outside(outside));
     }
     Ok((names, curves))
 }

@@ -335,7 +335,8 @@ pub const KEYS: &[Key] = &[
         "0.3 to 0.8 at the peak",
         "Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or \
          gr,gb apart, one column for mono, a column per letter of the pattern). Straight lines \
-         join its points, at most 100 nm apart.",
+         join its points, at most 100 nm apart; outside them it is zero, or held where the CSV has \
+         a line `# outside: held`.",
     ),
     key(
         "sensor",
@@ -354,7 +355,7 @@ pub const KEYS: &[Key] = &[
         "",
         Some("none"),
         "",
-        "Infrared cut filter: CSV of wavelength_nm,transmittance.",
+        "Infrared cut filter: CSV of wavelength_nm,transmittance; outside its wavelengths as for qe.",
     ),
     key(
         "sensor",

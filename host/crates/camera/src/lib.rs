@@ -168,7 +168,7 @@ pub fn is_preset(spec: &str) -> bool {
 
 impl Camera {
     /// Remarks for the user on light in `bands`: what was assumed in reading tables, and where
-    /// their last value is held beyond their end.
+    /// the light reaches beyond them.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
         let sensor = &self.sensor;
         let curves =
