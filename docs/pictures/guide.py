@@ -74,21 +74,23 @@ def diagnosis(work):
 
 
 def rig(work):
-    """The live page, with a browser that waits for some frames."""
+    """The console, with a browser that waits for some frames."""
     view = subprocess.Popen(VIEW, stdout=subprocess.PIPE, text=True)
     try:
         url = view.stdout.readline().strip()
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(
                 executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-            page = browser.new_page(viewport={"width": 1100, "height": 860})
+            page = browser.new_page(viewport={"width": 1280, "height": 860})
             page.goto(url)
             page.wait_for_timeout(15_000)
             page.screenshot(path=work / "view.png")
             browser.close()
     finally:
         view.kill()
-    save_with_palette(Image.open(work / "view.png").convert("RGB"), HERE / "rig-view.png")
+    # Dithering would put dots into the dark page.
+    picture = Image.open(work / "view.png").convert("RGB")
+    picture.quantize(256, dither=Image.Dither.NONE).save(HERE / "rig-view.png", optimize=True)
 
 
 PICTURES = {

@@ -1,4 +1,10 @@
-//! A live page of a rig: a small HTTP server on this machine.
+//! The console: a live page of a rig.
+//!
+//! # How frames get there
+//! The streaming thread leaves its newest frame and its figures in [`Shared`] and waits for
+//! nobody. A browser asks for what is next over a WebSocket when it has drawn what it had, so a
+//! slow one sees fewer frames. Samples travel as they are; the page develops, measures and plots
+//! them itself, also while it is frozen.
 //!
 //! # Who may use it
 //! Other pages in the same browser, and other programs' pages on this machine, must not drive the
@@ -6,56 +12,76 @@
 //! - it listens on the loopback interface unless told otherwise;
 //! - every request must name this server in `Host` (a name rebound to 127.0.0.1 does not pass),
 //!   and its `Origin`, where a browser sends one, must be this page's;
-//! - everything but the page itself needs the token, in a header that other origins cannot send
-//!   without a permission that is never given. The token comes with the address that is printed,
-//!   in its fragment, which browsers do not send on.
+//! - the WebSocket needs the token. It comes with the address that is printed, in its fragment,
+//!   which browsers do not send on.
+//!
+//! # What it may cost
+//! Each connection has a thread, and there are at most [`MOST_CONNECTIONS`]. Request heads and
+//! messages are short, and who neither reads nor writes is given up.
 
+mod assets;
+mod guard;
+mod http;
+mod message;
+mod order;
+mod socket;
 mod state;
 
-pub use state::{State, Told};
+pub use order::Order;
+pub use state::{
+    Event, Frame, Light, Recording, Register, Settings, Shared, Source, State, Status, Timing,
+};
 
 use camrig_base::{Error, Result};
-use camrig_rig::Token;
-use serde::Deserialize;
-use std::io::Read;
-use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, mpsc};
-use tiny_http::{Header, Method, Request, Response, Server};
+use guard::Guard;
+use http::{Head, Refusal};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
-/// What the page asks of the rig.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Control {
-    /// Exposure to write, s.
-    pub exposure_s: Option<f64>,
-    /// Gain to write.
-    pub analog_gain: Option<f64>,
+/// Connections at a time. A browser's tab has one for the frames and up to six while it loads.
+pub const MOST_CONNECTIONS: usize = 32;
+/// Time in which a request's head must have come. A trade: slow networks make it, and a stuck
+/// client soon makes room.
+const HEAD_PATIENCE: Duration = Duration::from_secs(10);
+/// Time in which a client must take up bytes sent to it.
+const WRITE_PATIENCE: Duration = Duration::from_secs(10);
+/// Pause after a connection that the operating system could not give.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Who does what the page asks.
+pub trait Desk: Send + Sync {
+    /// Passes an order, whose values are in range, to the stream.
+    ///
+    /// # Errors
+    /// Why it is not taken, in words.
+    fn order(&self, order: Order) -> Result<()>;
+
+    /// Saves a frame; where it is now, in words.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    fn save(&self, frame: &Frame) -> Result<String>;
 }
-
-impl Control {
-    fn is_in_range(&self) -> bool {
-        let ok = |v: Option<f64>, most: f64| v.is_none_or(|v| v > 0.0 && v <= most);
-        ok(self.exposure_s, LONGEST_EXPOSURE_S) && ok(self.analog_gain, LARGEST_GAIN)
-    }
-}
-
-/// Longest exposure that the page may ask for, s. A trade: long enough for any bench, and a slip
-/// of the hand does not stop the stream for hours.
-const LONGEST_EXPOSURE_S: f64 = 60.0;
-/// Largest gain that the page may ask for: the whole numbers of the rig's gain code, which has 16
-/// bits in steps of 1/256.
-const LARGEST_GAIN: f64 = 255.0;
-/// Longest request body, bytes: far more than a [`Control`] has.
-const LONGEST_BODY: u64 = 4096;
-/// The token's header.
-const TOKEN: &str = "X-Camrig-Token";
 
 /// The server of the page.
 pub struct View {
-    server: Arc<Server>,
+    listener: TcpListener,
     address: SocketAddr,
-    token: Token,
+    guard: Guard,
 }
+
+/// What all connections know.
+struct Console {
+    guard: Guard,
+    shared: Arc<Shared>,
+    desk: Box<dyn Desk>,
+    connections: AtomicUsize,
+}
+
+/// A connection that is counted until it ends.
+struct Counted(Arc<Console>);
 
 impl View {
     /// Listens on an address.
@@ -63,203 +89,76 @@ impl View {
     /// # Errors
     /// An address at which this machine cannot listen.
     pub fn listen(address: &str) -> Result<Self> {
-        let failed = |why: String| {
+        let failed = |why: std::io::Error| {
             Error::device(format!("cannot listen: {why}"))
                 .at(address)
                 .help("give an address of this machine and a free port, for instance 127.0.0.1:0")
         };
-        let server = Server::http(address).map_err(|e| failed(e.to_string()))?;
-        let ip = server.server_addr().to_ip().ok_or_else(|| failed("no address".into()))?;
-        Ok(Self { server: Arc::new(server), address: ip, token: Token::random()? })
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        Ok(Self { listener, address, guard: Guard::new(address)? })
     }
 
     /// Where the page is, its token included.
     pub fn url(&self) -> String {
-        format!("http://{}/#{}", self.address, self.token.secret())
+        format!("http://{}/#{}", self.address, self.guard.secret())
     }
 
-    /// Answers requests until the process ends. What the page asks of the rig goes to `controls`.
-    ///
-    /// Each request has a thread of its own, as its connection has in the server: an answer waits
-    /// for the request's body, which may never come, and for a client that may never read.
-    pub fn serve(self, state: Arc<Mutex<State>>, controls: mpsc::Sender<Control>) {
-        let page = Arc::new(self);
+    /// Answers requests until the process ends.
+    pub fn serve(self, shared: Arc<Shared>, desk: impl Desk + 'static) {
+        let console = Console {
+            guard: self.guard,
+            shared,
+            desk: Box::new(desk),
+            connections: AtomicUsize::new(0),
+        };
+        let console = Arc::new(console);
         std::thread::spawn(move || {
-            for request in page.server.incoming_requests() {
-                let (page, state, controls) = (page.clone(), state.clone(), controls.clone());
-                // Where there is no thread left, the connection is closed.
-                let _ = std::thread::Builder::new()
-                    .spawn(move || page.answer(request, &state, &controls));
+            for stream in self.listener.incoming() {
+                match stream {
+                    Ok(stream) => console.clone().accept(stream),
+                    Err(_) => std::thread::sleep(ACCEPT_PAUSE),
+                }
             }
         });
     }
+}
 
-    fn answer(
-        &self,
-        mut request: Request,
-        state: &Mutex<State>,
-        controls: &mpsc::Sender<Control>,
-    ) {
-        let response = match self.refusal(&request) {
-            Some((status, why)) => text(status, why),
-            None => self.page(&mut request, state, controls),
+impl Console {
+    /// Answers a connection on a thread of its own. Where there are too many, or no thread is
+    /// left, it is closed.
+    fn accept(self: Arc<Self>, stream: TcpStream) {
+        let taken = self.connections.fetch_add(1, Ordering::Relaxed);
+        let counted = Counted(self);
+        if taken < MOST_CONNECTIONS {
+            let _ = std::thread::Builder::new().spawn(move || counted.0.answer(stream));
+        }
+    }
+
+    fn answer(&self, mut stream: TcpStream) {
+        // What fails here fails with the first byte.
+        let _ = stream.set_nodelay(true);
+        let _ = stream.set_write_timeout(Some(WRITE_PATIENCE));
+        let head = Head::read(&mut stream, Instant::now() + HEAD_PATIENCE);
+        let sent = match head.and_then(|head| self.guard.check(&head).map(|()| head)) {
+            Ok(head) if head.path == "/socket" => return socket::serve(stream, head, self),
+            Ok(head) if head.method != "GET" => Refusal(405, "only GET").send(&mut stream),
+            Ok(head) => match assets::find(&head.path) {
+                Some(asset) => asset.send(&mut stream, head.only("Host").unwrap_or_default()),
+                None => Refusal(404, "nothing is here").send(&mut stream),
+            },
+            Err(refusal) => refusal.send(&mut stream),
         };
         // A browser that has gone does not want the answer.
-        let _ = request.respond(response);
-    }
-
-    /// Why a request is not answered.
-    fn refusal(&self, request: &Request) -> Option<(u16, &'static str)> {
-        let mut hosts = request.headers().iter().filter(|h| h.field.equiv("Host"));
-        let host = hosts.next().map(|h| h.value.as_str().to_string()).unwrap_or_default();
-        if hosts.next().is_some() || !self.is_own(&host) {
-            return Some((403, "this is not the address of this page"));
-        }
-        let foreign =
-            |h: &&Header| h.field.equiv("Origin") && h.value.as_str() != format!("http://{host}");
-        if request.headers().iter().any(|h| foreign(&h)) {
-            return Some((403, "another page may not ask this"));
-        }
-        let api = request.url().starts_with("/api/");
-        let token = request.headers().iter().find(|h| h.field.equiv(TOKEN));
-        if api && !token.is_some_and(|t| self.token.is(t.value.as_str().as_bytes())) {
-            return Some((
-                403,
-                "the token is missing or wrong: open the address that camrig printed",
-            ));
-        }
-        None
-    }
-
-    /// Whether a Host header names this server.
-    fn is_own(&self, host: &str) -> bool {
-        let port = self.address.port();
-        host == self.address.to_string()
-            || self.address.ip().is_loopback()
-                && ["localhost", "127.0.0.1", "[::1]"]
-                    .iter()
-                    .any(|n| host == format!("{n}:{port}"))
-    }
-
-    fn page(
-        &self,
-        request: &mut Request,
-        state: &Mutex<State>,
-        controls: &mpsc::Sender<Control>,
-    ) -> Answer {
-        let url = request.url().to_string();
-        let (path, query) = url.split_once('?').unwrap_or((&url, ""));
-        let number = |key: &str| {
-            query.split('&').find_map(|p| p.strip_prefix(key)?.strip_prefix('=')?.parse().ok())
-        };
-        // A thread that panicked has left the figures as they were.
-        let state = || state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        match (request.method(), path) {
-            (Method::Get, "/") => data("text/html; charset=utf-8", include_bytes!("page.html")),
-            (Method::Get, "/view.js") => data("text/javascript", include_bytes!("view.js")),
-            (Method::Get, "/view.css") => data("text/css", include_bytes!("view.css")),
-            (Method::Get, "/api/state") => {
-                let json = state().json(number("row"), number("column")).to_string();
-                data("application/json", json.as_bytes())
-            }
-            (Method::Get, "/api/frame.png") => picture(state().picture()),
-            (Method::Get, "/api/noise.png") => picture(state().noise_picture()),
-            (Method::Post, "/api/control") => {
-                let mut body = Vec::new();
-                let read = request.as_reader().take(LONGEST_BODY + 1).read_to_end(&mut body);
-                if read.is_err() || body.len() as u64 > LONGEST_BODY {
-                    return text(413, "too long");
-                }
-                match serde_json::from_slice::<Control>(&body) {
-                    Ok(control) if control.is_in_range() => match controls.send(control) {
-                        Ok(()) => data("application/json", b"{}"),
-                        Err(_) => text(409, "the stream has ended"),
-                    },
-                    _ => text(
-                        400,
-                        "use {\"exposure_s\": 0.01, \"analog_gain\": 2.0}: above zero, at most 60 \
-                         s and a gain of 255",
-                    ),
-                }
-            }
-            (_, "/" | "/view.js" | "/view.css" | "/api/state" | "/api/frame.png") => {
-                text(405, "only GET")
-            }
-            (_, "/api/control") => text(405, "only POST"),
-            _ => text(404, "nothing is here"),
-        }
+        let _ = sent;
     }
 }
 
-type Answer = Response<std::io::Cursor<Vec<u8>>>;
-
-fn data(kind: &str, bytes: &[u8]) -> Answer {
-    let headers = [
-        ("Content-Type", kind),
-        ("Cache-Control", "no-store"),
-        ("X-Content-Type-Options", "nosniff"),
-        ("X-Frame-Options", "DENY"),
-        ("Referrer-Policy", "no-referrer"),
-        ("Cross-Origin-Resource-Policy", "same-origin"),
-        (
-            "Content-Security-Policy",
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
-             connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-        ),
-    ];
-    let mut response = Response::from_data(bytes);
-    for (name, value) in headers {
-        if let Ok(header) = Header::from_bytes(name, value) {
-            response.add_header(header);
-        }
-    }
-    response
-}
-
-fn text(status: u16, why: &str) -> Answer {
-    data("text/plain; charset=utf-8", why.as_bytes()).with_status_code(status)
-}
-
-fn picture(picture: Result<Option<Vec<u8>>>) -> Answer {
-    match picture {
-        Ok(Some(png)) => data("image/png", &png),
-        Ok(None) => text(404, "not yet"),
-        Err(error) => text(500, &error.to_string()),
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.0.connections.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use camrig_formats::DngInfo;
-    use std::io::Write;
-    use std::net::TcpStream;
-    use std::time::Duration;
-
-    #[test]
-    fn a_request_whose_body_never_comes_does_not_hold_up_others() {
-        let page = View::listen("127.0.0.1:0").unwrap();
-        let (address, token) = (page.address, page.token.secret().to_string());
-        let (sender, _controls) = mpsc::channel();
-        page.serve(Arc::new(Mutex::new(State::new(DngInfo::default()))), sender);
-        let connect = |request: String| {
-            let mut stream = TcpStream::connect(address).unwrap();
-            stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-            stream.write_all(request.as_bytes()).unwrap();
-            stream
-        };
-        let post = |headers: &str, body: &str| {
-            connect(format!(
-                "POST /api/control HTTP/1.1\r\nHost: {address}\r\n{headers}\
-                 Content-Length: 300000\r\n\r\n{body}"
-            ))
-        };
-        let _stuck = [post("", ""), post("", "{"), post(&format!("{TOKEN}: {token}\r\n"), "{")];
-        let mut answer = String::new();
-        let headers = format!("Host: {address}\r\n{TOKEN}: {token}\r\nConnection: close");
-        connect(format!("GET /api/state HTTP/1.1\r\n{headers}\r\n\r\n"))
-            .read_to_string(&mut answer)
-            .unwrap();
-        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
-    }
-}
+mod tests;

@@ -1,254 +1,320 @@
-//! What the live page shows: the last frame and figures over frames, kept by the streaming thread.
+//! What the console knows: the newest frame, figures over frames, events. The streaming thread
+//! writes it, the pages' threads read it.
 
-use camrig_base::{Plane, RawFrame, Result};
-use camrig_formats::{DngInfo, png, preview};
-use camrig_report::plot::colour;
-use serde_json::{Value, json};
+use camrig_base::{Error, RawFrame};
+use camrig_exposure::CubeHeader;
+use camrig_formats::DngInfo;
+use camrig_scene::Illuminant;
+use camrig_sensor_core::config::FrameSettings;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
-/// Bins of the histogram: each is more than two pixels wide on the page.
-const BINS: usize = 256;
-/// Longest side of a picture, pixels; larger frames are thinned, so that a page keeps up with the
-/// stream.
-const PICTURE: usize = 1024;
-/// Weight of the last frame in the running mean of the frame rate. A trade: the figure follows a
-/// change within some five frames and still can be read.
-const RATE_WEIGHT: f64 = 0.2;
-/// Frames before the running mean of the frame rate begins: the first period holds the rig's
-/// start.
-const RATE_START: u64 = 3;
-/// Shortest period that a frame rate is computed from, s.
-const SHORTEST_PERIOD_S: f64 = 1e-6;
-/// White of the noise map, in root mean squares of the temporal noise: pixels of a normal sensor
-/// stay below it, pixels of excess noise reach it.
-const NOISE_WHITE: f64 = 3.0;
+/// Frames whose times are kept: more than a page plots.
+const TIMES: usize = 1024;
+/// Time over which the frame rate is counted, s. A trade: the figure follows a change and still
+/// can be read.
+const RATE_OVER_S: f64 = 2.0;
+/// Events that are kept for pages that come later.
+const EVENTS: usize = 100;
 
-/// The stream so far.
-pub struct State {
-    /// The last frame.
-    frame: Option<RawFrame>,
-    info: DngInfo,
-    /// Frames seen.
-    pub frames: u64,
-    /// Frames that the rig lost on request.
-    pub dropped: u64,
-    counter: u16,
-    exposure_s: f64,
-    analog_gain: f64,
-    frames_per_s: f64,
-    noise: Noise,
-    /// What the page asked for last and the rig cannot do, with its limit.
-    pub refused: Option<String>,
-    /// What the rig did to the last frame on request of its registers.
-    pub injected: Option<String>,
-    /// Why the stream ended.
-    pub ended: Option<String>,
+/// What a frame was exposed to.
+pub struct Light {
+    /// The light on a scene of reflectances.
+    pub illuminant: Option<Illuminant>,
+    /// What the irradiance was made from.
+    pub header: CubeHeader,
+    /// Colour and white of such frames.
+    pub info: DngInfo,
 }
 
-/// What the rig and the clock say about a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+/// A frame and how it came about.
+pub struct Frame {
+    /// Counted from 1.
+    pub number: u64,
+    /// The samples.
+    pub raw: RawFrame,
+    /// Exposure and gain in force.
+    pub settings: FrameSettings,
     /// The sensor's frame counter.
     pub counter: u16,
-    /// Exposure in force, s.
+    /// What the rig did to it on request of its registers.
+    pub injected: Option<String>,
+    /// What it was exposed to.
+    pub light: Arc<Light>,
+}
+
+/// What does not change.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Source {
+    /// The camera's name.
+    pub camera: String,
+    /// The rig's address, without its token.
+    pub rig: String,
+    /// Frames per second that are asked for.
+    pub fps: f64,
+    /// Scenes to choose from.
+    pub scenes: Vec<String>,
+    /// Lights to choose from.
+    pub illuminants: Vec<String>,
+}
+
+/// What was asked for last.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Settings {
+    /// Exposure, s.
     pub exposure_s: f64,
-    /// Gain in force.
+    /// Gain.
     pub analog_gain: f64,
-    /// Time since the frame before, s.
-    pub period_s: f64,
+    /// Whether the exposure follows the light.
+    pub auto_exposure: bool,
+    /// Illuminance, lx; `None` for a scene in its own light.
+    pub lux: Option<f64>,
+    /// The light's name; `None` for a scene in its own light.
+    pub illuminant: Option<String>,
+    /// The scene's name.
+    pub scene: String,
+}
+
+/// How the stream is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// No frame has come yet.
+    #[default]
+    Starting,
+    /// Frames come.
+    Streaming,
+    /// The link is down and is being opened again.
+    Reconnecting,
+}
+
+/// When a frame began.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Timing {
+    /// The frame's number.
+    pub frame: u64,
+    /// After the start of the stream, s.
+    pub at_s: f64,
+    /// After the beginning of the frame before, ms.
+    pub period_ms: f64,
+    /// Whether it began late.
+    pub late: bool,
+}
+
+/// Something to be told.
+#[derive(Clone, Debug, Serialize)]
+pub struct Event {
+    /// Counted from 1; one that is repeated gets a new number.
+    pub number: u64,
+    /// Frames that had come before it.
+    pub frame: u64,
+    /// What it is about: `rig`, `link`, `page`, `optics`.
+    pub source: &'static str,
+    /// In words.
+    pub text: String,
+    /// Whether something went wrong.
+    pub error: bool,
+    /// How often it happened in a row.
+    pub count: u32,
+}
+
+/// A register of the rig.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Register {
+    /// Its address.
+    pub address: u16,
+    /// What it is, with its unit.
+    pub name: &'static str,
+    /// What it holds.
+    pub value: u32,
+    /// Whether it takes values.
+    pub writable: bool,
+}
+
+/// A recording under way.
+#[derive(Clone, Debug, Serialize)]
+pub struct Recording {
+    /// The file.
+    pub path: String,
+    /// Frames in it.
+    pub frames: u64,
+}
+
+/// The stream so far.
+#[derive(Default)]
+pub struct State {
+    /// What does not change.
+    pub source: Source,
+    /// What was asked for.
+    pub settings: Settings,
+    /// How the stream is.
+    pub status: Status,
+    /// What is being computed, in words.
+    pub busy: Option<String>,
+    /// The newest frame.
+    pub newest: Option<Arc<Frame>>,
+    /// Frames begun, those that were dropped included.
+    pub frames: u64,
+    /// Frames that began late.
+    pub late: u64,
+    /// Frames that the rig dropped on request.
+    pub dropped: u64,
+    /// The registers as read last.
+    pub registers: Vec<Register>,
+    /// The recording under way.
+    pub recording: Option<Recording>,
+    times: VecDeque<Timing>,
+    events: VecDeque<Event>,
+    /// Events so far.
+    told: u64,
 }
 
 impl State {
-    /// A stream that has not begun.
-    pub fn new(info: DngInfo) -> Self {
-        Self {
-            frame: None,
-            info,
-            frames: 0,
-            dropped: 0,
-            counter: 0,
-            exposure_s: 0.0,
-            analog_gain: 0.0,
-            frames_per_s: 0.0,
-            noise: Noise::default(),
-            refused: None,
-            injected: None,
-            ended: None,
+    /// Counts a frame.
+    pub fn count(&mut self, timing: Timing) {
+        self.frames = timing.frame;
+        self.late += u64::from(timing.late);
+        if self.times.len() == TIMES {
+            self.times.pop_front();
         }
+        self.times.push_back(timing);
     }
 
-    /// Takes a frame. The noise map begins anew when exposure or gain change.
-    pub fn push(&mut self, frame: RawFrame, told: Told) {
-        if (self.exposure_s, self.analog_gain) != (told.exposure_s, told.analog_gain) {
-            self.noise = Noise::default();
+    /// Frames per second over the last [`RATE_OVER_S`]; `None` before two frames.
+    pub fn frames_per_s(&self) -> Option<f64> {
+        let newest = self.times.back()?.at_s;
+        let first = self.times.iter().find(|t| t.at_s >= newest - RATE_OVER_S)?;
+        let first = if first.at_s < newest { first } else { self.times.iter().nth_back(1)? };
+        let frames = self.times.back()?.frame - first.frame;
+        Some(frames as f64 / (newest - first.at_s))
+    }
+
+    /// Times of frames after one.
+    pub fn times_after(&self, frame: u64) -> Vec<Timing> {
+        self.times.iter().filter(|t| t.frame > frame).copied().collect()
+    }
+
+    /// Events after one.
+    pub fn events_after(&self, number: u64) -> Vec<&Event> {
+        self.events.iter().filter(|e| e.number > number).collect()
+    }
+
+    /// Tells something.
+    pub fn note(&mut self, source: &'static str, text: impl Into<String>) {
+        self.tell(source, text.into(), false);
+    }
+
+    /// Tells that something went wrong: what, where, and what would be right.
+    pub fn fault(&mut self, source: &'static str, error: &Error) {
+        let place = error.place().map_or(String::new(), |place| format!(" ({place})"));
+        let remedy = error.remedy().map_or(String::new(), |remedy| format!(": {remedy}"));
+        self.tell(source, format!("{}{place}{remedy}", error.what()), true);
+    }
+
+    fn tell(&mut self, source: &'static str, text: String, error: bool) {
+        self.told += 1;
+        let same = |e: &&mut Event| e.text == text && e.source == source;
+        if let Some(last) = self.events.back_mut().filter(same) {
+            (last.number, last.frame, last.count) = (self.told, self.frames, last.count + 1);
+            return;
         }
-        self.noise.push(&frame.data);
-        (self.exposure_s, self.analog_gain) = (told.exposure_s, told.analog_gain);
-        self.counter = told.counter;
-        self.frames += 1;
-        let now = 1.0 / told.period_s.max(SHORTEST_PERIOD_S);
-        self.frames_per_s = if self.frames < RATE_START {
-            now
-        } else {
-            (1.0 - RATE_WEIGHT) * self.frames_per_s + RATE_WEIGHT * now
-        };
-        self.frame = Some(frame);
-    }
-
-    /// The figures that the page shows; profiles along `row` and `column`, the middle ones unless
-    /// given.
-    pub fn json(&self, row: Option<usize>, column: Option<usize>) -> Value {
-        let Some(frame) = &self.frame else {
-            return json!({ "frames": 0, "refused": self.refused, "ended": self.ended });
-        };
-        let row = row.unwrap_or(frame.height / 2).min(frame.height - 1);
-        let column = column.unwrap_or(frame.width / 2).min(frame.width - 1);
-        let letter = |x: usize, y: usize| frame.cfa.letter(x, y).to_ascii_lowercase().to_string();
-        let line = |n: usize, at: &dyn Fn(usize) -> (usize, usize)| -> Vec<Value> {
-            let sample = |i| {
-                let (x, y) = at(i);
-                json!([letter(x, y), frame.data[y * frame.width + x]])
-            };
-            (0..n).map(sample).collect()
-        };
-        json!({
-            "frames": self.frames,
-            "dropped": self.dropped,
-            "counter": self.counter,
-            "frames_per_s": self.frames_per_s,
-            "exposure_s": self.exposure_s,
-            "analog_gain": self.analog_gain,
-            "width": frame.width,
-            "height": frame.height,
-            "bits": frame.bits,
-            "black_level_dn": frame.black_level_dn,
-            "white_level_dn": frame.white_level_dn,
-            "channels": frame.channel_means(),
-            "histogram": histogram(frame),
-            "row": row,
-            "column": column,
-            "row_profile": line(frame.width, &|x| (x, row)),
-            "column_profile": line(frame.height, &|y| (column, y)),
-            "noise_frames": self.noise.frames,
-            "noise_dn": self.noise.mean_sigma(),
-            "refused": self.refused,
-            "injected": self.injected,
-            "ended": self.ended,
-        })
-    }
-
-    /// The last frame as a PNG, and `None` before it.
-    ///
-    /// # Errors
-    /// A picture that cannot be encoded.
-    pub fn picture(&self) -> Result<Option<Vec<u8>>> {
-        let of = |frame| png::encode_rgb(&preview::thumbnail(frame, &self.info, PICTURE));
-        self.frame.as_ref().map(of).transpose()
-    }
-
-    /// Temporal noise as a PNG, black at 0 to white at three times its root mean square; `None`
-    /// before two frames.
-    ///
-    /// # Errors
-    /// A picture that cannot be encoded.
-    pub fn noise_picture(&self) -> Result<Option<Vec<u8>>> {
-        let Some(frame) = &self.frame else { return Ok(None) };
-        let Some(mean) = self.noise.mean_sigma() else { return Ok(None) };
-        let step = frame.width.max(frame.height).div_ceil(PICTURE / 2).max(1);
-        let (width, height) = ((frame.width / step).max(1), (frame.height / step).max(1));
-        let picture = Plane::from_fn(width, height, |x, y| {
-            let pixels = (0..step * step).map(|k| (x * step + k % step, y * step + k / step));
-            let inside = pixels.filter(|(x, y)| *x < frame.width && *y < frame.height);
-            let (sum, n) = inside.fold((0.0, 0.0), |(sum, n), (x, y)| {
-                (sum + self.noise.variance(y * frame.width + x), n + 1.0)
-            });
-            colour((sum / f64::max(n, 1.0)).sqrt() / (NOISE_WHITE * mean.max(f64::MIN_POSITIVE)))
-        });
-        png::encode_rgb(&picture).map(Some)
+        if self.events.len() == EVENTS {
+            self.events.pop_front();
+        }
+        let (number, frame) = (self.told, self.frames);
+        self.events.push_back(Event { number, frame, source, text, error, count: 1 });
     }
 }
 
-/// Counts per channel over the range of the converter.
-fn histogram(frame: &RawFrame) -> Vec<(String, Vec<u32>)> {
-    let channels = frame.cfa.channels();
-    let mut counts = vec![vec![0; BINS]; channels.len()];
-    for (y, row) in frame.data.chunks(frame.width).enumerate() {
-        for (x, &dn) in row.iter().enumerate() {
-            let bin = (usize::from(dn) * BINS) >> frame.bits;
-            counts[frame.cfa.channel(x, y)][bin.min(BINS - 1)] += 1;
-        }
-    }
-    channels.iter().map(|c| c.to_lowercase().to_string()).zip(counts).collect()
-}
-
-/// Mean and variance of each pixel over frames (Welford).
+/// The state between threads.
 #[derive(Default)]
-struct Noise {
-    frames: u32,
-    mean: Vec<f32>,
-    squares: Vec<f32>,
+pub struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
 }
 
-impl Noise {
-    fn push(&mut self, data: &[u16]) {
-        if self.mean.len() != data.len() {
-            *self =
-                Self { frames: 0, mean: vec![0.0; data.len()], squares: vec![0.0; data.len()] };
-        }
-        self.frames += 1;
-        let n = self.frames as f32;
-        for ((mean, squares), &dn) in self.mean.iter_mut().zip(&mut self.squares).zip(data) {
-            let difference = f32::from(dn) - *mean;
-            *mean += difference / n;
-            *squares += difference * (f32::from(dn) - *mean);
-        }
+impl Shared {
+    /// A stream that has not begun.
+    pub fn new(source: Source, settings: Settings) -> Self {
+        let state = State { source, settings, ..State::default() };
+        Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Variance over frames of a pixel, DN².
-    fn variance(&self, index: usize) -> f64 {
-        f64::from(self.squares[index]) / f64::from(self.frames.max(2) - 1)
+    /// The state as it is.
+    pub fn lock(&self) -> MutexGuard<'_, State> {
+        // A thread that panicked has left the figures as they were.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Root of the mean variance, DN; `None` before two frames.
-    fn mean_sigma(&self) -> Option<f64> {
-        let sum: f64 = self.squares.iter().map(|&s| f64::from(s)).sum();
-        let degrees = f64::from(self.frames.max(1) - 1) * self.squares.len() as f64;
-        (self.frames > 1).then(|| (sum / degrees).sqrt())
+    /// Changes the state and wakes who waits for news.
+    pub fn change<T>(&self, how: impl FnOnce(&mut State) -> T) -> T {
+        let result = how(&mut self.lock());
+        self.changed.notify_all();
+        result
+    }
+
+    /// The state, as soon as there is a frame or an event after these, or after `patience`.
+    pub fn news(&self, frame: u64, event: u64, patience: Duration) -> MutexGuard<'_, State> {
+        let until = Instant::now() + patience;
+        let mut state = self.lock();
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if state.frames > frame || state.told > event || left.is_zero() {
+                return state;
+            }
+            let woken = self.changed.wait_timeout(state, left);
+            state = woken.unwrap_or_else(PoisonError::into_inner).0;
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_base::Cfa;
 
-    fn frame(dn: [u16; 4]) -> RawFrame {
-        RawFrame {
-            width: 2,
-            height: 2,
-            bits: 10,
-            cfa: Cfa::parse("RGGB").unwrap(),
-            black_level_dn: 42.0,
-            white_level_dn: 1023,
-            data: dn.to_vec(),
-        }
+    fn timing(frame: u64, at_s: f64) -> Timing {
+        Timing { frame, at_s, period_ms: 0.0, late: frame.is_multiple_of(2) }
     }
 
     #[test]
-    fn noise_is_the_standard_deviation_over_frames_and_starts_anew_with_the_settings() {
-        let mut state = State::new(DngInfo::default());
-        let told = |gain| Told { counter: 1, exposure_s: 0.01, analog_gain: gain, period_s: 0.1 };
-        assert!(state.picture().unwrap().is_none());
-        for (a, b) in [(100, 200), (104, 200), (108, 200)] {
-            state.push(frame([a, b, b, b]), told(1.0));
-        }
-        // Variances 16, 0, 0, 0 DN²: mean 4, root 2.
-        assert_eq!(state.json(None, None)["noise_dn"].as_f64(), Some(2.0));
-        assert!(state.noise_picture().unwrap().is_some());
-        state.push(frame([9; 4]), told(2.0));
-        let now = state.json(Some(0), Some(99));
-        assert!(now["noise_dn"].is_null());
-        assert_eq!((now["frames"].as_u64(), now["column"].as_u64()), (Some(4), Some(1)));
-        assert_eq!(now["row_profile"][1], json!(["g", 9]));
-        assert_eq!(now["histogram"][1][1][2], 2, "both greens: {now}");
+    fn the_rate_is_counted_over_the_last_two_seconds() {
+        let mut state = State::default();
+        assert_eq!(state.frames_per_s(), None);
+        state.count(timing(1, 0.0));
+        assert_eq!(state.frames_per_s(), None);
+        state.count(timing(2, 4.0));
+        assert_eq!(state.frames_per_s(), Some(0.25));
+        (3..=60).for_each(|n| state.count(timing(n, 4.0 + (n - 2) as f64 / 16.0)));
+        assert_eq!((state.frames_per_s(), state.late), (Some(16.0), 30));
+        assert_eq!(state.times_after(58).iter().map(|t| t.frame).collect::<Vec<_>>(), [59, 60]);
+    }
+
+    #[test]
+    fn events_are_counted_where_they_repeat_and_old_ones_go() {
+        let mut state = State::default();
+        let error = Error::device("no answer").at("tcp://x").help("is it there?");
+        state.fault("link", &error);
+        state.fault("link", &error);
+        state.note("rig", "it is back");
+        let told: Vec<_> = state.events_after(0).iter().map(|e| (e.number, e.count)).collect();
+        assert_eq!(told, [(2, 2), (3, 1)]);
+        assert_eq!(state.events_after(0)[0].text, "no answer (tcp://x): is it there?");
+        (0..2 * EVENTS).for_each(|i| state.note("rig", i.to_string()));
+        assert_eq!(state.events_after(0).len(), EVENTS);
+    }
+
+    #[test]
+    fn who_waits_is_woken_by_news_or_after_a_while() {
+        let shared = Shared::default();
+        let began = Instant::now();
+        drop(shared.news(0, 0, Duration::from_millis(20)));
+        assert!(began.elapsed() >= Duration::from_millis(20));
+        std::thread::scope(|s| {
+            let waiting = s.spawn(|| shared.news(0, 0, Duration::from_secs(60)).frames);
+            shared.change(|state| state.count(timing(1, 0.0)));
+            assert_eq!(waiting.join().unwrap(), 1);
+        });
     }
 }

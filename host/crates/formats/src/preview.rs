@@ -160,37 +160,55 @@ impl Mean {
     }
 }
 
+/// What makes a frame's DN linear sRGB, for programs that develop it themselves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Development {
+    /// Black level of each cell of the pattern, DN.
+    pub black_dn: Vec<f64>,
+    /// White-balance gain over (white - black) of each cell of the pattern, 1/DN.
+    pub scale_per_dn: Vec<f64>,
+    /// White-balanced camera colour to linear sRGB.
+    pub srgb_from_camera: Matrix,
+}
+
+impl Development {
+    /// How a frame is developed.
+    #[must_use]
+    pub fn new(frame: &RawFrame, info: &DngInfo) -> Self {
+        let black_dn = black_levels(frame, info);
+        let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
+        let gain = |c: Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(LEAST_NEUTRAL));
+        let white = f64::from(frame.white_level_dn);
+        let scale = |(letter, black): (&char, &f64)| gain(rgb(*letter)) / (white - black).max(1.0);
+        let scale_per_dn = frame.cfa.letters.iter().zip(&black_dn).map(scale).collect();
+        let color = frame.cfa.channels() == ['R', 'G', 'B'];
+        let matrix = info.color_matrix_d65.filter(|_| color).and_then(srgb_from_camera);
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        Self { black_dn, scale_per_dn, srgb_from_camera: matrix.unwrap_or(identity) }
+    }
+}
+
+/// Channel R, G or B of a filter; `None` for one without colour.
+fn rgb(letter: char) -> Option<usize> {
+    "RGB".find(letter)
+}
+
 /// Conversion of a frame's DN to sRGB.
 struct ToSrgb {
     cfa_width: usize,
     cfa_height: usize,
     channel: Vec<Option<usize>>,
-    black: Vec<f64>,
-    /// White-balance gain over (white - black) of each cell of the pattern, 1/DN.
-    scale: Vec<f64>,
-    srgb_from_camera: Matrix,
+    development: Development,
     gamma: Vec<u8>,
 }
 
 impl ToSrgb {
     fn new(frame: &RawFrame, info: &DngInfo) -> Self {
-        let channel: Vec<_> = frame.cfa.letters.iter().map(|&c| "RGB".find(c)).collect();
-        let black = black_levels(frame, info);
-        let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
-        let gain = |c: &Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(LEAST_NEUTRAL));
-        let white = f64::from(frame.white_level_dn);
-        let scale =
-            channel.iter().zip(&black).map(|(c, b)| gain(c) / (white - b).max(1.0)).collect();
-        let color = frame.cfa.channels() == ['R', 'G', 'B'];
-        let matrix = info.color_matrix_d65.filter(|_| color).and_then(srgb_from_camera);
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         Self {
             cfa_width: frame.cfa.width,
             cfa_height: frame.cfa.height,
-            channel,
-            black,
-            scale,
-            srgb_from_camera: matrix.unwrap_or(identity),
+            channel: frame.cfa.letters.iter().map(|&c| rgb(c)).collect(),
+            development: Development::new(frame, info),
             gamma: (0..=u16::MAX).map(|v| gamma(f64::from(v) / 65535.0)).collect(),
         }
     }
@@ -207,12 +225,14 @@ impl ToSrgb {
     fn signal(&self, frame: &RawFrame, x: usize, y: usize) -> f32 {
         let cell = self.cell(x, y);
         let dn = f64::from(frame.data[y * frame.width + x]);
-        ((dn - self.black[cell]) * self.scale[cell]).min(1.0) as f32
+        let Development { black_dn, scale_per_dn, .. } = &self.development;
+        ((dn - black_dn[cell]) * scale_per_dn[cell]).min(1.0) as f32
     }
 
     /// Linear sRGB, white 1.
     fn linear(&self, camera: [f32; 3]) -> [f64; 3] {
-        self.srgb_from_camera
+        self.development
+            .srgb_from_camera
             .map(|row| row.iter().zip(&camera).map(|(m, c)| m * f64::from(*c)).sum())
     }
 

@@ -50,10 +50,7 @@ pub fn exposure_s(
     gain: Option<f64>,
     brightness: Brightness,
 ) -> Result<f64> {
-    let goal = match brightness {
-        Brightness::Highlights => HIGHLIGHTS,
-        Brightness::Mean(share) => share,
-    };
+    let goal = goal(brightness);
     if !(goal > BLACK && goal < SATURATED) {
         return Err(Error::input(format!("automatic exposure to {goal} of the range"))
             .help(format!("give a share from {BLACK} to {SATURATED}, such as 0.18")));
@@ -63,15 +60,10 @@ pub fn exposure_s(
     for _ in 0..TRIALS {
         let settings = camera.settings(0, exposure_s, gain);
         let frame = sensor.frame(cube, None, &settings, Arithmetic::F32)?;
-        let share = share(&frame, brightness);
-        if (share / goal - 1.0).abs() < ENOUGH {
+        let factor = correction(&frame, brightness);
+        if (1.0 / factor - 1.0).abs() < ENOUGH {
             return Ok(three_digits(exposure_s));
         }
-        let factor = match share {
-            s if s > SATURATED => 1.0 / STEP,
-            s if s < BLACK => STEP,
-            s => goal / s,
-        };
         let next = exposure_s * factor;
         if next < shortest || next > longest {
             break;
@@ -82,6 +74,24 @@ pub fn exposure_s(
         "no exposure from {shortest} to {longest} s brings the frame to {goal} of the range above \
          black: change light or gain, or give the time"
     )))
+}
+
+/// The factor by which the exposure of a frame is to be multiplied, as far as the frame tells: where
+/// it is saturated or black it tells the direction alone.
+pub fn correction(frame: &RawFrame, brightness: Brightness) -> f64 {
+    match share(frame, brightness) {
+        s if s > SATURATED => 1.0 / STEP,
+        s if s < BLACK => STEP,
+        s => goal(brightness) / s,
+    }
+}
+
+/// The share of the range above black that is asked for.
+fn goal(brightness: Brightness) -> f64 {
+    match brightness {
+        Brightness::Highlights => HIGHLIGHTS,
+        Brightness::Mean(share) => share,
+    }
 }
 
 /// How bright a frame is, of the range above black.

@@ -1,8 +1,8 @@
 //! `camrig rig stream`: frames of irradiance to a rig, raw frames back.
 
 mod light;
-mod output;
-mod pace;
+pub(super) mod output;
+pub(super) mod pace;
 mod report;
 
 use super::arguments::{self, CameraArgs, DeviceArgs, arithmetic, duration, positive};
@@ -150,7 +150,7 @@ pub struct Args {
 
 /// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
 /// for all frames. A trade: a gibibyte that any workstation has to spare.
-const KEPT_BYTES: usize = 1 << 30;
+pub(super) const KEPT_BYTES: usize = 1 << 30;
 
 fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &Args) -> Feed<'a> {
     if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }

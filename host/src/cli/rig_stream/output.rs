@@ -44,6 +44,19 @@ impl Output {
         }))
     }
 
+    /// A recording of whole frames that begins within a stream of `fps` frames per second.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`], a file that exists.
+    pub fn recording(path: PathBuf, fps: f64, camera: &Camera) -> Result<Self> {
+        let encoder = LiveEncoder::new(format(&path, None)?, Some(fps))?;
+        let mut frames = LiveFrames::create(&path, false, encoder)?;
+        if frames.has_camera() {
+            frames.set_camera(live::figures(camera)?);
+        }
+        Ok(Self { path, frames, readout: Readout::default(), numbers: Numbers::default() })
+    }
+
     /// Takes up the camera's figures where the format holds them, and refuses a sensor whose
     /// frames it cannot hold.
     pub fn prepare(

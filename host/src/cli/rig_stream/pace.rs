@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 /// A frame is late when it begins later than it was due by more than this share of the period,
 /// and by more than what an operating system may sleep too long, s.
-const LATE_SHARE: f64 = 0.1;
-const OVERSLEPT_S: f64 = 1e-3;
+pub const LATE_SHARE: f64 = 0.1;
+pub const OVERSLEPT_S: f64 = 1e-3;
 /// Share of the frame rate asked for below which it counts as missed: what a bench with a
 /// tolerance of a few per cent can live with.
 const KEPT_SHARE: f64 = 0.97;
@@ -34,6 +34,20 @@ pub struct Pace {
     latency: Vec<f64>,
     longest: f64,
     seconds: f64,
+}
+
+/// Waits until a frame is due, or a signal asks for the end. In long pauses the rig hears that this
+/// host is there.
+pub fn wait_until(due: Instant, rig: &mut Rig, stop: &Stoppable) {
+    loop {
+        let now = Instant::now();
+        stop.sleep_until(due.min(now + SILENCE));
+        if due <= now + SILENCE || stop.is_asked() {
+            return;
+        }
+        // A link that has broken is opened again with the frame, which says so.
+        let _ = rig.keep_alive();
+    }
 }
 
 /// The times of one frame, s.
@@ -82,19 +96,10 @@ impl Pace {
         self.fps.map(|fps| frame as f64 / fps)
     }
 
-    /// Waits until the next frame is due, or a signal asks the stream to end. In long pauses the
-    /// rig hears that this host is there.
+    /// Waits until the next frame is due, or a signal asks the stream to end.
     pub fn wait(&self, rig: &mut Rig, stop: &Stoppable) {
-        let Some(due) = self.due(self.frames) else { return };
-        let due = self.start + Duration::from_secs_f64(due);
-        loop {
-            let now = Instant::now();
-            stop.sleep_until(due.min(now + SILENCE));
-            if due <= now + SILENCE || stop.is_asked() {
-                return;
-            }
-            // A link that has broken is opened again with the frame, which says so.
-            let _ = rig.keep_alive();
+        if let Some(due) = self.due(self.frames) {
+            wait_until(self.start + Duration::from_secs_f64(due), rig, stop);
         }
     }
 

@@ -1,0 +1,132 @@
+//! `camrig rig view`: the console, a live page of a rig.
+
+mod automatic;
+mod beat;
+mod files;
+mod light;
+mod recorder;
+mod registers;
+mod session;
+
+use super::arguments::{arithmetic, duration, positive};
+use super::simulate::ViewArgs;
+use crate::view::{Desk, Frame, Order, Shared, View};
+use camrig_base::stop::Stoppable;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_render::Arithmetic;
+use camrig_rig::Rig;
+use light::Lit;
+use session::Session;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::sync::{Arc, mpsc};
+
+/// Show a rig's frames live on a page of this machine, and drive the rig from it
+///
+/// Picture with clipping and readout, profile, histogram, noise, frame timing; exposure, gain,
+/// light, scene and registers; frames to be saved or recorded. Prints the address of the page; it
+/// goes on until it is interrupted, and takes a link that breaks up again. The page needs the token
+/// in that address, and pages of other origins are turned away.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  \
+    camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
+    camrig rig view tcp://127.0.0.1:7420 --camera mt9v024 --scene dots --exposure 5ms --fps 10")]
+pub struct Args {
+    /// Address of the rig
+    url: String,
+    #[command(flatten)]
+    view: ViewArgs,
+    /// Integration time at the start
+    #[arg(
+        long,
+        value_parser = duration,
+        allow_hyphen_values = true,
+        value_name = "TIME",
+        default_value = "10ms"
+    )]
+    exposure: f64,
+    /// Analog gain at the start
+    #[arg(long, value_parser = positive, value_name = "G", default_value_t = 1.0)]
+    gain: f64,
+    /// At most this many frames per second
+    #[arg(long, value_parser = positive, value_name = "F", default_value_t = 25.0)]
+    fps: f64,
+    /// Arithmetic of the rig's sensor stage
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
+    arith: Arithmetic,
+    /// Send all spectral bands instead of mean electrons: the bytes of `rig stream` without
+    /// --collapse, and some thirty times as much to send
+    #[arg(long)]
+    spectral: bool,
+    /// End after this many frames
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// Folder for saved frames and recordings, which never replace a file
+    #[arg(short, long, value_name = "FOLDER", default_value = ".")]
+    output: PathBuf,
+    /// Format of recordings
+    #[arg(long, value_name = "FORMAT", value_parser = ["mcap", "csi2"], default_value = "mcap")]
+    to: String,
+    /// Where the page is served
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0")]
+    listen: String,
+    /// Serve the page where other machines reach it: who has its token sees the frames and moves
+    /// the sliders, and the token goes over the network unencrypted
+    #[arg(long)]
+    allow_remote: bool,
+}
+
+/// Orders that may wait for the stream. A trade: more than a person gives within a frame, and a
+/// stream that stands still is soon told to the page.
+const WAITING_ORDERS: usize = 64;
+
+/// Takes orders from the page to the stream, and saves frames beside it.
+struct FrontDesk {
+    orders: mpsc::SyncSender<Order>,
+    camera: Camera,
+    folder: PathBuf,
+}
+
+impl Desk for FrontDesk {
+    fn order(&self, order: Order) -> Result<()> {
+        self.orders
+            .try_send(order)
+            .map_err(|_| Error::device("the stream stands still and takes no orders"))
+    }
+
+    fn save(&self, frame: &Frame) -> Result<String> {
+        Ok(files::save(frame, &self.camera, &self.folder)?.display().to_string())
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let opens = "see and drive the rig with this page's token, which the network carries in clear";
+    super::rig::remote(&args.listen, args.allow_remote, opens)?;
+    if args.view.motion.is_some() {
+        return Err(Error::unsupported("a console of a moving scene")
+            .help("leave the motion out, or take the frames with `camrig rig stream`"));
+    }
+    if !args.output.is_dir() {
+        return Err(Error::input("there is no such folder")
+            .at(args.output.display())
+            .help("make it first, or name another for saved frames and recordings"));
+    }
+    let page = View::listen(&args.listen)?;
+    let mut rig = Rig::open(&args.url)?;
+    let (camera, view) = args.view.view()?;
+    let lit = Lit::new(&camera, view)?;
+    let (source, settings) = light::description(args, &camera, &lit)?;
+    let shared = Arc::new(Shared::new(source, settings));
+    let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
+    let stop = Stoppable::new();
+    let mut session = Session::new(args, &camera, &shared, &orders, &stop)?;
+    session.begin(&mut rig)?;
+    // The address is data: scripts wait for it.
+    println!("{}", page.url());
+    let _ = std::io::stdout().flush();
+    let folder = args.output.clone();
+    page.serve(shared.clone(), FrontDesk { orders: sender, camera: camera.clone(), folder });
+    session.run(rig, lit)
+}

@@ -1,0 +1,387 @@
+//! The stream behind the page: frames as the page's orders have them, for as long as it goes.
+
+use super::automatic::Automatic;
+use super::beat::Beat;
+use super::light::{Lit, Ready, Workshop};
+use super::recorder::Recorder;
+use super::{Args, registers};
+use crate::cli::arguments::broken_link;
+use crate::cli::rig_stream::KEPT_BYTES;
+use crate::view::{Frame, Order, Register, Shared, State, Status, Timing};
+use camrig_base::stop::Stoppable;
+use camrig_base::{Error, ErrorKind, Result};
+use camrig_camera::Camera;
+use camrig_rig::feed::Feed;
+use camrig_rig::script::{Write, exposure_cut};
+use camrig_rig::stage::remembering;
+use camrig_rig::{FrameRequest, Rig, RigFrame};
+use camrig_rig_link::message::Codec;
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+
+/// Wait before a rig that does not answer is tried again.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// The stream and what it is driven by.
+pub struct Session<'a> {
+    args: &'a Args,
+    camera: &'a Camera,
+    shared: &'a Arc<Shared>,
+    orders: &'a mpsc::Receiver<Order>,
+    stop: &'a Stoppable,
+    beat: Beat,
+    automatic: Automatic,
+    workshop: Workshop,
+    recorder: Recorder<'a>,
+    start: Instant,
+    /// When the newest frame began.
+    begun: Option<Instant>,
+    /// Frames begun.
+    frames: u32,
+    /// The light of the frame before is that of the next.
+    lit_before: bool,
+}
+
+/// Why frames end.
+enum Next {
+    /// There are enough, or a signal asks for the end.
+    End,
+    /// They go on in another light.
+    In(Box<Lit>),
+}
+
+impl<'a> Session<'a> {
+    /// A stream that has not begun.
+    ///
+    /// # Errors
+    /// A graphics processor that is asked for and not there.
+    pub fn new(
+        args: &'a Args,
+        camera: &'a Camera,
+        shared: &'a Arc<Shared>,
+        orders: &'a mpsc::Receiver<Order>,
+        stop: &'a Stoppable,
+    ) -> Result<Self> {
+        Ok(Self {
+            args,
+            camera,
+            shared,
+            orders,
+            stop,
+            beat: Beat::new(args.fps),
+            automatic: Automatic::default(),
+            workshop: Workshop::new(camera.clone(), args.view.optics_stage()?, &shared.lock()),
+            recorder: Recorder::new(args, camera, shared),
+            start: Instant::now(),
+            begun: None,
+            frames: 0,
+            lit_before: false,
+        })
+    }
+
+    /// Writes exposure and gain to a rig that was just opened, and says what an earlier host left
+    /// in its registers.
+    ///
+    /// # Errors
+    /// Settings that the rig cannot take, a link that fails.
+    pub fn begin(&mut self, rig: &mut Rig) -> Result<()> {
+        let shared = self.shared.clone();
+        rig.on_broken_link(move |error| {
+            broken_link(error);
+            shared.change(|state| {
+                state.status = Status::Reconnecting;
+                state.fault("link", error);
+            });
+        });
+        self.write_settings(rig)?;
+        if let Some(held) = rig.injected()? {
+            self.note("rig", format!("its registers hold {held}, and its frames show it"));
+        }
+        self.beat.restart();
+        Ok(())
+    }
+
+    /// Writes exposure and gain as they were asked for last.
+    fn write_settings(&self, rig: &mut Rig) -> Result<()> {
+        let (exposure_s, gain) = {
+            let settings = &self.shared.lock().settings;
+            (settings.exposure_s, settings.analog_gain)
+        };
+        Write::Exposure(exposure_s).apply(rig)?;
+        Write::Gain(gain).apply(rig)
+    }
+
+    /// Streams until a signal, or enough frames. A rig that fails is opened again.
+    ///
+    /// # Errors
+    /// A recording that cannot be finished.
+    pub fn run(mut self, mut rig: Rig, mut lit: Lit) -> Result<()> {
+        loop {
+            match self.stream(&mut rig, &lit) {
+                Ok(Next::End) => break,
+                Ok(Next::In(other)) => lit = *other,
+                Err(error) => match self.reconnect(error) {
+                    Some(opened) => rig = opened,
+                    None => break,
+                },
+            }
+        }
+        self.recorder.finish()
+    }
+
+    /// Frames in one light.
+    fn stream(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Next> {
+        let collapse =
+            !self.args.spectral && rig.device().codecs >> (Codec::Electrons16 as u8) & 1 == 1;
+        let cube = &lit.view.cube;
+        let feed =
+            if collapse { Feed::collapsed(cube, &lit.sensor) } else { Feed::spectral(cube) };
+        let mut feed = if feed.bytes() <= KEPT_BYTES { feed.kept() } else { feed };
+        rig.set_camera(&lit.sensor)?;
+        loop {
+            self.beat.wait(rig, self.stop);
+            if self.stop.is_asked() || Some(self.frames) == self.args.frames {
+                return Ok(Next::End);
+            }
+            if let Some(other) = self.obey(rig, lit)? {
+                self.lit_before = false;
+                return Ok(Next::In(Box::new(other)));
+            }
+            let late = self.beat.begin(Instant::now());
+            let request = FrameRequest {
+                settings: self.camera.settings(self.frames, 1.0, None),
+                arithmetic: self.args.arith,
+                collapse,
+                lit_before: self.lit_before,
+                by_registers: true,
+                rows_stay: false,
+            };
+            let timing = self.timing(late);
+            let frame = rig.frame_from(&mut feed, &lit.sensor, &request)?;
+            self.lit_before = true;
+            self.take(rig, frame, lit, timing)?;
+        }
+    }
+
+    /// The times of a frame that begins now.
+    fn timing(&mut self, late: bool) -> Timing {
+        let now = Instant::now();
+        let period = self.begun.replace(now).map_or(Duration::ZERO, |before| now - before);
+        self.frames += 1;
+        Timing {
+            frame: self.frames.into(),
+            at_s: (now - self.start).as_secs_f64(),
+            period_ms: 1e3 * period.as_secs_f64(),
+            late,
+        }
+    }
+
+    /// Takes a frame: to the pages, to the recording, to the automatic exposure.
+    fn take(&mut self, rig: &mut Rig, frame: RigFrame, lit: &Lit, timing: Timing) -> Result<()> {
+        self.recorder.take(&frame, &lit.sensor, timing.at_s);
+        let raw = (!frame.dropped).then(|| frame.to_raw(&lit.sensor)).transpose()?;
+        let exposure = frame.start.exposure;
+        let wanted =
+            raw.as_ref().and_then(|raw| self.automatic.next(raw, f64::from(exposure.exposure_s)));
+        let mut settings = self.camera.settings(frame.start.frame, 1.0, None);
+        (settings.exposure_s, settings.analog_gain) = (exposure.exposure_s, exposure.analog_gain);
+        let frame = raw.map(|raw| Frame {
+            number: timing.frame,
+            raw,
+            settings,
+            counter: frame.start.counter,
+            injected: frame.injected(),
+            light: lit.light.clone(),
+        });
+        let before = self.shared.change(|state| {
+            state.count(timing);
+            match frame {
+                Some(frame) => state.newest = Some(Arc::new(frame)),
+                None => state.dropped += 1,
+            }
+            std::mem::replace(&mut state.status, Status::Streaming)
+        });
+        if before == Status::Reconnecting {
+            // It may be another one, or have been without power.
+            self.write_settings(rig)?;
+            self.note("link", "the rig is back; exposure and gain are written again");
+        }
+        match wanted {
+            Some(exposure_s) if !self.write(rig, Write::Exposure(exposure_s))? => {
+                self.switch_automatic(false);
+                self.note("rig", "automatic exposure is off: the rig cannot follow the light");
+                Ok(())
+            }
+            Some(exposure_s) => {
+                self.shared.change(|state| state.settings.exposure_s = exposure_s);
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Does what the page ordered; the light in which frames go on, where that is another one.
+    fn obey(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
+        let mut other = None;
+        let orders = self.orders;
+        for order in orders.try_iter() {
+            if let Order::Lux(lux) = order {
+                let now = other.as_ref().unwrap_or(lit);
+                match now.at(self.camera, lux) {
+                    Ok(dimmed) => other = Some(dimmed),
+                    Err(error) => self.fault("optics", error),
+                }
+            } else {
+                self.carry_out(order, rig)?;
+            }
+        }
+        match self.workshop.ready(self.shared) {
+            Some(Ok(ready)) => {
+                let lux = other.as_ref().unwrap_or(lit).light.header.lux;
+                match self.lit(ready, lux) {
+                    Ok(fresh) => other = Some(fresh),
+                    Err(error) => self.fault("optics", error),
+                }
+            }
+            Some(Err(error)) => self.fault("optics", error),
+            None => {}
+        }
+        if let Some(other) = &other {
+            self.tell_light(other);
+        }
+        Ok(other)
+    }
+
+    /// A scene that has become ready, at the level of the one before, where both have one.
+    fn lit(&self, ready: Ready, lux: Option<f64>) -> Result<Lit> {
+        let Ready { wanted, view } = ready;
+        view.notes.iter().for_each(|note| self.note("optics", note.clone()));
+        let fresh = Lit::new(self.camera, view)?;
+        let fresh = match lux {
+            Some(lux) if fresh.light.header.lux.is_some() => fresh.at(self.camera, lux)?,
+            _ => fresh,
+        };
+        self.shared.change(|state| state.settings.scene = wanted.scene);
+        Ok(fresh)
+    }
+
+    fn tell_light(&self, lit: &Lit) {
+        self.shared.change(|state| {
+            let scene = state.settings.scene.clone();
+            lit.tell(&scene, &mut state.settings);
+        });
+        let effects: Vec<_> = remembering(&lit.sensor).collect();
+        if !effects.is_empty() {
+            let effects = effects.join(", ");
+            let said = "the light changes: the next frame is as after a dark one";
+            self.note("rig", format!("{said} ({effects})"));
+        }
+    }
+
+    fn carry_out(&mut self, order: Order, rig: &mut Rig) -> Result<()> {
+        match order {
+            Order::ExposureS(exposure_s) => {
+                self.switch_automatic(false);
+                if self.write(rig, Write::Exposure(exposure_s))? {
+                    self.shared.change(|state| state.settings.exposure_s = exposure_s);
+                }
+            }
+            Order::AnalogGain(gain) => {
+                if self.write(rig, Write::Gain(gain))? {
+                    self.shared.change(|state| state.settings.analog_gain = gain);
+                }
+            }
+            Order::AutoExposure(on) => self.switch_automatic(on),
+            Order::Scene(name) => {
+                if let Err(error) = self.workshop.want_scene(name) {
+                    self.fault("optics", error);
+                }
+            }
+            Order::Illuminant(name) => {
+                if let Err(error) = self.workshop.want_light(name) {
+                    self.fault("optics", error);
+                }
+            }
+            Order::Registers => drop(self.read_registers(rig)?),
+            Order::Register { address, value } => {
+                let taken = self.write(rig, Write::Register(address, value))?;
+                let found = self.read_registers(rig)?;
+                if taken {
+                    self.adopt(&found);
+                    self.note("rig", format!("register {address:#06x} = {value}"));
+                    if let Some(cut) = exposure_cut(rig)? {
+                        self.note("rig", cut);
+                    }
+                }
+            }
+            Order::Record(true) => self.recorder.begin(),
+            Order::Record(false) => self.recorder.end(),
+            Order::Lux(_) => {} // Changes the light, see `obey`.
+        }
+        Ok(())
+    }
+
+    fn switch_automatic(&mut self, on: bool) {
+        self.automatic.switch(on);
+        self.shared.change(|state| state.settings.auto_exposure = on);
+    }
+
+    /// Writes; false where the rig does not take it, which the page is told.
+    fn write(&self, rig: &mut Rig, write: Write) -> Result<bool> {
+        match write.apply(rig) {
+            Ok(()) => Ok(true),
+            Err(e) if matches!(e.kind(), ErrorKind::Limit | ErrorKind::Input) => {
+                self.fault("rig", e);
+                Ok(false)
+            }
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Takes the settings from the registers, after one was written.
+    fn adopt(&self, found: &[Register]) {
+        if let Some((exposure_s, gain)) = registers::settings(found) {
+            self.shared.change(|state| {
+                (state.settings.exposure_s, state.settings.analog_gain) = (exposure_s, gain);
+            });
+        }
+    }
+
+    fn read_registers(&self, rig: &mut Rig) -> Result<Vec<Register>> {
+        let found = registers::read(rig)?;
+        self.shared.change(|state| state.registers.clone_from(&found));
+        Ok(found)
+    }
+
+    /// Opens the rig again after a fault, as often as it takes; `None` where a signal asks for the
+    /// end.
+    fn reconnect(&mut self, error: Error) -> Option<Rig> {
+        self.shared.change(|state| {
+            state.status = Status::Reconnecting;
+            state.fault("link", &error);
+        });
+        self.lit_before = false;
+        loop {
+            self.stop.sleep_until(Instant::now() + RETRY);
+            if self.stop.is_asked() {
+                return None;
+            }
+            let opened = Rig::open(&self.args.url).and_then(|mut rig| {
+                self.begin(&mut rig)?;
+                Ok(rig)
+            });
+            match opened {
+                Ok(rig) => return Some(rig),
+                Err(error) => self.fault("link", error),
+            }
+        }
+    }
+
+    fn note(&self, source: &'static str, text: impl Into<String>) {
+        self.shared.change(|state: &mut State| state.note(source, text));
+    }
+
+    fn fault(&self, source: &'static str, error: Error) {
+        self.shared.change(|state| state.fault(source, &error));
+    }
+}
