@@ -42,6 +42,7 @@ mod rig;
 mod rig_stream;
 mod rig_view;
 mod scene;
+mod scene_lights;
 mod shell;
 mod simulate;
 mod stdout;

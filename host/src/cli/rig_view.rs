@@ -1,11 +1,13 @@
 //! `camrig rig view`: a live page of a rig.
 
 use super::arguments::{arithmetic, broken_link, duration, positive};
+use super::scene_lights::{NextLight, SceneLights};
 use super::simulate::ViewArgs;
 use crate::view::{Control, State, Told, View};
 use camrig_base::{ErrorKind, Result};
 use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_rig::script::Write;
+use camrig_rig::stage::{changing_light, remembering};
 use camrig_rig::{FrameRequest, Rig};
 use std::io::Write as _;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
@@ -94,7 +96,8 @@ pub fn run(args: &Args) -> Result<()> {
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(broken_link);
-    let (camera, view) = args.view.view()?;
+    let camera = args.view.camera.load()?;
+    let (mut lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps))?;
     let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
     rig.set_camera(&sensor)?;
     Write::Exposure(args.exposure).apply(&mut rig)?;
@@ -111,18 +114,32 @@ pub fn run(args: &Args) -> Result<()> {
     page.serve(state.clone(), sender);
 
     let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
+    if let (false, Some(effect)) = (lights.stand_still(), remembering(&sensor).next()) {
+        return Err(changing_light(effect));
+    }
     let mut last = Instant::now();
+    let mut cube = view.cube;
+    let mut taken = 0;
     for number in 0..args.frames.unwrap_or(u32::MAX) {
+        let light = if number > 0 { lights.next(number) } else { Ok(NextLight::Same) };
+        match light.inspect_err(|error| locked().ended = Some(error.to_string()))? {
+            NextLight::Same => {}
+            NextLight::Changed(next) => cube = next,
+            NextLight::Over => {
+                locked().ended = Some("the scene has ended".into());
+                break;
+            }
+        }
         apply(asked(&controls), &mut rig, &state)?;
         let request = FrameRequest {
             settings: camera.settings(number, args.exposure, Some(args.gain)),
             arithmetic: args.arith,
             collapse: false,
-            lit_before: number > 0,
+            lit_before: number > 0 && lights.stand_still(),
             by_registers: true,
             rows_stay: false,
         };
-        let frame = rig.frame(&view.cube, &sensor, &request).inspect_err(|error| {
+        let frame = rig.frame(&cube, &sensor, &request).inspect_err(|error| {
             locked().ended = Some(error.to_string());
         })?;
         let due = last + Duration::from_secs_f64(1.0 / args.fps);
@@ -142,6 +159,8 @@ pub fn run(args: &Args) -> Result<()> {
             state.injected = frame.injected();
             state.push(raw, told);
         }
+        taken += 1;
     }
+    lights.tell_end(taken, args.frames);
     Ok(())
 }
