@@ -65,6 +65,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Reads frames per second: a number, or a fraction such as `30000/1001`.
+pub fn frames_per_s(text: &str) -> Result<f64, String> {
+    let (number, per) = text.split_once('/').unwrap_or((text, "1"));
+    Ok(positive(number.trim())? / positive(per.trim())?)
+}
+
 /// Reads one of the choices that the library offers by its name; the help lists them all.
 pub fn choice<T>(
     all: &[T],
@@ -125,6 +131,11 @@ pub fn progress(label: &'static str, total: u64) -> ProgressBar {
     ProgressBar::new(total).with_style(style).with_prefix(label)
 }
 
+/// A progress bar of frames; of no length where they go on until the scene is over (`u32::MAX`).
+pub fn frames_bar(count: u32) -> ProgressBar {
+    progress("frames", if count == u32::MAX { 0 } else { count.into() })
+}
+
 /// What the optics run on.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct DeviceArgs {
@@ -163,9 +174,12 @@ pub struct FrameArgs {
     pub gain: Option<f64>,
     #[command(flatten)]
     pub(super) readout: ReadoutArgs,
+    /// Whether frames are taken until the scene is over, where their number is not given.
+    #[arg(skip)]
+    pub until_over: bool,
     /// Frames to take; more than one go into a directory, or one after another as headerless
     /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there
-    /// [default: 1, or as many as the bracket has]
+    /// [default: 1, or as many as the bracket or a sequence has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
     /// Exposure bracket: steps in EV around the exposure, taken in turn
@@ -223,9 +237,10 @@ pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
 }
 
 impl FrameArgs {
-    /// Frames to take.
+    /// Frames to take, at most.
     pub fn count(&self) -> u32 {
-        self.frames.unwrap_or(self.bracket.len().max(1) as u32)
+        let usual = if self.until_over { u32::MAX } else { self.bracket.len().max(1) as u32 };
+        self.frames.unwrap_or(usual)
     }
 
     /// The integration time, s; one that is found by trial frames is told.
@@ -293,6 +308,13 @@ mod tests {
         assert_eq!(exposure("auto"), Ok(Exposure::Auto(Brightness::Highlights)));
         assert_eq!(exposure("auto:0.18"), Ok(Exposure::Auto(Brightness::Mean(0.18))));
         assert!(exposure("auto:-1").is_err() && exposure("automatic").is_err());
+    }
+
+    #[test]
+    fn frame_rates() {
+        assert_eq!(frames_per_s("25"), Ok(25.0));
+        assert_eq!(frames_per_s("30000/1001"), Ok(30_000.0 / 1001.0));
+        assert!(frames_per_s("0").is_err() && frames_per_s("25/0").is_err());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! `camrig expose`: the sensor stage alone.
 
 use super::arguments::{self, CameraArgs, FrameArgs, positive};
+use super::scene_lights::NextLight;
 use super::simulate::{expose_frames, light_of};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -65,7 +66,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let sensor = SimulatedSensor::new(&camera, &cube.header, factor)?;
     let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
     let of = (&camera, &sensor, exposure_s);
-    expose_frames(&args.frames, of, (&cube, None), light.as_ref(), &mut sink)?;
+    expose_frames(
+        &args.frames,
+        of,
+        (&cube, &mut |_| Ok(NextLight::Same)),
+        light.as_ref(),
+        &mut sink,
+    )?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];

@@ -94,12 +94,12 @@ impl FrameArgs {
                 (Kind::Raw(format), place)
             }
             Some(Kind::Picture | Kind::Raw(Format::Dng | Format::Png)) if several => {
-                return Err(Error::unsupported(format!(
-                    "{} frames into {}",
-                    self.count(),
-                    self.output.display()
-                ))
-                .help(
+                let frames = match self.count() {
+                    u32::MAX => "all frames of a sequence".into(),
+                    count => format!("{count} frames"),
+                };
+                let what = format!("{frames} into {}", self.output.display());
+                return Err(Error::unsupported(what).help(
                     "several frames go into a directory (a name without extension), into one file \
                      (.npy .tiff .fits), or one after the other as .csi2, .mcap, .pgm, .y4m \
                      or headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",

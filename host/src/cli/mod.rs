@@ -44,6 +44,7 @@ mod rig;
 mod rig_stream;
 mod rig_view;
 mod scene;
+mod scene_lights;
 mod schema;
 mod shell;
 mod simulate;

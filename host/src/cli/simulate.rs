@@ -1,7 +1,8 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, positive};
+use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, frames_per_s, positive};
 use super::frame_sink::FrameSink;
+use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
@@ -32,6 +33,9 @@ pub struct Args {
     view: ViewArgs,
     #[command(flatten)]
     frames: FrameArgs,
+    /// Frames of the sensor per second (30, 30000/1001): which frame of a sequence each shows
+    #[arg(long, value_name = "F", value_parser = frames_per_s)]
+    fps: Option<f64>,
     /// Also keep the irradiance on the sensor, for `camrig expose`
     #[arg(long, value_name = "FILE")]
     save_irradiance: Option<PathBuf>,
@@ -42,9 +46,10 @@ pub struct Args {
 pub struct ViewArgs {
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, or a
-    /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg)
-    #[arg(long, value_name = "S")]
+    /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, a
+    /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg), or a sequence: a
+    /// folder of these, video (clip.y4m), or - for video from standard input
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub scene: String,
     /// Light on a reflectance scene: D65 (unless given), A, F11, D5000K, blackbody:3200, or a CSV
     #[arg(long, value_name = "I")]
@@ -77,6 +82,8 @@ pub struct ViewArgs {
         requires = "motion"
     )]
     pub rolling: f64,
+    #[command(flatten)]
+    pub sequence: SequenceArgs,
     #[command(flatten)]
     pub device: DeviceArgs,
     /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
@@ -118,6 +125,7 @@ impl ViewArgs {
             psf_tolerance: None,
             motion: None,
             rolling: 0.0,
+            sequence: SequenceArgs::default(),
             device,
             no_cache: false,
         }
@@ -155,7 +163,7 @@ impl ViewArgs {
     }
 
     /// Runs the optics stage for a camera.
-    fn view_with(&self, camera: &Camera) -> Result<OpticsOutput> {
+    pub(super) fn view_with(&self, camera: &Camera) -> Result<OpticsOutput> {
         let optics_stage = self.optics_stage()?;
         let bar = arguments::progress("optics", 0);
         let view = optics_stage.run(camera, |done, bands| {
@@ -164,12 +172,7 @@ impl ViewArgs {
         })?;
         bar.finish_and_clear();
         view.notes.iter().for_each(|note| eprintln!("note: {note}"));
-        if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
-            eprintln!("warning: {warning}");
-        }
-        if let Some(device) = &view.optics.device {
-            eprintln!("note: optics on {device}");
-        }
+        tell_optics(&view);
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
@@ -177,32 +180,46 @@ impl ViewArgs {
     }
 }
 
+/// Says how the optics were computed.
+pub(super) fn tell_optics(view: &OpticsOutput) {
+    if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
+        eprintln!("warning: {warning}");
+    }
+    if let Some(device) = &view.optics.device {
+        eprintln!("note: optics on {device}");
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let mut sink = args.frames.sink()?;
-    let readout = &args.frames.readout;
+    let until_over = args.view.sequence.is_sequence(&args.view.scene)?;
+    if until_over && args.save_irradiance.is_some() {
+        return Err(Error::unsupported("--save-irradiance of a sequence")
+            .help("it keeps the irradiance of one scene: name one of the frames"));
+    }
+    let frames = FrameArgs { until_over, ..args.frames.clone() };
+    let mut sink = frames.sink()?;
+    let readout = &frames.readout;
     if readout.adds_charge() && args.view.motion.is_some() {
         return Err(Error::unsupported("charge binning of a moving scene")
             .help("bin digitally, or leave the motion out: it counts single pixels"));
     }
     let camera = readout.camera(args.view.camera.load()?)?;
-    let OpticsOutput { light, cube, optics, cached, lens_traced, .. } =
-        args.view.view_with(&camera)?;
+    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps)?;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, .. } = first;
     if let Some(path) = &args.save_irradiance {
-        cube.save(path, args.frames.force)?;
+        cube.save(path, frames.force)?;
     }
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
-    let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
-    let optics_stage = args.view.optics_stage()?;
-    let mut moved = |frame: u32| Ok(optics_stage.run_frame(&camera, frame, |_, _| ())?.cube);
-    let next: Option<&mut Cubes<'_>> =
-        if optics_stage.motion.is_some() { Some(&mut moved) } else { None };
+    let exposure_s = frames.exposure_s(&camera, &sensor, &cube)?;
     let of = (&camera, &sensor, exposure_s);
-    expose_frames(&args.frames, of, (&cube, next), light.as_ref(), &mut sink)?;
+    let mut next = |frame| lights.next(frame);
+    let taken = expose_frames(&frames, of, (&cube, &mut next), light.as_ref(), &mut sink)?;
+    lights.tell_end(taken, frames.frames);
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),
         ("camera", camera.name.clone()),
-        ("arithmetic", args.frames.arith.to_string()),
+        ("arithmetic", frames.arith.to_string()),
         (
             "cells per pixel and direction",
             optics.oversample.iter().max().unwrap_or(&1).to_string(),
@@ -213,7 +230,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     made_of.extend(optics.device.iter().map(|device| ("optics on", device.clone())));
     made_of.extend(light_of(&cube.header));
     made_of.extend(readout.rows());
-    let settings = args.frames.settings(&camera, exposure_s, 0);
+    let settings = frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} through {}", args.view.scene, camera.name);
         simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
@@ -222,6 +239,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "camera": camera.name,
         "frames": written,
         "exposure_s": exposure_s,
+        "scene_frames": lights.counts(),
         "optics": {
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
@@ -232,7 +250,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "lens_traced": lens_traced,
         },
     });
-    arguments::report(&written, object, args.frames.json);
+    arguments::report(&written, object, frames.json);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -267,18 +285,18 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
     light.into_iter().chain(lux).collect()
 }
 
-/// Irradiance at each frame of a sequence.
-pub type Cubes<'a> = dyn FnMut(u32) -> Result<IrradianceCube> + 'a;
+/// The light of frames 1, 2, ...
+pub type Lights<'a> = dyn FnMut(u32) -> Result<NextLight> + 'a;
 
-/// Takes the frames of a camera and writes them. `exposure_s` is theirs before bracketing; `first`
-/// and `next` are the irradiance, and what gives that of frames 1, 2, ... where it changes.
+/// Takes the frames of a camera and writes them; how many there were. `exposure_s` is theirs before
+/// bracketing; `first` and `next` are the irradiance, and what gives that of frames 1, 2, ...
 pub fn expose_frames(
     args: &FrameArgs,
     (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),
-    (first, mut next): (&IrradianceCube, Option<&mut Cubes<'_>>),
+    (first, next): (&IrradianceCube, &mut Lights<'_>),
     illuminant: Option<&Illuminant>,
     sink: &mut FrameSink,
-) -> Result<()> {
+) -> Result<u64> {
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
     stage.on_broken_link(arguments::broken_link);
     if let Some(held) = stage.cleared() {
@@ -286,18 +304,27 @@ pub fn expose_frames(
     }
     stage.set_camera(sensor)?;
     sink.set_camera(|| args.readout.figures(camera))?;
-    let bar = arguments::progress("frames", u64::from(args.count()));
-    // Irradiance of this frame and the one before, where it changes.
-    let (mut moved, mut moved_before) = (None, None);
+    let bar = arguments::frames_bar(args.count());
+    let mut taken = 0;
+    // Irradiance of this frame and the one before, where they are not the first.
+    let (mut changed, mut before) = (None, None);
     for i in 0..args.count() {
         if sink.is_asked_to_stop() {
             break;
         }
-        if let (Some(next), true) = (&mut next, i > 0) {
-            moved_before = moved.replace(next(i)?);
+        let mut same = true;
+        if i > 0 {
+            match next(i)? {
+                NextLight::Same => {}
+                NextLight::Changed(cube) => {
+                    before = changed.replace(cube);
+                    same = false;
+                }
+                NextLight::Over => break,
+            }
         }
-        let cube = moved.as_ref().unwrap_or(first);
-        let before = (i > 0).then(|| moved_before.as_ref().unwrap_or(first));
+        let cube = changed.as_ref().unwrap_or(first);
+        let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
         let settings = args.settings(camera, exposure_s, i);
         let mut take = |settings: &FrameSettings| stage.frame(sensor, cube, before, settings);
         let frame = match args.hdr {
@@ -312,8 +339,9 @@ pub fn expose_frames(
         };
         let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
         sink.write(&args.readout.readout().of(frame)?, &info)?;
+        taken += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(())
+    Ok(taken)
 }

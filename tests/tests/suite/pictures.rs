@@ -84,7 +84,8 @@ fn colour_tiff(path: &Path, colour: [u8; 3]) {
     std::fs::write(path, bytes).unwrap();
 }
 
-fn radiance_picture(path: &Path, pixel: [u8; 4]) {
+/// A Radiance picture of 8 x 6 pixels of one value.
+pub fn radiance_picture(path: &Path, pixel: [u8; 4]) {
     let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 6 +X 8\n".to_vec();
     bytes.extend(pixel.repeat(48));
     // Width 8 would announce runs by its first bytes 2, 2; these are none.

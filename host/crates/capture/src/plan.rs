@@ -2,13 +2,14 @@
 //!
 //! A plan is a TOML file (`format = "plan/1"`) of `[[stack]]` tables. `exposure_s`,
 //! `temperature_c`, `analog_gain` and `fill` take one number, a list, or `{ from, to, count }`; a
-//! stack is taken for every combination. Flats have narrow-band light whose amount is
+//! stack is taken for every combination, and for every scene of a folder that is a sequence. Flats have narrow-band light whose amount is
 //! `irradiance_w_m2`, or `fill`: the mean signal as a fraction of saturation in the channel that
 //! gets most.
 
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_captures::{Light, Role, SceneSeen};
+use camrig_scene::sequence::folder;
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::path::Path;
@@ -254,11 +255,29 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
             }
         }
     }
+    let mut shots = with_sequences(shots)?;
     let several = shots.len() > 1;
     for (i, shot) in shots.iter_mut().enumerate() {
         shot.id = if several { format!("{}-{i:02}", stack.id) } else { stack.id.clone() };
     }
     Ok(shots)
+}
+
+/// The same shots, of a folder that is a sequence one for each of its scenes: the frames of a stack
+/// look at the same.
+fn with_sequences(shots: Vec<Shot>) -> Result<Vec<Shot>> {
+    let mut all = Vec::new();
+    for shot in shots {
+        let spec = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+        match folder::files(&spec)? {
+            None => all.push(shot),
+            Some(files) => all.extend(files.into_iter().map(|file| {
+                let scene = SceneSeen { scene: file, angle_deg: None };
+                Shot { scene: Some(scene), ..shot.clone() }
+            })),
+        }
+    }
+    Ok(all)
 }
 
 #[cfg(test)]

@@ -11,10 +11,10 @@
 
 use super::lens::Described;
 use super::{About, made_for, sensor_grid};
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
-use camrig_optics::{self as optics, Options, Report, content};
+use camrig_optics::{self as optics, Lens, Options, Report, SensorGrid, content};
 use camrig_scene::LitScene;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
@@ -47,26 +47,9 @@ pub fn irradiance(
     directory: Option<&Path>,
     progress: impl FnMut(usize, usize),
 ) -> Result<Rendered> {
-    let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
-    if level <= 0.0 {
-        return Err(Error::input("the scene's light is 0 in every band")
-            .help("choose an illuminant that reaches into the scene's bands"));
-    }
-    let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
+    let (header, white) = header(camera, scene, about)?;
     let bands = scene.scene.bands();
     let (grid, described) = (sensor_grid(camera), Described::new(camera, &bands, options)?);
-    let header = CubeHeader {
-        width: grid.width,
-        height: grid.height,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
-        level,
-        lux: about.lux,
-        illuminant: about.illuminant,
-        made_of: about.made_of,
-        made_for: made_for(camera)?,
-    };
     let notes = described.notes().to_vec();
     let files = match directory {
         Some(directory) => {
@@ -81,16 +64,89 @@ pub fn irradiance(
         return Ok(Rendered { cube, report, hit: true, traced: false, notes });
     }
     let (lens, traced) = described.lens(directory)?;
-    let mut writer = IrradianceWriter::new(header)?;
     let lit = LitScene { scene: scene.scene, white };
-    let report = optics::irradiance(&lit, &*lens, &grid, options, progress, |_, plane| {
-        writer.push(&plane)
-    })?;
-    let cube = writer.finish()?;
+    let (cube, report) = rendered(&lit, &*lens, header, &grid, options, progress)?;
     if let Some((cube_path, report_path)) = &files {
         keep(&cube, cube_path, &report, report_path);
     }
     Ok(Rendered { cube, report, hit: false, traced, notes })
+}
+
+/// The header of a cube, and the white for which its samples are rendered: the largest band is 1.
+fn header(camera: &Camera, scene: &LitScene<'_>, about: About) -> Result<(CubeHeader, Vec<f64>)> {
+    let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
+    if level <= 0.0 {
+        return Err(Error::input("the scene's light is 0 in every band")
+            .help("choose an illuminant that reaches into the scene's bands"));
+    }
+    let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
+    let (grid, bands) = (sensor_grid(camera), scene.scene.bands());
+    let header = CubeHeader {
+        width: grid.width,
+        height: grid.height,
+        first_band_nm: bands.start_nm,
+        band_step_nm: bands.step_nm,
+        bands: bands.count,
+        level,
+        lux: about.lux,
+        illuminant: about.illuminant,
+        made_of: about.made_of,
+        made_for: made_for(camera)?,
+    };
+    Ok((header, white))
+}
+
+fn rendered(
+    scene: &LitScene<'_>,
+    lens: &dyn Lens,
+    header: CubeHeader,
+    grid: &SensorGrid,
+    options: &Options,
+    progress: impl FnMut(usize, usize),
+) -> Result<(IrradianceCube, Report)> {
+    let mut writer = IrradianceWriter::new(header)?;
+    let report =
+        optics::irradiance(scene, lens, grid, options, progress, |_, plane| writer.push(&plane))?;
+    Ok((writer.finish()?, report))
+}
+
+/// A lens that is made once for many scenes of the same bands. Of these no cubes are kept: each is
+/// seen once.
+pub(crate) struct OneLens {
+    lens: Box<dyn Lens>,
+    /// Whether it was traced now.
+    pub traced: bool,
+    /// What its reader assumed or ignored.
+    pub notes: Vec<String>,
+}
+
+impl OneLens {
+    /// The lens of `camera`, from `directory` where that holds it.
+    pub fn new(
+        camera: &Camera,
+        bands: &Bands,
+        options: &Options,
+        directory: Option<&Path>,
+    ) -> Result<Self> {
+        let described = Described::new(camera, bands, options)?;
+        let notes = described.notes().to_vec();
+        let (lens, traced) = described.lens(directory)?;
+        Ok(Self { lens, traced, notes })
+    }
+
+    /// [`irradiance`] through this lens: the same bytes.
+    pub fn irradiance(
+        &self,
+        camera: &Camera,
+        scene: &LitScene<'_>,
+        options: &Options,
+        about: About,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<(IrradianceCube, Report)> {
+        let (header, white) = header(camera, scene, about)?;
+        let lit = LitScene { scene: scene.scene, white };
+        rendered(&lit, &*self.lens, header, &sensor_grid(camera), options, progress)
+    }
 }
 
 fn load(cube: &Path, report: &Path) -> Option<(IrradianceCube, Report)> {

@@ -1,7 +1,7 @@
 //! Rendering: scene + camera → irradiance cube → raw frames.
 //!
 //! The optics stage ([`scene_irradiance`], or [`OpticsStage`] with movement and results kept on
-//! disk) writes an [`IrradianceCube`] once: spectral irradiance per band and pixel on the sensor,
+//! disk, or [`SequenceStage`] for scenes that change with time) writes an [`IrradianceCube`] once: spectral irradiance per band and pixel on the sensor,
 //! W m⁻² nm⁻¹. [`SimulatedSensor`] turns it into raw frames in DN, so that another light level,
 //! exposure, gain, frame number or sensor seed never runs the optics again.
 //!
@@ -42,6 +42,7 @@ mod made_for;
 mod metadata;
 mod optics_stage;
 pub mod readout;
+mod sequence_stage;
 mod traced;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
@@ -54,6 +55,7 @@ pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at, scene
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
+pub use sequence_stage::SequenceStage;
 
 use camrig_base::Result;
 use camrig_camera::Camera;

@@ -65,7 +65,20 @@ impl SceneInLight {
     /// # Errors
     /// A scene or illuminant that cannot be read; an illuminant for a scene that holds radiance.
     pub fn open(spec: &str, frame_aspect: f64, light: &SceneLight<'_>) -> Result<Self> {
-        let scene = scene::open_filling(spec, frame_aspect)?;
+        Self::of(scene::open(spec)?, spec, frame_aspect, light)
+    }
+
+    /// The same of a scene that is open already, of the name `spec`.
+    ///
+    /// # Errors
+    /// Those of [`SceneInLight::open`], but for the scene's.
+    pub fn of(
+        scene: Box<dyn Scene>,
+        spec: &str,
+        frame_aspect: f64,
+        light: &SceneLight<'_>,
+    ) -> Result<Self> {
+        let scene = scene::filling(scene, frame_aspect);
         if scene.quantity() == Quantity::Radiance {
             return Self::of_radiance(scene, spec, frame_aspect, light);
         }

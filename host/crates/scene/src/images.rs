@@ -84,6 +84,66 @@ pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cub
     sidecar.cube(Box::new(source), Own { nm, understood, notes, ..Own::default() }).map(Some)
 }
 
+/// Whether the pictures of a folder are the bands of a cube.
+pub(super) enum Bands {
+    /// They are.
+    Yes,
+    /// They are grey and numbered, and nothing says the wavelengths.
+    Perhaps,
+    /// They have colours, or no numbers; or there are none.
+    No,
+}
+
+/// Whether the pictures of a folder, or of the only folder in it, are the bands of a cube, by
+/// their colours, their names and what the sidecar and `options` say.
+pub(super) fn bands_in(folder: &Path, options: &str) -> Result<Bands> {
+    /// Keys that only pictures have.
+    const OF_PICTURES: [&str; 4] = ["as", "primaries", "transfer", "white"];
+    /// Bands where nothing says their wavelengths.
+    const USUAL_BANDS: usize = 31;
+    let (mut files, mut folders) = listed(folder)?;
+    if files.is_empty() && folders.len() == 1 {
+        files = listed(&folders.remove(0))?.0;
+    }
+    let key = |option: &str| option.split('=').next().unwrap_or("").trim().to_owned();
+    let pictures = options.split(',').map(key).any(|key| OF_PICTURES.contains(&key.as_str()));
+    let mut numbers: Vec<f64> = files.iter().filter_map(|file| number(file)).collect();
+    if pictures || numbers.is_empty() {
+        return Ok(Bands::No);
+    }
+    for file in &files {
+        if has_colours(file)? {
+            return Ok(Bands::No);
+        }
+    }
+    numbers.sort_by(f64::total_cmp);
+    let said = Sidecar::read(folder, options)?.given(numbers.len()).is_some();
+    let is_nm =
+        |file: &PathBuf| file.file_stem().is_some_and(|s| s.as_encoded_bytes().ends_with(b"nm"));
+    // Wavelengths come in steps; frames are numbered by ones.
+    let in_steps = numbers.windows(2).all(|w| w[1] - w[0] > 1.0);
+    let named_by_nm =
+        numbers.iter().all(|n| NM.contains(n)) && (in_steps || files.iter().any(is_nm));
+    Ok(if said || named_by_nm || numbers.len() == USUAL_BANDS {
+        Bands::Yes
+    } else {
+        Bands::Perhaps
+    })
+}
+
+/// Whether a picture has colours: not whether it is stored in channels, as grey ones are too.
+fn has_colours(path: &Path) -> Result<bool> {
+    if is_png(path) {
+        return match png_reader(path)?.info().color_type {
+            png::ColorType::Grayscale | png::ColorType::GrayscaleAlpha => Ok(false),
+            png::ColorType::Indexed => Ok(true),
+            png::ColorType::Rgb | png::ColorType::Rgba => Ok(png_samples(path)?.is_none()),
+        };
+    }
+    let kind = decoder(path, 0)?.colortype().map_err(|e| unreadable(path, e))?;
+    Ok(!matches!(kind, tiff::ColorType::Gray(_)))
+}
+
 /// The PNG and TIFF files of a folder, and the folders in it.
 fn listed(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     let failed = |e| Error::io("read", folder, e);
@@ -101,7 +161,7 @@ fn listed(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     Ok((files, folders))
 }
 
-fn has_ending(path: &Path, endings: &[&str]) -> bool {
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|e| endings.iter().any(|ending| e.eq_ignore_ascii_case(ending)))
 }
 
@@ -141,6 +201,13 @@ fn png_reader(path: &Path) -> Result<png::Reader<BufReader<File>>> {
 
 /// The grey picture in a PNG, as counts.
 fn read_png(path: &Path) -> Result<Vec<f32>> {
+    let coloured =
+        || Error::input("a picture of red, green and blue").at(path.display()).help(COLOUR);
+    png_samples(path)?.ok_or_else(coloured)
+}
+
+/// The grey picture in a PNG, as counts; none where it has colours.
+fn png_samples(path: &Path) -> Result<Option<Vec<f32>>> {
     let wrong = |what: String| Error::input(what).at(path.display());
     let mut reader = png_reader(path)?;
     let info = reader.info();
@@ -166,9 +233,9 @@ fn read_png(path: &Path) -> Result<Vec<f32>> {
         bytes.iter().map(|&b| f32::from(b)).collect()
     };
     if channels >= 3 && samples.chunks_exact(channels).any(|p| p[0] != p[1] || p[0] != p[2]) {
-        return Err(wrong("a picture of red, green and blue".into()).help(COLOUR));
+        return Ok(None);
     }
-    Ok(samples.into_iter().step_by(channels).collect())
+    Ok(Some(samples.into_iter().step_by(channels).collect()))
 }
 
 pub(super) fn decoder(path: &Path, pixels: usize) -> Result<Decoder<BufReader<File>>> {

@@ -3,7 +3,8 @@
 //!
 //! A [`Scene`] gives one plane per band on any [`Grid`]; each value is the area average over a
 //! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]), pictures
-//! of red, green and blue, whose spectra are estimated, and stored scenes ([`stored`]). An
+//! of red, green and blue, whose spectra are estimated, and stored scenes ([`stored`]);
+//! [`sequence::open`] finds scenes that change with time. An
 //! [`Illuminant`] with a [`LightLevel`] in lux or cd/m² turns reflectance into radiance
 //! ([`photometry::white_radiance`], [`LitScene`]).
 //!
@@ -57,6 +58,7 @@ pub mod preview;
 mod resample;
 mod rgb;
 mod selection;
+pub mod sequence;
 pub mod shape;
 mod sidecar;
 pub mod stored;
@@ -199,7 +201,13 @@ pub fn is_file(spec: &str) -> bool {
 /// # Errors
 /// Those of [`open`].
 pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
-    Ok(Box::new(Filling { scene: open(spec)?, frame_aspect }))
+    Ok(filling(open(spec)?, frame_aspect))
+}
+
+/// A scene for a frame of some aspect, see [`open_filling`].
+#[must_use]
+pub fn filling(scene: Box<dyn Scene>, frame_aspect: f64) -> Box<dyn Scene> {
+    Box::new(Filling { scene, frame_aspect })
 }
 
 /// A scene's own width and height in pixels; charts have none.
@@ -224,10 +232,7 @@ pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, PixelSize)> {
 /// # Errors
 /// The name of a chart, which has no pixels of its own; otherwise those of [`open`].
 pub fn open_file(spec: &str) -> Result<cube::Cube> {
-    let (path, options) = match spec.rsplit_once(':') {
-        Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
-        _ => (Path::new(spec), ""),
-    };
+    let (path, options) = file_and_options(spec);
     if path.is_dir() {
         return open_folder(path, options);
     }
@@ -247,7 +252,15 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
     open(path, &sidecar).map_err(|e| e.at(path.display()))
 }
 
-/// Opens a stored scene or a folder of pictures.
+/// A file's name and the options behind it.
+fn file_and_options(spec: &str) -> (&Path, &str) {
+    match spec.rsplit_once(':') {
+        Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
+        _ => (Path::new(spec), ""),
+    }
+}
+
+/// Opens a stored scene or a folder of pictures, one per band.
 fn open_folder(path: &Path, options: &str) -> Result<cube::Cube> {
     if path.join(stored::DESCRIPTION).exists() {
         if !options.is_empty() {
@@ -256,6 +269,10 @@ fn open_folder(path: &Path, options: &str) -> Result<cube::Cube> {
         }
         return stored::open(path);
     }
+    if let Ok(sequence::folder::Kind::Sequence) = sequence::folder::kind(path, options) {
+        return Err(one_scene(&path.display().to_string(), "a folder of pictures or cubes"));
+    }
+    let options = &sequence::folder::of_cube(options)?;
     let sidecar = sidecar::Sidecar::read(path, options)?;
     let cube = images::open_folder(path, &sidecar).map_err(|e| e.at(path.display()))?;
     // Without pictures, what is missing of a stored scene.
@@ -294,8 +311,20 @@ impl Scene for Filling {
     }
 }
 
+/// A sequence where one scene is wanted.
+fn one_scene(spec: &str, what: &str) -> Error {
+    Error::unsupported(format!("{spec:?} is {what}: a sequence, and one scene is wanted here"))
+        .help("name one of its frames; or simulate the sequence, frame by frame")
+}
+
 fn unknown_scene(spec: &str) -> Error {
     let name = spec.split(':').next().unwrap_or(spec);
+    if sequence::is_stream(spec) {
+        return one_scene(spec, "standard input");
+    }
+    if sequence::is_video(Path::new(name)) {
+        return one_scene(spec, "video");
+    }
     if chart::NAMES.contains(&name) {
         return Error::input(format!("{name:?} is a chart, which has no pixels of its own"))
             .help("draw it first, at a number of pixels")
@@ -309,7 +338,8 @@ fn unknown_scene(spec: &str) -> Error {
     let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
         "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a picture \
-         (.png, .jpg, .tif, .exr, .hdr), a folder of pictures, one per band, or a scene directory",
+         (.png, .jpg, .tif, .exr, .hdr), a folder of pictures, one per band, or a scene \
+         directory; a sequence is a folder of these, or video (.y4m, - for standard input)",
         chart::NAMES.join(", ")
     ))
 }

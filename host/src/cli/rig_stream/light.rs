@@ -1,21 +1,23 @@
-//! The light of a stream: one scene, irradiance files in turn, or a scene that moves.
+//! The light of a stream: a scene at rest, irradiance files in turn, or a scene that changes.
 
 use super::Args;
 use crate::cli::expose;
+use crate::cli::scene_lights::SceneLights;
 use crate::cli::simulate::ViewArgs;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
-use camrig_render::{OpticsStage, SimulatedSensor};
+use camrig_render::SimulatedSensor;
 use camrig_rig::stage::{changing_light, remembering};
+use camrig_scene::sequence::natural;
 use std::path::{Path, PathBuf};
 
 /// Where the frames' light comes from.
 pub struct Light {
-    /// Irradiance of the frames in turn, over and over; of a scene that moves, of frame 0.
+    /// Irradiance of the frames in turn, over and over; of a scene that changes, of frame 0.
     pub cubes: Vec<IrradianceCube>,
-    /// A scene that moves.
-    moving: Option<OpticsStage>,
+    /// The frames of a scene after the first.
+    pub scene: Option<SceneLights>,
 }
 
 impl Light {
@@ -29,10 +31,14 @@ impl Light {
                 args.lux,
                 args.device,
             );
-            let view = ViewArgs { motion: args.motion, rolling: args.rolling, ..still };
-            let cubes = vec![view.view()?.1.cube];
-            let moving = args.motion.map(|_| view.optics_stage()).transpose()?;
-            return Ok(Self { cubes, moving });
+            let view = ViewArgs {
+                motion: args.motion,
+                rolling: args.rolling,
+                sequence: args.sequence.clone(),
+                ..still
+            };
+            let (scene, first) = SceneLights::open(&view, camera, args.fps)?;
+            return Ok(Self { cubes: vec![first.cube], scene: Some(scene) });
         }
         let path = args
             .irradiance
@@ -51,7 +57,7 @@ impl Light {
             .at(path.display())
             .help(format!("give files made for {}", camera.name)));
         }
-        Ok(Self { cubes, moving: None })
+        Ok(Self { cubes, scene: None })
     }
 
     /// The sensor in front of each of the cubes. Refuses light that changes under one that
@@ -70,18 +76,14 @@ impl Light {
         Ok(sensors)
     }
 
-    /// Whether each frame has the light of the one before.
-    pub fn stands_still(&self) -> bool {
-        self.cubes.len() == 1 && self.moving.is_none()
+    /// Whether it is a sequence, which ends.
+    pub fn is_sequence(&self) -> bool {
+        self.scene.as_ref().is_some_and(SceneLights::is_sequence)
     }
 
-    /// Irradiance of a frame after the first, where the scene moves.
-    ///
-    /// # Errors
-    /// Those of [`OpticsStage::run_frame`].
-    pub fn moved(&self, camera: &Camera, frame: u32) -> Result<Option<IrradianceCube>> {
-        let moving = self.moving.as_ref().filter(|_| frame > 0);
-        moving.map(|stage| Ok(stage.run_frame(camera, frame, |_, _| ())?.cube)).transpose()
+    /// Whether each frame has the light of the one before.
+    pub fn stands_still(&self) -> bool {
+        self.cubes.len() == 1 && self.scene.as_ref().is_none_or(SceneLights::stand_still)
     }
 }
 
@@ -111,33 +113,4 @@ fn folder(path: &Path, camera: &Camera) -> Result<Vec<IrradianceCube>> {
         eprintln!("note: left out, as they are not irradiance: {}", left_out.join(", "));
     }
     Ok(cubes)
-}
-
-/// A name as what it is sorted by: its runs of digits as numbers, which have up to 38 digits here.
-fn natural(name: &str) -> Vec<(String, u128)> {
-    let mut parts = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let text = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, after) = rest.split_at(text);
-        let digits = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
-        let (digits, after) = after.split_at(digits);
-        let number = if digits.is_empty() { Ok(0) } else { digits.parse() };
-        parts.push((text.to_string(), number.unwrap_or(u128::MAX)));
-        rest = after;
-    }
-    parts.push((name.to_string(), 0));
-    parts
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_sorted_by_the_numbers_in_them() {
-        let mut names = ["b1", "a10.irr", "a2.irr", "a1.irr", "a02.irr", "a"];
-        names.sort_by_cached_key(|name| natural(name));
-        assert_eq!(names, ["a", "a1.irr", "a02.irr", "a2.irr", "a10.irr", "b1"]);
-    }
 }

@@ -5,8 +5,11 @@ pub(super) mod output;
 pub(super) mod pace;
 mod report;
 
-use super::arguments::{self, CameraArgs, DeviceArgs, arithmetic, duration, positive};
+use super::arguments::{
+    self, CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, positive,
+};
 use super::readout::ReadoutArgs;
+use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
 use super::{live, simulate};
 use camrig_base::Result;
 use camrig_base::stop::Stoppable;
@@ -44,10 +47,12 @@ pub struct Args {
     url: String,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Scene to look at
+    /// Scene to look at, or a sequence: a folder of pictures or cubes, video (clip.y4m), or - for
+    /// video from standard input
     #[arg(
         long,
         value_name = "S",
+        allow_hyphen_values = true,
         required_unless_present = "irradiance",
         conflicts_with = "irradiance"
     )]
@@ -58,6 +63,8 @@ pub struct Args {
     /// Scene illuminance, lx; a radiance scene is scaled to it
     #[arg(long, value_parser = positive, value_name = "X", conflicts_with = "irradiance")]
     lux: Option<f64>,
+    #[command(flatten)]
+    sequence: SequenceArgs,
     #[command(flatten)]
     device: DeviceArgs,
     /// Let the scene move: pixels per frame to the right and down
@@ -100,14 +107,9 @@ pub struct Args {
     /// Analog gain; the camera file's unless given
     #[arg(long, value_parser = positive, value_name = "G")]
     gain: Option<f64>,
-    /// Frames to send
-    #[arg(
-        long,
-        default_value_t = 10,
-        value_name = "N",
-        value_parser = clap::value_parser!(u32).range(1..)
-    )]
-    frames: u32,
+    /// Frames to send [default: 10, or as many as a sequence has]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
     /// Number of the first frame
     #[arg(long, default_value_t = 0, value_name = "K")]
     frame_seed: u32,
@@ -119,9 +121,9 @@ pub struct Args {
     /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
     #[arg(long)]
     collapse: bool,
-    /// Pace to this frame rate, frames per second. Ends with status 1 where less than 97 % of it
+    /// Pace to this frame rate, frames per second (30, 30000/1001). Ends with status 1 where less than 97 % of it
     /// was reached; with --json, `pace_kept` says so instead
-    #[arg(long, value_parser = positive, value_name = "F")]
+    #[arg(long, value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
     /// Write each frame as soon as it is there into a file, a named pipe or - (standard output,
     /// whose figures then go to standard error). A file ends with a whole frame however the
@@ -147,6 +149,9 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+/// Frames to send of a scene that goes on for ever, unless said otherwise.
+const FRAMES: u32 = 10;
 
 /// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
 /// for all frames. A trade: a gibibyte that any workstation has to spare.
@@ -186,18 +191,27 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(arguments::broken_link);
     tell_injected(&mut rig)?;
-    let light = Light::open(args, &camera)?;
+    let mut light = Light::open(args, &camera)?;
     let sensors = light.sensors(&camera)?;
     if let Some(output) = &mut output {
         output.prepare(args, &camera, &sensors[0])?;
     }
     let before = rig.link_bytes();
-    let stream = Stream { args, camera: &camera, light: &light, sensors: &sensors };
+    let (still, sequence) = (light.stands_still(), light.is_sequence());
+    let usual = if sequence { u32::MAX } else { FRAMES };
+    let count = args.frames.unwrap_or(usual);
+    let stream =
+        Stream { args, camera: &camera, cubes: &light.cubes, sensors: &sensors, still, count };
     let mut taken = Taken { pace: Pace::new(args.fps), outcome: Outcome::default() };
     let stop = Stoppable::new();
-    let ended = stream.frames(&mut rig, script.as_ref(), &mut output, &mut taken, &stop);
-    let Taken { mut pace, outcome } = taken;
+    let scene = light.scene.as_mut();
+    let ended = stream.frames(&mut rig, script.as_ref(), scene, &mut output, &mut taken, &stop);
+    let Taken { mut pace, mut outcome } = taken;
     pace.finish();
+    if let Some(scene) = &mut light.scene {
+        scene.tell_end(pace.frames(), args.frames.filter(|_| ended.is_ok() && !stop.is_asked()));
+        outcome.scene_frames = scene.counts();
+    }
     if pace.frames() > 0 {
         report::tell(args, &rig, before, &pace, &outcome);
     }
@@ -246,9 +260,14 @@ fn tell_injected(rig: &mut Rig) -> Result<()> {
 struct Stream<'a> {
     args: &'a Args,
     camera: &'a Camera,
-    light: &'a Light,
-    /// One for each of the light's cubes.
+    /// The light's.
+    cubes: &'a [IrradianceCube],
+    /// One for each of the cubes.
     sensors: &'a [SimulatedSensor],
+    /// Whether each frame has the light of the one before.
+    still: bool,
+    /// Frames to take, at most.
+    count: u32,
 }
 
 /// What has been taken of a stream, also where it breaks off.
@@ -263,25 +282,31 @@ impl Stream<'_> {
         &self,
         rig: &mut Rig,
         script: Option<&Script>,
+        mut scene: Option<&mut SceneLights>,
         output: &mut Option<Output>,
         taken: &mut Taken,
         stop: &Stoppable,
     ) -> Result<()> {
-        let Self { args, camera, light, sensors } = *self;
-        let cubes = &light.cubes;
+        let Self { args, cubes, sensors, count, .. } = *self;
         let mut feeds: Vec<Feed<'_>> =
             cubes.iter().zip(sensors).map(|(cube, sensor)| feed(cube, sensor, args)).collect();
         if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
             feeds = feeds.into_iter().map(Feed::kept).collect();
         }
         let by_registers = args.by_registers || script.is_some();
-        let bar = arguments::progress("frames", args.frames.into());
+        let bar = arguments::frames_bar(count);
+        // Irradiance of a scene that has changed since the first frame.
+        let mut changed: Option<IrradianceCube> = None;
         // Cubes of one light level have one sensor on the rig; another level is another one.
         let mut level = cubes[0].header.level;
         rig.set_camera(&sensors[0])?;
         taken.pace.start();
-        for i in 0..args.frames {
-            let moved = light.moved(camera, i)?;
+        for i in 0..count {
+            match scene.as_mut().filter(|_| i > 0).map_or(Ok(NextLight::Same), |s| s.next(i))? {
+                NextLight::Same => {}
+                NextLight::Changed(cube) => changed = Some(cube),
+                NextLight::Over => break,
+            }
             taken.pace.wait(rig, stop);
             if stop.is_asked() {
                 break;
@@ -295,7 +320,7 @@ impl Stream<'_> {
                 rig.set_camera(&sensors[at])?;
             }
             let sensor = &sensors[at];
-            let frame: RigFrame = match &moved {
+            let frame: RigFrame = match &changed {
                 Some(cube) => rig.frame_from(&mut feed(cube, sensor, args), sensor, &request)?,
                 None => rig.frame_from(&mut feeds[at], sensor, &request)?,
             };
@@ -325,7 +350,7 @@ impl Stream<'_> {
             ),
             arithmetic: args.arith,
             collapse: args.collapse,
-            lit_before: frame > 0 && self.light.stands_still(),
+            lit_before: frame > 0 && self.still,
             by_registers,
             rows_stay: args.rows_stay,
         }

@@ -70,6 +70,8 @@ pub struct Outcome {
     pub dropped: u64,
     /// Each frame, where figures are asked for.
     pub records: Vec<Record>,
+    /// Frames of a scene that is a sequence, counted.
+    pub scene_frames: Value,
 }
 
 /// Tells figures: one JSON object, or lines for a person, on standard error where the frames are
@@ -95,6 +97,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "frames": pace.frames(),
                 "dropped_on_request": dropped,
                 "frames_dropped": dropped,
+                "scene_frames": outcome.scene_frames,
                 "seconds": seconds,
                 "frames_per_s": fps,
                 "rate_hz": fps,

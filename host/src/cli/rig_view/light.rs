@@ -4,6 +4,7 @@ use super::Args;
 use crate::view::{Light, Settings, Shared, Source, State};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
+use camrig_exposure::IrradianceCube;
 use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_rig::Url;
 use camrig_scene::chart;
@@ -15,12 +16,14 @@ const ILLUMINANTS: [&str; 8] = ["D65", "D50", "A", "E", "F2", "F11", "LED-B1", "
 
 /// A scene in its light in front of a sensor.
 pub struct Lit {
-    /// What the optics stage gave.
-    pub view: Arc<OpticsOutput>,
+    /// What the optics stage gave of its first frame.
+    view: Arc<OpticsOutput>,
+    /// What falls on the sensor in a later one.
+    later: Option<Arc<IrradianceCube>>,
     /// What is told of frames.
     pub light: Arc<Light>,
     /// The sensor under this level of light.
-    pub sensor: SimulatedSensor,
+    pub sensor: Arc<SimulatedSensor>,
 }
 
 impl Lit {
@@ -30,7 +33,7 @@ impl Lit {
     /// A sensor that the model refuses.
     pub fn new(camera: &Camera, view: OpticsOutput) -> Result<Self> {
         let header = view.cube.header.clone();
-        Self::of(camera, Arc::new(view), header)
+        Self::of(camera, Arc::new(view), None, header)
     }
 
     /// The same scene at another level, lx.
@@ -38,15 +41,35 @@ impl Lit {
     /// # Errors
     /// A scene that is in its own light.
     pub fn at(&self, camera: &Camera, lux: f64) -> Result<Self> {
-        Self::of(camera, self.view.clone(), self.view.header_at(lux)?)
+        Self::of(camera, self.view.clone(), self.later.clone(), self.view.header_at(lux)?)
     }
 
-    fn of(camera: &Camera, view: Arc<OpticsOutput>, header: render::CubeHeader) -> Result<Self> {
-        let sensor = SimulatedSensor::new(camera, &header, 1.0)?;
+    fn of(
+        camera: &Camera,
+        view: Arc<OpticsOutput>,
+        later: Option<Arc<IrradianceCube>>,
+        header: render::CubeHeader,
+    ) -> Result<Self> {
+        let sensor = Arc::new(SimulatedSensor::new(camera, &header, 1.0)?);
         let settings = camera.settings(0, 1.0, None);
         let illuminant = view.light.clone();
         let info = render::frame_info(camera, &settings, illuminant.as_ref(), &header, false)?;
-        Ok(Self { view, light: Arc::new(Light { illuminant, header, info }), sensor })
+        Ok(Self { view, later, light: Arc::new(Light { illuminant, header, info }), sensor })
+    }
+
+    /// A later frame of the scene in the same light.
+    pub fn later(&self, cube: IrradianceCube) -> Self {
+        Self {
+            view: self.view.clone(),
+            later: Some(Arc::new(cube)),
+            light: self.light.clone(),
+            sensor: self.sensor.clone(),
+        }
+    }
+
+    /// What falls on the sensor at the level of light that the scene was made for.
+    pub fn cube(&self) -> &IrradianceCube {
+        self.later.as_ref().unwrap_or(&self.view.cube)
     }
 
     /// Says what is shown.
@@ -59,13 +82,21 @@ impl Lit {
 
 /// What the page is told at the start.
 ///
+/// A scene that changes with time is the only one.
+///
 /// # Errors
 /// A text that is not the address of a rig.
-pub fn description(args: &Args, camera: &Camera, lit: &Lit) -> Result<(Source, Settings)> {
+pub fn description(
+    args: &Args,
+    camera: &Camera,
+    lit: &Lit,
+    stands_still: bool,
+) -> Result<(Source, Settings)> {
     let mut settings =
         Settings { exposure_s: args.exposure, analog_gain: args.gain, ..Settings::default() };
     lit.tell(&args.view.scene, &mut settings);
     let with = |own: Option<&str>, names: &[&str]| {
+        let names = if stands_still { names } else { &[] };
         let own = own.filter(|own| !names.contains(own));
         own.into_iter().chain(names.iter().copied()).map(str::to_owned).collect()
     };

@@ -9,6 +9,7 @@ mod registers;
 mod session;
 
 use super::arguments::{arithmetic, duration, positive};
+use super::scene_lights::SceneLights;
 use super::simulate::ViewArgs;
 use crate::view::{Desk, Frame, Order, Shared, View};
 use camrig_base::stop::Stoppable;
@@ -16,6 +17,7 @@ use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_render::Arithmetic;
 use camrig_rig::Rig;
+use camrig_rig::stage::{changing_light, remembering};
 use light::Lit;
 use session::Session;
 use std::io::Write as _;
@@ -104,10 +106,6 @@ impl Desk for FrontDesk {
 pub fn run(args: &Args) -> Result<()> {
     let opens = "see and drive the rig with this page's token, which the network carries in clear";
     super::rig::remote(&args.listen, args.allow_remote, opens)?;
-    if args.view.motion.is_some() {
-        return Err(Error::unsupported("a console of a moving scene")
-            .help("leave the motion out, or take the frames with `camrig rig stream`"));
-    }
     if !args.output.is_dir() {
         return Err(Error::input("there is no such folder")
             .at(args.output.display())
@@ -115,13 +113,17 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
-    let (camera, view) = args.view.view()?;
+    let camera = args.view.camera.load()?;
+    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps))?;
     let lit = Lit::new(&camera, view)?;
-    let (source, settings) = light::description(args, &camera, &lit)?;
+    if let (false, Some(effect)) = (lights.stand_still(), remembering(&lit.sensor).next()) {
+        return Err(changing_light(effect));
+    }
+    let (source, settings) = light::description(args, &camera, &lit, lights.stand_still())?;
     let shared = Arc::new(Shared::new(source, settings));
     let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
     let stop = Stoppable::new();
-    let mut session = Session::new(args, &camera, &shared, &orders, &stop)?;
+    let mut session = Session::new(args, &camera, &shared, &orders, &stop, lights)?;
     session.begin(&mut rig)?;
     // The address is data: scripts wait for it.
     println!("{}", page.url());

@@ -7,6 +7,7 @@ use super::recorder::Recorder;
 use super::{Args, registers};
 use crate::cli::arguments::broken_link;
 use crate::cli::rig_stream::KEPT_BYTES;
+use crate::cli::scene_lights::{NextLight, SceneLights};
 use crate::view::{Frame, Order, Register, Shared, State, Status, Timing};
 use camrig_base::stop::Stoppable;
 use camrig_base::{Error, ErrorKind, Result};
@@ -40,6 +41,11 @@ pub struct Session<'a> {
     frames: u32,
     /// The light of the frame before is that of the next.
     lit_before: bool,
+    /// The light of frame after frame.
+    lights: SceneLights,
+    /// The frame whose light was asked for last.
+    light_of: u32,
+    scene_is_over: bool,
 }
 
 /// Why frames end.
@@ -61,6 +67,7 @@ impl<'a> Session<'a> {
         shared: &'a Arc<Shared>,
         orders: &'a mpsc::Receiver<Order>,
         stop: &'a Stoppable,
+        lights: SceneLights,
     ) -> Result<Self> {
         Ok(Self {
             args,
@@ -76,6 +83,9 @@ impl<'a> Session<'a> {
             begun: None,
             frames: 0,
             lit_before: false,
+            lights,
+            light_of: 0,
+            scene_is_over: false,
         })
     }
 
@@ -126,6 +136,7 @@ impl<'a> Session<'a> {
                 },
             }
         }
+        self.lights.tell_end(self.frames.into(), None);
         self.recorder.finish()
     }
 
@@ -133,7 +144,7 @@ impl<'a> Session<'a> {
     fn stream(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Next> {
         let collapse =
             !self.args.spectral && rig.device().codecs >> (Codec::Electrons16 as u8) & 1 == 1;
-        let cube = &lit.view.cube;
+        let cube = lit.cube();
         let feed =
             if collapse { Feed::collapsed(cube, &lit.sensor) } else { Feed::spectral(cube) };
         let mut feed = if feed.bytes() <= KEPT_BYTES { feed.kept() } else { feed };
@@ -146,6 +157,9 @@ impl<'a> Session<'a> {
             if let Some(other) = self.obey(rig, lit)? {
                 self.lit_before = false;
                 return Ok(Next::In(Box::new(other)));
+            }
+            if let Some(later) = self.later(lit) {
+                return Ok(Next::In(Box::new(later)));
             }
             let late = self.beat.begin(Instant::now());
             let request = FrameRequest {
@@ -161,6 +175,22 @@ impl<'a> Session<'a> {
             self.lit_before = true;
             self.take(rig, frame, lit, timing)?;
         }
+    }
+
+    /// The light of the frame that is due, where the scene has changed since the one before.
+    fn later(&mut self, lit: &Lit) -> Option<Lit> {
+        if self.frames == self.light_of || self.scene_is_over {
+            return None;
+        }
+        self.light_of = self.frames;
+        match self.lights.next(self.frames) {
+            Ok(NextLight::Same) => return None,
+            Ok(NextLight::Changed(cube)) => return Some(lit.later(cube)),
+            Ok(NextLight::Over) => self.note("scene", "it has ended; its last frame stays"),
+            Err(error) => self.fault("scene", error),
+        }
+        self.scene_is_over = true;
+        None
     }
 
     /// The times of a frame that begins now.

@@ -16,7 +16,7 @@
 
 mod gamut;
 mod icc;
-mod picture;
+pub(super) mod picture;
 mod read_exr;
 mod read_jpeg;
 mod read_png;
@@ -80,10 +80,8 @@ pub(super) fn is_picture(path: &Path, extension: &str) -> Result<bool> {
 
 /// Opens a picture.
 pub(super) fn open(path: &Path, extension: &str, options: &str) -> Result<Cube> {
-    let help = "the keys of a picture are as (reflectance or radiance), primaries, transfer, \
-                scale, white and array";
-    let options: Options = sidecar::keys(None, options, help)?;
-    let mut picture = match extension {
+    let options = Options::parse(options)?;
+    let picture = match extension {
         "png" => read_png::read(path),
         "jpg" | "jpeg" => read_jpeg::read(path),
         "hdr" => read_radiance::read(path),
@@ -93,6 +91,20 @@ pub(super) fn open(path: &Path, extension: &str, options: &str) -> Result<Cube> 
     if options.array.is_some() && extension != "exr" {
         return Err(Error::input("array= of a picture that has no layers"));
     }
+    scene_of(picture, &options)
+}
+
+/// Refuses options that pictures do not have.
+pub(super) fn check_options(options: &str) -> Result<()> {
+    Options::parse(options).map(drop)
+}
+
+/// The scene of a decoded picture.
+pub(super) fn of_picture(picture: Picture, options: &str) -> Result<Cube> {
+    scene_of(picture, &Options::parse(options)?)
+}
+
+fn scene_of(mut picture: Picture, options: &Options) -> Result<Cube> {
     let quantity = options.quantity(&picture)?;
     let space = options.space(&mut picture)?;
     let (size, mut pixels) = picture.upright(linear(&picture, &space));
@@ -153,6 +165,12 @@ impl BandSource for Lit {
 }
 
 impl Options {
+    fn parse(options: &str) -> Result<Self> {
+        let help = "the keys of a picture are as (reflectance or radiance), primaries, transfer, \
+                    scale, white and array";
+        sidecar::keys(None, options, help)
+    }
+
     fn quantity(&self, picture: &Picture) -> Result<Quantity> {
         match (&self.quantity, &picture.samples) {
             (Some(name), _) => Quantity::parse(name).ok_or_else(|| {

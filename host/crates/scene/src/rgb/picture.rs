@@ -56,19 +56,22 @@ pub struct Picture {
 /// Refuses sizes that memory or the file's bytes cannot hold.
 pub fn check_size(path: &Path, (width, height): (usize, usize)) -> Result<()> {
     let bytes = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
-    let pixels = width.checked_mul(height).filter(|&n| n <= MOST_PIXELS);
-    let Some(pixels) = pixels else {
-        return Err(Error::limit(format!("a picture of {width} x {height} pixels"))
-            .help(format!("at most {MOST_PIXELS} pixels are read")));
-    };
-    if pixels == 0 {
-        return Err(Error::input(format!("a picture of {width} x {height} pixels")));
-    }
+    let pixels = check_pixels([width, height])?;
     if pixels as u64 > bytes.saturating_mul(MOST_PIXELS_PER_BYTE) {
         return Err(Error::input(format!("{width} x {height} pixels in a file of {bytes} bytes"))
             .help("the file is cut off, or its header is wrong"));
     }
     Ok(())
+}
+
+/// The number of pixels of a size; refuses sizes that memory cannot hold.
+pub fn check_pixels([width, height]: [usize; 2]) -> Result<usize> {
+    let what = || format!("a picture of {width} x {height} pixels");
+    match width.checked_mul(height) {
+        Some(0) => Err(Error::input(what())),
+        Some(pixels) if pixels <= MOST_PIXELS => Ok(pixels),
+        _ => Err(Error::limit(what()).help(format!("at most {MOST_PIXELS} pixels are read"))),
+    }
 }
 
 /// Red, green and blue of interleaved `channels`: 1 is grey, 2 grey with alpha, 4 with alpha.

@@ -1,0 +1,139 @@
+//! The optics stage of a scene that changes with time: irradiance on the sensor, frame by frame.
+//!
+//! Every frame is seen by one lens, in one light. A level (lux or cd/m²) is that of the first
+//! frame: what scales its radiance to the level scales all others, so that a scene that becomes
+//! brighter does. All frames have the size, the bands and the quantity of the first.
+
+use super::cache::OneLens;
+use super::lighting::{SceneInLight, SceneLight, frame_aspect};
+use super::optics_stage::{OpticsOutput, OpticsStage};
+use camrig_base::{Bands, Error, Result};
+use camrig_camera::Camera;
+use camrig_scene::sequence::SceneFrame;
+use camrig_scene::{self as scene, Illuminant, Quantity, Scene, photometry};
+
+/// Makes irradiance of the frames of a sequence.
+pub struct SequenceStage {
+    stage: OpticsStage,
+    first: Option<First>,
+    lens: Option<OneLens>,
+}
+
+/// What the first frame decides for all.
+struct First {
+    name: String,
+    size: (usize, usize),
+    bands: Bands,
+    quantity: Quantity,
+    illuminant: Option<Illuminant>,
+    lux: Option<f64>,
+    white: Vec<f64>,
+}
+
+impl SequenceStage {
+    /// Frames as `stage` says, whose scene is the sequence. It keeps a traced lens where `stage`
+    /// keeps results, and no irradiance.
+    ///
+    /// # Errors
+    /// A stage that moves its scene: a sequence has its own movement.
+    pub fn new(stage: OpticsStage) -> Result<Self> {
+        if stage.motion.is_some() {
+            return Err(Error::unsupported(format!("motion of the sequence {:?}", stage.scene))
+                .help("a sequence moves by itself; leave the motion out"));
+        }
+        Ok(Self { stage, first: None, lens: None })
+    }
+
+    /// What falls on the sensor of `camera` from a frame; `progress` hears of bands done and bands
+    /// in all.
+    ///
+    /// # Errors
+    /// A frame that cannot be read, or is not like the first; those of [`OpticsStage::run`].
+    pub fn run(
+        &mut self,
+        camera: &Camera,
+        frame: SceneFrame,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<OpticsOutput> {
+        let name = frame.name.clone();
+        let cube = frame.open()?;
+        let size = cube.size();
+        let opened = self.opened(Box::new(cube), size, &name, frame_aspect(camera))?;
+        let count = opened.scene.bands().count;
+        let opened = opened.binned_for(camera);
+        let bands = opened.scene.bands();
+        let Self { stage: OpticsStage { options, cache, .. }, lens, .. } = self;
+        let traced = lens.is_none();
+        let lens = match lens {
+            Some(lens) => lens,
+            None => lens.insert(OneLens::new(camera, &bands, options, cache.as_deref())?),
+        };
+        let about = opened.about(camera);
+        let (cube, optics) = lens
+            .irradiance(camera, &opened.lit(), options, about, progress)
+            .map_err(|e| e.at(&name))?;
+        let mut notes = opened.notes(camera);
+        notes.extend(lens.notes.iter().cloned());
+        Ok(OpticsOutput {
+            light: opened.illuminant,
+            cube,
+            optics,
+            cached: false,
+            rebinned: bands.count != count,
+            lens_traced: traced && lens.traced,
+            notes,
+        })
+    }
+
+    /// A frame's scene in the light of the sequence.
+    fn opened(
+        &mut self,
+        cube: Box<dyn Scene>,
+        size: (usize, usize),
+        name: &str,
+        frame_aspect: f64,
+    ) -> Result<SceneInLight> {
+        let (bands, quantity) = (cube.bands(), cube.quantity());
+        let Some(first) = &self.first else {
+            let OpticsStage { illuminant, level, .. } = &self.stage;
+            let light = SceneLight { illuminant: illuminant.as_deref(), level: *level };
+            let opened = SceneInLight::of(cube, name, frame_aspect, &light)?;
+            self.first = Some(First {
+                name: name.to_owned(),
+                size,
+                bands,
+                quantity,
+                illuminant: opened.illuminant.clone(),
+                lux: opened.lux,
+                white: opened.white.clone(),
+            });
+            return Ok(opened);
+        };
+        if (size, bands, quantity) != (first.size, first.bands, first.quantity) {
+            let words = |(width, height): (usize, usize), bands: &Bands, quantity: Quantity| {
+                let Bands { start_nm, step_nm, count } = bands;
+                format!(
+                    "{width} x {height} pixels of {}, {count} bands of {step_nm} nm from \
+                     {start_nm} nm on",
+                    quantity.name()
+                )
+            };
+            let this = words(size, &bands, quantity);
+            let other = words(first.size, &first.bands, first.quantity);
+            return Err(Error::disagreement(format!("{this}; {} has {other}", first.name))
+                .at(name)
+                .help("all frames of a sequence have the same size, bands and quantity"));
+        }
+        if quantity == Quantity::Radiance && self.stage.level.is_none() {
+            photometry::check_absolute(&*cube).map_err(|e| e.at(name))?;
+        }
+        Ok(SceneInLight {
+            scene: scene::filling(cube, frame_aspect),
+            illuminant: first.illuminant.clone(),
+            lux: first.lux,
+            white: first.white.clone(),
+            spec: name.to_owned(),
+            done: Vec::new(),
+        })
+    }
+}
