@@ -6,8 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Clients that are Python modules rather than programs.
-const PYTHON_MODULES: [&str; 8] =
-    ["astropy", "cv2", "emva1288", "jsonschema", "numpy", "rawpy", "rosbags", "tifffile"];
+const PYTHON_MODULES: [&str; 9] = [
+    "astropy",
+    "cv2",
+    "emva1288",
+    "jsonschema",
+    "mitsuba",
+    "numpy",
+    "rawpy",
+    "rosbags",
+    "tifffile",
+];
 
 /// Finds a real client: a program on the PATH, or the Python that has a module.
 ///
