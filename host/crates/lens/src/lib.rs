@@ -80,6 +80,7 @@ pub mod seq;
 mod setup;
 pub mod system;
 mod text;
+pub mod tolerance;
 pub mod toml;
 pub mod trace;
 pub mod train;

@@ -2,6 +2,7 @@
 
 mod export;
 mod show;
+mod tolerance;
 
 use super::arguments;
 use camrig_base::output::OutputDir;
@@ -29,6 +30,7 @@ enum Command {
     Trace(TraceArgs),
     Import(ImportArgs),
     Macro(export::MacroArgs),
+    Tolerance(tolerance::ToleranceArgs),
     Info(InfoArgs),
     Plot(PlotArgs),
 }
@@ -269,6 +271,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Trace(args) => trace(args)?,
         Command::Import(args) => import_files(args)?,
         Command::Macro(args) => export::print(args)?,
+        Command::Tolerance(args) => tolerance::run(args)?,
         Command::Plot(args) => plot(args)?,
         Command::Info(args) if args.lens.file.is_dir() => info_of_directory(args)?,
         Command::Info(args) => info(args)?,

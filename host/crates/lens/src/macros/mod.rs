@@ -66,8 +66,7 @@ impl Export {
         let waves = &self.wavelengths_nm;
         let assignments = |array: &str, values: &[f64]| {
             let lines = values.iter().enumerate();
-            let text: String =
-                lines.map(|(i, v)| program.assignment(array, i + 1, *v)).collect();
+            let text: String = lines.map(|(i, v)| program.assignment(array, i + 1, *v)).collect();
             text.trim_end().to_owned()
         };
         let array = if program == Program::CodeV { "wls" } else { "WLN" };
@@ -91,9 +90,8 @@ impl Export {
             ("PSF_SPACING_UM", self.psf_spacing_um.to_string()),
             ("PSF_SPACING_MM", (self.psf_spacing_um * 1e-3).to_string()),
         ];
-        let fill = |text: String, (key, value): &(&str, String)| {
-            text.replace(&format!("@{key}@"), value)
-        };
+        let fill =
+            |text: String, (key, value): &(&str, String)| text.replace(&format!("@{key}@"), value);
         Ok(values.iter().fold(program.template().to_owned(), fill))
     }
 

@@ -72,11 +72,9 @@ fn write_tables(folder: &Path, lens: &Characterisation) {
     std::fs::write(folder.join("ISETPARMS.TXT"), parameters).unwrap();
     let angles = lens.chief_ray_angle_deg.as_ref().unwrap();
     let radians: Vec<f64> = angles.iter().map(|v| v.to_radians()).collect();
-    for (kind, values) in [
-        ("DI", &lens.real_height_mm),
-        ("RI", &lens.relative_illumination),
-        ("CRA", &radians),
-    ] {
+    for (kind, values) in
+        [("DI", &lens.real_height_mm), ("RI", &lens.relative_illumination), ("CRA", &radians)]
+    {
         let rows = values.chunks(3).map(|row| {
             let words: Vec<String> = row.iter().map(|v| format!("{v:.8E}")).collect();
             words.join(" ") + "\n"
@@ -125,7 +123,10 @@ fn codev_grid(samples: &[f32]) -> Vec<u8> {
 fn same(found: &Characterisation, expected: &Characterisation, psf_digits: f64) {
     let near = |a: &[f64], b: &[f64], part: f64| {
         assert_eq!(a.len(), b.len());
-        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= part * b.abs() + 1e-9), "{a:?} {b:?}");
+        assert!(
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() <= part * b.abs() + 1e-9),
+            "{a:?} {b:?}"
+        );
     };
     near(&found.heights_mm, &expected.heights_mm, 1e-8);
     near(&found.wavelengths_nm, &expected.wavelengths_nm, 0.0);
@@ -162,9 +163,7 @@ fn what_the_scripts_leave_is_the_lens_that_wrote_it() {
                         format!("singlet_2D_PSF_Fld{}_Wave{}.dat", h + 1, w + 1),
                         opticstudio_listing(samples, *nm, lens.real_height_mm[3 * h + w], deg),
                     ),
-                    false => {
-                        (format!("singlet_PSF_{}_{}.dat", h + 1, w + 1), codev_grid(samples))
-                    }
+                    false => (format!("singlet_PSF_{}_{}.dat", h + 1, w + 1), codev_grid(samples)),
                 };
                 std::fs::write(folder.path().join(name), bytes).unwrap();
             }
