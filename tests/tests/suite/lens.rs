@@ -389,10 +389,8 @@ fn the_script_for_opticstudio_exports_the_lens_that_it_is_given() {
         dir,
         &format!("lens trace good.toml {grid} --psf-spacing 1.5 --psf-tolerance 1 -o traced"),
     );
-    let script = camrig_ok(
-        dir,
-        &format!("lens macro opticstudio {grid} --psf-spacing 1.5 --name singlet"),
-    );
+    let script =
+        camrig_ok(dir, &format!("lens macro opticstudio {grid} --psf-spacing 1.5 --name singlet"));
     std::fs::write(dir.join("export.py"), script.stdout).unwrap();
     let stand_in = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/suite/zosapi.py");
     let run = Command::new("python3")
@@ -411,9 +409,8 @@ fn the_script_for_opticstudio_exports_the_lens_that_it_is_given() {
     assert!(near(&traced.heights_mm, &back.heights_mm));
     assert!(near(&traced.real_height_mm, &back.real_height_mm));
     assert!(near(&traced.relative_illumination, &back.relative_illumination));
-    let angles = |lens: &camrig::optics::Characterisation| {
-        lens.chief_ray_angle_deg.clone().unwrap()
-    };
+    let angles =
+        |lens: &camrig::optics::Characterisation| lens.chief_ray_angle_deg.clone().unwrap();
     assert!(near(&angles(&traced), &angles(&back)));
     assert_eq!(traced.psf.data.len(), back.psf.data.len());
     let peak = traced.psf.data.iter().copied().fold(0.0, f32::max);
@@ -438,9 +435,8 @@ fn tolerances_cost_contrast_and_a_seed_repeats_itself() {
     assert_eq!(small, run("--decentre 0.01 --seed 3"));
     assert_ne!(small, run("--decentre 0.01 --seed 4"));
     let value = |bytes: &[u8]| serde_json::from_slice::<Value>(bytes).unwrap();
-    let of = |report: &Value, key: &str| {
-        report["fields"][0]["sagittal"]["mtf"][key].as_f64().unwrap()
-    };
+    let of =
+        |report: &Value, key: &str| report["fields"][0]["sagittal"]["mtf"][key].as_f64().unwrap();
     let report = value(&small);
     assert!(of(&report, "p10") <= of(&report, "p90"));
     let dearest = report["sensitivities"][0]["mtf_loss"].as_f64().unwrap();
