@@ -372,3 +372,76 @@ fn printed_figures_agree_with_reference_programs() {
     }
     assert!(!camrig(Path::new("."), "lens trace").status.success());
 }
+
+/// The script for OpticStudio, run against a stand-in for its interface that answers with a traced
+/// lens: what it leaves comes back as that lens.
+#[test]
+fn the_script_for_opticstudio_exports_the_lens_that_it_is_given() {
+    let python = Command::new("python3").args(["-c", "import tomllib"]).output();
+    if !python.is_ok_and(|output| output.status.success()) {
+        println!("SKIP: python3 with tomllib is not there (script for OpticStudio)");
+        return;
+    }
+    let folder = folder();
+    let dir = folder.path();
+    let grid = "--heights 3 --max-field 10 --wavelengths 486.1,587.6,656.3 --psf-size 32";
+    camrig_ok(
+        dir,
+        &format!("lens trace good.toml {grid} --psf-spacing 1.5 --psf-tolerance 1 -o traced"),
+    );
+    let script =
+        camrig_ok(dir, &format!("lens macro opticstudio {grid} --psf-spacing 1.5 --name singlet"));
+    std::fs::write(dir.join("export.py"), script.stdout).unwrap();
+    let stand_in = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/suite/zosapi.py");
+    let run = Command::new("python3")
+        .arg(stand_in)
+        .args(["export.py", "traced", "10", "exported"])
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    let told = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{told}");
+    assert!(String::from_utf8_lossy(&run.stdout).contains("vignetting factors"), "{told}");
+    camrig_ok(dir, "lens import exported -o back");
+    let read = |name: &str| camrig::optics::Characterisation::read(&dir.join(name)).unwrap();
+    let (traced, back) = (read("traced"), read("back"));
+    let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(near(&traced.heights_mm, &back.heights_mm));
+    assert!(near(&traced.real_height_mm, &back.real_height_mm));
+    assert!(near(&traced.relative_illumination, &back.relative_illumination));
+    let angles =
+        |lens: &camrig::optics::Characterisation| lens.chief_ray_angle_deg.clone().unwrap();
+    assert!(near(&angles(&traced), &angles(&back)));
+    assert_eq!(traced.psf.data.len(), back.psf.data.len());
+    let peak = traced.psf.data.iter().copied().fold(0.0, f32::max);
+    let worst = traced.psf.data.iter().zip(&back.psf.data);
+    let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-4 * peak, "{worst} of {peak}");
+}
+
+/// The figures of `lens tolerance`: the same bytes for a seed, and less contrast for larger
+/// tolerances.
+#[test]
+fn tolerances_cost_contrast_and_a_seed_repeats_itself() {
+    let folder = folder();
+    let dir = folder.path();
+    let run = |options: &str| {
+        let arguments = format!(
+            "lens tolerance good.toml --fields 0 --lenses 8 --frequency 20 --json {options}"
+        );
+        camrig_ok(dir, &arguments).stdout
+    };
+    let small = run("--decentre 0.01 --seed 3");
+    assert_eq!(small, run("--decentre 0.01 --seed 3"));
+    assert_ne!(small, run("--decentre 0.01 --seed 4"));
+    let value = |bytes: &[u8]| serde_json::from_slice::<Value>(bytes).unwrap();
+    let of =
+        |report: &Value, key: &str| report["fields"][0]["sagittal"]["mtf"][key].as_f64().unwrap();
+    let report = value(&small);
+    assert!(of(&report, "p10") <= of(&report, "p90"));
+    let dearest = report["sensitivities"][0]["mtf_loss"].as_f64().unwrap();
+    assert!(dearest > 0.0, "{report}");
+    refuses(dir, "lens tolerance good.toml --index 2", &["a tolerance of 2 of index"]);
+    refuses(dir, "lens macro opticstudio --max-field 10 --psf-size 100", &["100 samples"]);
+    refuses(dir, "lens macro codev --max-field 10 --zpl", &["CODE V has no ZPL"]);
+}

@@ -39,7 +39,7 @@
 //! [`train::Train`] (one wavelength) → [`pupil::Beam`] (one field point, chief ray) →
 //! [`pupil::Outline`] (the part of the pupil that the apertures pass) → [`samples::PupilSamples`]
 //! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`]
-//! reads what other programs computed.
+//! reads what other programs computed, and [`macros`] are scripts that make them compute it.
 //!
 //! # Conventions
 //! - Lenses are sequential and rotationally symmetric: spheres, conics, even and odd polynomials,
@@ -69,6 +69,7 @@ pub mod characterise;
 pub mod glass;
 pub mod heights;
 pub mod import;
+pub mod macros;
 pub mod paraxial;
 pub mod prescription;
 pub mod psf;
@@ -79,6 +80,7 @@ pub mod seq;
 mod setup;
 pub mod system;
 mod text;
+pub mod tolerance;
 pub mod toml;
 pub mod trace;
 pub mod train;

@@ -210,6 +210,11 @@ impl<'a> Beam<'a> {
         rays
     }
 
+    /// Start and direction of the ray at a place relative to the chief ray, mm.
+    pub(super) fn start(&self, place: [f64; 2]) -> ([f64; 3], [f64; 3]) {
+        self.launcher.ray(place[0], self.chief_launch + place[1])
+    }
+
     /// Radiant power per launch area at a place relative to the chief ray.
     pub(super) fn power(&self, place: [f64; 2]) -> f64 {
         self.launcher.power(place[0], self.chief_launch + place[1])

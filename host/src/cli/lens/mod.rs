@@ -1,6 +1,8 @@
 //! `camrig lens`: characterise lenses from prescriptions or exported files, look at them.
 
+mod export;
 mod show;
+mod tolerance;
 
 use super::arguments;
 use camrig_base::output::OutputDir;
@@ -27,6 +29,8 @@ pub struct Args {
 enum Command {
     Trace(TraceArgs),
     Import(ImportArgs),
+    Macro(export::MacroArgs),
+    Tolerance(tolerance::ToleranceArgs),
     Info(InfoArgs),
     Plot(PlotArgs),
 }
@@ -198,6 +202,14 @@ fn wavelengths(text: &str) -> Result<Wavelengths, String> {
     }
 }
 
+/// All wavelengths of a list, each once, rising.
+fn rising(list: &[Wavelengths]) -> Vec<f64> {
+    let mut all: Vec<f64> = list.iter().flat_map(|w| w.0.iter().copied()).collect();
+    all.sort_by(f64::total_cmp);
+    all.dedup();
+    all
+}
+
 /// Paraxial figures and surfaces of a prescription, or what a characterisation holds
 #[derive(clap::Args, Debug)]
 #[command(
@@ -258,6 +270,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Trace(args) => trace(args)?,
         Command::Import(args) => import_files(args)?,
+        Command::Macro(args) => export::print(args)?,
+        Command::Tolerance(args) => tolerance::run(args)?,
         Command::Plot(args) => plot(args)?,
         Command::Info(args) if args.lens.file.is_dir() => info_of_directory(args)?,
         Command::Info(args) => info(args)?,
@@ -268,12 +282,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 fn trace(args: &TraceArgs) -> Result<()> {
     let place = |e: Error| e.at(args.lens.file.display());
     let system = args.lens.system()?;
-    let given = args.wavelengths.as_ref().map(|list| {
-        let mut all: Vec<f64> = list.iter().flat_map(|w| w.0.iter().copied()).collect();
-        all.sort_by(f64::total_cmp);
-        all.dedup();
-        all
-    });
+    let given = args.wavelengths.as_deref().map(rising);
     if let Some(dir) = &args.output {
         write_characterisation(args, &system, given.clone(), dir).map_err(place)?;
         if !args.json {

@@ -41,6 +41,9 @@ pub enum Dispersion {
     },
     /// Herzberger: n = A + B·L + C·L² + D·λ² + E·λ⁴ + F·λ⁶ with L = 1/(λ² − 0.028).
     Herzberger([f64; 6]),
+    /// Buchdahl: n = c₀ + c₁·ω + c₂·ω² with ω = (λ − λ₀)/(1 + 2.5·(λ − λ₀)), λ₀ = 0.574 µm
+    /// (Robb and Mercado, Appl. Opt. 22, 1198 (1983)).
+    Buchdahl([f64; 3]),
     /// Another glass with its n_d and V_d moved: n_d + shift + factor·(n − n_d).
     Moved {
         /// The glass.
@@ -80,6 +83,11 @@ impl Dispersion {
             Self::Herzberger([a, b, c, d, e, f]) => {
                 let l = 1.0 / (l2 - 0.028);
                 a + b * l + c * l * l + l2 * (d + l2 * (e + l2 * f))
+            }
+            Self::Buchdahl([c0, c1, c2]) => {
+                let away = um - 0.574;
+                let omega = away / (1.0 + 2.5 * away);
+                c0 + omega * (c1 + omega * c2)
             }
             Self::Moved { of, nd, shift, factor } => nd + shift + factor * (of.index(um) - nd),
         }

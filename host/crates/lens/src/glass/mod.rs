@@ -109,6 +109,13 @@ impl Glass {
         Ok(Self { dispersion, ..self.clone() })
     }
 
+    /// This glass with the same amount added to its index at all wavelengths.
+    #[must_use]
+    pub fn with_index_shifted(&self, shift: f64) -> Self {
+        let of = Box::new(self.dispersion.clone());
+        Self { dispersion: Dispersion::Moved { of, nd: 0.0, shift, factor: 1.0 }, ..self.clone() }
+    }
+
     /// A medium of constant index.
     ///
     /// # Errors

@@ -84,15 +84,16 @@ impl Parameters {
             let words = text.split(separators).filter(|w| !w.is_empty());
             words.map(|w| number(name, w)).collect::<Result<Vec<f64>>>().map_err(at)
         };
-        let parts = list(inner, &[':'])?;
-        match (inner.contains(':'), &parts[..]) {
-            (true, [first, step, last]) if *step > 0.0 && (last - first) / step < 1e4 => {
+        if !inner.contains(':') {
+            return list(inner, &[' ', ',', '\t']);
+        }
+        match list(inner, &[':'])?[..] {
+            [first, step, last] if step > 0.0 && (last - first) / step < 1e4 => {
                 let count = ((last - first) / step + 1e-6).floor().max(0.0) as usize;
                 Ok((0..=count).map(|i| first + step * i as f64).collect())
             }
-            (true, _) => Err(at(Error::input(format!("{name}: \"{value}\""))
+            _ => Err(at(Error::input(format!("{name}: \"{value}\""))
                 .help("a range is written first:step:last"))),
-            (false, _) => list(inner, &[' ', ',', '\t']),
         }
     }
 

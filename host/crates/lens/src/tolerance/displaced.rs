@@ -1,0 +1,174 @@
+//! Rays through a lens whose surfaces are displaced by small rotations and shifts.
+//!
+//! A displaced surface is met and bends light in its own coordinates, with the code of
+//! [`crate::trace`]; rays are carried into them and back.
+
+use crate::trace::{LANES, Rays, TrainSurface};
+use camrig_vector::vectorised;
+
+/// How a surface is displaced: turned about a point of the axis, then shifted.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Displacement {
+    /// Shift along x and y, mm.
+    pub shift: [f64; 2],
+    /// Rotation about x and y, radians.
+    pub tilt: [f64; 2],
+    /// z of the surface's vertex from the point about which it turns, mm.
+    pub arm: f64,
+}
+
+/// The coordinates of a displaced surface in those of its undisplaced vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    /// Columns are the displaced axes.
+    axes: [[f64; 3]; 3],
+    origin: [f64; 3],
+}
+
+impl Displacement {
+    /// The frame; `None` where nothing is displaced.
+    pub fn frame(&self) -> Option<Frame> {
+        (self.shift != [0.0; 2] || self.tilt != [0.0; 2]).then(|| self.displaced())
+    }
+
+    fn displaced(&self) -> Frame {
+        // Rodrigues' rotation about the unit vector (a, b, 0).
+        let [x, y] = self.tilt;
+        let angle = (x * x + y * y).sqrt();
+        let [a, b] = if angle > 0.0 { [x / angle, y / angle] } else { [1.0, 0.0] };
+        let (s, c) = libm::sincos(angle);
+        let v = 1.0 - c;
+        let axes = [
+            [c + a * a * v, a * b * v, b * s],
+            [a * b * v, c + b * b * v, -a * s],
+            [-b * s, a * s, c],
+        ];
+        let turned = |i: usize| axes[i][2] * self.arm;
+        let origin = [self.shift[0] + turned(0), self.shift[1] + turned(1), turned(2) - self.arm];
+        Frame { axes, origin }
+    }
+}
+
+impl Frame {
+    /// Carries the rays into this frame.
+    #[inline(always)]
+    fn enter<const N: usize>(&self, rays: &mut Rays<N>) {
+        for i in 0..N {
+            let (p, d) = rays.get(i);
+            let away = [0, 1, 2].map(|k| p[k] - self.origin[k]);
+            let within = |v: [f64; 3]| {
+                [0, 1, 2].map(|k| (0..3).map(|r| self.axes[r][k] * v[r]).sum::<f64>())
+            };
+            place(rays, i, within(away), within(d));
+        }
+    }
+
+    /// Carries the rays out of this frame.
+    #[inline(always)]
+    fn leave<const N: usize>(&self, rays: &mut Rays<N>) {
+        for i in 0..N {
+            let (p, d) = rays.get(i);
+            let outside = |v: [f64; 3]| {
+                [0, 1, 2].map(|r| (0..3).map(|k| self.axes[r][k] * v[k]).sum::<f64>())
+            };
+            let away = outside(p);
+            place(rays, i, [0, 1, 2].map(|k| away[k] + self.origin[k]), outside(d));
+        }
+    }
+}
+
+/// Moves ray `i`; path and excess stay.
+#[inline(always)]
+fn place<const N: usize>(rays: &mut Rays<N>, i: usize, position: [f64; 3], direction: [f64; 3]) {
+    for axis in 0..3 {
+        rays.position[axis][i] = position[axis];
+        rays.direction[axis][i] = direction[axis];
+    }
+}
+
+/// Traces rays through the surfaces, each in its frame, and on to the plane z = 0 of the image.
+#[vectorised]
+pub(super) fn trace(surfaces: &[TrainSurface], frames: &[Option<Frame>], rays: &mut Rays<LANES>) {
+    for (surface, frame) in surfaces.iter().zip(frames) {
+        if let Some(frame) = frame {
+            frame.enter(rays);
+        }
+        surface.meet(rays);
+        surface.bend(rays);
+        if let Some(frame) = frame {
+            // The way to the next vertex is along the undisplaced axis.
+            rays.position[2].iter_mut().for_each(|z| *z += surface.thickness);
+            frame.leave(rays);
+            rays.position[2].iter_mut().for_each(|z| *z -= surface.thickness);
+        }
+    }
+    let last = surfaces.last().map_or(1.0, |s| s.after);
+    for i in 0..LANES {
+        let t = -rays.position[2][i] / rays.direction[2][i];
+        for axis in 0..3 {
+            rays.position[axis][i] += t * rays.direction[axis][i];
+        }
+        rays.path[i] += last * t;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sphere(radius: f64) -> TrainSurface {
+        TrainSurface {
+            curvature: 1.0 / radius,
+            conic: 0.0,
+            even: Vec::new(),
+            odd: Vec::new(),
+            thickness: 25.0,
+            before: 1.0,
+            after: 1.5,
+            mirror: false,
+            clips: Vec::new(),
+        }
+    }
+
+    fn landing(displacement: Displacement) -> Vec<([f64; 3], f64)> {
+        let mut rays = Rays::<LANES>::nowhere();
+        for i in 0..LANES {
+            let x = 0.5 * i as f64 - 1.5;
+            let d = [0.02, -0.05, (1.0 - 0.02 * 0.02 - 0.05 * 0.05_f64).sqrt()];
+            rays.set(i, [x, 0.3 * x + 0.4, -3.0], d);
+        }
+        trace(&[sphere(10.0)], &[displacement.frame()], &mut rays);
+        (0..LANES).map(|i| (rays.get(i).0, rays.path[i])).collect()
+    }
+
+    /// A sphere that turns about its centre of curvature stays where it is.
+    #[test]
+    fn a_sphere_turned_about_its_centre_is_the_same_sphere() {
+        let turned = Displacement { tilt: [0.03, -0.02], arm: -10.0, ..Displacement::default() };
+        let (still, moved) = (landing(Displacement::default()), landing(turned));
+        for ((p, path), (q, other)) in still.iter().zip(&moved) {
+            assert!((0..3).all(|k| (p[k] - q[k]).abs() < 1e-12), "{p:?} {q:?}");
+            assert!((path - other).abs() < 1e-12);
+        }
+        // About its vertex it does not.
+        let other = landing(Displacement { arm: 0.0, ..turned });
+        assert!((other[0].0[0] - still[0].0[0]).abs() > 0.01);
+    }
+
+    /// A surface shifted to +y is a ray shifted to −y, with the landing place shifted back.
+    #[test]
+    fn a_shifted_surface_shifts_the_picture() {
+        let mut rays = Rays::<LANES>::nowhere();
+        let mut shifted = Rays::<LANES>::nowhere();
+        for i in 0..LANES {
+            rays.set(i, [0.1 * i as f64, 0.5, -3.0], [0.0, 0.0, 1.0]);
+            shifted.set(i, [0.1 * i as f64, 0.5 - 0.2, -3.0], [0.0, 0.0, 1.0]);
+        }
+        let frame = Displacement { shift: [0.0, 0.2], ..Displacement::default() }.frame();
+        trace(&[sphere(10.0)], &[frame], &mut rays);
+        trace(&[sphere(10.0)], &[None], &mut shifted);
+        for i in 0..LANES {
+            assert!((rays.position[1][i] - shifted.position[1][i] - 0.2).abs() < 1e-13);
+        }
+    }
+}
