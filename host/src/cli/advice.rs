@@ -27,7 +27,7 @@ const ADVICE: &[(&str, &str)] = &[
     ("patch-outside", "--corners X1,Y1,...,X4,Y4"),
     ("psf-method", "--psf auto, --psf geometric"),
     ("psf-window", "--psf-spacing, --sensor-shift"),
-    ("region-outside", "--roi X,Y,WIDTH,HEIGHT"),
+    ("region-outside", "--roi X,Y,WIDTH,HEIGHT, --region X,Y,WIDTH,HEIGHT"),
     ("rig-arithmetic", "--arith"),
     ("rig-not-found", "camrig rig list shows what is connected"),
     ("rig-register", "camrig rig register --help lists the registers"),

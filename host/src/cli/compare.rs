@@ -2,7 +2,8 @@
 
 use super::diagnose::open;
 use camrig_base::Result;
-use camrig_diagnose::verdict;
+use camrig_diagnose::{Session, verdict};
+use camrig_measure::mtf::Roi;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -16,6 +17,9 @@ pub struct Args {
     camera: String,
     /// Capture set: a directory with captures.toml
     captures: PathBuf,
+    /// Only this region of the frames, in pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = super::measure::roi)]
+    region: Option<Roi>,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -26,7 +30,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let (camera, session) = open(&args.camera, &args.captures)?;
+    let (camera, session) = open(&args.camera, &args.captures, args.region, Session::to_compare)?;
     let (state, gap) = session.compare(&camera)?;
     let found = verdict::comparison(&session, &state, gap);
     if args.json {

@@ -12,6 +12,7 @@ use camrig_diagnose::data::codes;
 use camrig_diagnose::data::design::{self, Halves};
 use camrig_diagnose::report::Report;
 use camrig_diagnose::verdict::{self, improved};
+use camrig_measure::mtf::Roi;
 use camrig_report as pages;
 use camrig_shapes as shapes;
 use std::path::{Path, PathBuf};
@@ -37,6 +38,9 @@ pub struct Args {
     /// Leave an effect out of the catalogue (may be repeated)
     #[arg(long, value_name = "KIND")]
     without: Vec<String>,
+    /// Only this region of the frames, in pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = super::measure::roi)]
+    region: Option<Roi>,
     /// Print diagnosis.json on standard output
     #[arg(long)]
     json: bool,
@@ -45,10 +49,21 @@ pub struct Args {
     force: bool,
 }
 
-/// Reads camera and captures and measures the frames.
-pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
+/// How the frames of a cleaned set are measured: [`Session::open`] or [`Session::to_compare`].
+type Measure = fn(&Camera, &Cleaned, Halves, &(dyn Fn(usize) + Sync)) -> Result<Session>;
+
+/// Reads camera and captures, of them only a `region` where one is given, and measures the frames.
+pub(super) fn open(
+    camera: &str,
+    captures: &Path,
+    region: Option<Roi>,
+    measure: Measure,
+) -> Result<(Camera, Session)> {
     let mut camera = Camera::load(camera)?;
-    let set = CaptureSet::load(captures)?;
+    let mut set = CaptureSet::load(captures)?;
+    if let Some(Roi { x, y, width, height }) = region {
+        set = set.within([x, y, width, height])?;
+    }
     // A capture set may hold a region of the sensor.
     let (w, h) = (set.sensor.width as u32, set.sensor.height as u32);
     if w <= camera.sensor.width && h <= camera.sensor.height {
@@ -64,7 +79,7 @@ pub(super) fn open(camera: &str, captures: &Path) -> Result<(Camera, Session)> {
     let halves = design::divide(&camera, set, &counts)?;
     let total: usize = frames(&halves);
     let bar = progress("frames", total as u64);
-    let session = Session::open(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
+    let session = measure(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
     bar.finish_and_clear();
     for note in session.notes.iter().cloned().chain(session.findings.iter().map(Finding::line)) {
         eprintln!("note: {note}");
@@ -98,7 +113,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     }
     let output = OutputDir::create(&args.output, args.force)?;
-    let (camera, mut session) = open(&args.camera, &args.captures)?;
+    let (camera, mut session) = open(&args.camera, &args.captures, args.region, Session::open)?;
     let bar = indicatif::ProgressBar::new_spinner();
     let outcome = shapes::run(&mut session, &camera, &args.without, &|what| {
         bar.set_message(format!("trying {what}"));
@@ -114,10 +129,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for (name, content) in &alone.tables {
         output.write(name, content.as_bytes())?;
     }
+    let region =
+        args.region.map(|Roi { x, y, width: w, height: h }| format!(" --region {x},{y},{w},{h}"));
     let command = format!(
-        "camrig diagnose {} {} -o {}",
+        "camrig diagnose {} {}{} -o {}",
         args.camera,
         args.captures.display(),
+        region.unwrap_or_default(),
         args.output.display()
     );
     if !outcome.confounded.is_empty() || !session.unexplained(&outcome.after).is_empty() {

@@ -103,6 +103,32 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     contradictions(dir);
 }
 
+/// The same samples give the same figures, whether a region is read of larger frames or the
+/// sensor had read out no more.
+#[test]
+fn a_region_is_compared_as_a_set_of_its_own() {
+    let dir = folder();
+    let dir = dir.path();
+    take(dir, "true.toml", "whole");
+    let roi =
+        "capture --camera true.toml --plan diagnosis --frame-seed 5 --roi 32,16,80,64 -o part";
+    camrig_ok(dir, roi);
+    let of = |words: &str| {
+        let run = camrig(dir, &format!("compare base.toml {words} --json --most 0"));
+        assert_eq!(run.status.code(), Some(1), "{run:?}");
+        (run.stdout, String::from_utf8(run.stderr).unwrap())
+    };
+    let (part, _) = of("part");
+    let (region, said) = of("whole --region 32,16,80,64");
+    let figures =
+        |json: &[u8]| serde_json::from_slice::<Value>(json).unwrap()["statistics"].clone();
+    assert_eq!(figures(&part), figures(&region));
+    assert!(said.contains("region 32,16,80,64 of 128 x 128"), "{said}");
+    let outside = camrig(dir, "compare base.toml whole --region 64,64,80,64");
+    assert_eq!(outside.status.code(), Some(2));
+    assert!(String::from_utf8(outside.stderr).unwrap().contains("--region"), "what to type");
+}
+
 /// A colour camera of 256 x 192 pixels in a folder, and the same sensor of another seed with
 /// effects.
 fn colour_folder(effects: &str) -> tempfile::TempDir {

@@ -168,6 +168,7 @@ pub fn facts(camera: &Camera) -> SensorFacts {
         black_level_dn: Some(s.black_level_dn),
         white_level_dn: full_scale,
         pitch_um: Some(s.pitch_um),
+        window: None,
     }
 }
 

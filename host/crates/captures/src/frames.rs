@@ -15,6 +15,8 @@ use std::sync::Arc;
 
 /// Frames of one batch whose samples still lie in their files: what may be open at a time.
 const OPEN_FILES: usize = 128;
+/// Pixels of the planes that are in memory at once, where that is more than one: 64 MiB.
+const MOST_PIXELS: usize = 1 << 25;
 
 /// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read
 /// when asked for.
@@ -23,6 +25,9 @@ pub struct StoredFrame {
     pub width: usize,
     /// Rows.
     pub height: usize,
+    /// Samples of a row as it is stored, and the first column and row that are read.
+    stride: usize,
+    origin: [usize; 2],
     path: Arc<Path>,
     samples: Samples,
 }
@@ -38,7 +43,18 @@ impl StoredFrame {
     /// # Errors
     /// A file that cannot be read.
     pub fn read_rows(&self, first: usize, out: &mut [u16]) -> Result<()> {
-        let start = first * self.width;
+        let [left, top] = self.origin;
+        if self.width == self.stride {
+            return self.read_samples((top + first) * self.stride, out);
+        }
+        for (y, row) in (top + first..).zip(out.chunks_mut(self.width)) {
+            self.read_samples(y * self.stride + left, row)?;
+        }
+        Ok(())
+    }
+
+    /// Fills `out` from a sample of the stored frame on.
+    fn read_samples(&self, start: usize, out: &mut [u16]) -> Result<()> {
         let (file, offset, sample) = match &self.samples {
             Samples::Memory(data) => {
                 out.copy_from_slice(&data[start..start + out.len()]);
@@ -99,6 +115,8 @@ pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
     let frame = |plane: Plane<u16>| StoredFrame {
         width: plane.width,
         height: plane.height,
+        stride: plane.width,
+        origin: [0; 2],
         path: shared.clone(),
         samples: Samples::Memory(plane.data),
     };
@@ -125,6 +143,8 @@ fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
     let frame = |n| StoredFrame {
         width,
         height,
+        stride: width,
+        origin: [0; 2],
         path: shared.clone(),
         samples: Samples::File { file: file.clone(), offset: layout.offset + n * bytes, sample },
     };
@@ -166,7 +186,7 @@ impl<'a> Batches<'a> {
             let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
             for frame in opened.into_iter().flatten() {
                 self.check_size(&frame)?;
-                self.waiting.push_back(frame);
+                self.waiting.push_back(self.sensor.part_of(frame));
             }
         }
         let most = if self.waiting.iter().any(in_memory) { few } else { OPEN_FILES };
@@ -174,17 +194,36 @@ impl<'a> Batches<'a> {
     }
 
     fn check_size(&self, frame: &StoredFrame) -> Result<()> {
-        let sensor = self.sensor;
-        if (frame.width, frame.height) == (sensor.width, sensor.height) {
+        let (width, height) = self.sensor.stored();
+        if (frame.width, frame.height) == (width, height) {
             return Ok(());
         }
         Err(Error::disagreement(format!(
-            "a frame of {} x {} in a set of {} x {}",
-            frame.width, frame.height, sensor.width, sensor.height
+            "a frame of {} x {} in a set of {width} x {height}",
+            frame.width, frame.height
         ))
         .at(frame.path.display())
         .help("every frame has the width and height of [sensor]"))
     }
+}
+
+impl SensorFacts {
+    /// Columns and rows of the frames as they are stored.
+    fn stored(&self) -> (usize, usize) {
+        self.window.map_or((self.width, self.height), |w| (w.of[0], w.of[1]))
+    }
+
+    /// What is read of a stored frame.
+    fn part_of(&self, frame: StoredFrame) -> StoredFrame {
+        let origin = self.window.map_or([0; 2], |w| [w.x, w.y]);
+        StoredFrame { width: self.width, height: self.height, origin, ..frame }
+    }
+}
+
+/// Planes that are in memory at once, at most: few where frames are large.
+fn at_once(sensor: &SensorFacts) -> usize {
+    let pixels = (sensor.width * sensor.height).max(1);
+    (MOST_PIXELS / pixels).clamp(1, 2 * rayon::current_num_threads())
 }
 
 /// Calls `each` with batches of frames; see [`super::CaptureSet::for_each_batch`].
@@ -193,7 +232,7 @@ pub fn for_each_batch(
     capture: &Capture,
     mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
 ) -> Result<usize> {
-    let few = 2 * rayon::current_num_threads();
+    let few = at_once(sensor);
     let mut batches = Batches::new(sensor, capture);
     let mut count = 0;
     while !batches.is_empty() {
@@ -209,4 +248,45 @@ pub fn for_each_batch(
         }
     }
     Ok(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{CaptureSet, Role};
+    use camrig_base::Plane;
+    use camrig_formats::{Facts, Format, Frames};
+
+    #[test]
+    fn a_region_of_frames_is_that_part_of_them_wherever_they_are_stored() {
+        let folder = tempfile::tempdir().unwrap();
+        let frame = |k: u16| Plane::from_fn(10, 8, |x, y| 1000 * k + 10 * y as u16 + x as u16);
+        let facts = Facts { bits: Some(12), ..Facts::default() };
+        for (name, format, k) in [("a.npy", Format::Npy, 1), ("b.tiff", Format::Tiff, 2)] {
+            let frames = Frames { planes: vec![frame(k)], facts: facts.clone() };
+            std::fs::write(folder.path().join(name), format.encode(&frames).unwrap()).unwrap();
+        }
+        let manifest = "format = \"captures/1\"\n[sensor]\nwidth = 10\nheight = 8\nbits = 12\n\
+                        cfa = \"RGGB\"\n[[capture]]\nid = \"dark\"\nrole = \"dark\"\n\
+                        files = [\"a.npy\", \"b.tiff\"]\nexposure_s = 0.01\n";
+        std::fs::write(folder.path().join("captures.toml"), manifest).unwrap();
+        let set = CaptureSet::load(folder.path()).unwrap();
+        let part = set.clone().within([4, 2, 5, 3]).unwrap();
+        let mut read = Vec::new();
+        let dark = part.with_role(Role::Dark).next().unwrap();
+        part.for_each_batch(dark, |planes| {
+            read.extend_from_slice(planes);
+            Ok(())
+        })
+        .unwrap();
+        let value = |k, x: usize, y: usize| 1000 * k + 10 * (y + 2) as u16 + (x + 4) as u16;
+        let expected: Vec<_> =
+            [1, 2].map(|k| Plane::from_fn(5, 3, |x, y| value(k, x, y))).to_vec();
+        assert_eq!(read, expected);
+        // Half a period of the pattern, none of it, and beyond its end.
+        for wrong in
+            [[3, 2, 5, 3], [4, 1, 5, 3], [4, 2, 0, 3], [4, 2, 7, 3], [4, 8, 5, usize::MAX]]
+        {
+            assert!(set.clone().within(wrong).is_err(), "{wrong:?}");
+        }
+    }
 }

@@ -89,6 +89,19 @@ pub struct SensorFacts {
     pub white_level_dn: u16,
     /// Pixel pitch, µm.
     pub pitch_um: Option<f64>,
+    /// Where the part of the frames that is read lies; `None` where they are read whole.
+    pub window: Option<Window>,
+}
+
+/// A part of stored frames, of [`SensorFacts::width`] columns and [`SensorFacts::height`] rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// First column.
+    pub x: usize,
+    /// First row.
+    pub y: usize,
+    /// Columns and rows of the whole frames.
+    pub of: [usize; 2],
 }
 
 /// What a capture is for.
@@ -268,6 +281,34 @@ impl CaptureSet {
             Error::io("read", &file, e).help("a capture set is a directory with captures.toml")
         })?;
         manifest::parse(&text, &file)
+    }
+
+    /// The set with `width` columns from `x` on and `height` rows from `y` on of every frame, as if
+    /// the sensor had no others.
+    ///
+    /// # Errors
+    /// A region that is empty, not inside the frames, or does not start at a whole period of the
+    /// colour filter pattern.
+    pub fn within(mut self, [x, y, width, height]: [usize; 4]) -> Result<Self> {
+        let whole = [self.sensor.width, self.sensor.height];
+        let inside = |start: usize, length: usize, all: usize| {
+            length > 0 && start.checked_add(length).is_some_and(|end| end <= all)
+        };
+        let region = format!("region {x},{y},{width},{height}");
+        if !inside(x, width, whole[0]) || !inside(y, height, whole[1]) {
+            return Err(Error::input(format!("{region} of {} x {}", whole[0], whole[1]))
+                .help("give a region inside the frames")
+                .with_code("region-outside"));
+        }
+        let cfa = self.cfa();
+        if !x.is_multiple_of(cfa.width) || !y.is_multiple_of(cfa.height) {
+            return Err(Error::unsupported(format!("{region} inside a period of {cfa}")).help(
+                format!("start at multiples of {} columns and {} rows", cfa.width, cfa.height),
+            ));
+        }
+        (self.sensor.width, self.sensor.height) = (width, height);
+        self.sensor.window = Some(Window { x, y, of: whole });
+        Ok(self)
     }
 
     /// The colour filter pattern, mono where the manifest does not say.

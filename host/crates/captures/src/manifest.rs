@@ -268,6 +268,7 @@ fn check_sensor(s: Sensor) -> Result<SensorFacts> {
         black_level_dn: s.black_level_dn,
         white_level_dn: white,
         pitch_um: s.pitch_um,
+        window: None,
     })
 }
 

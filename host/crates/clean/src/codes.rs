@@ -170,6 +170,7 @@ mod tests {
             black_level_dn: Some(2560.0),
             white_level_dn: 65535,
             pitch_um: None,
+            window: None,
         };
         let facts = found.facts(&sensor);
         assert_eq!(

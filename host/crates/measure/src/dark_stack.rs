@@ -73,6 +73,7 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
         black_level_dn: None,
         white_level_dn: facts.white_level_dn.unwrap_or(full_scale),
         pitch_um: None,
+        window: None,
     };
     let capture = Capture {
         id: first.display().to_string(),

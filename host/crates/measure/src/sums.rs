@@ -302,6 +302,7 @@ mod tests {
             black_level_dn: None,
             white_level_dn: 4095,
             pitch_um: None,
+            window: None,
         };
         let open: Vec<StoredFrame> =
             files.iter().flat_map(|f| camrig_captures::open(f).unwrap()).collect();

@@ -13,6 +13,16 @@ use rayon::prelude::*;
 /// costs a degree of freedom.
 const BATCH: usize = 32;
 
+/// Pixels of all stacks of a half whose moments are made side by side: while they are made they
+/// take some 60 bytes per pixel, for every processor.
+const SIDE_BY_SIDE: usize = 1 << 22;
+
+/// How many stacks of a design, of a sensor of so many pixels, one processor takes after another:
+/// 1, or all of them where frames are large.
+pub fn in_turn(design: &Design, pixels: usize) -> usize {
+    if pixels.saturating_mul(design.conditions.len()) > SIDE_BY_SIDE { usize::MAX } else { 1 }
+}
+
 /// Start and size of the batches of a stack, as equal as possible, so that none is a single frame.
 pub fn batches(frames: usize) -> Vec<(usize, usize)> {
     let count = frames.div_ceil(BATCH).max(1);
@@ -74,6 +84,7 @@ pub fn moments(
     design
         .conditions
         .par_iter()
+        .with_min_len(in_turn(design, s.width * s.height))
         .map(|c| {
             let c = &c.stack;
             let mut collector = Collector::new(s.width, s.height, s.bits, planes);

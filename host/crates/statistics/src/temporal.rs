@@ -112,7 +112,9 @@ struct Batch {
 
 /// Collects [`Temporal`].
 pub struct Collector {
+    /// Its mean is that of the first batch until the end.
     t: Temporal,
+    /// Sums over several batches; empty while there is one.
     sum: Vec<f64>,
     /// Samples of each code in four histograms, one for every fourth column: the same code often
     /// occurs many times in a row, and a counter is not read again right after it was written.
@@ -132,7 +134,7 @@ impl Collector {
             height,
             frames: 0,
             dof: 0.0,
-            mean: Plane { width, height, data: vec![0.0; n] },
+            mean: Plane { width, height, data: Vec::new() },
             frame_means: Vec::new(),
             row_means: Vec::new(),
             pixel_variance: vec![0.0; n],
@@ -149,7 +151,7 @@ impl Collector {
         };
         Self {
             t,
-            sum: vec![0.0; n],
+            sum: Vec::new(),
             histogram: vec![[0; 4]; 1 << bits],
             rows: Spectrum::new(height),
             columns: Spectrum::new(width),
@@ -166,7 +168,10 @@ impl Collector {
         for frame in frames {
             mean.iter_mut().zip(&frame.data).for_each(|(m, &v)| *m += f32::from(v));
         }
-        self.sum.iter_mut().zip(&mean).for_each(|(s, &m)| *s += f64::from(m));
+        if self.t.frames > 0 {
+            self.sum_first_batch();
+            self.sum.iter_mut().zip(&mean).for_each(|(s, &m)| *s += f64::from(m));
+        }
         mean.iter_mut().for_each(|m| *m /= n as f32);
         let level = self::mean(&mean);
         let rows = mean.chunks(w).map(|row| lanes::sum(row) / w as f64 - level).collect();
@@ -180,9 +185,21 @@ impl Collector {
             }
             std::mem::swap(&mut here, &mut before);
         }
+        if self.t.frames == 0 {
+            self.t.mean.data = batch.mean;
+        }
         self.t.frames += n;
         self.t.dof += n as f64 - 1.0;
         self.lag_dof += n as f64 - 1.0;
+    }
+
+    /// Makes sums of the mean of the only batch so far: they are whole, and small enough that
+    /// their mean tells them.
+    fn sum_first_batch(&mut self) {
+        if self.sum.is_empty() {
+            let n = self.t.frames as f64;
+            self.sum = self.t.mean.data.iter().map(|&m| (f64::from(m) * n).round()).collect();
+        }
     }
 
     /// One frame: its residuals go into `out`.
@@ -244,6 +261,7 @@ impl Collector {
         let dof = t.dof.max(1.0);
         let frames = t.frames.max(1) as f64;
         t.histogram = self.histogram.iter().map(|bins| bins.iter().sum()).collect();
+        // Of one batch the mean is there: rounded once or twice, a quotient is the same.
         t.mean.data.iter_mut().zip(&self.sum).for_each(|(m, s)| *m = (s / frames) as f32);
         let by =
             |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
@@ -306,6 +324,28 @@ fn block_variance(v: &[f32], w: usize, h: usize) -> f64 {
 mod tests {
     use super::*;
     use camrig_camera::Camera;
+
+    #[test]
+    fn the_mean_is_that_of_all_samples_in_one_batch_and_in_several() {
+        let (w, h) = (16, 16);
+        let frame =
+            |k: usize| Plane::from_fn(w, h, |x, y| ((x * 31 + y * 17 + k * k) % 4093) as u16);
+        let frames: Vec<Plane<u16>> = (0..37).map(frame).collect();
+        for sizes in [vec![37], vec![13, 12, 12]] {
+            let mut collector = Collector::new(w, h, 12, false);
+            let mut rest = &frames[..];
+            for n in sizes {
+                let (batch, later) = rest.split_at(n);
+                collector.add(batch);
+                rest = later;
+            }
+            let mean = collector.finish().mean;
+            for i in 0..w * h {
+                let sum: u32 = frames.iter().map(|f| u32::from(f.data[i])).sum();
+                assert_eq!(mean.data[i], (f64::from(sum) / 37.0) as f32);
+            }
+        }
+    }
 
     #[test]
     fn the_border_takes_the_moments_of_the_next_pixels_of_its_own_channel() {

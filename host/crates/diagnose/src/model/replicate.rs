@@ -3,7 +3,7 @@
 
 use super::light::{self, Electrons};
 use crate::data::design::{Condition, Design, Stack, Target};
-use crate::statistics::read::batches;
+use crate::statistics::read::{batches, in_turn};
 use crate::statistics::targets::{Picture, PictureCollector};
 use crate::statistics::temporal::{Collector, Temporal};
 use camrig_base::{Bands, Plane, Result};
@@ -47,26 +47,28 @@ pub fn simulate(
     planes: bool,
 ) -> Result<Vec<Temporal>> {
     let config = sensor(camera, seed)?;
-    design.conditions.par_iter().map(|c| moments(&config, c, planes)).collect()
+    let in_turn = in_turn(design, (config.width * config.height) as usize);
+    let conditions = design.conditions.par_iter().with_min_len(in_turn);
+    conditions.map(|c| moments(&config, c, planes)).collect()
 }
 
 fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {
     let (w, h) = (config.width as usize, config.height as usize);
     let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
-    let mut light = EvenLight::new(config, condition);
+    let light = EvenLight::new(config, condition);
     let stack = &condition.stack;
-    let mut batch: Vec<Plane<u16>> = Vec::new();
+    let simulated = |frame: usize| {
+        let settings = settings(stack, stack.skip + frame);
+        let share = stack.course.light_of(frame) as f32;
+        let config = with_offset(config, stack.course.offset_of(frame));
+        let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
+        rows::<Float>(&config, &settings, &mut light.of_frame(share), 0, &mut plane.data)?;
+        Ok(plane)
+    };
     for (i, size) in batches(stack.frames) {
-        batch.clear();
-        for frame in i..i + size {
-            let settings = settings(stack, stack.skip + frame);
-            light.share = stack.course.light_of(frame) as f32;
-            let config = with_offset(config, stack.course.offset_of(frame));
-            let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
-            rows::<Float>(&config, &settings, &mut light, 0, &mut plane.data)?;
-            batch.push(plane);
-        }
-        collector.add(&batch);
+        // Where frames are few and large, processors share the frames of a stack.
+        let frames: Result<Vec<_>> = (i..i + size).into_par_iter().map(simulated).collect();
+        collector.add(&frames?);
     }
     Ok(collector.finish().without_border(&config.pattern))
 }
@@ -114,6 +116,11 @@ pub fn pictures(
 struct EvenLight {
     now: Vec<Vec<Block<f32>>>,
     before: Vec<Vec<Block<f32>>>,
+}
+
+/// The same in one frame.
+struct EvenFrame<'a> {
+    light: &'a EvenLight,
     /// Light of the frame over that of the stack.
     share: f32,
 }
@@ -130,20 +137,26 @@ impl EvenLight {
             row
         };
         let rows = |means| (0..pattern.height.max(1).into()).map(|y| row(means, y)).collect();
-        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e), share: 1.0 }
+        Self { now: rows(&condition.photo_e), before: rows(&condition.before_e) }
+    }
+
+    fn of_frame(&self, share: f32) -> EvenFrame<'_> {
+        EvenFrame { light: self, share }
     }
 }
 
-impl MeanRows<Float> for EvenLight {
+impl MeanRows<Float> for EvenFrame<'_> {
     fn mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
-        out.copy_from_slice(&self.now[row as usize % self.now.len()]);
+        let now = &self.light.now;
+        out.copy_from_slice(&now[row as usize % now.len()]);
         if self.share != 1.0 {
             out.as_flattened_mut().iter_mut().for_each(|e| *e *= self.share);
         }
     }
 
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<f32>]) {
-        out.copy_from_slice(&self.before[row as usize % self.before.len()]);
+        let before = &self.light.before;
+        out.copy_from_slice(&before[row as usize % before.len()]);
     }
 }
 

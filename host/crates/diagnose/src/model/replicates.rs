@@ -4,6 +4,7 @@
 use super::replicate;
 use crate::data::design::Design;
 use crate::statistics::battery::battery;
+use crate::statistics::read::in_turn;
 use crate::statistics::statistic::{Place, Scale, Statistic, Values, What, by_key};
 use camrig_base::Result;
 use camrig_camera::Camera;
@@ -42,9 +43,11 @@ impl Replicates {
             known.iter().find(|k| k.chain == chain).map_or_else(Vec::new, |k| k.replicates.clone())
         };
         let had = replicates.len();
-        let more: Vec<Arc<Values>> = (had as u64..runs)
+        let pixels = (camera.sensor.width * camera.sensor.height) as usize;
+        let more: Vec<Arc<Values>> = (had..(runs as usize).max(had))
             .into_par_iter()
-            .map(|run| Ok(Arc::new(replicated(camera, design, first + run)?)))
+            .with_min_len(in_turn(design, pixels))
+            .map(|run| Ok(Arc::new(replicated(camera, design, first + run as u64)?)))
             .collect::<Result<_>>()?;
         if !more.is_empty() {
             replicates.extend(more);

@@ -180,6 +180,11 @@ impl Half {
         Measured { stacks, values, allowance, maps }
     }
 
+    /// The half with its statistics alone.
+    fn without_moments(self) -> Self {
+        Self { stacks: Vec::new(), maps: Vec::new(), ..self }
+    }
+
     /// Puts other moments in the place of those it has, which it gives.
     pub fn exchange(&mut self, new: Measured) -> Measured {
         Measured {
@@ -223,8 +228,34 @@ impl Session {
         halves: Halves,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Self> {
+        Self::measure(camera, set, halves, progress, true)
+    }
+
+    /// The same for [`Session::compare`] alone: of dark and flat frames the statistics are kept, not
+    /// the moments and maps that estimators of effects read, which take some hundred bytes per
+    /// pixel.
+    ///
+    /// # Errors
+    /// Those of [`Session::open`].
+    pub fn to_compare(
+        camera: &Camera,
+        set: &Cleaned,
+        halves: Halves,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Self> {
+        Self::measure(camera, set, halves, progress, false)
+    }
+
+    fn measure(
+        camera: &Camera,
+        set: &Cleaned,
+        halves: Halves,
+        progress: &(dyn Fn(usize) + Sync),
+        keep: bool,
+    ) -> Result<Self> {
         let lights = Lights::default();
         let half = |design: Design| Half::measure(camera, set, design, &lights, progress);
+        let kept = |half: Half| if keep { half } else { half.without_moments() };
         let mut notes = halves.notes;
         if halves.fit.conditions.iter().any(|c| c.stack.role == Role::Flat && !c.even) {
             notes.push(
@@ -234,6 +265,8 @@ impl Session {
             );
         }
         let fit = half(halves.fit)?;
+        consistency::check(camera, &fit.design, &fit.stacks)?;
+        let fit = kept(fit);
         for (target, picture) in fit.design.targets.iter().zip(&fit.pictures) {
             if let Err(e) = targets::figures(camera, target, picture) {
                 notes.push(format!("{}: {e}; left out", target.stack.id));
@@ -241,13 +274,12 @@ impl Session {
         }
         let can_confirm = halves.holdout.is_some();
         let holdout = match halves.holdout {
-            Some(design) => half(design)?,
+            Some(design) => kept(half(design)?),
             None => {
                 notes.push("no held-out frames: names stay tentative".into());
-                half(fit.design.clone())?
+                kept(half(fit.design.clone())?)
             }
         };
-        consistency::check(camera, &fit.design, &fit.stacks)?;
         notes.extend(light_scatter::note(&fit.design, &fit.allowance, &fit.values));
         let findings = set.findings().to_vec();
         if findings.iter().any(|f| f.kind == Kind::Temperature) {

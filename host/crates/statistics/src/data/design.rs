@@ -5,7 +5,7 @@ use super::course::Course;
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
-use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity};
+use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity, Window};
 use camrig_scene::chart::{self, Geometry};
 use camrig_scene::photometry::HC;
 
@@ -164,7 +164,12 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
         let halves = halves.into_iter().filter_map(|(design, frames)| Some((design, frames?)));
         let stack = Stack { total: n, ..stack(camera, capture, index, numbers[index]) };
         let of_half = |(skip, frames)| Stack { skip, frames, ..stack.clone() };
-        if of_light {
+        if !of_light && set.sensor.window.is_some() {
+            notes.push(format!(
+                "{}: a target is measured whole, not in a region; left out",
+                capture.id
+            ));
+        } else if of_light {
             let condition = condition(camera, set, &stack).map_err(place)?;
             for (design, frames) in halves {
                 let stack = of_half(frames);
@@ -187,9 +192,17 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     if fit.is_empty() {
         return Err(Error::input("no stack to look at").help(
             "dark and flat stacks of four and more frames each are needed, or of two and more at \
-             six levels of light",
+             six levels of light or darks",
         ));
     }
+    notes.extend(set.sensor.window.map(|w| {
+        let Window { x, y, of: [across, down] } = w;
+        let (width, height) = (set.sensor.width, set.sensor.height);
+        format!(
+            "region {x},{y},{width},{height} of {across} x {down} pixels: what depends on the place \
+             on the sensor (fall-off, glow) is judged as if there were no others"
+        )
+    }));
     if by_manifest && holdout.is_empty() {
         notes.push("no capture has split = \"holdout\": nothing can be confirmed".into());
     }
