@@ -69,7 +69,7 @@ impl Lit {
 
     /// What falls on the sensor at the level of light that the scene was made for.
     pub fn cube(&self) -> &IrradianceCube {
-        self.later.as_ref().unwrap_or(&self.view.cube)
+        self.later.as_deref().unwrap_or(&self.view.cube)
     }
 
     /// Says what is shown.
