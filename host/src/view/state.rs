@@ -182,7 +182,7 @@ impl State {
         self.times.push_back(timing);
     }
 
-    /// Frames per second over the last [`RATE_OVER_S`]; `None` before two frames.
+    /// Frames per second over the last two seconds; `None` before two frames.
     pub fn frames_per_s(&self) -> Option<f64> {
         let newest = self.times.back()?.at_s;
         let first = self.times.iter().find(|t| t.at_s >= newest - RATE_OVER_S)?;

@@ -142,19 +142,31 @@ function toPixel(frame, factor) {
   };
 }
 
-/** Mean camera colour of a square of cells, and whether samples are clipped in it. */
-function blockOf(frame, x0, y0, step) {
-  const sum = [0, 0, 0], n = [0, 0, 0];
-  let clipped = 0;
-  for (let y = y0; y < Math.min(y0 + step, frame.height); y++) {
-    for (let x = x0; x < Math.min(x0 + step, frame.width); x++) {
-      const cell = frame.cell(x, y), dn = frame.at(x, y), rgb = frame.cellRgb[cell];
-      const v = Math.min(1, (dn - frame.black_dn[cell]) * frame.scale_per_dn[cell]);
-      if (dn >= frame.white_level_dn) clipped = AT_WHITE; else if (dn === 0 && !clipped) clipped = AT_ZERO;
-      for (let c = 0; c < 3; c++) if (rgb < 0 || rgb === c) { sum[c] += v; n[c]++; }
+/** Means of R, G and B of the square of samples that `blockAt` looked at last. */
+const block = new Float64Array(3);
+
+/** Finds the mean camera colour of a square of samples; a pixel's mark where samples are clipped in it, else 0. */
+function blockAt(frame, x0, y0, step) {
+  const { samples, width, columns, rows, cellRgb, black_dn: black, scale_per_dn: scale, white_level_dn: white } = frame;
+  const right = Math.min(x0 + step, width), bottom = Math.min(y0 + step, frame.height);
+  let clipped = 0, r = 0, g = 0, b = 0, reds = 0, greens = 0, blues = 0;
+  for (let y = y0; y < bottom; y++) {
+    const cells = (y % rows) * columns;
+    for (let x = x0, i = y * width + x0; x < right; x++, i++) {
+      const cell = cells + x % columns, dn = samples[i], rgb = cellRgb[cell];
+      const v = Math.min(1, (dn - black[cell]) * scale[cell]);
+      if (dn >= white) clipped = AT_WHITE;
+      else if (dn === 0 && clipped === 0) clipped = AT_ZERO;
+      // A sample without colour counts for all three.
+      if (rgb === 0 || rgb < 0) { r += v; reds++; }
+      if (rgb === 1 || rgb < 0) { g += v; greens++; }
+      if (rgb === 2 || rgb < 0) { b += v; blues++; }
     }
   }
-  return { colour: sum.map((s, c) => s / Math.max(1, n[c])), clipped };
+  block[0] = r / Math.max(1, reds);
+  block[1] = g / Math.max(1, greens);
+  block[2] = b / Math.max(1, blues);
+  return clipped;
 }
 
 /** One pixel for each square of `step` samples of a rectangle. */
@@ -163,8 +175,8 @@ function developCoarse(frame, rect, step, factor, clipping, out) {
   let o = 0;
   for (let y = rect.y; y < rect.y + rect.height; y += step) {
     for (let x = rect.x; x < rect.x + rect.width; x += step) {
-      const { colour, clipped } = blockOf(frame, x, y, step);
-      out[o++] = clipping && clipped ? clipped : pixel(...colour);
+      const clipped = blockAt(frame, x, y, step);
+      out[o++] = clipping && clipped ? clipped : pixel(block[0], block[1], block[2]);
     }
   }
 }
@@ -198,8 +210,8 @@ function brightening(frame) {
   const levels = [[], [], []];
   for (let y = 0; y + period <= frame.height; y += stride) {
     for (let x = 0; x + period <= frame.width; x += stride) {
-      const { colour } = blockOf(frame, x, y, period);
-      frame.srgb_from_camera.forEach((row, c) => levels[c].push(row.reduce((s, m, k) => s + m * colour[k], 0)));
+      blockAt(frame, x, y, period);
+      frame.srgb_from_camera.forEach((row, c) => levels[c].push(row[0] * block[0] + row[1] * block[1] + row[2] * block[2]));
     }
   }
   const high = Math.max(0, ...levels.map(of => of.sort((a, b) => b - a)[Math.floor(WHITE_SHARE * of.length)] || 0));

@@ -19,13 +19,12 @@ function unpack(buffer) {
 
 /**
  * Opens the link, and opens it again when it breaks. `hear` is told every message; `draw` follows when the screen is
- * ready. The next is asked for meanwhile: a page that draws slowly sees fewer frames.
+ * ready, and the next is asked for then: a page that draws slowly sees fewer frames.
  */
 function openLink(hear, draw, lost) {
   // The token is in the address's fragment, which the browser keeps to itself.
   const token = location.hash.slice(1);
   const socket = new WebSocket(`ws://${location.host}/socket`, ["camrig", token].filter(Boolean));
-  let waiting = false;
   socket.binaryType = "arraybuffer";
   socket.addEventListener("open", () => {
     Object.assign(link, { socket, seen: 0 });
@@ -37,10 +36,7 @@ function openLink(hear, draw, lost) {
     link.seen = state.frames;
     hear(state, samples);
     if (document.hidden) setTimeout(askNext, HIDDEN_PAUSE);
-    else askNext();
-    if (waiting) return;
-    waiting = true;
-    requestAnimationFrame(() => { waiting = false; draw(); });
+    else requestAnimationFrame(() => { askNext(); draw(); });
   });
   socket.addEventListener("close", () => {
     lost(!link.socket);
