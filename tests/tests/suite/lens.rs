@@ -93,6 +93,47 @@ fn lenses_of_every_format_are_read() {
     assert_eq!(imported["psf_heights_mm"], serde_json::json!([0.0, 1.0]));
 }
 
+/// A decentred lens has figures at field points (x, y); what needs a round lens refuses it and says
+/// why. Thin-lens optics: the front surface, of power 0.5/50 and 0.5 mm above the axis, bends the
+/// chief ray of (0, 0) upwards, to 0.25 mm at 50 mm; no ray of x = 0 leaves the plane of y and z.
+#[test]
+fn a_decentred_lens_has_a_two_dimensional_field_and_no_picture() {
+    let dir = folder();
+    let dir = dir.path();
+    let lens = "RDM\nEPD 2.0\nWL 587.5618\nYAN 0 5\nXAN 0 -3\nSO 0 1e13\nS 0 1\nSTO\n\
+                S 50 1e-6 500.500\nYDE 0.5\nDAR\nS -50 50\nSI 0 0\nGO\n";
+    std::fs::write(dir.join("decentred.seq"), lens).unwrap();
+    let trace = json(dir, "lens trace decentred.seq --fields 0:0,0,-3:5,3:5 --json");
+    let points = trace["points"].as_array().unwrap();
+    let number = |i: usize, key: &str| points[i][key].as_f64().unwrap();
+    assert!((number(0, "chief_ray_y_mm") - 0.25).abs() < 1e-4, "{trace}");
+    assert_eq!(points[0], points[1]);
+    assert!(number(0, "chief_ray_x_mm").abs() < 1e-12);
+    assert!((number(2, "chief_ray_x_mm") + number(3, "chief_ray_x_mm")).abs() < 1e-9);
+    // The file's own fields, and the same in the listing.
+    let own = json(dir, "lens trace decentred.seq --json");
+    assert_eq!(own["points"][1], points[2]);
+    let info = json(dir, "lens info decentred.seq --json");
+    assert_eq!(info["rotationally_symmetric"], false);
+    assert_eq!(info["fields_deg"], serde_json::json!([[0.0, 0.0], [-3.0, 5.0]]));
+    let why = ["not rotationally symmetric", "surface 2 is tilted or decentred"];
+    refuses(dir, "lens trace decentred.seq --max-field 5 -o out", &why);
+    refuses(dir, "lens plot decentred.seq -o out", &why);
+    let camera = camrig::camera::presets::file("mt9v024.toml").unwrap();
+    let (head, rest) = camera.split_once("[lens]").unwrap();
+    let rest = rest.split_once("[sensor]").unwrap().1;
+    let lens = "[lens]\nkind = \"prescription\"\nfile = \"decentred.seq\"\n\n[sensor]";
+    let camera = format!("{head}{lens}{rest}").replace("mt9v024-qe.csv", "qe.csv");
+    std::fs::write(dir.join("camera.toml"), camera.replace("ir-cut-690.csv", "cut.csv")).unwrap();
+    for (built_in, name) in [("mt9v024-qe.csv", "qe.csv"), ("ir-cut-690.csv", "cut.csv")] {
+        let text = camrig_ok(dir, &format!("presets {built_in}")).stdout;
+        std::fs::write(dir.join(name), text).unwrap();
+    }
+    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o out.npy";
+    refuses(dir, command, &why);
+    refuses(dir, "lens trace decentred.seq --fields 1:x", &["two as x:y"]);
+}
+
 #[test]
 fn drawings_are_whole_svg_files() {
     let dir = folder();

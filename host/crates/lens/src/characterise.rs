@@ -364,9 +364,7 @@ pub fn characterise(
         efl_mm: system.paraxial.efl_mm.abs(),
         f_number: system.f_number(),
         magnification: system.paraxial.magnification.abs(),
-        pupil_magnification: (system.paraxial.exit_magnification
-            / system.paraxial.entrance_magnification)
-            .abs(),
+        pupil_magnification: system.paraxial.pupil_magnification(),
         stop_radius_mm: Some(system.stop_radius_mm),
         transmittance: Spectrum::constant(1.0),
         wavelengths_nm: plan.wavelengths_nm.clone(),

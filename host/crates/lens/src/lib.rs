@@ -42,8 +42,10 @@
 //! reads what other programs computed, and [`macros`] are scripts that make them compute it.
 //!
 //! # Conventions
-//! - Lenses are sequential and rotationally symmetric: spheres, conics, even and odd polynomials,
-//!   mirrors; neither tilts nor gradient-index media.
+//! - Lenses are sequential: spheres, conics, even and odd polynomials, Forbes aspheres, ideal thin
+//!   lenses, mirrors; no gradient-index media. Plane folds are undone. Biconics, toroids, tilts and
+//!   decentres make a lens that is not rotationally symmetric; its figures at field points (x, y)
+//!   are those of [`mod@field`], and it has no characterisation.
 //! - Stop: its real radius is the paraxial image of the entrance pupil in the stop at the
 //!   reference wavelength ([`System::stop_radius_mm`]). It is the same for all fields and
 //!   wavelengths, and is stored.
@@ -66,8 +68,13 @@
 mod beside;
 mod best_focus;
 pub mod characterise;
+pub mod field;
+mod fold;
+pub mod forbes;
+pub mod frame;
 pub mod glass;
 pub mod heights;
+pub mod ideal;
 pub mod import;
 pub mod macros;
 pub mod paraxial;
@@ -122,7 +129,7 @@ fn read_configuration(
     let text = text::read_text(path)?;
     let read = match extension {
         "zmx" => zmx::read_configuration(&text, &glasses, configuration),
-        "seq" => only_configuration(configuration).and_then(|()| seq::read(&text, &glasses)),
+        "seq" => seq::read_position(&text, &glasses, configuration),
         _ => only_configuration(configuration).and_then(|()| toml::read(&text, &glasses)),
     };
     let mut prescription = read.map_err(|e| e.at(path.display()))?;

@@ -25,12 +25,17 @@ pub struct Paraxial {
     pub exit_z_mm: f64,
     /// Diameter of the exit pupil over that of the stop.
     pub exit_magnification: f64,
+    /// Whether the lens is telecentric in object space: its entrance pupil is at infinity. Then
+    /// the cross-section of the axial cone in the front principal plane stands for the entrance
+    /// pupil above: image heights and f-numbers follow from it as from a pupil there.
+    pub telecentric: bool,
 }
 
 /// Power below which a lens counts as afocal, 1/mm: a focal length of 1000 km. Rounding leaves
 /// some 1e-16 of a surface's power in an afocal system.
 const AFOCAL_PER_MM: f64 = 1e-12;
-/// Magnification from the entrance pupil to the stop below which the pupil counts as at infinity.
+/// Magnification from the entrance pupil to the stop below which the pupil counts as at infinity
+/// (the rear matrix starts at the stop's own plane, before its refraction).
 const TELECENTRIC: f64 = 1e-9;
 /// Reciprocal magnification below which the object counts as in the front focus.
 const AT_FOCUS: f64 = 1e-12;
@@ -52,6 +57,16 @@ impl Matrix {
         Self { c: self.c - phi * self.a, d: self.d - phi * self.b, ..self }
     }
 
+    /// Followed by another system.
+    fn then(self, rear: Self) -> Self {
+        Self {
+            a: rear.a * self.a + rear.b * self.c,
+            b: rear.a * self.b + rear.b * self.d,
+            c: rear.c * self.a + rear.d * self.c,
+            d: rear.c * self.b + rear.d * self.d,
+        }
+    }
+
     /// Followed by transfer over the reduced distance t/n, mm.
     fn transfer(self, reduced: f64) -> Self {
         Self { a: self.a + reduced * self.c, b: self.b + reduced * self.d, ..self }
@@ -60,7 +75,8 @@ impl Matrix {
 
 /// Matrices from just in front of the first surface to the stop surface (not yet refracted there),
 /// and from just in front of the stop surface to just behind the last; the signed last index.
-fn halves(surfaces: &[TrainSurface], stop: usize) -> (Matrix, Matrix, f64) {
+/// In the plane of x and z (`meridian` 0) or y and z (1).
+fn halves(surfaces: &[TrainSurface], stop: usize, meridian: usize) -> (Matrix, Matrix, f64) {
     let (mut front, mut rear) = (Matrix::UNIT, Matrix::UNIT);
     let mut sign = 1.0;
     for (i, s) in surfaces.iter().enumerate() {
@@ -69,9 +85,8 @@ fn halves(surfaces: &[TrainSurface], stop: usize) -> (Matrix, Matrix, f64) {
             sign = -sign;
         }
         let after = sign * s.after;
-        let curvature = s.curvature + 2.0 * s.even.first().copied().unwrap_or(0.0);
         let half = if i < stop { &mut front } else { &mut rear };
-        *half = half.refract((after - before) * curvature);
+        *half = half.refract(s.power(before, after)[meridian]);
         if i + 1 < surfaces.len() {
             *half = half.transfer(s.thickness / after);
         }
@@ -80,30 +95,24 @@ fn halves(surfaces: &[TrainSurface], stop: usize) -> (Matrix, Matrix, f64) {
 }
 
 impl Paraxial {
-    /// The figures of a train of surfaces.
+    /// The figures of a train of surfaces, in the plane of y and z; tilts and decentres do not
+    /// count. `telecentric` says that chief rays run parallel to the axis whatever the stop.
     ///
     /// # Errors
-    /// A lens without power, a pupil at infinity (object-side telecentric), an object in the front
-    /// focus.
-    pub fn of(surfaces: &[TrainSurface], stop: usize, object: Object) -> Result<Self> {
-        let (front, rear, index) = halves(surfaces, stop);
-        // The rear matrix starts at the stop's own plane, before its refraction.
-        let whole = Matrix {
-            a: rear.a * front.a + rear.b * front.c,
-            b: rear.a * front.b + rear.b * front.d,
-            c: rear.c * front.a + rear.d * front.c,
-            d: rear.c * front.b + rear.d * front.d,
-        };
+    /// A lens without power, an object in the front focus, a telecentric lens with its object at
+    /// infinity.
+    pub fn of(
+        surfaces: &[TrainSurface],
+        stop: usize,
+        object: Object,
+        telecentric: bool,
+    ) -> Result<Self> {
+        let (front, rear, index) = halves(surfaces, stop, 1);
+        let whole = front.then(rear);
         let power = -whole.c;
         if !(power.is_finite() && power.abs() > AFOCAL_PER_MM) {
             return Err(Error::unsupported("the lens has no focal length (it is afocal)")
                 .help("only lenses that form an image are traced"));
-        }
-        if front.a.abs() < TELECENTRIC {
-            return Err(Error::unsupported(
-                "the entrance pupil is at infinity (telecentric in object space)",
-            )
-            .help("object-side telecentric lenses are not supported"));
         }
         let (image_distance_mm, magnification) = match object {
             Object::Infinity => (whole.a / power * index, 0.0),
@@ -119,17 +128,49 @@ impl Paraxial {
                 (-height / slope * index, 1.0 / slope)
             }
         };
+        let telecentric = telecentric || front.a.abs() < TELECENTRIC;
+        let (entrance_z_mm, entrance_magnification) = match (telecentric, object) {
+            (false, _) => (front.b / front.a, 1.0 / front.a),
+            (true, Object::Infinity) => {
+                return Err(Error::unsupported(
+                    "the entrance pupil and the object are both at infinity (telecentric in \
+                     object space)",
+                )
+                .help("such a lens needs an object distance"));
+            }
+            (true, Object::Distance(d)) => {
+                let to_principal = (1.0 - 1.0 / magnification) / power;
+                (to_principal - d, to_principal / (front.a * d + front.b))
+            }
+        };
         Ok(Self {
             efl_mm: 1.0 / power,
             bfl_mm: whole.a / power * index,
             image_distance_mm,
             magnification,
-            entrance_z_mm: front.b / front.a,
-            entrance_magnification: 1.0 / front.a,
+            entrance_z_mm,
+            entrance_magnification,
             exit_z_mm: -rear.b / rear.d * index,
             exit_magnification: 1.0 / rear.d,
+            telecentric,
         })
     }
+
+    /// Diameter of the exit pupil over that of the entrance pupil; 1 for a telecentric lens, with
+    /// what stands for its entrance pupil.
+    #[must_use]
+    pub fn pupil_magnification(&self) -> f64 {
+        match self.telecentric {
+            true => 1.0,
+            false => (self.exit_magnification / self.entrance_magnification).abs(),
+        }
+    }
+}
+
+/// Effective focal length in the plane of x and z, mm; infinite where it has no power there.
+pub(super) fn efl_x_mm(surfaces: &[TrainSurface], stop: usize) -> f64 {
+    let (front, rear, _) = halves(surfaces, stop, 0);
+    -1.0 / front.then(rear).c
 }
 
 /// The stop radius that a prescription's aperture asks for, mm.
@@ -148,6 +189,13 @@ pub(super) fn stop_radius(paraxial: &Paraxial, prescription: &Prescription) -> R
     .abs();
     let pupil_radius = match prescription.aperture {
         Aperture::StopRadius(radius) => return Ok(radius),
+        Aperture::EntrancePupil(_) if p.telecentric => {
+            return Err(Error::input(
+                "a lens that is telecentric in object space has no entrance \
+                                     pupil of finite diameter",
+            )
+            .help("give the numerical aperture, the f-number or the stop's radius"));
+        }
         Aperture::EntrancePupil(diameter) => diameter / 2.0,
         Aperture::FNumber(n) => p.efl_mm.abs() / n / 2.0,
         Aperture::WorkingFNumber(n) => 0.5 / n / image_slope_per_radius,

@@ -6,10 +6,12 @@
 //! meets; object and image are not in the list. The last thickness leads to the image plane. In a
 //! file's own numbering the first surface is usually 1, and messages call it so.
 
+use super::forbes::{Forbes, Kind};
+use super::frame::Frame;
 use super::glass::Glass;
 use camrig_base::{Error, Result};
 
-/// A rotationally symmetric sequential lens.
+/// A sequential lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prescription {
     /// Name of the lens.
@@ -22,6 +24,9 @@ pub struct Prescription {
     pub object: Object,
     /// What fixes the size of the stop.
     pub aperture: Aperture,
+    /// Whether chief rays run parallel to the axis in object space whatever the stop, so that the
+    /// aperture is a cone there and the stop lets all of it pass.
+    pub telecentric: bool,
     /// Design wavelengths, nm, in the file's order.
     pub wavelengths_nm: Vec<f64>,
     /// The wavelength that paraxial figures and the stop radius refer to, nm.
@@ -49,6 +54,42 @@ pub struct Surface {
     pub medium: Medium,
     /// Apertures here, the stop excepted.
     pub clips: Vec<Clip>,
+    /// What it is beyond conic and polynomials.
+    pub form: Form,
+    /// Its own coordinates in those that the thickness in front leads to, where it is tilted or
+    /// decentred.
+    pub entry: Option<Frame>,
+    /// The coordinates behind it, in which its thickness is measured, in its own.
+    pub exit: Option<Frame>,
+}
+
+/// What a surface is beyond conic and polynomials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Form {
+    /// Nothing more.
+    #[default]
+    Plain,
+    /// The departure of a Forbes asphere is added. That of a Q-bfs asphere is from a sphere.
+    Forbes(Forbes),
+    /// A biconic, curvature and conic constant being those in y; polynomials do not apply.
+    Biconic {
+        /// Curvature in x, 1/mm.
+        curvature: f64,
+        /// Conic constant in x.
+        conic: f64,
+    },
+    /// A curve in y (conic and even polynomial), turned about an axis parallel to y.
+    Toroid {
+        /// One over the distance of that axis behind the vertex, 1/mm; 0 makes it a cylinder.
+        curvature: f64,
+    },
+    /// An ideal thin lens in air, with this focal length, mm.
+    Ideal {
+        /// Focal length, mm.
+        focal_mm: f64,
+    },
+    /// No surface, only a change of coordinates; the medium in front of it goes on behind.
+    Break,
 }
 
 /// The medium behind a surface.
@@ -62,21 +103,29 @@ pub enum Medium {
     Mirror,
 }
 
-/// An aperture: it passes `inner` ≤ r ≤ `outer`, mm. An infinite `outer` makes it a central
-/// obscuration.
+/// An aperture: it passes `inner` ≤ r ≤ `outer`, mm, around its centre. An infinite `outer` makes
+/// it an obscuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip {
     /// Inner radius, mm.
     pub inner: f64,
     /// Outer radius, mm.
     pub outer: f64,
+    /// Its centre, (x, y) from the vertex, mm.
+    pub centre: [f64; 2],
 }
 
 impl Clip {
     /// A clear aperture of this radius, mm.
     #[must_use]
     pub fn circle(radius: f64) -> Self {
-        Self { inner: 0.0, outer: radius }
+        Self::ring(0.0, radius)
+    }
+
+    /// What passes between these radii around the vertex, mm.
+    #[must_use]
+    pub fn ring(inner: f64, outer: f64) -> Self {
+        Self { inner, outer, centre: [0.0; 2] }
     }
 
     /// Relative excess of (x, y), mm, over the aperture: negative inside, 0 on the edge, smooth in
@@ -84,6 +133,7 @@ impl Clip {
     #[inline(always)]
     #[must_use]
     pub fn excess(&self, x: f64, y: f64) -> f64 {
+        let (x, y) = (x - self.centre[0], y - self.centre[1]);
         let r2 = x * x + y * y;
         let out = r2 / (self.outer * self.outer) - 1.0;
         if self.inner > 0.0 { out.max(1.0 - r2 / (self.inner * self.inner)) } else { out }
@@ -122,8 +172,10 @@ pub enum Aperture {
 pub struct Fields {
     /// What `values` are.
     pub kind: FieldKind,
-    /// Field values, not negative.
+    /// Field values, not negative: distances from the axis.
     pub values: Vec<f64>,
+    /// The fields' (x, y), signed, as a file gives them; empty where all lie on y.
+    pub places: Vec<[f64; 2]>,
     /// Vignetting factors per field in CODE V's sense, [upper x, lower x, upper y, lower y]: the
     /// part of the pupil's half width that is lost on that side. Empty where there are none.
     pub vignetting: Vec<[f64; 4]>,
@@ -167,11 +219,38 @@ impl Surface {
             thickness,
             medium: Medium::Air,
             clips: Vec::new(),
+            form: Form::Plain,
+            entry: None,
+            exit: None,
+        }
+    }
+
+    /// Why it is not symmetric about the axis; `None` if it is.
+    #[must_use]
+    pub fn asymmetry(&self) -> Option<&'static str> {
+        if self.entry.is_some() || self.exit.is_some() {
+            return Some("is tilted or decentred");
+        }
+        if self.clips.iter().any(|clip| clip.centre != [0.0; 2]) {
+            return Some("has a decentred aperture");
+        }
+        match self.form {
+            Form::Biconic { .. } => Some("is a biconic"),
+            Form::Toroid { .. } => Some("is a toroid"),
+            _ => None,
         }
     }
 }
 
 impl Prescription {
+    /// The first surface that is not symmetric about the axis, and why; `None` for a lens that is
+    /// rotationally symmetric.
+    #[must_use]
+    pub fn asymmetry(&self) -> Option<String> {
+        let mut reasons = self.surfaces.iter().map(Surface::asymmetry).enumerate();
+        reasons.find_map(|(i, why)| why.map(|why| format!("surface {} {why}", i + 1)))
+    }
+
     /// Checks what ray tracing relies on.
     ///
     /// # Errors
@@ -186,8 +265,22 @@ impl Prescription {
             return Err(Error::input(format!("the stop is surface {}", self.stop + 1))
                 .help(format!("surfaces are 1 to {}", self.surfaces.len())));
         }
+        let mut in_air = true;
         for (i, surface) in self.surfaces.iter().enumerate() {
-            surface.validate().map_err(|e| e.at(format!("surface {}", i + 1)))?;
+            surface.validate(in_air).map_err(|e| e.at(format!("surface {}", i + 1)))?;
+            in_air = match surface.medium {
+                Medium::Air => in_air || surface.form != Form::Break,
+                Medium::Glass(_) => false,
+                Medium::Mirror => in_air,
+            };
+        }
+        let stop = &self.surfaces[self.stop];
+        if stop.form == Form::Break || stop.clips.iter().any(|clip| clip.centre != [0.0; 2]) {
+            return Err(Error::unsupported(
+                "the stop is decentred by its aperture, or no surface",
+            )
+            .at(format!("surface {}", self.stop + 1))
+            .help("make a plane the stop, and decentre that surface"));
         }
         if let Object::Distance(d) = self.object {
             positive("object distance", d)?;
@@ -223,19 +316,58 @@ impl Prescription {
 }
 
 impl Surface {
-    fn validate(&self) -> Result<()> {
+    /// Checks the surface, which light reaches through air or not.
+    fn validate(&self, in_air: bool) -> Result<()> {
         let numbers = [self.curvature, self.conic, self.thickness];
-        let mut all = numbers.iter().chain(&self.even).chain(&self.odd);
+        let form = match &self.form {
+            Form::Biconic { curvature, conic } => vec![*curvature, *conic],
+            Form::Toroid { curvature } => vec![*curvature],
+            Form::Forbes(forbes) => forbes.coefficients.clone(),
+            Form::Ideal { focal_mm } => vec![*focal_mm, 1.0 / focal_mm],
+            Form::Plain | Form::Break => Vec::new(),
+        };
+        let frames = [&self.entry, &self.exit].into_iter().flatten();
+        let placed = frames.flat_map(|f| f.origin.into_iter().chain(f.axes.concat()));
+        let placed: Vec<f64> = placed.collect();
+        let more = form.iter().chain(&placed);
+        let mut all = numbers.iter().chain(&self.even).chain(&self.odd).chain(more);
         if let Some(v) = all.find(|v| !v.is_finite()) {
             return Err(Error::input(format!("value {v}")).help("finite numbers only"));
         }
+        self.check_form(in_air)?;
         for clip in &self.clips {
-            if !(clip.inner >= 0.0 && clip.outer > clip.inner) {
+            let centred = clip.centre.iter().all(|v| v.is_finite());
+            if !(clip.inner >= 0.0 && clip.outer > clip.inner && centred) {
                 let what = format!("aperture from radius {} to {}", clip.inner, clip.outer);
                 return Err(Error::input(what).help("the outer radius lies above the inner one"));
             }
         }
         Ok(())
+    }
+}
+
+impl Surface {
+    /// Refuses what does not go with the surface's form.
+    fn check_form(&self, in_air: bool) -> Result<()> {
+        let polynomial = !(self.even.is_empty() && self.odd.is_empty());
+        let wrong = |what: &str| Err(Error::unsupported(what).help("give another surface"));
+        match &self.form {
+            Form::Forbes(forbes) if forbes.kind == Kind::Bfs && self.conic != 0.0 => {
+                wrong("a Q-bfs asphere departs from a sphere: its conic constant is 0")
+            }
+            Form::Biconic { .. } if polynomial => wrong("a biconic has no polynomial"),
+            Form::Toroid { .. } if !self.odd.is_empty() => {
+                wrong("the curve of a toroid has even powers only")
+            }
+            Form::Ideal { .. } if self.curvature != 0.0 || polynomial => {
+                wrong("a paraxial surface is plane")
+            }
+            Form::Ideal { .. } if !in_air || self.medium != Medium::Air => wrong(
+                "a paraxial surface lies in glass or is a mirror: what its focal length \
+                       means there is not defined",
+            ),
+            _ => Ok(()),
+        }
     }
 }
 

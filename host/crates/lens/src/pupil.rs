@@ -5,10 +5,11 @@
 //! For an object at infinity (px, py) is the place, in mm, where a ray pierces the plane through
 //! the centre of the paraxial entrance pupil perpendicular to the field direction; for a finite
 //! object it is the place at which the ray is aimed, in the plane through the pupil's centre
-//! perpendicular to the line from the object point. The field lies on +y: the object point is
+//! perpendicular to the line from the object point, or, for a lens that is telecentric in object
+//! space, at this distance on a parallel to the axis. The field lies on +y: the object point is
 //! below the axis, the image above it (for a positive lens).
 
-use super::prescription::Object;
+use super::prescription::{Clip, Object};
 use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
 use super::train::Train;
 use camrig_base::{Error, Result};
@@ -45,6 +46,12 @@ impl Launcher {
         let pupil_z = train.entrance_z_mm;
         let object = match train.object {
             Object::Infinity => None,
+            Object::Distance(d) if d + pupil_z > 0.0 && train.telecentric => {
+                // Rays around the parallel to the axis, aimed in a plane at the pupil's distance.
+                let to_pupil = d + pupil_z;
+                let object = Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil));
+                return Ok(Self { sine: 0.0, cosine: 1.0, pupil_z, object });
+            }
             Object::Distance(d) if d + pupil_z > 0.0 => {
                 let to_pupil = d + pupil_z;
                 Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil / cosine))
@@ -97,6 +104,16 @@ impl<'a> Beam<'a> {
     /// A field angle of 90° or more, or a chief ray that is lost on its way; the error names the
     /// surface.
     pub fn aim(train: &'a Train, field_deg: f64) -> Result<Self> {
+        if let Some(why) = &train.asymmetry {
+            return Err(Error::unsupported(format!(
+                "the lens is not rotationally symmetric: {why}"
+            ))
+            .help(
+                "its figures at field points (x, y) can be traced; PSFs, and pictures through \
+                     it, need a lens that is symmetric about one axis",
+            )
+            .with_code("asymmetric-lens"));
+        }
         if field_deg.is_nan() || field_deg.abs() >= 90.0 {
             return Err(Error::input(format!("field angle {field_deg}°"))
                 .help("field angles lie between -90° and 90°"));
@@ -108,7 +125,8 @@ impl<'a> Beam<'a> {
         const SHRINK: f64 = 4.0;
 
         let sign = field_deg.signum();
-        let goal = field_deg.abs();
+        // With the cone in place of the stop, chief rays are parallel to the axis.
+        let goal = if train.cone_mm.is_some() { 0.0 } else { field_deg.abs() };
         let (mut done, mut launch, mut slope, mut step) = (0.0, 0.0, 0.0, STEP);
         while done < goal {
             let next = (done + step).min(goal);
@@ -203,8 +221,12 @@ impl<'a> Beam<'a> {
     pub(super) fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
         let mut rays = Rays::nowhere();
         for (i, [x, y]) in places.iter().enumerate() {
-            let (position, direction) = self.launcher.ray(*x, self.chief_launch + *y);
+            let py = self.chief_launch + *y;
+            let (position, direction) = self.launcher.ray(*x, py);
             rays.set(i, position, direction);
+            if let Some(radius) = self.train.cone_mm {
+                rays.excess[i] = Clip::circle(radius).excess(*x, py);
+            }
         }
         trace_lanes(&self.train.surfaces, &mut rays);
         rays
@@ -360,7 +382,9 @@ impl Outline {
                 let (sine, cosine) = libm::sincos(PI * (step - 0.5));
                 [cosine.max(0.0), sine]
             });
-            edges.extend(edges_along(beam, &ways, centre.excess[0], middle));
+            let step = beam.train.entrance_pupil_mm / STEPS_PER_DIAMETER;
+            let trace = |places: &[[f64; 2]; LANES]| beam.trace(places);
+            edges.extend(edges_along(&trace, step, &ways, centre.excess[0], middle));
         }
         if edges.iter().all(Option::is_none) {
             return Err(Error::input("no light gets through the apertures")
@@ -403,21 +427,23 @@ impl Outline {
     }
 }
 
-/// Edges of the pupil along [`LANES`] directions.
-fn edges_along(
-    beam: &Beam,
+/// Steps over the pupil's diameter in which its edge is looked for, up to four times its radius:
+/// an obstacle thinner than a step is missed, and a pupil that grows by more with the field is cut
+/// off.
+pub(super) const STEPS_PER_DIAMETER: f64 = 12.0;
+const STEPS: usize = 24;
+
+/// Edges of the pupil along [`LANES`] directions, looked for in steps of `step` mm from its middle;
+/// `trace` gives the rays at places relative to the middle.
+pub(super) fn edges_along(
+    trace: &impl Fn(&[[f64; 2]; LANES]) -> Rays<LANES>,
+    step: f64,
     ways: &[[f64; 2]; LANES],
     excess_in_middle: f64,
     middle: EdgePoint,
 ) -> [Option<[EdgePoint; 2]>; LANES] {
-    // Steps of a sixth of the pupil's radius, up to four times the radius: an obstacle thinner
-    // than a
-    // step is missed, and a pupil that grows by more with the field is cut off.
-    const STEPS_PER_DIAMETER: f64 = 12.0;
-    const STEPS: usize = 24;
-    let step = beam.train.entrance_pupil_mm / STEPS_PER_DIAMETER;
     let at = |distance: &[f64; LANES]| {
-        beam.trace(&std::array::from_fn(|i| ways[i].map(|w| w * distance[i])))
+        trace(&std::array::from_fn(|i| ways[i].map(|w| w * distance[i])))
     };
     let open = excess_in_middle <= 0.0;
     // Per lane: brackets [inside, outside] of the inner and the outer edge.

@@ -2,12 +2,14 @@
 //! lens at each wavelength.
 
 use super::best_focus;
+use super::fold;
 use super::glass::Glass;
+use super::ideal::{self, Ideal};
 use super::paraxial::{self, Paraxial};
-use super::prescription::{Clip, FieldKind, Medium, Object, Prescription};
+use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription};
 use super::pupil::Beam;
 use super::real_height;
-use super::trace::TrainSurface;
+use super::trace::{Shape, TrainSurface};
 use super::train::Train;
 use camrig_base::{Error, Result};
 
@@ -64,7 +66,8 @@ impl System {
     /// An invalid prescription, glasses without data at the reference wavelength, a lens without
     /// power, a stop that light does not fill.
     pub fn new(prescription: Prescription, conditions: Conditions) -> Result<Self> {
-        let mut prescription = prescription;
+        prescription.validate()?;
+        let mut prescription = fold::unfolded(prescription);
         let designed = prescription.object;
         if let Some(distance) = conditions.object_distance_mm {
             prescription.object = object_at(distance);
@@ -84,7 +87,7 @@ impl System {
             move_sensor(&mut prescription, conditions.sensor_shift_mm)?;
         }
         let surfaces = surfaces_at(&prescription, prescription.reference_nm)?;
-        let paraxial = Paraxial::of(&surfaces, prescription.stop, prescription.object)?;
+        let paraxial = paraxial_of(&prescription, &surfaces)?;
         let from_file = paraxial::stop_radius(&paraxial, &prescription)?;
         let stop_radius_mm = match conditions.stop_radius_mm {
             Some(radius) => finite("stop radius", radius)?,
@@ -126,8 +129,11 @@ impl System {
     pub fn at(&self, nm: f64) -> Result<Train> {
         let p = &self.prescription;
         let mut surfaces = surfaces_at(p, nm)?;
-        let paraxial = Paraxial::of(&surfaces, p.stop, p.object)?;
-        surfaces[p.stop].clips.push(Clip::circle(self.stop_radius_mm));
+        let paraxial = paraxial_of(p, &surfaces)?;
+        ideal::set_vergences(&mut surfaces, p.object)?;
+        if !p.telecentric {
+            surfaces[p.stop].clips.push(Clip::circle(self.stop_radius_mm));
+        }
         Ok(Train {
             nm,
             surfaces,
@@ -137,7 +143,20 @@ impl System {
             object: p.object,
             entrance_z_mm: self.paraxial.entrance_z_mm,
             entrance_pupil_mm: self.entrance_pupil_mm,
+            telecentric: self.paraxial.telecentric,
+            cone_mm: p.telecentric.then_some(0.5 * self.entrance_pupil_mm),
+            asymmetry: p.asymmetry(),
         })
+    }
+
+    /// Effective focal length in the plane of x and z at the reference wavelength, mm; that in y
+    /// and z is [`Paraxial::efl_mm`]. They differ with biconics and toroids.
+    ///
+    /// # Errors
+    /// A glass without data there.
+    pub fn efl_x_mm(&self) -> Result<f64> {
+        let p = &self.prescription;
+        Ok(paraxial::efl_x_mm(&surfaces_at(p, p.reference_nm)?, p.stop))
     }
 
     /// Effective focal length over entrance-pupil diameter.
@@ -193,6 +212,34 @@ impl System {
         degrees.map_err(|e| e.at("fields"))
     }
 
+    /// The design fields of a lens that is not rotationally symmetric, (x, y) in degrees
+    /// ([`super::field`]).
+    ///
+    /// # Errors
+    /// Fields given by image heights; object heights with the object at infinity.
+    pub fn field_places_deg(&self) -> Result<Vec<[f64; 2]>> {
+        let fields = &self.prescription.fields;
+        let on_y = || fields.values.iter().map(|&y| [0.0, y]).collect();
+        let places = if fields.places.is_empty() { on_y() } else { fields.places.clone() };
+        let wrong = |what: &str| Error::unsupported(what).at("fields").help("give field angles");
+        match (fields.kind, self.prescription.object) {
+            (FieldKind::Angle, _) => Ok(places),
+            (FieldKind::ObjectHeight, Object::Distance(d)) => {
+                // Object heights and image run in opposite senses: a field angle is positive
+                // where light runs upwards, from below the axis.
+                let far = d + self.paraxial.entrance_z_mm;
+                let angle = |h: f64| libm::atan(-h / far).to_degrees();
+                Ok(places.into_iter().map(|place| place.map(angle)).collect())
+            }
+            (FieldKind::ObjectHeight, Object::Infinity) => {
+                Err(wrong("fields are object heights, the object is at infinity"))
+            }
+            _ => {
+                Err(wrong("fields by image heights, of a lens that is not rotationally symmetric"))
+            }
+        }
+    }
+
     /// The field angle whose real chief ray lands at this height, at the reference wavelength.
     fn field_of_real_height(&self, mm: f64) -> Result<f64> {
         let train = self.at(self.prescription.reference_nm)?;
@@ -207,6 +254,12 @@ impl System {
         let p = &self.prescription;
         let vignetted = p.fields.vignetting.iter().flatten().any(|v| *v != 0.0);
         if !vignetted || p.surfaces.iter().any(|s| !s.clips.is_empty()) {
+            return Ok(());
+        }
+        if p.asymmetry().is_some() {
+            let note = "vignetting factors are passed over, as the lens is not rotationally \
+                        symmetric: give apertures";
+            self.prescription.notes.push(note.into());
             return Ok(());
         }
         let mut radii = vec![0.0_f64; p.surfaces.len()];
@@ -276,7 +329,7 @@ fn focus_at(prescription: &mut Prescription, designed: Object, distance_mm: f64)
         return Err(wrong(format!("focus distance {distance_mm}")));
     }
     let surfaces = surfaces_at(prescription, prescription.reference_nm)?;
-    let image_of = |object| Paraxial::of(&surfaces, prescription.stop, object);
+    let image_of = |object| Paraxial::of(&surfaces, prescription.stop, object, false);
     let image = image_of(object_at(distance_mm))?;
     // Up to the front focus the image is virtual, and magnification and focal length have one
     // sign.
@@ -328,6 +381,11 @@ fn keep_known_wavelengths(prescription: &mut Prescription) {
     prescription.notes.extend(notes);
 }
 
+fn paraxial_of(prescription: &Prescription, surfaces: &[TrainSurface]) -> Result<Paraxial> {
+    let p = prescription;
+    Paraxial::of(surfaces, p.stop, p.object, p.telecentric)
+}
+
 fn mirrors(prescription: &Prescription) -> usize {
     prescription.surfaces.iter().filter(|s| s.medium == Medium::Mirror).count()
 }
@@ -339,6 +397,7 @@ fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>
     let mut train = Vec::with_capacity(prescription.surfaces.len());
     for (i, s) in prescription.surfaces.iter().enumerate() {
         let after = match &s.medium {
+            _ if s.form == Form::Break => before,
             Medium::Air => 1.0,
             Medium::Glass(glass) => {
                 index(glass).map_err(|e| e.at(format!("surface {}", i + 1)))?
@@ -355,10 +414,26 @@ fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>
             after,
             mirror: s.medium == Medium::Mirror,
             clips: s.clips.clone(),
+            shape: shape(&s.form),
+            entry: s.entry,
+            exit: s.exit,
         });
         before = after;
     }
     Ok(train)
+}
+
+fn shape(form: &Form) -> Shape {
+    match form {
+        Form::Plain => Shape::Plain,
+        Form::Forbes(forbes) => Shape::Forbes(forbes.clone()),
+        Form::Biconic { curvature, conic } => {
+            Shape::Biconic { curvature: *curvature, conic: *conic }
+        }
+        Form::Toroid { curvature } => Shape::Toroid { curvature: *curvature },
+        Form::Ideal { focal_mm } => Shape::Ideal(Ideal { power: 1.0 / focal_mm, vergence: 0.0 }),
+        Form::Break => Shape::Break,
+    }
 }
 
 /// Coefficients without the zeros at the end.

@@ -14,7 +14,8 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
 /// Refuses a kind of lens that the tracer does not know.
 pub(crate) fn refuse(what: &str) -> Result<()> {
     Err(Error::unsupported(format!("{what} cannot be traced")).help(
-        "lenses that form an image and are rotationally symmetric about one axis are traced",
+        "lenses that form an image by conics, polynomials, Forbes aspheres, biconics, toroids and \
+         mirrors are traced, tilted and decentred too",
     ))
 }
 

@@ -4,6 +4,7 @@
 //! format = "camrig-prescription/1"
 //! name = "singlet"
 //! # object_distance_mm = 250.0        # in front of the first surface; absent: at infinity
+//! # telecentric = true                # chief rays are parallel to the axis in object space
 //! wavelengths_nm = [486.1, 587.6, 656.3]
 //! reference_nm = 587.6                # absent: the middle one of the list
 //! fields_deg = [0.0, 10.0, 14.0]
@@ -21,7 +22,19 @@
 //! odd = []                            # coefficients of r, r³, ...
 //! aperture_radius_mm = 8.0            # what light passes; absent: everything
 //! obscuration_radius_mm = 0.0
+//! aperture_centre_mm = [0.0, 0.0]     # from the vertex
 //! stop = true
+//! # One of these makes it more than conic and polynomials:
+//! # forbes = { kind = "q-con", radius_mm = 3.2, coefficients_mm = [0.01, -0.002] }  # or "q-bfs"
+//! # biconic = { radius_mm = 80.0, conic = 0.0 }      # those in x; radius_mm, conic are those in y
+//! # toroid_radius_mm = 80.0           # the curve in y turned about an axis this far behind; or
+//! #                                   #   inf: a cylinder
+//! # focal_length_mm = 50.0            # an ideal thin lens
+//! # Tilts about x, y and z after a decentre, right-handed; they move what follows too.
+//! # decentre_mm = [0.0, 0.2, 0.0]
+//! # tilt_deg = [1.5, 0.0, 0.0]
+//! # after = "stay"                    # or "return": only this surface is moved; or "bend": tilted
+//! #                                   #   once more, so that the axis follows a mirror
 //!
 //! [[surface]]
 //! radius_mm = -50.0
@@ -34,9 +47,11 @@
 //! table_nm = [[400.0, 1.55], [700.0, 1.52]]
 //! ```
 
+use super::forbes::{Forbes, Kind};
+use super::frame::Frame;
 use super::glass::{Catalogue, Glass};
 use super::prescription::{
-    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
+    Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
 use schemars::{JsonSchema, Schema, schema_for};
@@ -58,6 +73,9 @@ struct File {
     name: String,
     /// Distance of the object in front of the first surface, mm; left out: infinity.
     object_distance_mm: Option<f64>,
+    /// Whether chief rays are parallel to the axis in object space, whatever the stop.
+    #[serde(default)]
+    telecentric: bool,
     /// Wavelengths of figures, nm.
     wavelengths_nm: Vec<f64>,
     /// Wavelength of paraxial figures and of the stop's radius, nm; left out: the middle one of
@@ -103,9 +121,77 @@ struct Row {
     /// Radius within which light is stopped, mm.
     #[serde(default)]
     obscuration_radius_mm: f64,
+    /// Centre of aperture and obscuration, (x, y) from the vertex, mm.
+    #[serde(default)]
+    aperture_centre_mm: [f64; 2],
     /// Whether this surface is the aperture stop; one is.
     #[serde(default)]
     stop: bool,
+    /// The departure of a Forbes asphere, added to the conic (of `q-bfs`: to the sphere).
+    forbes: Option<ForbesRow>,
+    /// Makes it a biconic: radius and conic constant in x.
+    biconic: Option<BiconicRow>,
+    /// Makes it a toroid: the curve in y is turned about an axis parallel to y this far behind the
+    /// vertex, mm; `inf`: a cylinder.
+    toroid_radius_mm: Option<f64>,
+    /// Makes it an ideal thin lens in air with this focal length, mm.
+    focal_length_mm: Option<f64>,
+    /// Decentre (x, y, z) of this surface and of what follows, mm.
+    #[serde(default)]
+    decentre_mm: [f64; 3],
+    /// Tilts about x, the new y and the new z after the decentre, degrees, right-handed.
+    #[serde(default)]
+    tilt_deg: [f64; 3],
+    /// What follows the tilted surface: `stay` (default) in its coordinates, `return` to those
+    /// before it, or `bend`: tilted once more, as the axis is by a mirror.
+    #[serde(default)]
+    after: After,
+}
+
+/// A Forbes asphere.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct ForbesRow {
+    /// `"q-con"` or `"q-bfs"`.
+    kind: ForbesKind,
+    /// Normalisation radius, mm.
+    radius_mm: f64,
+    /// Coefficients a₀, a₁ and so on, mm.
+    coefficients_mm: Vec<f64>,
+}
+
+/// Which of Forbes' polynomials.
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum ForbesKind {
+    /// Strong: departure from a conic.
+    QCon,
+    /// Mild: departure from a sphere.
+    QBfs,
+}
+
+/// A biconic in x.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct BiconicRow {
+    /// Radius of curvature in x, mm; 0 or `inf`: none.
+    radius_mm: f64,
+    /// Conic constant in x.
+    #[serde(default)]
+    conic: f64,
+}
+
+/// The coordinates behind a tilted or decentred surface.
+#[derive(Clone, Copy, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum After {
+    /// Those of the surface.
+    #[default]
+    Stay,
+    /// Those before it.
+    Return,
+    /// Those of the surface, tilted once more.
+    Bend,
 }
 
 /// A glass: its index and Abbe number, or a table.
@@ -166,9 +252,15 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         stop,
         object: file.object_distance_mm.map_or(Object::Infinity, Object::Distance),
         aperture: aperture(&file.aperture)?,
+        telecentric: file.telecentric,
         wavelengths_nm: file.wavelengths_nm,
         reference_nm,
-        fields: Fields { kind: FieldKind::Angle, values: file.fields_deg, vignetting: Vec::new() },
+        fields: Fields {
+            kind: FieldKind::Angle,
+            values: file.fields_deg,
+            places: Vec::new(),
+            vignetting: Vec::new(),
+        },
         notes,
     };
     prescription.validate()?;
@@ -208,6 +300,7 @@ impl Row {
         let clip = Clip {
             inner: self.obscuration_radius_mm,
             outer: self.aperture_radius_mm.unwrap_or(f64::INFINITY),
+            centre: self.aperture_centre_mm,
         };
         let medium = match self.glass.as_deref() {
             None | Some("air") => Medium::Air,
@@ -215,6 +308,7 @@ impl Row {
             Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
         };
         let everything = clip.inner == 0.0 && clip.outer.is_infinite();
+        let (entry, exit) = self.frames()?;
         Ok(Surface {
             curvature,
             conic: self.conic,
@@ -223,7 +317,60 @@ impl Row {
             thickness: self.thickness_mm,
             medium,
             clips: if everything { Vec::new() } else { vec![clip] },
+            form: self.form()?,
+            entry,
+            exit,
         })
+    }
+
+    fn form(&self) -> Result<Form> {
+        let curvature = |radius: f64| if radius == 0.0 { 0.0 } else { 1.0 / radius };
+        let forms = [
+            self.forbes.as_ref().map(ForbesRow::form),
+            self.biconic
+                .as_ref()
+                .map(|b| Ok(Form::Biconic { curvature: curvature(b.radius_mm), conic: b.conic })),
+            self.toroid_radius_mm.map(|r| Ok(Form::Toroid { curvature: curvature(r) })),
+            self.focal_length_mm.map(|focal_mm| Ok(Form::Ideal { focal_mm })),
+        ];
+        let mut given = forms.into_iter().flatten();
+        match (given.next(), given.next()) {
+            (None, _) => Ok(Form::Plain),
+            (Some(form), None) => form,
+            (Some(_), Some(_)) => Err(Error::input("more than one kind of surface")
+                .help("give one of forbes, biconic, toroid_radius_mm and focal_length_mm")),
+        }
+    }
+
+    /// Coordinates of the surface, and those behind it.
+    fn frames(&self) -> Result<(Option<Frame>, Option<Frame>)> {
+        if self.decentre_mm.iter().chain(&self.tilt_deg).all(|v| *v == 0.0) {
+            return Ok((None, None));
+        }
+        let frame = Frame::decentred_then_tilted(self.decentre_mm, self.tilt_deg);
+        let exit = match self.after {
+            After::Stay => None,
+            After::Return => Some(frame.inverse()),
+            After::Bend => {
+                let [x, y, z] = self.tilt_deg;
+                if z != 0.0 || (x != 0.0 && y != 0.0) {
+                    return Err(Error::unsupported("after = \"bend\" of tilts about two axes")
+                        .help("tilt a mirror about x or y, or use \"stay\""));
+                }
+                Some(frame.turn_only())
+            }
+        };
+        Ok((Some(frame), exit))
+    }
+}
+
+impl ForbesRow {
+    fn form(&self) -> Result<Form> {
+        let kind = match self.kind {
+            ForbesKind::QCon => Kind::Con,
+            ForbesKind::QBfs => Kind::Bfs,
+        };
+        Ok(Form::Forbes(Forbes::new(kind, self.radius_mm, self.coefficients_mm.clone())?))
     }
 }
 

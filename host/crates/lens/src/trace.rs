@@ -3,11 +3,14 @@
 //! Rays are straight lines between surfaces, bent by the vector form of Snell's law n'(d'×s) =
 //! n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with s = r²:
 //! c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
-//! polynomial terms by Newton's iteration from there. A ray that misses a surface or is totally
+//! polynomial terms and other shapes ([`Shape`]) by Newton's iteration from there. A ray that misses a surface or is totally
 //! reflected becomes NaN and stays NaN; without branches, N rays run as vector lanes. Only IEEE
 //! basic operations and square roots are used, without contraction: the same bits on every
 //! machine.
 
+use super::forbes::Forbes;
+use super::frame::Frame;
+use super::ideal::Ideal;
 use super::prescription::Clip;
 use camrig_vector::vectorised;
 
@@ -32,6 +35,39 @@ pub struct TrainSurface {
     pub mirror: bool,
     /// Openings light must pass, the stop's own among them.
     pub clips: Vec<Clip>,
+    /// What it is beyond conic and polynomials.
+    pub shape: Shape,
+    /// Its own coordinates in those that the thickness in front leads to, where it is tilted or
+    /// decentred.
+    pub entry: Option<Frame>,
+    /// The coordinates behind it, in which its thickness is measured, in its own.
+    pub exit: Option<Frame>,
+}
+
+/// What a surface is beyond conic and polynomials.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// Nothing: it is a conic with polynomials.
+    Plain,
+    /// A Forbes asphere; conic (of Q-bfs: sphere) and departure.
+    Forbes(Forbes),
+    /// A biconic: curvature and conic constant are those in y, these those in x.
+    Biconic {
+        /// Curvature in x, 1/mm.
+        curvature: f64,
+        /// Conic constant in x.
+        conic: f64,
+    },
+    /// A toroid: conic and even polynomial are a curve in y, turned about an axis parallel to y at
+    /// 1/curvature behind the vertex.
+    Toroid {
+        /// Curvature in x, 1/mm; 0 makes it a cylinder.
+        curvature: f64,
+    },
+    /// An ideal thin lens.
+    Ideal(Ideal),
+    /// No surface: coordinates change here, light does not meet it.
+    Break,
 }
 
 /// N rays: position relative to the vertex of the surface they are at, direction, optical path,
@@ -92,14 +128,45 @@ impl<const N: usize> Rays<N> {
 impl TrainSurface {
     /// Carries the rays from where they are onto this surface (coordinates: this surface's
     /// vertex).
+    #[inline(always)]
+    pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
+        if let Some(entry) = &self.entry {
+            entry.enter(rays);
+        }
+        match &self.shape {
+            Shape::Break => return,
+            Shape::Biconic { .. } | Shape::Toroid { .. } => {
+                let mut length = self.meet_conic(rays, true);
+                self.refine(rays, &mut length, |place, [dx, dy]| {
+                    let (sag, [gx, gy]) = self.sag_xy(place);
+                    (sag, gx * dx + gy * dy)
+                });
+                self.end_meeting(rays, &length);
+            }
+            Shape::Plain | Shape::Forbes(_) | Shape::Ideal(_) => {
+                let plain = self.even.is_empty() && self.odd.is_empty();
+                let polynomial = !plain || matches!(self.shape, Shape::Forbes(_));
+                let mut length = self.meet_conic(rays, polynomial);
+                if polynomial {
+                    self.refine(rays, &mut length, |[x, y], [dx, dy]| {
+                        let (sag, gradient) = self.sag(x * x + y * y);
+                        (sag, gradient * (x * dx + y * dy))
+                    });
+                }
+                self.end_meeting(rays, &length);
+            }
+        }
+    }
+
+    /// Carries the rays onto the conic; the distances they go. With `or_plane`, rays that miss it
+    /// go to the plane at its vertex.
     // Lanes index several arrays at once, here and below.
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
-    pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
+    fn meet_conic<const N: usize>(&self, rays: &mut Rays<N>, or_plane: bool) -> [f64; N] {
         let (c, k) = (self.curvature, self.conic);
         let [px, py, pz] = &mut rays.position;
         let [dx, dy, dz] = &rays.direction;
-        let polynomial = !(self.even.is_empty() && self.odd.is_empty());
         let mut length = [0.0; N];
         for i in 0..N {
             // c·(x² + y² + (1+k)z²) = 2z along the ray: a·t² + 2b·t + g = 0, the root next to the
@@ -111,15 +178,19 @@ impl TrainSurface {
             let t = g / (-b + root.copysign(dz[i]));
             // A polynomial surface may exist where its conic part does not: start at the plane.
             let plane = -pz[i] / dz[i];
-            let t = if polynomial && t.is_nan() { plane } else { t };
+            let t = if or_plane && t.is_nan() { plane } else { t };
             length[i] = t;
             px[i] += t * dx[i];
             py[i] += t * dy[i];
             pz[i] += t * dz[i];
         }
-        if polynomial {
-            self.refine(rays, &mut length);
-        }
+        length
+    }
+
+    /// Adds the optical path over the distances and what the apertures let pass.
+    #[allow(clippy::needless_range_loop)]
+    #[inline(always)]
+    fn end_meeting<const N: usize>(&self, rays: &mut Rays<N>, length: &[f64; N]) {
         for i in 0..N {
             rays.path[i] += self.before * length[i];
         }
@@ -131,10 +202,16 @@ impl TrainSurface {
         }
     }
 
-    /// Newton's iteration on f = z − sag(x, y) along the rays.
+    /// Newton's iteration on f = z − sag(x, y) along the rays; `rise` gives the sag at a place and
+    /// its derivative in a direction (dx, dy).
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
-    fn refine<const N: usize>(&self, rays: &mut Rays<N>, length: &mut [f64; N]) {
+    fn refine<const N: usize>(
+        &self,
+        rays: &mut Rays<N>,
+        length: &mut [f64; N],
+        rise: impl Fn([f64; 2], [f64; 2]) -> (f64, f64),
+    ) {
         // Newton's method doubles the number of correct digits: a step below 1e-9 mm leaves an
         // error below rounding. STEPS only ends an iteration that does not converge.
         const ENOUGH: f64 = 1e-9;
@@ -143,9 +220,9 @@ impl TrainSurface {
             let mut largest = 0.0_f64;
             for i in 0..N {
                 let (x, y) = (rays.position[0][i], rays.position[1][i]);
-                let (sag, gradient) = self.sag(x * x + y * y);
                 let [dx, dy, dz] = [0, 1, 2].map(|axis| rays.direction[axis][i]);
-                let slope = dz - gradient * (x * dx + y * dy);
+                let (sag, rise) = rise([x, y], [dx, dy]);
+                let slope = dz - rise;
                 let t = (sag - rays.position[2][i]) / slope;
                 length[i] += t;
                 rays.position[0][i] += t * dx;
@@ -160,6 +237,56 @@ impl TrainSurface {
             if largest <= ENOUGH {
                 return;
             }
+        }
+    }
+
+    /// Sag of a biconic or toroid at (x, y), and its gradient.
+    #[inline(always)]
+    #[must_use]
+    pub fn sag_xy(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
+        match self.shape {
+            Shape::Biconic { curvature, conic } => {
+                let (cx, cy) = (curvature, self.curvature);
+                let (ex, ey) = ((1.0 + conic) * cx * cx, (1.0 + self.conic) * cy * cy);
+                let root = (1.0 - ex * x * x - ey * y * y).sqrt();
+                let sag = (cx * x * x + cy * y * y) / (1.0 + root);
+                let along = |c: f64, e: f64, v: f64| (2.0 * c + sag * e / root) * v / (1.0 + root);
+                (sag, [along(cx, ex, x), along(cy, ey, y)])
+            }
+            Shape::Toroid { curvature } => {
+                let (curve, gradient) = self.sag(y * y);
+                let q = 1.0 - curvature * curve;
+                let root = (q * q - curvature * curvature * x * x).sqrt();
+                let sag = curve + curvature * x * x / (q + root);
+                (sag, [curvature * x / root, gradient * y * q / root])
+            }
+            _ => {
+                let (sag, gradient) = self.sag(x * x + y * y);
+                (sag, [gradient * x, gradient * y])
+            }
+        }
+    }
+
+    /// Its ideal lens, if it is one.
+    pub(super) fn ideal_mut(&mut self) -> Option<&mut Ideal> {
+        match &mut self.shape {
+            Shape::Ideal(ideal) => Some(ideal),
+            _ => None,
+        }
+    }
+
+    /// Paraxial power in x and y, 1/mm, between media of these signed indices.
+    pub(super) fn power(&self, before: f64, after: f64) -> [f64; 2] {
+        let curvature = self.curvature + 2.0 * self.even.first().copied().unwrap_or(0.0);
+        let bend = |c: f64| (after - before) * c;
+        match &self.shape {
+            Shape::Plain => [bend(curvature); 2],
+            Shape::Forbes(forbes) => [bend(curvature + forbes.vertex_curvature()); 2],
+            Shape::Biconic { curvature: x, .. } | Shape::Toroid { curvature: x } => {
+                [bend(*x), bend(curvature)]
+            }
+            Shape::Ideal(ideal) => [ideal.power; 2],
+            Shape::Break => [0.0; 2],
         }
     }
 
@@ -189,6 +316,11 @@ impl TrainSurface {
             sag += r * value;
             gradient += value / r.max(1e-12) + 2.0 * r * slope;
         }
+        if let Shape::Forbes(forbes) = &self.shape {
+            let (departure, slope) = forbes.departure(s, c);
+            sag += departure;
+            gradient += 2.0 * slope;
+        }
         (sag, gradient)
     }
 
@@ -196,11 +328,36 @@ impl TrainSurface {
     /// vertex of the next surface.
     #[inline(always)]
     pub fn bend<const N: usize>(&self, rays: &mut Rays<N>) {
+        match &self.shape {
+            Shape::Break => {}
+            Shape::Ideal(ideal) => ideal.bend(rays),
+            Shape::Biconic { .. } | Shape::Toroid { .. } => {
+                self.deflect(rays, |place| self.sag_xy(place).1);
+            }
+            Shape::Plain | Shape::Forbes(_) => self.deflect(rays, |[x, y]| {
+                let (_, gradient) = self.sag(x * x + y * y);
+                [gradient * x, gradient * y]
+            }),
+        }
+        if let Some(exit) = &self.exit {
+            exit.enter(rays);
+        }
+        for z in &mut rays.position[2] {
+            *z -= self.thickness;
+        }
+    }
+
+    /// Refracts or reflects the rays at the surface with this gradient of the sag.
+    #[inline(always)]
+    fn deflect<const N: usize>(
+        &self,
+        rays: &mut Rays<N>,
+        gradient: impl Fn([f64; 2]) -> [f64; 2],
+    ) {
         let ratio = self.before / self.after;
         for i in 0..N {
-            let (x, y) = (rays.position[0][i], rays.position[1][i]);
-            let (_, gradient) = self.sag(x * x + y * y);
-            let (nx, ny) = (-gradient * x, -gradient * y);
+            let [nx, ny] =
+                gradient([rays.position[0][i], rays.position[1][i]]).map(|slope| -slope);
             let scale = 1.0 / (nx * nx + ny * ny + 1.0).sqrt();
             let normal = [nx * scale, ny * scale, scale];
             let [dx, dy, dz] = [0, 1, 2].map(|axis| rays.direction[axis][i]);
@@ -214,9 +371,6 @@ impl TrainSurface {
             rays.direction[0][i] = keep * dx + along * normal[0];
             rays.direction[1][i] = keep * dy + along * normal[1];
             rays.direction[2][i] = keep * dz + along * normal[2];
-        }
-        for z in &mut rays.position[2] {
-            *z -= self.thickness;
         }
     }
 }
@@ -286,6 +440,9 @@ mod tests {
             after,
             mirror: false,
             clips: Vec::new(),
+            shape: Shape::Plain,
+            entry: None,
+            exit: None,
         }
     }
 
@@ -343,6 +500,46 @@ mod tests {
         assert!((doubled.sag(4.0).0 - 8e-3).abs() < 1e-15);
         assert!((doubled.sag(4.0).1 - 3e-3 * 2.0).abs() < 1e-15);
         assert_ne!(end(&doubled), end(&negated));
+    }
+
+    /// A biconic with the constants of an ellipsoid, and a torus: the points met lie on them
+    /// exactly, and the normals are those of their equations.
+    #[test]
+    fn biconics_and_toroids_are_those_of_their_equations() {
+        // Half axes 9, 7 and 5: Rx = 81/5, kx = 81/25 − 1.
+        let (a, b, c) = (9.0, 7.0, 5.0);
+        let mut ellipsoid = surface(c / (b * b), b * b / (c * c) - 1.0, 1.0, 1.5);
+        ellipsoid.shape = Shape::Biconic { curvature: c / (a * a), conic: a * a / (c * c) - 1.0 };
+        // A circle of radius 4 in y, turned at the distance 20.
+        let mut torus = surface(0.25, 0.0, 1.0, 1.5);
+        torus.shape = Shape::Toroid { curvature: 0.05 };
+        let (of_ellipsoid, of_torus) = (
+            |[x, y, z]: [f64; 3]| {
+                let dz = z - c;
+                let value = (x / a).powi(2) + (y / b).powi(2) + (dz / c).powi(2) - 1.0;
+                (value, [x / (a * a), y / (b * b), dz / (c * c)])
+            },
+            |[x, y, z]: [f64; 3]| {
+                let far = (x * x + (z - 20.0).powi(2)).sqrt();
+                let value = (far - 16.0).powi(2) + y * y - 16.0;
+                (value, [x * (1.0 - 16.0 / far), y, (z - 20.0) * (1.0 - 16.0 / far)])
+            },
+        );
+        for start in [[0.5, 1.0, -3.0], [-2.0, 2.5, -1.0], [3.0, -1.5, -2.0]] {
+            for (surface, equation) in [
+                (&ellipsoid, &of_ellipsoid as &dyn Fn([f64; 3]) -> (f64, [f64; 3])),
+                (&torus, &of_torus),
+            ] {
+                let mut ray = ray(start, [0.1, -0.2, 0.95_f64.sqrt()]);
+                surface.meet(&mut ray);
+                let (p, _) = ray.get(0);
+                let (value, normal) = equation(p);
+                assert!(value.abs() < 1e-12, "{value} at {p:?}");
+                let (_, [zx, zy]) = surface.sag_xy([p[0], p[1]]);
+                assert!((zx + normal[0] / normal[2]).abs() < 1e-12);
+                assert!((zy + normal[1] / normal[2]).abs() < 1e-12);
+            }
+        }
     }
 
     #[test]

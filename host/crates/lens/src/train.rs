@@ -23,4 +23,11 @@ pub struct Train {
     pub entrance_z_mm: f64,
     /// Diameter of that pupil, mm.
     pub entrance_pupil_mm: f64,
+    /// Whether the pupil is at infinity; what stands for it: [`Paraxial::telecentric`].
+    pub telecentric: bool,
+    /// Radius of the cone from the object in the plane that rays are aimed at, mm, where it stands
+    /// for the stop ([`super::Prescription::telecentric`]).
+    pub cone_mm: Option<f64>,
+    /// Why the lens is not rotationally symmetric, if it is not.
+    pub asymmetry: Option<String>,
 }

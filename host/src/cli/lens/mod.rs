@@ -9,12 +9,16 @@ use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_lens::characterise::{self, Plan, PsfMethod};
 use camrig_lens::heights::Density;
+use camrig_lens::prescription::FieldKind;
 use camrig_lens::system::Focus;
-use camrig_lens::{Conditions, Glass, Setup, System, import};
+use camrig_lens::{Conditions, Glass, Setup, System, field, import};
 use camrig_optics::{Characterisation, Options};
 use camrig_report::lens as report;
 use clap::builder::TypedValueParser;
-use show::{figures, info, info_of_directory, point_json, print_points, summary};
+use show::{
+    figures, info, info_of_directory, map_json, place_json, point_json, print_places,
+    print_points, summary,
+};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -40,13 +44,20 @@ enum Command {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens trace triplet.zmx --fields 0,5,10 --wavelengths 450,550,650 --json\n  \
+    camrig lens trace freeform.zmx --fields 0:0,3:4,-3:4\n  \
     camrig lens trace phone.toml --wavelengths 400:10:700 -o phone-lens")]
 struct TraceArgs {
     #[command(flatten)]
     lens: LensArgs,
-    /// Fields, degrees; the file's own unless given
-    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_negative_numbers = true)]
-    fields: Option<Vec<f64>>,
+    /// Fields, degrees, or X:Y off the y axis; the file's own unless given
+    #[arg(
+        long,
+        value_name = "DEG,...",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        value_parser = field_angles
+    )]
+    fields: Option<Vec<[f64; 2]>>,
     /// Wavelengths, nm, or first:step:last; the file's own unless given (400:10:700 with -o)
     #[arg(long, value_name = "NM,...", value_delimiter = ',', value_parser = wavelengths)]
     wavelengths: Option<Vec<Wavelengths>>,
@@ -175,6 +186,22 @@ fn glass(text: &str) -> Result<(String, Glass), String> {
     Glass::named(text).map_err(|e| e.to_string())
 }
 
+/// A field angle, or two as x:y, degrees.
+fn field_angles(text: &str) -> Result<[f64; 2], String> {
+    let (x, y) = text.split_once(':').unwrap_or(("0", text));
+    let degrees = |text: &str| text.trim().parse::<f64>().ok().filter(|deg| deg.is_finite());
+    degrees(x)
+        .zip(degrees(y))
+        .map(|(x, y)| [x, y])
+        .ok_or_else(|| format!("{text:?}: give an angle in degrees, or two as x:y"))
+}
+
+/// A field of a rotationally symmetric lens: on y with its sign, elsewhere its distance from the
+/// axis.
+fn radial(&[x, y]: &[f64; 2]) -> f64 {
+    if x == 0.0 { y } else { FieldKind::Angle.off_axis(x, y) }
+}
+
 /// Most steps of a range of wavelengths: 0.3 nm over the visible.
 const MOST_STEPS: f64 = 1000.0;
 /// Part of a step by which the end of a range may be missed through rounding and still belongs to
@@ -289,16 +316,19 @@ fn trace(args: &TraceArgs) -> Result<()> {
             return Ok(());
         }
     }
-    let fields = match &args.fields {
-        Some(fields) => fields.clone(),
-        None => system.fields_deg().map_err(place)?,
-    };
     let wavelengths = given.unwrap_or_else(|| {
         let mut own = system.prescription.wavelengths_nm.clone();
         own.sort_by(f64::total_cmp);
         own.dedup();
         own
     });
+    if system.prescription.asymmetry().is_some() {
+        return trace_over_places(args, &system, &wavelengths).map_err(place);
+    }
+    let fields = match &args.fields {
+        Some(fields) => fields.iter().map(radial).collect(),
+        None => system.fields_deg().map_err(place)?,
+    };
     let points = characterise::field_points(&system, &fields, &wavelengths).map_err(place)?;
     if args.json {
         let mut object = figures(&system);
@@ -306,6 +336,26 @@ fn trace(args: &TraceArgs) -> Result<()> {
         println!("{object}");
     } else {
         print_points(&system, &points);
+    }
+    Ok(())
+}
+
+/// Figures over the two-dimensional field of a lens that is not rotationally symmetric.
+fn trace_over_places(args: &TraceArgs, system: &System, wavelengths: &[f64]) -> Result<()> {
+    let fields = match &args.fields {
+        Some(fields) => fields.clone(),
+        None => system.field_places_deg()?,
+    };
+    let map = field::Map::of(system)?;
+    let points = field::points(system, &map, &fields, wavelengths)?;
+    if args.json {
+        let mut object = figures(system);
+        object["efl_x_mm"] = system.efl_x_mm()?.into();
+        object["map"] = map_json(&map);
+        object["points"] = points.iter().map(|p| place_json(p, &map)).collect();
+        println!("{object}");
+    } else {
+        print_places(system, &map, &points);
     }
     Ok(())
 }

@@ -4,7 +4,8 @@ use super::InfoArgs;
 use camrig_base::Result;
 use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
-use camrig_lens::prescription::{Medium, Object, Prescription};
+use camrig_lens::field;
+use camrig_lens::prescription::{Form, Medium, Object, Prescription};
 use camrig_optics::Characterisation;
 use serde_json::{Value, json};
 
@@ -69,7 +70,7 @@ pub(super) fn figures(system: &System) -> Value {
         "entrance_pupil_mm": system.entrance_pupil_mm,
         "entrance_pupil_z_mm": p.entrance_z_mm,
         "exit_pupil_z_mm": p.exit_z_mm,
-        "pupil_magnification": (p.exit_magnification / p.entrance_magnification).abs(),
+        "pupil_magnification": p.pupil_magnification(),
         "stop_radius_mm": system.stop_radius_mm,
         "stop_surface": lens.stop + 1,
         "notes": lens.notes,
@@ -94,6 +95,86 @@ fn planes(system: &System) -> String {
          distortion is against {ideal} of the paraxial image: where the sensor is elsewhere, it \
          does not tend to 0 on the axis"
     )
+}
+
+/// Figures of a point of a two-dimensional field.
+pub(super) fn place_json(p: &field::Point, map: &field::Map) -> Value {
+    json!({
+        "field_x_deg": p.field_deg[0],
+        "field_y_deg": p.field_deg[1],
+        "wavelength_nm": p.wavelength_nm,
+        "chief_ray_x_mm": p.chief_mm[0],
+        "chief_ray_y_mm": p.chief_mm[1],
+        "cra_x_deg": p.cra_deg[0],
+        "cra_y_deg": p.cra_deg[1],
+        "linear_x_mm": p.linear_mm[0],
+        "linear_y_mm": p.linear_mm[1],
+        "distortion_percent": p.distortion_percent(map.middle_mm),
+        "relative_illumination": p.relative_illumination,
+        "projected_solid_angle_sr": p.projected_solid_angle_sr,
+        "spot_rms_mm": p.spot_rms_mm,
+    })
+}
+
+/// The linear map of the middle of the field.
+pub(super) fn map_json(map: &field::Map) -> Value {
+    json!({
+        "middle_mm": map.middle_mm,
+        "by_tan_x_mm": map.slopes_mm[0],
+        "by_tan_y_mm": map.slopes_mm[1],
+    })
+}
+
+/// Figures over a two-dimensional field as a table.
+pub(super) fn print_places(system: &System, map: &field::Map, points: &[field::Point]) {
+    let [x, y] = map.slopes_mm;
+    println!(
+        "not rotationally symmetric: {}\n\
+         EFL {:.6} mm in y, f/{:.4}, stop radius {:.6} mm (at {} nm, without tilts and decentres)\n\
+         the field point (0, 0) lands at ({:.6}, {:.6}) mm; around it (x, y) change by \
+         ({:.6}, {:.6}) mm per tan θx and ({:.6}, {:.6}) mm per tan θy, against which distortion \
+         is told",
+        system.prescription.asymmetry().unwrap_or_default(),
+        system.paraxial.efl_mm,
+        system.f_number(),
+        system.stop_radius_mm,
+        system.prescription.reference_nm,
+        map.middle_mm[0],
+        map.middle_mm[1],
+        x[0],
+        x[1],
+        y[0],
+        y[1],
+    );
+    println!(
+        "{:>9} {:>9} {:>8} {:>12} {:>12} {:>10} {:>10} {:>9} {:>11} {:>11}",
+        "field x",
+        "field y",
+        "nm",
+        "x mm",
+        "y mm",
+        "CRA x deg",
+        "CRA y deg",
+        "rel. ill.",
+        "distortion",
+        "spot mm rms"
+    );
+    for p in points {
+        println!(
+            "{:>9.3} {:>9.3} {:>8.1} {:>12.6} {:>12.6} {:>10.5} {:>10.5} {:>9.6} {:>9.4} % \
+             {:>11.6}",
+            p.field_deg[0],
+            p.field_deg[1],
+            p.wavelength_nm,
+            p.chief_mm[0],
+            p.chief_mm[1],
+            p.cra_deg[0],
+            p.cra_deg[1],
+            p.relative_illumination,
+            p.distortion_percent(map.middle_mm),
+            p.spot_rms_mm
+        );
+    }
 }
 
 /// Figures of field points as a table.
@@ -136,11 +217,24 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
 pub(super) fn info(args: &InfoArgs) -> Result<()> {
     let system = args.lens.setup().system()?;
     let lens = &system.prescription;
-    let fields = system.fields_deg().map_err(|e| e.at(args.lens.file.display()))?;
+    let place = |e: camrig_base::Error| e.at(args.lens.file.display());
+    let asymmetry = lens.asymmetry();
+    let (fields, listed) = match asymmetry {
+        Some(_) => {
+            let places = system.field_places_deg().map_err(place)?;
+            (json!(places), format!("{places:?}"))
+        }
+        None => {
+            let fields = system.fields_deg().map_err(place)?;
+            (json!(fields), format!("{fields:?}"))
+        }
+    };
     if args.json {
         lens.notes.iter().for_each(|note| eprintln!("note: {note}"));
         let mut object = figures(&system);
-        object["fields_deg"] = fields.into();
+        object["fields_deg"] = fields;
+        object["rotationally_symmetric"] = asymmetry.is_none().into();
+        object["efl_x_mm"] = system.efl_x_mm()?.into();
         object["wavelengths_nm"] = lens.wavelengths_nm.clone().into();
         object["surfaces"] = lens.surfaces.len().into();
         println!("{object}");
@@ -164,7 +258,14 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
         lens.stop + 1,
         system.stop_radius_mm
     );
-    println!("fields {fields:?}°, wavelengths {:?} nm", lens.wavelengths_nm);
+    if let Some(why) = asymmetry {
+        println!(
+            "not rotationally symmetric: {why}; figures are those without tilts and decentres in \
+             the plane of y and z (EFL {:.6} mm in x)",
+            system.efl_x_mm()?
+        );
+    }
+    println!("fields {listed}°, wavelengths {:?} nm", lens.wavelengths_nm);
     print_surfaces(lens);
     match lens.notes.is_empty() {
         true => println!("assumed and ignored: nothing that changes the image"),
@@ -190,9 +291,19 @@ fn print_surfaces(lens: &Prescription) {
             Medium::Glass(glass) => glass.name.clone(),
         };
         let mark = if i == lens.stop { " stop" } else { "" };
-        let sag = if s.even.is_empty() && s.odd.is_empty() { "" } else { " + polynomial" };
+        let sag = match &s.form {
+            Form::Plain if s.even.is_empty() && s.odd.is_empty() => "",
+            Form::Plain => " + polynomial",
+            Form::Forbes(_) => " + Forbes asphere",
+            Form::Biconic { .. } => " (biconic)",
+            Form::Toroid { .. } => " (toroid)",
+            Form::Ideal { .. } => " (ideal lens)",
+            Form::Break => " (coordinates only)",
+        };
+        let placed =
+            if s.entry.is_some() || s.exit.is_some() { " tilted or decentred" } else { "" };
         println!(
-            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{mark}",
+            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{placed}{mark}",
             i + 1,
             s.thickness,
             s.conic

@@ -12,6 +12,22 @@ use camrig_base::{Error, Result};
 const ROOM_C: std::ops::RangeInclusive<f64> = 19.0..=25.0;
 const PRESSURE_MM_HG: f64 = 760.0;
 
+/// Values of all fields, or with `F2` that of one.
+fn set_fields(list: &mut Vec<f64>, keyword: &str, words: &[Word]) -> Result<()> {
+    let name = capitals(words, 0);
+    let field = name.strip_prefix('F').and_then(|n| n.parse::<usize>().ok());
+    let Some(field) = field.filter(|n| (1..=MOST_FIELDS).contains(n)) else {
+        *list = numbers(keyword, words)?;
+        return Ok(());
+    };
+    list.resize(list.len().max(field), 0.0);
+    list[field - 1] = first(&words[1..], keyword)?;
+    no_more(keyword, &words[2..])
+}
+
+/// Most fields that a command may name: more than CODE V has.
+const MOST_FIELDS: usize = 1000;
+
 /// A word in capitals, and nothing where there is none.
 fn capitals(words: &[Word], i: usize) -> String {
     words.get(i).map(|w| w.text.to_ascii_uppercase()).unwrap_or_default()
@@ -28,6 +44,9 @@ impl File {
         if command.open_quote && known(keyword) != Known::Harmless {
             return Err(Error::input(format!("{keyword}: a quotation mark is not closed"))
                 .help("close it on the same line"));
+        }
+        if keyword == "ZOO" {
+            return self.zoom(command);
         }
         if self.private.takes(keyword, words)? || self.of_system(keyword, words)? {
             return Ok(());
@@ -92,18 +111,20 @@ impl File {
                 self.reference = value as usize;
             }
             "YAN" | "YOB" | "YIM" | "YRI" => {
-                self.fields = Some((kind_of(keyword), numbers(keyword, words)?));
+                let (_, mut list) = self.fields.take().unwrap_or((FieldKind::Angle, Vec::new()));
+                set_fields(&mut list, keyword, words)?;
+                self.fields = Some((kind_of(keyword), list));
             }
             "XAN" | "XOB" | "XIM" | "XRI" => {
-                self.fields_x = numbers(keyword, words)?;
+                set_fields(&mut self.fields_x, keyword, words)?;
                 if self.fields.is_none() && self.fields_x.iter().any(|v| *v != 0.0) {
                     self.fields = Some((kind_of(keyword), vec![0.0; self.fields_x.len()]));
                 }
             }
-            "VUX" => self.vignetting[0] = numbers(keyword, words)?,
-            "VLX" => self.vignetting[1] = numbers(keyword, words)?,
-            "VUY" => self.vignetting[2] = numbers(keyword, words)?,
-            "VLY" => self.vignetting[3] = numbers(keyword, words)?,
+            "VUX" => set_fields(&mut self.vignetting[0], keyword, words)?,
+            "VLX" => set_fields(&mut self.vignetting[1], keyword, words)?,
+            "VUY" => set_fields(&mut self.vignetting[2], keyword, words)?,
+            "VLY" => set_fields(&mut self.vignetting[3], keyword, words)?,
             "TEM" => {
                 let celsius = numbers(keyword, words)?;
                 if celsius.iter().any(|t| !ROOM_C.contains(t)) {
@@ -116,8 +137,6 @@ impl File {
                     self.notes.push(format!("PRE {pressures:?} is ignored: {AT_ROOM}"));
                 }
             }
-            "ZOO" if words.len() == 1 && words[0].text == "1" => {}
-            "ZOO" => refuse("a zoom system")?,
             "TEL" | "AFC" | "AFI" | "AFO" | "POL" if off => {}
             "POL" => self.notes.push("POL is passed over: polarisation is not traced".into()),
             _ => return Ok(false),
@@ -140,9 +159,15 @@ impl File {
             Known::Unknown => {}
         }
         let (place, words) = self.place(&command.words)?;
-        if matches!(keyword.as_str(), "XDE" | "YDE" | "ZDE" | "ADE" | "BDE" | "CDE") {
-            return match numbers(keyword, words)?.iter().any(|v| *v != 0.0) {
-                true => refuse(&format!("{keyword} (a tilt or decentre)")),
+        let of_object = matches!(capitals(&command.words, 0).as_str(), "SO" | "S0")
+            || place.is_none() && self.image.is_none();
+        let decentre = match place {
+            Some(index) => &mut self.surfaces[index].decentre,
+            None => &mut self.image_decentre,
+        };
+        if decentre.takes(keyword, words)? {
+            return match of_object {
+                true => refuse(&format!("{keyword} (a tilt or decentre) of the object")),
                 false => Ok(()),
             };
         }
@@ -161,6 +186,7 @@ impl File {
                 ));
                 Ok(())
             }
+            None if keyword == "THI" => self.end_distance(of_object, first(words, keyword)?),
             None if keyword == "STO" => Err(Error::input("the stop is the object or the image")
                 .help("it is one of the surfaces between them")),
             None if matches!(keyword.as_str(), "CON" | "ASP") => Ok(()),
@@ -169,6 +195,16 @@ impl File {
                 .at("the object or the image")
                 .help("it stands behind no surface of the lens")),
         }
+    }
+
+    /// `THI` of the object or the image.
+    fn end_distance(&mut self, of_object: bool, value: f64) -> Result<()> {
+        match (of_object, &mut self.object) {
+            (true, Some((_, distance))) => *distance = value,
+            (true, None) => self.object = Some((0.0, value)),
+            (false, _) => self.image = Some(value),
+        }
+        Ok(())
     }
 
     /// The surface that a command is about (none: object, image, or no surface yet), and its words
@@ -227,7 +263,20 @@ impl File {
             }
             "CON" | "ASP" => {}
             "SPH" => surface.sphere(),
-            "K" => surface.conic = first(words, keyword)?,
+            "AAS" | "CYL" => {
+                surface.across.get_or_insert_default();
+            }
+            "CUX" | "RDX" | "KX" => surface.across(keyword, first(words, keyword)?)?,
+            "AR" | "BR" | "CR" | "DR" | "AP" | "BP" | "CP" | "DP" => {
+                if surface.across.is_none() || first(words, keyword)? != 0.0 {
+                    return refuse(&format!(
+                        "{keyword} (polynomial terms of an anamorphic asphere)"
+                    ));
+                }
+            }
+            "ADX" => surface.aperture_centre[0] = first(words, keyword)?,
+            "ADY" => surface.aperture_centre[1] = first(words, keyword)?,
+            "K" | "KY" => surface.conic = first(words, keyword)?,
             "A" | "B" | "C" | "D" | "E" | "F" | "G" | "H" | "J" => {
                 // A is the coefficient of r^4; the letter I is left out.
                 let power = "ABCDEFGHJ".find(keyword).unwrap_or(0) + 2;
@@ -243,7 +292,7 @@ impl File {
         }
         let taken = match keyword {
             "CIR" | "SPS" => words.len(),
-            "CON" | "ASP" | "SPH" | "RFL" | "REFL" => 0,
+            "CON" | "ASP" | "SPH" | "AAS" | "CYL" | "RFL" | "REFL" => 0,
             _ => 1,
         };
         no_more(keyword, words.get(taken..).unwrap_or(&[]))
@@ -306,10 +355,7 @@ impl Draft {
     fn aperture(&mut self, words: &[Word]) -> Result<()> {
         let rest: Vec<Word> = words.iter().filter(|w| w.kind != Kind::Label).cloned().collect();
         let (clip, used) = match aperture_kind(words).as_str() {
-            "OBS" => {
-                let inner = first(&rest[1..], "CIR OBS")?;
-                (Clip { inner, outer: f64::INFINITY }, 2)
-            }
+            "OBS" => (Clip::ring(first(&rest[1..], "CIR OBS")?, f64::INFINITY), 2),
             "CLR" => (Clip::circle(first(&rest[1..], "CIR CLR")?), 2),
             _ => (Clip::circle(first(&rest, "CIR")?), 1),
         };
@@ -317,8 +363,23 @@ impl Draft {
         no_more("CIR", &rest[used..])
     }
 
+    /// `CUX`, `RDX`, `KX`: curvature, radius and conic constant in x.
+    fn across(&mut self, keyword: &str, value: f64) -> Result<()> {
+        let Some(across) = &mut self.across else {
+            return Err(Error::unsupported(format!("{keyword} without AAS or CYL"))
+                .help("a surface with two curvatures is a biconic (AAS) or a cylinder (CYL)"));
+        };
+        match keyword {
+            "KX" => across.conic = value,
+            "RDX" if value != 0.0 => across.curvature = Some(1.0 / value),
+            _ => across.curvature = Some(value),
+        }
+        Ok(())
+    }
+
     fn sphere(&mut self) {
         self.conic = 0.0;
+        self.across = None;
         self.even.clear();
         self.odd_terms.clear();
     }

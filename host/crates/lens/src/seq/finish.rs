@@ -1,9 +1,9 @@
 //! From what a `.seq` file says to a prescription in mm.
 
-use super::{Draft, File, INFINITE, radii};
+use super::{Across, Draft, File, INFINITE, radii};
 use crate::glass::Catalogue;
 use crate::prescription::{
-    Aperture, Clip, FieldKind, Fields, Medium, Object, Prescription, Surface,
+    Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
 
@@ -67,6 +67,15 @@ impl File {
             }
             surfaces.push(surface);
         }
+        let (entry, _) =
+            self.image_decentre.frames(scale, false).map_err(|e| e.at("the image"))?;
+        if entry.is_some() && defocus != 0.0 {
+            return Err(Error::unsupported("a tilted or decentred image with a defocus (SI)")
+                .help("add the defocus to the last thickness before it"));
+        }
+        if entry.is_some() {
+            surfaces.push(Surface { form: Form::Break, entry, ..Surface::plane(0.0) });
+        }
         let Some(&reference_nm) = self.waves.get(self.reference - 1) else {
             return Err(Error::input(format!(
                 "reference wavelength {} of {}",
@@ -84,6 +93,8 @@ impl File {
         let count = y.len().max(self.fields_x.len());
         let values: Vec<f64> =
             (0..count).map(|i| kind.off_axis(at(&self.fields_x, i), at(y, i)) * unit).collect();
+        let place = |i| [at(&self.fields_x, i), at(y, i)].map(|v: f64| v * unit);
+        let places = (0..count).map(place).collect();
         let any = self.vignetting.iter().flatten().any(|v| *v != 0.0);
         let vignetting = match any {
             true => (0..count).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect(),
@@ -95,9 +106,10 @@ impl File {
             stop: self.stop.unwrap_or(0),
             object: if finite { Object::Distance(object * scale) } else { Object::Infinity },
             aperture,
+            telecentric: false,
             wavelengths_nm: self.waves.clone(),
             reference_nm,
-            fields: Fields { kind, values, vignetting },
+            fields: Fields { kind, values, places, vignetting },
             notes,
         };
         prescription.validate()?;
@@ -137,8 +149,20 @@ impl Draft {
             Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
             Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
         };
-        let clips =
-            self.clips.iter().map(|c| Clip { inner: c.inner * scale, outer: c.outer * scale });
+        let centre = self.aperture_centre.map(|v| v * scale);
+        let clips = self.clips.iter();
+        let clips = clips.map(|c| Clip { centre, ..Clip::ring(c.inner * scale, c.outer * scale) });
+        let form = match &self.across {
+            None => Form::Plain,
+            Some(Across { curvature: Some(c), conic }) => {
+                Form::Biconic { curvature: c / scale, conic: *conic }
+            }
+            Some(_) => {
+                return Err(Error::input("AAS or CYL without CUX or RDX")
+                    .help("give the curvature or the radius in x too"));
+            }
+        };
+        let (entry, exit) = self.decentre.frames(scale, medium == Medium::Mirror)?;
         Ok(Surface {
             curvature,
             conic: self.conic,
@@ -147,6 +171,9 @@ impl Draft {
             thickness: self.thickness * scale,
             medium,
             clips: clips.collect(),
+            form,
+            entry,
+            exit,
         })
     }
 }

@@ -26,8 +26,8 @@ const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "
 /// file already.
 const SOLVES: &[&str] = &["PIM", "UMY", "HMY", "PIK", "PIC"];
 
-/// Commands of surfaces and systems that are not symmetric, not sequential, or bend light by
-/// other means than refraction at a conic or polynomial, with what they are.
+/// Commands of surfaces and systems that are not sequential, or that bend light by other means than
+/// the known surfaces, with what they are.
 const REFUSED: &[(&str, &str)] = &[
     ("AFC", "an afocal system"),
     ("AFI", "an afocal system"),
@@ -37,12 +37,6 @@ const REFUSED: &[(&str, &str)] = &[
     ("YTO", "a toroid"),
     ("XTO", "a toroid"),
     ("TOR", "a toroid"),
-    ("CUX", "a toroid"),
-    ("RDX", "a toroid"),
-    ("KX", "a biconic"),
-    ("KY", "a biconic"),
-    ("AAS", "a biconic asphere"),
-    ("CYL", "a cylinder"),
     ("HOE", "a hologram"),
     ("HCO", "a hologram"),
     ("HOR", "a hologram"),
@@ -54,13 +48,8 @@ const REFUSED: &[(&str, &str)] = &[
     ("GRS", "a grating"),
     ("GRI", "a medium whose index varies"),
     ("GRN", "a medium whose index varies"),
-    ("DAR", "a tilt or decentre"),
-    ("BEN", "a tilt or decentre"),
-    ("REV", "a tilt or decentre"),
     ("RET", "a tilt or decentre"),
     ("GLB", "a tilt or decentre"),
-    ("ADX", "a decentred aperture"),
-    ("ADY", "a decentred aperture"),
     ("ARO", "a turned aperture"),
     ("NSS", "a non-sequential part"),
     ("PUX", "a pupil of uneven brightness"),

@@ -1,14 +1,16 @@
 //! CODE V lens files (`.seq`).
 //!
 //! Read: spherical, conic and aspheric surfaces (`ASP` with K, A to J; odd polynomials `SPS ODD`),
-//! mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO, angular
-//! and height fields, vignetting factors, circular apertures. A command that is not known to be
-//! without effect on the image is refused with its line: tilts and decentres, other special
-//! surfaces, apertures that are not circular, zoom. `RDM` says that surfaces are given by radius,
+//! biconics (`AAS`) and cylinders (`CYL`), tilts and decentres (`XDE` to `CDE`, `DAR`, `BEN`,
+//! `REV`), mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO,
+//! angular and height fields, vignetting factors, circular apertures, zoom positions (`ZOO`). A
+//! command that is not known to be without effect on the image is refused with its line: toroids,
+//! other special surfaces, apertures that are not circular. `RDM` says that surfaces are given by radius,
 //! `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a lens, they
 //! are taken as radii, with a note.
 
 mod commands;
+mod decentre;
 mod finish;
 mod known;
 mod lexer;
@@ -16,12 +18,15 @@ mod private;
 mod radii;
 #[cfg(test)]
 mod tests;
+mod zoom;
 
 use super::glass::Catalogue;
 use super::prescription::{Aperture, Clip, FieldKind, Prescription};
 use camrig_base::{Error, Result};
+use decentre::Decentre;
 use lexer::Word;
 use private::Private;
+use zoom::Zoom;
 
 /// Distances that CODE V takes for infinity, in the file's unit (its own default is 1e13).
 const INFINITE: f64 = 1e10;
@@ -42,7 +47,9 @@ struct File {
     surfaces: Vec<Draft>,
     image: Option<f64>,
     image_bent: bool,
+    image_decentre: Decentre,
     stop: Option<usize>,
+    zoom: Zoom,
     private: Private,
     notes: Vec<String>,
 }
@@ -58,6 +65,18 @@ struct Draft {
     even: Vec<f64>,
     odd_terms: Vec<f64>,
     clips: Vec<Clip>,
+    aperture_centre: [f64; 2],
+    /// Curvature and conic constant in x, of a biconic or cylinder.
+    across: Option<Across>,
+    decentre: Decentre,
+}
+
+/// A biconic or cylinder as far as it is read.
+#[derive(Default)]
+struct Across {
+    /// Curvature in x, in the file's unit.
+    curvature: Option<f64>,
+    conic: f64,
 }
 
 /// A prescription from the text of a `.seq` file.
@@ -65,10 +84,25 @@ struct Draft {
 /// # Errors
 /// What is unsupported or wrong, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
-    let mut file = File { scale: 1.0, reference: 1, ..File::default() };
+    read_position(text, glasses, None)
+}
+
+/// A prescription from the text of a `.seq` file in one of its zoom positions, by number from 1;
+/// `None` takes the first.
+///
+/// # Errors
+/// Those of [`read`]; a position that the file does not have.
+pub fn read_position(
+    text: &str,
+    glasses: &Catalogue,
+    position: Option<&str>,
+) -> Result<Prescription> {
+    let zoom = Zoom::at(position);
+    let mut file = File { scale: 1.0, reference: 1, zoom, ..File::default() };
     for command in lexer::commands(text)? {
         file.command(&command).map_err(|e| e.at(format!("line {}", command.line)))?;
     }
+    file.zoom.check(&mut file.notes)?;
     file.finish(glasses)
 }
 

@@ -20,12 +20,18 @@ fn efl(lens: Result<Prescription>) -> f64 {
 fn what_may_change_the_image_is_refused_with_its_line() {
     for (command, word) in [
         ("YTO", "toroid"),
-        ("CUX 0.01", "toroid"),
+        ("CUX 0.01", "without AAS or CYL"),
+        ("AAS; AR 1e-6", "anamorphic"),
+        ("SPS QCN", "SPS QCN"),
         ("HOE", "hologram"),
         ("HCO C1 -4e-4", "hologram"),
         ("TEL", "telecentric"),
         ("AFO", "afocal"),
-        ("ADE 3", "tilt"),
+        ("ADE SO 3", "of the object"),
+        ("ADE 3 4", "2 values"),
+        ("ZOO 2; ZOO THI S1 1 2 3", "3 values for 2"),
+        ("ZOO THI S1 1 2", "for 0 zoom positions"),
+        ("ZOO 2; ZOO NEW S1 1 2", "not known"),
         ("RMD TIR", "TIR"),
         ("NEW 3", "not known"),
         ("S3 9 9", "not known"),
@@ -108,4 +114,25 @@ fn fields_off_both_axes() {
     let fields = read(text, &Catalogue::default()).unwrap().fields.values;
     assert_eq!(fields[0], 20.0);
     assert!((fields[1] - 39.231_520_483_592_26).abs() < 1e-9, "{fields:?}");
+}
+
+/// Zoom positions: each gives the lens of a file with that position's values in their places.
+#[test]
+fn zoom_positions_are_chosen_by_number() {
+    let head = "RDM; DIM M; WL 587.6; YAN 0 8; SO 0 1e13; EPD 6\n";
+    let body = "S 60 5 NBK7_SCHOTT\nS -60 9\nS 0 50\nSTO\nSI 0 0\n";
+    let zoom = "ZOO 3\nZOO TIT 'wide' 'mid' 'tele'\nZOO THC S2 0 0 0\nZOO THI S2 9 4 2.5\n\
+                ZOO EPD 6 7 8\nZOO YAN F2 8 6 4\nZOO THI SO 1e13 1e13 500\nGO";
+    let text = format!("{head}{body}{zoom}");
+    let read = |position| read_position(&text, &Catalogue::default(), position);
+    let third = read(Some("3")).unwrap();
+    assert_eq!(third.surfaces[1].thickness, 2.5);
+    assert_eq!(third.aperture, Aperture::EntrancePupil(8.0));
+    assert_eq!(third.fields.values, [0.0, 4.0]);
+    assert_eq!(third.object, crate::prescription::Object::Distance(500.0));
+    let first = read(None).unwrap();
+    assert_eq!((first.surfaces[1].thickness, &first.fields.values[..]), (9.0, &[0.0, 8.0][..]));
+    assert!(first.notes.iter().any(|n| n.contains("zoom position 1 of 3")), "{:?}", first.notes);
+    let error = read(Some("4")).unwrap_err().to_string();
+    assert!(error.contains("zoom positions 1 to 3"), "{error}");
 }

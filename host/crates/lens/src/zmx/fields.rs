@@ -8,23 +8,17 @@ use camrig_base::{Error, Result};
 /// The kind of field given by theodolite angles.
 const THEODOLITE: usize = 4;
 
-/// `FTYP kind telecentric fields wavelengths norm iterate afocal`: refuses the systems that these
-/// flags make of the lens.
-pub(super) fn check_flags(words: &[&str]) -> Result<()> {
+/// `FTYP kind telecentric fields wavelengths norm iterate afocal`: whether the system is
+/// telecentric on the object's side, whatever its stop. Refuses afocal systems.
+pub(super) fn telecentric(words: &[&str]) -> Result<bool> {
     let flag = |i: usize| match words.len() > i {
         true => count(words, i, "FTYP"),
         false => Ok(0),
     };
-    if flag(1)? != 0 {
-        return Err(Error::unsupported(
-            "FTYP: the system is telecentric on the object's side, whatever its stop",
-        )
-        .help("such lenses are not traced; clear the flag if the stop is to decide"));
-    }
     if flag(6)? != 0 {
-        return refuse("an afocal system (FTYP)");
+        refuse("an afocal system (FTYP)")?;
     }
-    Ok(())
+    Ok(flag(1)? != 0)
 }
 
 /// Angle with the axis of a direction by theodolite angles, degrees: azimuth x, elevation y.
@@ -34,6 +28,12 @@ fn theodolite(x: f64, y: f64) -> f64 {
     }
     let [x, y] = [x, y].map(|v| libm::cos(v.to_radians()));
     libm::acos(x * y).to_degrees()
+}
+
+/// Projections on the planes of x–z and y–z, degrees, of a direction by theodolite angles.
+fn projections([x, y]: [f64; 2]) -> [f64; 2] {
+    let (x_rad, y_rad) = (x.to_radians(), y.to_radians());
+    [x, libm::atan(libm::tan(y_rad) / libm::cos(x_rad)).to_degrees()]
 }
 
 impl File {
@@ -61,6 +61,14 @@ impl File {
             }
         };
         let values: Vec<f64> = (0..used).map(radial).collect();
+        let place = |i| {
+            let place = [at(&self.fields_x, i), at(&self.fields_y, i)];
+            match self.field_kind {
+                THEODOLITE => projections(place),
+                _ => place.map(|v| v * unit),
+            }
+        };
+        let places: Vec<[f64; 2]> = (0..used).map(place).collect();
         // Decentre and compression of the pupil, as losses on each side.
         let [dx, dy, cx, cy] = &self.vignetting;
         let losses = |i| {
@@ -70,10 +78,11 @@ impl File {
         let vignetting: Vec<[f64; 4]> = (0..used).map(losses).collect();
         let any = vignetting.iter().flatten().any(|v| *v != 0.0);
         if self.fields_x.iter().any(|v| *v != 0.0) {
-            let note = "fields off the y axis are taken at their distance from the axis";
+            let note = "fields off the y axis are taken at their distance from the axis, where the \
+                        lens is rotationally symmetric";
             self.notes.push(note.into());
         }
-        Ok(Fields { kind, values, vignetting: if any { vignetting } else { Vec::new() } })
+        Ok(Fields { kind, values, places, vignetting: if any { vignetting } else { Vec::new() } })
     }
 }
 
@@ -84,6 +93,9 @@ mod tests {
     #[test]
     fn theodolite_angles() {
         assert!((theodolite(3.0, 4.0) - 4.998_537).abs() < 1e-6, "{}", theodolite(3.0, 4.0));
+        // The projections of the same direction lie as far off the axis.
+        let [x, y] = projections([3.0, 4.0]);
+        assert!((FieldKind::Angle.off_axis(x, y) - theodolite(3.0, 4.0)).abs() < 1e-12);
         assert_eq!((theodolite(0.0, -4.0), theodolite(3.0, 0.0)), (4.0, 3.0));
     }
 }

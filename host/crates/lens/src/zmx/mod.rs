@@ -1,19 +1,21 @@
 //! Zemax lens files (`.zmx`), in any of their encodings.
 //!
-//! Read: standard, even-asphere, odd-asphere and extended-asphere surfaces, mirrors, catalogue and
-//! model glasses, angles and heights as fields, circular apertures and obscurations,
-//! configurations. Refused: tilts and decentres, other surface types, apertures that are not
-//! circular, cone angles, systems that are afocal or telecentric on the object's side. Keywords of
-//! editing, drawing, tolerancing and merit functions are ignored.
+//! Read: standard, even-asphere, odd-asphere, extended-asphere, Forbes, biconic, toroidal and
+//! paraxial surfaces, coordinate breaks, mirrors, catalogue and model glasses, angles and heights
+//! as fields, circular apertures and obscurations, telecentric object space, configurations.
+//! Refused: other surface types, apertures that are not circular, tilts and decentres of single
+//! surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
+//! and merit functions are ignored; values that a pickup or solve governs are taken as they stand.
 
 mod configurations;
 mod fields;
 mod material;
+mod shape;
 #[cfg(test)]
 mod tests;
 
 use super::glass::Catalogue;
-use super::prescription::{Aperture, Clip, Medium, Object, Prescription, Surface};
+use super::prescription::{Aperture, Clip, Form, Medium, Object, Prescription, Surface};
 use super::text::{number, numbers, refuse};
 use camrig_base::{Error, Result};
 use configurations::Configurations;
@@ -35,6 +37,7 @@ struct Draft {
     glass: Option<(usize, Vec<String>)>,
     diameter: Option<(f64, bool)>,
     clips: Vec<Clip>,
+    centre: [f64; 2],
     clear: bool,
     stop: bool,
 }
@@ -45,6 +48,7 @@ struct File {
     scale: Option<f64>,
     aperture: Option<(usize, Vec<String>)>,
     field_kind: usize,
+    telecentric: bool,
     counts: [usize; 2],
     fields_x: Vec<f64>,
     fields_y: Vec<f64>,
@@ -145,7 +149,7 @@ impl File {
                 if rest.len() > 3 {
                     self.counts = [count(rest, 2, keyword)?, count(rest, 3, keyword)?];
                 }
-                fields::check_flags(rest)?;
+                self.telecentric = fields::telecentric(rest)?;
             }
             "XFLN" => self.fields_x = numbers(keyword, rest)?,
             "YFLN" => self.fields_y = numbers(keyword, rest)?,
@@ -216,10 +220,8 @@ impl Draft {
             }
             "FLAP" | "CLAP" => {
                 self.clear = true;
-                self.clips.push(Clip {
-                    inner: value(rest, 0, keyword)?,
-                    outer: value(rest, 1, keyword)?,
-                });
+                let radii = (value(rest, 0, keyword)?, value(rest, 1, keyword)?);
+                self.clips.push(Clip::ring(radii.0, radii.1));
             }
             "OBSC" => {
                 let (inner, outer) = (value(rest, 0, keyword)?, value(rest, 1, keyword)?);
@@ -227,18 +229,16 @@ impl Draft {
                     return Err(Error::unsupported("a ring-shaped obscuration cannot be traced")
                         .help("only obscurations that start at the axis are supported"));
                 }
-                self.clips.push(Clip { inner: outer, outer: f64::INFINITY });
+                self.clips.push(Clip::ring(outer, f64::INFINITY));
             }
             "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" | "UDAP" | "UDOB" => {
                 return refuse("an aperture that is not circular");
             }
-            "OBDC" if numbers(keyword, rest)?.iter().any(|v| *v != 0.0) => {
-                return refuse("a decentred aperture");
-            }
+            "OBDC" => self.centre = [value(rest, 0, keyword)?, value(rest, 1, keyword)?],
             "SCBD"
                 if rest.len() > 3 && numbers(keyword, &rest[3..])?.iter().any(|v| *v != 0.0) =>
             {
-                return refuse("a tilted or decentred surface");
+                return refuse("a tilt or decentre among a surface's properties (SCBD)");
             }
             "STOP" => self.stop = true,
             _ => {}
@@ -263,41 +263,17 @@ impl Draft {
             clips: self
                 .clips
                 .iter()
-                .map(|c| Clip { inner: c.inner * scale, outer: c.outer * scale })
+                .map(|c| Clip {
+                    centre: self.centre.map(|v| v * scale),
+                    ..Clip::ring(c.inner * scale, c.outer * scale)
+                })
                 .collect(),
             ..Surface::plane(thickness * scale)
         };
-        // A coefficient of r^p, in file units^(1-p).
-        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
-        match self.kind.as_str() {
-            "STANDARD" => {}
-            "EVENASPH" => {
-                let terms = self.parameters.iter().enumerate();
-                surface.even = terms.map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
-            }
-            "ODDASPHE" => {
-                for (i, a) in self.parameters.iter().enumerate() {
-                    let terms = if i % 2 == 0 { &mut surface.odd } else { &mut surface.even };
-                    terms.push(in_mm(*a, i + 1));
-                }
-            }
-            "XASPHERE" => {
-                // Number of terms, normalisation radius, coefficients of (r/radius)^2i.
-                let used = self.extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
-                let radius = self.extra.get(1).copied().unwrap_or(1.0) * scale;
-                if used > 0 && radius == 0.0 {
-                    return Err(Error::input("normalisation radius 0 (XDAT 2)")
-                        .help("give the radius the coefficients refer to"));
-                }
-                let mut power = 1.0;
-                for a in self.extra.iter().skip(2).take(used) {
-                    power *= radius * radius;
-                    surface.even.push(a * scale / power);
-                }
-            }
-            "COORDBRK" if self.parameters.iter().take(5).all(|v| *v == 0.0) => {}
-            "COORDBRK" => refuse("a tilt or decentre (coordinate break)")?,
-            kind => refuse(&format!("a surface of type {kind}"))?,
+        self.shape(&mut surface, scale, notes)?;
+        // A coordinate break stays in the medium in front of it, whatever stands in its line.
+        if surface.form == Form::Break {
+            return Ok(surface);
         }
         if let Some((line, words)) = &self.glass {
             surface.medium = material::medium(words, makers, glasses, notes)
@@ -342,6 +318,16 @@ impl File {
                 .at(format!("surface {image} (line {})", drafts[image].line))
                 .help("the last surface is the image, with DISZ 0: is the file cut short?"));
         }
+        for end in [&drafts[0], &drafts[image]] {
+            if end.kind != "STANDARD" && end.parameters.iter().any(|v| *v != 0.0) {
+                return Err(Error::unsupported(format!(
+                    "object or image is of type {}",
+                    end.kind
+                ))
+                .at(format!("line {}", end.line))
+                .help("object and image are flat; tilt them by a coordinate break before"));
+            }
+        }
         if drafts[image].curvature != 0.0 {
             return Err(Error::unsupported("the image surface is curved")
                 .at(format!("line {}", drafts[image].line))
@@ -355,8 +341,10 @@ impl File {
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
             // it a "floating" one); a plane in air with one is only drawn so.
-            let refracts = !(open && surface.medium == Medium::Air);
-            open = surface.medium == Medium::Air;
+            let refracts = !(open && surface.medium == Medium::Air) && surface.form != Form::Break;
+            if surface.form != Form::Break {
+                open = surface.medium == Medium::Air;
+            }
             if let (false, true, Some((radius, true))) = (draft.clear, refracts, draft.diameter)
                 && radius > 0.0
             {
@@ -388,6 +376,7 @@ impl File {
             stop,
             object,
             aperture,
+            telecentric: self.telecentric,
             wavelengths_nm: waves,
             reference_nm,
             fields,

@@ -1,6 +1,7 @@
 //! What the flags of a `.zmx` file say, and what of it is refused.
 
 use super::*;
+use crate::frame::Frame;
 use crate::{Conditions, System, characterise};
 
 /// A plano-convex lens, curvature 0.025, of N-BK7 (n_d 1.51680), with words replaced.
@@ -28,7 +29,6 @@ fn system(changes: &[(&str, &str)]) -> System {
 #[test]
 fn flags_that_change_the_system_are_refused() {
     for (from, to, word) in [
-        ("FTYP 0 0 2 1 0 0 0", "FTYP 0 1 2 1 0 0 0", "telecentric"),
         ("FTYP 0 0 2 1 0 0 0", "FTYP 0 0 2 1 0 0 1", "afocal"),
         ("FTYP 0 0", "FTYP 5 0", "fields of kind 5"),
         ("ENPD 6", "OBNA 0.1 1", "cone angle"),
@@ -154,4 +154,142 @@ fn wavelengths_without_data_are_left_out_and_said() {
     let only = self::lens(&[("N-BK7", "B270"), ("0.5875618", "0.92")]).unwrap();
     let error = System::new(only, Conditions::default()).unwrap_err().to_string();
     assert!(error.contains("920 nm is outside"), "{error}");
+}
+
+/// A lens of every kind of surface, told twice: in millimetres and in inches.
+#[test]
+fn surfaces_of_other_shapes_are_read_in_the_unit_of_the_file() {
+    let shapes = |scale: f64| {
+        let mm = |v: f64| v / scale;
+        let text = format!(
+            "UNIT {}\nENPD {}\nYFLN 0\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  DISZ INFINITY\n\
+             SURF 1\n  STOP\n  TYPE QCONASPH\n  CURV {}\n  CONI -0.5\n  DISZ {}\n  XDAT 1 2 0\n  \
+             XDAT 2 {}\n  XDAT 3 {}\n  XDAT 4 {}\n  GLAS N-BK7 0 0\n\
+             SURF 2\n  TYPE BICONICX\n  CURV {}\n  CONI 0.3\n  PARM 1 {}\n  PARM 2 -2\n  DISZ {}\n\
+             SURF 3\n  TYPE TOROIDAL\n  CURV {}\n  PARM 1 {}\n  PARM 2 {}\n  PARM 3 {}\n  \
+             XDAT 1 0\n  XDAT 2 100\n  DISZ 0\n\
+             SURF 4\n  TYPE COORDBRK\n  DISZ {}\n  PARM 1 {}\n  PARM 3 12\n  PARM 6 1\n\
+             SURF 5\n  TYPE PARAXIAL\n  PARM 1 {}\n  DISZ {}\nSURF 6\n  DISZ 0\n",
+            if scale == 1.0 { "MM" } else { "IN" },
+            mm(5.0),
+            0.02 * scale,
+            mm(4.0),
+            mm(8.0),
+            mm(0.05),
+            mm(-0.01),
+            -0.01 * scale,
+            mm(80.0),
+            mm(7.0),
+            0.005 * scale,
+            mm(60.0),
+            1e-4 * scale,
+            1e-6 * scale.powi(3),
+            mm(3.0),
+            mm(0.4),
+            mm(90.0),
+            mm(85.0),
+        );
+        read(&text, &Catalogue::default()).unwrap()
+    };
+    let (lens, inches) = (shapes(1.0), shapes(25.4));
+    let Form::Forbes(forbes) = &lens.surfaces[0].form else { panic!("{lens:?}") };
+    assert_eq!((forbes.radius, &forbes.coefficients[..]), (8.0, &[0.05, -0.01][..]));
+    assert_eq!(lens.surfaces[1].form, Form::Biconic { curvature: 1.0 / 80.0, conic: -2.0 });
+    assert_eq!(lens.surfaces[2].form, Form::Toroid { curvature: 1.0 / 60.0 });
+    assert_eq!(lens.surfaces[2].even[..2], [1e-4, 1e-6]);
+    assert_eq!((&lens.surfaces[3].form, lens.surfaces[3].thickness), (&Form::Break, 3.0));
+    let frame = lens.surfaces[3].entry.unwrap();
+    assert_eq!(frame, Frame::tilted_then_decentred([0.4, 0.0, 0.0], [12.0, 0.0, 0.0]));
+    assert_eq!(lens.surfaces[4].form, Form::Ideal { focal_mm: 90.0 });
+    assert!(lens.notes.iter().any(|note| note.contains("QCONASPH")), "{:?}", lens.notes);
+    let landing = |lens| {
+        let system = System::new(lens, Conditions::default()).unwrap();
+        let map = crate::field::Map::of(&system).unwrap();
+        let points = crate::field::points(&system, &map, &[[2.0, 3.0]], &[550.0]);
+        points.unwrap()[0].chief_mm
+    };
+    let (a, b) = (landing(lens), landing(inches));
+    assert!((a[0] - b[0]).abs() < 1e-9 && (a[1] - b[1]).abs() < 1e-9, "{a:?} {b:?}");
+}
+
+#[test]
+fn shapes_that_are_not_known_are_refused_with_type_and_line() {
+    for (change, word) in [
+        ("  TYPE XPOLYNOM\n", "type XPOLYNOM"),
+        ("  TYPE TOROIDAL\n  XDAT 1 3\n", "Zernike"),
+        ("  TYPE QBFSASPH\n  CONI 1\n  XDAT 1 1\n  XDAT 2 5\n  XDAT 3 0.1\n", "Q-bfs"),
+        ("  TYPE QCONASPH\n  XDAT 1 1\n  XDAT 2 0\n", "normalisation radius"),
+        ("  TYPE PARAXIAL\n  PARM 1 50\n", "plane"),
+        ("  SQAP 1 1 0\n", "not circular"),
+        ("  SCBD 0 0 0 1 0 0\n", "SCBD"),
+    ] {
+        let stop = format!("  STOP\n{change}");
+        let error = lens(&[("  STOP\n", &stop)]).unwrap_err().to_string();
+        let placed = error.contains("line") || error.contains("surface 1");
+        assert!(error.contains(word) && placed, "{change}: {error}");
+    }
+}
+
+#[test]
+fn a_stop_that_is_no_centred_surface_is_refused() {
+    for change in ["  TYPE COORDBRK\n", "  OBDC 1 0\n  FLAP 0 5 0\n"] {
+        let error = lens(&[("  STOP\n", &format!("  STOP\n{change}"))]).unwrap_err().to_string();
+        assert!(error.contains("the stop is decentred") && error.contains("surface 1"), "{error}");
+    }
+}
+
+/// A break without tilt inside a glass is no surface.
+#[test]
+fn a_coordinate_break_stays_in_its_medium() {
+    let split = "  DISZ 1.5\n  GLAS N-BK7 0 0\nSURF 2\n  TYPE COORDBRK\n  DISZ 2.5\n  \
+                 PARM 6 1\nSURF 3\n  DISZ 75\nSURF 4\n  DISZ 0\n";
+    let text = lens_text(&[]);
+    let (head, _) = text.split_once("  DISZ 4\n").unwrap();
+    let broken = read(&format!("{head}{split}"), &Catalogue::default()).unwrap();
+    assert_eq!(broken.asymmetry(), None);
+    let broken = System::new(broken, Conditions::default()).unwrap();
+    let whole = system(&[]);
+    assert!((broken.paraxial.efl_mm - whole.paraxial.efl_mm).abs() < 1e-12);
+    let height = |s: &System| characterise::field_points(s, &[4.0], &[587.5618]).unwrap()[0];
+    let (a, b) = (height(&broken).chief_ray_height_mm, height(&whole).chief_ray_height_mm);
+    assert!((a - b).abs() < 1e-12);
+}
+
+/// Telecentric by its flag: chief rays parallel to the axis, a cone of the given aperture. An
+/// ideal lens of f = 50 at twice its focal length images with −1 exactly: the chief ray of the
+/// height 4 lands at 4 with the slope 4/50; the cone of 0.1 makes the solid angle π·0.1² on the axis
+/// and cos⁴ of the chief ray's angle times that beside it.
+#[test]
+fn telecentric_object_space() {
+    let text = "UNIT MM\nOBNA 0.1 0\nFTYP 1 1 2 1 0 0 0\nXFLN 0 0\nYFLN 0 4\nWAVM 1 0.55 1\n\
+                PWAV 1\nSURF 0\n  DISZ 100\nSURF 1\n  TYPE PARAXIAL\n  PARM 1 50\n  DISZ 50\n\
+                SURF 2\n  STOP\n  DISZ 50\nSURF 3\n  DISZ 0\n";
+    let make = |text: &str| {
+        let lens = read(text, &Catalogue::default()).unwrap();
+        System::new(lens, Conditions::default())
+    };
+    // The stop in the rear focus is telecentric of itself.
+    let by_stop = text.replace("FTYP 1 1", "FTYP 1 0");
+    for text in [text, &by_stop] {
+        let system = make(text).unwrap();
+        assert!(system.paraxial.telecentric);
+        let fields = system.fields_deg().unwrap();
+        let points = characterise::field_points(&system, &fields, &[550.0]).unwrap();
+        for (point, height) in points.iter().zip([0.0, 4.0]) {
+            assert!((point.chief_ray_height_mm - height).abs() < 1e-9, "{point:?}");
+            assert!((point.distortion_percent).abs() < 1e-9);
+            assert!((point.opd_rms_waves).abs() < 1e-6 && point.spot_rms_mm < 1e-9, "{point:?}");
+            let solid = point.projected_solid_angle_sr / (std::f64::consts::PI * 0.01);
+            let cosine_4 = (1.0 + (height / 50.0_f64).powi(2)).powi(-2);
+            assert!((solid - cosine_4).abs() < 1e-3, "{solid} instead of {cosine_4}");
+        }
+        // N = 1/(2u')/(1 + |m|), u' the tangent of the cone.
+        let slope = 0.1 / (1.0_f64 - 0.01).sqrt();
+        assert!((system.f_number() - 0.25 / slope).abs() < 1e-12, "{}", system.f_number());
+        assert!((system.paraxial.pupil_magnification() - 1.0).abs() < 1e-12);
+    }
+    let error = make(&text.replace("DISZ 100", "DISZ INFINITY")).unwrap_err().to_string();
+    assert!(error.contains("telecentric"), "{error}");
+    let error = make(&text.replace("OBNA 0.1 0", "ENPD 4")).unwrap_err().to_string();
+    assert!(error.contains("no entrance pupil"), "{error}");
 }

@@ -1,0 +1,123 @@
+//! `TYPE` and the parameters behind it: the shape of a surface.
+
+use super::Draft;
+use crate::forbes::{Forbes, Kind};
+use crate::frame::Frame;
+use crate::prescription::{Form, Surface};
+use crate::text::refuse;
+use camrig_base::{Error, Result};
+
+/// The order flag of a coordinate break (`PARM 6`) that decentres before it tilts.
+const DECENTRE_FIRST: f64 = 0.0;
+
+impl Draft {
+    /// Gives `surface` the shape of the draft's type; lengths in the file are `scale` mm.
+    pub(super) fn shape(
+        &self,
+        surface: &mut Surface,
+        scale: f64,
+        notes: &mut Vec<String>,
+    ) -> Result<()> {
+        // A coefficient of r^p, in file units^(1-p).
+        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
+        match self.kind.as_str() {
+            "STANDARD" => {}
+            "EVENASPH" => {
+                let terms = self.parameters.iter().enumerate();
+                surface.even = terms.map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
+            }
+            "ODDASPHE" => {
+                for (i, a) in self.parameters.iter().enumerate() {
+                    let terms = if i % 2 == 0 { &mut surface.odd } else { &mut surface.even };
+                    terms.push(in_mm(*a, i + 1));
+                }
+            }
+            "XASPHERE" => {
+                // Coefficients of (r/radius)^2i.
+                let (radius, terms) = self.extra_terms(scale)?;
+                let mut power = 1.0;
+                for a in terms {
+                    power *= radius * radius;
+                    surface.even.push(a / power);
+                }
+            }
+            "QCONASPH" | "QBFSASPH" => {
+                let kind = if self.kind.starts_with("QCON") { Kind::Con } else { Kind::Bfs };
+                let (radius, terms) = self.extra_terms(scale)?;
+                if !terms.is_empty() {
+                    surface.form = Form::Forbes(Forbes::new(kind, radius, terms)?);
+                }
+                notes.push(format!(
+                    "line {}: {} is read with its number of terms, normalisation radius and \
+                     coefficients as XDAT 1, 2 and 3 on, as in other surfaces with extra data",
+                    self.line, self.kind
+                ));
+            }
+            "BICONICX" => {
+                let curvature = self.curvature_of(1, scale);
+                surface.form = Form::Biconic { curvature, conic: self.parameter(2) };
+            }
+            "TOROIDAL" => self.toroid(surface, scale)?,
+            "PARAXIAL" => surface.form = Form::Ideal { focal_mm: self.parameter(1) * scale },
+            "COORDBRK" => {
+                surface.form = Form::Break;
+                surface.entry = self.coordinate_break(scale);
+            }
+            kind => refuse(&format!("a surface of type {kind}"))?,
+        }
+        Ok(())
+    }
+
+    /// `PARM i`, 0 unless given.
+    fn parameter(&self, i: usize) -> f64 {
+        self.parameters.get(i - 1).copied().unwrap_or(0.0)
+    }
+
+    /// One over the radius `PARM i`, 1/mm; a radius of 0 stands for a plane.
+    fn curvature_of(&self, i: usize, scale: f64) -> f64 {
+        match self.parameter(i) {
+            0.0 => 0.0,
+            radius => 1.0 / (radius * scale),
+        }
+    }
+
+    /// `XDAT`: number of terms, normalisation radius (mm), coefficients (mm).
+    fn extra_terms(&self, scale: f64) -> Result<(f64, Vec<f64>)> {
+        let used = self.extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
+        let radius = self.extra.get(1).copied().unwrap_or(1.0) * scale;
+        if used > 0 && radius == 0.0 {
+            return Err(Error::input("normalisation radius 0 (XDAT 2)")
+                .help("give the radius the coefficients refer to"));
+        }
+        Ok((radius, self.extra.iter().skip(2).take(used).map(|a| a * scale).collect()))
+    }
+
+    /// `PARM 1`: radius of rotation; from `PARM 2` on: coefficients of y², y⁴, ...
+    fn toroid(&self, surface: &mut Surface, scale: f64) -> Result<()> {
+        const COEFFICIENTS: std::ops::RangeInclusive<usize> = 2..=8;
+        let beyond = self.parameters.iter().skip(*COEFFICIENTS.end());
+        // XDAT 1 is the number of Zernike terms, XDAT 2 their normalisation radius.
+        if beyond.chain(self.extra.first()).any(|v| *v != 0.0) {
+            return refuse("a toroid with Zernike terms (TOROIDAL)");
+        }
+        surface.form = Form::Toroid { curvature: self.curvature_of(1, scale) };
+        surface.even = COEFFICIENTS
+            .map(|i| self.parameter(i) * scale / scale.powi(2 * (i as i32 - 1)))
+            .collect();
+        Ok(())
+    }
+
+    /// Decentre x and y, tilts about x, y and z, order; `None` where nothing moves.
+    fn coordinate_break(&self, scale: f64) -> Option<Frame> {
+        let value = |i: usize| self.parameter(i);
+        let decentre = [value(1) * scale, value(2) * scale, 0.0];
+        let tilt = [value(3), value(4), value(5)];
+        if decentre.iter().chain(&tilt).all(|v| *v == 0.0) {
+            return None;
+        }
+        Some(match value(6) == DECENTRE_FIRST {
+            true => Frame::decentred_then_tilted(decentre, tilt),
+            false => Frame::tilted_then_decentred(decentre, tilt),
+        })
+    }
+}
