@@ -1,16 +1,26 @@
 #!/usr/bin/env python3
-"""Diagnoses real sensors from base models that `camrig measure emva` gives: the table of docs/diagnosis.md.
+"""Diagnoses real sensors from base models that `camrig measure emva` gives: the tables of docs/diagnosis.md.
 
     real-sensors.py target/release/camrig OUT CAPTURES...
 
 OUT gets a camera file and a diagnosis for each capture set. Nothing is tuned: gain, read noise, PRNU and black level are
 those of the measurement, all else is left out. Where rounding hides the read noise (8 bits), it is taken at its upper limit,
-which is said.
+which is said. A set that cannot be measured so (darks alone) is diagnosed from the camera file that lies beside it.
+
+The second table is the distance of the models' noise from that of the held-out frames: see `noise.py` beside this file, which
+needs numpy. Without numpy it is left out, which is said.
 """
 import json
 import pathlib
+import re
+import shutil
 import subprocess
 import sys
+
+try:
+    import noise
+except ModuleNotFoundError:
+    noise = None
 
 CAMERA = """name = "{name}"
 
@@ -42,33 +52,56 @@ row_fpn_e = 0.0
 """
 
 
+def base_model(run, captures, folder):
+    """Writes the base model of a capture set into a folder; gives its path, gain, black level, read noise and quantum
+    efficiency; `None` where there is none."""
+    camera = folder / "camera.toml"
+    told = run("measure", "emva", str(captures), "--json")
+    beside = captures / "camera.toml"
+    if told.returncode and beside.exists():
+        print(f"    {captures.name}: {told.stderr.strip().splitlines()[0]}; the camera file beside the set is taken")
+        for table in captures.glob("*.csv"):
+            shutil.copy(table, folder)
+        text = beside.read_text()
+        camera.write_text(text)
+        of = lambda key: float(re.search(rf"^{key} = (\S+)", text, re.M)[1])
+        curve = [line.split(",") for line in (folder / "qe.csv").read_text().splitlines()[1:]]
+        qe = min((abs(float(nm) - 550), float(q)) for nm, q in curve)[1]
+        return camera, (2 ** of("bits") - 1) / of("full_well_e"), of("black_level_dn"), of("read_e"), qe
+    if told.returncode:
+        return None
+    m = json.loads(told.stdout)
+    sensor = {}  # the few keys wanted, whatever else the manifest has
+    for line in (captures / "captures.toml").read_text().splitlines():
+        key, _, value = line.partition(" = ")
+        sensor.setdefault(key, value)
+    bits = int(sensor["bits"])
+    gain = m["overall_system_gain"]
+    read = m["temporal_dark_noise_e"]
+    if read is None:  # below 0.24 DN² the quantisation decides: EMVA 1288
+        read = 0.24**0.5 / gain
+        print(f"    {captures.name}: rounding hides the read noise; its upper limit is taken, {read:.2f} electrons")
+    black = m["darks"][0]["mean_dn"]
+    # DN per electron is full scale over full well.
+    camera.write_text(CAMERA.format(
+        name=captures.name, width=sensor["width"], height=sensor["height"], bits=bits, full_well=(2**bits - 1) / gain,
+        black=black, read=read, prnu=(m["prnu_1288_percent"] or 0) / 100))
+    qe = m["quantum_efficiency"] or 0.5  # where light was not measured it takes no part
+    (folder / "qe.csv").write_text("wavelength_nm,qe\n" + "".join(f"{nm},{qe}\n" for nm in range(300, 1101, 20)))
+    return camera, gain, black, read, qe
+
+
 def main(camrig, out, *sets):
     run = lambda *words: subprocess.run([camrig, *words], capture_output=True, text=True)
+    distances = []
     for captures in map(pathlib.Path, sets):
-        told = run("measure", "emva", str(captures), "--json")
-        if told.returncode:
-            sys.exit(told.stderr)
-        m = json.loads(told.stdout)
-        sensor = {}  # the few keys wanted, whatever else the manifest has
-        for line in (captures / "captures.toml").read_text().splitlines():
-            key, _, value = line.partition(" = ")
-            sensor.setdefault(key, value)
-        bits = int(sensor["bits"])
         folder = pathlib.Path(out) / captures.name
         folder.mkdir(parents=True)
-        camera = folder / "camera.toml"
-        gain = m["overall_system_gain"]
-        read = m["temporal_dark_noise_e"]
-        if read is None:  # below 0.24 DN² the quantisation decides: EMVA 1288
-            read = 0.24**0.5 / gain
-            print(f"    {captures.name}: rounding hides the read noise; its upper limit is taken, {read:.2f} electrons")
-        # DN per electron is full scale over full well.
-        camera.write_text(CAMERA.format(
-            name=captures.name, width=sensor["width"], height=sensor["height"], bits=bits,
-            full_well=(2**bits - 1) / gain, black=m["darks"][0]["mean_dn"],
-            read=read, prnu=(m["prnu_1288_percent"] or 0) / 100))
-        qe = m["quantum_efficiency"] or 0.5  # where light was not measured it takes no part
-        (folder / "qe.csv").write_text("wavelength_nm,qe\n" + "".join(f"{nm},{qe}\n" for nm in range(300, 1101, 20)))
+        base = base_model(run, captures, folder)
+        if base is None:
+            print(f"    {captures.name}: no base model can be measured, and none lies beside it; left out")
+            continue
+        camera = base[0]
         told = run("diagnose", str(camera), str(captures), "-o", str(folder / "diagnosis"), "--json")
         if told.returncode not in (0, 1):
             sys.exit(told.stderr)
@@ -77,6 +110,9 @@ def main(camrig, out, *sets):
         print(f"| {captures.name} | {d['gap_before']:.0f} | {d['gap_after']:.1f} | {names} |", flush=True)
         for left in d["unexplained"][:5]:
             print("    left:", left["description"])
+        if noise:
+            distances += noise.table(camrig, captures, folder, base)
+    print("\n".join(distances) if noise else "numpy is missing: no distances between noises")
 
 
 main(*sys.argv[1:])

@@ -267,7 +267,7 @@ mod tests {
         }
         let manifest = "format = \"captures/1\"\n[sensor]\nwidth = 10\nheight = 8\nbits = 12\n\
                         cfa = \"RGGB\"\n[[capture]]\nid = \"dark\"\nrole = \"dark\"\n\
-                        files = [\"a.npy\", \"b.tiff\"]\nexposure_s = 0.01\n";
+                        files = \"?.*\"\nexposure_s = 0.01\n";
         std::fs::write(folder.path().join("captures.toml"), manifest).unwrap();
         let set = CaptureSet::load(folder.path()).unwrap();
         let part = set.clone().within([4, 2, 5, 3]).unwrap();
@@ -278,7 +278,7 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        let value = |k, x: usize, y: usize| 1000 * k + 10 * (y + 2) as u16 + (x + 4) as u16;
+        let value = |k: u16, x: usize, y: usize| 1000 * k + 10 * (y + 2) as u16 + (x + 4) as u16;
         let expected: Vec<_> =
             [1, 2].map(|k| Plane::from_fn(5, 3, |x, y| value(k, x, y))).to_vec();
         assert_eq!(read, expected);

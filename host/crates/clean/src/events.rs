@@ -3,8 +3,10 @@
 //! Telegraph noise jumps in the same pixels again, or by little; heavy tails of noise go both ways;
 //! and neither reaches a neighbour. Particles come anywhere, add charge, often much of it, and
 //! often cross pixels. The rate is fitted to the counts of the stacks as a + b t, t the exposure,
-//! by the likelihood of their Poisson law, after the share of events that brighter stacks hide.
+//! by the likelihood of their Poisson law, each with the share of particles that its stack shows
+//! ([`super::completeness`]).
 
+use super::completeness::Completeness;
 use super::finding::{Done, Finding, Kind, Rate, names};
 use super::hits::{Event, FALSE_EVENTS, Found};
 use super::scan::Scan;
@@ -28,6 +30,9 @@ const STRONG: f64 = 12.0;
 /// Of an exponential law with a mean as large as the limit a third is strong; of pixels that jump
 /// by a few standard deviations of noise, none.
 const TELLING: (f64, f64) = (0.10, 1e-2);
+
+/// A stack is quiet whose limit is below this multiple of the lowest.
+const QUIET: f64 = 1.5;
 
 /// The events that are particles; `None` where something else made them. `found` are those of all
 /// bands, `pixels` those of a frame.
@@ -60,34 +65,42 @@ pub fn particles(found: Vec<Found>, pixels: usize) -> Option<Vec<Event>> {
     enough.then_some(events)
 }
 
-/// What is said of them. `limits` are the largest deviations, DN, that single samples of each
-/// stack need.
+/// Where events would be seen.
+pub struct Seen<'a> {
+    /// For each stack, the deviation that single samples of the typical pixel need, DN.
+    pub limits: &'a [f64],
+    /// For each stack, how far samples all over it would have to rise to be events, DN.
+    pub margins: &'a [Vec<f32>],
+}
+
+/// What is said of them.
 pub fn finding(
     set: &CaptureSet,
     scans: &[Scan],
     transfer: &Transfer,
     events: &[Event],
-    limits: &[f64],
+    seen: &Seen<'_>,
 ) -> Finding {
-    let quietest = limits.iter().copied().fold(f64::INFINITY, f64::min);
-    // Peaks in stacks nearly as quiet tell which share of events a brighter stack shows.
-    let peaks: Vec<f64> =
-        events.iter().filter(|e| limits[e.stack] < 1.5 * quietest).map(|e| e.peak_dn).collect();
-    let shown = |limit: f64| {
-        let above = peaks.iter().filter(|&&p| p > limit).count();
-        (above.max(1) as f64 / peaks.len().max(1) as f64).min(1.0)
-    };
+    let quietest = seen.limits.iter().copied().fold(f64::INFINITY, f64::min);
+    // Stacks nearly as quiet as the quietest tell charges and tracks: in others noise hides the
+    // ends of tracks.
+    let is_quiet = |e: &&Event| seen.limits[e.stack] < QUIET * quietest;
+    let quiet: Vec<&Event> = events.iter().filter(is_quiet).collect();
+    let told = if quiet.is_empty() { events.iter().collect() } else { quiet };
+    let shown = Completeness::new(&told, seen.margins, quietest);
     let counts: Vec<Counted> = scans
         .iter()
         .enumerate()
-        .filter(|(i, _)| limits[*i].is_finite())
+        .filter(|(i, _)| !seen.margins[*i].is_empty())
         .map(|(i, s)| Counted {
             events: events.iter().filter(|e| e.stack == i).count() as f64,
-            frames: s.frames.len() as f64
-                * if limits[i] < 1.5 * quietest { 1.0 } else { shown(limits[i]) },
+            frames: s.frames.len() as f64 * shown.of_law(i),
             exposure_s: set.captures[s.capture].exposure_s,
         })
         .collect();
+    let searched = (0..scans.len()).filter(|&i| !seen.margins[i].is_empty());
+    let all: f64 = searched.map(|i| scans[i].frames.len() as f64).sum();
+    let share = 100.0 * counts.iter().map(|c| c.frames).sum::<f64>() / all.max(1.0);
     let rate = rate(&counts);
     let mut stacks: Vec<usize> = events.iter().map(|e| e.stack).collect();
     stacks.sort_unstable();
@@ -115,7 +128,8 @@ pub fn finding(
     finding.amount(value, error, unit).says(format!(
         "{} events in a single frame each, as particles leave them (cosmic rays, radioactivity), \
          {several} of them over several pixels, {samples} samples in {}; mean charge {}. Rate of \
-         those with more than {} in one pixel: {}{cause}. Their samples are left out",
+         all with more than {}, of which {share:.0} % are found: {}{cause}. Their samples are left \
+         out",
         events.len(),
         names(&ids),
         electrons(charge),
@@ -135,7 +149,7 @@ fn in_words(rate: &Rate) -> String {
 /// Events of a stack.
 struct Counted {
     events: f64,
-    /// Frames in which an event would be seen.
+    /// Frames times the share of events that is found in them.
     frames: f64,
     exposure_s: f64,
 }

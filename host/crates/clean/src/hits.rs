@@ -26,6 +26,8 @@ const LARGE: f64 = 12.0;
 const REACH: usize = 12;
 /// Deviation from which a pixel's own variance is looked at.
 const LOOKED_AT: f64 = 4.0;
+/// Samples of a band, at most, of which it is known how far they are from being events.
+const MARGINS: usize = 512;
 /// Least variance that residuals allow: passed once in a thousand by chance.
 const OWN_BOUND: f64 = 3.09;
 
@@ -57,6 +59,8 @@ pub struct Found {
     pub events: Vec<Event>,
     /// Number of samples as far below.
     pub negative: usize,
+    /// Of samples all over the band: how far they would have to rise to be events, DN.
+    pub margins: Vec<f32>,
 }
 
 /// Where a band lies, and what its samples are judged by.
@@ -120,7 +124,12 @@ impl Search {
         seeds.sort_unstable();
         let mut events = self.grown(r, &sd, &seeds, limit);
         self.fill(band, r, period, &mut events);
-        Found { events, negative }
+        // Every frame by turns.
+        let step = r.values.len().div_ceil(MARGINS);
+        let places = (0..MARGINS).map(|k| (k * step / n, k % n)).take_while(|p| p.0 < sd.len());
+        let margin = |(p, i): (usize, usize)| above(p) as f32 - r.values[p * n + i];
+        let margins = places.map(margin).filter(|&m| m > 0.0).collect();
+        Found { events, negative, margins }
     }
 
     /// What stands in for the samples of events: the next pixel of the same filter in the row, at

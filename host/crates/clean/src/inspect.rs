@@ -67,9 +67,12 @@ pub fn inspect(
         progress(scan.frames.len());
     }
     let limits: Vec<f64> = stacks.iter().map(|s| s.limit_dn).collect();
+    let margins = |s: &Stack| s.found.iter().flat_map(|f| &f.margins).copied().collect();
+    let margins: Vec<Vec<f32>> = stacks.iter().map(margins).collect();
     let found = stacks.iter_mut().flat_map(|s| s.found.drain(..)).collect();
     if let Some(events) = particles(found, pixels) {
-        findings.push(events::finding(set, &scans, &transfer, &events, &limits));
+        let seen = events::Seen { limits: &limits, margins: &margins };
+        findings.push(events::finding(set, &scans, &transfer, &events, &seen));
         take_events_off(&scans, &events, &mut stacks, &mut done);
     }
     let (changed, finding) = changes_of(set, &scans, &transfer, &stacks)?;
@@ -80,7 +83,8 @@ pub fn inspect(
         findings.push(labels::finding(set, &label));
     }
     let lags: Vec<Lags> = stacks.iter().map(|s| s.lags.clone()).collect();
-    let filtered = processed::filtered(set, &scans, &transfer, &lags);
+    let filtered = processed::demosaiced(set, &scans, &lags)
+        .or_else(|| processed::filtered(set, &scans, &transfer, &lags));
     let marks = match filtered {
         Some(finding) => Some(finding),
         None => transformed(set, &scans)?,
@@ -126,7 +130,7 @@ fn stack(
             out.rows.sums.iter_mut().zip(sums).for_each(|(frame, s)| frame.push(s));
         }
         let r = Residuals::new(&band, &levels);
-        out.lags.add(&r, (cfa.width, cfa.height));
+        out.lags.add(&r, (cfa.width, cfa.height), rows.start);
         let search = Search {
             stack: index,
             first_row: rows.start,

@@ -39,6 +39,7 @@ mod blocks;
 mod changes;
 mod cleaned;
 mod codes;
+mod completeness;
 mod copies;
 mod curves;
 mod events;

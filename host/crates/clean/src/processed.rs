@@ -1,6 +1,7 @@
 //! Frames that a camera processed before it gave them away: filters make the noise of neighbours
-//! correlate, in dark and light alike, which no sensor does; transforms in blocks of 8 x 8 leave
-//! their coefficients on steps ([`super::blocks`]).
+//! correlate, in dark and light alike, which no sensor does; interpolated pixels of a demosaiced
+//! picture have less noise than those between them, on a checkerboard; transforms in blocks of
+//! 8 x 8 leave their coefficients on steps ([`super::blocks`]).
 
 use super::band::Residuals;
 use super::blocks::Blocks;
@@ -12,6 +13,9 @@ use camrig_captures::{CaptureSet, Role};
 /// Correlation of neighbours that a filter leaves at least. Below it coupling between pixels and
 /// slow amplifiers do as much.
 const LEAST_CORRELATION: f64 = 0.01;
+/// Contrast of the noise on the two halves of a checkerboard that interpolation leaves at least:
+/// the mean of two pixels has half of the variance, of four a quarter, contrasts of 0.33 and 0.6.
+const LEAST_CONTRAST: f64 = 0.1;
 /// Its errors, 1/√samples, from which it is there.
 const ERRORS: f64 = 6.0;
 /// Largest over smallest correlation over stacks of one filter: what a sensor's own circuits do
@@ -32,6 +36,8 @@ pub struct Lags {
     pairs: [f64; 2],
     squares: f64,
     samples: f64,
+    /// Sums of squares on the two halves of a checkerboard.
+    checkers: [f64; 2],
 }
 
 impl Lags {
@@ -42,7 +48,8 @@ impl Lags {
 
     /// Adds a band. Rows and columns are made level frame by frame first: noise that a row or a
     /// column shares is another matter. Neighbours are `period` apart, those of the same filter.
-    pub fn add(&mut self, r: &Residuals, (across, down): (usize, usize)) {
+    /// The band's first row is `first_row` of the frame.
+    pub fn add(&mut self, r: &Residuals, (across, down): (usize, usize), first_row: usize) {
         let (n, width) = (r.frames, r.width);
         let height = r.median.len() / width;
         if n < 3 || width <= across || height <= down {
@@ -67,6 +74,11 @@ impl Lags {
                 self.pairs[k] += count;
             }
             self.squares += plane.iter().map(|v| f64::from(v * v)).sum::<f64>();
+            for (y, row) in plane.chunks(width).enumerate() {
+                for (x, v) in row.iter().enumerate() {
+                    self.checkers[(x + y + first_row) % 2] += f64::from(v * v);
+                }
+            }
         }
         // Levels of rows and columns make the rest of w pixels correlate by −1/w.
         let own = [1.0 / width as f64, 1.0 / height as f64];
@@ -75,6 +87,13 @@ impl Lags {
             self.products[k] += own[k] * variance * (n * plane.len()) as f64;
         }
         self.samples += (n * plane.len()) as f64;
+    }
+
+    /// Contrast of the noise on the two halves of a checkerboard, and its standard error for normal
+    /// noise.
+    fn contrast(&self) -> (f64, f64) {
+        let [a, b] = self.checkers;
+        ((a - b) / (a + b).max(1e-12), (2.0 / self.samples.max(1.0)).sqrt())
     }
 
     /// Correlation along and down.
@@ -97,6 +116,40 @@ fn level(plane: &mut [f32], width: usize) {
     for row in plane.chunks_mut(width) {
         row.iter_mut().zip(&columns).for_each(|(v, c)| *v -= c);
     }
+}
+
+/// Frames of a sensor without filters that a camera demosaiced: what is said of them. In the light
+/// pixels of different filters differ in their noise on any sensor; in the dark, and as much, they
+/// do not.
+pub fn demosaiced(set: &CaptureSet, scans: &[Scan], lags: &[Lags]) -> Option<Finding> {
+    let lags: Vec<&Lags> = lags.iter().filter(|l| l.samples > 0.0).collect();
+    let role = |l: &Lags| set.captures[scans[l.stack].capture].role;
+    let has = |r: Role| lags.iter().any(|l| role(l) == r);
+    if set.cfa().channels().len() > 1 || !has(Role::Dark) || !has(Role::Flat) {
+        return None;
+    }
+    let contrasts: Vec<(f64, f64)> = lags.iter().map(|l| l.contrast()).collect();
+    let there = contrasts.iter().all(|(c, error)| {
+        c.abs() > LEAST_CONTRAST.max(ERRORS * error) && c.signum() == contrasts[0].0.signum()
+    });
+    let sizes = || contrasts.iter().map(|c| c.0.abs());
+    let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
+    if !there || high > ALIKE * low {
+        return None;
+    }
+    let mean = sizes().sum::<f64>() / contrasts.len() as f64;
+    let ids: Vec<&str> =
+        lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect();
+    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Said);
+    finding.count = lags.len();
+    Some(finding.amount((1.0 - mean) / (1.0 + mean), f64::NAN, "1").says(format!(
+        "the frames were processed: on one half of a checkerboard the noise has {:.2} times the \
+         variance of the other half, in the dark and in the light alike ({}), as interpolated \
+         pixels of a demosaiced picture have. Variances are not those of the sensor, and no effect \
+         of it is named from them: take raw frames",
+        (1.0 - mean) / (1.0 + mean),
+        names(&ids),
+    )))
 }
 
 /// Frames that a camera filtered: what is said of them.

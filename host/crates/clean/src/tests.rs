@@ -294,6 +294,24 @@ fn processed_frames_are_told() {
     let found = looked_at(15, Hooks { codes: Some(&mut smooth), ..Hooks::default() });
     assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
 
+    // The green of a demosaiced picture: between its pixels, means of their neighbours.
+    let mut interpolate = |dn: &mut [f64], _: usize| {
+        for y in 1..H - 1 {
+            for x in (1..W - 1).filter(|x| (x + y) % 2 == 0) {
+                let i = y * W + x;
+                dn[i] = (dn[i - 1] + dn[i + 1] + dn[i - W] + dn[i + W]) / 4.0;
+            }
+        }
+    };
+    let found = looked_at(17, Hooks { codes: Some(&mut interpolate), ..Hooks::default() });
+    assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
+    assert!(found[0].description.contains("demosaiced"), "{found:#?}");
+    // A quarter of the variance, but for the border, which is as it was; rounding adds a twelfth of a
+    // DN² to the 1 DN² of the darks.
+    let inside = ((W - 2) * (H - 2)) as f64 / (W * H) as f64;
+    let expected = 1.0 - 0.75 * inside;
+    assert!((found[0].amount.unwrap() - expected).abs() < 0.03, "{found:#?}");
+
     // Blocks whose highest frequencies were dropped on steps of 6 DN.
     let basis: Vec<Vec<f64>> = (0..8)
         .map(|k| {

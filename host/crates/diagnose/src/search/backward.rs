@@ -1,10 +1,10 @@
 //! Backward elimination: removes named effects that are not needed beside the others, and those
 //! that leave gross deviations in what they should explain.
 
-use super::chance::significance;
+use super::chance::stands_out;
 use super::forward::{Selection, Step};
 use super::refit::{estimates, refit};
-use super::session::{Half, Model, Session, State};
+use super::session::{Half, Model, RUNS, RUNS_ON_THE_WAY, Session, State};
 use super::trial::{EVIDENCE_IN_ALL, TRIAL_RUNS};
 use crate::candidates::proposal::{LEAST_STRENGTH, Proposal, with_all};
 use crate::model::prediction::{Prediction, bounded};
@@ -55,7 +55,8 @@ pub(super) fn eliminate(
     before: &State,
     selection: Selection,
 ) -> Result<Elimination> {
-    let Selection { mut state, mut steps, mut confounded } = selection;
+    let Selection { state, mut steps, mut confounded } = selection;
+    let mut state = state.by(session, RUNS)?;
     let base = &before.camera;
     // A single effect that targets gave was tried on its likelihood alone.
     if steps.len() > 1 || steps.iter().any(|s| !s.trial.proposal.of_targets) {
@@ -127,16 +128,18 @@ fn without(session: &Session, base: &Camera, state: &State, i: usize) -> Result<
         rise(&session.fit, &state.fit, &fit) + rise(&session.holdout, &state.holdout, &holdout);
     let unneeded = missed < MISSED
         || !left_out.of_targets
-            && significance(session, &left_out, &camera, &named)? < LEAST_STRENGTH;
+            && !stands_out(session, &left_out, &camera, &named, LEAST_STRENGTH)?;
     if unneeded {
-        return Ok(Some(refit(session, session.state(camera, named)?)?));
+        return Ok(Some(refit(session, session.state(camera, named, RUNS)?)?));
     }
     // Others may explain what it seems to explain, once they are estimated without it.
     let few = state.named.len() <= REESTIMATED_EFFECTS && !left_out.of_targets;
     if few && would_move(session, Model { camera: &camera, prediction: &fit, named: &named }) {
-        let without = refit(session, session.state(camera, named)?)?;
-        let missed = session.deviance(&without) - session.deviance(state);
-        return Ok((missed < MISSED).then_some(without));
+        let without = refit(session, session.state(camera, named, RUNS_ON_THE_WAY)?)?;
+        // Both by as many replicates: more of them make every deviation larger.
+        let with = state.by(session, RUNS_ON_THE_WAY)?;
+        let missed = session.deviance(&without) - session.deviance(&with);
+        return (missed < MISSED).then(|| without.by(session, RUNS)).transpose();
     }
     Ok(None)
 }
@@ -190,7 +193,7 @@ fn drop_misfits(
         .cloned()
         .collect();
     let camera = with_all(base, &named);
-    refit(session, session.state(camera, named)?)
+    refit(session, session.state(camera, named, RUNS)?)
 }
 
 /// Gross deviations that a model leaves in both halves.

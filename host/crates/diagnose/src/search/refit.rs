@@ -12,7 +12,7 @@ const ROUNDS: usize = 2;
 const LEAST_CHANGE: f64 = 1.0;
 
 /// Estimates every named effect again with all of them in the model, as long as that makes the
-/// frames to fit likelier.
+/// frames to fit likelier. Other models get as many replicates as this one has.
 pub(super) fn refit(session: &Session, mut state: State) -> Result<State> {
     for _ in 0..if state.named.len() > 1 { ROUNDS } else { 1 } {
         let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
@@ -30,7 +30,7 @@ pub(super) fn refit(session: &Session, mut state: State) -> Result<State> {
             break;
         }
         let camera = with_all(&without_added(&state), &named);
-        let next = session.state(camera, named)?;
+        let next = session.state(camera, named, state.runs())?;
         if session.fit.deviance(&next.fit) >= session.fit.deviance(&state.fit) {
             break;
         }

@@ -4,7 +4,7 @@
 use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
 use super::forward::{self, Step};
 use super::refit::refit;
-use super::session::{Session, State};
+use super::session::{RUNS, RUNS_ON_THE_WAY, Session, State};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
@@ -50,7 +50,7 @@ pub fn run(
     say: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     say("replicates of the model");
-    let before = session.state(camera.clone(), Vec::new())?;
+    let before = session.state(camera.clone(), Vec::new(), RUNS)?;
     // What a camera did to its frames is no effect of its sensor.
     let known = |kind: &str| !session.processed && !without.iter().any(|w| w == kind);
     let search = |wanted: &dyn Fn(&str, usize) -> bool| once(session, &before, wanted, say);
@@ -133,8 +133,10 @@ fn dominated(
         named.retain(|p| p.kind != own);
         rival.proposal.clone().join(&mut named);
         let with_rival = with_all(camera, &named);
-        let other = refit(session, session.state(with_rival, named)?)?;
-        if session.deviance(&other) < session.deviance(&found.after) {
+        // Both by as many replicates: more of them make every deviation larger.
+        let other = refit(session, session.state(with_rival, named, RUNS_ON_THE_WAY)?)?;
+        let own_model = found.after.by(session, RUNS_ON_THE_WAY)?;
+        if session.deviance(&other) < session.deviance(&own_model) {
             return Ok(Some((own.to_string(), at)));
         }
     }

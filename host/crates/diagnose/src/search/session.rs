@@ -27,6 +27,9 @@ use std::mem::replace;
 /// Replicates of a model that is judged. Their mean adds a sixteenth to the variance of a
 /// deviation; the time of a diagnosis is in proportion.
 pub const RUNS: u64 = 16;
+/// Replicates of the models that selection passes through, which only rank what comes next: their
+/// mean adds an eighth. The model that it ends with gets [`RUNS`] before it is judged.
+pub(super) const RUNS_ON_THE_WAY: u64 = RUNS / 2;
 /// Seed of the first replicate; the others follow it.
 pub const SEED: u64 = 0x5eed;
 /// Deviation of a single statistic, standard deviations, both halves together, from which the
@@ -290,13 +293,13 @@ impl Session {
         Ok(Self { fit, holdout, can_confirm, notes, findings, processed, lights, slopes })
     }
 
-    /// A model with what it predicts.
-    pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
-        let replicates = self.replicates(&camera, &self.fit, RUNS)?;
+    /// A model with what `runs` replicates of it predict.
+    pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>, runs: u64) -> Result<State> {
+        let replicates = self.replicates(&camera, &self.fit, runs)?;
         let fit = Prediction::new(&replicates);
         let judged = match self.halves_are_alike() {
             true => None,
-            false => Some(self.replicates(&camera, &self.holdout, RUNS)?),
+            false => Some(self.replicates(&camera, &self.holdout, runs)?),
         };
         let own = judged.as_ref().unwrap_or(&replicates);
         let holdout = judged.as_ref().map_or_else(|| fit.clone(), |r| Prediction::new(r));
@@ -409,7 +412,7 @@ impl Session {
     /// # Errors
     /// A model that cannot be simulated.
     pub fn compare(&self, camera: &Camera) -> Result<(State, f64)> {
-        let state = self.state(camera.clone(), Vec::new())?;
+        let state = self.state(camera.clone(), Vec::new(), RUNS)?;
         let gap = self.gap(&state);
         Ok((state, gap))
     }
@@ -460,6 +463,19 @@ impl Session {
 }
 
 impl State {
+    /// Number of its replicates.
+    pub(super) fn runs(&self) -> u64 {
+        self.replicates.len() as u64
+    }
+
+    /// The same model by another number of replicates, those that it has among them.
+    pub(super) fn by(&self, session: &Session, runs: u64) -> Result<State> {
+        if runs == self.runs() {
+            return Ok(self.clone());
+        }
+        session.state(self.camera.clone(), self.named.clone(), runs)
+    }
+
     /// Held-out gap that the right model exceeds once in some two hundred sets.
     pub fn limit(&self) -> f64 {
         GAP_LIMIT.max(1.0 + GAP_LIMIT_SD * self.norm.1 / self.norm.0)

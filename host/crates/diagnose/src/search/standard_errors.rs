@@ -19,9 +19,12 @@ use camrig_base::Result;
 use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
 
+/// Replicates of both halves that are estimated from: their scatter is known to 27 %, which
+/// Student's t takes into account.
+const ERROR_RUNS: u64 = 8;
 /// Estimates without which there is no standard error: half of the replicates must show the
 /// effect.
-const LEAST_ESTIMATES: usize = RUNS as usize / 2;
+const LEAST_ESTIMATES: usize = ERROR_RUNS as usize / 2;
 /// Standard errors of one half by which the halves' estimates may differ and be averaged: five of
 /// their difference, which is √2 wider.
 const MOST_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
@@ -49,7 +52,7 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
         session.propose(half.frames(), model, &wanted, f64::NEG_INFINITY)
     });
     // What each half gives, of each replicate of the sensor.
-    let anew: Vec<Vec<Vec<Proposal>>> = (FIRST_SEED..FIRST_SEED + RUNS)
+    let anew: Vec<Vec<Vec<Proposal>>> = (FIRST_SEED..FIRST_SEED + ERROR_RUNS)
         .into_par_iter()
         .map(|seed| {
             let of = |&(half, prediction): &(&Half, &Prediction)| {

@@ -59,16 +59,17 @@ impl Trial {
     }
 }
 
-/// Simulates a proposal on top of a model and scores it. Also gives what the model with it
-/// predicts for the frames to fit, and its camera.
+/// Simulates a proposal on top of a model, in `runs` replicates, and scores it. Also gives what the
+/// model with it predicts for the frames to fit, and its camera.
 pub(super) fn try_out(
     session: &Session,
     state: &State,
     proposal: &Proposal,
+    runs: u64,
 ) -> Result<(Trial, Prediction, Camera)> {
     let camera = proposal.applied(&state.camera);
-    let before = &state.replicates[..TRIAL_RUNS as usize];
-    let after = session.replicates(&camera, &session.fit, TRIAL_RUNS)?;
+    let before = &state.replicates[..runs as usize];
+    let after = session.replicates(&camera, &session.fit, runs)?;
     let fit = state.fit.moved(before, &after);
     let holdout = state.holdout.moved(before, &after);
     let fall =
@@ -85,7 +86,7 @@ pub(super) fn try_out(
 
 /// Tries a proposal, and again with its parameters estimated anew from the model with it.
 pub(super) fn settle(session: &Session, state: &State, proposal: &Proposal) -> Result<Trial> {
-    let (mut best, mut prediction, mut camera) = try_out(session, state, proposal)?;
+    let (mut best, mut prediction, mut camera) = try_out(session, state, proposal, TRIAL_RUNS)?;
     for _ in 0..ESTIMATES {
         let own = |kind: &str| kind == proposal.kind;
         let model = Model { camera: &camera, prediction: &prediction, named: &state.named };
@@ -94,7 +95,7 @@ pub(super) fn settle(session: &Session, state: &State, proposal: &Proposal) -> R
             .into_iter()
             .find(|p| !p.beside && p.has_parameters_of(&best.proposal));
         let Some(next) = again.filter(|p| p.strength > UNSETTLED) else { break };
-        let (trial, p, c) = try_out(session, state, &best.proposal.updated(next))?;
+        let (trial, p, c) = try_out(session, state, &best.proposal.updated(next), TRIAL_RUNS)?;
         (prediction, camera) = (p, c);
         if trial.evidence > best.evidence {
             best = trial;

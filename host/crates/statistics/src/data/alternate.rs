@@ -7,7 +7,8 @@ use camrig_captures::{Capture, CaptureSet, Role};
 const DIVIDED: usize = 4;
 /// Frames that show noise.
 const LEAST: usize = 2;
-/// Short flats from which levels are taken by turns: below, neither half has a series.
+/// Short flats, or short darks, from which levels are taken by turns: below, neither half has a
+/// series.
 const LEAST_LEVELS: usize = 6;
 
 /// A short stack, and the halves it belongs to.
@@ -30,7 +31,11 @@ pub(super) fn stacks(set: &CaptureSet, counts: &[usize]) -> Vec<Short> {
     };
     let (mut flats, mut darks) = (short(Role::Flat), short(Role::Dark));
     if flats.len() < LEAST_LEVELS {
-        return Vec::new();
+        flats.clear();
+        // Darks go with flats, or are a series of their own.
+        if darks.len() < LEAST_LEVELS {
+            return Vec::new();
+        }
     }
     let captures = &set.captures;
     flats.sort_by(|&a, &b| level(&captures[a]).total_cmp(&level(&captures[b])));
@@ -74,4 +79,47 @@ pub(super) fn note(set: &CaptureSet, short: &[Short]) -> Option<String> {
         ids(&|s| s.fit && !s.held_out),
         ids(&|s| s.held_out && !s.fit),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_captures::SensorFacts;
+
+    #[test]
+    fn short_darks_of_many_exposures_are_a_series_of_their_own() {
+        let dark = |k: u8| Capture {
+            id: format!("d{k}"),
+            role: Role::Dark,
+            files: Vec::new(),
+            split: None,
+            exposure_s: 0.1 * f64::from(7 - k),
+            analog_gain: 1.0,
+            temperature_c: None,
+            exposure_requested_s: None,
+            preceded_by: None,
+            light: None,
+            scene: None,
+            rotation: None,
+        };
+        let sensor = SensorFacts {
+            width: 4,
+            height: 4,
+            bits: 8,
+            cfa: None,
+            black_level_dn: None,
+            white_level_dn: 255,
+            pitch_um: None,
+            window: None,
+        };
+        let (root, captures) = ("set".into(), (0..7).map(dark).collect());
+        let set = CaptureSet { root, camera: None, sensor, captures };
+        let halves: Vec<(usize, bool, bool)> =
+            stacks(&set, &[2; 7]).iter().map(|s| (s.capture, s.fit, s.held_out)).collect();
+        // From the shortest on, by turns.
+        let expected: Vec<_> = (0..7).map(|k| (6 - k, k % 2 == 0, k % 2 == 1)).collect();
+        assert_eq!(halves, expected);
+        // Five are no series, and long stacks are divided.
+        assert!(stacks(&set, &[2, 2, 2, 2, 2, 8, 8]).is_empty());
+    }
 }
