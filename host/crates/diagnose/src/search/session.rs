@@ -259,7 +259,10 @@ impl Session {
     }
 
     /// A model with what it predicts.
-    pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
+    ///
+    /// # Errors
+    /// A model that cannot be simulated.
+    pub fn state(&self, camera: Camera, named: Vec<Proposal>) -> Result<State> {
         let replicates = self.replicates(&camera, &self.fit, RUNS)?;
         let fit = Prediction::new(&replicates);
         let judged = match self.halves_are_alike() {
