@@ -44,6 +44,7 @@ pub fn config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
         bits: 12,
         black_level_dn: 64.0,
         seed: 1,
+        table: Default::default(),
         effects: effects.iter().copied().collect(),
     }
 }

@@ -1,12 +1,14 @@
 //! A camera as bytes on the link: the configuration of the sensor in the encoding of the
-//! `postcard` crate, then the crosstalk table as f32.
+//! `postcard` crate, then the crosstalk table and the tables of empirical effects as f32.
 //!
 //! ```text
 //! u16  bytes of the configuration       u16 x 3  crosstalk columns, rows, wavelengths (0 without)
 //! ...  SensorConfig in postcard         f32 ...  x, y, wavelengths in nm, factors
+//!                                       f32 ...  tables of empirical effects, up to the end
 //! ```
 //! All numbers are little-endian. The bytes arrive in pieces; configuration and table each have
-//! their own memory, so nothing is stored twice.
+//! their own memory. Only the tables of empirical effects are stored twice, as the configuration
+//! takes them with it.
 
 use camrig_rig_link::message::Refusal;
 use camrig_sensor_core::config::SensorConfig;
@@ -25,6 +27,8 @@ pub struct CameraStore<'m> {
     config_bytes: [u8; CONFIG_BYTES],
     config: Option<SensorConfig>,
     table: &'m mut [f32],
+    /// Words of the table that have arrived.
+    words: usize,
     word: [u8; 4],
 }
 
@@ -32,7 +36,7 @@ impl<'m> CameraStore<'m> {
     /// An empty store with this memory for the crosstalk table (axes and factors).
     pub const fn new(table: &'m mut [f32]) -> Self {
         let (head, config_bytes) = ([0; HEAD_BYTES], [0; CONFIG_BYTES]);
-        Self { head, config_bytes, config: None, table, word: [0; 4] }
+        Self { head, config_bytes, config: None, table, words: 0, word: [0; 4] }
     }
 
     /// Longest camera that fits, bytes.
@@ -52,7 +56,7 @@ impl<'m> CameraStore<'m> {
         let (x, rest) = self.table.split_at_checked(columns)?;
         let (y, rest) = rest.split_at_checked(rows)?;
         let (wavelength_nm, rest) = rest.split_at_checked(wavelengths)?;
-        let factors = rest.get(..usize::from(config.channels) * columns * rows * wavelengths)?;
+        let factors = rest.get(..factors(config.channels, self.table_size()))?;
         (columns > 0).then_some(Crosstalk { x, y, wavelength_nm, factors })
     }
 
@@ -68,6 +72,7 @@ impl<'m> CameraStore<'m> {
     pub(crate) fn piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
         if offset == 0 {
             self.config = None;
+            self.words = 0;
         }
         let too_long = Refusal::CameraTooLong { max: self.max_bytes() };
         for (at, &byte) in (offset as usize..).zip(piece) {
@@ -82,6 +87,7 @@ impl<'m> CameraStore<'m> {
                 self.word[at % 4] = byte;
                 if at % 4 == 3 {
                     *self.table.get_mut(at / 4).ok_or(too_long)? = f32::from_le_bytes(self.word);
+                    self.words = at / 4 + 1;
                 }
                 continue;
             };
@@ -93,7 +99,16 @@ impl<'m> CameraStore<'m> {
     /// All bytes have arrived: puts the camera in force if it is valid.
     pub(crate) fn end(&mut self) -> Result<(), Refusal> {
         let bytes = self.config_bytes.get(..self.word16(0)).ok_or(Refusal::BadCamera)?;
-        let config: SensorConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
+        let mut config: SensorConfig =
+            postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
+        let size = self.table_size();
+        let crosstalk =
+            size.into_iter().fold(factors(config.channels, size), usize::saturating_add);
+        let empirical = self.table.get(crosstalk..self.words);
+        config
+            .table
+            .extend_from_slice(empirical.unwrap_or(&[]))
+            .map_err(|_| Refusal::BadCamera)?;
         config.check().map_err(|_| Refusal::BadCamera)?;
         let channels = usize::from(config.channels);
         self.config = Some(config);
@@ -109,6 +124,11 @@ impl<'m> CameraStore<'m> {
     }
 }
 
+/// Number of factors of a crosstalk table.
+fn factors(channels: u8, size: [usize; 3]) -> usize {
+    size.into_iter().fold(channels.into(), usize::saturating_mul)
+}
+
 /// Writes a camera into `out` and returns the number of bytes; `None` if it does not fit.
 pub fn encode(
     config: &SensorConfig,
@@ -119,13 +139,15 @@ pub fn encode(
     let config_bytes = postcard::to_slice(config, rest).ok()?.len();
     let mut rest = rest.get_mut(config_bytes..)?;
     let (mut sizes, mut table_bytes) = ([config_bytes, 0, 0, 0], 0);
+    let mut tables: [&[f32]; 5] = [&[], &[], &[], &[], &config.table];
     if let Some(c) = crosstalk {
         sizes[1..].copy_from_slice(&[c.x.len(), c.y.len(), c.wavelength_nm.len()]);
-        for &value in [c.x, c.y, c.wavelength_nm, c.factors].into_iter().flatten() {
-            let (word, left) = rest.split_first_chunk_mut::<4>()?;
-            *word = value.to_le_bytes();
-            (rest, table_bytes) = (left, table_bytes + 4);
-        }
+        tables[..4].copy_from_slice(&[c.x, c.y, c.wavelength_nm, c.factors]);
+    }
+    for &value in tables.into_iter().flatten() {
+        let (word, left) = rest.split_first_chunk_mut::<4>()?;
+        *word = value.to_le_bytes();
+        (rest, table_bytes) = (left, table_bytes + 4);
     }
     for (out, size) in head.chunks_exact_mut(2).zip(sizes) {
         out.copy_from_slice(&u16::try_from(size).ok()?.to_le_bytes());

@@ -49,6 +49,7 @@
 //!     bits: 12,
 //!     black_level_dn: 64.0,
 //!     seed: 1,
+//!     table: Default::default(),
 //!     effects: [ShotNoise {}.into(), ReadNoise { read_e: 2.0, read_e_post: 0.0 }.into()]
 //!         .into_iter()
 //!         .collect(),

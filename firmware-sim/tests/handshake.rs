@@ -5,6 +5,7 @@ use camrig_rig_link::device::Model;
 use camrig_rig_link::message::Refusal;
 use camrig_sensor_core::arith::BLOCK;
 use camrig_sensor_core::config::{Pattern, SensorConfig};
+use camrig_sensor_core::crosstalk::Crosstalk;
 use camrig_sensor_core::effects::{Effect, full_well, prnu, read_noise, shot_noise};
 
 const WIDTH: usize = 64;
@@ -41,6 +42,7 @@ fn sensor(effects: &[Effect]) -> SensorConfig {
         bits: 12,
         black_level_dn: 64.0,
         seed: 1,
+        table: Default::default(),
         effects: effects.iter().copied().collect(),
     }
 }
@@ -74,11 +76,38 @@ fn capabilities_are_the_memory() {
 
 #[test]
 fn a_camera_of_every_effect_alone_is_taken() {
-    for entry in Effect::CATALOGUE {
+    // An empirical effect has a table: below.
+    for entry in Effect::CATALOGUE.iter().filter(|e| e.kind != "empirical") {
         let values: Vec<f32> = entry.parameters.iter().map(|p| p.min).collect();
         let effect = Effect::new(entry.id, &values).expect(entry.kind);
         assert_eq!(sent(&sensor(&[effect])), Ok(()), "{}", entry.kind);
     }
+}
+
+/// The table of an empirical effect follows the crosstalk table, in pieces of any size.
+#[test]
+fn the_table_of_an_empirical_effect_comes_with_the_camera() {
+    let entry = Effect::CATALOGUE.iter().find(|e| e.kind == "empirical").expect("it is there");
+    // An offset, a seam, 2 e⁻ from column 20 on.
+    let values = [0.0, 4.0, 2.0, 0.0, 1.0, 7.0, 25.0, 0.0];
+    let mut config = sensor(&[Effect::new(entry.id, &values).expect("in range")]);
+    config.table.extend_from_slice(&[3.0, 20.0, 0.0, 1.0]).expect("it fits");
+    let crosstalk = Crosstalk { x: &[0.0], y: &[0.0], wavelength_nm: &[550.0], factors: &[1.0] };
+    for crosstalk in [None, Some(crosstalk)] {
+        let mut bytes = [0; 1024];
+        let n = camera::encode(&config, crosstalk, &mut bytes).expect("it fits");
+        with_rig(|rig| {
+            for (i, piece) in bytes[..n].chunks(7).enumerate() {
+                rig.camera_piece(7 * i as u32, piece).expect("it is taken");
+            }
+            assert_eq!(rig.camera_end(), Ok(()));
+            // Without its last word it is no table of a seam.
+            rig.camera_piece(0, &bytes[..n - 4]).expect("it is taken");
+            assert_eq!(rig.camera_end(), Err(Refusal::BadCamera));
+        });
+    }
+    config.table.clear();
+    assert_eq!(sent(&config), Err(Refusal::BadCamera));
 }
 
 #[test]

@@ -83,6 +83,7 @@ fn sensor() -> SensorConfig {
         bits: 12,
         black_level_dn: 64.0,
         seed: 1,
+        table: Default::default(),
         // In the order of the physics: light, photo-electrons, charge, voltage.
         effects: [
             ShotNoise {}.into(),

@@ -2,7 +2,7 @@
 //! frame.
 
 use crate::arith::MAX_SIGNAL_E;
-use crate::effects::{Effect, Entry, MAX_PARAMETERS, Needs, Parameter};
+use crate::effects::{Domain, Effect, Entry, MAX_PARAMETERS, MAX_TABLE, Needs, Parameter};
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -70,6 +70,10 @@ pub struct SensorConfig {
     pub seed: u64,
     /// The signal chain, in the order of the physics (see [`SensorConfig::check`]).
     pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
+    /// Tables of empirical effects, each as the number of its words, then the words
+    /// ([`empirical`](crate::effects::empirical)). On the link it follows the crosstalk table.
+    #[serde(skip)]
+    pub table: heapless::Vec<f32, MAX_TABLE>,
 }
 
 /// What may change from frame to frame.
@@ -123,10 +127,16 @@ pub enum ConfigError {
     Order {
         /// Position of the effect in [`SensorConfig::effects`], from 0.
         position: usize,
-        /// The effect.
-        effect: &'static Entry,
+        /// The effect, and where it acts.
+        effect: (&'static Entry, Domain),
         /// The effect just before it, which acts later in the signal chain.
-        after: &'static Entry,
+        after: (&'static Entry, Domain),
+    },
+    /// The table of an empirical effect is missing, or is none of its shape, or its quantity has
+    /// no such shape.
+    Table {
+        /// Position of the effect in [`SensorConfig::effects`], from 0.
+        position: usize,
     },
     /// More than [`MAX_WINDOWS`] effects read neighbouring rows.
     Windows {
@@ -174,7 +184,12 @@ impl fmt::Display for ConfigError {
                 f,
                 "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order \
                  is light, photo-electrons, charge, voltage",
-                effect.kind, effect.domain, after.kind, after.domain
+                effect.0.kind, effect.1, after.0.kind, after.1
+            ),
+            Self::Table { position } => write!(
+                f,
+                "effect {position} (empirical) has no table of its shape, or a shape that its \
+                 quantity does not have"
             ),
             Self::Windows { count } => write!(
                 f,
@@ -230,7 +245,7 @@ impl SensorConfig {
 
     /// Parameters within their ranges, domains in order, and windows few enough.
     fn check_effects(&self) -> Result<(), ConfigError> {
-        let mut before: Option<&'static Entry> = None;
+        let mut before: Option<(&'static Entry, Domain)> = None;
         for (position, effect) in self.effects.iter().enumerate() {
             let entry = effect.entry();
             for (parameter, value) in entry.parameters.iter().zip(effect.values()) {
@@ -243,12 +258,19 @@ impl SensorConfig {
                     });
                 }
             }
-            if let Some(after) = before
-                && entry.domain < after.domain
+            #[cfg(feature = "empirical")]
+            if let Effect::Empirical(e) = effect
+                && !e.fits(&self.table)
             {
-                return Err(ConfigError::Order { position, effect: entry, after });
+                return Err(ConfigError::Table { position });
             }
-            before = Some(entry);
+            let here = (entry, effect.domain());
+            if let Some(after) = before
+                && here.1 < after.1
+            {
+                return Err(ConfigError::Order { position, effect: here, after });
+            }
+            before = Some(here);
         }
         let reads_neighbours = |e: &&Effect| e.entry().needs == Needs::Neighbours;
         let count = self.effects.iter().filter(reads_neighbours).count();

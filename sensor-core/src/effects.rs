@@ -142,6 +142,10 @@ pub struct Entry {
 /// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 8;
 
+/// Words (f32) of the tables of all empirical effects of a sensor: 4 KiB; none in a build without
+/// them.
+pub const MAX_TABLE: usize = if cfg!(feature = "empirical") { 1024 } else { 0 };
+
 /// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {
     if cfg!(feature = "texts") { text } else { "" }
@@ -197,6 +201,18 @@ catalogue! {
     47 => system_gain::SystemGain if "system-gain",
     48 => quantum_efficiency::QuantumEfficiency if "quantum-efficiency",
     49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
+    50 => empirical::Empirical if "empirical",
+}
+
+impl Effect {
+    /// Where it acts: what its entry says, but an empirical effect where its own quantity is.
+    pub const fn domain(&self) -> Domain {
+        match self {
+            #[cfg(feature = "empirical")]
+            Effect::Empirical(e) => e.domain(),
+            _ => self.entry().domain,
+        }
+    }
 }
 
 /// Selects each pixel of a block with probability `fraction` (in steps of 2⁻³²); uses two draws.

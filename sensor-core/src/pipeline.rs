@@ -128,6 +128,8 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             black_level_dn: config.black_level_dn,
             max_dn: config.max_dn(),
             pattern: &config.pattern,
+            #[cfg(feature = "empirical")]
+            table: &config.table,
             #[cfg(feature = "read-noise-spread")]
             read_noise_spread: None,
             #[cfg(feature = "exact-shot-noise")]

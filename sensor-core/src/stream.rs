@@ -48,6 +48,13 @@ impl Key {
         Key(mix(self.0.wrapping_add(PHI) ^ (word as u64)))
     }
 
+    /// The key itself as two words: for one number that needs no generator.
+    #[cfg(feature = "empirical")]
+    #[inline(always)]
+    pub(crate) const fn words(self) -> [u32; 2] {
+        [(self.0 >> 32) as u32, self.0 as u32]
+    }
+
     /// Parallel generators for values per pixel.
     #[inline(always)]
     pub fn lanes(self) -> Lanes {

@@ -31,7 +31,7 @@ fn entries_are_sound() {
 
 /// Effects with all parameters at one end.
 fn corners() -> impl Iterator<Item = Effect> {
-    Effect::CATALOGUE.iter().flat_map(|entry| {
+    catalogue().flat_map(|entry| {
         let least: Vec<f32> = entry.parameters.iter().map(|p| p.min).collect();
         let most: Vec<f32> = entry.parameters.iter().map(|p| p.max).collect();
         let mixed: Vec<f32> = least.iter().zip(&most).map(|(a, b)| a + 0.37 * (b - a)).collect();

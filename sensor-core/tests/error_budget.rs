@@ -37,6 +37,7 @@ fn config(full_well_e: f32) -> SensorConfig {
         bits: 12,
         black_level_dn: 64.0,
         seed: 1,
+        table: Default::default(),
         effects: [
             ChargeCoupling { side: 0.012, vertical: 0.009, diagonal: 0.002 }.into(),
             FullWell { full_well_e, knee: 0.0 }.into(),

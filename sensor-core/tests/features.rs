@@ -6,7 +6,7 @@ use camrig_sensor_core::effects::Effect;
 
 /// Number, name, and whether this build has it. Numbers name random streams and travel over the
 /// link, so this list only grows.
-const fn expected() -> [(u8, &'static str, bool); 49] {
+const fn expected() -> [(u8, &'static str, bool); 50] {
     [
         (1, "shot-noise", true),
         (2, "prnu", true),
@@ -57,6 +57,7 @@ const fn expected() -> [(u8, &'static str, bool); 49] {
         (47, "system-gain", cfg!(feature = "system-gain")),
         (48, "quantum-efficiency", cfg!(feature = "quantum-efficiency")),
         (49, "prnu-correlated", cfg!(feature = "prnu-correlated")),
+        (50, "empirical", cfg!(feature = "empirical")),
     ]
 }
 

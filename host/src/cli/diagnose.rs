@@ -122,11 +122,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     bar.finish_and_clear();
     let found = verdict::report(&session, &outcome);
     let alone = improved::standalone(&camera.text, &args.camera)?;
-    let text = improved::camera_file(&alone.text, &outcome.after.camera, &outcome.after.named)?;
+    let improved = improved::camera_file(alone, &outcome.after.camera, &outcome.after.named)?;
     let json = found.json() + "\n";
     output.write("diagnosis.json", json.as_bytes())?;
-    output.write("camera-improved.toml", text.as_bytes())?;
-    for (name, content) in &alone.tables {
+    output.write("camera-improved.toml", improved.text.as_bytes())?;
+    for (name, content) in &improved.tables {
         output.write(name, content.as_bytes())?;
     }
     let region =
@@ -143,7 +143,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     output.write(
         "report.html",
-        pages::diagnosis::page(&session, &outcome, &found, &text, &command).as_bytes(),
+        pages::diagnosis::page(&session, &outcome, &found, &improved.text, &command).as_bytes(),
     )?;
     output.finish()?;
     if args.json {

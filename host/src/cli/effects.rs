@@ -35,7 +35,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         kinds.iter().for_each(describe);
     } else {
         for e in &kinds {
-            let keys: Vec<&str> = e.parameters.iter().map(|p| p.key).collect();
+            let words = e.words.iter().map(|w| w.key);
+            let keys: Vec<&str> = words.chain(e.parameters.iter().map(|p| p.key)).collect();
             println!("{:27} {:16} {}", e.kind, e.acts, keys.join(", "));
         }
     }
@@ -48,6 +49,12 @@ pub(super) fn describe(effect: &EffectKind) {
         println!("{}", line.trim());
     }
     println!("\nacts on {}\n\n[[effect]]\nkind = {:?}", effect.acts, effect.kind);
+    for w in effect.words {
+        let known =
+            if w.values.is_empty() { String::new() } else { format!(": {}", w.values.join(", ")) };
+        let must = if w.required { "; must be given" } else { "" };
+        println!("{} = \"...\" # {}{known}{must}", w.key, w.doc);
+    }
     for p in effect.parameters {
         let value = p.default.map_or_else(|| "...".to_string(), |d| d.to_string());
         let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
@@ -67,5 +74,8 @@ pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
     json!({
         "kind": effect.kind, "acts_on": effect.acts, "doc": effect.doc.trim(),
         "parameters": parameters.collect::<Vec<_>>(),
+        "words": effect.words.iter().map(|w| json!({
+            "key": w.key, "doc": w.doc, "values": w.values, "required": w.required,
+        })).collect::<Vec<_>>(),
     })
 }

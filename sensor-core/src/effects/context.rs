@@ -35,6 +35,9 @@ pub struct Context<'a> {
     pub max_dn: u16,
     /// Colour filter pattern.
     pub pattern: &'a Pattern,
+    /// Tables of the sensor's empirical effects.
+    #[cfg(feature = "empirical")]
+    pub(crate) table: &'a [f32],
     /// Spread of read noise over pixels (σ of its logarithm), and the root of its streams.
     #[cfg(feature = "read-noise-spread")]
     pub(crate) read_noise_spread: Option<(f32, Key)>,
@@ -59,6 +62,8 @@ enum Over {
     Count,
     CountNormal,
     Word,
+    #[cfg(feature = "empirical")]
+    Cell,
 }
 
 /// The indices before and after `i` of `count`. Beyond its edges the array continues as its mirror
@@ -95,6 +100,20 @@ impl Context<'_> {
     #[inline(always)]
     pub fn per_pixel_and_frame(&self, part: u32) -> Lanes {
         self.lanes(part, Over::PixelFrame)
+    }
+
+    /// The same for any row: for noise that pixels share down a column.
+    #[cfg(feature = "empirical")]
+    pub(crate) fn per_pixel_and_frame_of(&self, part: u32, row: u32) -> Lanes {
+        self.stream(part, Over::PixelFrame).with(self.frame).with(row).lanes()
+    }
+
+    /// A standard normal number for a cell of a column in this frame.
+    #[cfg(feature = "empirical")]
+    pub(crate) fn normal_of_cell(&self, part: u32, cell: u32, column: u32) -> f32 {
+        let key = self.stream(part, Over::Cell).with(self.frame).with(cell).with(column);
+        let [a, b] = key.words();
+        math::box_muller(a, b).0
     }
 
     /// Values per pixel of this row and frame.

@@ -5,7 +5,7 @@ pub mod light;
 
 use camrig_sensor_core::arith::{Arith, BLOCK, Block};
 use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
-use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::effects::{Effect, Entry};
 use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 
 /// DN of an electron in [`monochrome`] at unity gain: fine enough that rounding is 1/12/8² e⁻².
@@ -30,8 +30,14 @@ pub fn monochrome(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
         bits: 16,
         black_level_dn: BLACK as f32,
         seed: 20_260_101,
+        table: Default::default(),
         effects: effects.iter().copied().collect(),
     }
+}
+
+/// The effects that their parameters alone describe: all but the empirical one, which has a table.
+pub fn catalogue() -> impl Iterator<Item = &'static Entry> {
+    Effect::CATALOGUE.iter().filter(|e| e.kind != "empirical")
 }
 
 /// A Bayer sensor with the same converter.

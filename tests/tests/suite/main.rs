@@ -7,6 +7,7 @@ mod cameras;
 mod command_line;
 mod control;
 mod diagnosis;
+mod empirical;
 mod examples;
 mod full_disk;
 mod guide;

@@ -48,6 +48,11 @@ pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> &'a
     best.0
 }
 
+/// A value to seven significant figures: what an f32 holds.
+pub fn seven_figures(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
 /// The line, counted from 1, of a byte offset.
 pub fn line_of(text: &str, offset: usize) -> usize {
     text.bytes().take(offset).filter(|&b| b == b'\n').count() + 1

@@ -1,6 +1,7 @@
 //! Checks the content of a camera file and converts it to values with units.
 
 use super::effects::{AnyEffect, read_effect};
+use super::empirical::{self, Empirical};
 use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
 use super::prescription;
 use super::{
@@ -87,12 +88,11 @@ pub(super) fn camera(
     let keys = Keys { text, table: "lens", wrong: &wrong };
     let lens = lens(file.lens, &keys, folder).map_err(keep).ok();
     let sensor = sensor(file.sensor, text, folder, &wrong).map_err(keep).ok();
-    let (mut effects, mut optical_effects) = (Vec::new(), Vec::new());
+    let mut effects = Vec::new();
     for table in &file.effects {
         let line = toml_text::line_of(text, table.span().start);
-        match read_effect(table.get_ref()) {
-            Ok(AnyEffect::Sensor(effect)) => effects.push(effect),
-            Ok(AnyEffect::Optical(effect)) => optical_effects.push(effect),
+        match listed(table.get_ref(), folder) {
+            Ok(effect) => effects.push(effect),
             Err(e) => keep(e.at(format!("[[effect]] at line {line}"))),
         }
     }
@@ -100,9 +100,40 @@ pub(super) fn camera(
         return Err(mistakes::all(wrong.take()));
     };
     let name = file.name.unwrap_or_else(|| default_name.to_string());
-    let camera = Camera { name, lens, sensor, effects, optical_effects, text: text.to_string() };
+    let mut camera = Camera {
+        name,
+        lens,
+        sensor,
+        effects: Vec::new(),
+        empirical: Vec::new(),
+        optical_effects: Vec::new(),
+        text: text.to_string(),
+    };
+    for effect in effects {
+        match effect {
+            Listed::Empirical(effect) => {
+                let stage = camera.keep(effect)?;
+                camera.effects.push(stage);
+            }
+            Listed::Catalogued(AnyEffect::Sensor(effect)) => camera.effects.push(effect),
+            Listed::Catalogued(AnyEffect::Optical(effect)) => camera.optical_effects.push(effect),
+        }
+    }
     camera.check_chain()?;
     Ok(camera)
+}
+
+/// What an `[[effect]]` table is.
+enum Listed {
+    Catalogued(AnyEffect),
+    Empirical(Empirical),
+}
+
+fn listed(table: &toml::Table, folder: &Folder<'_>) -> Result<Listed> {
+    if table.get("kind").and_then(toml::Value::as_str) == Some(empirical::KIND) {
+        return Empirical::read(table, folder).map(Listed::Empirical);
+    }
+    read_effect(table).map(Listed::Catalogued)
 }
 
 fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensModel> {

@@ -1,5 +1,6 @@
 //! `[[effect]]` tables of a camera file as effects of the sensor or of the optics.
 
+use super::empirical::{self, Word};
 use camrig_base::{Error, Result, toml_text};
 use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
@@ -24,6 +25,8 @@ pub struct EffectKind {
     pub doc: &'static str,
     /// Parameters in order.
     pub parameters: &'static [Parameter],
+    /// Keys that hold words or texts.
+    pub words: &'static [Word],
 }
 
 impl EffectKind {
@@ -35,6 +38,7 @@ impl EffectKind {
             acts: "optics",
             doc: e.doc,
             parameters: e.parameters,
+            words: &[],
         });
         let sensor = Effect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
@@ -46,15 +50,27 @@ impl EffectKind {
             },
             doc: e.doc,
             parameters: e.parameters,
+            words: &[],
         });
-        optical.chain(sensor)
+        // A camera file says the one with a table in its own words.
+        let in_words = |e: Self| match e.kind {
+            empirical::KIND => Self {
+                acts: "as its domain",
+                parameters: empirical::PARAMETERS,
+                words: empirical::WORDS,
+                ..e
+            },
+            _ => e,
+        };
+        optical.chain(sensor.map(in_words))
     }
 }
 
-/// Reads one `[[effect]]` table.
+/// Reads one `[[effect]]` table of an effect without a table of its own.
 ///
 /// # Errors
-/// An unknown kind, unknown or missing keys, values out of range; the message names the key.
+/// An unknown kind, unknown or missing keys, values out of range; the message names the key. An
+/// empirical effect, which only a camera file may have.
 pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     let kind = table.get("kind").and_then(toml::Value::as_str).ok_or_else(|| {
         Error::input("key \"kind\" is missing").help("kind = \"row-temporal-noise\", for instance")
@@ -64,13 +80,16 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
         Error::input(format!("unknown effect {kind:?}"))
             .help(toml_text::did_you_mean(kind, &known))
     })?;
+    if entry.kind == empirical::KIND {
+        return Err(Error::unsupported("an empirical effect outside a camera file"));
+    }
     let keys: Vec<&str> = entry.parameters.iter().map(|p| p.key).collect();
     if let Some(key) = table.keys().find(|k| *k != "kind" && !keys.contains(&k.as_str())) {
         return Err(Error::input(format!("unknown key {key:?} of {kind:?}"))
             .help(toml_text::did_you_mean(key, &keys)));
     }
     let values: Result<Vec<f32>> =
-        entry.parameters.iter().map(|p| value(table, kind, p)).collect();
+        entry.parameters.iter().map(|p| number(table, kind, p)).collect();
     let values = values?;
     let sensor = Effect::CATALOGUE.iter().find(|e| e.kind == kind);
     let effect = match sensor.and_then(|e| Effect::new(e.id, &values)) {
@@ -80,7 +99,8 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     effect.ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
 }
 
-fn value(table: &toml::Table, kind: &str, parameter: &Parameter) -> Result<f32> {
+/// A parameter of an `[[effect]]` table.
+pub(crate) fn number(table: &toml::Table, kind: &str, parameter: &Parameter) -> Result<f32> {
     let key = parameter.key;
     let range = || {
         format!(

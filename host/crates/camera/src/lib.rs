@@ -32,6 +32,7 @@ pub mod draft;
 mod draft_text;
 mod effects;
 pub mod efficiency;
+pub mod empirical;
 pub mod facts;
 mod file;
 pub mod keys;
@@ -50,6 +51,7 @@ pub use sensor::{Noise, SensorModel};
 
 use camrig_base::table::text_of;
 use camrig_base::{Bands, Error, Result, Spectrum, mistakes};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// One physical camera.
@@ -63,6 +65,8 @@ pub struct Camera {
     pub sensor: SensorModel,
     /// Effects of the sensor beyond the base model, in the file's order.
     pub effects: Vec<camrig_sensor_core::effects::Effect>,
+    /// What the empirical ones among them were made of, in the order of their tables.
+    pub empirical: Vec<empirical::Empirical>,
     /// Effects of the optics beyond the description of the lens, in the file's order.
     pub optical_effects: Vec<camrig_optics::OpticalEffect>,
     /// Text of the file, for reports.
@@ -145,6 +149,20 @@ impl Folder<'_> {
                 .map(str::to_string)
                 .ok_or_else(|| Error::input(format!("no built-in file {name:?}"))),
         }
+    }
+
+    /// The same of a file that is not longer than `most` bytes.
+    fn read_short(&self, name: &str, most: u64) -> Result<String> {
+        let Folder::Directory(directory) = self else { return self.read(name) };
+        let path = directory.join(name);
+        let wrong = |e| Error::io("read", &path, e);
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(&path).map_err(wrong)?;
+        file.take(most + 1).read_to_end(&mut bytes).map_err(wrong)?;
+        if bytes.len() as u64 > most {
+            return Err(Error::limit(format!("longer than {most} bytes")).at(name));
+        }
+        Ok(text_of(bytes))
     }
 
     fn path(&self, name: &str) -> PathBuf {

@@ -72,6 +72,18 @@ fn effect(entry: EffectKind) -> Value {
     let mut properties = Map::new();
     properties.insert("kind".into(), json!({ "const": entry.kind }));
     let mut required = vec!["kind"];
+    for w in entry.words {
+        properties.insert(
+            w.key.into(),
+            match w.values {
+                [] => json!({ "type": "string", "description": w.doc }),
+                values => json!({ "enum": values, "description": w.doc }),
+            },
+        );
+        if w.required {
+            required.push(w.key);
+        }
+    }
     for p in entry.parameters {
         let mut property = json!({
             "type": "number",

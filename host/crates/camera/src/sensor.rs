@@ -118,7 +118,7 @@ impl Camera {
     /// inserted by domain.
     pub fn chain(&self) -> Vec<Effect> {
         let noise = &self.sensor.noise;
-        let of = |domain| self.effects.iter().filter(move |e| e.entry().domain == domain).copied();
+        let of = |domain| self.effects.iter().filter(move |e| e.domain() == domain).copied();
         let mut chain: Vec<Effect> = of(Domain::Light).collect();
         chain.push(ShotNoise {}.into());
         chain.push(Prnu { sigma: noise.prnu as f32 }.into());
@@ -155,6 +155,7 @@ impl Camera {
                 camrig_sensor_core::config::MAX_BANDS
             )));
         }
+        self.check_chain()?;
         let config = SensorConfig {
             width: sensor.width,
             height: sensor.height,
@@ -169,6 +170,7 @@ impl Camera {
             black_level_dn: sensor.black_level_dn as f32,
             seed: sensor.seed,
             effects: self.chain().into_iter().collect(),
+            table: self.table().into_iter().collect(),
         };
         config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e}")))?;
         Ok(config)

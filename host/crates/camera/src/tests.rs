@@ -146,3 +146,131 @@ fn data_sheets_with_few_figures_suffice() {
     let number = GOOD.replace("\"mt9m131-qe.csv\"", "0.5\nqe_peak = 0.6");
     assert!(self::told(&number).contains("qe_peak beside a number"));
 }
+
+/// A camera file with an empirical effect, and its table, in a folder.
+fn empirical(effect: &str, table: &str) -> camrig_base::Result<Camera> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("empirical-1.toml"), table).unwrap();
+    let text = format!("{GOOD}\n[[effect]]\nkind = \"empirical\"\n{effect}\n");
+    let text = text.replace("\"mt9m131-qe.csv\"", "0.5").replace("ir_cut", "#ir_cut");
+    Camera::parse(&text, "test", &Folder::Directory(folder.path()))
+}
+
+/// Every shape with a table that it may have.
+const SHAPES: [(&str, &str); 10] = [
+    ("domain = \"temporal\"\nshape = \"row-flat\"\non_signal = 1.0\nsignal_e = 900.0", ""),
+    ("domain = \"temporal\"\nshape = \"column-flat\"", ""),
+    ("domain = \"temporal\"\nshape = \"row-profile\"", "at = [0.0, 9.5]\nvalues = [1.0, 0.0]\n"),
+    ("domain = \"gain\"\nshape = \"column-profile\"", "at = [3.0]\nvalues = [0.1]\n"),
+    (
+        "domain = \"offset\"\nshape = \"seam\"",
+        "[[seam]]\nfirst_column = 40\nfirst_row = 0\nstep = 1.0\n",
+    ),
+    (
+        "domain = \"dark\"\nshape = \"wave\"",
+        "[[wave]]\ncycles_per_column = 0.11\ncycles_per_row = -0.27\nphase_turns = 0.6\n\
+         amplitude = 1.0\n",
+    ),
+    ("domain = \"gain\"\nshape = \"map\"", "[[term]]\ncolumns = [0.0, 0.1]\nrows = [1.0]\n"),
+    (
+        "domain = \"dark\"\nshape = \"distribution\"",
+        "deviates = [-1.0, 1.0]\nvalues = [0.0, 2.0]\n",
+    ),
+    ("domain = \"temporal\"\nshape = \"correlation\"", "along = \"columns\"\nlength = 9.0\n"),
+    (
+        "domain = \"response\"\nshape = \"signal-curve\"",
+        "signal_e = [10.0, 10.0]\nchange_e = [0.0, 5.0]\nnoise_e = [0.0, 2.0]\n",
+    ),
+];
+
+#[test]
+fn empirical_effects_are_read_run_and_written_as_they_were() {
+    for (effect, table) in SHAPES {
+        let with_table = match table {
+            "" => effect.to_string(),
+            _ => format!("{effect}\ntable = \"empirical-1.toml\""),
+        };
+        let camera = empirical(&with_table, table).unwrap();
+        let config = camera.sensor_config(&Bands::VISIBLE).unwrap();
+        let [own] = &camera.empirical[..] else { panic!("{effect}") };
+        assert_eq!(config.table.len(), camera.table().len());
+        assert_eq!(camera.empirical_of(&camera.effects[0]), Some(own));
+        assert_eq!(own.table.text().unwrap(), table, "{effect}");
+        let written = toml::to_string(&own.to_toml("empirical-1.toml")).unwrap();
+        let again = empirical(written.split_once('\n').unwrap().1, table).unwrap();
+        assert_eq!(&again.empirical, &camera.empirical, "{written}");
+    }
+}
+
+#[test]
+fn several_empirical_effects_share_the_sensors_table() {
+    let effect =
+        "domain = \"offset\"\nshape = \"seam\"\namount_e = 2\ntable = \"empirical-1.toml\"";
+    let table = SHAPES[4].1;
+    let two = format!("{effect}\n[[effect]]\nkind = \"empirical\"\n{effect}\namount_e = 3");
+    let two = two.replacen("amount_e = 2\n", "", 2);
+    let camera = empirical(&two, table).unwrap();
+    assert_eq!(camera.table(), [3.0, 40.0, 0.0, 1.0, 3.0, 40.0, 0.0, 1.0]);
+    let amounts = camera.effects.iter().map(|e| camera.empirical_of(e).unwrap().amount);
+    assert_eq!(amounts.collect::<Vec<_>>(), [1.0, 3.0]);
+    // Three tables of 240 knots of two numbers are more than a sensor holds.
+    let knots: Vec<String> = (0..240).map(|i| format!("{i}.0")).collect();
+    let table = format!("at = [{0}]\nvalues = [{0}]\n", knots.join(", "));
+    let effect = effect.replace("seam", "row-profile");
+    let more = format!("\n[[effect]]\nkind = \"empirical\"\n{effect}");
+    assert!(empirical(&format!("{effect}{more}"), &table).is_ok());
+    let told = empirical(&format!("{effect}{more}{more}"), &table).unwrap_err().to_string();
+    assert!(told.contains("1443 numbers") && told.contains("1024"), "{told}");
+}
+
+#[test]
+fn what_is_wrong_with_an_empirical_effect_is_said_at_once() {
+    let told = |effect: &str, table: &str| match empirical(effect, table) {
+        Ok(_) => panic!("{effect} loads"),
+        Err(e) => e.to_string(),
+    };
+    let seam = "domain = \"offset\"\nshape = \"seam\"\ntable = \"empirical-1.toml\"\n";
+    let message = told(
+        &format!("{seam}amount = 0.1\non_signal = 1\ndoubling_c = 7\ndescripton = \"x\""),
+        "[[seam]]\nstep = 1\nfirst_colum = 3",
+    );
+    for said in
+        ["5 mistakes", "amount_e", "on_signal", "doubling_c", "description", "first_column"]
+    {
+        assert!(message.contains(said), "{said}: {message}");
+    }
+    let of = |domain: &str, shape: &str| {
+        format!("domain = \"{domain}\"\nshape = \"{shape}\"\ntable = \"empirical-1.toml\"")
+    };
+    let curve = "at = [0.0, 1.0]\nvalues = [1.0]";
+    for (effect, table, expected) in [
+        (of("ofset", "seam"), SHAPES[4].1, "did you mean \"offset\""),
+        (of("temporal", "seam"), SHAPES[4].1, "no \"seam\""),
+        (of("offset", "frame-curve"), curve, "no stage runs it yet"),
+        (of("offset", "row-profile"), curve, "\"at\" has 2 numbers, \"values\" has 1"),
+        (of("offset", "row-profile"), "at = [1.0, 0.0]\nvalues = [1.0, 1.0]", "falls"),
+        (of("offset", "row-profile"), "at = [0.0]\nvalues = [inf]", "not finite"),
+        (of("offset", "seam"), "seam = []", "no [[seam]]"),
+        (of("temporal", "row-flat"), "", "means nothing for a flat shape"),
+        (of("temporal", "correlation"), "along = \"rows\"", "both or neither"),
+        (of("temporal", "correlation"), "along = \"rows\"\ntaps = [0.0]", "not all 0"),
+        (of("temporal", "correlation"), "along = \"rows\"\nlength = 0", "length = 0"),
+        (of("gain", "wave"), &SHAPES[5].1.replace("0.11", "0.7"), "-0.5 to 0.5"),
+        (of("gain", "map"), "[[term]]\ncolumns = []\nrows = [1.0]", "1 to 64"),
+        (of("dark", "distribution"), "deviates = [9.0]\nvalues = [1.0]", "beyond"),
+        (
+            of("response", "signal-curve"),
+            "signal_e = [1.0]\nchange_e = [1.0]\nnoise_e = [-1.0]",
+            "below 0",
+        ),
+        ("domain = \"offset\"\nshape = \"seam\"".into(), "", "\"table\" is missing"),
+        (of("offset", "seam").replace("-1", "-2"), "", "empirical-2.toml"),
+        (format!("{seam}amount_e = \"big\""), SHAPES[4].1, "no number"),
+    ] {
+        let message = told(&effect, table);
+        assert!(message.contains(expected), "{effect}: {message}");
+        assert!(message.contains("[[effect]] at line"), "{message}");
+    }
+    let message = told(seam, &format!("# {}\n{}", "x".repeat(300_000), SHAPES[4].1));
+    assert!(message.contains("longer than"), "{message}");
+}

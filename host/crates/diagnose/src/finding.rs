@@ -2,7 +2,7 @@
 //! words. `camrig-shapes` finds it.
 
 use crate::evidence::Estimated;
-use crate::report::{Parameter, Status, Step};
+use crate::report::{Parameter, Shown, Status, Step};
 use serde::{Deserialize, Serialize};
 
 /// Name in `diagnosis.json` of an effect that no catalogue has.
@@ -74,6 +74,8 @@ pub struct Finding {
     pub evidence: [f64; 2],
     /// In words, with units.
     pub description: String,
+    /// What it looks like, once the improved model is there.
+    pub shown: Option<Shown>,
 }
 
 impl Finding {
@@ -97,6 +99,7 @@ impl Finding {
             parameters: parameters.collect(),
             runners_up: Vec::new(),
             shape: Some(self.form),
+            shown: self.shown.clone(),
             status: Status::Proposed,
             place: self.description.clone(),
         }

@@ -126,11 +126,35 @@ pub struct Step {
     /// Of what was proposed: its shape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<Form>,
+    /// Of what was proposed: what it looks like, measured and in the models.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shown: Option<Shown>,
     /// Whether held-out frames agree.
     pub status: Status,
     /// The statistic that it moved most, with its deviation before and after.
     #[serde(rename = "where")]
     pub place: String,
+}
+
+/// A curve, or a coarse map, of what was proposed: in the frames to fit, and in frames simulated
+/// by the model as given and by the improved one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shown {
+    /// Places along a curve, in the unit that `x` names; empty of a map.
+    pub at: Vec<f64>,
+    /// Columns of a map, whose values are row by row; none of a curve.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub columns: Option<usize>,
+    /// Values in the frames to fit; `null` where there is none.
+    pub measured: Vec<Option<f64>>,
+    /// The same of the improved model.
+    pub model_after: Vec<Option<f64>>,
+    /// The same of the model as given.
+    pub model_before: Vec<Option<f64>>,
+    /// What lies along the curve, with its unit.
+    pub x: String,
+    /// What is shown, with its unit.
+    pub y: String,
 }
 
 /// Whether an effect is confirmed.
@@ -398,6 +422,7 @@ mod tests {
                 parameters: parameters.into(),
                 runners_up: Vec::new(),
                 shape: None,
+                shown: None,
                 status: Status::Confirmed,
                 place: "capture dark".into(),
             }],

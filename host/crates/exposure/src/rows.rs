@@ -158,6 +158,7 @@ mod tests {
             bits: 12,
             black_level_dn: 64.0,
             seed: 1,
+            table: Default::default(),
             effects: effects.into_iter().collect(),
         }
     }

@@ -287,7 +287,8 @@ impl Rig {
         let crosstalk = sensor.crosstalk();
         let table = crosstalk
             .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
-        let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * table];
+        let words = table + sensor.config.table.len();
+        let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * words];
         let n = camera::encode(&sensor.config, crosstalk, &mut bytes)
             .ok_or_else(|| Error::limit("the camera is too large for the link"))?;
         bytes.truncate(n);

@@ -2,9 +2,12 @@
 //! are no sums of a column's and a row's part.
 
 use crate::Shape;
-use crate::seam::MAPS;
+use crate::seam::{MAPS, UNITS};
+use crate::seen::Seen;
+use crate::stage::Parts;
 use crate::view::{View, change_mean, gain};
 use camrig_camera::Camera;
+use camrig_camera::empirical::Empirical;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
 use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
@@ -142,6 +145,7 @@ impl Blocks {
             },
             parameters,
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "a part of the sensor with an amplifier of its own (tap), {}: {} against {}",
                 self.place(part),
@@ -166,6 +170,24 @@ impl Shape for Blocks {
                 black + (v - black - k * more) * self.gain(0) / self.gain(i)
             });
         }
+    }
+
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
+        let parts = self.columns.len() * self.rows.len();
+        let levels = [0, 1, 2].map(|map| {
+            let of = |part: usize| match map {
+                0 => self.gain(part) / self.gain(0) - 1.0,
+                _ => self.levels[map][part].value - self.levels[map][0].value,
+            };
+            (0..parts).map(of).collect()
+        });
+        Parts { columns: &self.columns, rows: &self.rows, levels }.stages(camera, design)
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let map = (0..MAPS.len()).find(|m| self.levels[*m].iter().any(|e| e.value != 0.0))?;
+        let plane = view.levelled(view.plane(MAPS[map])?);
+        Some(Seen::map(UNITS[map], &plane, view.unit(MAPS[map])))
     }
 
     fn findings(&self) -> Vec<Finding> {

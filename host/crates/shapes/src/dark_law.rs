@@ -4,9 +4,12 @@
 //! Both by likelihood over the dark-current map, blurred by the temporal noise of a pixel of each
 //! rate.
 
+use crate::seen::Seen;
+use crate::stage;
 use crate::view::View;
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
@@ -223,6 +226,23 @@ impl Shape for DarkLaw {
         }
     }
 
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
+        // The law has all of the dark current.
+        camera.sensor.noise.dark_current_e_per_s = 0.0;
+        camera.sensor.noise.dsnu_e_per_s = 0.0;
+        let spread = self.spread.value;
+        let quantile = |z: &f64| (spread * z - spread * spread / 2.0).exp();
+        let deviates: Vec<f64> = nodes().into_iter().map(|(z, _)| z).collect();
+        let values = deviates.iter().map(quantile).collect();
+        let law = Table::Distribution(Law { deviates, values });
+        vec![stage::dark(camera, design, law, self.mean.value)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let values = view.plane(MapKind::DarkCurrent)?.data.iter().map(|&v| f64::from(v));
+        Some(Seen::quantiles("dark current, e⁻/s", values.collect()))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         vec![Finding {
             domain: Domain::Dark,
@@ -234,6 +254,7 @@ impl Shape for DarkLaw {
                 ("sd_e_per_s", self.sd),
             ],
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "dark current that is log-normal over pixels: mean {} e⁻/s, standard deviation {} \
                  e⁻/s, its logarithm spreads by {}",

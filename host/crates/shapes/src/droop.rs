@@ -5,16 +5,21 @@
 //! have, the row means σ²v̄², and neighbours along the row a covariance, which noise that merely
 //! differs from column to column does not. `row-temporal-noise` of the catalogue has v = 1.
 
+use crate::seen::Seen;
+use crate::stage;
 use crate::view::View;
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
 use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
 use camrig_diagnose::numerics::spectrum::Spectrum;
+use camrig_diagnose::statistics::maps;
 use camrig_diagnose::statistics::statistic::{Key, Place, What};
 use camrig_diagnose::statistics::temporal::{LAGS, Temporal, mean};
+use camrig_sensor_core::effects::empirical::Quantity;
 
 /// Shortest length looked for, pixels, and the longest, of the side: beyond, the fall is a slope.
 const LENGTHS: (f64, f64) = (1.5, 0.5);
@@ -308,6 +313,24 @@ impl Shape for Droop {
         }
     }
 
+    fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
+        let side = if self.side.rows { camera.sensor.width } else { camera.sensor.height };
+        let fall = stage::fall(side as usize, self.length.value, self.side.from_end);
+        let table = match self.side.rows {
+            true => Table::RowProfile(fall),
+            false => Table::ColumnProfile(fall),
+        };
+        vec![Empirical::new(Quantity::Temporal, table, self.sigma_e.value)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let dark = maps::reference_dark(view.design)?;
+        let pixels = profiles(view, self.side.rows).swap_remove(dark).pixels;
+        let sd: Vec<f64> = pixels.into_iter().map(f64::sqrt).collect();
+        let x = if self.side.rows { "column" } else { "row" };
+        Some(Seen::lines(x, "noise in the dark beside that of its whole line, e⁻", &sd))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let (line, along, form) = match self.side.rows {
             true => ("row", "columns", Form::RowProfile),
@@ -329,6 +352,7 @@ impl Shape for Droop {
                 (if self.side.rows { "length_columns" } else { "length_rows" }, self.length),
             ],
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that falls along it: {} \
                  e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), {} (a reference that \

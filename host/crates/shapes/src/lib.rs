@@ -6,8 +6,9 @@
 //! else the statistics that show it are set aside, and the search for names runs on the rest: so
 //! a name of the catalogue is neither given to a shape nor withheld because of one.
 //!
-//! What is found stands in the report with the status `proposed`; no stage of the sensor model
-//! runs it yet, so that the improved camera file is without it.
+//! What is found stands in the report with the status `proposed`. A stage of the sensor model runs
+//! it (`[[effect]] kind = "empirical"`): the improved camera has it, and is judged with it on the
+//! frames as they were measured.
 
 #[cfg(test)]
 mod bench;
@@ -18,13 +19,18 @@ mod line_noise;
 mod outliers;
 mod run;
 mod seam;
+mod seen;
 mod serial;
+mod stage;
 mod steps;
 mod stitch;
 mod view;
 mod wave;
 
+use crate::seen::Seen;
+use crate::view::View;
 use camrig_camera::Camera;
+use camrig_camera::empirical::Empirical;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::finding::Finding;
 use camrig_diagnose::statistics::statistic::Key;
@@ -44,6 +50,13 @@ trait Shape {
     fn sets_aside(&self, _design: &Design, _key: &Key) -> bool {
         false
     }
+
+    /// The stages that run it. What they have in the place of the camera's own figures is taken
+    /// from these.
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical>;
+
+    /// What some moments show of it.
+    fn seen(&self, view: &View<'_>) -> Option<Seen>;
 
     /// What it is.
     fn findings(&self) -> Vec<Finding>;

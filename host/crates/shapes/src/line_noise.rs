@@ -6,9 +6,11 @@
 //! law. Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; a
 //! spectrum that is not flat is its `flicker-banding` or `row-correlated-noise`.
 
+use crate::seen::Seen;
 use crate::view::View;
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
@@ -16,6 +18,7 @@ use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
 use camrig_diagnose::statistics::maps;
 use camrig_diagnose::statistics::statistic::{Key, Place, What};
 use camrig_diagnose::statistics::temporal::{Temporal, mean};
+use camrig_sensor_core::effects::empirical::Quantity;
 
 /// Exponents on the signal that are tried, in steps of 0.05: from where the law hardly differs
 /// from a constant.
@@ -218,6 +221,26 @@ impl Shape for LineNoise {
         design.conditions[i].stack.role == Role::Flat && (own || frames)
     }
 
+    fn stages(&self, _: &mut Camera, _: &Design) -> Vec<Empirical> {
+        let table = match self.lines {
+            Lines::Rows => Table::RowFlat,
+            Lines::Columns => Table::ColumnFlat,
+        };
+        let noise = Empirical::new(Quantity::Temporal, table, self.sigma_e.value);
+        vec![Empirical { on_signal: (self.exponent.value, self.brightest_e.max(1.0)), ..noise }]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let mut points = points(view, self.lines)?;
+        points.sort_by(|a, b| a.signal_e.total_cmp(&b.signal_e));
+        let point = |p: Point| [p.signal_e, p.excess.max(0.0).sqrt()];
+        let y = match self.lines {
+            Lines::Rows => "noise common to a row, e⁻",
+            Lines::Columns => "noise common to a column, e⁻",
+        };
+        Some(Seen::curve("signal, e⁻", y, points.into_iter().map(point)))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let (line, form) = match self.lines {
             Lines::Rows => ("row", Form::RowFlat),
@@ -244,6 +267,7 @@ impl Shape for LineNoise {
                 ("signal_e", Estimated { value: self.brightest_e, se: f64::NAN }),
             ],
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that grows with the \
                  signal to the power {}: {law}{} (a supply that the \

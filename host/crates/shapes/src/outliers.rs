@@ -1,9 +1,11 @@
 //! Pixels whose offset is off and grows with neither time nor light. They are no hot pixels, whose
 //! excess grows with the exposure, and no telegraph noise, which makes them noisier.
 
+use crate::seen::Seen;
 use crate::view::{View, change_mean, channel_medians, gain, robust_sd};
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::channels::Channels;
 use camrig_diagnose::data::design::Design;
@@ -12,8 +14,12 @@ use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
 use camrig_diagnose::numerics::tails;
 use camrig_diagnose::statistics::maps::{self, MapKind};
 use camrig_diagnose::statistics::temporal::{Temporal, mean};
+use camrig_sensor_core::effects::empirical::Quantity;
 use std::collections::BTreeMap;
 
+/// Knots of the law of either side, and the greatest deviate of a pixel.
+const KNOTS: usize = 32;
+const FARTHEST: f64 = 6.0;
 /// Pixels without which there is no law to tell.
 const LEAST_PIXELS: usize = 5;
 /// Share of its offset by which a pixel may differ in a longer dark, and the standard errors.
@@ -122,6 +128,30 @@ impl Shape for Outliers {
         }
     }
 
+    fn stages(&self, _: &mut Camera, _: &Design) -> Vec<Empirical> {
+        let (mean_e, share) = (self.mean_e.value, self.fraction.value.clamp(1e-9, 0.5));
+        let low = share * self.below as f64 / self.offsets.len() as f64;
+        // From the deviate beyond which pixels are off, the quantiles of an exponential law.
+        let tail = |share: f64| -> Vec<(f64, f64)> {
+            let from = tails::deviate(share.max(1e-12).ln());
+            let knot = |i: usize| {
+                let z = from + (FARTHEST - from) * i as f64 / (KNOTS - 1) as f64;
+                (z, share.ln() - tails::ln_upper(z))
+            };
+            if share > 0.0 { (0..KNOTS).map(knot).collect() } else { Vec::new() }
+        };
+        let below = tail(low).into_iter().rev().map(|(z, v)| (-z, -v));
+        let (deviates, values) = below.chain(tail(share - low)).unzip();
+        let law = Table::Distribution(Law { deviates, values });
+        vec![Empirical::new(Quantity::Offset, law, mean_e)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let dark = maps::reference_dark(view.design)?;
+        let values = offsets(view, dark).into_iter().map(f64::from).collect();
+        Some(Seen::quantiles("offset, e⁻", values))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let below = match self.below {
             0 => String::new(),
@@ -137,6 +167,7 @@ impl Shape for Outliers {
                 ("pixels", Estimated { value: self.offsets.len() as f64, se: f64::NAN }),
             ],
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "outlying pixels of the offset, which grow with neither exposure nor light and are \
                  no noisier than others: a fraction {} of all pixels, {} e⁻ in the mean by an \

@@ -1,11 +1,16 @@
 //! The search for names, with shapes taken out where there are any.
 
 use crate::Shape;
+use crate::seen::shown;
 use crate::view::View;
-use crate::{dark_law, droop, line_noise, outliers, seam, serial, stitch, wave};
+use crate::{dark_law, droop, line_noise, outliers, seam, serial, stage, stitch, wave};
 use camrig_base::Result;
 use camrig_camera::Camera;
-use camrig_diagnose::search::session::{Half, Measured};
+use camrig_camera::empirical::Empirical;
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::finding::Finding;
+use camrig_diagnose::model::replicate;
+use camrig_diagnose::search::session::{Half, Measured, RUNS, SEED};
 use camrig_diagnose::search::{self, Outcome, Session, State};
 use camrig_diagnose::statistics::maps;
 use camrig_diagnose::statistics::statistic::Key;
@@ -30,7 +35,8 @@ const OF_THE_REST: [Detector; 6] =
     [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
 
 /// Searches for the effects that the camera lacks, as [`search::run()`], and for shapes that no
-/// effect has. Where there are some, the moments that the session has at the end are without them.
+/// effect has. Names are given to moments without the shapes; at the end the session has the
+/// moments as they were measured, and the model that is judged on them runs the shapes too.
 ///
 /// # Errors
 /// A model that cannot be simulated.
@@ -46,35 +52,89 @@ pub fn run(
         return names(session);
     }
     say("shapes");
-    let shapes = find(session, camera, &OF_MEANS, None);
+    let mut shapes = find(session, camera, &OF_MEANS, None);
     let mut found = names(session)?;
+    let mut as_measured = None;
     if !shapes.is_empty() {
         let names_alone = session.deviance(&found.after);
         let had = take_out(session, camera, &shapes);
         let other = names(session)?;
         if session.deviance(&other.after) + GAIN < names_alone {
-            found = with_shapes(found, &shapes, other);
+            found = Outcome { gaps: (found.gaps.0, other.gaps.1), ..other };
+            as_measured = Some(had);
         } else {
             put_back(session, had);
+            shapes.clear();
         }
     }
     if !session.accepts(&found.after, found.gaps.1) {
         say("shapes of what is left");
-        let shapes = find(session, camera, &OF_THE_REST, Some(&found.before));
-        if !shapes.is_empty() {
-            take_out(session, camera, &shapes);
+        let more = find(session, camera, &OF_THE_REST, Some(&found.before));
+        if !more.is_empty() {
+            let had = take_out(session, camera, &more);
+            as_measured.get_or_insert(had);
             let other = names(session)?;
-            found = with_shapes(found, &shapes, other);
+            found = Outcome { gaps: (found.gaps.0, other.gaps.1), ..other };
+            shapes.extend(more);
         }
+    }
+    if let Some(had) = as_measured {
+        put_back(session, had);
+        say("the model with the shapes");
+        judge(session, &mut found, &shapes)?;
     }
     Ok(found)
 }
 
-/// The outcome of the search without some shapes, with these and those found before.
-fn with_shapes(before: Outcome, shapes: &[Box<dyn Shape>], after: Outcome) -> Outcome {
-    let mut all = before.shapes;
-    all.extend(shapes.iter().flat_map(|s| s.findings()));
-    Outcome { gaps: (before.gaps.0, after.gaps.1), shapes: all, ..after }
+/// Judges the model that runs the shapes, with what was named beside them and without, on the
+/// moments as they were measured.
+fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> Result<()> {
+    let design = &session.fit.design;
+    let alone =
+        session.state(with_stages(&found.before.camera, design, shapes)?, Vec::new(), RUNS)?;
+    found.gap_with_shapes = session.gap(&alone);
+    let improved = with_stages(&found.after.camera, design, shapes)?;
+    found.after = session.state(improved, found.after.named.clone(), RUNS)?;
+    found.gaps.1 = session.gap(&found.after);
+    let cameras = [&found.before.camera, &found.after.camera];
+    let simulated: Vec<Vec<Temporal>> = cameras
+        .into_iter()
+        .map(|camera| replicate::simulate(camera, design, SEED, true))
+        .collect::<Result<_>>()?;
+    let moments = [&session.fit.stacks, &simulated[0], &simulated[1]];
+    let camera = &found.before.camera;
+    let maps = moments.map(|stacks| maps::maps(camera, design, stacks));
+    let views = [0, 1, 2].map(|i| View {
+        camera,
+        design,
+        stacks: moments[i],
+        maps: &maps[i],
+        prediction: Some(&found.before.fit),
+    });
+    found.shapes = Vec::new();
+    for shape in shapes {
+        let shown = shown(views.map(|view| shape.seen(&view)));
+        let findings = shape.findings().into_iter();
+        found.shapes.extend(findings.map(|f| Finding { shown: shown.clone(), ..f }));
+    }
+    Ok(())
+}
+
+/// A camera whose model runs the shapes.
+fn with_stages(camera: &Camera, design: &Design, shapes: &[Box<dyn Shape>]) -> Result<Camera> {
+    let mut camera = camera.clone();
+    for shape in shapes {
+        let findings = shape.findings();
+        let description: Vec<&str> = findings.iter().map(|f| f.description.as_str()).collect();
+        let description = Some(description.join("; "));
+        let evidence = findings.first().map(|f| f.evidence[0]);
+        for stage in shape.stages(&mut camera, design) {
+            let description = description.clone();
+            stage::add(&mut camera, Empirical { description, evidence, ..stage })?;
+        }
+    }
+    camera.check_chain()?;
+    Ok(camera)
 }
 
 /// Takes shapes out of the moments of both halves; gives the moments that they had.

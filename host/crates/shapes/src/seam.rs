@@ -5,11 +5,14 @@
 //! or of the gain. Smooth laws stand against it (`steps`). The parts are brought to the one that
 //! the camera file fits best.
 
+use crate::seen::Seen;
+use crate::stage::Parts;
 use crate::steps::{self, Steps};
 use crate::view::{View, change_mean, gain};
 use crate::{Shape, blocks, shapes};
 use camrig_base::Plane;
 use camrig_camera::Camera;
+use camrig_camera::empirical::Empirical;
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
@@ -19,6 +22,8 @@ use camrig_diagnose::statistics::temporal::Temporal;
 
 /// Maps that are searched, each along both axes.
 pub(crate) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
+/// What they show, with its unit.
+pub(crate) const UNITS: [&str; 3] = ["relative gain", "offset, e⁻", "dark current, e⁻/s"];
 /// Profiles that are searched: three maps, two axes.
 const PROFILES: usize = 6;
 /// Lines by which one seam's place may differ from map to map.
@@ -209,6 +214,32 @@ impl Shape for Taps {
         }
     }
 
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
+        let starts: Vec<usize> = [0].into_iter().chain(self.seams.iter().map(|s| s.at)).collect();
+        let levels = [0, 1, 2].map(|map| {
+            let of = |part: usize| match map {
+                0 => self.gain(part) / self.gain(self.reference) - 1.0,
+                _ => self.level(map, part) - self.level(map, self.reference),
+            };
+            (0..starts.len()).map(of).collect()
+        });
+        let (columns, rows): (&[usize], &[usize]) = match self.axis {
+            Axis::Columns => (&starts, &[0]),
+            Axis::Rows => (&[0], &starts),
+        };
+        Parts { columns, rows, levels }.stages(camera, design)
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let told = |map: &usize| self.seams.iter().any(|s| s.steps[*map].value != 0.0);
+        let map = (0..MAPS.len()).find(told)?;
+        let x = match self.axis {
+            Axis::Columns => "column",
+            Axis::Rows => "row",
+        };
+        Some(Seen::lines(x, UNITS[map], &profile(view, MAPS[map], self.axis)?))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         (1..=self.seams.len()).map(|part| self.finding(part)).collect()
     }
@@ -253,6 +284,7 @@ impl Taps {
             },
             parameters,
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "a seam between two parts of the sensor with amplifiers of their own (taps), at \
                  {line} {}, the first of the second part: {} against the part before",

@@ -6,10 +6,12 @@
 //! all frequencies but 0, which the residuals do not have. By Whittle's likelihood (1953), W of
 //! each stack free, r and A common.
 
+use crate::seen::Seen;
 use crate::view::{View, gain};
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_base::median::median;
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Along, Empirical, Noise, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::{Estimated, pooled};
@@ -18,6 +20,7 @@ use camrig_diagnose::numerics::minimise::minimum;
 use camrig_diagnose::statistics::maps;
 use camrig_diagnose::statistics::statistic::{Key, Place, What};
 use camrig_diagnose::statistics::temporal::{Temporal, mean};
+use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::{SQRT_2, TAU};
 
 /// Correlations tried: from noise that alternates to one that hardly changes over a frame.
@@ -33,6 +36,8 @@ const CLIP: f64 = 6.0;
 const GROWS: (f64, f64) = (5.0, 1.5);
 /// Correlation from which a length says more than the correlation itself: over 1.4 pixels.
 const LONG: f64 = 0.5;
+/// Distances over which it is shown.
+const SHOWN_LAGS: usize = 24;
 /// Share of the evidence that the held-out frames must give.
 const HELD_OUT: f64 = 0.25;
 /// Frequencies without which a line tells nothing.
@@ -330,6 +335,37 @@ impl Shape for Serial {
         }
     }
 
+    fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
+        if !self.beside {
+            // It is the read noise itself.
+            camera.sensor.noise.read_e = 0.0;
+            camera.sensor.noise.read_e_post = 0.0;
+        }
+        let r = self.correlation.value;
+        let along = if self.along_rows { Along::Rows } else { Along::Columns };
+        // r^|Δ| by its first taps, exact to r⁸, or by its length.
+        let (taps, length) = match r > LONG {
+            true => (None, Some(-1.0 / r.ln())),
+            false => (Some((0..4).map(|k| r.powi(k)).collect()), None),
+        };
+        let noise = Table::Correlation(Noise { along, taps, length });
+        vec![Empirical::new(Quantity::Temporal, noise, self.amount_e.value)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let dark = spectra(view, self.along_rows).into_iter().find(|s| !s.flat)?;
+        let n = dark.length as f64;
+        let at = |lag: f64| -> f64 {
+            let of = |(k, p): (usize, &f64)| p * (TAU * (k as f64 + 1.0) * lag / n).cos();
+            dark.power.iter().enumerate().map(of).sum()
+        };
+        let whole = at(0.0);
+        let lags = (0..=SHOWN_LAGS.min(dark.length / 2)).map(|lag| lag as f64);
+        let x = if self.along_rows { "distance, columns" } else { "distance, rows" };
+        let points = lags.map(|lag| [lag, at(lag) / whole]);
+        Some(Seen::curve(x, "correlation of the noise in the dark", points))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let (along, lines) = match self.along_rows {
             true => ("along the row", "columns"),
@@ -358,6 +394,7 @@ impl Shape for Serial {
             dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "serial noise that follows itself {along}: {whose}, {reach}, alike in the dark and \
                  in light ({what} that remembers the pixel before)",

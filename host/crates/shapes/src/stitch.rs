@@ -5,9 +5,11 @@
 //! signal over the light 1 + a' + b'/x + d [x above the step]. A smooth law, x^e in place of the
 //! step, stands against it. The step is known between the samples of two levels only.
 
+use crate::seen::{self, Seen};
 use crate::view::{View, gain};
 use crate::{FALSE_ALARMS, Shape, shapes};
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Response, Table};
 use camrig_captures::Role;
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
@@ -17,6 +19,7 @@ use camrig_diagnose::statistics::noise::frame_variance;
 use camrig_diagnose::statistics::statistic::{Key, Place, What};
 use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use camrig_linear::{LeastSquares, Matrix, Vector};
+use camrig_sensor_core::effects::empirical::Quantity;
 
 /// Flats without which no step is told from a smooth law.
 const LEAST_FLATS: usize = 5;
@@ -260,6 +263,23 @@ impl Shape for Stitch {
         *place == Place::Map(MapKind::Curvature)
     }
 
+    fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
+        // Anywhere between the two levels; beyond the converter's scale nothing is seen.
+        let step = (self.open_e[0] + self.open_e[1]) / 2.0;
+        let top = 2.0 * camera.sensor.full_well_e.max(step);
+        let (more, noise) = (self.ratio.value - 1.0, self.more_e.value);
+        let response = Table::SignalCurve(Response {
+            signal_e: vec![step, step, top],
+            change_e: vec![0.0, more * step, more * top],
+            noise_e: vec![0.0, noise, noise],
+        });
+        vec![Empirical::new(Quantity::Response, response, 1.0)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        seen::noise_over_signal(view)
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let [low, high] = self.open_e;
         let [low_dn, high_dn] = self.open_dn;
@@ -283,6 +303,7 @@ impl Shape for Stitch {
             dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "a step of the response (two gains in one sample) between {low:.0} and {high:.0} \
                  e⁻ ({low_dn:.0} and {high_dn:.0} DN), where neither {first} nor {second} has \

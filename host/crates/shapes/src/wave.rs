@@ -4,17 +4,21 @@
 //! The catalogue's `periodic-pattern-noise` has a new phase in each frame, and
 //! `readout-channel-mismatch` repeats every 2, 4 or 8 lines; both are left to it.
 
+use crate::seen::Seen;
+use crate::stage;
 use crate::view::{View, change_mean, gain};
 use crate::{FALSE_ALARMS, Shape};
 use camrig_base::Plane;
 use camrig_base::median::median;
 use camrig_camera::Camera;
+use camrig_camera::empirical::{Empirical, Sine, Table, Wave as Waves};
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
 use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
 use camrig_diagnose::numerics::spectrum::{Background, Spectrum, Spectrum2};
 use camrig_diagnose::statistics::maps::{self, MapKind};
 use camrig_diagnose::statistics::temporal::Temporal;
+use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::{LN_2, PI, TAU};
 
 /// Waves of a map, at most: harmonics and beats of a clock.
@@ -31,6 +35,8 @@ const SEEN_AGAIN: f64 = 0.75;
 /// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws
 /// of the catalogue have two, and what is steep at an edge has more.
 const SMOOTH: usize = 4;
+/// Parts of a turn in which a wave is shown.
+const PHASES: usize = 24;
 /// Halvings of the step with which a frequency is refined, from a quarter of a bin: 1/65536 of it.
 const HALVINGS: usize = 16;
 
@@ -291,6 +297,55 @@ impl Shape for Wave {
         }
     }
 
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
+        let amount = self.amplitude.value;
+        let wave = |more: Option<f64>| {
+            // A wave of no frequency, a quarter of a turn on, is a constant.
+            let sine = |f: [f64; 2], phase_turns, amplitude| Sine {
+                cycles_per_column: f[0],
+                cycles_per_row: f[1],
+                phase_turns,
+                amplitude,
+            };
+            let own = sine(self.cycles.map(|f| f.value), self.phase / TAU, 1.0);
+            let level = more.map(|level| sine([0.0; 2], 0.25, level));
+            Table::Wave(Waves { wave: [own].into_iter().chain(level).collect() })
+        };
+        match self.kind {
+            MapKind::Gain => vec![Empirical::new(Quantity::Gain, wave(None), amount)],
+            MapKind::DarkCurrent => {
+                let level = stage::take_dark(camera, design, amount) / amount;
+                let before = -amount * stage::shortest_s(design);
+                vec![
+                    stage::dark(camera, design, wave(Some(level)), amount),
+                    // The map of offsets, whose own waves are told, has that of its darks.
+                    Empirical::new(Quantity::Offset, wave(None), before),
+                ]
+            }
+            _ => vec![Empirical::new(Quantity::Offset, wave(None), amount)],
+        }
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let plane = view.levelled(view.plane(self.kind)?);
+        let mut sums = [(0.0, 0.0); PHASES];
+        for (i, &v) in plane.data.iter().enumerate() {
+            let (x, y) = ((i % plane.width) as f64, (i / plane.width) as f64);
+            let turns = self.cycles[0].value * x + self.cycles[1].value * y + self.phase / TAU;
+            let sum = &mut sums[(turns.rem_euclid(1.0) * PHASES as f64) as usize % PHASES];
+            sum.0 += f64::from(v) * view.unit(self.kind);
+            sum.1 += 1.0;
+        }
+        let y = match self.kind {
+            MapKind::Gain => "relative gain",
+            MapKind::DarkCurrent => "dark current, e⁻/s",
+            _ => "offset, e⁻",
+        };
+        let point =
+            |(i, (sum, n)): (usize, &(f64, f64))| [(i as f64 + 0.5) / PHASES as f64, sum / n];
+        Some(Seen::curve("phase of the wave, turns", y, sums.iter().enumerate().map(point)))
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let (domain, key, unit, exponents) = match self.kind {
             MapKind::DarkCurrent => (Domain::Dark, "amplitude_e_per_s", " e⁻/s", (1.0, 0.0)),
@@ -322,6 +377,7 @@ impl Shape for Wave {
                 ),
             ],
             evidence: self.evidence,
+            shown: None,
             description: format!(
                 "a plane wave that stands still: amplitude {}{unit}, {:.digits$} cycles per \
                  column and {:.digits$} per row ({}, {}), {:.0}° at the first pixel; {grows}",

@@ -18,9 +18,9 @@ pub struct Replicates {
     known: Mutex<Vec<Known>>,
 }
 
-/// The replicates of one chain of effects, in the order of their seeds.
+/// The replicates of one chain of effects with its tables, in the order of their seeds.
 struct Known {
-    chain: Vec<Effect>,
+    chain: (Vec<Effect>, Vec<f32>),
     replicates: Vec<Arc<Values>>,
 }
 
@@ -37,7 +37,7 @@ impl Replicates {
         first: u64,
         runs: u64,
     ) -> Result<Vec<Arc<Values>>> {
-        let chain = camera.chain();
+        let chain = (camera.chain(), camera.table());
         let mut replicates = {
             let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
             known.iter().find(|k| k.chain == chain).map_or_else(Vec::new, |k| k.replicates.clone())
@@ -71,12 +71,13 @@ fn replicated(camera: &Camera, design: &Design, seed: u64) -> Result<Values> {
     Ok(values)
 }
 
-/// Whether a model's frames may have lines in their spectrum over both frequencies: periodic
-/// noise, or light that differs from frame to frame and is seen by pixels of several colours.
+/// Whether a model's frames may have lines in their spectrum over both frequencies, or no flat one:
+/// periodic noise, light that differs from frame to frame and is seen by pixels of several
+/// colours, noise of any shape.
 fn makes_lines(camera: &Camera) -> bool {
     let colour = camera.sensor.channel_names.len() > 1;
     camera.effects.iter().any(|e| match e.entry().kind {
-        "periodic-pattern-noise" => true,
+        "periodic-pattern-noise" | "empirical" => true,
         "light-flicker" | "flicker-banding" => colour,
         _ => false,
     })

@@ -34,8 +34,10 @@ pub struct Outcome {
     /// The kind that was named at first, where the search that begins without it explains more.
     pub superseded: Option<String>,
     /// What no effect of the catalogue describes: taken out of what was measured before the names
-    /// were given.
+    /// were given, and run by the model at the end.
     pub shapes: Vec<Finding>,
+    /// Held-out gap of the model at the start with those alone; NaN where there are none.
+    pub gap_with_shapes: f64,
 }
 
 /// Searches for the effects that the camera lacks. `without` names kinds left out of the
@@ -107,6 +109,7 @@ fn once(
         confounded: left.confounded,
         superseded: None,
         shapes: Vec::new(),
+        gap_with_shapes: f64::NAN,
     })
 }
 

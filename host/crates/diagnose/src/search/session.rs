@@ -294,7 +294,10 @@ impl Session {
     }
 
     /// A model with what `runs` replicates of it predict.
-    pub(super) fn state(&self, camera: Camera, named: Vec<Proposal>, runs: u64) -> Result<State> {
+    ///
+    /// # Errors
+    /// A model that cannot be simulated.
+    pub fn state(&self, camera: Camera, named: Vec<Proposal>, runs: u64) -> Result<State> {
         let replicates = self.replicates(&camera, &self.fit, runs)?;
         let fit = Prediction::new(&replicates);
         let judged = match self.halves_are_alike() {

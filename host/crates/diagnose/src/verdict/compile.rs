@@ -26,11 +26,7 @@ const UNEXPLAINED: usize = 12;
 /// Judges an outcome by whether the model passes for the right one.
 pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
     let passes = session.accepts(&outcome.after, outcome.gaps.1);
-    // A shape that was found is told, but is not in the model: the model does not explain it.
-    if !outcome.shapes.is_empty() {
-        return Verdict::PartlyExplained;
-    }
-    match (outcome.steps.is_empty(), passes) {
+    match (outcome.steps.is_empty() && outcome.shapes.is_empty(), passes) {
         (true, true) => Verdict::Agrees,
         (true, false) => Verdict::Unexplained,
         (false, true) if session.can_confirm => Verdict::Explained,
@@ -47,7 +43,8 @@ pub fn report(session: &Session, outcome: &Outcome) -> Report {
             || (kind == DARK_CURRENT && unknown_temperature(session))
     };
     let status = |kind: &str| match confounded(kind) {
-        false if verdict == Verdict::Explained => Status::Confirmed,
+        // A shape has no cause: it may hold part of what is named beside it, or the reverse.
+        false if verdict == Verdict::Explained && outcome.shapes.is_empty() => Status::Confirmed,
         _ => Status::Tentative,
     };
     let unexplained = session.unexplained(&outcome.after).into_iter().take(UNEXPLAINED);
@@ -125,9 +122,9 @@ fn ambiguity(a: &str, b: &str) -> Ambiguity {
 
 /// What was proposed, and the effects that were named beside it.
 fn steps(session: &Session, outcome: &Outcome, status: &dyn Fn(&str) -> Status) -> Vec<Step> {
-    // All shapes are taken out at once: the gap after them is that of the model as given.
-    let taken_out = (outcome.gaps.0, session.gap(&outcome.before));
-    let proposed = outcome.shapes.iter().map(|shape| shape.step(taken_out));
+    // All shapes together: those of one sensor are found at once.
+    let gaps = (outcome.gaps.0, outcome.gap_with_shapes);
+    let proposed = outcome.shapes.iter().map(|shape| shape.step(gaps));
     let named = outcome.steps.iter();
     proposed
         .chain(named.map(|s| step(session, outcome, s, status(s.trial.proposal.kind))))
@@ -155,6 +152,7 @@ fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Stat
         parameters: parameters(&step.trial.proposal),
         runners_up: runners_up.collect(),
         shape: None,
+        shown: None,
         status,
         place: format!(
             "{}: {} ({before:+.1} → {after:+.1} standard deviations)",

@@ -1,22 +1,32 @@
 //! The camera file with the effects that were found.
 
 use crate::candidates::proposal::Proposal;
+use camrig_base::toml_text::seven_figures;
 use camrig_base::{Error, Result};
 use camrig_camera::presets;
 use camrig_sensor_core::effects::{Effect, Parameter};
 use std::path::Path;
 
-/// The text of a camera file with the effects of `camera`, of which `named` were found.
+/// A camera file that does not depend on its folder.
+pub struct Standalone {
+    /// The text.
+    pub text: String,
+    /// Tables it names: file name and content.
+    pub tables: Vec<(String, String)>,
+}
+
+/// The camera file with the effects of `camera`, of which `named` were found, from a text and the
+/// tables that it names; those of empirical effects are added.
 ///
 /// # Errors
 /// A text that is no camera file.
 pub fn camera_file(
-    text: &str,
+    Standalone { text, mut tables }: Standalone,
     camera: &camrig_camera::Camera,
     named: &[Proposal],
-) -> Result<String> {
+) -> Result<Standalone> {
     let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
-    let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
+    let mut file: toml::Table = toml::from_str(&text).map_err(wrong)?;
     let noise = &camera.sensor.noise;
     let figures = [
         ("read_e", noise.read_e),
@@ -35,8 +45,8 @@ pub fn camera_file(
         // A step was taken off the codes: the file is of the bits that vary.
         let s = &camera.sensor;
         sensor.insert("bits".into(), i64::from(s.bits).into());
-        sensor.insert("black_level_dn".into(), round(s.black_level_dn).into());
-        sensor.insert("full_well_e".into(), round(s.full_well_e).into());
+        sensor.insert("black_level_dn".into(), seven_figures(s.black_level_dn).into());
+        sensor.insert("full_well_e".into(), seven_figures(s.full_well_e).into());
     }
     let base = |e: &Effect| {
         matches!(
@@ -47,13 +57,14 @@ pub fn camera_file(
                 | Effect::RowOffsetFpn(_)
         )
     };
-    if named.iter().flat_map(|p| &p.effects).any(base) {
+    // An empirical effect may stand for a part of the base model.
+    if named.iter().flat_map(|p| &p.effects).any(base) || !camera.empirical.is_empty() {
         let sensor = file.get_mut("sensor").and_then(toml::Value::as_table_mut);
         if let Some(sensor) = sensor {
             let table = sensor.entry("noise").or_insert_with(|| toml::Table::new().into());
             if let Some(table) = table.as_table_mut() {
                 for (key, value) in figures {
-                    table.insert(key.into(), round(value).into());
+                    table.insert(key.into(), seven_figures(value).into());
                 }
             }
         }
@@ -63,7 +74,7 @@ pub fn camera_file(
         table.insert("kind".into(), kind.into());
         for (parameter, value) in parameters.iter().zip(values) {
             if parameter.default != Some(*value) {
-                table.insert(parameter.key.into(), round(f64::from(*value)).into());
+                table.insert(parameter.key.into(), seven_figures(f64::from(*value)).into());
             }
         }
         table.into()
@@ -72,34 +83,34 @@ pub fn camera_file(
         let entry = e.entry();
         table(entry.kind, entry.parameters, e.values())
     });
-    let sensor = camera.effects.iter().map(|e| {
-        let entry = e.entry();
-        table(entry.kind, entry.parameters, &e.values())
-    });
-    let effects: Vec<toml::Value> = optical.chain(sensor).collect();
+    let mut effects: Vec<toml::Value> = optical.collect();
+    let mut count = 0;
+    for e in &camera.effects {
+        let Some(own) = camera.empirical_of(e) else {
+            let entry = e.entry();
+            effects.push(table(entry.kind, entry.parameters, &e.values()));
+            continue;
+        };
+        count += 1;
+        let name = format!("empirical-{count}.toml");
+        effects.push(own.to_toml(&name).into());
+        if own.table.has_file() {
+            tables.push((name, own.table.text()?));
+        }
+    }
     if effects.is_empty() {
         file.remove("effect");
     } else {
         file.insert("effect".into(), effects.into());
     }
-    toml::to_string(&file).map_err(|e| Error::internal(format!("the improved camera file: {e}")))
+    let wrong = |e| Error::internal(format!("the improved camera file: {e}"));
+    let text = toml::to_string(&file).map_err(wrong)?;
+    Ok(Standalone { text, tables })
 }
 
-/// Seven significant figures: what an f32 holds.
-fn round(value: f64) -> f64 {
-    format!("{value:.6e}").parse().unwrap_or(value)
-}
-
-/// A camera file that does not depend on its folder: tables that it names come with it, under
-/// their own names; the path of a lens is absolute.
-pub struct Standalone {
-    /// The text.
-    pub text: String,
-    /// Tables it names: file name and content.
-    pub tables: Vec<(String, String)>,
-}
-
-/// Makes a camera file's text independent of its folder. `spec` is how the camera was named.
+/// Makes a camera file's text independent of its folder: tables that it names come with it, under
+/// their own names, but those of effects; the path of a lens is absolute. `spec` is how the camera
+/// was named.
 ///
 /// # Errors
 /// A table that cannot be read.
@@ -163,7 +174,7 @@ mod tests {
         let camera = Camera::load(spec).unwrap();
         let alone = standalone(&camera.text, spec).unwrap();
         assert_eq!(alone.tables.len(), 2);
-        let improved = camera_file(&alone.text, &camera, &[]).unwrap();
+        let improved = camera_file(alone, &camera, &[]).unwrap().text;
         assert!(improved.contains("veiling-glare"), "{improved}");
     }
 }

@@ -1,0 +1,115 @@
+//! How a shape is shown: a curve or a coarse map of it, of any moments, measured or simulated.
+
+use crate::view::View;
+use camrig_base::Plane;
+use camrig_diagnose::report::Shown;
+
+/// Points of a curve, at most.
+const POINTS: usize = 64;
+/// Columns and rows of a map, at most.
+const CELLS: (usize, usize) = (32, 24);
+
+/// What some moments show of a shape.
+pub(crate) struct Seen {
+    /// What lies along the curve, or the map, with its unit.
+    pub x: &'static str,
+    /// What is shown, with its unit.
+    pub y: &'static str,
+    /// Places on the curve; empty of a map.
+    pub at: Vec<f64>,
+    /// The values; those of a map row by row.
+    pub values: Vec<f64>,
+    /// Columns of a map.
+    pub columns: Option<usize>,
+}
+
+impl Seen {
+    /// A curve.
+    pub fn curve(
+        x: &'static str,
+        y: &'static str,
+        points: impl Iterator<Item = [f64; 2]>,
+    ) -> Self {
+        let (at, values) = points.map(|[x, y]| (x, y)).unzip();
+        Self { x, y, at, values, columns: None }
+    }
+
+    /// A value for each of some lines, as means of few neighbours.
+    pub fn lines(x: &'static str, y: &'static str, values: &[f64]) -> Self {
+        let size = values.len().div_ceil(POINTS).max(1);
+        let point = |(i, group): (usize, &[f64])| {
+            let n = group.len() as f64;
+            [(i * size) as f64 + (n - 1.0) / 2.0, group.iter().sum::<f64>() / n]
+        };
+        Self::curve(x, y, values.chunks(size).enumerate().map(point))
+    }
+
+    /// A map, as means of cells.
+    pub fn map(y: &'static str, plane: &Plane<f32>, unit: f64) -> Self {
+        let across = plane.width.div_ceil(CELLS.0).max(1);
+        let down = plane.height.div_ceil(CELLS.1).max(1);
+        let columns = plane.width.div_ceil(across);
+        let mut values = Vec::new();
+        for rows in plane.data.chunks(plane.width * down) {
+            let mut sums = vec![(0.0, 0.0); columns];
+            for row in rows.chunks(plane.width) {
+                for (cell, sum) in row.chunks(across).zip(&mut sums) {
+                    sum.0 += cell.iter().map(|&v| f64::from(v) * unit).sum::<f64>();
+                    sum.1 += cell.len() as f64;
+                }
+            }
+            values.extend(sums.iter().map(|(sum, n)| sum / n));
+        }
+        let x = "cells of the sensor, row by row";
+        Self { x, y, at: Vec::new(), values, columns: Some(columns) }
+    }
+
+    /// The quantile function of some values, over standard normal deviates.
+    pub fn quantiles(y: &'static str, mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        // Half a sample from either end.
+        let point = |i: i32| {
+            let z = f64::from(i) / 8.0;
+            let share = 0.5 * libm::erfc(-z / std::f64::consts::SQRT_2);
+            let at = share * n as f64 - 0.5;
+            (at >= 0.0 && at <= (n - 1) as f64).then(|| [z, values[at as usize]])
+        };
+        let points: Vec<[f64; 2]> =
+            if n == 0 { Vec::new() } else { (-28..=28).filter_map(point).collect() };
+        Self::curve("standard normal deviate of a pixel", y, points.into_iter())
+    }
+}
+
+/// What a shape shows of the moments measured, of the model as given and of the improved one.
+pub(crate) fn shown(seen: [Option<Seen>; 3]) -> Option<Shown> {
+    let [Some(measured), Some(before), Some(after)] = seen else { return None };
+    let rounded = |v: &[f64]| -> Vec<Option<f64>> {
+        let finite = |v: &f64| v.is_finite().then(|| camrig_base::toml_text::seven_figures(*v));
+        v.iter().map(finite).collect()
+    };
+    Some(Shown {
+        at: measured.at.clone(),
+        columns: measured.columns,
+        measured: rounded(&measured.values),
+        model_after: rounded(&after.values),
+        model_before: rounded(&before.values),
+        x: measured.x.into(),
+        y: measured.y.into(),
+    })
+}
+
+/// Standard deviation over the frames of a stack, e⁻, and its signal, e⁻, for each stack.
+pub(crate) fn noise_over_signal(view: &View<'_>) -> Option<Seen> {
+    let dark = camrig_diagnose::statistics::maps::reference_dark(view.design)?;
+    let black = view.stacks[dark].level();
+    let mut points: Vec<[f64; 2]> = (view.stacks.iter().enumerate())
+        .map(|(i, t)| {
+            let k = view.gain(i);
+            let variance = camrig_diagnose::statistics::temporal::mean(&t.pixel_variance);
+            [(t.level() - black) / k, variance.sqrt() / k]
+        })
+        .collect();
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    Some(Seen::curve("signal, e⁻", "noise, e⁻", points.into_iter()))
+}
