@@ -2,7 +2,7 @@
 
 use camrig_base::{Plane, RawFrame, Result};
 use camrig_formats::{DngInfo, png, preview};
-use camrig_report::plot::colour;
+use camrig_report::plot::Palette;
 use serde_json::{Value, json};
 
 /// Bins of the histogram: each is more than two pixels wide on the page.
@@ -161,7 +161,9 @@ impl State {
             let (sum, n) = inside.fold((0.0, 0.0), |(sum, n), (x, y)| {
                 (sum + self.noise.variance(y * frame.width + x), n + 1.0)
             });
-            colour((sum / f64::max(n, 1.0)).sqrt() / (NOISE_WHITE * mean.max(f64::MIN_POSITIVE)))
+            Palette::Inferno.colour(
+                (sum / f64::max(n, 1.0)).sqrt() / (NOISE_WHITE * mean.max(f64::MIN_POSITIVE)),
+            )
         });
         png::encode_rgb(&picture).map(Some)
     }

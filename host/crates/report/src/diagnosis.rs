@@ -1,9 +1,9 @@
 //! The report of a diagnosis: what gave each effect away, how the gap shrank, what is left.
 
-use super::page::Page;
-use super::plot::{Mark, Plot, heat_map};
+use super::numbers::{self, amount, digits, fixed, number};
+use super::page::{Page, Table, Tone};
+use super::plot::{Colour, Mark, Plot, Scale, heat_map};
 use camrig_base::Plane;
-use camrig_base::numbers::with_error;
 use camrig_camera::EffectKind;
 use camrig_diagnose::report::{self, Finding, Report};
 use camrig_diagnose::search::forward::{Observed, Step};
@@ -13,8 +13,6 @@ use camrig_diagnose::statistics::{Key, Place};
 use camrig_diagnose::verdict::words;
 use std::collections::BTreeMap;
 
-/// Colours of measured, model before, model after.
-const COLOURS: [&str; 3] = ["#1c1f23", "#d55e00", "#009e73"];
 /// Frames of a finding that are listed, at most.
 const FRAMES: usize = 8;
 /// Side of the cells in pictures of maps, pixels.
@@ -30,18 +28,21 @@ pub fn page(
     command: &str,
 ) -> String {
     let mut page = Page::new("Diagnosis");
-    page.paragraph(&format!(
-        "Verdict: {}. The gap on held-out frames went from {:.2} to {:.2}; 1 is what a replicate \
-         of the right model scores, {:.2} the limit that the right model passes once in some two \
-         hundred sets. {} statistics.",
-        found.verdict.word(),
-        found.gap_before,
-        found.gap_after,
-        found.gap_limit,
+    page.kind("Diagnosis").command(command);
+    let tone = if found.gap_after <= found.gap_limit { Tone::Good } else { Tone::Warning };
+    let words = format!(
+        "The gap on held-out frames went from {} to {}; 1 is what a replicate of the right model \
+         scores, {} the limit that the right model passes once in some two hundred sets. {} \
+         statistics.",
+        number(found.gap_before),
+        number(found.gap_after),
+        number(found.gap_limit),
         found.statistics,
-    ));
+    );
+    page.verdict(tone, found.verdict.word(), &words);
+    page.change(&number(found.gap_before), &number(found.gap_after));
     for note in &found.notes {
-        page.paragraph(&format!("Note: {note}."));
+        page.note(&format!("{note}."));
     }
     if !found.nuisances.is_empty() {
         nuisances(&mut page, &found.nuisances);
@@ -51,7 +52,7 @@ pub fn page(
             &["effect", "status", "parameters", "gap before", "after", "where"],
             &rows(&found.steps),
         );
-        page.drawing(&gaps(found), "Gap on held-out frames, step by step");
+        page.plot(&gaps(found));
     }
     if let Some(first) = &found.doubted {
         page.paragraph(&format!(
@@ -62,11 +63,7 @@ pub fn page(
         step_section(&mut page, session, outcome, (i + 1, step));
     }
     paper_measures(&mut page, &found.measures);
-    page.heading("All statistics").drawing(
-        &deviations(session, outcome),
-        "Deviations of the held-out frames in standard deviations, in the order of the first \
-         model's: before and after",
-    );
+    page.heading("All statistics").plot(&deviations(session, outcome));
     page.heading("What is left");
     if found.unexplained.is_empty() {
         page.paragraph("No statistic is unexplained.");
@@ -84,12 +81,12 @@ pub fn page(
             pair.tie_breaker
         ));
     }
-    page.heading("Maps of the captures");
-    for map in &session.fit.maps {
-        page.drawing(&picture(map), words::map(map.kind));
-    }
+    page.heading("Maps of the captures").grid(|page| {
+        for map in &session.fit.maps {
+            page.plot(&picture(map));
+        }
+    });
     page.heading("Improved camera file").verbatim(improved);
-    page.heading("Command").verbatim(command);
     page.html()
 }
 
@@ -99,10 +96,7 @@ fn nuisances(page: &mut Page, found: &[Finding]) {
     let rows: Vec<Vec<String>> = found
         .iter()
         .map(|f| {
-            let amount = f.amount.map_or(String::new(), |a| {
-                let unit = if f.unit == "1" { "" } else { f.unit.as_str() };
-                format!("{} {unit}", with_error(a, f.std_error)).trim_end().to_string()
-            });
+            let amount = f.amount.map_or(String::new(), |a| amount(a, f.std_error, &f.unit));
             let frames: Vec<String> = f.frames.iter().take(FRAMES).map(usize::to_string).collect();
             let more = if f.frames.len() > FRAMES { ", ..." } else { "" };
             vec![
@@ -121,13 +115,11 @@ fn nuisances(page: &mut Page, found: &[Finding]) {
 
 /// The table of effects found.
 fn rows(steps: &[report::Step]) -> Vec<Vec<String>> {
-    let figure = |v: f64| if v.is_finite() { format!("{v:.2}") } else { "-".to_string() };
     let parameter = |effect: &str, key: &str, p: &report::Parameter| {
         let kind = EffectKind::all().find(|kind| kind.kind == effect);
         let unit = kind.and_then(|kind| kind.parameters.iter().find(|p| p.key == key));
         let unit = unit.map_or("", |parameter| parameter.unit);
-        let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
-        format!("{key} {}{}", with_error(p.value, p.std_error), unit.replace("e-", "e⁻"))
+        format!("{key} {}", amount(p.value, p.std_error, unit))
     };
     steps
         .iter()
@@ -140,8 +132,8 @@ fn rows(steps: &[report::Step]) -> Vec<Vec<String>> {
                     .map(|(key, p)| parameter(&s.effect, key, p))
                     .collect::<Vec<_>>()
                     .join(", "),
-                figure(s.gap_before),
-                figure(s.gap_after),
+                number(s.gap_before),
+                number(s.gap_after),
                 s.place.clone(),
             ]
         })
@@ -149,21 +141,16 @@ fn rows(steps: &[report::Step]) -> Vec<Vec<String>> {
 }
 
 /// Drawing of the gap over the steps.
-fn gaps(found: &Report) -> String {
+fn gaps(found: &Report) -> Plot {
     let mut points = vec![[0.0, found.gap_before]];
     points.extend(found.steps.iter().enumerate().map(|(i, s)| [i as f64 + 1.0, s.gap_after]));
+    let names = (0..points.len()).map(|i| (i as f64, i.to_string())).collect();
     let end = points.len() as f64 - 1.0;
-    let limit = found.gap_limit;
-    let mut plot = Plot::new("Gap", "effects named", "held-out gap");
-    plot.log_y().coloured("gap", Mark::Line, points.clone(), COLOURS[2]);
-    plot.coloured("", Mark::Points, points, COLOURS[2]);
-    plot.coloured(
-        "limit of the right model",
-        Mark::Dashed,
-        vec![[0.0, limit], [end, limit]],
-        COLOURS[1],
-    );
-    plot.svg()
+    let mut plot = Plot::new("Gap", "effects named", "gap on held-out frames");
+    plot.log_y().x_range(-0.2, end + 0.2).x_names(names).note("Step by step.");
+    plot.series("", Mark::LinePoints, Colour::Improved, points);
+    plot.limit_y(found.gap_limit, "limit of the right model");
+    plot
 }
 
 /// What one step did: the statistic that moved most, all that moved, and the candidates of the
@@ -179,65 +166,50 @@ fn step_section(
     let name =
         step.moved.first().map(|m| words::name(&outcome.after.camera, m.0)).unwrap_or_default();
     if !step.observed.is_empty() {
-        page.drawing(
-            &observed(&name, &step.observed),
-            &format!("{name}: the statistic that gave it away, held-out frames"),
-        );
-        let places: Vec<Vec<String>> = step
-            .observed
-            .iter()
-            .enumerate()
-            .map(|(i, s)| {
-                let figure = |v: f64| format!("{v:.5}");
-                vec![
-                    (i + 1).to_string(),
-                    place(session, outcome, s.key),
-                    figure(s.measured),
-                    figure(s.model[0]),
-                    figure(s.model[1]),
-                    figure(s.sd),
-                ]
-            })
-            .collect();
-        page.table(
-            &["", "place", "measured", "model before", "after", "standard deviation"],
-            &places,
-        );
+        page.plot(&observed(&name, &step.observed));
+        let mut places = Table::new(&["", "place"]).numbers(&[
+            "measured",
+            "model before",
+            "model after",
+            "standard deviation",
+        ]);
+        places.rows(step.observed.iter().enumerate().map(|(i, s)| {
+            let figures = [s.measured, s.model[0], s.model[1], s.sd].map(|v| digits(v, 5));
+            let mut cells = vec![(i + 1).to_string(), place(session, outcome, s.key)];
+            cells.extend(figures);
+            cells
+        }));
+        page.rows(&places);
     }
-    let moved: Vec<Vec<String>> = step
-        .moved
-        .iter()
-        .map(|(key, before, after)| {
-            vec![
-                words::place(design, *key),
-                words::name(&outcome.after.camera, *key),
-                format!("{before:+.1}"),
-                format!("{after:+.1}"),
-            ]
-        })
-        .collect();
-    page.table(&["where", "statistic", "z before", "z after"], &moved);
-    let candidates: Vec<Vec<String>> = std::iter::once(&step.trial)
-        .chain(&step.others)
-        .map(|t| {
-            vec![
-                t.proposal.kind.into(),
-                format!("{:.1}", t.evidence),
-                format!("{:.1}", t.confirmed),
-                format!("{:.2}", t.gap),
-            ]
-        })
-        .collect();
+    let mut moved = Table::new(&["where", "statistic"]).numbers(&["z before", "z after"]);
+    moved.rows(step.moved.iter().map(|(key, before, after)| {
+        vec![
+            words::place(design, *key),
+            words::name(&outcome.after.camera, *key),
+            fixed(*before, 1),
+            fixed(*after, 1),
+        ]
+    }));
+    page.rows(&moved);
+    let mut candidates = Table::new(&["candidate"]).numbers(&["evidence", "held out", "gap left"]);
+    candidates.rows(std::iter::once(&step.trial).chain(&step.others).map(|t| {
+        vec![
+            t.proposal.kind.into(),
+            fixed(t.evidence, 1),
+            fixed(t.confirmed, 1),
+            numbers::number(t.gap),
+        ]
+    }));
     page.paragraph(
         "Candidates: twice the gain in log-likelihood of the frames to fit and of the held-out \
          ones, and the gap that would be left.",
     );
-    page.table(&["candidate", "evidence", "held out", "gap"], &candidates);
+    page.rows(&candidates);
 }
 
 /// Drawing of a statistic over its places: measured, and the model before and after. The model
 /// after is subtracted, since a step is small beside how the statistic runs over the places.
-fn observed(name: &str, observed: &[Observed]) -> String {
+fn observed(name: &str, observed: &[Observed]) -> Plot {
     let series = |of: &dyn Fn(&Observed) -> f64| -> Vec<[f64; 2]> {
         observed.iter().enumerate().map(|(i, s)| [i as f64 + 1.0, of(s)]).collect()
     };
@@ -247,13 +219,16 @@ fn observed(name: &str, observed: &[Observed]) -> String {
         _ => series(of),
     };
     let mut plot = Plot::new(name, "place (as in the table)", "less the model after");
-    plot.coloured("measured", Mark::Points, series(&|s| s.measured - s.model[1]), COLOURS[0]);
-    plot.coloured("model before", Mark::Line, lines(&|s| s.model[0] - s.model[1]), COLOURS[1]);
-    plot.coloured("model after", Mark::Line, lines(&|_| 0.0), COLOURS[2]);
-    for (name, side) in [("± 2 standard deviations", 2.0), ("", -2.0)] {
-        plot.coloured(name, Mark::Dashed, lines(&|s| side * s.sd), "#9ad0bd");
-    }
-    plot.svg()
+    plot.note("The statistic that gave it away, held-out frames.");
+    let sides = [2.0, -2.0].map(|side| lines(&|s: &Observed| side * s.sd));
+    let band = sides[0].iter().zip(&sides[1]).map(|(h, l)| [h[0], l[1], h[1]]).collect();
+    plot.band("± 2 standard deviations", Colour::Improved, band);
+    let before = lines(&|s| s.model[0] - s.model[1]);
+    plot.series("model before", Mark::Line, Colour::Given, before);
+    plot.series("model after", Mark::Line, Colour::Improved, lines(&|_| 0.0));
+    let measured = series(&|s| s.measured - s.model[1]);
+    plot.series("measured", Mark::Points, Colour::Measured, measured);
+    plot
 }
 
 /// Place of a statistic, with its name where one target gives many.
@@ -282,11 +257,12 @@ fn paper_measures(page: &mut Page, m: &report::Measures) {
         rows.push(vec![
             r.capture.clone(),
             format!(
-                "MTF at Nyquist, channel {} (measured {:.3} ± {:.3})",
-                r.channel, r.measured, r.std_dev
+                "MTF at Nyquist, channel {} (measured {})",
+                r.channel,
+                amount(r.measured, Some(r.std_dev), "")
             ),
-            format!("{:.3}", r.before),
-            format!("{:.3}", r.after),
+            number(r.before),
+            number(r.after),
         ]);
     }
     for s in &m.luminance_scatter {
@@ -299,14 +275,14 @@ fn paper_measures(page: &mut Page, m: &report::Measures) {
         rows.push(vec![s.capture.clone(), what, percent(s.before), percent(s.after)]);
     }
     for r in &m.row_profile {
-        let dn = |v: f64| format!("{v:.2} DN");
+        let dn = |v: f64| amount(v, None, "DN");
         rows.push(vec![r.capture.clone(), "row profile".into(), dn(r.before), dn(r.after)]);
     }
     page.table(&["capture", "measure", "model before", "after"], &rows);
 }
 
 /// Deviations before and after, in the order of those before.
-fn deviations(session: &Session, outcome: &Outcome) -> String {
+fn deviations(session: &Session, outcome: &Outcome) -> Plot {
     let [before, after] = [&outcome.before, &outcome.after].map(|s| {
         let [_, holdout] = session.deviations(s);
         holdout
@@ -319,13 +295,17 @@ fn deviations(session: &Session, outcome: &Outcome) -> String {
         keys.iter().enumerate().filter_map(|(i, k)| Some([i as f64, scale(*of.get(k)?)])).collect()
     };
     let mut plot = Plot::new("Deviations", "statistic", "signed root of the deviation");
-    plot.coloured("before", Mark::Points, series(&before), COLOURS[1]);
-    plot.coloured("after", Mark::Points, series(&after), COLOURS[2]);
-    plot.svg()
+    plot.note(
+        "Deviations of the held-out frames in standard deviations, in the order of the first \
+         model's: before and after.",
+    );
+    plot.series("before", Mark::Points, Colour::Given, series(&before));
+    plot.series("after", Mark::Points, Colour::Improved, series(&after));
+    plot
 }
 
 /// A map in cells of 16x16 pixels.
-fn picture(map: &Map) -> String {
+fn picture(map: &Map) -> Plot {
     let (w, h) = (map.plane.width / CELL, map.plane.height / CELL);
     let data: Vec<f64> = (0..w * h)
         .map(|i| {
@@ -336,12 +316,11 @@ fn picture(map: &Map) -> String {
         })
         .collect();
     let plane = Plane { width: w, height: h, data };
-    heat_map(
-        words::map(map.kind),
-        &plane,
-        [0.0, map.plane.width as f64],
-        [0.0, map.plane.height as f64],
-        "column, row",
-        false,
-    )
+    let ranges = [map.plane.width, map.plane.height].map(|n| [0.0, n as f64]);
+    let ends = plane
+        .data
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &v| [a.min(v), b.max(v)]);
+    let scale = Scale::light(ends, "");
+    heat_map(words::map(map.kind), &plane, ["column", "row"], ranges, &scale)
 }

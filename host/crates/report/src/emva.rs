@@ -1,25 +1,27 @@
 //! The page of EMVA 1288 measurements: figures and plots in the order of the standard's data
 //! sheet.
 
-use super::page::Page;
-use super::plot::{Mark, Plot};
+use super::numbers::{NOT_DETERMINED, count, fixed, number};
+use super::page::{Page, Table};
+use super::plot::{Colour, Mark, Plot};
 use camrig_measure::emva::{ChannelEmva, Checked, Figures};
 use camrig_measure::spectrogram::{Histogram, Spectrogram};
 
 /// The page; `title` names the camera.
 pub fn page(title: &str, result: &Checked) -> String {
     let mut page = Page::new(title);
-    page.paragraph("EMVA Standard 1288, release 4.0 linear.");
+    page.kind("Data sheet").subtitle("EMVA Standard 1288, release 4.0 linear");
     if !result.warnings.is_empty() {
         page.heading("Where these captures or this sensor do not meet the standard's assumptions");
         for warning in &result.warnings {
-            page.paragraph(warning);
+            page.note(warning);
         }
     }
     page.heading("Figures");
     sheet(&mut page, &result.channels);
     for channel in &result.channels {
-        plots(&mut page, channel);
+        page.heading(&format!("Plots of the standard, channel {}", channel.channel));
+        page.grid(|page| plots(page, channel));
     }
     page.html()
 }
@@ -62,63 +64,52 @@ const ROWS: [Row; 29] = [
 /// The table of figures, a column per channel.
 pub fn sheet(page: &mut Page, channels: &[ChannelEmva]) {
     let names: Vec<String> = channels.iter().map(|c| format!("channel {}", c.channel)).collect();
-    let mut header = vec!["figure", "unit"];
-    header.extend(names.iter().map(String::as_str));
-    let rows: Vec<Vec<String>> = ROWS
-        .iter()
-        .map(|(name, unit, digits, value)| {
-            let mut cells = vec![(*name).to_owned(), (*unit).to_owned()];
-            cells.extend(channels.iter().map(|c| match value(&c.figures) {
-                Some(v) => format!("{v:.digits$}"),
-                None => "not determined".to_owned(),
-            }));
-            cells
-        })
-        .collect();
-    page.table(&header, &rows);
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut table = Table::new(&["figure", "unit"]).numbers(&names);
+    table.rows(ROWS.iter().map(|(name, unit, decimals, value)| {
+        let mut cells = vec![(*name).to_owned(), (*unit).to_owned()];
+        cells.extend(channels.iter().map(|c| match value(&c.figures) {
+            Some(v) => fixed(v, *decimals),
+            None => NOT_DETERMINED.to_owned(),
+        }));
+        cells
+    }));
+    page.rows(&table);
 }
 
 /// The plots of one channel.
 pub fn plots(page: &mut Page, channel: &ChannelEmva) {
-    let mut draw = |plot: &Plot, caption: &str| {
-        page.drawing(&plot.svg(), &format!("Channel {}: {caption}", channel.channel));
-    };
-    draw(&photon_transfer(channel), "temporal variance over signal, both above dark");
+    page.plot(&photon_transfer(channel));
     if channel.levels.iter().all(|l| l.photons.is_some()) {
-        draw(&sensitivity(channel), "signal over photons");
-        draw(&snr(channel), "SNR over photons; dashed: the model, and an ideal sensor's");
-        draw(&linearity(channel), "deviation from the line of the linearity fit");
+        page.plot(&sensitivity(channel)).plot(&snr(channel)).plot(&linearity(channel));
     }
     if channel.darks.len() > 1 {
-        draw(&dark_current(channel), "dark mean over exposure time");
+        page.plot(&dark_current(channel));
     }
     for (name, spectrogram) in
         [("DSNU", &channel.spectrogram_dark), ("PRNU", &channel.spectrogram_prnu)]
     {
         if let Some(s) = spectrogram {
-            draw(&spectra_of(name, s), "root of the mean power spectrum; white noise is flat");
+            page.plot(&spectra_of(name, s));
         }
     }
     for (name, histogram) in [("DSNU", &channel.histogram_dsnu), ("PRNU", &channel.histogram_prnu)]
     {
         if let Some(h) = histogram {
-            let caption = format!(
-                "logarithmic histogram, {} of {} pixels more than five standard deviations of the \
-                 core ({:.3} DN) off; dashed: a Gaussian",
-                h.outliers, h.values, h.core_sigma
-            );
-            draw(&histogram_of(name, h), &caption);
+            page.plot(&histogram_of(name, h));
         }
     }
 }
 
 fn photon_transfer(c: &ChannelEmva) -> Plot {
     let mut plot = Plot::new("Photon transfer", "signal, DN", "variance, DN²");
+    plot.note("Temporal variance over signal, both above dark. Line: K · signal to 70 %.");
     let points: Vec<[f64; 2]> = c.levels.iter().map(|l| [l.signal_dn, l.variance_dn2]).collect();
     let top = points.iter().fold(0.0f64, |m, p| m.max(p[0]));
     let k = c.figures.overall_system_gain;
-    plot.series("levels", Mark::Points, points);
-    plot.series("K x signal", Mark::Dashed, vec![[0.0, 0.0], [0.7 * top, 0.7 * top * k]]);
+    plot.series("levels", Mark::Points, Colour::of_channel(&c.channel), points);
+    let line = vec![[0.0, 0.0], [0.7 * top, 0.7 * top * k]];
+    plot.series("K · signal", Mark::Dashed, Colour::Reference, line);
     plot
 }
 
@@ -127,31 +118,39 @@ fn sensitivity(c: &ChannelEmva) -> Plot {
     let points: Vec<[f64; 2]> =
         c.levels.iter().filter_map(|l| Some([l.photons?, l.signal_dn])).collect();
     let top = points.iter().fold(0.0f64, |m, p| m.max(p[0]));
-    plot.series("levels", Mark::Points, points);
+    plot.note("Signal over photons. Line: responsivity · photons to 70 %.");
+    plot.series("levels", Mark::Points, Colour::of_channel(&c.channel), points);
     if let Some(r) = c.figures.responsivity_dn_per_photon {
-        plot.series("R x photons", Mark::Dashed, vec![[0.0, 0.0], [0.7 * top, 0.7 * top * r]]);
+        let line = vec![[0.0, 0.0], [0.7 * top, 0.7 * top * r]];
+        plot.series("R · photons", Mark::Dashed, Colour::Reference, line);
     }
     plot
 }
 
 fn snr(c: &ChannelEmva) -> Plot {
     let mut plot = Plot::new("Signal to noise", "photons per pixel", "SNR");
-    plot.log_x().log_y();
+    plot.log_x().log_y().note("Dots: measured, temporal noise. Dashed: the standard's model.");
     let dark = c.figures.temporal_dark_noise_dn.powi(2);
     let measured = c.levels.iter().filter_map(|l| {
         let noise = l.variance_dn2 + dark;
         (noise > 0.0).then_some([l.photons?, l.signal_dn / noise.sqrt()])
     });
-    plot.series("levels", Mark::Points, measured.collect());
+    let colour = Colour::of_channel(&c.channel);
+    plot.series("levels", Mark::Points, colour, measured.collect());
     let photons = c.levels.iter().filter_map(|l| l.photons);
     let top = photons.fold(1.0f64, f64::max);
     let grid = (0..=60).map(|i| top.powf(f64::from(i) / 60.0));
     if let Some(eta) = c.figures.quantum_efficiency {
         let noise = dark / c.figures.overall_system_gain.powi(2);
         let model = grid.clone().map(|p| [p, eta * p / (noise + eta * p).sqrt()]);
-        plot.series("model", Mark::Dashed, model.collect());
+        plot.series("model", Mark::Dashed, colour, model.collect());
     }
-    plot.series("ideal", Mark::Dashed, grid.map(|p| [p, p.sqrt()]).collect());
+    plot.series(
+        "ideal sensor",
+        Mark::Dashed,
+        Colour::Reference,
+        grid.map(|p| [p, p.sqrt()]).collect(),
+    );
     plot
 }
 
@@ -161,21 +160,25 @@ fn linearity(c: &ChannelEmva) -> Plot {
         let deviation = l.linearity_deviation_percent.filter(|d| d.abs() < 10.0)?;
         Some([l.photons?, deviation])
     });
-    plot.series("", Mark::Points, points.collect());
+    plot.note("Deviation from the line of the linearity fit.");
+    plot.series("", Mark::Points, Colour::of_channel(&c.channel), points.collect());
     plot
 }
 
 fn dark_current(c: &ChannelEmva) -> Plot {
     let mut plot = Plot::new("Dark signal", "exposure, s", "mean, DN");
-    plot.series("", Mark::Points, c.darks.iter().map(|d| [d.exposure_s, d.mean_dn]).collect());
+    plot.note("Mean of dark frames over exposure time.");
+    let points = c.darks.iter().map(|d| [d.exposure_s, d.mean_dn]).collect();
+    plot.series("", Mark::Points, Colour::of_channel(&c.channel), points);
     plot
 }
 
 fn spectra_of(name: &str, s: &Spectrogram) -> Plot {
     let title = format!("{name} spectrogram");
-    let mut plot = Plot::new(&title, "cycles per pixel of the channel", "DN");
-    plot.log_y();
-    for (label, power) in [("horizontal", &s.horizontal), ("vertical", &s.vertical)] {
+    let mut plot = Plot::new(&title, "cycles per pixel of the channel", "root of the power, DN");
+    plot.log_y().note("Root of the mean power spectrum; white noise is flat.");
+    let sides = [("horizontal", &s.horizontal), ("vertical", &s.vertical)];
+    for (i, (label, power)) in sides.into_iter().enumerate() {
         let last = (power.len() - 1).max(1) as f64;
         // The largest of neighbouring values keeps the page small without losing narrow lines.
         let bin = power.len().div_ceil(512).max(1);
@@ -183,7 +186,7 @@ fn spectra_of(name: &str, s: &Spectrogram) -> Plot {
             let middle = i as f64 * bin as f64 + 0.5 * (part.len() - 1) as f64;
             [0.5 * middle / last, part.iter().copied().fold(0.0, f64::max).sqrt()]
         });
-        plot.series(label, Mark::Line, points.collect());
+        plot.series(label, Mark::Line, Colour::Series(i), points.collect());
     }
     plot
 }
@@ -191,15 +194,22 @@ fn spectra_of(name: &str, s: &Spectrogram) -> Plot {
 fn histogram_of(name: &str, h: &Histogram) -> Plot {
     let title = format!("{name} histogram");
     let mut plot = Plot::new(&title, "deviation, DN", "pixels");
-    plot.log_y();
+    plot.log_y().note(&format!(
+        "{} of {} pixels lie beyond five standard deviations of the core, {} DN. Dashed: a \
+         Gaussian.",
+        count(h.outliers),
+        count(h.values),
+        number(h.core_sigma)
+    ));
     let at = |i: usize| h.start + (i as f64 + 0.5) * h.step;
     let points = h.counts.iter().enumerate().filter(|c| *c.1 > 0);
-    plot.series("", Mark::Points, points.map(|(i, &n)| [at(i), n as f64]).collect());
+    let points = points.map(|(i, &n)| [at(i), n as f64]).collect();
+    plot.series("", Mark::Points, Colour::Measured, points);
     if h.core_sigma > 0.0 {
         let peak = h.values as f64 * h.step / (h.core_sigma * std::f64::consts::TAU.sqrt());
         let model = |i: usize| [at(i), peak * (-0.5 * (at(i) / h.core_sigma).powi(2)).exp()];
         let model = (0..h.counts.len()).map(model).filter(|p| p[1] >= 0.5);
-        plot.series("", Mark::Dashed, model.collect());
+        plot.series("", Mark::Dashed, Colour::Reference, model.collect());
     }
     plot
 }
