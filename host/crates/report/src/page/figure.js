@@ -66,7 +66,7 @@
       c.getContext("2d").drawImage(i, 0, 0, c.width, c.height);
       c.toBlob(b => save(name + ".png", "image/png", b));
     };
-    i.src = `data:${SVG};charset=utf-8,` + encodeURIComponent(standalone(svg));
+    i.src = `data:${SVG},` + encodeURIComponent(standalone(svg));
   }
   const quoted = s => `"${s.replaceAll('"', '""')}"`;
   const csv = m => ["series," + quoted(m.x.n) + "," + quoted(m.y.n) + (m.s.some(s => s.e) ? ",std_error" : "")]
@@ -90,7 +90,7 @@
     button("PNG", "save as PNG", () => png(svg, name));
     const points = m.s.flatMap(s => s.p.map((p, i) => ({ s, p, e: s.e?.[i] })));
     if (points.length) button("CSV", "save as CSV", () => save(name + ".csv", "text/csv", csv(m)));
-    const back = button("⤺", "whole range", () => zoom(null));
+    const back = button("⤺", "all", () => zoom(null));
     back.hidden = true;
 
     const [L, T, R, B] = m.box, full = { x: { ...m.x }, y: { ...m.y } };

@@ -286,13 +286,14 @@ impl Scale {
     }
 }
 
-/// Whether dark text is told better from a colour than white text (WCAG 2.1, relative luminance).
+/// Whether black text is told better from a colour than white text, from the relative luminance
+/// where both have a contrast of 4.58 (WCAG 2.1).
 pub(crate) fn is_light([r, g, b]: [u8; 3]) -> bool {
     let linear = |v: u8| match f64::from(v) / 255.0 {
         v if v <= 0.04045 => v / 12.92,
         v => ((v + 0.055) / 1.055).powf(2.4),
     };
-    0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b) > 0.19
+    0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b) > 0.179
 }
 
 #[cfg(test)]

@@ -29,6 +29,8 @@ const SAMPLED: f64 = 2.0;
 const ASCENT: f64 = 9.0;
 const DESCENT: f64 = 3.0;
 const CLEAR: f64 = 3.0;
+/// How much wider than computed text may be where none of the fonts is installed.
+const WIDER: f64 = 1.2;
 /// Steps in the bar of colours.
 const BAR_STEPS: usize = 64;
 /// Radius of dots: few are read one by one, many as a cloud.
@@ -132,7 +134,7 @@ impl<'a> Drawing<'a> {
         let limits = homeless.map(|(l, _)| (&l.name[..], Key::Limit, Colour::Reference));
         let (mut at, mut row) = (0.0, 0);
         for (label, key, colour) in series.chain(limits) {
-            let own = SWATCH + width(label);
+            let own = SWATCH + WIDER * width(label);
             if at > 0.0 && at + own > self.plot.size.width {
                 (at, row) = (0.0, row + 1);
             }
@@ -179,7 +181,7 @@ impl<'a> Drawing<'a> {
         let mut taken: Vec<[f64; 4]> = Vec::new();
         for (i, limit) in self.plot.limits.iter().enumerate().filter(|(i, _)| named[*i]) {
             let Some(line) = self.limit_line(limit) else { continue };
-            let across = width(&limit.name);
+            let across = WIDER * width(&limit.name);
             let others = self.plot.limits.iter().enumerate().filter(|(k, _)| *k != i);
             let others = others.filter_map(|(_, l)| self.limit_line(l));
             let lines: Vec<Point> = others.flat_map(|[a, b]| along(a, b)).collect();
