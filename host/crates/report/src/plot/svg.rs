@@ -371,7 +371,7 @@ impl<'a> Drawing<'a> {
         labelled.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut end = f64::NEG_INFINITY;
         for (x, label) in labelled {
-            let half = 0.5 * width(label);
+            let half = 0.5 * WIDER * width(label);
             let x = x.min(self.plot.size.width - half);
             if x - half > end + 5.0 {
                 end = x + half;
