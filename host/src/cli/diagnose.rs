@@ -123,9 +123,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if !outcome.confounded.is_empty() || !session.unexplained(&outcome.after).is_empty() {
         output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
     }
+    let added = improved::additions(&alone.text, &text, &outcome.after.named)?;
+    let files = [&added[..], &text];
     output.write(
         "report.html",
-        pages::diagnosis::page(&session, &outcome, &found, &text, &command).as_bytes(),
+        pages::diagnosis::page(&session, &outcome, &found, &files, &command)?.as_bytes(),
     )?;
     output.finish()?;
     if args.json {

@@ -12,29 +12,20 @@ use camrig_validate::datasheet::Datasheet;
 /// The data sheet of a camera: its file's facts, the figures measured on simulated captures,
 /// plots.
 pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
-    let s = &camera.sensor;
-    let mut page = Page::new(&format!("Data sheet of {}", camera.name));
-    page.kind("Data sheet");
-    page.paragraph(
-        "Measured on simulated captures with the commands that measure real ones: camrig capture, \
-         camrig measure, camrig crosstalk. Figures are therefore estimates with the sampling \
-         errors of their captures, not the camera file's own.",
+    let mut page = Page::new(&format!("{} · data sheet", camera.name));
+    page.kind("Data sheet").subtitle(
+        "EMVA Standard 1288, release 4.0 linear · measured on simulated captures, with their \
+         sampling errors",
     );
-    let facts = [
-        ("sensor", format!("{} × {} pixels of {} µm, {}", s.width, s.height, s.pitch_um, s.cfa)),
-        ("converter", format!("{} bits, black level {} DN", s.bits, s.black_level_dn)),
-        ("analog gain", number(s.analog_gain)),
-        ("temperature", format!("{} °C", s.temperature_c)),
-    ];
-    page.facts(&facts);
-    page.heading("EMVA 1288, release 4.0 linear, at 550 nm");
-    emva::sheet(&mut page, &sheet.emva.channels);
-    for warning in &sheet.emva.warnings {
-        page.note(warning);
-    }
-    page.heading("Quantum efficiency, and MTF in the middle of the image").grid(|page| {
-        page.plot(&efficiency(sheet)).plot(&transfer(sheet));
-    });
+    let mut facts = emva::operating_point(&sheet.emva.conditions, "simulated captures");
+    facts.retain(|fact| fact.0 != "Camera");
+    facts.insert(0, ("Camera", camera.name.clone()));
+    emva::first_sheet(&mut page, &sheet.emva, &facts);
+    page.heading_on_new_sheet("Quantum efficiency, and MTF in the middle of the image").grid(
+        |page| {
+            page.plot(&efficiency(sheet)).plot(&transfer(sheet));
+        },
+    );
     let mut edges = Table::new(&["channel"]).numbers(&[
         "MTF50, cycles/pixel",
         "MTF50, cycles/mm",
@@ -63,13 +54,8 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
             page.paragraph("This camera file has no table of crosstalk factors.");
         }
     }
-    // The plots of one channel only: those of the others differ only in their light.
-    if let Some(channel) =
-        sheet.emva.channels.iter().find(|c| c.channel == "g").or(sheet.emva.channels.first())
-    {
-        page.heading(&format!("EMVA 1288 plots, channel {}", channel.channel));
-        page.grid(|page| emva::plots(page, channel));
-    }
+    page.heading("Plots of the standard").grid(|page| emva::plots(page, &sheet.emva));
+    page.heading("Further figures").rows(&emva::further(&sheet.emva.channels));
     page.html()
 }
 

@@ -35,6 +35,25 @@ pub fn digits(value: f64, digits: usize) -> String {
     format!("{} · {}", sign(&mantissa), power_of_ten(exponent))
 }
 
+/// A value that was set: at most four digits, without zeros at its end.
+pub fn setting(value: f64) -> String {
+    let text = digits(value, 4);
+    match text.contains('.') && !text.contains('·') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
+}
+
+/// A time that was set, in s, ms or µs.
+pub fn seconds(value: f64) -> String {
+    let (value, unit) = match value.abs() {
+        v if v == 0.0 || v >= 1.0 => (value, "s"),
+        v if v >= 1e-3 => (1e3 * value, "ms"),
+        _ => (1e6 * value, "µs"),
+    };
+    format!("{}\u{a0}{unit}", setting(value))
+}
+
 /// A value with some digits behind the point.
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
@@ -179,6 +198,11 @@ mod tests {
         ] {
             assert_eq!(number(value), text);
         }
+        assert_eq!([10.0, 0.05, 1234.0, 2.125].map(setting), ["10", "0.05", "1234", "2.125"]);
+        assert_eq!(
+            [0.0, 2.0, 0.01, 3.2e-5].map(seconds).join("|"),
+            "0 s|2 s|10 ms|32 µs".replace(' ', "\u{a0}")
+        );
         assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(at_least(54_515.0), "≥\u{2009}54\u{202f}515");
     }

@@ -1,5 +1,7 @@
 //! A page with every kind of part and figure, in the browsers of this machine.
 
+mod real;
+
 use camrig_base::Plane;
 use camrig_report::numbers::{amount, at_least, number};
 use camrig_report::page::{KeyFigure, Page, Table, Tone};
@@ -194,13 +196,54 @@ fn a_page_of_every_part_holds_in_browsers() {
 }
 
 #[test]
+fn pages_of_real_measurements_hold_in_browsers() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let mut pages = real::data_sheets().to_vec();
+    let (diagnosis, json) = real::diagnosed();
+    assert!(json.contains("column-offset-fpn"), "{json}");
+    for words in ["Column offset fixed pattern", "confirmed", "What is left", "[[effect]]"] {
+        assert!(diagnosis.contains(words), "{words}");
+    }
+    pages.push(("diagnosis", diagnosis));
+    for (name, page) in &pages {
+        std::fs::write(folder.join(format!("{}.html", name.replace(' ', "-"))), page).unwrap();
+        assert!(page.len() < 1_000_000, "{name}: {} bytes", page.len());
+    }
+    for browser in browser::installed() {
+        let found = browser.complaints(&pages).unwrap();
+        assert!(found.is_empty(), "{}:\n{}", browser.program.display(), found.join("\n"));
+    }
+    // Of a data sheet, the first sheet of paper holds the table and how it was measured.
+    let chromium = browser::installed().into_iter().find(|browser| !browser.is_firefox());
+    for (name, page) in pages.iter().filter(|(name, _)| *name != "diagnosis") {
+        let Some(text) = chromium.as_ref().and_then(|b| b.first_sheet(page).unwrap()) else {
+            continue;
+        };
+        let wanted = [
+            "Quantum efficiency",
+            "Doubling temperature",
+            "Operating point",
+            "50 levels",
+            "Program",
+            "Signal-to-noise ratio",
+        ];
+        for words in wanted {
+            assert!(text.contains(words), "{name}: {words} is not on the first sheet:\n{text}");
+        }
+        assert!(!text.contains("Photon transfer"), "{name}: the plots begin on the second sheet");
+    }
+}
+
+#[test]
 fn the_checks_find_what_is_wrong() {
     let broken = gallery()
         .replacen("<main>", "<main><p style=\"font-size:9px\">3e-5</p><img src=\"data:,\">", 1)
+        .replacen(">signal above dark, DN</text>", "></text>", 1)
         .replacen("</body>", "<script>throw Error('x')</script></body>", 1);
     for browser in browser::installed() {
         let found = browser.complaints(&[("broken", broken.clone())]).unwrap().join("\n");
-        for words in ["small, 9px", "power of ten", "without words", "script: "] {
+        for words in ["small, 9px", "power of ten", "without words", "without a name", "script: "]
+        {
             assert!(found.contains(words), "{words}: {found}");
         }
     }

@@ -201,6 +201,11 @@ impl Page {
         ))
     }
 
+    /// Adds a word in the colour of its meaning.
+    pub fn badge(&mut self, tone: Tone, word: &str) -> &mut Self {
+        self.add(format_args!("<p class=\"badge {}\">{}</p>\n", tone.class(), escape(word)))
+    }
+
     /// Adds how a figure changed, large.
     pub fn change(&mut self, before: &str, after: &str) -> &mut Self {
         self.add(format_args!(
@@ -304,6 +309,33 @@ impl Page {
     ) -> &mut Self {
         self.within("div class=\"two\"", "div", |page| {
             page.within("div", "div", first).within("div", "div", second);
+        })
+    }
+
+    /// Adds the first sheet of a data sheet: a table, and beside it facts above a figure. In print
+    /// the table stands above both, all small enough for one sheet.
+    pub fn data_sheet(
+        &mut self,
+        table: impl FnOnce(&mut Self),
+        facts: impl FnOnce(&mut Self),
+        figure: impl FnOnce(&mut Self),
+    ) -> &mut Self {
+        self.within("div class=\"sheet\"", "div", |page| {
+            page.within("div", "div", table).within("div class=\"side\"", "div", |page| {
+                page.within("div", "div", facts).within("div", "div", figure);
+            });
+        })
+    }
+
+    /// Adds how a page opens: words, and beside them a headline that shows them; on a phone and in
+    /// print the words above.
+    pub fn opening(
+        &mut self,
+        words: impl FnOnce(&mut Self),
+        figure: impl FnOnce(&mut Self),
+    ) -> &mut Self {
+        self.within("div class=\"opening\"", "div", |page| {
+            page.within("div", "div", words).within("div", "div", figure);
         })
     }
 

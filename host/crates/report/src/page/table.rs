@@ -15,9 +15,16 @@ use std::fmt::Write;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Table {
-    /// Heading, and whether the column is one of numbers.
-    columns: Vec<(String, bool)>,
+    columns: Vec<(String, Column)>,
     rows: Vec<Row>,
+}
+
+/// What the cells of a column are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Column {
+    Words,
+    Numbers,
+    Symbols,
 }
 
 #[derive(Clone, Debug)]
@@ -29,21 +36,26 @@ enum Row {
 impl Table {
     /// A table with columns of words.
     pub fn new(words: &[&str]) -> Self {
-        Self::default().columns(words, false)
+        Self::default().columns(words, Column::Words)
     }
 
     /// Adds columns of numbers, which stand at the right side of their columns.
     pub fn numbers(self, headings: &[&str]) -> Self {
-        self.columns(headings, true)
+        self.columns(headings, Column::Numbers)
     }
 
     /// Adds columns of words.
     pub fn words(self, headings: &[&str]) -> Self {
-        self.columns(headings, false)
+        self.columns(headings, Column::Words)
     }
 
-    fn columns(mut self, headings: &[&str], numbers: bool) -> Self {
-        self.columns.extend(headings.iter().map(|h| ((*h).to_owned(), numbers)));
+    /// Adds columns of symbols: what follows a `_` is set low, as in `σ_y.dark`.
+    pub fn symbols(self, headings: &[&str]) -> Self {
+        self.columns(headings, Column::Symbols)
+    }
+
+    fn columns(mut self, headings: &[&str], kind: Column) -> Self {
+        self.columns.extend(headings.iter().map(|h| ((*h).to_owned(), kind)));
         self
     }
 
@@ -73,7 +85,7 @@ impl Table {
     /// The table as HTML.
     pub fn html(&self) -> String {
         let class = |i: usize| match self.columns.get(i) {
-            Some((_, true)) => " class=\"n\"",
+            Some((_, Column::Numbers)) => " class=\"n\"",
             _ => "",
         };
         let mut out = String::from("<div class=\"scroll\"><table>");
@@ -98,13 +110,24 @@ impl Table {
                 Row::Cells(cells) => {
                     out.push_str("<tr>");
                     for (i, cell) in cells.iter().enumerate() {
-                        add(&mut out, format_args!("<td{}>{}</td>", class(i), escape(cell)));
+                        let text = match self.columns.get(i) {
+                            Some((_, Column::Symbols)) => symbol(cell),
+                            _ => escape(cell),
+                        };
+                        add(&mut out, format_args!("<td{}>{text}</td>", class(i)));
                     }
                     out.push_str("</tr>\n");
                 }
             }
         }
         out + "</tbody></table></div>\n"
+    }
+}
+
+fn symbol(text: &str) -> String {
+    match text.split_once('_') {
+        Some((letter, index)) => format!("{}<sub>{}</sub>", escape(letter), escape(index)),
+        None => escape(text),
     }
 }
 

@@ -145,6 +145,7 @@ pub struct Plot {
     edges: Vec<[[f64; 2]; 2]>,
     outlined: Vec<Area>,
     rings: Vec<[f64; 2]>,
+    tags: Vec<([f64; 2], String)>,
     scale: Option<Scale>,
 }
 
@@ -167,6 +168,7 @@ impl Plot {
             edges: Vec::new(),
             outlined: Vec::new(),
             rings: Vec::new(),
+            tags: Vec::new(),
             scale: None,
         }
     }
@@ -295,6 +297,12 @@ impl Plot {
     /// Puts a ring around a point: the optimum.
     pub fn ring(&mut self, point: [f64; 2]) -> &mut Self {
         self.rings.push(point);
+        self
+    }
+
+    /// Writes text beside a point: to its left, or where there is no room to its right.
+    pub fn tag(&mut self, point: [f64; 2], text: &str) -> &mut Self {
+        self.tags.push((point, text.into()));
         self
     }
 

@@ -31,6 +31,8 @@ const DESCENT: f64 = 3.0;
 const CLEAR: f64 = 3.0;
 /// How much wider than computed text may be where none of the fonts is installed.
 const WIDER: f64 = 1.2;
+/// From the middle of a mark to its tag, px.
+const TAG: f64 = 11.0;
 /// Steps in the bar of colours.
 const BAR_STEPS: usize = 64;
 /// Radius of dots: few are read one by one, many as a cloud.
@@ -450,6 +452,12 @@ impl<'a> Drawing<'a> {
         }
         for (place, name) in &self.names {
             text(out, "rl refc", *place, "start", name);
+        }
+        for (point, tag) in &plot.tags {
+            let Some([x, y]) = self.place(*point) else { continue };
+            let left = x - TAG - WIDER * width(tag) > self.edges[0];
+            let (x, anchor) = if left { (x - TAG, "end") } else { (x + TAG, "start") };
+            text(out, "tag", [x, y + 4.0], anchor, tag);
         }
         out.push_str("</g>");
     }

@@ -50,6 +50,10 @@ w => {
       if (new Set(labels).size < labels.length) bad.push(`${name}: labels repeat: ${labels}`);
       if (labels.length < 1) bad.push(`${name}: an axis without labels`);
     }
+    const axes = [...s.querySelectorAll("text.ax")].map(t => t.textContent.trim()), values = JSON.parse(s.closest("figure").querySelector("script").textContent);
+    for (const [axis, text] of [values.y, values.x].map(a => [a, a.n]))
+      if (!text || !axes.includes(text)) bad.push(`${name}: an axis without a name`);
+      else if (!axis.t && !/,|%|\b(rows?|columns?|pixels?|photons|SNR|ratio|modulation|MTF|rank|number|frames?|cycles|place|f-number|levels?|share|correlation|times|factor|patch|statistic)\b/i.test(text)) bad.push(`${name}: an axis without a unit: ${text}`);
     if (s.getAttribute("role") !== "img" || !s.getAttribute("aria-label")) bad.push(`${name}: not described`);
     for (const e of s.querySelectorAll(".data path.l:not(.halo,.need), .data .f")) {
       const style = w.getComputedStyle(e), ink = style.stroke === "none" ? style.fill : style.stroke;
@@ -58,7 +62,7 @@ w => {
   }
 
   // Text.
-  for (const e of all("p,td,th,h1,h2,h3,dd,dt,figcaption,span,b,summary,text,label,footer,code,pre").filter(e => e.textContent.trim() && shown(e))) {
+  for (const e of all("p,td,th,h1,h2,h3,dd,dt,figcaption,span,b,sub,summary,text,label,footer,code,pre").filter(e => e.textContent.trim() && shown(e))) {
     const style = w.getComputedStyle(e), svg = e.tagName === "text", words = e.textContent.trim().slice(0, 40);
     if (parseFloat(style.fontSize) < 11) bad.push(`small, ${style.fontSize}: "${words}"`);
     const under = e.classList.contains("cell") ? w.getComputedStyle(e.previousElementSibling).fill : ground(e);
@@ -81,7 +85,12 @@ w => {
     const key = k => svg.dispatchEvent(new w.KeyboardEvent("keydown", { key: k }));
     const pointer = (type, x, y) => svg.dispatchEvent(new w.PointerEvent(type, { clientX: box(svg).left + x, clientY: box(svg).top + y, pointerType: "mouse", bubbles: true }));
     key("ArrowRight");
-    if (tip.hidden || !/\d.* → .*\d/.test(tip.textContent)) bad.push(`${named(svg)}: keys show no value`);
+    if (tip.hidden || !/\d.* → .|. → .*\d/.test(tip.textContent)) bad.push(`${named(svg)}: keys show no value`);
+    // What is shown is a value of the data.
+    const data = JSON.parse(figure.querySelector("script").textContent), raised = s => s.replace(/10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/, (_, d) => "e" + [...d].map(c => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)).map(i => i ? i - 1 : "-").join(""));
+    const read = s => Number(raised(s).replace("−", "-").replace(/[\s\u202f·]/g, "")), near = (a, b) => Math.abs(a - b) <= 0.006 * Math.abs(b) + 1e-12;
+    const [shown_x, shown_y] = tip.textContent.replace(/^.*: /, "").split(" → ").map(part => read(part.split(" ± ")[0]));
+    if (!data.x.t && !data.y.t && !data.s.some(s => s.p.some(([x, y]) => near(shown_x, x) && near(shown_y, y)))) bad.push(`${named(svg)}: "${tip.textContent}" is no value of the data`);
     const labels = () => [...svg.querySelectorAll("text.tl")].filter(t => t.style.display !== "none").map(t => t.textContent).join("|"), before = labels();
     pointer("pointerdown", L + 0.3 * (R - L), T + 0.3 * (B - T));
     pointer("pointermove", L + 0.6 * (R - L), T + 0.6 * (B - T));
@@ -89,6 +98,20 @@ w => {
     if (labels() === before) bad.push(`${named(svg)}: zoom changes no labels`);
     key("Escape");
     if (labels() !== before || !tip.hidden) bad.push(`${named(svg)}: Escape does not lead back`);
+  }
+
+  // Every point is in the CSV.
+  let written = "";
+  w.Blob = class { constructor(parts) { written = String(parts[0]); } };
+  w.URL.createObjectURL = () => "";
+  w.HTMLAnchorElement.prototype.click = () => 0;
+  for (const f of all("figure.plot")) {
+    const button = [...f.querySelectorAll(".tools button")].find(b => b.textContent === "CSV"), series = JSON.parse(f.querySelector("script").textContent).s;
+    const points = series.reduce((n, s) => n + s.p.length, 0);
+    if (!button) { if (points && all(".tools").length) bad.push(`${f.dataset.name}: no CSV`); continue; }
+    try { button.click(); } catch (e) { bad.push(`${f.dataset.name}: CSV: ${e}`); }
+    const lines = written.trim().split("\n").length;
+    if (lines !== points + 1) bad.push(`${f.dataset.name}: ${lines - 1} of ${points} points in the CSV`);
   }
   return [...new Set(bad)];
 }

@@ -50,7 +50,46 @@ pub fn installed() -> Vec<Browser> {
 }
 
 impl Browser {
-    fn start(&self, profile: &Path, address: &str) -> std::io::Result<Child> {
+    /// Whether it is Firefox, which does not print.
+    #[must_use]
+    pub fn is_firefox(&self) -> bool {
+        self.firefox
+    }
+
+    /// The text on the first sheet of a page that Chromium prints; says so, and gives none, where
+    /// `pdftotext` is not installed.
+    ///
+    /// # Errors
+    /// A browser that does not start or does not print in time.
+    pub fn first_sheet(&self, html: &str) -> std::io::Result<Option<String>> {
+        let folder = tempfile::tempdir()?;
+        let [page, pdf, profile] =
+            ["page.html", "page.pdf", "profile"].map(|name| folder.path().join(name));
+        std::fs::write(&page, html)?;
+        let print =
+            ["--no-pdf-header-footer".to_owned(), format!("--print-to-pdf={}", pdf.display())];
+        let mut child = self.start(&profile, &format!("file://{}", page.display()), &print)?;
+        let end = Instant::now() + LIMIT;
+        while child.try_wait()?.is_none() {
+            if Instant::now() > end {
+                child.kill()?;
+                child.wait()?;
+                return Err(late());
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let text =
+            Command::new("pdftotext").args(["-l", "1", "-layout"]).arg(&pdf).arg("-").output();
+        match text {
+            Ok(text) => Ok(Some(String::from_utf8_lossy(&text.stdout).into_owned())),
+            Err(_) => {
+                println!("SKIP: pdftotext is not installed");
+                Ok(None)
+            }
+        }
+    }
+
+    fn start(&self, profile: &Path, address: &str, more: &[String]) -> std::io::Result<Child> {
         let mut command = Command::new(&self.program);
         match self.firefox {
             true => command.args(["--headless", "--no-remote", "--profile"]).arg(profile),
@@ -60,6 +99,7 @@ impl Browser {
                 .arg(format!("--user-data-dir={}", profile.display())),
         };
         command
+            .args(more)
             .arg(address)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -76,7 +116,7 @@ impl Browser {
         listener.set_nonblocking(true)?;
         let profile = tempfile::tempdir()?;
         let mut child =
-            self.start(profile.path(), &format!("http://{}/", listener.local_addr()?))?;
+            self.start(profile.path(), &format!("http://{}/", listener.local_addr()?), &[])?;
         let found = serve(&listener, pages);
         // It may have ended by itself.
         let _ = child.kill();
@@ -118,7 +158,11 @@ fn serve(listener: &TcpListener, pages: &[(&str, String)]) -> std::io::Result<Ve
         };
         answer_or_leave(&mut stream, &answer);
     }
-    Err(std::io::Error::new(std::io::ErrorKind::TimedOut, "the browser did not answer in time"))
+    Err(late())
+}
+
+fn late() -> std::io::Error {
+    std::io::Error::new(std::io::ErrorKind::TimedOut, "the browser did not answer in time")
 }
 
 fn answer(stream: &mut TcpStream, html: &str) -> std::io::Result<()> {
