@@ -122,6 +122,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     bar.finish_and_clear();
     let found = verdict::report(&session, &outcome);
     let alone = improved::standalone(&camera.text, &args.camera)?;
+    let given = alone.text.clone();
     let improved = improved::camera_file(alone, &outcome.after.camera, &outcome.after.named)?;
     let json = found.json() + "\n";
     output.write("diagnosis.json", json.as_bytes())?;
@@ -141,9 +142,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if !outcome.confounded.is_empty() || !session.unexplained(&outcome.after).is_empty() {
         output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
     }
+    let added = improved::additions(&given, &improved.text, &outcome.after.named)?;
+    let files = [&improved.text[..], &added];
     output.write(
         "report.html",
-        pages::diagnosis::page(&session, &outcome, &found, &improved.text, &command).as_bytes(),
+        pages::diagnosis::page(&session, &outcome, &found, &files, &command)?.as_bytes(),
     )?;
     output.finish()?;
     if args.json {

@@ -1,8 +1,9 @@
 //! The data sheet of a camera as a page.
 
 use super::emva;
-use super::page::Page;
-use super::plot::{Mark, Plot, channel_colour};
+use super::numbers::{amount, number};
+use super::page::{Page, Table};
+use super::plot::{Colour, Mark, Plot};
 use camrig_camera::Camera;
 use camrig_measure::Value;
 use camrig_measure::crosstalk::Crosstalk;
@@ -11,89 +12,71 @@ use camrig_validate::datasheet::Datasheet;
 /// The data sheet of a camera: its file's facts, the figures measured on simulated captures,
 /// plots.
 pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
-    let s = &camera.sensor;
-    let mut page = Page::new(&format!("Data sheet of {}", camera.name));
-    page.paragraph(
-        "Measured on simulated captures with the commands that measure real ones: camrig capture, \
-         camrig measure, camrig crosstalk. Figures are therefore estimates with the sampling \
-         errors of their captures, not the camera file's own.",
+    let mut page = Page::new(&format!("{} · data sheet", camera.name));
+    page.kind("Data sheet").subtitle(
+        "EMVA Standard 1288, release 4.0 linear · measured on simulated captures, with their \
+         sampling errors",
     );
-    let facts = [
-        ("sensor", format!("{} x {} pixels of {} µm, {}", s.width, s.height, s.pitch_um, s.cfa)),
-        ("converter", format!("{} bits, black level {} DN", s.bits, s.black_level_dn)),
-        ("analog gain", s.analog_gain.to_string()),
-        ("temperature", format!("{} °C", s.temperature_c)),
-    ];
-    let rows: Vec<Vec<String>> =
-        facts.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect();
-    page.table(&["", ""], &rows);
-    page.heading("EMVA 1288, release 4.0 linear, at 550 nm");
-    emva::sheet(&mut page, &sheet.emva.channels);
-    for warning in &sheet.emva.warnings {
-        page.paragraph(warning);
-    }
-    page.heading("Quantum efficiency");
-    page.drawing(
-        &efficiency(sheet).svg(),
-        "Flats through seven filters of 10 nm, per photon on the pixel",
+    let mut facts = emva::operating_point(&sheet.emva.conditions, "simulated captures");
+    facts.retain(|fact| fact.0 != "Camera");
+    facts.insert(0, ("Camera", camera.name.clone()));
+    emva::first_sheet(&mut page, &sheet.emva, &facts);
+    page.heading_on_new_sheet("Quantum efficiency, and MTF in the middle of the image").grid(
+        |page| {
+            page.plot(&efficiency(sheet)).plot(&transfer(sheet));
+        },
     );
-    page.heading("MTF in the middle of the image, D65");
-    page.drawing(&transfer(sheet).svg(), "Slanted edge, raw samples of each channel");
-    let edges: Vec<Vec<String>> = sheet
-        .edges
-        .iter()
-        .map(|e| {
-            vec![
-                e.channel.clone(),
-                format!("{:.3} ± {:.3}", e.mtf50_cycles_per_pixel, e.mtf50_std_error),
-                e.mtf50_cycles_per_mm.map_or(String::new(), |f| format!("{f:.1}")),
-                format!("{:.3}", e.mtf_at_nyquist),
-            ]
-        })
-        .collect();
-    page.table(&["channel", "MTF50, cycles/pixel", "cycles/mm", "at Nyquist"], &edges);
+    let mut edges = Table::new(&["channel"]).numbers(&[
+        "MTF50, cycles/pixel",
+        "MTF50, cycles/mm",
+        "response at Nyquist",
+    ]);
+    edges.rows(sheet.edges.iter().map(|e| {
+        vec![
+            e.channel.to_uppercase(),
+            amount(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error), ""),
+            e.mtf50_cycles_per_mm.map_or(String::new(), number),
+            number(e.mtf_at_nyquist),
+        ]
+    }));
+    page.rows(&edges);
     page.heading("Positional crosstalk");
     match &sheet.crosstalk {
         Some(crosstalk) => {
             page.paragraph(
                 "Mean factor at the four corners of the image, relative to its centre.",
             );
-            page.table(&["channel", "nm", "corner factor"], &corners(crosstalk));
+            let mut table = Table::new(&["channel"]).numbers(&["wavelength, nm", "corner factor"]);
+            table.rows(corners(crosstalk));
+            page.rows(&table);
         }
         None => {
             page.paragraph("This camera file has no table of crosstalk factors.");
         }
     }
-    // The plots of one channel only: those of the others differ only in their light.
-    if let Some(channel) =
-        sheet.emva.channels.iter().find(|c| c.channel == "g").or(sheet.emva.channels.first())
-    {
-        page.heading(&format!("EMVA 1288 plots, channel {}", channel.channel));
-        emva::plots(&mut page, channel);
-    }
+    page.heading("Plots of the standard").grid(|page| emva::plots(page, &sheet.emva));
+    page.heading("Further figures").rows(&emva::further(&sheet.emva.channels));
     page.html()
 }
 
 fn efficiency(sheet: &Datasheet) -> Plot {
-    let mut plot = Plot::new("Quantum efficiency", "wavelength, nm", "electrons per photon");
+    let mut plot = Plot::new("Quantum efficiency", "wavelength, nm", "electrons per photon, e⁻");
+    plot.note("Flats through seven filters of 10 nm, per photon on the pixel.");
     for (c, channel) in sheet.channels.iter().enumerate() {
-        let points: Vec<[f64; 2]> =
-            sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
-        plot.coloured(channel, Mark::Line, points, channel_colour(channel));
+        let points = sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
+        let colour = Colour::of_channel(channel);
+        plot.series(&channel.to_uppercase(), Mark::LinePoints, colour, points);
     }
     plot
 }
 
 fn transfer(sheet: &Datasheet) -> Plot {
-    let mut plot = Plot::new("MTF", "cycles per pixel", "modulation");
-    plot.x_range(0.0, 1.0).y_range(0.0, 1.1);
+    let mut plot = Plot::new("MTF", "spatial frequency, cycles/pixel", "modulation");
+    plot.x_range(0.0, 1.0).y_range(0.0, 1.1).limit_x(0.5, "Nyquist");
+    plot.note("Slanted edge under D65, raw samples of each channel.");
     for edge in &sheet.edges {
-        plot.coloured(
-            &edge.channel,
-            Mark::Line,
-            edge.curve.clone(),
-            channel_colour(&edge.channel),
-        );
+        let colour = Colour::of_channel(&edge.channel);
+        plot.series(&edge.channel.to_uppercase(), Mark::Line, colour, edge.curve.clone());
     }
     plot
 }
@@ -118,7 +101,7 @@ fn corners(crosstalk: &Crosstalk) -> Vec<Vec<String>> {
         .map(|(channel, nm, values)| {
             let n = values.len().max(1) as f64;
             let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
-            vec![channel.clone(), nm.to_string(), format!("{mean:.4}")]
+            vec![channel.to_uppercase(), nm.to_string(), format!("{mean:.4}")]
         })
         .collect()
 }

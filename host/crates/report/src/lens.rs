@@ -1,7 +1,8 @@
 //! Drawings of a lens: distortion, illumination, chief-ray angle, MTF, point-spread functions,
 //! spots.
 
-use super::plot::{Mark, Plot, picture_grid};
+use super::numbers::number;
+use super::plot::{Colour, Mark, Plot, picture_grid};
 use camrig_base::{Plane, Result};
 use camrig_lens::{System, characterise};
 use camrig_optics::Characterisation;
@@ -17,7 +18,7 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
         let mut plot = Plot::new(title, "paraxial image height, mm", y);
         for &w in &nm {
             let points = lens.heights_mm.iter().map(|&h| [h, value(h, w)]).collect();
-            plot.coloured(&format!("{w} nm"), Mark::Line, points, colour_of(w));
+            plot.series(&format!("{w} nm"), Mark::Line, Colour::of_wavelength(w), points);
         }
         plot
     };
@@ -28,7 +29,7 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
     let mut all = vec![
         (
             "distortion",
-            curves("Distortion", "real over paraxial height − 1, %", &distortion).svg(),
+            curves("Distortion", "real over paraxial height − 1, %", &distortion).file(),
         ),
         (
             "illumination",
@@ -36,12 +37,15 @@ pub fn drawings(lens: &Characterisation) -> Vec<Drawing> {
                 lens.illumination(w).at(h)
             })
             .y_range(0.0, 1.05)
-            .svg(),
+            .file(),
         ),
     ];
     if lens.chief_ray_angle_deg.is_some() {
         let angle = |h: f64, w: f64| lens.chief_ray_angle(w).map_or(f64::NAN, |c| c.at(h));
-        all.push(("chief-ray-angle", curves("Chief-ray angle", "degrees", &angle).svg()));
+        all.push((
+            "chief-ray-angle",
+            curves("Chief-ray angle", "chief-ray angle, °", &angle).file(),
+        ));
     }
     all.push(("mtf", mtf(lens)));
     all.push(("psf", psfs(lens)));
@@ -65,7 +69,7 @@ fn mtf(lens: &Characterisation) -> String {
         2.0 / PI * (v.acos() - v * (1.0 - v * v).sqrt())
     };
     let points = frequencies.iter().map(|&f| [f, limit(f)]).collect();
-    plot.coloured("diffraction limit", Mark::Dashed, points, "#7f7f7f");
+    plot.series("diffraction limit", Mark::Dashed, Colour::Reference, points);
     for (i, &h) in few_indices(psf.heights_mm.len(), 3).iter().enumerate() {
         let block = psf.psf(h, w);
         for (name, mark, radial) in
@@ -74,16 +78,11 @@ fn mtf(lens: &Characterisation) -> String {
             let line = line_spread(block, psf.size, radial);
             let points =
                 frequencies.iter().map(|&f| [f, modulation(&line, f * psf.spacing_um * 1e-3)]);
-            let label = format!("{:.3} mm {name}", psf.heights_mm[h]);
-            plot.coloured(
-                &label,
-                mark,
-                points.collect(),
-                ["#0072b2", "#d55e00", "#009e73"][i % 3],
-            );
+            let label = format!("{} mm {name}", number(psf.heights_mm[h]));
+            plot.series(&label, mark, Colour::Series(i), points.collect());
         }
     }
-    plot.svg()
+    plot.file()
 }
 
 /// Line spread function: the PSF summed over its columns (radial) or its rows (tangential).
@@ -121,15 +120,12 @@ fn psfs(lens: &Characterisation) -> String {
                 let n = psf.size;
                 Plane::from_fn(n, n, |x, y| f64::from(block[(n - 1 - y) * n + x]))
             };
-            (format!("{:.3} mm", psf.heights_mm[h]), waves.iter().map(|&w| picture(w)).collect())
+            (number(psf.heights_mm[h]), waves.iter().map(|&w| picture(w)).collect())
         })
         .collect();
     let side = psf.size as f64 * psf.spacing_um;
-    picture_grid(
-        &format!("PSF, {side:.0} µm wide, square root; away from the axis is up"),
-        &columns,
-        &rows,
-    )
+    let title = format!("PSF, {side:.0} µm wide, square root; outward is up");
+    picture_grid(&title, &columns, &rows, ["wavelength", "image height, mm"]).file()
 }
 
 /// Spot diagrams at field angles `fields` (degrees) for some wavelengths (nm): positions of rays
@@ -155,25 +151,13 @@ pub fn spots(
                 .map(|[x, y]| [1e3 * (x - origin[0][0]), 1e3 * (y - origin[0][1])])
                 .collect();
             reach = points.iter().flatten().fold(reach, |a, v| a.max(v.abs()));
-            plot.coloured(&format!("{nm} nm"), Mark::Points, points, colour_of(nm));
+            let colour = Colour::of_wavelength(nm);
+            plot.series(&format!("{nm} nm"), Mark::Points, colour, points);
         }
-        plot.square().x_range(-1.1 * reach, 1.1 * reach).y_range(-1.1 * reach, 1.1 * reach);
-        all.push((format!("spot-{}", i + 1), plot.svg()));
+        plot.equal_units().x_range(-1.1 * reach, 1.1 * reach).y_range(-1.1 * reach, 1.1 * reach);
+        all.push((format!("spot-{}", i + 1), plot.file()));
     }
     Ok(all)
-}
-
-/// A colour similar to that of light of a wavelength, for plots.
-fn colour_of(nm: f64) -> &'static str {
-    match nm {
-        nm if nm < 430.0 => "#7b2d9e",
-        nm if nm < 490.0 => "#0072b2",
-        nm if nm < 520.0 => "#009e9e",
-        nm if nm < 570.0 => "#009e73",
-        nm if nm < 595.0 => "#b8a800",
-        nm if nm < 630.0 => "#e69f00",
-        _ => "#d55e00",
-    }
 }
 
 fn few(values: &[f64], count: usize) -> Vec<f64> {

@@ -1,8 +1,9 @@
 //! The page of the validation after section VI of Chen et al. 2009: captured frames, model and
 //! improved model side by side.
 
-use super::page::Page;
-use super::plot::{Mark, Plot};
+use super::numbers::{fixed, number};
+use super::page::{Page, Table};
+use super::plot::{Colour, Mark, Plot};
 use camrig_base::{Plane, RawFrame, Result};
 use camrig_formats::{DngInfo, png, preview};
 use camrig_measure::patches::DARK;
@@ -21,7 +22,7 @@ pub struct Side<'a> {
 }
 
 /// Colours of captured, model, improved model.
-const COLOURS: [&str; 3] = ["#1c1f23", "#d55e00", "#009e73"];
+const COLOURS: [Colour; 3] = [Colour::Measured, Colour::Given, Colour::Improved];
 
 /// The page. The first of `sides` is the captured one; `info` has the colour for pictures of raw
 /// frames.
@@ -50,13 +51,14 @@ pub fn page(
     ));
     let [bright, dim] = levels.map(|l| format!("{} lx", l.lux));
     page.heading(&format!("System MTF, green, {bright} (Fig. 8)"));
-    let mut plot = Plot::new("System MTF", "cycles per pixel", "modulation");
-    plot.x_range(0.0, 0.7).y_range(0.0, 1.1);
+    let mut plot = Plot::new("System MTF", "spatial frequency, cycles/pixel", "modulation");
+    plot.x_range(0.0, 0.7).y_range(0.0, 1.1).limit_x(0.5, "Nyquist");
+    plot.note("From a slanted edge, raw samples of the green channel.");
     for (side, colour) in sides.iter().zip(COLOURS) {
         let points = side.figures.mtf.curve.iter().filter(|p| p[0] <= 0.7).copied().collect();
-        plot.coloured(side.name, Mark::Line, points, colour);
+        plot.series(side.name, Mark::Line, colour, points);
     }
-    page.drawing(&plot.svg(), "From a slanted edge, raw samples of the green channel");
+    page.plot(&plot);
     for (level, light) in levels.iter().enumerate() {
         page.heading(&format!("Standard deviation of the luminance, {} lx (Table I)", light.lux));
         let caption = format!(
@@ -64,22 +66,24 @@ pub fn page(
             light.exposure_s * 1e3,
             light.analog_gain
         );
-        page.drawing(&scatter_plot(sides, level), &caption);
-        page.table(&table_headings(sides), &table_rows(sides, level));
+        let mut plot = scatter_plot(sides, level);
+        page.plot(plot.note(&caption)).rows(&table(sides, level));
     }
     page.heading(&format!("Green along row {}, {bright} (Fig. 9)", captured.row));
-    let mut plot = Plot::new("Profile", "column", "DN above black");
+    let mut plot = Plot::new("Profile", "column, pixels", "level above black, DN");
+    plot.note("One frame, one row, no smoothing.");
     for (side, colour) in sides.iter().zip(COLOURS) {
-        plot.coloured(side.name, Mark::Line, side.figures.profile.points.clone(), colour);
+        plot.series(side.name, Mark::Line, colour, side.figures.profile.points.clone());
     }
-    page.drawing(&plot.svg(), "One frame, one row, no smoothing");
+    page.plot(&plot);
     let mut plot =
-        Plot::new("Where edges lie along the row", "column", "captured − model, pixels");
+        Plot::new("Where edges lie along the row", "column, pixels", "captured − model, pixels");
+    plot.note("Displacement by correlation: size of the image and distortion.");
     for (side, colour) in sides.iter().zip(COLOURS).skip(1) {
         let points = side.differences.map(|d| d.displacements_px.clone()).unwrap_or_default();
-        plot.coloured(side.name, Mark::Points, points, colour);
+        plot.series(side.name, Mark::Points, colour, points);
     }
-    page.drawing(&plot.svg(), "Displacement by correlation: size of the image and distortion");
+    page.plot(&plot);
     pictures(&mut page, sides, info, [&bright, &dim])?;
     page.heading("The causes");
     page.verbatim(causes);
@@ -122,37 +126,31 @@ fn difference_rows(sides: &[Side<'_>], levels: &[Level; 2]) -> Vec<Vec<String>> 
     ]
 }
 
-fn scatter_plot(sides: &[Side<'_>], level: usize) -> String {
-    let mut plot = Plot::new("Standard deviation of luminance", "patch", "DN");
+fn scatter_plot(sides: &[Side<'_>], level: usize) -> Plot {
+    let mut plot = Plot::new("Standard deviation of luminance", "patch", "standard deviation, DN");
     for (side, colour) in sides.iter().zip(COLOURS) {
         let point = |p: &PatchNoise| [p.number as f64, p.std_dn];
         let points = side.figures.table[level].iter().map(point).collect();
-        plot.coloured(side.name, Mark::Line, points, colour);
+        plot.series(side.name, Mark::LinePoints, colour, points);
     }
-    plot.svg()
+    plot
 }
 
-fn table_headings<'a>(sides: &[Side<'a>]) -> Vec<&'a str> {
-    let mut all = vec!["patch", "mean, DN"];
-    all.extend(sides.iter().map(|s| s.name));
-    all
-}
-
-fn table_rows(sides: &[Side<'_>], level: usize) -> Vec<Vec<String>> {
-    let captured = &sides[0].figures.table[level];
-    captured
-        .iter()
-        .enumerate()
-        .map(|(i, c)| {
-            let mut cells = vec![c.number.to_string(), format!("{:.1}", c.luminance_dn)];
-            cells.push(format!("{:.3}", c.std_dn));
-            for side in &sides[1..] {
-                let own = side.figures.table[level][i].std_dn;
-                cells.push(format!("{own:.3} ({:+.1} %)", 100.0 * (c.std_dn / own - 1.0)));
-            }
-            cells
-        })
-        .collect()
+/// The table of patches at a level.
+fn table(sides: &[Side<'_>], level: usize) -> Table {
+    let names: Vec<&str> = sides.iter().map(|s| s.name).collect();
+    let mut table = Table::new(&["patch"]).numbers(&["mean, DN"]).numbers(&names);
+    for (i, c) in sides[0].figures.table[level].iter().enumerate() {
+        let mut cells = vec![c.number.to_string(), number(c.luminance_dn), number(c.std_dn)];
+        for side in &sides[1..] {
+            let own = side.figures.table[level][i].std_dn;
+            let off = 100.0 * (c.std_dn / own - 1.0);
+            let plus = if off > 0.0 { "+" } else { "" };
+            cells.push(format!("{} ({plus}{} %)", number(own), fixed(off, 1)));
+        }
+        table.row(cells);
+    }
+    table
 }
 
 fn pictures(

@@ -4,9 +4,9 @@
 //! one setting are averaged, with the standard error of their mean. Colour channels are averaged
 //! too where a figure is compared, as a setting is chosen for all of them.
 
+use super::numbers::{amount, number};
 use super::page::Page;
-use super::plot::{Mark, Plot};
-use camrig_base::numbers::{plain, with_error};
+use super::plot::{Colour, Mark, Plot};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -51,8 +51,9 @@ const FIGURES: [Figure; 7] = [
 
 /// SNR of 10, dB: the least with which ISO 12232 calls a picture acceptable.
 const ACCEPTABLE_DB: f64 = 20.0;
-/// Most lines in a plot; with more, those far from the best setting are left out.
-const MOST_LINES: usize = 8;
+/// Most lines in a plot, as many as there are colours; with more, those far from the best setting
+/// are left out.
+const MOST_LINES: usize = 6;
 /// Most rows and columns of a table of two parameters.
 const MOST_CELLS: usize = 12;
 /// Ratio of the largest to the smallest value from which an axis is logarithmic.
@@ -244,15 +245,11 @@ fn spoken(name: &str) -> String {
     }
 }
 
-/// A value with its unit.
-fn amount((mean, error): (f64, Option<f64>), unit: &str) -> String {
-    format!("{} {unit}", with_error(mean, error)).trim_end().to_string()
-}
-
 /// The page of a complete sweep from the records of its pictures.
 pub fn page(title: &str, records: &[Value]) -> Page {
     let table = Table::new(records);
     let mut page = Page::new(title);
+    page.kind("Trade-off");
     page.paragraph(&format!(
         "{} pictures of {} settings. Swept: {}.",
         records.len(),
@@ -263,12 +260,13 @@ pub fn page(title: &str, records: &[Value]) -> Page {
     let differ = FIGURES.iter().filter(|figure| table.differs(figure) == Some(true));
     let figures: Vec<&Figure> = differ.collect();
     for figure in &figures {
-        page.heading(figure.name);
-        for over in 0..table.names.len() {
-            if let Some(values) = table.numbers(over) {
-                draw(&mut page, &table, figure, over, &values);
+        page.heading(figure.name).grid(|page| {
+            for over in 0..table.names.len() {
+                if let Some(values) = table.numbers(over) {
+                    draw(page, &table, figure, over, &values);
+                }
             }
-        }
+        });
         grid(&mut page, &table, figure);
         if figure.key == "snr_db" {
             acceptable(&mut page, &table, figure);
@@ -283,7 +281,7 @@ fn best(page: &mut Page, table: &Table) {
     let row = |figure: &Figure| {
         let differs = table.differs(figure)?;
         let (setting, mean, error) = table.best(figure)?;
-        let value = amount((mean, error), figure.unit);
+        let value = amount(mean, error, figure.unit);
         let wanted = if figure.less_is_better? { "least" } else { "largest" };
         Some(match differs {
             true => {
@@ -326,20 +324,19 @@ fn draw(page: &mut Page, table: &Table, figure: &Figure, over: usize, values: &[
         lines.sort_by(|a, b| peak(b).total_cmp(&peak(a)));
         lines.truncate(MOST_LINES);
     }
-    for line in &lines {
+    for (i, line) in lines.iter().enumerate() {
         let label = table.words(line.of, &[over]);
-        plot.series(&label, Mark::Line, line.points.clone());
+        plot.series(&label, Mark::LinePoints, Colour::Series(i), line.points.clone());
     }
     if figure.key == "snr_db" {
-        let ends = [values[0], values[values.len() - 1]].map(|v| [v, ACCEPTABLE_DB]);
-        plot.coloured("SNR 10", Mark::Dashed, ends.to_vec(), "#7f7f7f");
+        plot.limit_y(ACCEPTABLE_DB, "SNR 10");
     }
-    let caption = match all > MOST_LINES {
-        true => format!("the {MOST_LINES} of {all} other settings with the best values"),
-        false => "a line for each setting of what else was swept".into(),
-    };
+    plot.note(&match all > MOST_LINES {
+        true => format!("The {MOST_LINES} of {all} other settings with the best values."),
+        false => "A line for each setting of what else was swept.".into(),
+    });
     if !lines.is_empty() {
-        page.drawing(&plot.svg(), &caption);
+        page.plot(&plot);
     }
 }
 
@@ -364,7 +361,7 @@ fn grid(page: &mut Page, table: &Table, figure: &Figure) {
         let Some(setting) = table.settings.iter().find(at) else { return String::new() };
         let Some((mean, _)) = setting.mean(figure) else { return "not determined".into() };
         let mark = if best == Some(&setting.values) { " (best)" } else { "" };
-        format!("{}{mark}", plain(mean))
+        format!("{}{mark}", number(mean))
     };
     let body: Vec<Vec<String>> = rows
         .iter()
@@ -396,7 +393,7 @@ fn crossing(points: &[[f64; 2]]) -> String {
     let pair = points.windows(2).find(|pair| pair[1][1] >= ACCEPTABLE_DB);
     let Some([[a, low], [b, high]]) = pair else { return format!("above {}", last[0]) };
     let t = (ACCEPTABLE_DB - low) / (high - low);
-    plain(a * libm::exp(t * libm::log(b / a)))
+    number(a * libm::exp(t * libm::log(b / a)))
 }
 
 /// The first two figures of which each has a best, against each other: what more of one costs of
@@ -421,10 +418,10 @@ fn frontier(page: &mut Page, table: &Table, figures: &[&Figure]) {
     let title = format!("{} against {}", y.name, x.name);
     let mut plot =
         Plot::new(&title, axis(x).trim_end_matches(", "), axis(y).trim_end_matches(", "));
-    plot.coloured("settings", Mark::Points, points, "#7f7f7f");
-    plot.series("none is better in both", Mark::Line, front);
-    page.heading(&title);
-    page.drawing(&plot.svg(), "settings on the line are the choice; for others there is a better");
+    plot.note("Settings on the line are the choice; for others there is a better.");
+    plot.series("settings", Mark::Points, Colour::Reference, points);
+    plot.series("none is better in both", Mark::Line, Colour::Series(0), front);
+    page.heading(&title).plot(&plot);
 }
 
 #[cfg(test)]
@@ -464,14 +461,14 @@ mod tests {
             "12 pictures of 6 settings",
             "SNR over illuminance, lx",
             "MTF50 over f-number",
-            "largest: 25.00 dB",
+            "largest: 25.0\u{a0}dB",
             "f-number 2.8, illuminance, lx 100",
             "MTF50 against SNR",
         ] {
             assert!(html.contains(words), "{words}: {html}");
         }
         // 20 dB lie between 15 dB at 10 lx and 25 dB at 100 lx: 10^1.5 lx; and 10^1.8 lx.
-        assert!(html.contains("31.62") && html.contains("63.10"), "{html}");
+        assert!(html.contains("31.6") && html.contains("63.1"), "{html}");
         // Values that are the same everywhere are no axis.
         assert!(!html.contains("over exposure"), "{html}");
     }

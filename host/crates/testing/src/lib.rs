@@ -1,5 +1,7 @@
 //! What the tests of camrig share.
 
+pub mod browser;
+
 use std::path::{Path, PathBuf};
 
 /// Test material that is not part of the repository: `place` in the folder that `CAMRIG_SHARED`

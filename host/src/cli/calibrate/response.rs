@@ -4,7 +4,7 @@ use super::{Output, Source};
 use camrig_base::Result;
 use camrig_calibrate::files::ResponseFile;
 use camrig_calibrate::response;
-use camrig_report::plot::{Mark, Plot};
+use camrig_report::plot::{Colour, Mark, Plot};
 use serde_json::json;
 
 /// Find the response curve of each channel from a view at several exposures (Debevec and Malik)
@@ -27,15 +27,19 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
     let spread = response::spread(&responses);
     let text = ResponseFile::new(responses.clone()).text()?;
     output.write("response.toml", text.as_bytes())?;
-    let mut plot =
-        Plot::new("Camera response", "log10 exposure (DN of a linear camera)", "DN above black");
+    let mut plot = Plot::new(
+        "Camera response",
+        "log10 of exposure, DN of a linear camera",
+        "level above black, DN",
+    );
     for r in &responses {
         let [first, last] = r.range_dn;
         let points = (0..=200).map(|i| first * (last / first).powf(f64::from(i) / 200.0));
         let points = points.map(|dn| [r.linear_dn(dn).log10(), dn]).collect();
-        plot.coloured(channel_name(r.channel), Mark::Line, points, channel_colour(r.channel));
+        let name = channel_name(r.channel);
+        plot.series(name, Mark::Line, Colour::of_channel(name), points);
     }
-    let svg = plot.svg();
+    let svg = plot.file();
     output.write("response.svg", svg.as_bytes())?;
     output.finish()?;
     if args.to.json {
@@ -77,14 +81,5 @@ fn channel_name(letter: char) -> &'static str {
         'G' => "green",
         'B' => "blue",
         _ => "channel",
-    }
-}
-
-fn channel_colour(letter: char) -> &'static str {
-    match letter {
-        'R' => "#c22",
-        'G' => "#282",
-        'B' => "#22c",
-        _ => "#222",
     }
 }

@@ -98,8 +98,11 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
 pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.on.captures)?;
     let result = emva::measure(&set)?;
-    let title = format!("EMVA 1288: {}", args.on.captures.display());
-    args.page.write(|| report::emva::page(&title, &result))?;
+    let folder = args.on.captures.display().to_string();
+    let camera = result.conditions.camera.as_deref().unwrap_or(&folder);
+    let title = format!("{camera} · EMVA 1288 data sheet");
+    let command = format!("camrig measure emva {folder} --report");
+    args.page.write(|| report::emva::page(&title, &folder, &result, &command))?;
     let args = &args.on;
     if args.json {
         let mut object = match &result.channels[..] {

@@ -431,6 +431,15 @@ impl Session {
         Ok(pictures.swap_remove(0).mean)
     }
 
+    /// The maps of the held-out frames as another sensor of a camera's make would give them.
+    ///
+    /// # Errors
+    /// A model that the sensor refuses.
+    pub fn replicated_maps(&self, camera: &Camera) -> Result<Vec<Map>> {
+        let design = &self.holdout.design;
+        Ok(maps::maps(camera, design, &replicate::simulate(camera, design, SEED, false)?))
+    }
+
     /// Deviations of both halves from a model, standard deviations: fitted and held-out frames.
     pub fn deviations(&self, state: &State) -> [BTreeMap<Key, f64>; 2] {
         [self.fit.deviations(&state.fit), self.holdout.deviations(&state.holdout)]

@@ -108,6 +108,51 @@ pub fn camera_file(
     Ok(Standalone { text, tables })
 }
 
+/// What an improved camera file has that the one given has not: keys with their values, those that
+/// changed with the value before; then the effects. `named` gives the standard errors.
+///
+/// # Errors
+/// A text that is no camera file.
+pub fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<String> {
+    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
+    let old: toml::Table = toml::from_str(given).map_err(wrong)?;
+    let new: toml::Table = toml::from_str(improved).map_err(wrong)?;
+    let mut out = String::new();
+    changes("", &old, &new, &mut out);
+    let effects = |file: &toml::Table| -> Vec<toml::Value> {
+        file.get("effect").and_then(|e| e.as_array().cloned()).unwrap_or_default()
+    };
+    let before = effects(&old);
+    for effect in effects(&new).iter().filter(|e| !before.contains(e)) {
+        let Some(table) = effect.as_table() else { continue };
+        out.push_str("\n[[effect]]\n");
+        let kind = table.get("kind").and_then(toml::Value::as_str).unwrap_or_default();
+        let found = named.iter().find(|p| p.kind == kind);
+        for (key, value) in table {
+            let error = found.and_then(|p| p.parameters.iter().find(|(name, _)| name == key));
+            let comment = error.filter(|(_, e)| e.se.is_finite());
+            let comment = comment.map_or(String::new(), |(_, e)| format!("  # ± {:.2}", e.se));
+            out.push_str(&format!("{key} = {value}{comment}\n"));
+        }
+    }
+    Ok(out.trim_start().to_owned())
+}
+
+/// The keys outside the effects whose values differ.
+fn changes(place: &str, old: &toml::Table, new: &toml::Table, out: &mut String) {
+    for (key, value) in new.iter().filter(|(key, _)| !(place.is_empty() && *key == "effect")) {
+        let before = old.get(key);
+        if let Some(table) = value.as_table() {
+            let none = toml::Table::new();
+            let before = before.and_then(toml::Value::as_table).unwrap_or(&none);
+            changes(&format!("{place}{key}."), before, table, out);
+        } else if before != Some(value) {
+            let was = before.map_or(String::new(), |v| format!("  # was {v}"));
+            out.push_str(&format!("{place}{key} = {value}{was}\n"));
+        }
+    }
+}
+
 /// Makes a camera file's text independent of its folder: tables that it names come with it, under
 /// their own names, but those of effects; the path of a lens is absolute. `spec` is how the camera
 /// was named.
@@ -159,6 +204,21 @@ pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
 mod tests {
     use super::*;
     use camrig_camera::Camera;
+
+    #[test]
+    fn additions_are_what_differs() {
+        let old = "name = \"a\"\n[sensor.noise]\nread_e = 3.0\nprnu = 0.01\n\
+                   [[effect]]\nkind = \"prnu\"\n";
+        let new = "name = \"a\"\n[sensor.noise]\nread_e = 4.0\nprnu = 0.01\nrow_fpn_e = 1.5\n\
+                   [[effect]]\nkind = \"prnu\"\n[[effect]]\nkind = \"amp-glow\"\nx = 1.0\n";
+        let told = additions(old, new, &[]).unwrap();
+        assert_eq!(
+            told,
+            "sensor.noise.read_e = 4.0  # was 3.0\nsensor.noise.row_fpn_e = 1.5\n\n\
+             [[effect]]\nkind = \"amp-glow\"\nx = 1.0\n"
+        );
+        assert_eq!(additions(new, new, &[]).unwrap(), "");
+    }
 
     #[test]
     fn effects_of_the_optics_stay() {

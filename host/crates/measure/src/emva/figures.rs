@@ -1,5 +1,6 @@
 //! The figures of EMVA 1288 by their names in the standard.
 
+use super::profiles::Profiles;
 use crate::spectrogram::{Histogram, Spectrogram};
 use serde::Serialize;
 
@@ -94,6 +95,10 @@ pub struct ChannelEmva {
     /// The channel's letter, lower case (`m` for mono).
     #[serde(skip)]
     pub channel: String,
+    /// Whether the light reached saturation; otherwise capacity, SNR and dynamic range are lower
+    /// limits.
+    #[serde(skip)]
+    pub saturates: bool,
     /// The figures.
     #[serde(flatten)]
     pub figures: Figures,
@@ -111,6 +116,9 @@ pub struct ChannelEmva {
     pub histogram_dsnu: Option<Histogram>,
     /// Deviations of pixels of the flat mean frame less the dark one, high-pass filtered, DN.
     pub histogram_prnu: Option<Histogram>,
+    /// Profiles of the dark mean frame, and of the flat one less it.
+    #[serde(skip)]
+    pub profiles: Option<[Profiles; 2]>,
 }
 
 /// One light level.

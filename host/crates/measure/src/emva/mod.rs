@@ -14,11 +14,15 @@
 //! longest flat stack nearest to half saturation and a dark stack of its exposure give the spatial
 //! figures; with more than five levels that flat is not a light level as well.
 
+mod conditions;
 mod figures;
+mod profiles;
 mod spatial;
 mod warnings;
 
+pub use conditions::Conditions;
 pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow, StdErrors};
+pub use profiles::{Profile, Profiles};
 
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
@@ -52,6 +56,8 @@ const DARK_EXPOSURES: usize = 3;
 pub struct Checked {
     /// Figures of each channel.
     pub channels: Vec<ChannelEmva>,
+    /// The operating point.
+    pub conditions: Conditions,
     /// The standard's assumptions and requirements that these captures do not meet.
     pub warnings: Vec<String>,
 }
@@ -102,6 +108,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     if let (Some(p), Some((_, flat))) = (&pair, &stacks) {
         correlation_warning(set, selection.flats[p.flat], flat, &mut warnings)?;
     }
+    let conditions = Conditions::of(set, &selection, &darks, &levels, pair.as_ref());
     let mut channels = Vec::new();
     for (c, letter) in set.cfa().channels().iter().enumerate() {
         let name = letter.to_ascii_lowercase().to_string();
@@ -114,7 +121,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         }
         channels.push(channel);
     }
-    Ok(Checked { channels, warnings })
+    Ok(Checked { channels, conditions, warnings })
 }
 
 /// Reads stacks as levels and keeps the longest one, as it is usually the stack of the spatial
@@ -298,7 +305,8 @@ fn ladder_figures(
     warnings: &mut Vec<String>,
 ) -> Result<ChannelEmva> {
     let steps = Steps::of(darks, levels, c)?;
-    if steps.saturation + 1 == levels.len() {
+    let saturates = steps.saturation + 1 < levels.len();
+    if !saturates {
         warnings.push(format!(
             "channel {name}: saturation was not reached: capacity, SNR and dynamic range are \
              lower limits"
@@ -347,6 +355,7 @@ fn ladder_figures(
     });
     Ok(ChannelEmva {
         channel: name.to_owned(),
+        saturates,
         figures,
         std_errors,
         levels: rows.collect(),
@@ -355,6 +364,7 @@ fn ladder_figures(
         spectrogram_prnu: None,
         histogram_dsnu: None,
         histogram_prnu: None,
+        profiles: None,
     })
 }
 

@@ -1,5 +1,6 @@
 //! DSNU1288 and PRNU1288, spectrograms and histograms from a pair of long stacks.
 
+use super::profiles::Profiles;
 use super::{ChannelEmva, saturation_index};
 use crate::dark::SAME_EXPOSURE;
 use crate::ladder::Level;
@@ -177,9 +178,11 @@ pub(super) fn spatial_figures(
     let plane = SitePlane::of(site, shape, &[dark_mean], Vec::new());
     out.spectrogram_dark = Some(plane.spectrogram()?);
     out.histogram_dsnu = Some(Histogram::of(&plane.data, per_frame(dark)));
+    let of_dark = Profiles::of(&plane);
     let terms = [(&flat.sum[..], per_frame(flat)), (dark_mean.0, -dark_mean.1)];
     let plane = SitePlane::of(site, shape, &terms, plane.data);
     out.spectrogram_prnu = Some(plane.spectrogram()?);
+    out.profiles = Some([of_dark, Profiles::of(&plane)]);
     out.histogram_prnu = Some(Histogram::of(&plane.high_pass(), high_passed(dark, flat)));
     Ok(())
 }

@@ -1,0 +1,314 @@
+//! The pictures of an effect: what was measured, beside the model without and with it. A smooth
+//! effect is seen in maps, a pattern of lines in a profile, one of pixels in their distribution,
+//! noise in a statistic over the captures.
+
+use super::words;
+use crate::plot::{Colour, Mark, Plot, Size, triple};
+use camrig_base::{Plane, Result};
+use camrig_diagnose::model::effects::dn_per_e;
+use camrig_diagnose::search::forward::{Observed, Step};
+use camrig_diagnose::search::{Outcome, Session};
+use camrig_diagnose::statistics::maps::{Map, MapKind, reference_dark};
+use camrig_diagnose::statistics::statistic::{Key, Place, Scale, What};
+use camrig_diagnose::verdict::words as statistics;
+
+/// Cells of a map across, at most.
+const CELLS: usize = 80;
+/// Lines of a profile, at most; of larger sensors the first are shown.
+const LINES: usize = 600;
+/// Points of a distribution.
+const POINTS: usize = 120;
+/// Share of the pixels at which a distribution begins.
+const BEGIN: f64 = 0.5;
+/// Height of the frame around rows of points, and of a row, px; the range of the whole.
+const FRAME: f64 = 112.0;
+const ROW: f64 = 20.0;
+const HEIGHTS: [f64; 2] = [200.0, 520.0];
+/// Largest value over smallest from which an axis is logarithmic.
+const WIDE: f64 = 30.0;
+
+/// Maps of the held-out frames, and of replicates of the model before and after.
+pub struct Maps<'a> {
+    session: &'a Session,
+    outcome: &'a Outcome,
+    before: Vec<Map>,
+    after: Vec<Map>,
+}
+
+/// What is shown of an effect.
+pub enum Picture {
+    /// Maps: measured, less the model before, less the model after.
+    Maps(Box<[Plot; 3]>),
+    /// A plot.
+    Plot(Box<Plot>),
+}
+
+/// The planes of a map, in the unit that is shown: measured, before, after.
+struct Planes {
+    name: &'static str,
+    unit: &'static str,
+    all: [Plane<f64>; 3],
+}
+
+impl<'a> Maps<'a> {
+    /// Simulates both models once.
+    pub fn new(session: &'a Session, outcome: &'a Outcome) -> Result<Self> {
+        Ok(Self {
+            session,
+            outcome,
+            before: session.replicated_maps(&outcome.before.camera)?,
+            after: session.replicated_maps(&outcome.after.camera)?,
+        })
+    }
+
+    /// Where the effect of a step is visible.
+    pub fn picture(&self, step: &Step) -> Option<Picture> {
+        let mut keys = step.moved.iter().map(|m| m.0);
+        // Means and variances over the sensor show that there is more, a map shows where.
+        let in_map = |key: &Key| matches!(key.0, Place::Map(_));
+        let first = step.moved.first()?.0;
+        let vague = matches!(first.1, What::Mean(_) | What::Variance(_));
+        let shown = keys.find(|key| in_map(key) && (vague || *key == first));
+        if let Some((Place::Map(kind), what)) = shown
+            && let Some(planes) = self.planes(kind)
+        {
+            return Some(of_map(&planes, what));
+        }
+        let points = self.observed(&step.observed)?;
+        Some(Picture::Plot(Box::new(points)))
+    }
+
+    fn planes(&self, kind: MapKind) -> Option<Planes> {
+        let of = |maps: &[Map]| Some(self.in_unit(maps.iter().find(|m| m.kind == kind)?));
+        let (name, unit) = words::map(kind);
+        let all = [of(&self.session.holdout.maps)?, of(&self.before)?, of(&self.after)?];
+        Some(Planes { name, unit, all })
+    }
+
+    /// A map in e⁻, e⁻/s or per cent. The gain is that of the model as given, for all alike.
+    fn in_unit(&self, map: &Map) -> Plane<f64> {
+        let design = &self.session.holdout.design;
+        let camera = &self.outcome.before.camera;
+        let gain = reference_dark(design)
+            .map_or(1.0, |i| dn_per_e(camera, design.conditions[i].stack.analog_gain));
+        let black = camera.sensor.black_level_dn;
+        let value = |v: f32| match map.kind {
+            MapKind::Offset => (f64::from(v) - black) / gain,
+            MapKind::AfterLight => f64::from(v) / gain,
+            MapKind::DarkCurrent => f64::from(v),
+            MapKind::Gain | MapKind::Curvature => 100.0 * f64::from(v),
+        };
+        let data = map.plane.data.iter().map(|&v| value(v)).collect();
+        Plane { width: map.plane.width, height: map.plane.height, data }
+    }
+
+    /// The statistic that gave an effect away wherever it was taken: measured, and both models.
+    fn observed(&self, observed: &[Observed]) -> Option<Plot> {
+        let first = observed.first()?.key;
+        let camera = &self.outcome.after.camera;
+        let scale = self.session.holdout.values.get(&first)?.scale;
+        let value = |v: f64| match scale {
+            Scale::Linear | Scale::Count => v,
+            Scale::Log => libm::exp(v),
+            Scale::CubeRoot => v.powi(3),
+        };
+        let name = statistics::name(camera, first);
+        let unit = words::unit(first);
+        let axis = if unit.is_empty() { name.clone() } else { format!("{name}, {unit}") };
+        let mut plot = Plot::new(&crate::emva::capitalised(&name), &axis, "capture");
+        let n = observed.len() as f64;
+        let row = |shift: f64, of: &dyn Fn(&Observed) -> f64| -> Vec<[f64; 2]> {
+            let place = |(i, s): (usize, &Observed)| [value(of(s)), i as f64 + shift];
+            observed.iter().enumerate().map(place).collect()
+        };
+        let height = (FRAME + ROW * n).clamp(HEIGHTS[0], HEIGHTS[1]);
+        plot.size(Size::FIGURE.high(height)).y_range(n - 0.4, -0.6).y_names(self.names(observed));
+        let measured = row(0.0, &|s| s.measured);
+        let before = row(-0.22, &|s| s.model[0]);
+        let after = row(0.22, &|s| s.model[1]);
+        let all: Vec<f64> =
+            [&measured, &before, &after].into_iter().flatten().map(|p| p[0]).collect();
+        let [low, high] = ends(&all);
+        if low > 0.0 && high > WIDE * low {
+            plot.log_x();
+        }
+        plot.series("model as given", Mark::Hollow, Colour::Given, before);
+        plot.series("measured", Mark::Points, Colour::Measured, measured);
+        plot.series("improved", Mark::Points, Colour::Improved, after);
+        let bars = [-1.0, 1.0].map(|side| row(0.22, &|s: &Observed| s.model[1] + side * s.sd));
+        for (from, to) in bars[0].iter().zip(&bars[1]) {
+            plot.series("", Mark::Line, Colour::Improved, vec![*from, *to]);
+        }
+        plot.note("Held-out frames. Bars: one standard deviation of the improved model.");
+        Some(plot)
+    }
+
+    /// Names of the places of a statistic: captures, or numbers as in the table below.
+    fn names(&self, observed: &[Observed]) -> Vec<(f64, String)> {
+        let design = &self.session.holdout.design;
+        let name = |(i, s): (usize, &Observed)| {
+            let name = match s.key.0 {
+                Place::Stack(at) => {
+                    design.conditions.get(at).map(|c| c.stack.id.replace('-', " "))
+                }
+                _ => None,
+            };
+            (i as f64, name.unwrap_or_else(|| (i + 1).to_string()))
+        };
+        observed.iter().enumerate().map(name).collect()
+    }
+}
+
+fn of_map(planes: &Planes, what: What) -> Picture {
+    let plot = match what {
+        What::ColumnPattern
+        | What::ColumnPatternPeak
+        | What::ColumnPeriod(_)
+        | What::EveryOtherColumn => profile(planes, true),
+        What::RowPattern | What::RowPatternPeak | What::RowPeriod(_) | What::EveryOtherRow => {
+            profile(planes, false)
+        }
+        What::PixelPattern
+        | What::Tails
+        | What::High
+        | What::Low
+        | What::Skewness
+        | What::Kurtosis => distribution(planes),
+        _ => return Picture::Maps(Box::new(maps(planes))),
+    };
+    Picture::Plot(Box::new(plot))
+}
+
+/// Three maps in cells.
+fn maps(planes: &Planes) -> [Plot; 3] {
+    let [width, height] = [planes.all[0].width, planes.all[0].height];
+    let side = width.div_ceil(CELLS).next_multiple_of(2);
+    let cells = planes.all.each_ref().map(|plane| in_cells(plane, side));
+    let name = crate::emva::capitalised(planes.name);
+    let titles =
+        [&name[..], "Measured less the model as given", "Measured less the improved model"];
+    let ranges = [width, height].map(|n| [0.0, (n / side * side) as f64]);
+    let [measured, before, after] = &cells;
+    let mut plots =
+        triple(titles, [measured, before, after], ["column", "row"], ranges, planes.unit);
+    plots[0].note(&format!("Held-out frames, means of cells of {side} × {side} pixels."));
+    for (plot, model) in plots[1..].iter_mut().zip([before, after]) {
+        let left: Vec<f64> = measured.data.iter().zip(&model.data).map(|(a, b)| a - b).collect();
+        let text = crate::numbers::amount(spread(&left), None, planes.unit);
+        plot.note(&format!("Standard deviation {text}."));
+    }
+    plots
+}
+
+fn in_cells(plane: &Plane<f64>, side: usize) -> Plane<f64> {
+    Plane::from_fn(plane.width / side, plane.height / side, |x, y| {
+        let rows = (y * side..(y + 1) * side).map(|row| &plane.row(row)[x * side..(x + 1) * side]);
+        rows.flatten().sum::<f64>() / (side * side) as f64
+    })
+}
+
+/// Means of columns, or rows, less the frame's.
+fn profile(planes: &Planes, of_columns: bool) -> Plot {
+    let [line, lines] = if of_columns { ["column", "columns"] } else { ["row", "rows"] };
+    let [measured, before, after] = planes.all.each_ref().map(|p| line_means(p, of_columns));
+    let axis = format!("mean of a {line} less the frame's, {}", planes.unit);
+    let mut plot = Plot::new(&format!("{} of the {lines}", first_word(planes.name)), line, &axis);
+    let sigma = spread(&after);
+    let shown = measured.len().min(LINES);
+    let last = shown as f64 - 1.0;
+    let side = 2.0 * sigma;
+    let band = vec![[0.0, -side, side], [last, -side, side]];
+    plot.band("improved, ± 2 σ", Colour::Improved, band);
+    let of = |values: &[f64]| {
+        values[..shown].iter().enumerate().map(|(i, v)| [i as f64, *v]).collect::<Vec<_>>()
+    };
+    plot.series("measured", Mark::Line, Colour::Measured, of(&measured));
+    plot.series("model as given", Mark::Line, Colour::Given, of(&before));
+    let part = match shown < measured.len() {
+        true => format!(" The first {shown} of {}.", measured.len()),
+        false => String::new(),
+    };
+    plot.note(&format!(
+        "A pattern is the sensor's own: the model predicts its width, not its course.{part}"
+    ));
+    plot
+}
+
+fn first_word(name: &str) -> String {
+    crate::emva::capitalised(name.split([' ', ',']).next().unwrap_or_default())
+}
+
+fn line_means(plane: &Plane<f64>, of_columns: bool) -> Vec<f64> {
+    let (w, h) = (plane.width, plane.height);
+    let mut sums = vec![0.0; if of_columns { w } else { h }];
+    for (i, v) in plane.data.iter().enumerate() {
+        sums[if of_columns { i % w } else { i / w }] += v;
+    }
+    let count = if of_columns { h } else { w } as f64;
+    let mean = sums.iter().sum::<f64>() / (w * h) as f64;
+    sums.iter().map(|s| s / count - mean).collect()
+}
+
+/// Share of the pixels that deviate by so much or more.
+fn distribution(planes: &Planes) -> Plot {
+    let axis = format!("deviation from the median, at least, {}", planes.unit);
+    let title = format!("Pixels: {}", planes.name);
+    let mut plot = Plot::new(&title, &axis, "share of the pixels, %");
+    plot.log_x().log_y().note("How many pixels deviate by so much or more, to either side.");
+    let roles = [
+        ("measured", Mark::Points, Colour::Measured),
+        ("model as given", Mark::Dashed, Colour::Given),
+        ("improved", Mark::Line, Colour::Improved),
+    ];
+    for (plane, (name, mark, colour)) in planes.all.iter().zip(roles) {
+        plot.series(name, mark, colour, shares(&plane.data));
+    }
+    plot
+}
+
+/// Deviation and share of the pixels that reach it, per cent, from the commonest to the rarest.
+fn shares(values: &[f64]) -> Vec<[f64; 2]> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(&median) = sorted.get(sorted.len() / 2) else { return Vec::new() };
+    let mut sides: Vec<f64> = values.iter().map(|v| (v - median).abs()).collect();
+    sides.sort_by(|a, b| b.total_cmp(a));
+    let n = sides.len() as f64;
+    let ranks = (0..=POINTS).map(|i| libm::pow(BEGIN * n, 1.0 - i as f64 / POINTS as f64));
+    let mut ranks: Vec<usize> =
+        ranks.map(|r| (r.round() as usize).clamp(1, sides.len())).collect();
+    ranks.dedup();
+    ranks.into_iter().map(|r| [sides[r - 1], 100.0 * r as f64 / n]).collect()
+}
+
+/// Standard deviation.
+fn spread(values: &[f64]) -> f64 {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+fn ends(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &v| [a.min(v), b.max(v)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profiles_and_cells_are_means() {
+        let plane = Plane::from_fn(4, 2, |x, y| (x + 10 * y) as f64);
+        assert_eq!(line_means(&plane, true), [-1.5, -0.5, 0.5, 1.5]);
+        assert_eq!(line_means(&plane, false), [-5.0, 5.0]);
+        assert_eq!(in_cells(&plane, 2).data, [5.5, 7.5]);
+    }
+
+    #[test]
+    fn shares_fall_to_one_pixel() {
+        let values: Vec<f64> = (0..1000).map(f64::from).collect();
+        let all = shares(&values);
+        assert_eq!(all.last().unwrap(), &[500.0, 0.1]);
+        assert!(all.windows(2).all(|p| p[0][0] <= p[1][0] && p[0][1] > p[1][1]));
+    }
+}
