@@ -33,7 +33,10 @@ use std::process::ExitCode;
     snr_db = true                    # uniform scenes\n  \
     dynamic_range_db = true\n  \
     mtf50_cycles_per_pixel = true    # slanted edges\n  \
-    delta_e_2000 = true              # colour charts\n\nExamples:\n  \
+    delta_e_2000 = true              # colour charts\n\n  \
+    [choice]                         # the optimum on that page\n  \
+    best = \"snr_10_lux\"              # least light for an SNR of 10\n  \
+    need = { mtf50_cycles_per_mm = 150 }\n\nExamples:\n  \
     camrig batch sweep.toml --dry-run\n  \
     camrig batch sweep.toml -o dataset\n  \
     camrig batch sweep.toml -o dataset --shard $SLURM_ARRAY_TASK_ID/64\n  \
@@ -89,7 +92,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let (in_part, complete) = (part.end - part.start, done == total);
     let title = args.sweep.file_stem().unwrap_or_default().to_string_lossy();
     let page = match &dataset {
-        Some(dataset) => dataset.draw(|records| tradeoff::page(&title, records).html())?,
+        Some(dataset) => {
+            let choice = sweep.choice.as_ref().map(|choice| tradeoff::Choice {
+                best: choice.best.clone(),
+                need: choice.need.clone(),
+            });
+            dataset.draw(|records| {
+                tradeoff::page(&title, records, &sweep.text, choice.as_ref()).html()
+            })?
+        }
         None => None,
     };
     if args.json {

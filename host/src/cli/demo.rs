@@ -1,13 +1,14 @@
 //! `camrig demo`: the main job on built-in data.
 
 use super::arguments;
+use camrig_base::Result;
 use camrig_base::output::OutputDir;
-use camrig_base::{RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames, png, preview};
-use camrig_optics::Options;
+use camrig_optics::{Options, Report};
 use camrig_render::{self as render, Arithmetic, SimulatedSensor};
-use camrig_report::page::Page;
+use camrig_report::page::{Page, Table};
+use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
 use std::path::PathBuf;
@@ -52,14 +53,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         |done, _| bar.set_position(done as u64),
     )?;
     bar.finish_and_clear();
-    let mut page = Page::new("camrig demo");
-    page.paragraph(
-        "A ColorChecker under D65, 31 spectral bands, through a diffraction-limited lens onto \
-         the sensor of Chen et al. 2009. The optics ran once; its irradiance was streamed row by \
-         row to the embedded rig's emulator, which sent the raw rows back.",
-    );
     let mut rig = Rig::open("emulator:")?;
-    let (mut same, mut link) = (true, Vec::new());
+    let (mut same, mut link, mut frames) = (true, Vec::new(), simulation::Frames::default());
     for (lux, exposure_s) in SHOTS {
         let sensor = SimulatedSensor::new(&camera, &cube.header, lux / base_lux)?;
         let settings = camera.settings(0, exposure_s, None);
@@ -83,28 +78,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         directory.write(format!("{name}.dng"), &raw)?;
         let picture = png::encode_rgb(&preview::bright(&frame, &info).0)?;
         directory.write(format!("{name}.png"), &picture)?;
-        let (small, factor) = preview::bright_thumbnail(&frame, &info, 1024);
-        page.heading(&format!("{lux} lx, {} ms", exposure_s * 1e3));
-        let words = preview::brightness_words(factor);
-        let caption = format!("{name}.dng, simple demosaicing, white balance, sRGB, {words}");
-        page.picture(&png::encode_rgb(&small)?, &caption);
-        page.table(&["channel", "mean DN above black", "saturated"], &channel_rows(&frame));
+        frames.add(&format!("{name}.dng"), &frame, &info)?;
     }
-    page.heading("Rig");
-    page.paragraph(if same {
-        "The rig's rows and those of the sensor stage in this process are the same, bit for bit."
-    } else {
-        "The rig's rows differ from those of the sensor stage in this process: this must not be."
-    });
-    page.table(&["frame", "sent in all, MiB", "received in all, MiB"], &link);
-    page.heading("Camera");
-    page.paragraph(&format!(
-        "Optics: {} cells per pixel and direction, margin of {} pixels. Sensor seed {}.",
-        optics.oversample.iter().max().unwrap_or(&1),
-        optics.margin_pixels,
-        camera.sensor.seed
-    ));
-    page.verbatim(&camera.text);
+    let page = page(&camera, &light, &optics, &frames, same, &link);
     directory.write("report.html", page.html().as_bytes())?;
     directory.write("camera.toml", camera.text.as_bytes())?;
     directory.finish()?;
@@ -115,20 +91,45 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(if same { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn mebibytes(bytes: u64) -> String {
-    format!("{:.1}", bytes as f64 / f64::from(1 << 20))
+/// The page: the frames, and what the rig had to do with them.
+fn page(
+    camera: &Camera,
+    light: &Illuminant,
+    optics: &Report,
+    frames: &simulation::Frames,
+    same: bool,
+    link: &[Vec<String>],
+) -> Page {
+    let cells = optics.oversample.iter().max().unwrap_or(&1);
+    let shots = SHOTS.map(|(lux, exposure_s)| format!("{lux} lx, {} ms", exposure_s * 1e3));
+    let made_of = [
+        ("scene", "ColorChecker, 31 spectral bands".to_owned()),
+        ("illuminant", light.name.clone()),
+        ("frames", shots.join("; ")),
+        ("camera", format!("{CAMERA}, the sensor of Chen et al. 2009")),
+        ("lens", "diffraction-limited".to_owned()),
+        ("cells per pixel and direction", cells.to_string()),
+        ("margin of the optics", format!("{} pixels", optics.margin_pixels)),
+    ];
+    let settings = camera.settings(0, SHOTS[0].1, None);
+    let mut page =
+        simulation::page("camrig demo", camera, Some(light), &settings, &made_of, frames);
+    page.command("camrig demo").heading("Rig");
+    page.paragraph(
+        "The optics ran once; its irradiance was streamed row by row to the embedded rig's \
+         emulator, which sent the raw rows back.",
+    );
+    page.paragraph(if same {
+        "The rig's rows and those of the sensor stage in this process are the same, bit for bit."
+    } else {
+        "The rig's rows differ from those of the sensor stage in this process: this must not be."
+    });
+    let mut table = Table::new(&["frame"]).numbers(&["sent in all, MiB", "received in all, MiB"]);
+    table.rows(link.iter().cloned());
+    page.rows(&table);
+    page
 }
 
-fn channel_rows(frame: &RawFrame) -> Vec<Vec<String>> {
-    frame
-        .channel_means()
-        .into_iter()
-        .map(|(name, mean_dn, saturated)| {
-            vec![
-                name,
-                format!("{:.1}", mean_dn - frame.black_level_dn),
-                format!("{:.2} %", 100.0 * saturated),
-            ]
-        })
-        .collect()
+fn mebibytes(bytes: u64) -> String {
+    format!("{:.1}", bytes as f64 / f64::from(1 << 20))
 }

@@ -153,7 +153,11 @@ fn the_demo_makes_raws_pictures_and_a_page() {
     let dir = tempfile::tempdir().unwrap();
     camrig_ok(dir.path(), "demo -o out");
     let page = std::fs::read_to_string(dir.path().join("out/report.html")).unwrap();
-    assert_eq!(page.matches("data:image/png;base64,").count(), 2);
+    // Both frames, the first also as captured and sample by sample.
+    assert_eq!(page.matches("<figure class=\"pic").count(), 4);
+    for words in ["Headroom", "Longest exposure", "bit for bit", "colorchecker-10lx.dng"] {
+        assert!(page.contains(words), "{words}");
+    }
     // With the colon, because base64 contains any four letters now and then.
     assert!(!page.contains("http:") && !page.contains("https:"), "the page is self-contained");
     for name in ["colorchecker-300lx.dng", "colorchecker-10lx.png", "camera.toml"] {

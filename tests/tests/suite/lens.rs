@@ -148,6 +148,9 @@ fn drawings_are_whole_svg_files() {
         ("imported", "c", &of_tables),
     ] {
         camrig_ok(dir, &format!("lens plot {what} -o {out}"));
+        let page = std::fs::read_to_string(dir.join(out).join("lens.html")).unwrap();
+        assert!(page.contains("MTF over frequency"), "{what}");
+        assert_eq!(page.contains("Prescription"), what != "imported", "{what}");
         for name in expected {
             let text = std::fs::read_to_string(dir.join(out).join(format!("{name}.svg"))).unwrap();
             assert!(

@@ -27,6 +27,9 @@ const NAMES: [&str; 6] = [
     "mtf50_cycles_per_pixel",
     "delta_e_2000",
 ];
+/// Those of them that have a better and a worse.
+pub(crate) const RANKED: [&str; 4] =
+    ["snr_db", "dynamic_range_db", "mtf50_cycles_per_pixel", "delta_e_2000"];
 /// Width of the built-in ColorChecker's card unless its options say otherwise, sensor widths.
 const CARD: f64 = 0.8;
 

@@ -21,13 +21,17 @@
 //! [figures]                   # these alone, and a table of them, figures.csv; without it, all
 //! snr_db = true               # that a scene allows are in its record. Also mean_dn,
 //! delta_e_2000 = true         # saturated_fraction, mtf50_cycles_per_pixel
+//!
+//! [choice]                    # which setting the page of the figures calls the optimum
+//! best = "snr_10_lux"         # of the figures, snr_10_lux and mtf50_cycles_per_mm
+//! need = { mtf50_cycles_per_mm = 150 }
 //! ```
 //!
 //! Every combination is taken. Their order, slowest first: camera, camera keys (by name), scene,
 //! illuminant, lux, exposure, gain, sensor seed, frame. Picture i of the grid has frame number
 //! `frame_seed + i`, so no two share temporal noise.
 
-use super::figures::Wanted;
+use super::figures::{self, Wanted};
 use camrig_base::alternatives::{Alternatives, Numbers};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_camera::{Camera, is_preset};
@@ -78,6 +82,8 @@ struct File {
     /// `dynamic_range_db`, `mtf50_cycles_per_pixel`, `delta_e_2000`. Those named have a table,
     /// figures.csv, and a page; left out: all that a scene allows are in its record.
     figures: Option<BTreeMap<String, bool>>,
+    /// Which setting the page of figures calls the optimum.
+    choice: Option<Choice>,
     /// The grid.
     grid: GridFile,
 }
@@ -146,6 +152,8 @@ pub struct Sweep {
     pub inputs: Vec<PathBuf>,
     /// Figures that records have.
     pub figures: Wanted,
+    /// How a setting is chosen by its figures.
+    pub choice: Option<Choice>,
     frame_seed: u32,
     frames: u32,
     /// Cameras: what they are called, and what is changed in their files.
@@ -158,6 +166,41 @@ pub struct Sweep {
     exposures_s: Vec<f64>,
     gains: Vec<Option<f64>>,
     sensor_seeds: Vec<Option<u64>>,
+}
+
+/// Figures that follow from those of records, and may decide a [`Choice`].
+const DERIVED: [&str; 2] = ["snr_10_lux", "mtf50_cycles_per_mm"];
+
+/// How a setting is chosen by its figures.
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Choice {
+    /// The figure that is to be best: one of a record that has a better and a worse, `snr_10_lux`
+    /// (light at which the SNR is 10) or `mtf50_cycles_per_mm`.
+    pub best: String,
+    /// What figures must reach: the least of those of which more is better, the most of others.
+    #[serde(default)]
+    pub need: BTreeMap<String, f64>,
+}
+
+impl Choice {
+    fn checked(self) -> Result<Self> {
+        let known: Vec<&str> = figures::RANKED.into_iter().chain(DERIVED).collect();
+        let names = std::iter::once(&self.best).chain(self.need.keys());
+        for name in names {
+            if !known.contains(&&name[..]) {
+                return Err(Error::input(format!("figure {name:?}"))
+                    .at("[choice]")
+                    .help(toml_text::did_you_mean(name, &known)));
+            }
+        }
+        match self.need.iter().find(|(_, value)| !value.is_finite()) {
+            Some((name, value)) => {
+                Err(Error::input(format!("{name} = {value}")).at("[choice]").help("give a number"))
+            }
+            None => Ok(self),
+        }
+    }
 }
 
 /// Endings of tables of spectra; `D5002.78K` has none.
@@ -232,6 +275,10 @@ impl Sweep {
         if file.frames == 0 {
             return Err(Error::input("frames = 0").help("take at least one frame"));
         }
+        if file.choice.is_some() && file.figures.is_none() {
+            return Err(Error::input("[choice] without [figures]")
+                .help("name the figures that decide it in [figures]"));
+        }
         let grid = file.grid;
         let mut sweep = Self {
             files: file.files,
@@ -240,6 +287,7 @@ impl Sweep {
             oversample: file.oversample,
             inputs: Vec::new(),
             figures: Wanted::new(file.figures.as_ref())?,
+            choice: file.choice.map(Choice::checked).transpose()?,
             frame_seed: file.frame_seed,
             frames: file.frames,
             variants: variants(&grid, folder)?,

@@ -83,6 +83,7 @@ pub mod psf;
 pub mod pupil;
 mod real_height;
 pub mod samples;
+pub mod section;
 pub mod seq;
 mod setup;
 pub mod system;

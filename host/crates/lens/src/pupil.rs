@@ -237,6 +237,30 @@ impl<'a> Beam<'a> {
         self.launcher.ray(place[0], self.chief_launch + place[1])
     }
 
+    /// Places (z from the first vertex, y), mm, of a ray in the plane of the section: `lead` before
+    /// the first surface, on each surface, on the image plane. It is launched `y` from the chief
+    /// ray, mm. `None` for a ray that is lost or stopped.
+    pub(super) fn path(&self, y: f64, lead: f64) -> Option<Vec<[f64; 2]>> {
+        let (position, direction) = self.launcher.ray(0.0, self.chief_launch + y);
+        let mut ray = Rays::<1>::nowhere();
+        ray.set(0, position, direction);
+        let mut places = Vec::with_capacity(self.train.surfaces.len() + 2);
+        let mut vertex = 0.0;
+        for surface in &self.train.surfaces {
+            surface.meet(&mut ray);
+            let (p, _) = ray.get(0);
+            if places.is_empty() {
+                places.push([p[2] - lead, p[1] - lead * direction[1] / direction[2]]);
+            }
+            places.push([vertex + p[2], p[1]]);
+            surface.bend(&mut ray);
+            vertex += surface.thickness;
+        }
+        let (p, d) = ray.get(0);
+        places.push([vertex, p[1] - p[2] * d[1] / d[2]]);
+        ray.passes(0).then_some(places)
+    }
+
     /// Radiant power per launch area at a place relative to the chief ray.
     pub(super) fn power(&self, place: [f64; 2]) -> f64 {
         self.launcher.power(place[0], self.chief_launch + place[1])

@@ -122,6 +122,16 @@ impl System {
         Ok(())
     }
 
+    /// The same lens with the sensor farther away from it, mm.
+    ///
+    /// # Errors
+    /// A shift that is not finite.
+    pub fn with_sensor_shift(&self, shift_mm: f64) -> Result<Self> {
+        let mut shifted = self.clone();
+        move_sensor(&mut shifted.prescription, shift_mm)?;
+        Ok(shifted)
+    }
+
     /// The lens at a wavelength, nm.
     ///
     /// # Errors

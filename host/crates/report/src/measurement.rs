@@ -1,107 +1,212 @@
 //! Pages of measurements: figures with their standard errors, and the curves they come from.
 
-use super::numbers::{NOT_DETERMINED, amount, number};
-use super::page::{Page, Table};
+use super::numbers::{NOT_DETERMINED, amount, number, with_error};
+use super::page::{KeyFigure, Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
+use camrig_measure::value::Value;
 use camrig_measure::{mtf, ptc};
-use serde::Serialize;
-use serde_json::Value;
+
+/// Frequency up to which responses are drawn, cycles/pixel.
+const HIGHEST: f64 = 1.0;
+/// Height of the plot of a response over its largest value.
+const ABOVE: f64 = 1.1;
+/// Standard errors that a band reaches on each side.
+const BAND: f64 = 2.0;
 
 /// The page of a photon transfer.
 pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     let mut page = Page::new("Photon transfer");
-    page.kind("Measurement");
-    captures(&mut page, set);
-    notes(&mut page, &result.notes);
-    page.heading("All channels");
-    figures(&mut page, &result.figures);
-    let mut plot = Plot::new("Photon transfer", "signal above dark, DN", "temporal variance, DN²");
-    plot.log_x().log_y().note("Variance over signal, one point per capture.");
-    for channel in &result.channels {
-        let of = |used: bool| {
-            let points = channel.curve.iter().filter(|p| p.used == used);
-            points.map(|p| [p.signal_dn, p.variance_dn2.value]).collect::<Vec<_>>()
-        };
-        let (name, colour) = (&channel.channel, Colour::of_channel(&channel.channel));
-        plot.series(&format!("{name}, in the fit"), Mark::Points, colour, of(true));
-        let left_out = of(false);
-        if !left_out.is_empty() {
-            plot.series(&format!("{name}, left out"), Mark::Hollow, colour, left_out);
-        }
+    let s = &set.sensor;
+    page.kind("Measurement").subtitle(&format!(
+        "{} captures of {} × {} pixels, {} bits, analog gain {}",
+        set.captures.len(),
+        s.width,
+        s.height,
+        s.bits,
+        number(result.analog_gain)
+    ));
+    let all = &result.figures;
+    let card = |name: &str, value: &Option<Value>, unit: &str| {
+        let text = value.as_ref().map(|v| amount(v.value, Some(v.std_error), unit));
+        KeyFigure::new(name, &text.unwrap_or_else(|| NOT_DETERMINED.into())).below("all channels")
+    };
+    page.key_figures(&[
+        card("System gain", &all.system_gain_dn_per_e, "DN/e⁻"),
+        card("Read noise", &all.read_noise_e, "e⁻"),
+        card("Full well", &all.full_well_e, "e⁻"),
+        card("Dark current", &all.dark_current_e_per_s, "e⁻/s"),
+    ]);
+    for note in &result.notes {
+        page.note(note);
     }
-    page.plot(&plot);
-    for channel in result.channels.iter().filter(|_| result.channels.len() > 1) {
-        page.heading(&format!("Channel {}", channel.channel));
-        figures(&mut page, &channel.figures);
-    }
+    page.heading("Photon transfer").evidence(
+        |page| {
+            page.plot(&transfer(result));
+        },
+        |page| {
+            page.rows(&figures(result));
+            page.small("Value ± standard error. All: channels weighted by their errors.");
+        },
+    );
     page
 }
 
-/// The page of slanted edges.
-pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
-    let mut page = Page::new("Slanted-edge response");
-    page.kind("Measurement");
-    page.paragraph(&format!(
-        "{name}. Slanted-edge response after ISO 12233:2023 on raw channels."
-    ));
-    let mut plot = Plot::new("MTF", "spatial frequency, cycles/pixel", "response");
-    plot.x_range(0.0, 1.0).limit_x(0.5, "Nyquist");
-    plot.note("Spatial frequency response; the pixel's own aperture is part of it.");
-    for edge in edges {
-        let colour = Colour::of_channel(&edge.channel);
-        plot.series(&edge.channel, Mark::Line, colour, edge.curve.clone());
+fn transfer(result: &ptc::Ptc) -> Plot {
+    let mut plot = Plot::new("Photon transfer", "signal above dark, DN", "temporal variance, DN²");
+    plot.log_x().log_y();
+    let mut left_out = Vec::new();
+    for channel in &result.channels {
+        let of = |used: bool| {
+            let points = channel.curve.iter().filter(move |p| p.used == used);
+            points.map(|p| [p.signal_dn, p.variance_dn2.value, p.variance_dn2.std_error])
+        };
+        let (name, colour) = (&channel.channel, Colour::of_channel(&channel.channel));
+        let points: Vec<[f64; 3]> = of(true).collect();
+        plot.with_errors(&channel_name(name), Mark::Points, colour, &points);
+        left_out.extend(of(false).map(|p| [p[0], p[1]]));
     }
-    page.plot(&plot);
+    let rest = if left_out.is_empty() { "" } else { " Rings: not in the fit." };
+    if !left_out.is_empty() {
+        plot.series("left out", Mark::Hollow, Colour::Reference, left_out);
+    }
+    plot.note(&format!("A dot per capture with a bar of one standard error.{rest}"));
+    plot
+}
+
+/// A channel's name as catalogues write it.
+fn channel_name(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+}
+
+/// Takes a figure from all of a channel or of the sensor.
+type Take = fn(&ptc::Figures) -> &Option<Value>;
+
+const FIGURES: [(&str, &str, Take); 15] = [
+    ("System gain", "DN/e⁻", |f| &f.system_gain_dn_per_e),
+    ("Read noise", "e⁻", |f| &f.read_noise_e),
+    ("Full well", "e⁻", |f| &f.full_well_e),
+    ("Quantum efficiency", "e⁻/photon", |f| &f.quantum_efficiency),
+    ("Black level", "DN", |f| &f.black_level_dn),
+    ("Nonlinearity", "%", |f| &f.nonlinearity_percent),
+    ("PRNU", "1", |f| &f.prnu),
+    ("DSNU", "e⁻", |f| &f.dsnu_e),
+    ("Dark current, from means", "e⁻/s", |f| &f.dark_current_e_per_s),
+    ("Dark current, from variances", "e⁻/s", |f| &f.dark_current_from_variance_e_per_s),
+    ("Scatter of the dark current", "e⁻/s", |f| &f.dsnu_e_per_s),
+    ("Dark current doubles every", "°C", |f| &f.dark_doubling_c),
+    ("Fixed pattern of pixels", "e⁻", |f| &f.pixel_fpn_e),
+    ("Fixed pattern of rows", "e⁻", |f| &f.row_fpn_e),
+    ("Fixed pattern of columns", "e⁻", |f| &f.column_fpn_e),
+];
+
+/// A row per figure, a column for all and one per channel.
+fn figures(result: &ptc::Ptc) -> Table {
+    let mut heads = vec!["all".to_owned()];
+    let mut columns = vec![&result.figures];
+    if result.channels.len() > 1 {
+        heads.extend(result.channels.iter().map(|c| channel_name(&c.channel)));
+        columns.extend(result.channels.iter().map(|c| &c.figures));
+    }
+    let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+    let mut table = Table::new(&["figure", "unit"]).numbers(&heads);
+    for (name, unit, take) in FIGURES {
+        let cell = |figures: &&ptc::Figures| match take(figures) {
+            Some(v) => with_error(v.value, Some(v.std_error)),
+            None => NOT_DETERMINED.into(),
+        };
+        let mut row = vec![name.to_owned(), unit.to_owned()];
+        row.extend(columns.iter().map(cell));
+        table.row(row);
+    }
+    table
+}
+
+/// The page of slanted edges. `pitch_um` is the side of a pixel, where it is known.
+pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
+    let mut page = Page::new("Slanted-edge response");
+    page.kind("Measurement").subtitle(&format!("{name} · after ISO 12233:2023, on raw channels"));
+    let cards: Vec<KeyFigure> = edges.iter().map(|edge| card(edge, pitch_um)).collect();
+    page.key_figures(&cards);
+    page.heading("Response").grid(|page| {
+        page.plot(&response(edges)).plot(&spread(edges));
+    });
     let mut table = Table::new(&["channel"]).numbers(&[
         "MTF50, cycles/pixel",
         "MTF50, cycles/mm",
         "response at Nyquist",
-        "edge, °",
+        "angle of the edge, °",
+        "dark side, DN",
+        "bright side, DN",
     ]);
     table.rows(edges.iter().map(|e| {
+        let per_mm = |p: f64| {
+            let factor = 1e3 / p;
+            with_error(factor * e.mtf50_cycles_per_pixel, Some(factor * e.mtf50_std_error))
+        };
         vec![
-            e.channel.clone(),
-            amount(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error), ""),
-            e.mtf50_cycles_per_mm.map_or_else(String::new, number),
-            number(e.mtf_at_nyquist),
+            channel_name(&e.channel),
+            with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
+            pitch_um.map_or_else(|| "pitch not known".into(), per_mm),
+            with_error(e.mtf_at_nyquist, at_nyquist(e)),
             number(e.angle_deg),
+            number(e.levels_dn[0]),
+            number(e.levels_dn[1]),
         ]
     }));
     page.rows(&table);
+    page.small("Value ± standard error, from leaving out a tenth of the rows at a time.");
     page
 }
 
-fn captures(page: &mut Page, set: &CaptureSet) {
-    let s = &set.sensor;
-    page.paragraph(&format!(
-        "{} captures of {} × {} pixels, {} bits.",
-        set.captures.len(),
-        s.width,
-        s.height,
-        s.bits
-    ));
-}
-
-fn notes(page: &mut Page, notes: &[String]) {
-    for note in notes {
-        page.note(note);
+fn card(edge: &mtf::Edge, pitch_um: Option<f64>) -> KeyFigure {
+    let (value, error) = (edge.mtf50_cycles_per_pixel, edge.mtf50_std_error);
+    let name = format!("MTF50, {}", channel_name(&edge.channel));
+    let card = KeyFigure::new(&name, &amount(value, Some(error), "cycles/pixel"));
+    match pitch_um.map(|p| 1e3 / p) {
+        Some(per_mm) => card.below(&amount(per_mm * value, Some(per_mm * error), "cycles/mm")),
+        None => card,
     }
 }
 
-/// Table of all fields of a structure that are numbers or values with errors.
-fn figures(page: &mut Page, figures: &impl Serialize) {
-    let row = |(name, v): (&String, &Value)| {
-        let text = match (v.as_f64(), v["value"].as_f64()) {
-            (_, Some(value)) => amount(value, v["std_error"].as_f64(), ""),
-            (Some(value), None) => number(value),
-            _ => NOT_DETERMINED.into(),
-        };
-        vec![name.clone(), text]
-    };
-    let mut table = Table::new(&["figure"]).numbers(&["value ± standard error"]);
-    if let Ok(Value::Object(map)) = serde_json::to_value(figures) {
-        table.rows(map.iter().map(row));
+/// Standard error of the response at Nyquist.
+fn at_nyquist(edge: &mtf::Edge) -> Option<f64> {
+    let place = edge.curve.partition_point(|p| p[0] < 0.5);
+    edge.curve_std_error.get(place).copied()
+}
+
+fn response(edges: &[mtf::Edge]) -> Plot {
+    let mut plot = Plot::new("MTF", "spatial frequency, cycles/pixel", "response, 1");
+    let responses = edges.iter().flat_map(|e| &e.curve).map(|p| p[1]);
+    let top = responses.fold(1.0, f64::max);
+    plot.x_range(0.0, HIGHEST)
+        .y_range(0.0, ABOVE * top)
+        .limit_x(0.5, "Nyquist")
+        .limit_y(0.5, "MTF50");
+    for edge in edges {
+        let band = edge.curve.iter().zip(&edge.curve_std_error);
+        let band = band.map(|(p, e)| [p[0], (p[1] - BAND * e).max(0.0), p[1] + BAND * e]);
+        plot.band("", Colour::of_channel(&edge.channel), band.collect());
     }
-    page.rows(&table);
+    for edge in edges {
+        let colour = Colour::of_channel(&edge.channel);
+        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.curve.clone());
+    }
+    plot.note(
+        "The pixel's own aperture is part of it. Bands: two standard errors. Nyquist is that of \
+         the pixel grid.",
+    );
+    plot
+}
+
+fn spread(edges: &[mtf::Edge]) -> Plot {
+    let mut plot =
+        Plot::new("Edge spread function", "distance from the edge, pixels", "level, DN");
+    for edge in edges {
+        let colour = Colour::of_channel(&edge.channel);
+        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.spread.clone());
+    }
+    plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
+    plot
 }

@@ -272,12 +272,12 @@ struct ImportArgs {
     force: bool,
 }
 
-/// Draw distortion, illumination, chief-ray angle, MTF, PSFs and (of a prescription) spots as SVG
-/// files
+/// Draw distortion, lateral colour, illumination, chief-ray angle, MTF, PSFs and (of a
+/// prescription) spots as SVG files, and a page with all of it
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens plot triplet.zmx -o plots\n  \
-    camrig lens plot phone-lens -o plots")]
+    camrig lens plot phone-lens -o plots --pixel 1.4")]
 struct PlotArgs {
     #[command(flatten)]
     lens: LensArgs,
@@ -287,6 +287,9 @@ struct PlotArgs {
     /// Largest field, degrees; the file's own unless given
     #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
     max_field: Option<f64>,
+    /// Side of the pixels that the lens is for, µm: for Nyquist, and lateral colour in pixels
+    #[arg(long, value_name = "UM", value_parser = arguments::positive)]
+    pixel: Option<f64>,
     /// Replace an existing directory of drawings
     #[arg(long)]
     force: bool,
@@ -370,8 +373,10 @@ fn import_files(args: &ImportArgs) -> Result<()> {
 fn plot(args: &PlotArgs) -> Result<()> {
     let dir = OutputDir::create(&args.output, args.force)?;
     let mut drawings: Vec<(String, String)> = Vec::new();
-    let lens = if args.lens.file.is_dir() {
-        Characterisation::read(&args.lens.file)?
+    let (lens, page) = if args.lens.file.is_dir() {
+        let lens = Characterisation::read(&args.lens.file)?;
+        let page = report::page(&lens, None, args.pixel)?;
+        (lens, page)
     } else {
         let place = |e: Error| e.at(args.lens.file.display());
         let system = args.lens.system()?;
@@ -390,15 +395,19 @@ fn plot(args: &PlotArgs) -> Result<()> {
             psf_spacing_um: None,
             method: PsfMethod::Auto,
         };
-        characterise::characterise(&system, &plan, &|_, _| ()).map_err(place)?
+        let lens = characterise::characterise(&system, &plan, &|_, _| ()).map_err(place)?;
+        let traced = report::Traced { system: &system, max_field_deg };
+        let page = report::page(&lens, Some(traced), args.pixel).map_err(place)?;
+        (lens, page)
     };
-    let of_lens = report::drawings(&lens);
+    let of_lens = report::drawings(&lens, args.pixel);
     drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
+    dir.write("lens.html", page.html().as_bytes())?;
     for (name, svg) in &drawings {
         dir.write(format!("{name}.svg"), svg.as_bytes())?;
     }
     dir.finish()?;
-    eprintln!("wrote {} drawings into {}", drawings.len(), args.output.display());
+    eprintln!("wrote lens.html and {} drawings into {}", drawings.len(), args.output.display());
     Ok(())
 }
 

@@ -173,7 +173,7 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
         })
         .collect::<Result<_>>()?;
     let name = args.source.frame.display().to_string();
-    args.page.write(|| report::measurement::mtf(&name, &edges).html())?;
+    args.page.write(|| report::measurement::mtf(&name, &edges, args.pitch_um).html())?;
     if args.json {
         println!("{}", json!({ "edges": edges }));
         return Ok(ExitCode::SUCCESS);

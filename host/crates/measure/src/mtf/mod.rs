@@ -92,6 +92,12 @@ pub struct Edge {
     pub mtf_at_nyquist: f64,
     /// (cycles per pixel, response) from 0 to 1 cycle per pixel.
     pub curve: Vec<[f64; 2]>,
+    /// Standard error of each response of the curve.
+    #[serde(skip)]
+    pub curve_std_error: Vec<f64>,
+    /// Edge spread function: (distance from the edge, pixels; DN).
+    #[serde(skip)]
+    pub spread: Vec<[f64; 2]>,
     /// Mean DN on the two sides of the edge, dark first.
     pub levels_dn: [f64; 2],
 }
@@ -116,17 +122,11 @@ pub fn measure(
             .help("is this an image of an edge? noise alone has such a response")
     })?;
     // Jackknife: leave out one block of rows at a time.
-    let mut spread = Vec::with_capacity(BLOCKS);
-    for block in 0..BLOCKS {
-        if let Ok(part) = Sfr::of(&rows, &line, step, Some(block))
-            && let Some(f) = part.crossing(0.5)
-        {
-            spread.push(f);
-        }
-    }
-    let b = spread.len() as f64;
-    let mean = spread.iter().sum::<f64>() / b;
-    let error = ((b - 1.0) / b * spread.iter().map(|f| (f - mean).powi(2)).sum::<f64>()).sqrt();
+    let parts: Vec<Sfr> =
+        (0..BLOCKS).filter_map(|block| Sfr::of(&rows, &line, step, Some(block)).ok()).collect();
+    let error = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
+    let of_curve =
+        |p: &[f64; 2]| jackknife(&parts.iter().map(|part| part.at(p[0])).collect::<Vec<_>>());
     let mtf50 = Value::new(mtf50, error);
     Ok(Edge {
         channel: channel.to_ascii_lowercase().to_string(),
@@ -135,9 +135,18 @@ pub fn measure(
         mtf50_std_error: mtf50.std_error,
         mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
         mtf_at_nyquist: sfr.at(0.5),
+        curve_std_error: sfr.curve.iter().map(of_curve).collect(),
         curve: sfr.curve,
+        spread: sfr.spread,
         levels_dn: line.levels,
     })
+}
+
+/// Standard error from values that each leave out one block.
+fn jackknife(values: &[f64]) -> f64 {
+    let b = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / b;
+    ((b - 1.0) / b * values.iter().map(|f| (f - mean).powi(2)).sum::<f64>()).sqrt()
 }
 
 /// The response of one channel at some frequencies, with its predicted scatter.

@@ -22,6 +22,8 @@ const LARGEST_GAP: f64 = 2.0;
 pub struct Sfr {
     /// (cycles per pixel, response).
     pub curve: Vec<[f64; 2]>,
+    /// The edge spread function: (distance from the edge, pixels; DN).
+    pub spread: Vec<[f64; 2]>,
     /// The step's height including its tails, DN; signed.
     pub height: f64,
     /// Half width of the window, pixels.
@@ -85,7 +87,9 @@ impl Sfr {
             curve.push([f, value.norm() / correction]);
         }
         line_from_one(&mut curve, 1.0 / (side as f64 * bin));
-        Ok(Self { curve, height, half: side as f64 * bin })
+        let half = side as f64 * bin;
+        let spread = spread.iter().enumerate().map(|(i, dn)| [half * place(i), *dn]).collect();
+        Ok(Self { curve, spread, height, half })
     }
 
     /// Frequency where the response first falls to a level, cycles per pixel.

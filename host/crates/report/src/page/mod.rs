@@ -264,15 +264,13 @@ impl Page {
 
     /// Adds a picture from PNG bytes with words for those who do not see it, and a caption.
     pub fn thumbnail(&mut self, png: &[u8], alt: &str, caption: &str) -> &mut Self {
-        let caption = match caption {
-            "" => String::new(),
-            caption => format!("<figcaption>{}</figcaption>", escape(caption)),
-        };
-        self.add(format_args!(
-            "<figure class=\"pic\"><img alt=\"{}\" src=\"{}\">{caption}</figure>\n",
-            escape(alt),
-            data_uri(png)
-        ))
+        self.add_picture("pic", png, alt, caption)
+    }
+
+    /// Adds a picture of few samples, each of which is shown as a square, with words for those who
+    /// do not see it, and a caption.
+    pub fn samples(&mut self, png: &[u8], alt: &str, caption: &str) -> &mut Self {
+        self.add_picture("pic pix", png, alt, caption)
     }
 
     /// Adds a drawing from trusted SVG text, which is not escaped.
@@ -392,6 +390,18 @@ impl Page {
             line("sub", subtitle),
             title = escape(title),
         )
+    }
+
+    fn add_picture(&mut self, class: &str, png: &[u8], alt: &str, caption: &str) -> &mut Self {
+        let caption = match caption {
+            "" => String::new(),
+            caption => format!("<figcaption>{}</figcaption>", escape(caption)),
+        };
+        self.add(format_args!(
+            "<figure class=\"{class}\"><img alt=\"{}\" src=\"{}\">{caption}</figure>\n",
+            escape(alt),
+            data_uri(png)
+        ))
     }
 
     fn within(&mut self, open: &str, close: &str, write: impl FnOnce(&mut Self)) -> &mut Self {
