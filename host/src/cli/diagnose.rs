@@ -146,7 +146,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let files = [&improved.text[..], &added];
     output.write(
         "report.html",
-        pages::diagnosis::page(&session, &outcome, &found, &files, &command)?.as_bytes(),
+        pages::diagnosis::page(&session, &outcome, &found, files, &command)?.as_bytes(),
     )?;
     output.finish()?;
     if args.json {
