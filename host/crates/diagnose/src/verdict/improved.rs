@@ -1,6 +1,7 @@
 //! The camera file with the effects that were found.
 
 use crate::candidates::proposal::Proposal;
+use crate::finding::number;
 use camrig_base::toml_text::seven_figures;
 use camrig_base::{Error, Result};
 use camrig_camera::presets;
@@ -131,7 +132,7 @@ pub fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<Stri
         for (key, value) in table {
             let error = found.and_then(|p| p.parameters.iter().find(|(name, _)| name == key));
             let comment = error.filter(|(_, e)| e.se.is_finite());
-            let comment = comment.map_or(String::new(), |(_, e)| format!("  # ± {:.2}", e.se));
+            let comment = comment.map_or(String::new(), |(_, e)| format!("  # {}", number(*e)));
             out.push_str(&format!("{key} = {value}{comment}\n"));
         }
     }

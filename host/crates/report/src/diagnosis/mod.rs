@@ -241,12 +241,15 @@ fn effect(
     (number, step): (usize, &report::Step),
     of_search: Option<&Step>,
 ) {
-    let side = |page: &mut Page| {
-        amounts(page, step);
+    let evidence = |page: &mut Page| {
         if let Some(of_search) = of_search {
             told(page, session, outcome, of_search);
             candidates(page, of_search);
         }
+    };
+    let side = |page: &mut Page| {
+        amounts(page, step);
+        evidence(page);
     };
     page.together(|page| {
         page.heading(&format!("{number} · {}", words::name(step)));
@@ -258,7 +261,7 @@ fn effect(
                         page.plot(plot);
                     }
                 });
-                side(page);
+                page.beside(|page| amounts(page, step), evidence);
             }
             Some(Picture::Plot(plot)) => {
                 page.evidence(
@@ -295,7 +298,8 @@ fn told(page: &mut Page, session: &Session, outcome: &Outcome, step: &Step) {
     }));
     page.subheading("What told it").rows(&table);
     page.small("Deviation of the held-out frames from the model, standard deviations σ.");
-    if step.observed.iter().any(|s| !matches!(s.key.0, Place::Stack(_))) {
+    if step.observed.iter().any(|s| !matches!(s.key.0, Place::Stack(_))) && step.observed.len() > 1
+    {
         places(page, session, outcome, step);
     }
 }

@@ -217,6 +217,7 @@ fn profile(planes: &Planes, of_columns: bool) -> Plot {
     let shown = measured.len().min(LINES);
     let last = shown as f64 - 1.0;
     let side = 2.0 * sigma;
+    plot.x_range(0.0, last);
     let band = vec![[0.0, -side, side], [last, -side, side]];
     plot.band("improved, ± 2 σ", Colour::Improved, band);
     let of = |values: &[f64]| {

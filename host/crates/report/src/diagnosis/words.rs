@@ -77,7 +77,7 @@ pub fn amounts(step: &Step) -> Vec<Amount> {
     for parameter in known {
         if let Some(p) = step.parameters.get(parameter.key) {
             let value = amount(p.value, p.std_error, spoken(parameter.unit));
-            all.push(Amount { name: parameter.doc.trim().into(), value });
+            all.push(Amount { name: printed(parameter.doc.trim()), value });
         }
     }
     let others = step.parameters.iter().filter(|(key, _)| known.iter().all(|k| k.key != **key));

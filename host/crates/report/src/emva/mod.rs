@@ -14,9 +14,9 @@ pub(crate) use plots::all as plots;
 pub(crate) use table::further;
 
 /// Height of the signal-to-noise ratio on the first sheet, px.
-const FIRST_SNR: f64 = 212.0;
+const FIRST_SNR: f64 = 196.0;
 /// Remarks that the first sheet has room for.
-const FIRST_REMARKS: usize = 3;
+const FIRST_REMARKS: usize = 2;
 
 /// The page; `title` names the camera, `source` says where the captures come from, `command` is
 /// what was typed.
@@ -36,9 +36,9 @@ pub(crate) fn first_sheet(page: &mut Page, result: &Checked, facts: &[(&str, Str
     page.key_figures(&key_figures(result));
     let remarks = remarks(&result.warnings);
     let (first, more) = remarks.split_at(remarks.len().min(FIRST_REMARKS));
-    first.iter().for_each(|text| {
-        page.note(text);
-    });
+    if !first.is_empty() {
+        page.note(&first.join(" "));
+    }
     page.data_sheet(
         |page| {
             page.subheading("Figures of merit").rows(&table::merit(&result.channels));
