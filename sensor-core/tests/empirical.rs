@@ -9,6 +9,10 @@ use camrig_sensor_core::effects::{Domain, Effect};
 use common::*;
 use std::f64::consts::TAU;
 
+/// A value over column and row, and a correlation over distance.
+type Place<'a> = &'a dyn Fn(f64, f64) -> f64;
+type Lag<'a> = &'a dyn Fn(usize) -> f64;
+
 /// Half a step of the test sensor and a little, e⁻.
 const HALF: f64 = 0.5 / DN_PER_E + 0.01;
 
@@ -80,7 +84,7 @@ fn profiles_and_maps_lie_over_the_frame<A: Arith>() {
         let tent = 1.0 - (2.0 * y / 99.0 - 1.0).abs();
         (2.0 * x / 99.0 - 1.0) * (y / 99.0) + 2.0 * tent
     };
-    let kinds: [(Shape, &[f32], &dyn Fn(f64, f64) -> f64); 3] = [
+    let kinds: [(Shape, &[f32], Place<'_>); 3] = [
         (Shape::RowProfile, &profile, &|x, _| along(x)),
         (Shape::ColumnProfile, &profile, &|_, y| along(y)),
         (Shape::Map, &map, &of_map),
@@ -179,7 +183,7 @@ fn taps_and_lengths_give_their_covariance<A: Arith>() {
     };
     let of_length = |lag: usize| (-(lag as f64) / 9.0).exp();
     let tap_words = taps.map(|t| t as f32);
-    let laws: [(&[f32], &dyn Fn(usize) -> f64, f64); 2] =
+    let laws: [(&[f32], Lag<'_>, f64); 2] =
         [(&tap_words, &of_taps, 1.7), (&[9.0], &of_length, 18.0)];
     for (i, (values, expected, apart)) in laws.into_iter().enumerate() {
         for down in [0.0, 1.0] {

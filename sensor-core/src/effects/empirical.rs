@@ -221,7 +221,7 @@ impl Stage for Empirical {
             (Quantity::Temporal, _) => line_noise::add::<A>(self, cx, row, words),
             (Quantity::Response, _) => response::change::<A>(cx, row, self.amount, words),
             (Quantity::Offset | Quantity::Gain | Quantity::Dark, shape) => {
-                self.change::<A>(cx, row, Field::new::<A>(cx, shape, words));
+                self.change::<A>(cx, row, Field::new(cx, shape, words));
             }
         }
     }

@@ -7,6 +7,7 @@ use crate::math;
 use crate::stream::Lanes;
 
 /// The values of a row's pixels, block by block.
+#[allow(clippy::large_enum_variant, reason = "streams cannot be boxed without an allocator")]
 pub(super) enum Field<'a> {
     /// From a column and a row on so much more: (column, row, step).
     Seam(&'a [[f32; 3]]),
@@ -78,7 +79,7 @@ impl<'a> Field<'a> {
     }
 
     #[inline(always)]
-    pub fn new<A: Arith>(cx: &Context<'_>, shape: Shape, words: &'a [f32]) -> Self {
+    pub fn new(cx: &Context<'_>, shape: Shape, words: &'a [f32]) -> Self {
         match shape {
             Shape::Seam => Self::Seam(words.as_chunks().0),
             Shape::Wave => Self::Wave(words.as_chunks().0),
