@@ -134,7 +134,7 @@ impl TrainSurface {
             entry.enter(rays);
         }
         match &self.shape {
-            Shape::Break => return,
+            Shape::Break => {}
             Shape::Biconic { .. } | Shape::Toroid { .. } => {
                 let mut length = self.meet_conic(rays, true);
                 self.refine(rays, &mut length, |place, [dx, dy]| {

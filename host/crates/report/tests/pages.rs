@@ -174,6 +174,7 @@ fn transfer() -> String {
         black_level_dn: Some(42.0),
         white_level_dn: 1023,
         pitch_um: Some(2.2),
+        window: None,
     };
     let set = CaptureSet { root: ".".into(), camera: None, sensor, captures: Vec::new() };
     let figures = |i: usize| ptc::Figures {

@@ -3,6 +3,7 @@
 //! A displaced surface is met and bends light in its own coordinates, with the code of
 //! [`crate::trace`]; rays are carried into them and back.
 
+use crate::frame::Frame;
 use crate::trace::{LANES, Rays, TrainSurface};
 use camrig_vector::vectorised;
 
@@ -17,16 +18,9 @@ pub(super) struct Displacement {
     pub arm: f64,
 }
 
-/// The coordinates of a displaced surface in those of its undisplaced vertex.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Frame {
-    /// Columns are the displaced axes.
-    axes: [[f64; 3]; 3],
-    origin: [f64; 3],
-}
-
 impl Displacement {
-    /// The frame; `None` where nothing is displaced.
+    /// The coordinates of the displaced surface in those of its undisplaced vertex; `None` where
+    /// nothing is displaced.
     pub fn frame(&self) -> Option<Frame> {
         (self.shift != [0.0; 2] || self.tilt != [0.0; 2]).then(|| self.displaced())
     }
@@ -39,50 +33,12 @@ impl Displacement {
         let (s, c) = libm::sincos(angle);
         let v = 1.0 - c;
         let axes = [
-            [c + a * a * v, a * b * v, b * s],
-            [a * b * v, c + b * b * v, -a * s],
-            [-b * s, a * s, c],
+            [c + a * a * v, a * b * v, -b * s],
+            [a * b * v, c + b * b * v, a * s],
+            [b * s, -a * s, c],
         ];
-        let turned = |i: usize| axes[i][2] * self.arm;
-        let origin = [self.shift[0] + turned(0), self.shift[1] + turned(1), turned(2) - self.arm];
-        Frame { axes, origin }
-    }
-}
-
-impl Frame {
-    /// Carries the rays into this frame.
-    #[inline(always)]
-    fn enter<const N: usize>(&self, rays: &mut Rays<N>) {
-        for i in 0..N {
-            let (p, d) = rays.get(i);
-            let away = [0, 1, 2].map(|k| p[k] - self.origin[k]);
-            let within = |v: [f64; 3]| {
-                [0, 1, 2].map(|k| (0..3).map(|r| self.axes[r][k] * v[r]).sum::<f64>())
-            };
-            place(rays, i, within(away), within(d));
-        }
-    }
-
-    /// Carries the rays out of this frame.
-    #[inline(always)]
-    fn leave<const N: usize>(&self, rays: &mut Rays<N>) {
-        for i in 0..N {
-            let (p, d) = rays.get(i);
-            let outside = |v: [f64; 3]| {
-                [0, 1, 2].map(|r| (0..3).map(|k| self.axes[r][k] * v[k]).sum::<f64>())
-            };
-            let away = outside(p);
-            place(rays, i, [0, 1, 2].map(|k| away[k] + self.origin[k]), outside(d));
-        }
-    }
-}
-
-/// Moves ray `i`; path and excess stay.
-#[inline(always)]
-fn place<const N: usize>(rays: &mut Rays<N>, i: usize, position: [f64; 3], direction: [f64; 3]) {
-    for axis in 0..3 {
-        rays.position[axis][i] = position[axis];
-        rays.direction[axis][i] = direction[axis];
+        let [x, y, z] = axes[2].map(|along| along * self.arm);
+        Frame { origin: [self.shift[0] + x, self.shift[1] + y, z - self.arm], axes }
     }
 }
 
@@ -98,7 +54,7 @@ pub(super) fn trace(surfaces: &[TrainSurface], frames: &[Option<Frame>], rays: &
         if let Some(frame) = frame {
             // The way to the next vertex is along the undisplaced axis.
             rays.position[2].iter_mut().for_each(|z| *z += surface.thickness);
-            frame.leave(rays);
+            frame.inverse().enter(rays);
             rays.position[2].iter_mut().for_each(|z| *z -= surface.thickness);
         }
     }
@@ -115,6 +71,7 @@ pub(super) fn trace(surfaces: &[TrainSurface], frames: &[Option<Frame>], rays: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trace::Shape;
 
     fn sphere(radius: f64) -> TrainSurface {
         TrainSurface {
@@ -127,6 +84,9 @@ mod tests {
             after: 1.5,
             mirror: false,
             clips: Vec::new(),
+            shape: Shape::Plain,
+            entry: None,
+            exit: None,
         }
     }
 

@@ -14,10 +14,10 @@ mod tests;
 
 pub use perturbation::{Kind, Perturbation, Tolerances};
 
+use crate::frame::Frame;
 use crate::prescription::Prescription;
 use crate::system::{Conditions, System};
 use camrig_base::{Error, Result};
-use displaced::Frame;
 use otf::{Azimuth, Waves};
 use perturbation::Departing;
 use rayon::prelude::*;

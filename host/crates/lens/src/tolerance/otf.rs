@@ -7,7 +7,8 @@
 //! λν apart is corrected to second order: the phase of a plane wave of direction d at a point
 //! changes by −x·Δd/λ, x being where its ray lands.
 
-use super::displaced::{Frame, trace};
+use super::displaced::trace;
+use crate::frame::Frame;
 use crate::pupil::Beam;
 use crate::system::System;
 use crate::trace::{LANES, Rays};

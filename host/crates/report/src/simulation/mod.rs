@@ -234,11 +234,7 @@ fn set_up(page: &mut Page, camera: &Camera, settings: &FrameSettings, made_of: &
         ("pattern", sensor.cfa.to_string()),
         (
             "levels",
-            format!(
-                "{} bits, black {}\u{a0}DN",
-                sensor.bits,
-                number(sensor.black_level_dn.into())
-            ),
+            format!("{} bits, black {}\u{a0}DN", sensor.bits, number(sensor.black_level_dn)),
         ),
         ("exposure", exposure_words(settings.exposure_s.into())),
         ("analog gain", number(settings.analog_gain.into())),
