@@ -288,9 +288,13 @@ fn an_emva_page_is_written_whole_or_not_at_all() {
     camrig_ok(dir, "capture --camera c.toml --plan plan.toml -o a");
     camrig_ok(dir, "measure emva a --report page.html");
     let page = std::fs::read_to_string(dir.join("page.html")).unwrap();
-    for part in
-        ["Photon transfer", "Linearity", "DSNU spectrogram", "PRNU histogram", "DSNU1288 row"]
-    {
+    for part in [
+        "Photon transfer",
+        "Linearity",
+        "DSNU spectrogram",
+        "PRNU histogram",
+        "Dark profile, horizontal",
+    ] {
         assert!(page.contains(part), "{part}");
     }
     assert!(

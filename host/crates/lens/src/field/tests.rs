@@ -96,7 +96,9 @@ fn a_round_lens_has_the_figures_of_the_rotational_tracer() {
     let solid = here.projected_solid_angle_sr / right.projected_solid_angle_sr;
     assert!((solid - 1.0).abs() < 1e-4, "{solid}");
     let light = here.relative_illumination - right.relative_illumination;
-    assert!(light.abs() < 1e-4 && right.relative_illumination < 0.98, "{light}");
+    assert!(light.abs() < 1e-4, "{light}");
+    let falls = 1.0 - right.relative_illumination;
+    assert!(falls.abs() > 1e-2, "{falls}: too little to tell");
     assert!((here.spot_rms_mm / right.spot_rms_mm - 1.0).abs() < 2e-3, "{here:?}, {right:?}");
     // The same field point turned about the axis: 8° at the azimuth 30°.
     let tangent = libm::tan(8.0_f64.to_radians());

@@ -53,7 +53,7 @@ w => {
     const axes = [...s.querySelectorAll("text.ax")].map(t => t.textContent.trim()), values = JSON.parse(s.closest("figure").querySelector("script").textContent);
     for (const [axis, text] of [values.y, values.x].map(a => [a, a.n]))
       if (!text || !axes.includes(text)) bad.push(`${name}: an axis without a name`);
-      else if (!axis.t && !/,|%|\b(rows?|columns?|pixels?|photons|SNR|ratio|modulation|MTF|rank|number|frames?|cycles|place|f-number|levels?|share|correlation|times|factor|patch|statistic)\b/i.test(text)) bad.push(`${name}: an axis without a unit: ${text}`);
+      else if (!axis.t && !/,|%|\b(rows?|columns?|pixels?|photons|samples|SNR|ratio|modulation|MTF|rank|number|frames?|cycles|place|f-number|levels?|share|correlation|times|factor|patch|statistic)\b/i.test(text)) bad.push(`${name}: an axis without a unit: ${text}`);
     if (s.getAttribute("role") !== "img" || !s.getAttribute("aria-label")) bad.push(`${name}: not described`);
     for (const e of s.querySelectorAll(".data path.l:not(.halo,.need), .data .f")) {
       const style = w.getComputedStyle(e), ink = style.stroke === "none" ? style.fill : style.stroke;
