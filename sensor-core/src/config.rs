@@ -123,7 +123,7 @@ pub enum ConfigError {
         /// The value that was refused, in the parameter's unit.
         value: f32,
     },
-    /// An effect comes after one of a later [`Domain`](crate::effects::Domain).
+    /// An effect comes after one of a later [`Domain`].
     Order {
         /// Position of the effect in [`SensorConfig::effects`], from 0.
         position: usize,
