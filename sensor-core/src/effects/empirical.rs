@@ -10,6 +10,7 @@ use super::{Context, Domain, Inputs, MAX_TABLE, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::dark_current::growth;
 use crate::math;
+use crate::stream::Lanes;
 use curve::Curve;
 use field::Field;
 
@@ -284,6 +285,14 @@ impl Empirical {
         let ratio = mean / self.signal_e;
         if ratio > LEAST_RATIO { math::pow(ratio, self.on_signal) } else { 0.0 }
     }
+}
+
+/// Standard normal numbers for a block. On a microcontroller all shapes share one copy, for the sake
+/// of its flash.
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
+fn normals<A: Arith>(lanes: &mut Lanes) -> Block<A::Factor> {
+    A::normals(lanes)
 }
 
 /// Share of the reference signal below which noise that grows with it is none: `math::pow` needs a

@@ -20,7 +20,8 @@ impl<'a, const N: usize> Curve<'a, N> {
     }
 
     /// Its numbers at a place; zeros without knots.
-    #[inline(always)]
+    #[cfg_attr(target_os = "none", inline(never))]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     pub fn at(&self, place: f32) -> [f32; N] {
         let after = self.knots.partition_point(|k| k.first().is_some_and(|x| *x <= place));
         let (before, after) =

@@ -1,7 +1,7 @@
 //! Fixed patterns: a value for each pixel of the frame.
 
 use super::curve::Curve;
-use super::{Context, Shape};
+use super::{Context, Shape, normals};
 use crate::arith::{Arith, BLOCK};
 use crate::math;
 use crate::stream::Lanes;
@@ -53,7 +53,8 @@ impl<'a> Terms<'a> {
 }
 
 /// The value at a share (0 to 1) of the way along knots that are equally apart.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn between(knots: &[f32], share: f32) -> f32 {
     let place = share * knots.len().saturating_sub(1) as f32;
     let i = place as usize;
@@ -127,7 +128,7 @@ impl<'a> Field<'a> {
                 }
             }
             Self::Distribution(curve, lanes) => {
-                for (out, z) in out.iter_mut().zip(A::normals(lanes)) {
+                for (out, z) in out.iter_mut().zip(normals::<A>(lanes)) {
                     *out = curve.at(A::number(z))[1];
                 }
             }

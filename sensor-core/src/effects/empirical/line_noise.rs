@@ -2,9 +2,8 @@
 //! signal.
 
 use super::curve::Curve;
-use super::{Context, Empirical, Shape};
+use super::{Context, Empirical, Shape, normals};
 use crate::arith::{Arith, BLOCK, Block};
-use crate::effects::add_normals;
 use crate::effects::context::normal;
 
 /// v += A z(y, frame) f(x) (s/S)^e, or with x and y exchanged.
@@ -21,7 +20,12 @@ pub(super) fn add<A: Arith>(
     match effect.shape() {
         Shape::ColumnFlat | Shape::ColumnProfile => {
             let sigma = scale * at(cx.row as usize);
-            add_normals::<A>(row, sigma, cx.per_column_and_frame(0));
+            let (sigma, mut lanes) = (A::signal(sigma), cx.per_column_and_frame(0));
+            for block in row {
+                for (v, z) in block.iter_mut().zip(normals::<A>(&mut lanes)) {
+                    *v = A::add(*v, A::scale(sigma, z));
+                }
+            }
         }
         _ => {
             let offset = scale * normal(&mut cx.per_row_and_frame(0, cx.row));

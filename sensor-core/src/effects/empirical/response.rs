@@ -1,6 +1,6 @@
 //! A change of the signal, and noise, that depend on the signal itself.
 
-use super::Context;
+use super::{Context, normals};
 use super::curve::Curve;
 use crate::arith::{Arith, Block};
 
@@ -15,8 +15,7 @@ pub(super) fn change<A: Arith>(
     let curve = Curve::<3>::new(words);
     let mut lanes = cx.per_pixel_and_frame(0);
     for block in row {
-        let normals = A::normals(&mut lanes);
-        for (v, z) in block.iter_mut().zip(normals) {
+        for (v, z) in block.iter_mut().zip(normals::<A>(&mut lanes)) {
             let [_, change, sigma] = curve.at(A::electrons(*v));
             let noise = A::scale(A::signal(sigma), z);
             *v = A::add(*v, A::add(A::signal(amount * change), noise));
