@@ -181,6 +181,17 @@ impl Wave {
                 excess.push(if rays.alive(i) { rays.excess[i] } else { f64::NAN });
             }
         }
+        let on_rim = |k: usize| {
+            let (column, row) = (k % columns, k / columns);
+            column == 0 || row == 0 || column + 1 == columns || row + 1 == rows
+        };
+        if (0..columns * rows).any(|k| on_rim(k) && excess[k] <= 0.0) {
+            return Err(Error::unsupported(format!(
+                "the pupil moves by more than {} % of its half width",
+                100.0 * MARGIN
+            ))
+            .help("give smaller tolerances of decentre and tilt"));
+        }
         let mut wave = Self { columns, rows, nodes, power: 0.0, step, waves_per_mm };
         wave.share_cells(&excess);
         match wave.power > 0.0 {

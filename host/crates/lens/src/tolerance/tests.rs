@@ -268,6 +268,8 @@ fn what_has_no_meaning_is_refused() {
     refused(plan(NONE, 3, &[0.0]), "no tolerance");
     refused(plan(Tolerances { index: -1.0, ..NONE }, 3, &[0.0]), "index");
     refused(plan(Tolerances { radius_percent: f64::NAN, ..NONE }, 3, &[0.0]), "radius");
+    // The stop lies a quarter of the way to the focus: its image moves by 0.25 mm of 1 mm.
+    refused(plan(Tolerances { decentre_mm: 1.0, ..NONE }, 1, &[0.0]), "the pupil moves");
     refused(plan(some, 0, &[0.0]), "0 lenses");
     refused(plan(some, 1, &[]), "0 fields");
     refused(Plan { frequency_per_mm: Some(1e4), ..plan(some, 1, &[0.0]) }, "cut-off");
