@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from websockets.sync.client import connect
-from pages import CHECKS
+from pages import CHECKS, of_console
 
 
 class Firefox:
@@ -99,7 +99,7 @@ def live(firefox, folder, camrig):
         firefox.until("document.querySelectorAll('[role=alert]').length === 1")
         frames = firefox.ask("state.frames")
         firefox.until(f"picture.frame.number > {frames} + 5")
-        wrong += firefox.ask(f"({CHECKS})()")
+        wrong += of_console(firefox.ask(f"({CHECKS})()"))
         firefox.picture(f"{folder}/firefox-view.png")
         wrong += [f"console: {text}" for text in firefox.said]
     finally:

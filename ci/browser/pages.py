@@ -13,6 +13,11 @@ FILE = pathlib.Path(__file__).parents[2] / "host/crates/testing/src/browser/chec
 CHECKS = "() => (" + FILE.read_text().split("\n", 1)[1].strip() + ")(window)"
 
 
+def of_console(complaints):
+    """Those of a page that a rig's console serves: it may ask its own server for its parts."""
+    return [what for what in complaints if not what.startswith("a request: http://127.0.0.1:")]
+
+
 def main(chromium, folder, pages):
     wrong = []
     with sync_playwright() as playwright:

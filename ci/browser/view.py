@@ -15,7 +15,7 @@ import threading
 import time
 import urllib.parse
 from playwright.sync_api import sync_playwright
-from pages import CHECKS
+from pages import CHECKS, of_console
 
 SMALL = ["--set", "sensor.width=188", "--set", "sensor.height=120"]
 LOOK = ["--camera", "mt9v024", "--scene", "colorchecker"]
@@ -282,7 +282,7 @@ def looks(browser, url, folder):
         for scheme in ["dark", "light"]:
             console.check(console.ask("document.documentElement.classList.contains('dark')") == (scheme == "dark"), f"not {scheme}")
             console.view.wait_for_timeout(500)
-            console.wrong += console.ask(f"({CHECKS})()")
+            console.wrong += of_console(console.ask(f"({CHECKS})()"))
             console.view.screenshot(path=f"{folder}/view-{width}-{scheme}.png", full_page=True)
             console.ask("document.getElementById('theme').click()")
         console.view.close()
