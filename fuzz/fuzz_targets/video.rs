@@ -1,5 +1,5 @@
-//! Video of a scene from arbitrary bytes: every frame is a picture of the size that the header says,
-//! or the stream is refused.
+//! Video of a scene from arbitrary bytes: every frame is a picture of the size that the header
+//! says, or the stream is refused.
 
 #![no_main]
 

@@ -25,7 +25,8 @@ enum Command {
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Exit status 0 where nothing was found, 1 where something was, 2 where the set \
-    cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. Examples:\n  \
+    cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. \
+    Examples:\n  \
     camrig captures check captures"
 )]
 pub struct CheckArgs {

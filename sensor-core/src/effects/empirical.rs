@@ -287,8 +287,8 @@ impl Empirical {
     }
 }
 
-/// Standard normal numbers for a block. On a microcontroller all shapes share one copy, for the sake
-/// of its flash.
+/// Standard normal numbers for a block. On a microcontroller all shapes share one copy, for the
+/// sake of its flash.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn normals<A: Arith>(lanes: &mut Lanes) -> Block<A::Factor> {

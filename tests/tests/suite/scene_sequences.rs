@@ -239,8 +239,8 @@ fn a_folder_is_taken_while_it_is_written() {
     assert!(stderr(&ended).contains("nothing came after a3.png for 0.3 s"), "{}", stderr(&ended));
 }
 
-/// An animation is taken as Mitsuba renders it: a card of reflectance 0.5 is as bright as a chart of
-/// it, and a red card moves by 0.3 units of 19.3 columns a frame.
+/// An animation is taken as Mitsuba renders it: a card of reflectance 0.5 is as bright as a chart
+/// of it, and a red card moves by 0.3 units of 19.3 columns a frame.
 #[test]
 fn frames_are_taken_as_mitsuba_renders_them() {
     let Some(python) = camrig_tests::client("mitsuba") else { return };
@@ -376,8 +376,8 @@ fn signal(frame: &camrig::RawFrame, columns: std::ops::Range<usize>) -> [f64; 3]
     [0, 1, 2].map(|c| sums[c] / counts[c])
 }
 
-/// FFmpeg's bars through a pipe: the white one is as bright as a chart of reflectance 1, the others,
-/// of 75 %, have the colours of FFmpeg's own picture of them.
+/// FFmpeg's bars through a pipe: the white one is as bright as a chart of reflectance 1, the
+/// others, of 75 %, have the colours of FFmpeg's own picture of them.
 #[test]
 fn bars_from_ffmpeg_are_as_bright_and_as_coloured_as_they_should_be() {
     /// One code of 8 bits of luma and one of a colour difference, by which FFmpeg's rounding may be
@@ -411,8 +411,8 @@ fn bars_from_ffmpeg_are_as_bright_and_as_coloured_as_they_should_be() {
             .spawn()
             .unwrap();
         let simulate = format!(
-            "simulate --camera b.toml --exposure 20ms --lux 300 --scene -:matrix=bt709,range={range} -o \
-             {layout} --force"
+            "simulate --camera b.toml --exposure 20ms --lux 300 --scene \
+             -:matrix=bt709,range={range} -o {layout} --force"
         );
         let output = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
             .args(simulate.split_whitespace())

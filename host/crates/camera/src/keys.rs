@@ -355,7 +355,8 @@ pub const KEYS: &[Key] = &[
         "",
         Some("none"),
         "",
-        "Infrared cut filter: CSV of wavelength_nm,transmittance; outside its wavelengths as for qe.",
+        "Infrared cut filter: CSV of wavelength_nm,transmittance; outside its wavelengths as for \
+         qe.",
     ),
     key(
         "sensor",

@@ -2,9 +2,9 @@
 //!
 //! A plan is a TOML file (`format = "plan/1"`) of `[[stack]]` tables. `exposure_s`,
 //! `temperature_c`, `analog_gain` and `fill` take one number, a list, or `{ from, to, count }`; a
-//! stack is taken for every combination, and for every scene of a folder that is a sequence. Flats have narrow-band light whose amount is
-//! `irradiance_w_m2`, or `fill`: the mean signal as a fraction of saturation in the channel that
-//! gets most.
+//! stack is taken for every combination, and for every scene of a folder that is a sequence. Flats
+//! have narrow-band light whose amount is `irradiance_w_m2`, or `fill`: the mean signal as a
+//! fraction of saturation in the channel that gets most.
 
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, Result, mistakes, toml_text};

@@ -306,8 +306,8 @@ fn processed_frames_are_told() {
     let found = looked_at(17, Hooks { codes: Some(&mut interpolate), ..Hooks::default() });
     assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
     assert!(found[0].description.contains("demosaiced"), "{found:#?}");
-    // A quarter of the variance, but for the border, which is as it was; rounding adds a twelfth of a
-    // DN² to the 1 DN² of the darks.
+    // A quarter of the variance, but for the border, which is as it was; rounding adds a twelfth of
+    // a DN² to the 1 DN² of the darks.
     let inside = ((W - 2) * (H - 2)) as f64 / (W * H) as f64;
     let expected = 1.0 - 0.75 * inside;
     assert!((found[0].amount.unwrap() - expected).abs() < 0.03, "{found:#?}");

@@ -3,10 +3,10 @@
 //! Rays are straight lines between surfaces, bent by the vector form of Snell's law n'(d'×s) =
 //! n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with s = r²:
 //! c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
-//! polynomial terms and other shapes ([`Shape`]) by Newton's iteration from there. A ray that misses a surface or is totally
-//! reflected becomes NaN and stays NaN; without branches, N rays run as vector lanes. Only IEEE
-//! basic operations and square roots are used, without contraction: the same bits on every
-//! machine.
+//! polynomial terms and other shapes ([`Shape`]) by Newton's iteration from there. A ray that
+//! misses a surface or is totally reflected becomes NaN and stays NaN; without branches, N rays run
+//! as vector lanes. Only IEEE basic operations and square roots are used, without contraction: the
+//! same bits on every machine.
 
 use super::forbes::Forbes;
 use super::frame::Frame;

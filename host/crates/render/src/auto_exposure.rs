@@ -76,8 +76,8 @@ pub fn exposure_s(
     )))
 }
 
-/// The factor by which the exposure of a frame is to be multiplied, as far as the frame tells: where
-/// it is saturated or black it tells the direction alone.
+/// The factor by which the exposure of a frame is to be multiplied, as far as the frame tells:
+/// where it is saturated or black it tells the direction alone.
 pub fn correction(frame: &RawFrame, brightness: Brightness) -> f64 {
     match share(frame, brightness) {
         s if s > SATURATED => 1.0 / STEP,

@@ -1,9 +1,10 @@
 //! Rendering: scene + camera → irradiance cube → raw frames.
 //!
 //! The optics stage ([`scene_irradiance`], or [`OpticsStage`] with movement and results kept on
-//! disk, or [`SequenceStage`] for scenes that change with time) writes an [`IrradianceCube`] once: spectral irradiance per band and pixel on the sensor,
-//! W m⁻² nm⁻¹. [`SimulatedSensor`] turns it into raw frames in DN, so that another light level,
-//! exposure, gain, frame number or sensor seed never runs the optics again.
+//! disk, or [`SequenceStage`] for scenes that change with time) writes an [`IrradianceCube`] once:
+//! spectral irradiance per band and pixel on the sensor, W m⁻² nm⁻¹. [`SimulatedSensor`] turns it
+//! into raw frames in DN, so that another light level, exposure, gain, frame number or sensor seed
+//! never runs the optics again.
 //!
 //! ```
 //! use camrig_camera::Camera;

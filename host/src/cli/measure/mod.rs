@@ -44,9 +44,8 @@ enum What {
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
     Patches(frames::PatchesArgs),
     /// Row or column profile, against another frame, and relative illumination
-    #[command(
-        after_help = "Examples:\n  camrig measure profile a.dng --row 60 --against b.dng --channel g"
-    )]
+    #[command(after_help = "Examples:\n  \
+            camrig measure profile a.dng --row 60 --against b.dng --channel g")]
     Profile(frames::ProfileArgs),
     /// Signal rates per position of the filter pattern under each light, from exposure series
     #[command(after_help = "Examples:\n  camrig measure rates captures/ --json")]

@@ -121,8 +121,8 @@ pub struct Args {
     /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
     #[arg(long)]
     collapse: bool,
-    /// Pace to this frame rate, frames per second (30, 30000/1001). Ends with status 1 where less than 97 % of it
-    /// was reached; with --json, `pace_kept` says so instead
+    /// Pace to this frame rate, frames per second (30, 30000/1001). Ends with status 1 where less
+    /// than 97 % of it was reached; with --json, `pace_kept` says so instead
     #[arg(long, value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
     /// Write each frame as soon as it is there into a file, a named pipe or - (standard output,

@@ -72,7 +72,8 @@ fn taps_along<A: Arith>(cx: &Context<'_>, row: &mut [Block<A::Signal>], taps: [f
     for n in 0..=row.len() {
         // The last of the block before come first.
         white.rotate_left(BLOCK);
-        white.iter_mut().skip(BEFORE).zip(normals::<A>(&mut lanes)).for_each(|(w, z)| *w = A::number(z));
+        let fresh = white.iter_mut().skip(BEFORE);
+        fresh.zip(normals::<A>(&mut lanes)).for_each(|(w, z)| *w = A::number(z));
         let Some(block) = n.checked_sub(1).and_then(|n| row.get_mut(n)) else { continue };
         for (v, near) in block.iter_mut().zip(white.windows(TAPS)) {
             let sum = near.iter().rev().zip(taps).fold(0.0, |sum, (w, tap)| sum + tap * w);

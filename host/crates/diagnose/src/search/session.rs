@@ -234,8 +234,8 @@ impl Session {
         Self::measure(camera, set, halves, progress, true)
     }
 
-    /// The same for [`Session::compare`] alone: of dark and flat frames the statistics are kept, not
-    /// the moments and maps that estimators of effects read, which take some hundred bytes per
+    /// The same for [`Session::compare`] alone: of dark and flat frames the statistics are kept,
+    /// not the moments and maps that estimators of effects read, which take some hundred bytes per
     /// pixel.
     ///
     /// # Errors

@@ -5,9 +5,9 @@
 //! `REV`), mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO,
 //! angular and height fields, vignetting factors, circular apertures, zoom positions (`ZOO`). A
 //! command that is not known to be without effect on the image is refused with its line: toroids,
-//! other special surfaces, apertures that are not circular. `RDM` says that surfaces are given by radius,
-//! `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a lens, they
-//! are taken as radii, with a note.
+//! other special surfaces, apertures that are not circular. `RDM` says that surfaces are given by
+//! radius, `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a
+//! lens, they are taken as radii, with a note.
 
 mod commands;
 mod decentre;

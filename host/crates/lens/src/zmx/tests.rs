@@ -255,10 +255,10 @@ fn a_coordinate_break_stays_in_its_medium() {
     assert!((a - b).abs() < 1e-12);
 }
 
-/// Telecentric by its flag: chief rays parallel to the axis, a cone of the given aperture. An
-/// ideal lens of f = 50 at twice its focal length images with −1 exactly: the chief ray of the
-/// height 4 lands at 4 with the slope 4/50; the cone of 0.1 makes the solid angle π·0.1² on the axis
-/// and cos⁴ of the chief ray's angle times that beside it.
+/// Telecentric by its flag: chief rays parallel to the axis, a cone of the given aperture. An ideal
+/// lens of f = 50 at twice its focal length images with −1 exactly: the chief ray of the height 4
+/// lands at 4 with the slope 4/50; the cone of 0.1 makes the solid angle π·0.1² on the axis and
+/// cos⁴ of the chief ray's angle times that beside it.
 #[test]
 fn telecentric_object_space() {
     let text = "UNIT MM\nOBNA 0.1 0\nFTYP 1 1 2 1 0 0 0\nXFLN 0 0\nYFLN 0 4\nWAVM 1 0.55 1\n\

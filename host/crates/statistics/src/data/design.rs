@@ -199,8 +199,8 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
         let Window { x, y, of: [across, down] } = w;
         let (width, height) = (set.sensor.width, set.sensor.height);
         format!(
-            "region {x},{y},{width},{height} of {across} x {down} pixels: what depends on the place \
-             on the sensor (fall-off, glow) is judged as if there were no others"
+            "region {x},{y},{width},{height} of {across} x {down} pixels: what depends on the \
+             place on the sensor (fall-off, glow) is judged as if there were no others"
         )
     }));
     if by_manifest && holdout.is_empty() {
