@@ -372,14 +372,7 @@ fn centre_of_stop(train: &Train, launcher: &Launcher, guess: [f64; 2]) -> Option
         return Some([0.0; 2]);
     }
     let miss = |place: [f64; 2]| {
-        let (position, direction) = launcher.ray(place);
-        let mut ray = Rays::<1>::nowhere();
-        ray.set(0, position, direction);
-        for surface in &train.surfaces[..train.stop] {
-            surface.meet(&mut ray);
-            surface.bend(&mut ray);
-        }
-        train.surfaces[train.stop].meet(&mut ray);
+        let ray = train.at_stop(launcher.ray(place));
         let (p, _) = ray.get(0);
         let alive = ray.path[0].is_finite() && p[0].is_finite();
         alive.then_some([p[0], p[1]])

@@ -313,19 +313,11 @@ impl<'a> Beam<'a> {
 fn centre_of_stop(train: &Train, field_deg: f64, guess: f64) -> Result<Option<f64>> {
     let launcher = Launcher::new(train, field_deg)?;
     let miss = |py: f64| {
-        let (position, direction) = launcher.ray(0.0, py);
-        let mut ray = Rays::<1>::nowhere();
-        ray.set(0, position, direction);
-        for surface in &train.surfaces[..train.stop] {
-            surface.meet(&mut ray);
-            surface.bend(&mut ray);
-        }
-        train.surfaces[train.stop].meet(&mut ray);
+        let ray = train.at_stop(launcher.ray(0.0, py));
         if ray.path[0].is_finite() { ray.position[1][0] } else { f64::NAN }
     };
-    // The search ends at a few rounding errors of a height at the stop, and has succeeded
-    // within 1e-9
-    // of the stop's radius: far below what any figure of a lens is compared to, far above
+    // The search ends at a few rounding errors of a height at the stop, and has succeeded within
+    // 1e-9 of the stop's radius: far below what any figure of a lens is compared to, far above
     // rounding.
     let enough = 4.0 * f64::EPSILON * train.stop_radius_mm;
     let good = 1e-9 * train.stop_radius_mm;

@@ -2,7 +2,7 @@
 
 use super::paraxial::Paraxial;
 use super::prescription::Object;
-use super::trace::TrainSurface;
+use super::trace::{Rays, TrainSurface};
 
 /// The lens at one wavelength.
 #[derive(Clone, Debug)]
@@ -30,4 +30,18 @@ pub struct Train {
     pub cone_mm: Option<f64>,
     /// Why the lens is not rotationally symmetric, if it is not.
     pub asymmetry: Option<String>,
+}
+
+impl Train {
+    /// The ray from a position in a direction, where it meets the stop.
+    pub(super) fn at_stop(&self, (position, direction): ([f64; 3], [f64; 3])) -> Rays<1> {
+        let mut ray = Rays::nowhere();
+        ray.set(0, position, direction);
+        for surface in &self.surfaces[..self.stop] {
+            surface.meet(&mut ray);
+            surface.bend(&mut ray);
+        }
+        self.surfaces[self.stop].meet(&mut ray);
+        ray
+    }
 }

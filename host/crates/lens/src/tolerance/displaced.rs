@@ -4,7 +4,7 @@
 //! [`crate::trace`]; rays are carried into them and back.
 
 use crate::frame::Frame;
-use crate::trace::{LANES, Rays, TrainSurface};
+use crate::trace::{LANES, Rays, TrainSurface, to_image};
 use camrig_vector::vectorised;
 
 /// How a surface is displaced: turned about a point of the axis, then shifted.
@@ -58,14 +58,7 @@ pub(super) fn trace(surfaces: &[TrainSurface], frames: &[Option<Frame>], rays: &
             rays.position[2].iter_mut().for_each(|z| *z -= surface.thickness);
         }
     }
-    let last = surfaces.last().map_or(1.0, |s| s.after);
-    for i in 0..LANES {
-        let t = -rays.position[2][i] / rays.direction[2][i];
-        for axis in 0..3 {
-            rays.position[axis][i] += t * rays.direction[axis][i];
-        }
-        rays.path[i] += last * t;
-    }
+    to_image(surfaces, rays);
 }
 
 #[cfg(test)]
