@@ -1,7 +1,7 @@
 //! A change of the signal, and noise, that depend on the signal itself.
 
-use super::{Context, normals};
 use super::curve::Curve;
+use super::{Context, normals};
 use crate::arith::{Arith, Block};
 
 /// v += A f(v) + σ(v) z, from knots (v, f, σ).
