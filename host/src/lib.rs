@@ -68,6 +68,7 @@ pub use camrig_clean as clean;
 pub use camrig_diagnose as diagnose;
 pub use camrig_exposure as exposure;
 pub use camrig_formats as formats;
+pub use camrig_glass as glass;
 pub use camrig_lens as lens;
 pub use camrig_measure as measure;
 pub use camrig_optics as optics;

@@ -65,14 +65,12 @@
 //! - Optical path difference: to the chief ray, on the sphere around its image point through the
 //!   place where it meets the plane of the paraxial exit pupil.
 
-mod beside;
 mod best_focus;
 pub mod characterise;
 pub mod field;
 mod fold;
 pub mod forbes;
 pub mod frame;
-pub mod glass;
 pub mod heights;
 pub mod ideal;
 pub mod import;
@@ -87,7 +85,6 @@ pub mod section;
 pub mod seq;
 mod setup;
 pub mod system;
-mod text;
 pub mod tolerance;
 pub mod toml;
 pub mod trace;
@@ -97,12 +94,14 @@ pub mod zmx;
 #[cfg(test)]
 mod tests;
 
-pub use glass::{Catalogue, Found, Glass};
+pub use camrig_glass::{Catalogue, Glass};
 pub use prescription::Prescription;
 pub use setup::Setup;
 pub use system::{Conditions, System};
 
 use camrig_base::{Error, Result};
+use camrig_glass::files;
+use camrig_glass::text::read_text;
 use std::path::Path;
 
 /// Reads a prescription: `.zmx` (Zemax), `.seq` (CODE V) or `.toml` ([`toml`]), by extension. Glass
@@ -126,8 +125,8 @@ fn read_configuration(
         Error::unsupported(format!("{} is no lens prescription", path.display()))
             .help("known are .zmx (Zemax), .seq (CODE V) and .toml")
     })?;
-    let glasses = beside::with_catalogues_beside(path, glasses)?;
-    let text = text::read_text(path)?;
+    let glasses = files::beside(path, glasses)?;
+    let text = read_text(path)?;
     let read = match extension {
         "zmx" => zmx::read_configuration(&text, &glasses, configuration),
         "seq" => seq::read_position(&text, &glasses, configuration),
@@ -139,6 +138,14 @@ fn read_configuration(
         prescription.name = stem.to_string_lossy().into_owned();
     }
     Ok(prescription)
+}
+
+/// Refuses a kind of lens that the tracer does not know.
+fn refuse(what: &str) -> Result<()> {
+    Err(Error::unsupported(format!("{what} cannot be traced")).help(
+        "lenses that form an image by conics, polynomials, Forbes aspheres, biconics, toroids and \
+         mirrors are traced, tilted and decentred too",
+    ))
 }
 
 /// Refuses a configuration other than the first of a file that has one.

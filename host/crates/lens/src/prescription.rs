@@ -8,8 +8,8 @@
 
 use super::forbes::{Forbes, Kind};
 use super::frame::Frame;
-use super::glass::Glass;
 use camrig_base::{Error, Result};
+use camrig_glass::Glass;
 
 /// A sequential lens.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! A lens file and how it is used: what a camera file and the command line say alike.
 
-use super::beside;
 use super::{Catalogue, Conditions, Glass, Prescription, System, read_configuration};
 use camrig_base::Result;
+use camrig_glass::files;
 use std::path::PathBuf;
 
 /// A prescription in a file, the glasses it needs, and how the lens is used.
@@ -46,7 +46,7 @@ impl Setup {
             glasses.insert(name, glass.clone());
         }
         for file in self.catalogue_files()? {
-            beside::add(&mut glasses, &file)?;
+            files::add(&mut glasses, &file)?;
         }
         read_configuration(&self.file, &glasses, self.configuration.as_deref())
     }
@@ -65,7 +65,7 @@ impl Setup {
     /// A name that does not exist, a folder without a catalogue.
     pub fn catalogue_files(&self) -> Result<Vec<PathBuf>> {
         let files: Result<Vec<Vec<PathBuf>>> =
-            self.catalogues.iter().map(|path| beside::named(path)).collect();
+            self.catalogues.iter().map(|path| files::named(path)).collect();
         Ok(files?.concat())
     }
 }

@@ -3,7 +3,6 @@
 
 use super::best_focus;
 use super::fold;
-use super::glass::Glass;
 use super::ideal::{self, Ideal};
 use super::paraxial::{self, Paraxial};
 use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription};
@@ -12,6 +11,7 @@ use super::real_height;
 use super::trace::{Shape, TrainSurface};
 use super::train::Train;
 use camrig_base::{Error, Result};
+use camrig_glass::Glass;
 
 /// How a lens is used, where that differs from its prescription.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -2,6 +2,7 @@
 
 use super::pupil::Beam;
 use super::*;
+use camrig_glass::text;
 pub(super) use camrig_testing::shared;
 use serde_json::Value;
 use std::path::PathBuf;

@@ -49,11 +49,11 @@
 
 use super::forbes::{Forbes, Kind};
 use super::frame::Frame;
-use super::glass::{Catalogue, Glass};
 use super::prescription::{
     Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
+use camrig_glass::{Catalogue, Glass};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -387,7 +387,7 @@ fn through_all<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
 
 /// Carries rays that have left the last surface to the plane z = 0 of the image.
 #[inline(always)]
-pub(super) fn to_image<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
+fn to_image<const N: usize>(surfaces: &[TrainSurface], rays: &mut Rays<N>) {
     let last = surfaces.last().map_or(1.0, |s| s.after);
     for i in 0..N {
         let t = -rays.position[2][i] / rays.direction[2][i];

@@ -5,10 +5,10 @@
 //! values (real height in mm, ratio, radians), `_PSF_h_w` or `_2D_PSF_Fldh_Wavew` one PSF each.
 //! PSFs may cover a part of heights and wavelengths, but all combinations of that part.
 
-use super::super::text::{number, read_text};
 use super::listing::{self, PsfListing};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
+use camrig_glass::text::{number, read_text};
 use camrig_optics::{Characterisation, PsfGrid};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

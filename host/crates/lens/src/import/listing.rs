@@ -1,9 +1,9 @@
 //! Zemax OpticStudio text listings: Huygens and FFT PSF, grid distortion, relative illumination;
 //! and bare grids of numbers (CODE V PSFs, CSV).
 
-use super::super::text::number;
 use super::{rows_of_numbers, words};
 use camrig_base::{Error, Result};
+use camrig_glass::text::number;
 
 /// A PSF as a file stores it.
 #[derive(Clone, Debug, PartialEq)]

@@ -28,11 +28,11 @@
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`;
 //! without a wavelength they stand for all.
 
-use super::super::text::{number, read_text};
 use super::listing::{self, PsfListing};
 use super::{Table, words};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
+use camrig_glass::text::{number, read_text};
 use camrig_optics::{Characterisation, PsfGrid};
 use serde::Deserialize;
 use std::path::Path;

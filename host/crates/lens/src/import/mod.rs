@@ -15,8 +15,8 @@ pub mod manifest;
 #[cfg(test)]
 mod tests;
 
-use super::text;
 use camrig_base::{Error, Result};
+use camrig_glass::text;
 use camrig_optics::Characterisation;
 use camrig_optics::interpolate::MonotoneCubic;
 use std::path::Path;

@@ -4,7 +4,7 @@ use super::known::{Known, known};
 use super::lexer::{Command, Kind, Word};
 use super::{Draft, File, first, numbers};
 use crate::prescription::{Aperture, Clip, FieldKind};
-use crate::text::refuse;
+use crate::refuse;
 use camrig_base::{Error, Result};
 
 /// Air of CODE V's default environment: 20 °C and 760 mm Hg, and the room temperatures that files

@@ -1,11 +1,11 @@
 //! From what a `.seq` file says to a prescription in mm.
 
 use super::{Across, Draft, File, INFINITE, radii};
-use crate::glass::Catalogue;
 use crate::prescription::{
     Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
+use camrig_glass::Catalogue;
 
 impl File {
     pub(super) fn finish(mut self, glasses: &Catalogue) -> Result<Prescription> {

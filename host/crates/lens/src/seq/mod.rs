@@ -20,9 +20,9 @@ mod radii;
 mod tests;
 mod zoom;
 
-use super::glass::Catalogue;
 use super::prescription::{Aperture, Clip, FieldKind, Prescription};
 use camrig_base::{Error, Result};
+use camrig_glass::{Catalogue, text};
 use decentre::Decentre;
 use lexer::Word;
 use private::Private;
@@ -111,10 +111,10 @@ fn first(words: &[Word], what: &str) -> Result<f64> {
     let word = words.first().ok_or_else(|| {
         Error::input(format!("{what} has no value")).help("the line is cut short")
     })?;
-    super::text::number(what, &word.text)
+    text::number(what, &word.text)
 }
 
 /// All words as numbers.
 fn numbers(what: &str, words: &[Word]) -> Result<Vec<f64>> {
-    words.iter().map(|w| super::text::number(what, &w.text)).collect()
+    words.iter().map(|w| text::number(what, &w.text)).collect()
 }

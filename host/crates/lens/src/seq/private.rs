@@ -3,8 +3,8 @@
 
 use super::lexer::Word;
 use super::{first, numbers};
-use crate::glass::{Catalogue, Glass};
 use camrig_base::{Error, Result};
+use camrig_glass::{Catalogue, Glass};
 
 /// The private glasses of a file.
 #[derive(Default)]

@@ -1,11 +1,7 @@
-//! Rays through a lens whose surfaces are displaced by small rotations and shifts.
-//!
-//! A displaced surface is met and bends light in its own coordinates, with the code of
-//! [`crate::trace`]; rays are carried into them and back.
+//! Surfaces displaced by small rotations and shifts.
 
 use crate::frame::Frame;
-use crate::trace::{LANES, Rays, TrainSurface, to_image};
-use camrig_vector::vectorised;
+use crate::trace::TrainSurface;
 
 /// How a surface is displaced: turned about a point of the axis, then shifted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,11 +17,11 @@ pub(super) struct Displacement {
 impl Displacement {
     /// The coordinates of the displaced surface in those of its undisplaced vertex; `None` where
     /// nothing is displaced.
-    pub fn frame(&self) -> Option<Frame> {
-        (self.shift != [0.0; 2] || self.tilt != [0.0; 2]).then(|| self.displaced())
+    fn frame(&self) -> Option<Frame> {
+        (self.shift != [0.0; 2] || self.tilt != [0.0; 2]).then(|| self.moved())
     }
 
-    fn displaced(&self) -> Frame {
+    fn moved(&self) -> Frame {
         // Rodrigues' rotation about the unit vector (a, b, 0).
         let [x, y] = self.tilt;
         let angle = (x * x + y * y).sqrt();
@@ -42,29 +38,25 @@ impl Displacement {
     }
 }
 
-/// Traces rays through the surfaces, each in its frame, and on to the plane z = 0 of the image.
-#[vectorised]
-pub(super) fn trace(surfaces: &[TrainSurface], frames: &[Option<Frame>], rays: &mut Rays<LANES>) {
-    for (surface, frame) in surfaces.iter().zip(frames) {
-        if let Some(frame) = frame {
-            frame.enter(rays);
-        }
-        surface.meet(rays);
-        surface.bend(rays);
-        if let Some(frame) = frame {
-            // The way to the next vertex is along the undisplaced axis.
-            rays.position[2].iter_mut().for_each(|z| *z += surface.thickness);
-            frame.inverse().enter(rays);
-            rays.position[2].iter_mut().for_each(|z| *z -= surface.thickness);
-        }
-    }
-    to_image(surfaces, rays);
+/// The surfaces of a lens that is symmetric about its axis, displaced. Each thickness still leads
+/// along the axis.
+pub(super) fn displaced(
+    surfaces: &[TrainSurface],
+    displacements: &[Displacement],
+) -> Vec<TrainSurface> {
+    let pairs = surfaces.iter().zip(displacements);
+    pairs
+        .map(|(surface, displacement)| {
+            let entry = displacement.frame();
+            TrainSurface { entry, exit: entry.map(|frame| frame.inverse()), ..surface.clone() }
+        })
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::Shape;
+    use crate::trace::{LANES, Rays, Shape, trace_lanes};
 
     fn sphere(radius: f64) -> TrainSurface {
         TrainSurface {
@@ -90,7 +82,7 @@ mod tests {
             let d = [0.02, -0.05, (1.0 - 0.02 * 0.02 - 0.05 * 0.05_f64).sqrt()];
             rays.set(i, [x, 0.3 * x + 0.4, -3.0], d);
         }
-        trace(&[sphere(10.0)], &[displacement.frame()], &mut rays);
+        trace_lanes(&displaced(&[sphere(10.0)], &[displacement]), &mut rays);
         (0..LANES).map(|i| (rays.get(i).0, rays.path[i])).collect()
     }
 
@@ -117,9 +109,9 @@ mod tests {
             rays.set(i, [0.1 * i as f64, 0.5, -3.0], [0.0, 0.0, 1.0]);
             shifted.set(i, [0.1 * i as f64, 0.5 - 0.2, -3.0], [0.0, 0.0, 1.0]);
         }
-        let frame = Displacement { shift: [0.0, 0.2], ..Displacement::default() }.frame();
-        trace(&[sphere(10.0)], &[frame], &mut rays);
-        trace(&[sphere(10.0)], &[None], &mut shifted);
+        let up = Displacement { shift: [0.0, 0.2], ..Displacement::default() };
+        trace_lanes(&displaced(&[sphere(10.0)], &[up]), &mut rays);
+        trace_lanes(&[sphere(10.0)], &mut shifted);
         for i in 0..LANES {
             assert!((rays.position[1][i] - shifted.position[1][i] - 0.2).abs() < 1e-13);
         }

@@ -14,10 +14,10 @@ mod tests;
 
 pub use perturbation::{Kind, Perturbation, Tolerances};
 
-use crate::frame::Frame;
 use crate::prescription::Prescription;
 use crate::system::{Conditions, System};
 use camrig_base::{Error, Result};
+use displaced::Displacement;
 use otf::{Azimuth, Waves};
 use perturbation::Departing;
 use rayon::prelude::*;
@@ -184,10 +184,10 @@ impl<'a> Study<'a> {
         let cut_off = otf::cut_off_per_mm(system)?;
         let [fewest, most] = STEPS_TO_CUT_OFF;
         let coarse = cut_off / most;
-        let frames = vec![None; system.prescription.surfaces.len()];
+        let still = vec![Displacement::default(); system.prescription.surfaces.len()];
         let mut mtf50 = Vec::new();
         for deg in &plan.fields_deg {
-            let waves = Waves::trace(system, &frames, *deg, coarse)?;
+            let waves = Waves::trace(system, &still, *deg, coarse)?;
             mtf50.extend([Azimuth::Tangential, Azimuth::Sagittal].map(|a| waves.mtf50(a)));
         }
         let mean = mtf50.iter().sum::<f64>() / mtf50.len() as f64;
@@ -204,7 +204,7 @@ impl<'a> Study<'a> {
     }
 
     /// The departing lens, focused again where that is asked for.
-    fn lens(&self, departing: &Departing) -> Result<(System, Vec<Option<Frame>>)> {
+    fn lens(&self, departing: &Departing) -> Result<System> {
         let conditions = Conditions {
             stop_radius_mm: Some(self.system.stop_radius_mm),
             ..Conditions::default()
@@ -219,14 +219,13 @@ impl<'a> Study<'a> {
             }
             system = build(lens)?;
         }
-        let frames = departing.displacements.iter().map(displaced::Displacement::frame);
-        Ok((system, frames.collect()))
+        Ok(system)
     }
 
     fn figures(&self, departing: &Departing) -> Result<Figures> {
-        let (system, frames) = self.lens(departing)?;
+        let system = self.lens(departing)?;
         let field = |deg: &f64| {
-            let waves = Waves::trace(&system, &frames, *deg, self.step_per_mm)?;
+            let waves = Waves::trace(&system, &departing.displacements, *deg, self.step_per_mm)?;
             Ok([Azimuth::Tangential, Azimuth::Sagittal]
                 .map(|azimuth| [waves.mtf50(azimuth), waves.mtf(azimuth, self.steps)]))
         };

@@ -7,11 +7,10 @@
 //! λν apart is corrected to second order: the phase of a plane wave of direction d at a point
 //! changes by −x·Δd/λ, x being where its ray lands.
 
-use super::displaced::trace;
-use crate::frame::Frame;
+use super::displaced::{Displacement, displaced};
 use crate::pupil::Beam;
 use crate::system::System;
-use crate::trace::{LANES, Rays};
+use crate::trace::{LANES, Rays, TrainSurface, trace_lanes};
 use crate::train::Train;
 use camrig_base::{Error, Result};
 use std::f64::consts::TAU;
@@ -79,7 +78,7 @@ impl Waves {
     /// frequencies.
     pub fn trace(
         system: &System,
-        frames: &[Option<Frame>],
+        displacements: &[Displacement],
         field_deg: f64,
         step_per_mm: f64,
     ) -> Result<Self> {
@@ -89,12 +88,13 @@ impl Waves {
         let mut ray = Rays::<LANES>::nowhere();
         let (position, direction) = chief.start([0.0; 2]);
         ray.set(0, position, direction);
-        trace(&reference.surfaces, frames, &mut ray);
+        trace_lanes(&displaced(&reference.surfaces, displacements), &mut ray);
         let point = [ray.position[0][0], ray.position[1][0]];
         let wave = |nm: &f64| {
             let train = system.at(*nm)?;
             let beam = Beam::aim(&train, field_deg)?;
-            Wave::trace(&beam, frames, point, step_per_mm)
+            let surfaces = displaced(&train.surfaces, displacements);
+            Wave::trace(&beam, &surfaces, point, step_per_mm)
                 .map_err(|e| e.at(format!("field {field_deg:.4}°, {nm} nm")))
         };
         let waves: Result<Vec<Wave>> =
@@ -134,7 +134,7 @@ impl Waves {
 impl Wave {
     fn trace(
         beam: &Beam,
-        frames: &[Option<Frame>],
+        surfaces: &[TrainSurface],
         point: [f64; 2],
         step_per_mm: f64,
     ) -> Result<Self> {
@@ -143,7 +143,7 @@ impl Wave {
         let step = step_per_mm / waves_per_mm;
         let ([low, high], widest) = beam.outline(AZIMUTHS)?.bounds();
         let reach = [widest, 0.5 * (high - low)];
-        let slopes = slopes(beam, frames, reach);
+        let slopes = slopes(beam, surfaces, reach);
         let cell = slopes.map(|slope| (step / slope).abs());
         let step = slopes.map(|slope| step.copysign(slope));
         let margin = reach.map(|r| r * (1.0 + MARGIN));
@@ -165,7 +165,7 @@ impl Wave {
                 let (position, direction) = beam.start(place(block + i));
                 rays.set(i, position, direction);
             }
-            trace(&train.surfaces, frames, &mut rays);
+            trace_lanes(surfaces, &mut rays);
             for i in (0..LANES).filter(|i| block + i < columns * rows) {
                 let (p, d) = rays.get(i);
                 let landing = [p[0] - point[0], p[1] - point[1]];
@@ -250,7 +250,7 @@ impl Wave {
 }
 
 /// How far the direction at the image moves per mm of the launch place, along x and y.
-fn slopes(beam: &Beam, frames: &[Option<Frame>], reach: [f64; 2]) -> [f64; 2] {
+fn slopes(beam: &Beam, surfaces: &[TrainSurface], reach: [f64; 2]) -> [f64; 2] {
     let away = reach.map(|r| SLOPE * r);
     let mut rays = Rays::<LANES>::nowhere();
     let places = [[away[0], 0.0], [-away[0], 0.0], [0.0, away[1]], [0.0, -away[1]]];
@@ -258,7 +258,7 @@ fn slopes(beam: &Beam, frames: &[Option<Frame>], reach: [f64; 2]) -> [f64; 2] {
         let (position, direction) = beam.start(place);
         rays.set(i, position, direction);
     }
-    trace(&beam.train.surfaces, frames, &mut rays);
+    trace_lanes(surfaces, &mut rays);
     [0, 1].map(|axis| {
         let d = &rays.direction[axis];
         let (plus, minus) = (d[2 * axis], d[2 * axis + 1]);

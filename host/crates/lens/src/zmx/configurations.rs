@@ -6,8 +6,8 @@
 //! and nothing in the file follows from them by a solve.
 
 use super::{Draft, count};
-use crate::text::number;
 use camrig_base::{Error, Result};
+use camrig_glass::text::number;
 
 /// Operands without effect on the image: comments, titles, switched-off lines, drawing.
 const WITHOUT_EFFECT: [&str; 4] = ["MOFF", "MCOM", "LTTL", "CHZN"];

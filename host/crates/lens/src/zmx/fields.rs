@@ -2,7 +2,7 @@
 
 use super::{File, count};
 use crate::prescription::{FieldKind, Fields};
-use crate::text::refuse;
+use crate::refuse;
 use camrig_base::{Error, Result};
 
 /// The kind of field given by theodolite angles.

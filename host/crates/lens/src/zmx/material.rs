@@ -1,9 +1,9 @@
 //! `GLAS`: catalogue glasses, model glasses, mirrors.
 
 use super::{value, word};
-use crate::glass::{Catalogue, Glass};
 use crate::prescription::Medium;
 use camrig_base::Result;
+use camrig_glass::{Catalogue, Glass};
 
 /// `GLAS name mode pickup n_d V_d ΔP_gF . . . Δn_d ΔV_d`: a catalogue glass, a mirror, a model
 /// glass (mode 1), or a catalogue glass with offsets (mode 4).

@@ -14,10 +14,11 @@ mod shape;
 #[cfg(test)]
 mod tests;
 
-use super::glass::Catalogue;
 use super::prescription::{Aperture, Clip, Form, Medium, Object, Prescription, Surface};
-use super::text::{number, numbers, refuse};
+use crate::refuse;
 use camrig_base::{Error, Result};
+use camrig_glass::Catalogue;
+use camrig_glass::text::{number, numbers};
 use configurations::Configurations;
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs

@@ -4,7 +4,7 @@ use super::Draft;
 use crate::forbes::{Forbes, Kind};
 use crate::frame::Frame;
 use crate::prescription::{Form, Surface};
-use crate::text::refuse;
+use crate::refuse;
 use camrig_base::{Error, Result};
 
 /// The order flag of a coordinate break (`PARM 6`) that decentres before it tilts.

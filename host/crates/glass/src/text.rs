@@ -1,4 +1,4 @@
-//! Shared by the text readers: the encodings that lens programs write, numbers, and a refusal.
+//! Text of lens programs: the encodings they write, and their numbers.
 
 use camrig_base::{Error, Result};
 use std::path::Path;
@@ -7,21 +7,14 @@ use std::path::Path;
 ///
 /// # Errors
 /// The file cannot be read.
-pub(crate) fn read_text(path: &Path) -> Result<String> {
+pub fn read_text(path: &Path) -> Result<String> {
     std::fs::read(path).map(|b| decode(&b)).map_err(|e| Error::io("read", path, e))
-}
-
-/// Refuses a kind of lens that the tracer does not know.
-pub(crate) fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced")).help(
-        "lenses that form an image by conics, polynomials, Forbes aspheres, biconics, toroids and \
-         mirrors are traced, tilted and decentred too",
-    ))
 }
 
 /// Text from bytes. A byte-order mark decides; without one, zero bytes in every other place mean
 /// UTF-16; what is not UTF-8 is Latin-1 (µ in Zemax listings), in which every byte is a character.
-pub(crate) fn decode(bytes: &[u8]) -> String {
+#[must_use]
+pub fn decode(bytes: &[u8]) -> String {
     let head = &bytes[..bytes.len().min(256)];
     let zeros = |parity: usize| head.iter().skip(parity).step_by(2).filter(|b| **b == 0).count();
     let half = head.len() / 4;
@@ -45,7 +38,7 @@ pub(crate) fn decode(bytes: &[u8]) -> String {
 ///
 /// # Errors
 /// Text that is no finite number; the message names `what`.
-pub(crate) fn number(what: &str, token: &str) -> Result<f64> {
+pub fn number(what: &str, token: &str) -> Result<f64> {
     let wrong = || {
         Error::input(format!("{what}: \"{token}\" is not a number"))
             .help("write a finite decimal number, like -12.5 or 1.2e-3")
@@ -58,7 +51,7 @@ pub(crate) fn number(what: &str, token: &str) -> Result<f64> {
 ///
 /// # Errors
 /// As [`number`].
-pub(crate) fn numbers(what: &str, words: &[&str]) -> Result<Vec<f64>> {
+pub fn numbers(what: &str, words: &[&str]) -> Result<Vec<f64>> {
     words.iter().map(|w| number(what, w)).collect()
 }
 

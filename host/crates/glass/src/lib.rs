@@ -1,14 +1,29 @@
 //! Optical glasses: refractive index over wavelength, by catalogue name, formula, table or n_d,
 //! V_d, and catalogue files.
 //!
-//! Indices are relative to air at 20 °C and 1 atm, as catalogues give them; the tracer takes air
+//! Indices are relative to air at 20 °C and 1 atm, as catalogues give them; ray tracers take air
 //! as 1. Wavelengths are in air, nm at the interface and µm inside the formulas.
+//!
+//! ```
+//! use camrig_glass::{Catalogue, Glass};
+//!
+//! // Two makers sell different glasses as F6; a lens file names the maker.
+//! let found = Catalogue::default().find("F6", &["schott".into()])?;
+//! assert!((found.glass.index(587.5618)? - 1.63636).abs() < 5e-6);
+//!
+//! // What a patent tells: n_d and V_d.
+//! let model = Glass::model(1.5168, 64.17)?;
+//! assert!((model.index(486.1327)? - 1.5224).abs() < 1e-4);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
 
 mod agf;
 mod catalogue;
 mod conrady;
 mod dispersion;
+pub mod files;
 mod table;
+pub mod text;
 
 pub use catalogue::{Catalogue, Found};
 pub use dispersion::Dispersion;

@@ -1,6 +1,6 @@
 //! The built-in glasses.
 
-use super::{Dispersion, Glass, key};
+use crate::{Dispersion, Glass, key};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
@@ -31,7 +31,7 @@ pub(super) fn built_in() -> &'static BTreeMap<String, Makers> {
     static TABLE: OnceLock<BTreeMap<String, Makers>> = OnceLock::new();
     TABLE.get_or_init(|| {
         let mut table = BTreeMap::<String, Makers>::new();
-        let lines = include_str!("../glasses.csv").lines().filter(|l| !l.starts_with('#'));
+        let lines = include_str!("glasses.csv").lines().filter(|l| !l.starts_with('#'));
         for (maker, glass) in lines.filter_map(parse_row) {
             table.entry(key(&glass.name)).or_default().push((maker, glass));
         }
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn every_row_of_the_table_is_understood_and_physical() {
         let rows: Vec<&str> =
-            include_str!("../glasses.csv").lines().filter(|l| !l.starts_with('#')).collect();
+            include_str!("glasses.csv").lines().filter(|l| !l.starts_with('#')).collect();
         for row in &rows {
             let (_, glass) = parse_row(row).unwrap_or_else(|| panic!("{row}"));
             let middle = glass.range_nm[0].max(400.0).min(glass.range_nm[1]);

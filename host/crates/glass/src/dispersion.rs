@@ -1,6 +1,6 @@
 //! Dispersion formulas.
 
-use super::conrady;
+use crate::conrady;
 
 /// Dispersion formulas; λ in µm.
 #[derive(Clone, Debug, PartialEq)]

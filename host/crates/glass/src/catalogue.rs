@@ -4,11 +4,11 @@
 //! that a lens file names come first, and a glass of any other is taken only with a note, or not at
 //! all where several differ.
 
-use super::agf;
-use super::dispersion::{C_LINE, D_LINE, F_LINE};
-use super::table::{built_in, note_on};
-use super::{Glass, key};
+use crate::agf;
+use crate::dispersion::{C_LINE, D_LINE, F_LINE};
+use crate::table::{built_in, note_on};
 use crate::text::number;
+use crate::{Glass, key};
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -36,7 +36,8 @@ pub struct Found {
 
 impl Found {
     /// The glass; its note is added to `notes`, once.
-    pub(crate) fn noted(self, notes: &mut Vec<String>) -> Glass {
+    #[must_use]
+    pub fn noted(self, notes: &mut Vec<String>) -> Glass {
         notes.extend(self.note.filter(|note| !notes.contains(note)));
         self.glass
     }

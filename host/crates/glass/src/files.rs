@@ -1,7 +1,7 @@
-//! Glass catalogues (`.agf`) that lie beside a lens file.
+//! Catalogue files (`.agf`) in folders.
 
-use super::glass::Catalogue;
-use super::text::read_text;
+use crate::Catalogue;
+use crate::text::read_text;
 use camrig_base::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ const LARGEST: u64 = 64 << 20;
 ///
 /// # Errors
 /// A catalogue that cannot be read, or is too large to be one.
-pub(crate) fn with_catalogues_beside(lens: &Path, glasses: &Catalogue) -> Result<Catalogue> {
+pub fn beside(lens: &Path, glasses: &Catalogue) -> Result<Catalogue> {
     let mut glasses = glasses.clone();
     for path in catalogues(lens.parent().unwrap_or(Path::new(""))) {
         add(&mut glasses, &path)?;
@@ -24,7 +24,7 @@ pub(crate) fn with_catalogues_beside(lens: &Path, glasses: &Catalogue) -> Result
 ///
 /// # Errors
 /// A catalogue that cannot be read, or is too large to be one.
-pub(crate) fn add(glasses: &mut Catalogue, path: &Path) -> Result<()> {
+pub fn add(glasses: &mut Catalogue, path: &Path) -> Result<()> {
     let size = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
     if size > LARGEST {
         return Err(Error::limit(format!("a glass catalogue of {} MiB", size >> 20))
@@ -40,7 +40,7 @@ pub(crate) fn add(glasses: &mut Catalogue, path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// Nothing there, or a folder without a catalogue.
-pub(crate) fn named(path: &Path) -> Result<Vec<PathBuf>> {
+pub fn named(path: &Path) -> Result<Vec<PathBuf>> {
     let found = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?;
     if !found.is_dir() {
         return Ok(vec![path.to_owned()]);
@@ -84,7 +84,7 @@ mod tests {
         let lens = folder.path().join("lens.zmx");
         let find = |makers: &[&str]| {
             let makers: Vec<String> = makers.iter().map(|m| (*m).to_owned()).collect();
-            let glasses = with_catalogues_beside(&lens, &Catalogue::default()).unwrap();
+            let glasses = beside(&lens, &Catalogue::default()).unwrap();
             glasses.find("OWN", &makers).unwrap()
         };
         assert!((find(&["melts"]).glass.index(550.0).unwrap() - 1.5).abs() < 1e-15);

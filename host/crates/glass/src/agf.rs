@@ -4,8 +4,8 @@
 //!
 //! Formulas as in the program's manual (Glass Catalogs, "The glass dispersion formulas").
 
-use super::{D_LINE, Dispersion, Found, Glass, key};
 use crate::text::number;
+use crate::{D_LINE, Dispersion, Found, Glass, key};
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
