@@ -45,7 +45,7 @@ pub struct FieldPoint {
     /// the irradiance ratio for a uniform Lambertian scene.
     pub relative_illumination: f64,
     /// Real height over paraxial height ([`System::paraxial_height_mm`]) − 1, percent; 0 on the
-    /// axis.
+    /// axis, NaN from 90° on, where there is no paraxial height.
     pub distortion_percent: f64,
     /// Projected solid angle of the pupil seen from the image point, sr.
     pub projected_solid_angle_sr: f64,
@@ -195,7 +195,13 @@ impl<'a> Aimed<'a> {
             chief_ray_height_mm: height,
             cra_deg: side * beam.chief_ray_angle_deg(),
             relative_illumination: solid_angle / self.train.axis_sr,
-            distortion_percent: if ideal == 0.0 { 0.0 } else { 100.0 * (height / ideal - 1.0) },
+            distortion_percent: if beam.field_deg.abs() >= 90.0 {
+                f64::NAN
+            } else if ideal == 0.0 {
+                0.0
+            } else {
+                100.0 * (height / ideal - 1.0)
+            },
             projected_solid_angle_sr: solid_angle,
             opd_rms_waves: figure(&|s| s.opd_rms_pv().0),
             spot_rms_mm: figure(&PupilSamples::spot_rms_mm),
@@ -290,7 +296,10 @@ pub fn characterise(
             "{} heights up to a field of {}°",
             plan.heights, plan.max_field_deg
         ))
-        .help("give two heights or more and a largest field between 0 and 90 degrees")
+        .help(
+            "give two heights or more and a largest field between 0 and 90 degrees: pictures are \
+             of a plane in front of the lens",
+        )
         .with_code("largest-field"));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);

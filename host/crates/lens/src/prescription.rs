@@ -196,11 +196,15 @@ pub enum FieldKind {
 
 impl FieldKind {
     /// Distance from the axis of the field (x, y): of heights the length, of angles that of the
-    /// direction whose projections on the planes of x and y have these angles.
+    /// direction whose projections on the planes of x and y have these angles (NaN for angles of
+    /// 90° or more, unless one of them is 0).
     #[must_use]
     pub fn off_axis(self, x: f64, y: f64) -> f64 {
         if self != Self::Angle || x == 0.0 || y == 0.0 {
             return (x * x + y * y).sqrt();
+        }
+        if x.abs() >= 90.0 || y.abs() >= 90.0 {
+            return f64::NAN;
         }
         let [x, y] = [x, y].map(|v| libm::tan(v.to_radians()));
         libm::atan((x * x + y * y).sqrt()).to_degrees()

@@ -101,8 +101,8 @@ impl<'a> Beam<'a> {
     /// secant method, so that it is the one continuously connected with the axis.
     ///
     /// # Errors
-    /// A field angle of 90° or more, or a chief ray that is lost on its way; the error names the
-    /// surface.
+    /// A field angle of 180° or more, of a finite object 90°; a chief ray that is lost on its way:
+    /// the error names the surface.
     pub fn aim(train: &'a Train, field_deg: f64) -> Result<Self> {
         if let Some(why) = &train.asymmetry {
             return Err(Error::unsupported(format!(
@@ -114,9 +114,13 @@ impl<'a> Beam<'a> {
             )
             .with_code("asymmetric-lens"));
         }
-        if field_deg.is_nan() || field_deg.abs() >= 90.0 {
+        let most = match train.object {
+            Object::Infinity => 180.0,
+            Object::Distance(_) => 90.0,
+        };
+        if !(field_deg.abs() < most) {
             return Err(Error::input(format!("field angle {field_deg}°"))
-                .help("field angles lie between -90° and 90°"));
+                .help(format!("field angles lie between -{most}° and {most}° here")));
         }
         // Degrees. A step that fails is divided by SHRINK; where one of SMALLEST fails, the ray
         // counts as lost.
@@ -168,8 +172,13 @@ impl<'a> Beam<'a> {
     /// the paraxial entrance pupil, in units of the pupil's radius from its centre.
     ///
     /// # Errors
-    /// A ray that is lost on its way.
+    /// A field of 90° or more, to which the paraxial pupil shows no face; a ray that is lost on its
+    /// way.
     pub(super) fn heights_of_pupil_ray(&self, x: f64, y: f64) -> Result<Vec<f64>> {
+        if self.field_deg.abs() >= 90.0 {
+            let what = format!("vignetting factors at the field angle {}°", self.field_deg);
+            return Err(Error::unsupported(what).help("give clear apertures in their place"));
+        }
         let radius = 0.5 * self.train.entrance_pupil_mm;
         let (position, direction) =
             self.launcher.ray(x * radius, y * radius * self.launcher.cosine);
@@ -238,9 +247,11 @@ impl<'a> Beam<'a> {
     }
 
     /// Places (z from the first vertex, y), mm, of a ray in the plane of the section: `lead` before
-    /// the first surface, on each surface, on the image plane. It is launched `y` from the chief
+    /// the first surface (of steep rays nearer), on each surface, on the image plane. It is launched `y` from the chief
     /// ray, mm. `None` for a ray that is lost or stopped.
     pub(super) fn path(&self, y: f64, lead: f64) -> Option<Vec<[f64; 2]>> {
+        // Cosine of the angle with the axis up to which rays are drawn from one plane.
+        const STEEPEST: f64 = 0.5;
         let (position, direction) = self.launcher.ray(0.0, self.chief_launch + y);
         let mut ray = Rays::<1>::nowhere();
         ray.set(0, position, direction);
@@ -250,7 +261,8 @@ impl<'a> Beam<'a> {
             surface.meet(&mut ray);
             let (p, _) = ray.get(0);
             if places.is_empty() {
-                places.push([p[2] - lead, p[1] - lead * direction[1] / direction[2]]);
+                let along = lead / direction[2].max(STEEPEST);
+                places.push([p[2] - along * direction[2], p[1] - along * direction[1]]);
             }
             places.push([vertex + p[2], p[1]]);
             surface.bend(&mut ray);

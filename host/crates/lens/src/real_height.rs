@@ -4,7 +4,7 @@ use camrig_base::{Error, Result};
 
 /// Steps of the field from the axis and where they end, degrees.
 const STEP: f64 = 0.5;
-const END: f64 = 89.5;
+const END: f64 = 179.5;
 /// Halvings of a step: the last bits of f64.
 const HALVINGS: usize = 50;
 

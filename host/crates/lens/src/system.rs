@@ -403,7 +403,7 @@ fn mirrors(prescription: &Prescription) -> usize {
 /// The surfaces with their indices at a wavelength.
 fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>> {
     let index = |glass: &Glass| glass.index(nm);
-    let mut before = 1.0;
+    let (mut before, mut forward) = (1.0, true);
     let mut train = Vec::with_capacity(prescription.surfaces.len());
     for (i, s) in prescription.surfaces.iter().enumerate() {
         let after = match &s.medium {
@@ -414,6 +414,8 @@ fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>
             }
             Medium::Mirror => before,
         };
+        let mirror = s.medium == Medium::Mirror;
+        forward &= s.entry.is_none();
         train.push(TrainSurface {
             curvature: s.curvature,
             conic: s.conic,
@@ -422,13 +424,15 @@ fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>
             thickness: s.thickness,
             before,
             after,
-            mirror: s.medium == Medium::Mirror,
+            mirror,
+            forward,
             clips: s.clips.clone(),
             shape: shape(&s.form),
             entry: s.entry,
             exit: s.exit,
         });
         before = after;
+        forward &= s.exit.is_none() && !mirror;
     }
     Ok(train)
 }

@@ -351,6 +351,80 @@ fn a_window_without_light_is_refused_in_words() {
     assert!(error.contains("550 nm"), "{error}");
 }
 
+/// A fisheye whose two front menisci bend light from behind its front into the stop: chief rays
+/// against a tracer of its own in NumPy, which meets spheres by geometry and finds the centre of
+/// the stop by bisection.
+#[test]
+fn a_fisheye_sees_behind_itself() {
+    // Radius, thickness and index behind; the stop is plane.
+    const FISHEYE: [[f64; 3]; 19] = [
+        [20.0, 1.0, 1.713],
+        [8.0, 5.0, 1.0],
+        [25.0764, 0.7848, 1.713],
+        [4.0938, 3.4518, 1.0],
+        [20.568, 0.5886, 1.62],
+        [4.704, 1.2972, 1.0],
+        [5.763, 2.076, 1.669],
+        [-16.0716, 0.2592, 1.0],
+        [-9.5208, 0.3708, 1.694],
+        [4.6938, 1.4826, 1.668],
+        [-20.8134, 0.1854, 1.0],
+        [6000.0, 0.5562, 1.518],
+        [6000.0, 0.5118, 1.0],
+        [0.0, 0.6, 1.0],
+        [-317.142, 1.2606, 1.497],
+        [-6.828, 0.0372, 1.0],
+        [39.6732, 1.8534, 1.487],
+        [-3.81, 0.3708, 1.805],
+        [-7.6494, 9.3, 1.0],
+    ];
+    let mut text = String::from(
+        "format = \"camrig-prescription/1\"\nwavelengths_nm = [550.0]\nfields_deg = [0.0, 105.0]\n\
+         [aperture]\nstop_radius_mm = 0.3\n",
+    );
+    for [radius, thickness, index] in FISHEYE {
+        text += &format!("[[surface]]\nradius_mm = {radius:?}\nthickness_mm = {thickness:?}\n");
+        if index > 1.0 {
+            text += &format!("glass = \"n{index}\"\n");
+        }
+        if radius == 0.0 {
+            text += "stop = true\n";
+        }
+    }
+    for index in [1.713, 1.62, 1.669, 1.694, 1.668, 1.518, 1.497, 1.487, 1.805] {
+        text += &format!("[glass.\"n{index}\"]\nnd = {index:?}\n");
+    }
+    let lens = toml::read(&text, &Catalogue::default()).unwrap();
+    let system = System::new(lens, Conditions::default()).unwrap();
+    // Field, height and angle of the chief ray on the image.
+    let known = [
+        [30.0, 1.624061287196, 7.2255261259],
+        [60.0, 3.221086015253, 14.0847230795],
+        [85.0, 4.473969543786, 19.1556128505],
+        [95.0, 4.924546775495, 20.8939335260],
+        [105.0, 5.321316184500, 22.3827798339],
+    ];
+    let fields: Vec<f64> = known.iter().map(|k| k[0]).collect();
+    let points = characterise::field_points(&system, &fields, &[550.0]).unwrap();
+    for (point, [deg, height, angle]) in points.iter().zip(known) {
+        assert!((point.chief_ray_height_mm - height).abs() < 1e-9, "{deg}: {point:?}");
+        assert!((point.cra_deg - angle).abs() < 1e-7, "{deg}: {point:?}");
+        assert_eq!(point.distortion_percent.is_nan(), deg >= 90.0);
+        assert!((0.1..2.0).contains(&point.relative_illumination), "{point:?}");
+    }
+    // Heights that only such fields reach are found too.
+    let train = system.at(550.0).unwrap();
+    let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
+    let deg = real_height::first_field(known[4][1], height).unwrap();
+    assert!((deg - 105.0).abs() < 1e-7, "{deg}");
+    // A plane in front of the lens ends before 90°.
+    let mut near = system.prescription.clone();
+    near.object = prescription::Object::Distance(500.0);
+    let near = System::new(near, Conditions::default()).unwrap();
+    let error = characterise::field_points(&near, &[95.0], &[550.0]).unwrap_err().to_string();
+    assert!(error.contains("between -90° and 90°"), "{error}");
+}
+
 /// Prescriptions and listings with bytes changed, dropped or doubled: an error or a lens, never a
 /// panic, and no lens that panics when traced.
 mod fuzz {

@@ -33,6 +33,10 @@ pub struct TrainSurface {
     pub after: f64,
     /// Whether it reflects.
     pub mirror: bool,
+    /// Whether light comes from the side of −z, with no mirror, tilt or decentre in front: a ray
+    /// then meets the surface where it comes through from there, even one from more than 90° off
+    /// the axis. Otherwise its direction tells.
+    pub forward: bool,
     /// Openings light must pass, the stop's own among them.
     pub clips: Vec<Clip>,
     /// What it is beyond conic and polynomials.
@@ -175,10 +179,17 @@ impl TrainSurface {
             let b = c * (px[i] * dx[i] + py[i] * dy[i] + (1.0 + k) * pz[i] * dz[i]) - dz[i];
             let g = c * (px[i] * px[i] + py[i] * py[i] + (1.0 + k) * pz[i] * pz[i]) - 2.0 * pz[i];
             let root = (b * b - a * g).sqrt();
-            let t = g / (-b + root.copysign(dz[i]));
+            let way = if self.forward { 1.0 } else { dz[i] };
+            let t = g / (-b + root.copysign(way));
+            // The half of the conic away from the vertex is no part of the surface.
+            let near = 1.0 - (1.0 + k) * c * (pz[i] + t * dz[i]) >= 0.0;
             // A polynomial surface may exist where its conic part does not: start at the plane.
-            let plane = -pz[i] / dz[i];
-            let t = if or_plane && t.is_nan() { plane } else { t };
+            let plane = if way * dz[i] > 0.0 { -pz[i] / dz[i] } else { f64::NAN };
+            let t = match or_plane {
+                true if t.is_nan() => plane,
+                false if !near => f64::NAN,
+                _ => t,
+            };
             length[i] = t;
             px[i] += t * dx[i];
             py[i] += t * dy[i];
@@ -445,6 +456,7 @@ mod tests {
             before,
             after,
             mirror: false,
+            forward: true,
             clips: Vec::new(),
             shape: Shape::Plain,
             entry: None,

@@ -199,14 +199,18 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
         "spot mm rms"
     );
     for p in points {
+        // From 90° off the axis on there is no paraxial height.
+        let distortion = match p.distortion_percent.is_nan() {
+            true => "-".into(),
+            false => format!("{:.4} %", p.distortion_percent),
+        };
         println!(
-            "{:>9.3} {:>8.1} {:>12.6} {:>10.5} {:>9.6} {:>9.4} % {:>10.4} {:>11.6}",
+            "{:>9.3} {:>8.1} {:>12.6} {:>10.5} {:>9.6} {distortion:>11} {:>10.4} {:>11.6}",
             p.field_deg,
             p.wavelength_nm,
             p.chief_ray_height_mm,
             p.cra_deg,
             p.relative_illumination,
-            p.distortion_percent,
             p.opd_rms_waves,
             p.spot_rms_mm
         );

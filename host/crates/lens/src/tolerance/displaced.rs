@@ -68,6 +68,7 @@ mod tests {
             before: 1.0,
             after: 1.5,
             mirror: false,
+            forward: true,
             clips: Vec::new(),
             shape: Shape::Plain,
             entry: None,
