@@ -1,6 +1,6 @@
 //! What a wrong camera file is told.
 
-use super::{Camera, Folder};
+use super::{Camera, Folder, LensKind, RelativeIllumination};
 use camrig_base::Bands;
 
 const GOOD: &str = include_str!("../presets/mt9t012.toml");
@@ -83,6 +83,36 @@ fn optical_effects_are_kept_apart_from_the_sensor() {
     ] {
         let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
         assert!(message.contains(expected), "{effect}: {message}");
+    }
+}
+
+#[test]
+fn a_table_of_relative_illumination_is_read_or_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let qe = super::presets::file("mt9m131-qe.csv").unwrap();
+    std::fs::write(folder.path().join("mt9m131-qe.csv"), qe).unwrap();
+    let load = |table: &str| {
+        std::fs::write(folder.path().join("shading.csv"), table).unwrap();
+        let text = GOOD.replace("\"cos4\"", "\"shading.csv\"").replace("ir_cut", "#ir_cut");
+        Camera::parse(&text, "test", &Folder::Directory(folder.path()))
+    };
+    let camera = load("field,ratio\n0,1\n0.5,0.8\n1,0.4\n").unwrap();
+    let LensKind::DiffractionLimited {
+        relative_illumination: RelativeIllumination::Table(table),
+        ..
+    } = &camera.lens.kind
+    else {
+        panic!("{:?}", camera.lens.kind);
+    };
+    assert_eq!(*table, [(0.0, 1.0), (0.5, 0.8), (1.0, 0.4)]);
+    for (table, expected) in [
+        ("field,ratio\n0,1\n", "fewer than two lines"),
+        ("field,ratio\n0,1\n1,2\n", "ratios to the axis lie in 0 to 1.5"),
+        ("field,ratio\n0.5,1\n0.2,0.9\n", "fields rise from 0"),
+        ("field,ratio\n0,one\n1,0.9\n", "not a table of field,ratio"),
+    ] {
+        let error = load(table).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains("shading.csv"), "{error}");
     }
 }
 
