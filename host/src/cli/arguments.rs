@@ -18,26 +18,40 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+/// Changes to a camera's file.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ChangeArgs {
+    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
+    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
+    set: Vec<(String, toml::Value)>,
+}
+
+impl ChangeArgs {
+    /// A camera, a preset or a file, with the changes.
+    pub fn load(&self, camera: &str) -> Result<Camera> {
+        Camera::load_with(camera, &self.set)
+    }
+}
+
 /// A camera, and changes to its file.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CameraArgs {
     /// Camera file, or a preset: mt9t012, mobile, imx219, ... (camrig presets lists them)
     #[arg(long, value_name = "C")]
     pub camera: String,
-    /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
-    pub set: Vec<(String, toml::Value)>,
+    #[command(flatten)]
+    changes: ChangeArgs,
 }
 
 impl CameraArgs {
     /// The camera with its changes.
     pub fn load(&self) -> Result<Camera> {
-        Camera::load_with(&self.camera, &self.set)
+        self.changes.load(&self.camera)
     }
 
     /// The name of a preset as it is; `None` of a file, or of a preset that was changed.
     pub fn preset(&self) -> Option<&str> {
-        (is_preset(&self.camera) && self.set.is_empty()).then_some(&self.camera)
+        (is_preset(&self.camera) && self.changes.set.is_empty()).then_some(&self.camera)
     }
 }
 

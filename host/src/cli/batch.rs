@@ -60,7 +60,7 @@ pub struct Args {
     /// Keep nothing of the optics stage (~/.cache/camrig/optics)
     #[arg(long)]
     no_cache: bool,
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }

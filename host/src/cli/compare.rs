@@ -1,5 +1,6 @@
 //! `camrig compare`: how far a model is from captures, statistic by statistic.
 
+use super::arguments::ChangeArgs;
 use super::diagnose::open;
 use camrig_base::Result;
 use camrig_diagnose::{Session, verdict};
@@ -11,14 +12,17 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status 1 where they disagree. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
-    camrig compare mt9v024 captures")]
+    camrig compare mt9v024 captures\n  \
+    camrig compare mt9v024 captures --set sensor.noise.read_e=30")]
 pub struct Args {
     /// Camera file or preset: the model
     camera: String,
     /// Capture set: a directory with captures.toml
     captures: PathBuf,
+    #[command(flatten)]
+    changes: ChangeArgs,
     /// Only this region of the frames, in pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = super::measure::roi)]
+    #[arg(long, visible_alias = "roi", value_name = "X,Y,W,H", value_parser = super::measure::roi)]
     region: Option<Roi>,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -30,7 +34,8 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let (camera, session) = open(&args.camera, &args.captures, args.region, Session::to_compare)?;
+    let camera = args.changes.load(&args.camera)?;
+    let (camera, session) = open(camera, &args.captures, args.region, Session::to_compare)?;
     let (state, gap) = session.compare(&camera)?;
     let found = verdict::comparison(&session, &state, gap);
     if args.json {

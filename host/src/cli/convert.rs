@@ -41,16 +41,16 @@ pub struct Args {
     /// Bytes from row to row of headerless input [default: those of a row]
     #[arg(long, value_name = "BYTES")]
     stride: Option<usize>,
-    /// Bits per sample, where the input does not say them or is wrong
-    #[arg(long)]
+    /// Bits of a sample, where the file does not say or is wrong
+    #[arg(long, value_name = "N")]
     bits: Option<u32>,
-    /// Colour filter pattern, likewise: RGGB, GRBG, GBRG, BGGR, mono
-    #[arg(long)]
+    /// Colour filter pattern, where the file does not say or is wrong: RGGB, RCCC, mono, ...
+    #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
-    /// Black level in DN, likewise
+    /// Black level, where the file does not say or is wrong
     #[arg(long, value_name = "DN")]
     black: Option<f64>,
-    /// White level in DN, likewise
+    /// Saturated level, where the file does not say or is wrong
     #[arg(long, value_name = "DN")]
     white: Option<u16>,
     /// Take only this frame of a stack, counted from 0
@@ -71,7 +71,7 @@ pub struct Args {
     /// Print commands that read headerless output with ffmpeg, GStreamer and V4L2
     #[arg(long)]
     hint: bool,
-    /// Replace an existing output
+    /// Replace existing output
     #[arg(long)]
     force: bool,
 }

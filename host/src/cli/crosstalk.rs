@@ -1,9 +1,8 @@
 //! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
 
-use super::arguments::{band_at, duration, progress, tell_tables};
+use super::arguments::{CameraArgs, band_at, duration, progress, tell_tables};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
-use camrig_camera::Camera;
 use camrig_capture::bench;
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::{coupling, crosstalk};
@@ -23,7 +22,8 @@ pub struct Args {
 
 #[derive(clap::Subcommand, Debug)]
 enum What {
-    /// Simulate the experiment: seven filters, a 17 x 13 grid of points and four axis scans
+    /// Simulate the experiment: seven filters, a 17 x 13 grid of points and four axis scans; the
+    /// camera's crosstalk table is the hidden truth
     #[command(after_help = "Examples:\n  \
         camrig crosstalk bench --camera my.toml --frames 100 -o bench")]
     Bench(BenchArgs),
@@ -34,9 +34,8 @@ enum What {
 
 #[derive(clap::Args, Debug)]
 struct BenchArgs {
-    /// Camera file or preset; its crosstalk table is the hidden truth
-    #[arg(long, value_name = "C")]
-    camera: String,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Frames per point
     #[arg(
         long,
@@ -89,7 +88,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn run_bench(args: &BenchArgs) -> Result<ExitCode> {
-    let camera = Camera::load(&args.camera)?;
+    let camera = args.camera.load()?;
     tell_tables(&camera, bench::FILTERS_NM.map(band_at));
     let bar = progress("frames", bench::total_frames(args.frames));
     bench::bench(

@@ -1,9 +1,9 @@
 //! `camrig datasheet`: a measured page of a camera.
 
-use super::arguments::{band_at, progress, tell_tables};
+use super::arguments::{ChangeArgs, band_at, progress, tell_tables};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
-use camrig_camera::{Camera, presets};
+use camrig_camera::presets;
 use camrig_capture::bench;
 use camrig_report::datasheet::page;
 use camrig_validate::datasheet::Datasheet;
@@ -12,11 +12,14 @@ use std::process::ExitCode;
 
 /// Measure a camera on simulated captures and write its data sheet (HTML)
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  camrig datasheet mt9t012 -o sheets\n\n\
+#[command(after_help = "Examples:\n  camrig datasheet mt9t012 -o sheets\n  \
+    camrig datasheet imx219 --set sensor.noise.read_e=1.5 -o better\n\n\
     Without a camera, mt9t012, mt9v024 and mobile: camrig datasheet -o sheets")]
 pub struct Args {
     /// Camera files or presets
     cameras: Vec<String>,
+    #[command(flatten)]
+    changes: ChangeArgs,
     /// Folder for the pages, each called NAME.html; it is made where it is missing
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -45,7 +48,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let bar = progress("cameras", cameras.len() as u64);
     for spec in cameras {
-        let camera = Camera::load(spec)?;
+        let camera = args.changes.load(spec)?;
         tell_tables(&camera, bench::FILTERS_NM.map(band_at));
         let sheet = Datasheet::measure(&camera, SIZE).map_err(|e| e.at(spec))?;
         write_file(&path(spec), args.force, page(&camera, &sheet).as_bytes())?;

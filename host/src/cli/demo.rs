@@ -21,7 +21,7 @@ pub struct Args {
     /// Directory for the results
     #[arg(short, long, default_value = "camrig-demo", value_name = "DIR")]
     output: PathBuf,
-    /// Replace an earlier demo
+    /// Replace an existing demo
     #[arg(long)]
     force: bool,
 }

@@ -1,6 +1,6 @@
 //! `camrig diagnose`: name what the model lacks.
 
-use super::arguments::{band_at, progress, tell_tables};
+use super::arguments::{ChangeArgs, band_at, progress, tell_tables};
 use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
@@ -32,6 +32,8 @@ pub struct Args {
     camera: String,
     /// Capture set: a directory with captures.toml
     captures: PathBuf,
+    #[command(flatten)]
+    changes: ChangeArgs,
     /// Directory of the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -39,7 +41,7 @@ pub struct Args {
     #[arg(long, value_name = "KIND")]
     without: Vec<String>,
     /// Only this region of the frames, in pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = super::measure::roi)]
+    #[arg(long, visible_alias = "roi", value_name = "X,Y,W,H", value_parser = super::measure::roi)]
     region: Option<Roi>,
     /// Print diagnosis.json on standard output
     #[arg(long)]
@@ -54,12 +56,11 @@ type Measure = fn(&Camera, &Cleaned, Halves, &(dyn Fn(usize) + Sync)) -> Result<
 
 /// Reads camera and captures, of them only a `region` where one is given, and measures the frames.
 pub(super) fn open(
-    camera: &str,
+    mut camera: Camera,
     captures: &Path,
     region: Option<Roi>,
     measure: Measure,
 ) -> Result<(Camera, Session)> {
-    let mut camera = Camera::load(camera)?;
     let mut set = CaptureSet::load(captures)?;
     if let Some(Roi { x, y, width, height }) = region {
         set = set.within([x, y, width, height])?;
@@ -112,8 +113,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 .help(camrig_base::toml_text::did_you_mean(kind, &known)));
         }
     }
+    let model = args.changes.load(&args.camera)?;
     let output = OutputDir::create(&args.output, args.force)?;
-    let (camera, mut session) = open(&args.camera, &args.captures, args.region, Session::open)?;
+    let (camera, mut session) = open(model, &args.captures, args.region, Session::open)?;
     let bar = indicatif::ProgressBar::new_spinner();
     let outcome = shapes::run(&mut session, &camera, &args.without, &|what| {
         bar.set_message(format!("trying {what}"));

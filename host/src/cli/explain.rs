@@ -20,7 +20,7 @@ use std::process::ExitCode;
 pub struct Args {
     /// A key with or without its table, an effect, or a preset
     key: Option<String>,
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }

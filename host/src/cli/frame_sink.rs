@@ -178,8 +178,16 @@ impl FrameSink {
             Place::Stack(stack) => {
                 let mut one = Frames::from_raw(frame);
                 match stack {
-                    Some(stack) => stack.planes.append(&mut one.planes),
-                    None => *stack = Some(Box::new(one)),
+                    Some(stack) => {
+                        stack.planes.append(&mut one.planes);
+                        // Of a bracket, the file cannot say one exposure.
+                        let of_all = |first: &DngInfo| first.exposure_s == info.exposure_s;
+                        stack.facts.dng = stack.facts.dng.take().filter(of_all);
+                    }
+                    None => {
+                        one.facts.dng = Some(info.clone());
+                        *stack = Some(Box::new(one));
+                    }
                 }
             }
         }

@@ -45,7 +45,7 @@ pub struct Args {
     /// Replace an existing raw file
     #[arg(long)]
     force: bool,
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }

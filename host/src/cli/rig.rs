@@ -43,7 +43,7 @@ enum Command {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig rig list --json")]
 struct ListArgs {
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }
@@ -54,7 +54,7 @@ struct ListArgs {
 struct InfoArgs {
     /// Address of the rig
     url: String,
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }
@@ -146,7 +146,7 @@ struct RegisterArgs {
     /// Read or write the one byte at the address, as a driver does that writes byte by byte
     #[arg(long)]
     byte: bool,
-    /// Print one JSON object
+    /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }

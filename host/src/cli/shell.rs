@@ -24,7 +24,7 @@ pub struct ManArgs {
     /// Directory for the pages
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace earlier pages
+    /// Replace existing pages
     #[arg(long)]
     force: bool,
 }

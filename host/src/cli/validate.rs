@@ -1,6 +1,6 @@
 //! `camrig validate`: a model beside captures.
 
-use super::arguments::{progress, tell_tables};
+use super::arguments::{ChangeArgs, progress, tell_tables};
 use super::measure::{corners, roi};
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, Result};
@@ -43,6 +43,8 @@ struct PaperArgs {
     /// The model: a camera file or preset
     #[arg(long, default_value = "mt9t012", value_name = "C")]
     model: String,
+    #[command(flatten)]
+    changes: ChangeArgs,
     /// A capture set with an edge and charts at two light levels, or a camera that stands for it
     #[arg(long, value_name = "SET|C")]
     captured: Option<String>,
@@ -79,7 +81,7 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
         Some(path) => Some((OutputFile::create(path, args.force)?, path)),
         None => None,
     };
-    let model = Camera::load(&args.model)?;
+    let model = args.changes.load(&args.model)?;
     let sides = Sides {
         captured: args.captured.as_deref().map(Captured::open).transpose()?,
         improved: args.improved.as_deref().map(Camera::load).transpose()?,

@@ -4,6 +4,7 @@ mod bad_input;
 mod batch;
 mod calibration;
 mod cameras;
+mod captures;
 mod command_line;
 mod control;
 mod diagnosis;

@@ -82,6 +82,48 @@ fn edges_that_cannot_be_measured_are_refused() {
     refuses(dir, "measure mtf edge.dng --roi 50,20", &["not a region"]);
 }
 
+/// Several frames of one edge: their mean has a smaller error than one; edges that nobody points at
+/// are found; the JSON says where each lies, and the page has a row for each.
+#[test]
+fn several_frames_and_edges_in_one_call() {
+    let dir = folder(200, 160, &[("cfa", "\"mono\""), ("f_number", "4.0")]);
+    let dir = dir.path();
+    camrig_ok(dir, &format!("{SHOOT} shots --frames 6 --scene slanted-edge"));
+    let all = "shots/0000.dng shots/0001.dng shots/0002.dng shots/0003.dng shots/0004.dng \
+               shots/0005.dng";
+    let number = |v: &Value| v.as_f64().unwrap();
+    let one = json(dir, "measure mtf shots/0000.dng --roi 60,20,80,60 --json");
+    let several = json(
+        dir,
+        &format!(
+            "measure mtf {all} --roi 60,20,80,60 --roi 60,80,80,60 --pitch-um 2.2 --report m.html \
+             --json"
+        ),
+    );
+    let edges = several["edges"].as_array().unwrap();
+    assert_eq!(edges.len(), 2);
+    let (first, alone) = (&edges[0], &one["edges"][0]);
+    assert_eq!((&first["frames"], &alone["frames"]), (&6.into(), &1.into()));
+    assert!(number(&first["mtf50_std_error"]) < 0.8 * number(&alone["mtf50_std_error"]));
+    assert!(number(&first["mtf50_frame_spread"]) > 0.0 && alone["mtf50_frame_spread"].is_null());
+    assert_eq!(first["direction"], "horizontal");
+    // Above the centre, and below it.
+    assert!(number(&first["position"][1]) < -20.0 && number(&edges[1]["position"][1]) > 20.0);
+    let page = std::fs::read_to_string(dir.join("m.html")).unwrap();
+    assert!(page.contains("spread between frames") && page.contains("M 2"), "rows of the page");
+    let found = json(dir, &format!("measure mtf {all} --json"));
+    let found = found["edges"].as_array().unwrap();
+    assert!(!found.is_empty());
+    for edge in found {
+        let off =
+            number(&edge["mtf50_cycles_per_pixel"]) / number(&first["mtf50_cycles_per_pixel"]);
+        assert!((off - 1.0).abs() < 0.05, "{edge}");
+        assert!((number(&edge["angle_deg"]).abs() - 5.0).abs() < 0.2, "{edge}");
+    }
+    camrig_ok(dir, &format!("{SHOOT} even.dng --scene uniform:0.3"));
+    refuses(dir, "measure mtf even.dng", &["no slanted edge", "--roi"]);
+}
+
 /// MTF50 of simulated edges against theory (photon-weighted diffraction OTF x pixel, D65, 400 to
 /// 700 nm in steps of 50 nm; golden/README.md), within the required 1 %; observed are 0.0 to 0.8 %
 /// more. The simulated steps of 10 nm account for 0.1 to 0.25 %. A region some 200 µm wide leaves

@@ -3,6 +3,10 @@
 use crate::{Error, Result};
 use std::fmt;
 
+/// Letters of filters in four-letter names: red, green, blue, cyan, magenta, yellow, emerald, white
+/// (clear, also C) and infrared.
+const FILTERS: &str = "RGBCMYEWI";
+
 /// A colour filter pattern that repeats over the sensor: which channel each pixel belongs to.
 ///
 /// Channels are numbered in order R, G, B (0, 1, 2) for Bayer patterns, 0 for mono, and in order
@@ -19,18 +23,17 @@ pub struct Cfa {
 }
 
 impl Cfa {
-    /// Reads `RGGB`, `GRBG`, `GBRG`, `BGGR`, `mono`, or rows of letters separated by `/`
-    /// (`RGGB` is short for `RG/GB`).
+    /// Reads `mono`, four letters, which are two rows of two (`RGGB` and `RCCC` are short for
+    /// `RG/GB` and `RC/CC`), or rows of letters separated by `/`.
     ///
     /// # Errors
     /// Rows of different lengths, sides other than 1, 2, 3, 4, 6 or 8, and other letters.
     pub fn parse(text: &str) -> Result<Self> {
         let rows: Vec<&str> = match text {
             "mono" => vec!["M"],
-            "RGGB" => vec!["RG", "GB"],
-            "GRBG" => vec!["GR", "BG"],
-            "GBRG" => vec!["GB", "RG"],
-            "BGGR" => vec!["BG", "GR"],
+            four if four.len() == 4 && four.chars().all(|c| FILTERS.contains(c)) => {
+                vec![&four[..2], &four[2..]]
+            }
             other => other.split('/').collect(),
         };
         let (width, height) = (rows[0].len(), rows.len());
@@ -40,10 +43,12 @@ impl Cfa {
             || !allowed.contains(&width)
             || !allowed.contains(&height)
             || !letters.iter().all(|c| c.is_ascii_uppercase())
+            // A word: MONO, TRUE.
+            || (width, height) == (4, 1)
         {
             return Err(Error::input(format!("colour filter pattern {text:?}")).help(
-                "use RGGB, GRBG, GBRG, BGGR, mono, or equal rows of 1, 2, 3, 4, 6 or 8 capital \
-                 letters separated by '/', for instance \"RGRG/GBGB\"",
+                "use RGGB, GRBG, GBRG, BGGR, RCCC or other four letters, mono, or equal rows of 1, \
+                 2, 3, 4, 6 or 8 capital letters separated by '/', for instance \"RGRG/GBGB\"",
             ));
         }
         Ok(Self { width, height, letters })
@@ -87,7 +92,38 @@ impl fmt::Display for Cfa {
         }
         let rows: Vec<String> =
             self.letters.chunks(self.width).map(|r| r.iter().collect()).collect();
-        let bayer = self.width == 2 && self.height == 2;
-        f.write_str(&rows.join(if bayer { "" } else { "/" }))
+        match (self.width, self.height) {
+            (2, 2) => f.write_str(&rows.concat()),
+            // Four letters alone are two rows of two: the same pattern, as two rows of four.
+            (4, 1) => write!(f, "{0}/{0}", rows[0]),
+            _ => f.write_str(&rows.join("/")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn four_letters_are_two_rows_of_two() {
+        for (text, rows) in [("RCCC", "RC/CC"), ("RCCB", "RC/CB"), ("RGGB", "RG/GB")] {
+            let cfa = Cfa::parse(text).unwrap();
+            assert_eq!(cfa, Cfa::parse(rows).unwrap());
+            assert_eq!((cfa.width, cfa.height, cfa.to_string()), (2, 2, text.to_string()));
+        }
+        for word in ["rccc", "RÄG", "MONO", "TRUE", "GREY"] {
+            assert!(Cfa::parse(word).is_err(), "{word}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_as_the_same_pattern() {
+        let line = Cfa { width: 4, height: 1, letters: "RGCB".chars().collect() };
+        for cfa in [line, Cfa::parse("RG").unwrap(), Cfa::parse("RGRG/GBGB").unwrap()] {
+            let back = Cfa::parse(&cfa.to_string()).unwrap();
+            let places = (0..64).map(|i| (i % 8, i / 8));
+            assert!(places.clone().all(|(x, y)| back.letter(x, y) == cfa.letter(x, y)), "{cfa}");
+        }
     }
 }

@@ -56,8 +56,8 @@ impl Wanted {
         self.0.is_some()
     }
 
-    /// Whether dark frames are wanted: they are taken for a figure that is named alone.
-    pub(crate) fn has_dark(&self) -> bool {
+    /// Whether dark frames are to be taken: only for a figure that the sweep file names.
+    pub(crate) fn takes_dark(&self) -> bool {
         self.is_named() && self.has("dynamic_range_db")
     }
 
@@ -83,6 +83,12 @@ pub struct Dark {
 }
 
 impl Dark {
+    /// Dynamic range of each channel, dB.
+    pub fn dynamic_ranges_db(&self) -> Vec<Option<f64>> {
+        let channels = self.frames[0].cfa.channels().len();
+        (0..channels).map(|channel| self.dynamic_range_db(channel)).collect()
+    }
+
     /// Dynamic range of a channel, dB; `None` without a pixel of it.
     fn dynamic_range_db(&self, channel: usize) -> Option<f64> {
         let [a, b] = &self.frames;
@@ -99,12 +105,13 @@ impl Dark {
     }
 }
 
-/// The figures of a frame of `scene`. One that the frame does not determine is null, with the
+/// The figures of a frame of `scene`, with the dynamic range of each channel where it was
+/// measured. One that the frame does not determine is null, with the
 /// reason beside it.
 #[must_use]
 pub fn of(
     frame: &RawFrame,
-    dark: Option<&Dark>,
+    dynamic_ranges_db: Option<&[Option<f64>]>,
     info: &DngInfo,
     scene: &str,
     wanted: &Wanted,
@@ -116,8 +123,8 @@ pub fn of(
         if chart == "uniform" && wanted.has("snr_db") {
             figures["snr_db"] = json!(snr_db(frame, index));
         }
-        if let Some(dark) = dark {
-            figures["dynamic_range_db"] = json!(dark.dynamic_range_db(index));
+        if let Some(channels) = dynamic_ranges_db {
+            figures["dynamic_range_db"] = json!(channels.get(index));
         }
         if chart == "slanted-edge" && wanted.has("mtf50_cycles_per_pixel") {
             let mtf50 = mtf50(frame, frame.cfa.channels()[index]);

@@ -35,10 +35,10 @@ use camrig_formats::{Facts, Format, Frames};
 use camrig_optics::{Device, Options};
 use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
 use camrig_scene::LightLevel;
-use camrig_sensor_core::config::FrameSettings;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -99,10 +99,11 @@ pub fn run(
     mut tell: impl FnMut(&str),
 ) -> Result<()> {
     let mut told = BTreeSet::new();
+    let mut darks = Darks::default();
     let pictures: Vec<Picture<'_>> =
         shard.pictures(sweep.pictures()).map(|i| sweep.picture(i)).collect();
     for group in pictures.chunk_by(|a, b| a.same_view(b)) {
-        let missing: Vec<_> = group.iter().filter(|p| !dataset.has(p.index)).collect();
+        let missing: Vec<&Picture<'_>> = group.iter().filter(|p| !dataset.has(p.index)).collect();
         (missing.len()..group.len()).for_each(|_| progress());
         let Some(first) = missing.first() else { continue };
         let variant = &sweep.variants[first.variant];
@@ -121,8 +122,9 @@ pub fn run(
                 tell(note);
             }
         }
+        darks.take(sweep, &camera, &view, &missing)?;
         missing.par_iter().try_for_each(|picture| {
-            take(sweep, dataset, &camera, &view, picture)
+            take(sweep, dataset, &camera, &view, picture, &darks)
                 .map_err(|e| e.at(format!("picture {}", picture.index)))?;
             progress();
             Ok::<(), Error>(())
@@ -131,17 +133,74 @@ pub fn run(
     Ok(())
 }
 
+/// What dark frames of a picture depend on: camera, sensor seed, exposure and gain.
+type DarkKey = (usize, Option<u64>, u64, Option<u64>);
+
+/// Dynamic ranges of channels, dB, by what they depend on: scenes and light levels share them.
+#[derive(Default)]
+struct Darks(BTreeMap<DarkKey, Vec<Option<f64>>>);
+
+impl Darks {
+    fn key(picture: &Picture<'_>) -> DarkKey {
+        let gain = picture.analog_gain.map(f64::to_bits);
+        (picture.variant, picture.sensor_seed, picture.exposure_s.to_bits(), gain)
+    }
+
+    /// Takes the dark frames of pictures that are not there yet.
+    fn take(
+        &mut self,
+        sweep: &Sweep,
+        camera: &Camera,
+        view: &OpticsOutput,
+        pictures: &[&Picture<'_>],
+    ) -> Result<()> {
+        for picture in pictures.iter().filter(|_| sweep.figures.takes_dark()) {
+            if let Entry::Vacant(place) = self.0.entry(Self::key(picture)) {
+                let dark = dark_of(sweep, camera, view, picture)
+                    .map_err(|e| e.at(format!("dark frames of picture {}", picture.index)))?;
+                place.insert(dark.dynamic_ranges_db());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Two frames without light, of numbers that no picture of a sweep has.
+fn dark_of(
+    sweep: &Sweep,
+    camera: &Camera,
+    view: &OpticsOutput,
+    picture: &Picture<'_>,
+) -> Result<figures::Dark> {
+    let camera = of_picture(camera, picture);
+    let unlit = SimulatedSensor::new(&camera, &view.cube.header, 0.0)?;
+    let take = |number| {
+        let settings = camera.settings(number, picture.exposure_s, picture.analog_gain);
+        unlit.frame(&view.cube, None, &settings, sweep.arithmetic)
+    };
+    let gain = camera.settings(0, picture.exposure_s, picture.analog_gain).analog_gain;
+    let dn_per_e = f64::from(unlit.config.dn_per_e(gain));
+    Ok(figures::Dark { frames: [take(u32::MAX)?, take(u32::MAX - 1)?], dn_per_e })
+}
+
+/// The camera with the picture's sensor.
+fn of_picture(camera: &Camera, picture: &Picture<'_>) -> Camera {
+    let mut camera = camera.clone();
+    if let Some(seed) = picture.sensor_seed {
+        camera.sensor.seed = seed;
+    }
+    camera
+}
+
 fn take(
     sweep: &Sweep,
     dataset: &Dataset,
     camera: &Camera,
     view: &OpticsOutput,
     picture: &Picture<'_>,
+    darks: &Darks,
 ) -> Result<()> {
-    let mut camera = camera.clone();
-    if let Some(seed) = picture.sensor_seed {
-        camera.sensor.seed = seed;
-    }
+    let camera = of_picture(camera, picture);
     let mut header = match picture.lux {
         Some(lux) => view.header_at(lux)?,
         None => view.cube.header.clone(),
@@ -155,18 +214,8 @@ fn take(
     let info =
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let scene = &picture.scene.name;
-    let dark = sweep.figures.has_dark().then(|| {
-        let unlit = SimulatedSensor::new(&camera, &header, 0.0)?;
-        // Frames that no picture of a sweep has.
-        let take = |number| {
-            let settings = FrameSettings { frame: number, ..settings };
-            unlit.frame(&view.cube, None, &settings, sweep.arithmetic)
-        };
-        let dn_per_e = f64::from(unlit.config.dn_per_e(settings.analog_gain));
-        Ok::<_, Error>(figures::Dark { frames: [take(u32::MAX)?, take(u32::MAX - 1)?], dn_per_e })
-    });
-    let dark = dark.transpose()?;
-    let figures = figures::of(&frame, dark.as_ref(), &info, scene, &sweep.figures);
+    let ranges = darks.0.get(&Darks::key(picture));
+    let figures = figures::of(&frame, ranges.map(Vec::as_slice), &info, scene, &sweep.figures);
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;

@@ -90,18 +90,11 @@ pub fn bench(
         Ok(stacks)
     };
     let capture = |id: &str, role, light, rotation| Capture {
-        id: id.to_owned(),
-        role,
-        files: vec![format!("{id}.npy").into()],
-        split: None,
-        exposure_s,
         analog_gain: camera.sensor.analog_gain,
         temperature_c: Some(camera.sensor.temperature_c),
-        exposure_requested_s: None,
-        preceded_by: None,
         light,
-        scene: None,
         rotation,
+        ..Capture::new(id, role, vec![format!("{id}.npy").into()], exposure_s)
     };
     let save = |id: &str, planes: Vec<Plane<u16>>| -> Result<()> {
         let facts = Facts { bits: Some(u32::from(camera.sensor.bits)), ..Facts::default() };

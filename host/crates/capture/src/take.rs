@@ -137,19 +137,13 @@ pub fn take(
             .help("lower the light or the exposure, or say saturates = true if that is meant"));
         }
         let settings = settings(camera, shot, 0);
+        let files = vec![format!("{}/*.npy", shot.id).into()];
         manifest.push(&Capture {
-            id: shot.id.clone(),
-            role: shot.role,
-            files: vec![format!("{}/*.npy", shot.id).into()],
-            split: None,
-            exposure_s: shot.exposure_s,
             analog_gain: f64::from(settings.analog_gain),
             temperature_c: Some(f64::from(settings.temperature_c)),
-            exposure_requested_s: None,
-            preceded_by: None,
             light,
             scene: shot.scene.clone(),
-            rotation: None,
+            ..Capture::new(&shot.id, shot.role, files, shot.exposure_s)
         });
     }
     output.write("captures.toml", manifest.text()?.as_bytes())?;

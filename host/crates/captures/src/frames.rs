@@ -4,7 +4,7 @@ use super::{Capture, SensorFacts};
 use camrig_base::platform::read_at;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::npy::{Layout, Sample};
-use camrig_formats::{Format, read};
+use camrig_formats::{Facts, Format, read};
 use pulp::bytemuck::cast_slice_mut;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -108,9 +108,14 @@ impl StoredFrame {
 /// # Errors
 /// Files that cannot be read, formats that are not known, and samples that are not raw DN.
 pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
+    Ok(open_with_facts(path)?.0)
+}
+
+/// [`open`], with what the file says of its samples.
+pub fn open_with_facts(path: &Path) -> Result<(Vec<StoredFrame>, Facts)> {
     let shared: Arc<Path> = path.into();
-    if let Some(frames) = stored(path, &shared).map_err(|e| e.at(path.display()))? {
-        return Ok(frames);
+    if let Some(found) = stored(path, &shared).map_err(|e| e.at(path.display()))? {
+        return Ok(found);
     }
     let frame = |plane: Plane<u16>| StoredFrame {
         width: plane.width,
@@ -120,11 +125,12 @@ pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
         path: shared.clone(),
         samples: Samples::Memory(plane.data),
     };
-    Ok(read(path)?.planes.into_iter().map(frame).collect())
+    let read = read(path)?;
+    Ok((read.planes.into_iter().map(frame).collect(), read.facts))
 }
 
 /// The frames of a file whose samples can be read where they lie.
-fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
+fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFrame>, Facts)>> {
     let failed = |e| Error::io("read", path, e);
     let mut file = File::open(path).map_err(failed)?;
     let mut magic = [0; 8];
@@ -148,7 +154,9 @@ fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<Vec<StoredFrame>>> {
         path: shared.clone(),
         samples: Samples::File { file: file.clone(), offset: layout.offset + n * bytes, sample },
     };
-    Ok(Some((0..count as u64).map(frame).collect()))
+    let bits = (sample == Sample::U8).then_some(8);
+    let facts = Facts { bits, ..Facts::default() };
+    Ok(Some(((0..count as u64).map(frame).collect(), facts)))
 }
 
 /// The frames of a capture in order of time, a few at a time.

@@ -49,6 +49,7 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 
+pub mod draft;
 mod frames;
 pub mod manifest;
 
@@ -161,6 +162,27 @@ pub struct Capture {
     pub scene: Option<SceneSeen>,
     /// How the sensor was turned (role `rotation`).
     pub rotation: Option<Rotation>,
+}
+
+impl Capture {
+    /// A stack of these files at unity gain, of which nothing more is known.
+    #[must_use]
+    pub fn new(id: impl Into<String>, role: Role, files: Vec<PathBuf>, exposure_s: f64) -> Self {
+        Self {
+            id: id.into(),
+            role,
+            files,
+            split: None,
+            exposure_s,
+            analog_gain: 1.0,
+            temperature_c: None,
+            exposure_requested_s: None,
+            preceded_by: None,
+            light: None,
+            scene: None,
+            rotation: None,
+        }
+    }
 }
 
 /// The light of a capture. Every field is what the manifest says; none is made up.

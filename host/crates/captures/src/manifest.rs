@@ -6,7 +6,14 @@ use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_scene::{self as scene, Illuminant};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::path::{Path, PathBuf};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// What stands in a manifest in place of a value that is not known yet. Nothing reads such a set;
+/// whoever tries is told all of these.
+pub const UNKNOWN: &str = "?";
 
 /// What a capture set is: which sensor took its frames, and under what conditions. Paths are
 /// relative to the file.
@@ -58,8 +65,10 @@ struct Entry {
     id: String,
     /// What it is for.
     role: Role,
-    /// The frames' files: a name, or a pattern with `*`, in order of time by name.
-    files: String,
+    /// The frames' files: a name, or a pattern with `*`, in order of time by name; or a list of
+    /// these, in order of time.
+    #[schemars(schema_with = "names")]
+    files: Names,
     /// Which side of a fit it belongs to; left out: the program alternates, and says so.
     split: Option<Split>,
     /// Exposure time, s; 0 for bias frames (role `dark`).
@@ -79,6 +88,44 @@ struct Entry {
     scene: Option<SceneSeen>,
     /// How the sensor was turned; with role `rotation`.
     rotation: Option<Rotation>,
+}
+
+/// One name or pattern, or several.
+struct Names(Vec<String>);
+
+impl<'de> Deserialize<'de> for Names {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Visit;
+        impl<'de> serde::de::Visitor<'de> for Visit {
+            type Value = Names;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a file name, a pattern, or a list of these")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Names, E> {
+                Ok(Names(vec![name.to_string()]))
+            }
+
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(
+                self,
+                mut list: A,
+            ) -> Result<Names, A::Error> {
+                let mut names = Vec::new();
+                while let Some(name) = list.next_element()? {
+                    names.push(name);
+                }
+                Ok(Names(names))
+            }
+        }
+        from.deserialize_any(Visit)
+    }
+}
+
+fn names(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({
+        "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }]
+    })
 }
 
 fn free_table(_: &mut SchemaGenerator) -> Schema {
@@ -186,9 +233,55 @@ fn one() -> f64 {
 
 /// Parses and checks the text of the manifest at `file`.
 pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
-    let raw: File = mistakes::read(text).map_err(|e| e.at(file.display()))?;
+    let raw: File = read(text).map_err(|e| mistakes::all(e).at(file.display()))?;
     let root = file.parent().unwrap_or(Path::new(".")).to_owned();
     check(raw, root, text).map_err(|e| e.at(file.display()))
+}
+
+/// Reads the text, or says what is not known yet and every mistake.
+fn read(text: &str) -> std::result::Result<File, Vec<Error>> {
+    let mut marks = Vec::new();
+    if let Ok(table) = DeTable::parse(text) {
+        find_unknown(table.get_ref(), text, "", &mut marks);
+    }
+    let mistakes = match mistakes::find(text) {
+        Ok(file) if marks.is_empty() => return Ok(file),
+        Ok(_) => Vec::new(),
+        Err(mistakes) => mistakes,
+    };
+    // A mark is of another type than the value that it stands for, which says no more.
+    let line = |place: Option<&str>| Some(place?.split(',').next()?.to_string());
+    let marked: Vec<_> = marks.iter().map(|mark| line(mark.place())).collect();
+    let others = mistakes.into_iter().filter(|e| !marked.contains(&line(e.place())));
+    Err(marks.into_iter().chain(others.collect::<Vec<_>>()).collect())
+}
+
+/// The places of [`UNKNOWN`], each with its line, key and capture.
+fn find_unknown(table: &DeTable<'_>, text: &str, within: &str, found: &mut Vec<Error>) {
+    let id = table.iter().find(|(key, _)| key.get_ref() == "id");
+    let within = match id.and_then(|(_, value)| value.get_ref().as_str()) {
+        Some(id) => format!(", [[capture]] id {id:?}"),
+        None => within.to_string(),
+    };
+    // What is said of the source is free text.
+    for (key, value) in table.iter().filter(|(key, _)| key.get_ref() != "source") {
+        let inner: Vec<&Spanned<DeValue<'_>>> = match value.get_ref() {
+            DeValue::Array(list) => list.iter().collect(),
+            _ => vec![value],
+        };
+        for value in inner {
+            match value.get_ref() {
+                DeValue::Table(table) => find_unknown(table, text, &within, found),
+                DeValue::String(word) if word == UNKNOWN => {
+                    let line = toml_text::line_of(text, value.span().start);
+                    let mark = Error::input(format!("{} is not known", key.get_ref()));
+                    let place = format!("line {line}{within}");
+                    found.push(mark.at(place).help(format!("put it in place of {UNKNOWN:?}")));
+                }
+                _ => {}
+            }
+        }
+    }
 }
 
 /// Checks all values, and says all that are wrong.
@@ -306,7 +399,7 @@ fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
     }
     name_files_from(root, &mut e.light, &mut e.scene);
     Ok(Capture {
-        files: expand(root, &e.files)?,
+        files: expand_all(root, &e.files.0)?,
         id: e.id,
         role: e.role,
         split: e.split,
@@ -351,6 +444,23 @@ fn positive(key: &str, value: f64) -> Result<()> {
     Err(Error::input(format!("{key} = {value}")).help("it is more than zero"))
 }
 
+/// The files of names and patterns below `root`, in the order given.
+fn expand_all(root: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
+    if names.is_empty() {
+        return Err(Error::input("no files").at("key \"files\"").help("name the frames' files"));
+    }
+    let expanded: Vec<_> = names.iter().map(|name| expand(root, name)).collect::<Result<_>>()?;
+    let files: Vec<PathBuf> = expanded.into_iter().flatten().collect();
+    for (i, file) in files.iter().enumerate() {
+        if files[..i].contains(file) {
+            return Err(Error::input(format!("{} twice in one list", file.display()))
+                .at("key \"files\"")
+                .help("a frame counts once"));
+        }
+    }
+    Ok(files)
+}
+
 /// The files that match `pattern` below `root`, in name order.
 fn expand(root: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     let base = glob::Pattern::escape(&root.to_string_lossy());
@@ -390,6 +500,49 @@ mod tests {
         assert!(said.contains("\"whte_level_dn\""), "{said}");
         assert!(said.contains("line 6"), "{said}");
         assert!(said.contains("\"white_level_dn\"?"), "{said}");
+    }
+
+    #[test]
+    fn what_is_not_known_is_told_with_its_line_and_mistakes_beside_it() {
+        let text = "format = \"captures/1\"\n[sensor]\nwidth = 4\nheight = 4\nbits = \"?\"\n\
+            cfa = \"?\"\n[[capture]]\nid = \"a\"\nrole = \"?\"\nfiles = \"*\"\n\
+            exposure_s = \"?\"\n[[capture]]\nid = \"b\"\nrole = \"dark\"\nfiles = \"*\"\n\
+            exposure_s = true\n";
+        let said = parsed(text);
+        for told in [
+            "5 mistakes",
+            "line 5: bits is not known",
+            "line 6: cfa is not known",
+            "line 9, [[capture]] id \"a\": role is not known",
+            "line 11, [[capture]] id \"a\": exposure_s is not known",
+            "line 16: exposure_s: invalid type: boolean",
+        ] {
+            assert!(said.contains(told), "{told}: {said}");
+        }
+    }
+
+    #[test]
+    fn files_may_be_listed_in_their_order() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["f2.npy", "f10.npy", "x.npy"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let of = |files: &str| {
+            let tail = "id = \"a\"\nrole = \"dark\"\nexposure_s = 1\n";
+            let text = format!("{HEAD}[[capture]]\n{tail}files = {files}\n");
+            parse(&text, &folder.path().join("captures.toml"))
+        };
+        let names = |set: CaptureSet| -> Vec<String> {
+            let files = set.captures[0].files.iter();
+            files.map(|f| f.file_name().unwrap().to_string_lossy().into()).collect()
+        };
+        assert_eq!(names(of("[\"f2.npy\", \"f10.npy\"]").unwrap()), ["f2.npy", "f10.npy"]);
+        assert_eq!(names(of("\"f*.npy\"").unwrap()), ["f10.npy", "f2.npy"]);
+        for (files, said) in
+            [("[]", "no files"), ("[\"x*\", \"x.npy\"]", "twice"), ("3", "a file name, a pattern")]
+        {
+            assert!(of(files).unwrap_err().to_string().contains(said), "{files}");
+        }
     }
 
     #[test]

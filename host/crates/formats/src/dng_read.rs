@@ -8,7 +8,7 @@
 use super::dng::{color_code, color_letter};
 use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
-use super::{Facts, Frames, full_scale, opcodes, tiff_samples};
+use super::{Facts, Frames, Taken, full_scale, opcodes, tiff_samples};
 use camrig_base::{Cfa, Error, Plane, Result};
 
 /// PhotometricInterpretation of a colour filter array.
@@ -65,6 +65,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         );
     }
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
+    facts.taken = exif.as_ref().map(Taken::of_exif).unwrap_or_default();
+    facts.taken.noted = true;
     let mut info = info(&main, raw, exif.as_ref())?;
     if black.iter().any(|b| *b != black[0]) {
         info.black_levels_dn = black;

@@ -1,7 +1,7 @@
 //! What a file says about its samples, and the one-line note that carries it in formats that have
 //! no fields for it (TIFF, PNG, PGM, FITS).
 
-use super::DngInfo;
+use super::{DngInfo, Taken};
 use camrig_base::{Cfa, RawFrame};
 
 /// What is known about the samples of a file; `None` where the file does not say.
@@ -17,6 +17,8 @@ pub struct Facts {
     pub white_level_dn: Option<u16>,
     /// Camera, exposure and colour, where the file is a DNG.
     pub dng: Option<DngInfo>,
+    /// How the frames were taken, where the file says it in a form that is read.
+    pub taken: Taken,
     /// Remarks of the reader for a person: what it took for granted, and what it did not apply.
     pub notes: Vec<String>,
 }
@@ -33,7 +35,8 @@ impl Facts {
         }
     }
 
-    /// The note `camrig bits=10 cfa=GRBG black=42 white=1023`, without facts that are not known.
+    /// The note `camrig bits=10 cfa=GRBG black=42 white=1023 exposure=0.02 iso=100`, without facts
+    /// that are not known.
     pub(super) fn note(&self) -> String {
         let mut text = String::from("camrig");
         let mut add = |key: &str, value: Option<String>| {
@@ -42,9 +45,11 @@ impl Facts {
             }
         };
         add("bits", self.bits.map(|v| v.to_string()));
-        add("cfa", self.cfa.as_ref().map(pattern_text));
+        add("cfa", self.cfa.as_ref().map(Cfa::to_string));
         add("black", self.black_level_dn.map(|v| v.to_string()));
         add("white", self.white_level_dn.map(|v| v.to_string()));
+        add("exposure", self.exposure_to_say().map(|v| v.to_string()));
+        add("iso", self.iso_to_say().map(|v| v.to_string()));
         text
     }
 
@@ -58,34 +63,17 @@ impl Facts {
         for (key, value) in words.filter_map(|w| w.split_once('=')) {
             match key {
                 "bits" => {
-                    self.bits =
-                        value.parse().ok().filter(|b| (1..=16).contains(b)).or(self.bits.take());
+                    let bits = value.parse().ok().filter(|b| (1..=16).contains(b));
+                    self.taken.noted |= bits.is_some();
+                    self.bits = bits.or(self.bits.take());
                 }
-                "cfa" => self.cfa = pattern(value),
+                "cfa" => self.cfa = Cfa::parse(value).ok(),
                 "black" => {
                     self.black_level_dn = value.parse().ok().filter(|v: &f64| v.is_finite());
                 }
                 "white" => self.white_level_dn = value.parse().ok(),
-                _ => {}
+                _ => self.taken.take_word(key, value),
             }
         }
     }
-}
-
-/// A pattern as the note has it: four letters are two rows of two.
-fn pattern_text(cfa: &Cfa) -> String {
-    let text = cfa.to_string();
-    if (cfa.width, cfa.height) == (4, 1) && !cfa.is_mono() {
-        // The same pattern, as two rows of four.
-        return format!("{text}/{text}");
-    }
-    text
-}
-
-fn pattern(text: &str) -> Option<Cfa> {
-    let square = text.len() == 4 && text.chars().all(|c| c.is_ascii_uppercase());
-    if square {
-        return Cfa::parse(&format!("{}/{}", &text[..2], &text[2..])).ok();
-    }
-    Cfa::parse(text).ok()
 }

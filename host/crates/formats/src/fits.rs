@@ -4,7 +4,8 @@
 //! BZERO = 32768 (section 5.2.5). Read is the first image of the file, primary or extension, plain
 //! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
 //! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
-//! YBAYROFF, and ROWORDER.
+//! YBAYROFF, ROWORDER, and what [`Taken`](crate::Taken) holds. EXPTIME is written, where it is
+//! known.
 //!
 //! The top row is stored first. The standard leaves the direction open; astronomical viewers show
 //! the first row at the bottom, and ROWORDER = 'BOTTOM-UP' says that a file is made for them: its
@@ -40,6 +41,9 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     }
     value("BZERO", "32768");
     value("BSCALE", "1");
+    if let Some(seconds) = frames.facts.exposure_to_say() {
+        value("EXPTIME", &seconds.to_string());
+    }
     notes(&frames.facts.note()).into_iter().for_each(&mut card);
     card("END".into());
     let mut bytes = head.into_bytes();
@@ -84,6 +88,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let data = &rest[header.bytes.min(rest.len())..];
         if header.has_image() {
             if found.is_none() {
+                facts.taken = header.taken();
                 header.comments.iter().for_each(|c| facts.merge_note(c));
                 found = Some(planes(&header, data, &mut facts)?);
             } else {

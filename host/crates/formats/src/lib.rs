@@ -72,6 +72,7 @@ pub mod pgm;
 pub mod pixel_format;
 pub mod png;
 pub mod preview;
+mod taken;
 #[cfg(test)]
 mod tests;
 pub mod tiff16;
@@ -84,6 +85,7 @@ pub use facts::Facts;
 pub use pixel_format::PixelFormat;
 use std::fmt;
 use std::path::Path;
+pub use taken::{Said, Taken};
 
 /// A stack of raw frames of one size, with what is known about them.
 #[derive(Clone, Debug, PartialEq)]

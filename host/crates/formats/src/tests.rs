@@ -53,6 +53,28 @@ fn info() -> DngInfo {
 const FORMATS: [Format; 7] =
     [Format::Dng, Format::Tiff, Format::Npy, Format::Pgm, Format::Png, Format::Fits, Format::Csi2];
 
+/// Exposure and gain go with the frame into every format that has a place for them, and come back
+/// with the name of that place.
+#[test]
+fn how_a_frame_was_taken_comes_back() {
+    let info = DngInfo { exposure_s: Some(0.02), iso: Some(250), ..DngInfo::default() };
+    let mut frames = Frames::from_raw(&frame(12, 10, 12, "RGGB"));
+    frames.facts.dng = Some(info);
+    let note = "camrig's note in the file";
+    for (format, by) in [
+        (Format::Dng, "EXIF ExposureTime"),
+        (Format::Tiff, note),
+        (Format::Pgm, note),
+        (Format::Png, note),
+        (Format::Fits, "FITS EXPTIME"),
+    ] {
+        let taken = decode(&format.encode(&frames).unwrap()).unwrap().facts.taken;
+        assert!(taken.noted, "{format}");
+        assert_eq!(taken.exposure_s, Some(Said::new(0.02, by)), "{format}");
+        assert_eq!(taken.analog_gain.map(|said| said.value), Some(2.5), "{format}");
+    }
+}
+
 #[test]
 fn samples_come_back_from_every_format() {
     for bits in [8, 10, 12, 14, 16] {
@@ -65,7 +87,8 @@ fn samples_come_back_from_every_format() {
                 assert_eq!(back.planes, frames.planes, "{format:?} {bits} {cfa}");
                 let carries_all = !matches!(format, Format::Npy | Format::Csi2);
                 if carries_all {
-                    let told = Facts { dng: None, ..back.facts.clone() };
+                    let taken = Taken::default();
+                    let told = Facts { dng: None, taken, ..back.facts.clone() };
                     assert_eq!(told, frames.facts, "{format:?} {bits} {cfa}");
                 }
                 assert_eq!(bytes, format.encode(&frames).unwrap(), "same input, same bytes");
@@ -252,8 +275,9 @@ fn frames_within_gzip_are_read_and_bombs_refused() {
         gz.finish().unwrap()
     };
     let frames = Frames::from_raw(&frame(6, 4, 12, "RGGB"));
-    let packed = pack(&Format::Fits.encode(&frames).unwrap());
-    assert_eq!(decode(&packed).unwrap(), frames);
+    let plain = Format::Fits.encode(&frames).unwrap();
+    let packed = pack(&plain);
+    assert_eq!(decode(&packed).unwrap(), decode(&plain).unwrap());
     for length in 3..packed.len() {
         assert!(decode(&packed[..length]).is_err(), "{length}");
     }

@@ -6,7 +6,7 @@
 //! pages whose white is 0 stay as stored, and a note says so.
 
 use super::ifd::Tiff;
-use super::{Facts, Frames, check_range, narrow, tiff_samples};
+use super::{Facts, Frames, Taken, check_range, narrow, tiff_samples};
 use camrig_base::{Error, Plane, Result};
 use std::io::{Cursor, ErrorKind};
 use tiff::decoder::{Decoder, DecodingResult};
@@ -57,6 +57,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let page = Page::read(&mut file, bytes)?;
         if frames.planes.is_empty() {
             frames.facts.bits = page.bits;
+            frames.facts.taken = Taken::of_tiff(bytes);
             if let Ok(note) = file.get_tag_ascii_string(Tag::ImageDescription) {
                 frames.facts.merge_note(&note);
             }

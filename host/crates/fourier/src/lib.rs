@@ -39,3 +39,11 @@
 
 pub mod lanes;
 pub mod plans;
+
+/// sin(πx)/(πx): the transform of an aperture or an exposure of length 1 at the frequency x;
+/// the same bits on every machine.
+#[must_use]
+pub fn sinc(x: f64) -> f64 {
+    let a = std::f64::consts::PI * x;
+    if a.abs() < 1e-9 { 1.0 } else { libm::sin(a) / a }
+}

@@ -75,20 +75,7 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
         pitch_um: None,
         window: None,
     };
-    let capture = Capture {
-        id: first.display().to_string(),
-        role: Role::Dark,
-        files: files.to_vec(),
-        split: None,
-        exposure_s: 0.0,
-        analog_gain: 1.0,
-        temperature_c: None,
-        exposure_requested_s: None,
-        preceded_by: None,
-        light: None,
-        scene: None,
-        rotation: None,
-    };
+    let capture = Capture::new(first.display().to_string(), Role::Dark, files.to_vec(), 0.0);
     let set = CaptureSet { root: PathBuf::new(), camera: None, sensor, captures: Vec::new() };
     of_capture(&set, &capture)
 }

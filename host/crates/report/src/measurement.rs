@@ -127,37 +127,71 @@ fn figures(result: &ptc::Ptc) -> Table {
 pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     let mut page = Page::new("Slanted-edge response");
     page.kind("Measurement").subtitle(&format!("{name} · after ISO 12233:2023, on raw channels"));
-    let cards: Vec<KeyFigure> = edges.iter().map(|edge| card(edge, pitch_um)).collect();
+    // Of several edges, those nearest the centre.
+    let nearest = edges.iter().map(|e| e.field).fold(f64::INFINITY, f64::min);
+    let central = edges.iter().filter(|e| e.field == nearest);
+    let cards: Vec<KeyFigure> = central.map(|edge| card(edge, pitch_um)).collect();
     page.key_figures(&cards);
     page.heading("Response").grid(|page| {
         page.plot(&response(edges)).plot(&spread(edges));
     });
-    let mut table = Table::new(&["channel"]).numbers(&[
+    let mut table = Table::new(&["edge", "across"]).numbers(&[
+        "field, 1",
+        "x, pixels",
+        "y, pixels",
         "MTF50, cycles/pixel",
         "MTF50, cycles/mm",
         "response at Nyquist",
         "angle of the edge, °",
         "dark side, DN",
         "bright side, DN",
+        "frames",
+        "spread between frames, cycles/pixel",
     ]);
-    table.rows(edges.iter().map(|e| {
+    table.rows(edges.iter().zip(names(edges)).map(|(e, name)| {
         let per_mm = |p: f64| {
             let factor = 1e3 / p;
             with_error(factor * e.mtf50_cycles_per_pixel, Some(factor * e.mtf50_std_error))
         };
         vec![
-            channel_name(&e.channel),
+            name,
+            e.direction.name().into(),
+            format!("{:.2}", e.field),
+            format!("{:.0}", e.position[0]),
+            format!("{:.0}", e.position[1]),
             with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
             pitch_um.map_or_else(|| "pitch not known".into(), per_mm),
             with_error(e.mtf_at_nyquist, at_nyquist(e)),
             number(e.angle_deg),
             number(e.levels_dn[0]),
             number(e.levels_dn[1]),
+            e.frames.to_string(),
+            e.mtf50_frame_spread.map_or_else(|| "one frame".into(), number),
         ]
     }));
     page.rows(&table);
-    page.small("Value ± standard error, from leaving out a tenth of the rows at a time.");
+    page.small(
+        "Value ± standard error, from leaving out a tenth of the rows at a time, or from the spread \
+         between frames where that is more. Field: distance from the centre over half the diagonal; x \
+         to the right and y down from the centre.",
+    );
     page
+}
+
+/// A name of each edge: its channel, with the number of its region where there are several.
+fn names(edges: &[mtf::Edge]) -> Vec<String> {
+    let mut regions: Vec<mtf::Roi> = Vec::new();
+    for edge in edges {
+        if !regions.contains(&edge.roi) {
+            regions.push(edge.roi);
+        }
+    }
+    let number = |roi| regions.iter().position(|r| *r == roi).map_or(0, |i| i + 1);
+    let name = |edge: &mtf::Edge| match regions.len() {
+        1 => channel_name(&edge.channel),
+        _ => format!("{} {}", channel_name(&edge.channel), number(edge.roi)),
+    };
+    edges.iter().map(name).collect()
 }
 
 fn card(edge: &mtf::Edge, pitch_um: Option<f64>) -> KeyFigure {
@@ -189,9 +223,9 @@ fn response(edges: &[mtf::Edge]) -> Plot {
         let band = band.map(|(p, e)| [p[0], (p[1] - BAND * e).max(0.0), p[1] + BAND * e]);
         plot.band("", Colour::of_channel(&edge.channel), band.collect());
     }
-    for edge in edges {
+    for (edge, name) in edges.iter().zip(names(edges)) {
         let colour = Colour::of_channel(&edge.channel);
-        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.curve.clone());
+        plot.series(&name, Mark::Line, colour, edge.curve.clone());
     }
     plot.note(
         "The pixel's own aperture is part of it. Bands: two standard errors. Nyquist is that of \
@@ -203,9 +237,9 @@ fn response(edges: &[mtf::Edge]) -> Plot {
 fn spread(edges: &[mtf::Edge]) -> Plot {
     let mut plot =
         Plot::new("Edge spread function", "distance from the edge, pixels", "level, DN");
-    for edge in edges {
+    for (edge, name) in edges.iter().zip(names(edges)) {
         let colour = Colour::of_channel(&edge.channel);
-        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.spread.clone());
+        plot.series(&name, Mark::Line, colour, edge.spread.clone());
     }
     plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
     plot

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 /// Which frames, and what is known of the sensor.
 #[derive(clap::Args, Debug)]
 struct Source {
-    /// Capture set: directory with captures.toml
+    /// Capture set: a directory with captures.toml
     captures: PathBuf,
     /// Captures to use; all that show something unless given
     #[arg(long, value_delimiter = ',', value_name = "ID,...")]

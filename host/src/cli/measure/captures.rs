@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 #[derive(ClapArgs)]
 pub struct OnCaptures {
-    /// A capture set: a directory with captures.toml
+    /// Capture set: a directory with captures.toml
     captures: PathBuf,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -29,7 +29,7 @@ pub struct WithPage {
 
 #[derive(ClapArgs)]
 pub struct CompareArgs {
-    /// A capture set
+    /// Capture set: a directory with captures.toml
     first: PathBuf,
     /// Another one with captures of the same ids
     second: PathBuf,

@@ -20,7 +20,7 @@ pub struct DarkArgs {
     /// System gain, for the read noise in electrons
     #[arg(long, value_name = "K", value_parser = crate::cli::arguments::positive)]
     dn_per_e: Option<f64>,
-    /// Colour filter pattern, where the files do not say (one colour without either)
+    /// Colour filter pattern, where the files do not say (mono without either)
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
     /// Print one JSON object on standard output

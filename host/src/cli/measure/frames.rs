@@ -1,17 +1,14 @@
-//! `camrig measure mtf|patches|profile`: figures of single raw frames.
+//! `camrig measure patches|profile`: figures of single raw frames.
 
-use super::{PageArgs, plus_minus};
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats as formats;
-use camrig_measure::Value;
-use camrig_measure::mtf::{self, Roi};
+use camrig_measure::mtf::Roi;
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along};
-use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// A raw frame and what its file may not say.
@@ -19,6 +16,13 @@ use std::process::ExitCode;
 struct FrameSource {
     /// A raw frame
     frame: PathBuf,
+    #[command(flatten)]
+    given: Given,
+}
+
+/// What is said of frames whose files do not say it.
+#[derive(ClapArgs, Clone)]
+pub(super) struct Given {
     /// Colour filter pattern, where the file does not say (mono without either)
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
@@ -31,33 +35,42 @@ struct FrameSource {
 }
 
 /// A frame with what is known about it.
-struct Opened {
-    plane: Plane<u16>,
-    cfa: Cfa,
-    white: Option<u16>,
+pub(super) struct Opened {
+    pub plane: Plane<u16>,
+    pub cfa: Cfa,
+    pub white: Option<u16>,
     black: Option<f64>,
 }
 
 impl FrameSource {
     fn open(&self) -> Result<Opened> {
-        let mut frames = formats::read(&self.frame).map_err(|e| e.at(self.frame.display()))?;
+        Ok(self.given.open(&self.frame)?.0)
+    }
+}
+
+impl Given {
+    /// The first frame of a file, and the others.
+    pub fn open(&self, path: &Path) -> Result<(Opened, Vec<Plane<u16>>)> {
+        let frames = formats::read(path)?;
         let facts = &frames.facts;
         facts.notes.iter().for_each(|note| eprintln!("note: {note}"));
         let cfa = match (&self.cfa, &facts.cfa) {
             (Some(text), _) => Cfa::parse(text)?,
             (None, Some(cfa)) => cfa.clone(),
             (None, None) => {
-                eprintln!("note: {} names no colour filter pattern: mono", self.frame.display());
+                eprintln!("note: {} names no colour filter pattern: mono", path.display());
                 Cfa::parse("mono")?
             }
         };
         let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
-        Ok(Opened {
+        let mut planes = frames.planes.into_iter();
+        let first = Opened {
             cfa,
             white: self.white.or(facts.white_level_dn).or(full_scale),
             black: self.black.or(facts.black_level_dn),
-            plane: frames.planes.swap_remove(0),
-        })
+            plane: planes.next().ok_or_else(|| Error::internal("a file without frames"))?,
+        };
+        Ok((first, planes.collect()))
     }
 }
 
@@ -70,7 +83,7 @@ impl Opened {
     }
 
     /// The letters asked for: all channels, or one.
-    fn letters(&self, asked: &str) -> Result<Vec<char>> {
+    pub fn letters(&self, asked: &str) -> Result<Vec<char>> {
         let known = self.cfa.channels();
         if asked == "all" {
             return Ok(known);
@@ -84,26 +97,6 @@ impl Opened {
             ))),
         }
     }
-}
-
-#[derive(ClapArgs)]
-pub struct MtfArgs {
-    #[command(flatten)]
-    source: FrameSource,
-    /// Region of the edge in pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
-    roi: Roi,
-    #[command(flatten)]
-    page: PageArgs,
-    /// Pixel pitch, for cycles per millimetre
-    #[arg(long, value_name = "P")]
-    pitch_um: Option<f64>,
-    /// Channel letter, or all
-    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
-    channel: String,
-    /// Print one JSON object on standard output
-    #[arg(long)]
-    json: bool,
 }
 
 /// Reads a region of a frame.
@@ -162,38 +155,6 @@ pub struct ProfileArgs {
     json: bool,
 }
 
-pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
-    let frame = args.source.open()?;
-    let letters = frame.letters(&args.channel)?;
-    let edges: Vec<mtf::Edge> = letters
-        .iter()
-        .map(|&l| {
-            mtf::measure(&frame.plane, &frame.cfa, l, args.roi, frame.white, args.pitch_um)
-                .map_err(|e| e.at(format!("{}, channel {l}", args.source.frame.display())))
-        })
-        .collect::<Result<_>>()?;
-    let name = args.source.frame.display().to_string();
-    args.page.write(|| report::measurement::mtf(&name, &edges, args.pitch_um).html())?;
-    if args.json {
-        println!("{}", json!({ "edges": edges }));
-        return Ok(ExitCode::SUCCESS);
-    }
-    for e in &edges {
-        let mtf50 = Value::new(e.mtf50_cycles_per_pixel, e.mtf50_std_error);
-        let per_mm = args.pitch_um.map_or(String::new(), |p| {
-            format!(" ({} cycles/mm)", plus_minus(mtf50.scaled(1e3 / p)))
-        });
-        println!(
-            "{}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {:.3}, edge at {:.2} degrees",
-            e.channel,
-            plus_minus(mtf50),
-            e.mtf_at_nyquist,
-            e.angle_deg
-        );
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
 pub fn patches_of(args: &PatchesArgs) -> Result<ExitCode> {
     let frame = args.source.open()?;
     let plane = &frame.plane;
@@ -234,13 +195,8 @@ pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
         (None, None) => (Along::Row, frame.plane.height / 2),
     };
     let other = args.against.as_ref().map(|path| {
-        let source = FrameSource {
-            frame: path.clone(),
-            cfa: Some(frame.cfa.to_string()),
-            white: args.source.white,
-            black: args.source.black,
-        };
-        source.open()
+        let given = Given { cfa: Some(frame.cfa.to_string()), ..args.source.given.clone() };
+        Ok::<Opened, Error>(given.open(path)?.0)
     });
     let other = other.transpose()?;
     let mut object = Map::new();

@@ -3,6 +3,7 @@
 mod captures;
 mod dark;
 mod frames;
+mod mtf;
 
 pub use frames::{corners, roi};
 
@@ -35,10 +36,14 @@ enum What {
             --frames 16 -o - | camrig measure dark -")]
     Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
-    #[command(
-        after_help = "Examples:\n  camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2"
-    )]
-    Mtf(frames::MtfArgs),
+    #[command(after_help = "\
+        Several frames are of the same edges: they are averaged, each about its own edge. Uncertainties\n\
+        are standard errors from blocks of rows, or from the spread between frames where that is more.\n\n\
+        Examples:\n  \
+        camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2\n  \
+        camrig measure mtf shots/*.dng --roi 200,100,80,120 --roi 500,100,80,120 --report mtf.html\n  \
+        camrig measure mtf shots/*.dng --channel g")]
+    Mtf(mtf::MtfArgs),
     /// Means and standard deviations of ColorChecker patches
     #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
@@ -87,7 +92,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
         What::Ptc(args) => captures::ptc_of(&args),
         What::Emva(args) => captures::emva_of(&args),
         What::Dark(args) => dark::dark_of(&args),
-        What::Mtf(args) => frames::mtf_of(&args),
+        What::Mtf(args) => mtf::mtf_of(&args),
         What::Patches(args) => frames::patches_of(&args),
         What::Profile(args) => frames::profile_of(&args),
         What::Rates(args) => captures::rates_of(&args),

@@ -19,6 +19,7 @@ use crate::statistics::maps;
 use crate::statistics::spatial::phase_means;
 use crate::statistics::temporal::Temporal;
 use camrig_base::median::median;
+use camrig_fourier::sinc;
 use camrig_sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
 
 /// Bins to either side of a line that a wave between two bins leaks into: beyond three the leakage
@@ -65,12 +66,6 @@ fn line_peak(power: &[f64], n: f64) -> f64 {
     let (l, m, r) = (get(at.max(1) - 1), get(at), get(at + 1));
     let shift = if r > l { r / (m + r) } else { -l / (m + l) };
     (at as f64 + 1.0 + shift) / n
-}
-
-/// |sin(πx)/(πx)|: what an exposure of x periods leaves of a wave.
-pub(super) fn sinc(x: f64) -> f64 {
-    let x = std::f64::consts::PI * x;
-    if x.abs() < 1e-6 { 1.0 } else { (x.sin() / x).abs() }
 }
 
 /// A wave down the rows of any phase, beside a constant for each row of the colour filter pattern.

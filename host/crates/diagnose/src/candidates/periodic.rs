@@ -9,7 +9,6 @@
 //!
 //! n the frames of a stack, v the variance of its pixels (DN²), K the system gain (DN/e⁻).
 
-use super::flicker::sinc;
 use super::proposal::Proposal;
 use crate::evidence::Evidence;
 use crate::numerics::minimise::{lowest, minimum};
@@ -19,6 +18,7 @@ use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::Temporal;
 use camrig_base::median::median;
 use camrig_captures::Role;
+use camrig_fourier::sinc;
 use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
 /// Bins to either side of a line that a wave between two bins leaks into: beyond three the leakage

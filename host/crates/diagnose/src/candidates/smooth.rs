@@ -10,13 +10,13 @@
 //! p_ij being what the means over blocks leave of the power.
 
 use super::blocks::{self, block_means};
-use super::flicker::sinc;
 use super::proposal::Proposal;
 use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
+use camrig_fourier::sinc;
 use camrig_sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
 use std::f64::consts::{PI, SQRT_2};
 

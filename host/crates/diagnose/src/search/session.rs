@@ -271,9 +271,14 @@ impl Session {
         consistency::check(camera, &fit.design, &fit.stacks)?;
         let fit = kept(fit);
         for (target, picture) in fit.design.targets.iter().zip(&fit.pictures) {
-            if let Err(e) = targets::figures(camera, target, picture) {
-                notes.push(format!("{}: {e}; left out", target.stack.id));
-            }
+            let why = match targets::figures(camera, target, picture) {
+                Err(e) => e.to_string(),
+                Ok(figures) if figures.is_empty() => {
+                    "what it shows is too small in these frames to be measured".into()
+                }
+                Ok(_) => continue,
+            };
+            notes.push(format!("{}: {why}; left out", target.stack.id));
         }
         let can_confirm = halves.holdout.is_some();
         let holdout = match halves.holdout {

@@ -1,7 +1,7 @@
 //! Headers of FITS units: cards of keyword and value (FITS Standard 4.0, chapter 4).
 
 use super::{BLOCK, CARD, Stored};
-use crate::truncated;
+use crate::{Said, Taken, truncated};
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -83,6 +83,25 @@ impl Header {
         match self.text(key) {
             None => Ok(missing),
             Some(_) => self.number(key).filter(|v| v.is_finite()).ok_or_else(|| self.bad(key)),
+        }
+    }
+
+    /// How the frames were taken, by the keywords of camera programs (MaxIm DL's list, which N.I.N.A.,
+    /// SharpCap and others follow): s, °C and µm. GAIN is in units of each camera's own.
+    pub fn taken(&self) -> Taken {
+        let said = |keys: &[&str]| {
+            keys.iter().find_map(|key| Some(Said::new(self.number(key)?, format!("FITS {key}"))))
+        };
+        let kind = self.text("IMAGETYP").or_else(|| self.text("FRAME"));
+        let own = ["GAIN", "EGAIN"].into_iter();
+        let remarks = own.filter_map(|key| Some(format!("{key} = {}", self.text(key)?)));
+        Taken {
+            exposure_s: said(&["EXPTIME", "EXPOSURE"]),
+            temperature_c: said(&["CCD-TEMP"]),
+            pitch_um: said(&["XPIXSZ"]),
+            kind: kind.map(|kind| Said::new(kind.trim().to_string(), "FITS IMAGETYP")),
+            remarks: remarks.collect(),
+            ..Taken::default()
         }
     }
 

@@ -1,6 +1,7 @@
 //! Files as other programs write them, unit by unit.
 
 use super::*;
+use crate::{Said, Taken};
 
 /// A header of these cards, and data, both padded.
 fn unit(cards: &[(&str, &str)], data: &[u8]) -> Vec<u8> {
@@ -122,6 +123,24 @@ fn patterns_of_camera_programs_are_read() {
     assert!(cfa.is_none() && note.contains("YBAYROFF"), "{note}");
 }
 
+#[test]
+fn keywords_of_camera_programs_say_how_frames_were_taken() {
+    let cards = [
+        ("IMAGETYP", "'Dark Frame'"),
+        ("EXPTIME", "6.0E+01"),
+        ("CCD-TEMP", "-9.8"),
+        ("XPIXSZ", "4.63"),
+        ("GAIN", "120"),
+    ];
+    let taken = decode(&image("16", &cards, &[0; 12])).unwrap().facts.taken;
+    assert_eq!(taken.exposure_s, Some(Said::new(60.0, "FITS EXPTIME")));
+    assert_eq!(taken.temperature_c, Some(Said::new(-9.8, "FITS CCD-TEMP")));
+    assert_eq!(taken.pitch_um, Some(Said::new(4.63, "FITS XPIXSZ")));
+    assert_eq!(taken.kind, Some(Said::new("Dark Frame".into(), "FITS IMAGETYP")));
+    // In units of the camera's own: nothing that could be taken for a factor.
+    assert_eq!((taken.analog_gain, taken.remarks), (None, vec!["GAIN = 120".to_string()]));
+}
+
 /// A note longer than a card loses nothing, but what does not fit a card of its own.
 #[test]
 fn long_notes_are_not_cut() {
@@ -138,7 +157,8 @@ fn long_notes_are_not_cut() {
         let planes = vec![Plane::filled(12, 12, 5u16)];
         let bytes = encode(&Frames { planes, facts: facts.clone() }).unwrap();
         let expected = Facts { cfa: facts.cfa.clone().filter(|_| kept), ..facts };
-        assert_eq!(decode(&bytes).unwrap().facts, expected);
+        let found = decode(&bytes).unwrap().facts;
+        assert_eq!(Facts { taken: Taken::default(), ..found }, expected);
     }
 }
 

@@ -21,6 +21,8 @@ pub struct EdgeLine {
     coefficients: Vec<f64>,
     /// Mean DN of the two sides, dark first.
     pub levels: [f64; 2],
+    /// Whether the second side is the bright one.
+    pub rises: bool,
 }
 
 impl EdgeLine {
@@ -30,8 +32,12 @@ impl EdgeLine {
     /// No edge or several, an edge that leaves the region or is parallel to the pixel grid.
     pub fn find(rows: &Rows, step: f64) -> Result<Self> {
         let (first, last) = (rows[0][0].along, rows[rows.len() - 1][0].along);
-        let mut line =
-            Self { middle: 0.5 * (first + last), coefficients: Vec::new(), levels: [0.0; 2] };
+        let mut line = Self {
+            middle: 0.5 * (first + last),
+            coefficients: Vec::new(),
+            levels: [0.0; 2],
+            rises: true,
+        };
         for pass in 0..PASSES {
             let mut places = Vec::with_capacity(rows.len());
             for row in rows {
@@ -62,6 +68,11 @@ impl EdgeLine {
         terms.map(|(k, c)| k as f64 * c * t.powi(k as i32 - 1)).sum()
     }
 
+    /// The edge's place in the middle row: across and along, pixels.
+    pub fn centre(&self) -> (f64, f64) {
+        (self.at(self.middle), self.middle)
+    }
+
     /// Slope in the middle row.
     pub fn slope_at_middle(&self) -> f64 {
         self.slope(self.middle)
@@ -90,7 +101,7 @@ impl EdgeLine {
             (mean, variance)
         };
         let ((a, va), (b, vb)) = (moments(&dark), moments(&bright));
-        self.levels = [a.min(b), a.max(b)];
+        (self.levels, self.rises) = ([a.min(b), a.max(b)], b > a);
         if (a - b).abs() < LEAST_STEP * (va + vb).sqrt() {
             return Err(no_edge());
         }

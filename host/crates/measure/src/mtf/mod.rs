@@ -19,12 +19,20 @@
 //! Frequencies are in cycles per sensor pixel for every channel: the samples of a Bayer channel
 //! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
 //! Nyquist frequency. The standard error is a jackknife over blocks of rows.
+//!
+//! Several frames of one edge are averaged where their noise is: each gives its edge spread
+//! function about its own fitted edge, so that a camera that moves by a fraction of a pixel blurs
+//! nothing, with its sides brought to the mean levels, so that a lamp that flickers does not
+//! either; the mean of these has the response. [`find_edges`] looks for the regions.
 
 mod line;
+mod search;
 mod sfr;
 
+pub use self::search::find_edges;
+
 use self::line::EdgeLine;
-use self::sfr::Sfr;
+use self::sfr::{Sfr, Spread};
 use super::value::Value;
 use camrig_base::Cfa;
 use camrig_base::median::{SD_PER_MAD, median};
@@ -63,7 +71,7 @@ const ONE_VALUE_SHARE: f64 = 0.25;
 const LEAST_SCATTER_DN: f64 = 1e-9;
 
 /// A rectangle of a frame, pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Roi {
     /// First column.
     pub x: usize,
@@ -75,6 +83,27 @@ pub struct Roi {
     pub height: usize,
 }
 
+/// Direction in which a response is measured: across the edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Direction {
+    /// Across an edge that is near the pixel columns.
+    Horizontal,
+    /// Across an edge that is near the pixel rows.
+    Vertical,
+}
+
+impl Direction {
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Horizontal => "horizontal",
+            Self::Vertical => "vertical",
+        }
+    }
+}
+
 /// The response of one channel over one edge.
 #[derive(Clone, Debug, Serialize)]
 pub struct Edge {
@@ -84,8 +113,21 @@ pub struct Edge {
     pub angle_deg: f64,
     /// MTF50: frequency where the response falls to one half, cycles per pixel.
     pub mtf50_cycles_per_pixel: f64,
-    /// Standard error of MTF50, cycles per pixel.
+    /// Standard error of MTF50, cycles per pixel: the larger of what blocks of rows and, of
+    /// several frames, what frames show.
     pub mtf50_std_error: f64,
+    /// Standard deviation of MTF50 between frames, cycles per pixel; `None` of one frame.
+    pub mtf50_frame_spread: Option<f64>,
+    /// Number of frames.
+    pub frames: usize,
+    /// Region of the edge.
+    pub roi: Roi,
+    /// Direction across the edge.
+    pub direction: Direction,
+    /// Middle of the edge from the frame's centre, pixels: to the right and down.
+    pub position: [f64; 2],
+    /// Distance of it over half the frame's diagonal: field, 0 in the centre and 1 in a corner.
+    pub field: f64,
     /// MTF50 in cycles per millimetre, where the pitch is known.
     pub mtf50_cycles_per_mm: Option<f64>,
     /// Response at 0.5 cycles per pixel.
@@ -115,31 +157,136 @@ pub fn measure(
     white_level_dn: Option<u16>,
     pitch_um: Option<f64>,
 ) -> Result<Edge> {
-    let (rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
-    let sfr = Sfr::of(&rows, &line, step, None)?;
+    measure_frames(std::slice::from_ref(frame), cfa, channel, roi, white_level_dn, pitch_um)
+}
+
+/// [`measure`] over several frames of one edge, which may move by less than the region's margin
+/// and change in brightness between them.
+///
+/// # Errors
+/// Those of [`measure`] of any frame, no frame, frames of different sizes, an edge that turns or
+/// changes its sides from one frame to another.
+pub fn measure_frames(
+    frames: &[Plane<u16>],
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+    white_level_dn: Option<u16>,
+    pitch_um: Option<f64>,
+) -> Result<Edge> {
+    let numbered = |(i, frame): (usize, &Plane<u16>)| {
+        let found = find(frame, cfa, channel, roi, white_level_dn);
+        found.map_err(|e| if frames.len() > 1 { e.at(format!("frame {i}")) } else { e })
+    };
+    let found: Vec<Found> = frames.iter().enumerate().map(numbered).collect::<Result<_>>()?;
+    let first = found.first().ok_or_else(|| Error::input("no frames").help("give one or more"))?;
+    alike(frames, &found)?;
+    let edges = Edges::new(&found);
+    let sfr = edges.response(None)?;
     let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
         Error::input("the response does not fall to one half below 1 cycle per pixel")
             .help("is this an image of an edge? noise alone has such a response")
     })?;
     // Jackknife: leave out one block of rows at a time.
     let parts: Vec<Sfr> =
-        (0..BLOCKS).filter_map(|block| Sfr::of(&rows, &line, step, Some(block)).ok()).collect();
-    let error = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
+        (0..BLOCKS).filter_map(|block| edges.response(Some(block)).ok()).collect();
+    let rows = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
     let of_curve =
         |p: &[f64; 2]| jackknife(&parts.iter().map(|part| part.at(p[0])).collect::<Vec<_>>());
-    let mtf50 = Value::new(mtf50, error);
+    let mtf50_frame_spread = edges.frame_spread()?;
+    let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
+    let mtf50 = Value::new(mtf50, rows.max(between));
+    let half = [frames[0].width, frames[0].height].map(|side| 0.5 * side as f64);
+    let (across, along) = first.line.centre();
+    let place = if first.lies_down { [along, across] } else { [across, along] };
+    // Pixel centres are whole numbers, the frame's centre lies between them.
+    let position = [place[0] + 0.5 - half[0], place[1] + 0.5 - half[1]];
     Ok(Edge {
         channel: channel.to_ascii_lowercase().to_string(),
-        angle_deg: line.slope_at_middle().atan().to_degrees(),
+        angle_deg: first.line.slope_at_middle().atan().to_degrees(),
         mtf50_cycles_per_pixel: mtf50.value,
         mtf50_std_error: mtf50.std_error,
+        mtf50_frame_spread,
+        frames: frames.len(),
+        roi,
+        direction: if first.lies_down { Direction::Vertical } else { Direction::Horizontal },
+        position,
+        field: position[0].hypot(position[1]) / half[0].hypot(half[1]),
         mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
         mtf_at_nyquist: sfr.at(0.5),
         curve_std_error: sfr.curve.iter().map(of_curve).collect(),
         curve: sfr.curve,
         spread: sfr.spread,
-        levels_dn: line.levels,
+        levels_dn: edges.levels,
     })
+}
+
+/// Refuses frames that do not show the same edge.
+fn alike(frames: &[Plane<u16>], found: &[Found]) -> Result<()> {
+    let size = |f: &Plane<u16>| (f.width, f.height);
+    let first = &found[0];
+    for (i, (frame, one)) in frames.iter().zip(found).enumerate() {
+        let what = if size(frame) != size(&frames[0]) {
+            "of another size than the first"
+        } else if one.lies_down != first.lies_down || one.line.rises != first.line.rises {
+            "with another edge in the region than the first"
+        } else {
+            continue;
+        };
+        return Err(Error::disagreement(format!("a frame {what}"))
+            .at(format!("frame {i}"))
+            .help("frames of one edge, taken one after another, are averaged"));
+    }
+    Ok(())
+}
+
+/// One edge in several frames.
+struct Edges<'a> {
+    found: &'a [Found],
+    /// Distance from the edge that every frame reaches, pixels.
+    reach: f64,
+    /// Mean levels of the sides, dark first, DN.
+    levels: [f64; 2],
+}
+
+impl<'a> Edges<'a> {
+    fn new(found: &'a [Found]) -> Self {
+        let reach = found.iter().map(|f| Spread::reach(&f.rows, &f.line));
+        let mean = |side: usize| {
+            found.iter().map(|f| f.line.levels[side]).sum::<f64>() / found.len() as f64
+        };
+        Self { found, reach: reach.fold(f64::INFINITY, f64::min), levels: [mean(0), mean(1)] }
+    }
+
+    /// The edge spread function of a frame about its own edge, its sides at the mean levels.
+    fn spread(&self, frame: &Found, without: Option<usize>) -> Result<Spread> {
+        let mut spread = Spread::of(&frame.rows, &frame.line, frame.step, self.reach, without)?;
+        let ([dark, bright], [own_dark, own_bright]) = (self.levels, frame.line.levels);
+        if self.found.len() > 1 {
+            let factor = (bright - dark) / (own_bright - own_dark);
+            spread.dn.iter_mut().for_each(|dn| *dn = dark + factor * (*dn - own_dark));
+        }
+        Ok(spread)
+    }
+
+    /// The response of all frames without a block of rows.
+    fn response(&self, without: Option<usize>) -> Result<Sfr> {
+        let spreads = self.found.iter().map(|frame| self.spread(frame, without));
+        Sfr::of(&Spread::mean(&spreads.collect::<Result<Vec<_>>>()?))
+    }
+
+    /// Standard deviation of the frames' own MTF50, cycles per pixel; `None` of one frame.
+    fn frame_spread(&self) -> Result<Option<f64>> {
+        if self.found.len() < 2 {
+            return Ok(None);
+        }
+        let own = |frame| Ok(Sfr::of(&self.spread(frame, None)?)?.crossing(0.5));
+        let own: Vec<Option<f64>> = self.found.iter().map(own).collect::<Result<_>>()?;
+        let own: Vec<f64> = own.into_iter().flatten().collect();
+        let mean = own.iter().sum::<f64>() / own.len() as f64;
+        let square = own.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+        Ok((own.len() > 1).then(|| (square / (own.len() - 1) as f64).sqrt()))
+    }
 }
 
 /// Standard error from values that each leave out one block.
@@ -177,10 +324,10 @@ pub fn response<T: Copy + Into<f64>>(
     white_level_dn: Option<u16>,
     frequencies: &[f64],
 ) -> Result<Response> {
-    let (mut rows, step, line) = find(frame, cfa, channel, roi, white_level_dn)?;
+    let Found { mut rows, step, line, .. } = find(frame, cfa, channel, roi, white_level_dn)?;
     leave_out_defects(&mut rows, &line);
     let line = EdgeLine::find(&rows, step)?;
-    let sfr = Sfr::of(&rows, &line, step, None)?;
+    let sfr = Sfr::of(&Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?)?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
     let difference = bright.0 - dark.0;
     let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
@@ -250,14 +397,25 @@ fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
     out
 }
 
-/// The samples of a region in rows across its edge, the distance between samples, and the edge.
+/// An edge in a region of a frame.
+struct Found {
+    /// Samples in rows across the edge.
+    rows: Rows,
+    /// Distance between samples of a row, pixels.
+    step: f64,
+    line: EdgeLine,
+    /// Whether the edge is near the pixel rows.
+    lies_down: bool,
+}
+
+/// The edge in a region.
 fn find<T: Copy + Into<f64>>(
     frame: &Plane<T>,
     cfa: &Cfa,
     channel: char,
     roi: Roi,
     white_level_dn: Option<u16>,
-) -> Result<(Rows, f64, EdgeLine)> {
+) -> Result<Found> {
     if roi.x + roi.width > frame.width || roi.y + roi.height > frame.height {
         return Err(Error::input(format!(
             "region {},{},{},{} is not inside the frame of {} x {}",
@@ -276,7 +434,8 @@ fn find<T: Copy + Into<f64>>(
             .help("use one of the pattern's letters"));
     }
     check_clipping(&rows, white_level_dn)?;
-    if lies_down(&rows) {
+    let lies_down = lies_down(&rows);
+    if lies_down {
         rows = transpose(&rows, roi);
     }
     rows.retain(|r| r.len() >= LEAST_SAMPLES);
@@ -285,7 +444,7 @@ fn find<T: Copy + Into<f64>>(
     }
     let step = rows[0][1].across - rows[0][0].across;
     let line = EdgeLine::find(&rows, step)?;
-    Ok((rows, step, line))
+    Ok(Found { rows, step, line, lies_down })
 }
 
 /// A sample: position across and along the edge, pixels, and value, DN.

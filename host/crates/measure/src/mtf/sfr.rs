@@ -5,6 +5,7 @@ use super::line::{EdgeLine, no_edge};
 use super::{BLOCKS, OVERSAMPLING, Rows, TUKEY_ALPHA};
 use camrig_base::{Error, Result};
 use camrig_fourier::plans::Sample;
+use camrig_fourier::sinc;
 
 /// Fewest bins on either side of the edge.
 const LEAST_BINS: usize = 4;
@@ -18,7 +19,62 @@ const HIGHEST: f64 = 0.45;
 /// edge.
 const LARGEST_GAP: f64 = 2.0;
 
-/// The spatial frequency response of a set of rows.
+/// An edge spread function: means over bins on both sides of the edge.
+pub struct Spread {
+    /// Mean of each bin, DN.
+    pub dn: Vec<f64>,
+    /// Width of a bin, pixels.
+    bin: f64,
+}
+
+impl Spread {
+    /// Distance from the edge that every row reaches on both sides, pixels.
+    pub fn reach(rows: &Rows, line: &EdgeLine) -> f64 {
+        let mut half = f64::INFINITY;
+        for row in rows {
+            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            let place = line.at(row[0].along);
+            half = half.min((place - row[0].across) * cos);
+            half = half.min((row[row.len() - 1].across - place) * cos);
+        }
+        half
+    }
+
+    /// The spread function up to the distance `reach` of all rows except those of the block
+    /// `without`; `step` is the distance between samples of a row, pixels.
+    pub fn of(
+        rows: &Rows,
+        line: &EdgeLine,
+        step: f64,
+        reach: f64,
+        without: Option<usize>,
+    ) -> Result<Self> {
+        let bin = step / OVERSAMPLING;
+        let side = ((reach / bin).floor() as usize).max(LEAST_BINS);
+        let mut samples: Vec<(f64, f64)> = Vec::new();
+        for (index, row) in rows.iter().enumerate() {
+            if without == Some(index * BLOCKS / rows.len()) {
+                continue;
+            }
+            let place = line.at(row[0].along);
+            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            samples.extend(row.iter().map(|s| ((s.across - place) * cos, s.value)));
+        }
+        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(Self { dn: bin_means(&samples, bin, side)?, bin })
+    }
+
+    /// The mean of spread functions of equal bins.
+    pub fn mean(several: &[Self]) -> Self {
+        let mut dn = vec![0.0; several[0].dn.len()];
+        for one in several {
+            dn.iter_mut().zip(&one.dn).for_each(|(sum, v)| *sum += v / several.len() as f64);
+        }
+        Self { dn, bin: several[0].bin }
+    }
+}
+
+/// The spatial frequency response of an edge.
 pub struct Sfr {
     /// (cycles per pixel, response).
     pub curve: Vec<[f64; 2]>,
@@ -31,30 +87,11 @@ pub struct Sfr {
 }
 
 impl Sfr {
-    /// The response of all rows except those of the block `without`.
-    pub fn of(rows: &Rows, line: &EdgeLine, step: f64, without: Option<usize>) -> Result<Self> {
-        let bin = step / OVERSAMPLING;
-        // Distance from the edge that every row reaches on both sides.
-        let mut half = f64::INFINITY;
-        for row in rows {
-            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
-            let place = line.at(row[0].along);
-            half = half.min((place - row[0].across) * cos);
-            half = half.min((row[row.len() - 1].across - place) * cos);
-        }
-        let side = ((half / bin).floor() as usize).max(LEAST_BINS);
-        let count = 2 * side;
-        let mut samples: Vec<(f64, f64)> = Vec::new();
-        for (index, row) in rows.iter().enumerate() {
-            if without == Some(index * BLOCKS / rows.len()) {
-                continue;
-            }
-            let place = line.at(row[0].along);
-            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
-            samples.extend(row.iter().map(|s| ((s.across - place) * cos, s.value)));
-        }
-        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let spread = bin_means(&samples, bin, side)?;
+    /// The response that a spread function shows.
+    pub fn of(spread: &Spread) -> Result<Self> {
+        let Spread { dn: spread, bin } = spread;
+        let (bin, count) = (*bin, spread.len());
+        let side = count / 2;
         // Central difference; the ends, where the window vanishes, stay 0.
         let mut lsf = vec![0.0; count];
         for i in 1..count - 1 {
@@ -157,10 +194,4 @@ fn tukey(u: f64) -> f64 {
     } else {
         0.5 * (1.0 + (std::f64::consts::PI * (u - flat) / TUKEY_ALPHA).cos())
     }
-}
-
-/// sin(πx)/(πx).
-pub fn sinc(x: f64) -> f64 {
-    let a = std::f64::consts::PI * x;
-    if a.abs() < 1e-9 { 1.0 } else { a.sin() / a }
 }

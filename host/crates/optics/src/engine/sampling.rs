@@ -14,13 +14,8 @@
 use super::SensorGrid;
 use camrig_base::{Error, Result};
 use camrig_fourier::lanes::good_length;
+pub use camrig_fourier::sinc;
 use std::f64::consts::PI;
-
-/// sin(πx)/(πx).
-#[must_use]
-pub fn sinc(x: f64) -> f64 {
-    if x.abs() < 1e-9 { 1.0 } else { (PI * x).sin() / (PI * x) }
-}
 
 /// The bound above for `oversample` cells per pixel.
 pub fn step_error(

@@ -88,20 +88,8 @@ mod tests {
 
     #[test]
     fn short_darks_of_many_exposures_are_a_series_of_their_own() {
-        let dark = |k: u8| Capture {
-            id: format!("d{k}"),
-            role: Role::Dark,
-            files: Vec::new(),
-            split: None,
-            exposure_s: 0.1 * f64::from(7 - k),
-            analog_gain: 1.0,
-            temperature_c: None,
-            exposure_requested_s: None,
-            preceded_by: None,
-            light: None,
-            scene: None,
-            rotation: None,
-        };
+        let dark =
+            |k: u8| Capture::new(format!("d{k}"), Role::Dark, Vec::new(), 0.1 * f64::from(7 - k));
         let sensor = SensorFacts {
             width: 4,
             height: 4,

@@ -1,5 +1,7 @@
 //! `camrig captures`: what is in a capture set.
 
+mod new;
+
 use super::diagnose::looking;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
@@ -7,7 +9,7 @@ use camrig_clean::{Cleaned, Finding};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Look at capture sets
+/// Make capture sets of your own frames, and look at them
 #[derive(clap::Args, Debug)]
 pub struct Args {
     #[command(subcommand)]
@@ -16,12 +18,13 @@ pub struct Args {
 
 #[derive(clap::Subcommand, Debug)]
 enum Command {
+    New(new::NewArgs),
     Check(CheckArgs),
 }
 
-/// List every fault of a manifest, and everything in its frames that is not the sensor's steady
-/// behaviour: copies, codes with a step, processing, particle hits, pixels that change, wrong
-/// labels of light, drift, start-up
+/// List every fault of a manifest, what is still to fill in, and everything in its frames that is
+/// not the sensor's steady behaviour: copies, codes with a step, processing, particle hits, pixels
+/// that change, wrong labels of light, drift, start-up
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Exit status 0 where nothing was found, 1 where something was, 2 where the set \
@@ -40,6 +43,7 @@ pub struct CheckArgs {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
+        Command::New(args) => new::run(args),
         Command::Check(args) => check(args),
     }
 }

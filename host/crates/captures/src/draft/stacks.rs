@@ -1,0 +1,382 @@
+//! Files that are one stack, and what the stack is.
+
+use super::file::{Levels, Seen};
+use super::{Based, Known, names};
+use crate::Role;
+use camrig_base::toml_text::seven_figures;
+use std::path::{Path, PathBuf};
+
+/// Relative change of the signal from one frame to the next from which another stack begins: lamps
+/// flicker by less, and levels of a series differ by more.
+const ANOTHER_LEVEL: f64 = 0.1;
+/// Change of temperature from which another stack begins, °C.
+const ANOTHER_TEMPERATURE: f64 = 1.0;
+/// Signals over the range between black and white: up to the first a frame counts as dark, from the
+/// second on as lit; between them levels alone do not tell.
+const DARK_SHARE: f64 = 0.005;
+const LIT_SHARE: f64 = 0.05;
+/// Spread of an even field's blocks over its mean: shading of lenses is less. The same of the two
+/// sides of an edge over its step.
+const EVEN_SPREAD: f64 = 0.4;
+const SIDE_SPREAD: f64 = 0.1;
+/// Share of blocks that each side of an edge has at least, and both together.
+const LEAST_SIDE: f64 = 0.15;
+const BOTH_SIDES: f64 = 0.85;
+
+/// A stack to be.
+#[derive(Clone, Debug)]
+pub struct Stack {
+    /// Unique name.
+    pub id: String,
+    /// What it is for.
+    pub role: Based<Role>,
+    /// Names or patterns of its files in order of time.
+    pub files: Vec<String>,
+    /// Number of frames.
+    pub frames: usize,
+    /// Exposure time, s.
+    pub exposure_s: Based<f64>,
+    /// Gain before the converter.
+    pub analog_gain: Based<f64>,
+    /// Temperature, °C.
+    pub temperature_c: Based<f64>,
+    /// Levels of the first frame of each file.
+    pub levels: Vec<Levels>,
+    /// What does not fit together.
+    pub notes: Vec<String>,
+}
+
+/// How the frames of a file were taken.
+#[derive(Clone)]
+struct Conditions {
+    role: Based<Role>,
+    exposure_s: Based<f64>,
+    analog_gain: Based<f64>,
+    temperature_c: Based<f64>,
+}
+
+/// The stacks among the files that are frames; `all` are the names of all files.
+pub fn of(seen: &[Seen], known: &Known, all: &[PathBuf]) -> Vec<Stack> {
+    let scale = Scale::of(seen, known);
+    let mut groups: Vec<(Key, Vec<(&Seen, Conditions)>)> = Vec::new();
+    for one in seen {
+        let conditions = Conditions::of(one, known, &scale);
+        let key = Key::of(one, &conditions);
+        match groups.iter_mut().find(|(other, _)| *other == key) {
+            Some((_, group)) => group.push((one, conditions)),
+            None => groups.push((key, vec![(one, conditions)])),
+        }
+    }
+    let runs: Vec<_> =
+        groups.iter().flat_map(|(_, group)| group.chunk_by(|a, b| scale.alike(a, b))).collect();
+    let mut stacks: Vec<Stack> = runs.iter().map(|run| stack(run, &scale, all)).collect();
+    name(&mut stacks, &runs);
+    stacks
+}
+
+/// What a file has in common with the others of its stack.
+#[derive(PartialEq)]
+struct Key {
+    folder: PathBuf,
+    /// The name with its last number left out; the whole name of a file of several frames.
+    name: String,
+    role: Option<Role>,
+    exposure: Option<u64>,
+    gain: Option<u64>,
+}
+
+impl Key {
+    fn of(seen: &Seen, conditions: &Conditions) -> Self {
+        let file = seen.name.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
+        let (before, after) = around_number(&file);
+        let name = if seen.frames > 1 { file.clone() } else { format!("{before}#{after}") };
+        Self {
+            folder: folder_of(seen),
+            name,
+            role: conditions.role.value,
+            exposure: conditions.exposure_s.value.map(f64::to_bits),
+            gain: conditions.analog_gain.value.map(f64::to_bits),
+        }
+    }
+}
+
+fn folder_of(seen: &Seen) -> PathBuf {
+    seen.name.parent().unwrap_or(Path::new("")).to_owned()
+}
+
+/// What stands before and after the number of a frame in a file's name: the last word of digits
+/// alone, or the digits at the end of the name.
+fn around_number(file: &str) -> (&str, &str) {
+    let stem = file.rfind('.').unwrap_or(file.len());
+    let apart = |c: char| !c.is_alphanumeric();
+    let mut end = stem;
+    loop {
+        let start = file[..end].rfind(apart).map_or(0, |at| at + 1);
+        if start < end && file[start..end].chars().all(|c| c.is_ascii_digit()) {
+            return (&file[..start], &file[end..]);
+        }
+        if start == 0 {
+            break;
+        }
+        end = start - 1;
+    }
+    let digits = file[..stem].trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    (&file[..digits], &file[stem..])
+}
+
+impl Conditions {
+    fn of(seen: &Seen, known: &Known, scale: &Scale) -> Self {
+        let taken = &seen.facts.taken;
+        let own_word = taken.kind.as_ref().and_then(|kind| {
+            let (role, bias) = names::role_of(&kind.value)?;
+            Some((Based::new(role, format!("{} = {:?}", kind.by, kind.value)), bias))
+        });
+        let by_name = || {
+            let (role, bias, part) = names::role(&seen.name)?;
+            Some((Based::new(role, format!("the name {part:?}")), bias))
+        };
+        let (role, bias) =
+            own_word.or_else(by_name).unwrap_or_else(|| (scale.role(&seen.levels), false));
+        let given = |value: Option<f64>| value.map(|v| Based::new(v, "given"));
+        let said = |said: &Option<camrig_formats::Said<f64>>| {
+            let said = said.clone().filter(|s| s.value.is_finite());
+            said.map(|s| Based::from(s).map(seven_figures))
+        };
+        let positive = |b: &Based<f64>| b.value.is_some_and(|v| v > 0.0);
+        let by_name = || {
+            let (seconds, part) = names::exposure_s(&seen.name)?;
+            Some(Based::new(seven_figures(seconds), format!("the name {part:?}")))
+        };
+        let exposure_s = said(&taken.exposure_s)
+            .filter(positive)
+            .or_else(|| said(&seen.beside.exposure_s).filter(positive))
+            .or_else(|| bias.then(|| Based::new(0.0, "bias frames have none")))
+            .or_else(|| given(known.exposure_s))
+            .or_else(by_name)
+            .unwrap_or_else(|| Based::unknown("not in the files or their names"));
+        let remarks = taken.remarks.join(", ");
+        let why = if remarks.is_empty() {
+            "not in the files".into()
+        } else {
+            format!("not in the files; {remarks} is in units of the camera's own")
+        };
+        Self {
+            role,
+            exposure_s,
+            analog_gain: said(&taken.analog_gain)
+                .or_else(|| said(&seen.beside.analog_gain))
+                .filter(positive)
+                .or_else(|| given(known.analog_gain))
+                .unwrap_or_else(|| Based::unknown(why)),
+            temperature_c: said(&taken.temperature_c)
+                .or_else(|| said(&seen.beside.temperature_c))
+                .or_else(|| given(known.temperature_c))
+                .unwrap_or_else(|| Based::unknown("not in the files")),
+        }
+    }
+}
+
+/// Black and white of the set, as far as its frames tell.
+struct Scale {
+    black: Option<f64>,
+    white: f64,
+}
+
+impl Scale {
+    fn of(seen: &[Seen], known: &Known) -> Self {
+        let named_dark = |s: &&Seen| {
+            let own = s.facts.taken.kind.as_ref().and_then(|kind| names::role_of(&kind.value));
+            let role = own.map(|r| r.0).or_else(|| Some(names::role(&s.name)?.0));
+            role == Some(Role::Dark)
+        };
+        let said = seen.iter().find_map(|s| s.facts.black_level_dn);
+        let lowest = || seen.iter().filter(named_dark).map(|s| s.levels.mean).reduce(f64::min);
+        let white =
+            known.white_level_dn.or_else(|| seen.iter().find_map(|s| s.facts.white_level_dn));
+        let largest = || seen.iter().map(|s| s.levels.largest).max();
+        Self {
+            black: known.black_level_dn.or(said).or_else(lowest),
+            white: white.or_else(largest).unwrap_or(u16::MAX).into(),
+        }
+    }
+
+    /// The share of the range above black that a level has; `None` where black is not known.
+    fn share(&self, level: f64) -> Option<f64> {
+        let black = self.black?;
+        Some((level - black) / (self.white - black).max(1.0))
+    }
+
+    /// What a frame is by its levels.
+    fn role(&self, levels: &Levels) -> Based<Role> {
+        let by = "no name says what it is";
+        let Some(share) = self.share(levels.mean) else {
+            return Based::unknown(format!("{by}, and no black level is known to judge by"));
+        };
+        let black = self.black.unwrap_or_default();
+        let mut blocks: Vec<f64> = levels.blocks.iter().map(|b| b - black).collect();
+        blocks.sort_by(f64::total_cmp);
+        let at = |share: f64| blocks[((blocks.len() - 1) as f64 * share).round() as usize];
+        let (low, high, mean) = (at(0.05), at(0.95), levels.mean - black);
+        let spread = high - low;
+        let side = |level: f64| {
+            let near = blocks.iter().filter(|b| (**b - level).abs() < SIDE_SPREAD * spread);
+            near.count() as f64 / blocks.len() as f64
+        };
+        let guess = |role, what: &str| {
+            Based::new(role, format!("by its levels: {what} of {mean:.1} DN above black"))
+        };
+        if share.abs() <= DARK_SHARE && spread <= DARK_SHARE * self.white {
+            guess(Role::Dark, "a mean")
+        } else if share >= LIT_SHARE && spread < EVEN_SPREAD * mean {
+            guess(Role::Flat, "an even field")
+        } else if share >= LIT_SHARE
+            && side(low).min(side(high)) >= LEAST_SIDE
+            && side(low) + side(high) >= BOTH_SIDES
+        {
+            guess(Role::Edge, "two even sides, a mean")
+        } else {
+            Based::unknown(format!("{by}, and its levels do not tell"))
+        }
+    }
+
+    /// Whether two frames that follow one another are of one stack.
+    fn alike(&self, a: &(&Seen, Conditions), b: &(&Seen, Conditions)) -> bool {
+        let black = self.black.unwrap_or(0.0);
+        let (first, second) = (a.0.levels.mean - black, b.0.levels.mean - black);
+        let jump = (first - second).abs();
+        let same_level = jump <= ANOTHER_LEVEL * first.abs().max(second.abs())
+            || jump <= DARK_SHARE * (self.white - black);
+        let same_temperature = match (a.1.temperature_c.value, b.1.temperature_c.value) {
+            (Some(a), Some(b)) => (a - b).abs() <= ANOTHER_TEMPERATURE,
+            (a, b) => a.is_none() == b.is_none(),
+        };
+        same_level && same_temperature
+    }
+}
+
+/// The stack of files that belong together.
+fn stack(run: &[(&Seen, Conditions)], scale: &Scale, all: &[PathBuf]) -> Stack {
+    let (first, conditions) = &run[0];
+    let temperatures: Vec<f64> = run.iter().filter_map(|r| r.1.temperature_c.value).collect();
+    let mut temperature_c = conditions.temperature_c.clone();
+    if let (Some(low), Some(high)) = (
+        temperatures.iter().copied().reduce(f64::min),
+        temperatures.iter().copied().reduce(f64::max),
+    ) && low < high
+    {
+        let mean = temperatures.iter().sum::<f64>() / temperatures.len() as f64;
+        temperature_c = Based::new(
+            seven_figures(mean),
+            format!("mean of {low} to {high}: {}", temperature_c.on),
+        );
+    }
+    let levels: Vec<Levels> = run.iter().map(|r| r.0.levels.clone()).collect();
+    let mut notes = Vec::new();
+    let mean = levels.iter().map(|l| l.mean).sum::<f64>() / levels.len() as f64;
+    if conditions.role.is(&Role::Dark) && scale.share(mean).is_some_and(|share| share > LIT_SHARE)
+    {
+        notes.push(format!(
+            "{}: a mean of {:.1} DN above black is much for a dark (role from {})",
+            first.name.display(),
+            mean - scale.black.unwrap_or_default(),
+            conditions.role.on
+        ));
+    }
+    Stack {
+        id: String::new(),
+        role: conditions.role.clone(),
+        files: files(run, all),
+        frames: run.iter().map(|r| r.0.frames).sum(),
+        exposure_s: conditions.exposure_s.clone(),
+        analog_gain: conditions.analog_gain.clone(),
+        temperature_c,
+        levels,
+        notes,
+    }
+}
+
+/// A pattern that gives the files of a stack and no others in their order, or all their names.
+fn files(run: &[(&Seen, Conditions)], all: &[PathBuf]) -> Vec<String> {
+    let names: Vec<&PathBuf> = run.iter().map(|r| &r.0.name).collect();
+    let escaped = |name: &Path| {
+        let text = name.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/");
+        glob::Pattern::escape(&text)
+    };
+    let in_order = names.windows(2).all(|pair| pair[0] < pair[1]);
+    if names.len() > 1 && in_order {
+        let folder = folder_of(run[0].0);
+        let file = names[0].file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
+        let (before, after) = around_number(&file);
+        let ending = file.rfind('.').map_or("", |at| &file[at..]);
+        for (before, after) in [("", ending), (before, after)] {
+            let [before, after] = [before, after].map(glob::Pattern::escape);
+            let inside = escaped(&folder);
+            let joint = if inside.is_empty() { "" } else { "/" };
+            let pattern = format!("{inside}{joint}{before}*{after}");
+            let Ok(glob) = glob::Pattern::new(&pattern) else { continue };
+            let options = glob::MatchOptions {
+                require_literal_separator: true,
+                require_literal_leading_dot: true,
+                case_sensitive: true,
+            };
+            let fits = |path: &&PathBuf| glob.matches_path_with(path, options);
+            if all.iter().filter(fits).eq(names.iter().copied()) {
+                return vec![pattern];
+            }
+        }
+    }
+    names.iter().map(|name| escaped(name)).collect()
+}
+
+/// Gives each stack a name of its own: that of its folder or of its files, with the exposure where
+/// several would have the same.
+fn name(stacks: &mut [Stack], runs: &[&[(&Seen, Conditions)]]) {
+    let folders: Vec<PathBuf> = runs.iter().map(|run| folder_of(run[0].0)).collect();
+    let base = |i: usize| {
+        let folder = folders[i].to_string_lossy().replace(['/', '\\'], "-");
+        let alone = folders.iter().filter(|f| **f == folders[i]).count() == 1;
+        let file = runs[i][0].0.name.with_extension("");
+        let file = file.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
+        let file = if runs[i].len() > 1 { around_number(&file).0.to_string() } else { file };
+        let both = match (alone && !folder.is_empty(), folder.is_empty()) {
+            (true, _) => folder,
+            (false, true) => file,
+            (false, false) => format!("{folder}-{file}"),
+        };
+        let trimmed = both.trim_matches(|c: char| !c.is_alphanumeric()).to_string();
+        if trimmed.is_empty() { "frames".to_string() } else { trimmed }
+    };
+    let names: Vec<String> = (0..stacks.len()).map(base).collect();
+    for (i, name) in names.iter().enumerate() {
+        let several = names.iter().filter(|other| *other == name).count() > 1;
+        let exposure = stacks[i].exposure_s.value.filter(|_| several);
+        let wanted = match exposure {
+            Some(seconds) => format!("{name}-{}us", seven_figures(seconds * 1e6)),
+            None => name.clone(),
+        };
+        let taken = |id: &str| stacks[..i].iter().any(|s| s.id == id);
+        let numbered = (2..).map(|n| format!("{wanted}-{n}"));
+        let id = std::iter::once(wanted.clone()).chain(numbered).find(|id| !taken(id));
+        stacks[i].id = id.unwrap_or(wanted);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::around_number;
+
+    #[test]
+    fn the_number_of_a_frame_in_its_name() {
+        for (name, before, after) in [
+            ("0001.dng", "", ".dng"),
+            ("IMG0012.dng", "IMG", ".dng"),
+            ("L00_f1.tiff", "L00_f", ".tiff"),
+            ("0001_640x480_SGRBG10P.raw", "", "_640x480_SGRBG10P.raw"),
+            ("dark_100ms_1.fits", "dark_100ms_", ".fits"),
+            ("flat-1-2.png", "flat-1-", ".png"),
+            ("dark.npy", "dark", ".npy"),
+        ] {
+            assert_eq!(around_number(name), (before, after), "{name}");
+        }
+    }
+}

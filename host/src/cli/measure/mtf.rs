@@ -1,0 +1,155 @@
+//! `camrig measure mtf`: the response over slanted edges of frames.
+
+use super::frames::{Given, Opened, roi};
+use super::{PageArgs, plus_minus};
+use camrig_base::{Error, Plane, Result};
+use camrig_measure::Value;
+use camrig_measure::mtf::{self, Edge, Roi};
+use camrig_report as report;
+use clap::Args as ClapArgs;
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(ClapArgs)]
+pub struct MtfArgs {
+    /// Raw frames of the same edges: files or stacks
+    #[arg(required = true, value_name = "FRAME")]
+    frames: Vec<PathBuf>,
+    #[command(flatten)]
+    given: Given,
+    /// Region of an edge in pixels; repeatable; slanted edges are looked for unless given
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    roi: Vec<Roi>,
+    #[command(flatten)]
+    page: PageArgs,
+    /// Pixel pitch, µm, for cycles per millimetre
+    #[arg(long, value_name = "UM")]
+    pitch_um: Option<f64>,
+    /// Channel letter, or all
+    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
+    channel: String,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
+    let (first, planes) = args.open()?;
+    let letters = first.letters(&args.channel)?;
+    let edges = match args.roi.is_empty() {
+        true => args.found(&first, &planes, &letters)?,
+        false => args.pointed_at(&first, &planes, &letters)?,
+    };
+    let files = args.frames.len();
+    let more = if files > 1 { format!(" and {} more", files - 1) } else { String::new() };
+    let name = format!("{}{more}", args.frames[0].display());
+    args.page.write(|| report::measurement::mtf(&name, &edges, args.pitch_um).html())?;
+    if args.json {
+        println!("{}", json!({ "edges": edges }));
+    } else {
+        edges.iter().for_each(|edge| args.print(edge));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+impl MtfArgs {
+    /// All frames of all files; what the first file says counts for all.
+    fn open(&self) -> Result<(Opened, Vec<Plane<u16>>)> {
+        let (mut first, others) = self.given.open(&self.frames[0])?;
+        let mut planes = vec![std::mem::replace(&mut first.plane, Plane::filled(0, 0, 0))];
+        planes.extend(others);
+        for path in &self.frames[1..] {
+            let (one, others) = self.given.open(path)?;
+            if one.cfa != first.cfa {
+                return Err(Error::disagreement(format!(
+                    "patterns {} and {}",
+                    first.cfa, one.cfa
+                ))
+                .at(path.display())
+                .help("give frames of one camera"));
+            }
+            planes.push(one.plane);
+            planes.extend(others);
+        }
+        Ok((first, planes))
+    }
+
+    /// The edges in the regions that were given.
+    fn pointed_at(
+        &self,
+        first: &Opened,
+        planes: &[Plane<u16>],
+        letters: &[char],
+    ) -> Result<Vec<Edge>> {
+        let places = self.roi.iter().flat_map(|roi| letters.iter().map(move |l| (*roi, *l)));
+        let edge = |(roi, letter)| {
+            self.edge(first, planes, roi, letter).map_err(|e| {
+                let Roi { x, y, width, height } = roi;
+                let place = if self.roi.len() > 1 {
+                    format!(", region {x},{y},{width},{height}")
+                } else {
+                    String::new()
+                };
+                e.at(format!("{}, channel {letter}{place}", self.frames[0].display()))
+            })
+        };
+        places.map(edge).collect()
+    }
+
+    /// The edges that are found in the first frame and seen in all.
+    fn found(&self, first: &Opened, planes: &[Plane<u16>], letters: &[char]) -> Result<Vec<Edge>> {
+        let green = if letters.contains(&'G') { 'G' } else { letters[0] };
+        let regions = mtf::find_edges(&planes[0], &first.cfa, green, first.white);
+        let mut edges = Vec::new();
+        for roi in &regions {
+            for letter in letters {
+                let Roi { x, y, width, height } = *roi;
+                match self.edge(first, planes, *roi, *letter) {
+                    Ok(edge) => edges.push(edge),
+                    Err(e) => eprintln!(
+                        "note: channel {letter} at {x},{y},{width},{height} is left out: {}",
+                        e.what()
+                    ),
+                }
+            }
+        }
+        if edges.is_empty() {
+            return Err(Error::input("no slanted edge found")
+                .at(self.frames[0].display())
+                .help("give its region with --roi X,Y,WIDTH,HEIGHT to hear what is wrong there"));
+        }
+        eprintln!("note: slanted edges found in {} places", regions.len());
+        Ok(edges)
+    }
+
+    fn edge(&self, first: &Opened, planes: &[Plane<u16>], roi: Roi, letter: char) -> Result<Edge> {
+        mtf::measure_frames(planes, &first.cfa, letter, roi, first.white, self.pitch_um)
+    }
+
+    /// One line about an edge; where there are several, with its place.
+    fn print(&self, e: &Edge) {
+        let mtf50 = Value::new(e.mtf50_cycles_per_pixel, e.mtf50_std_error);
+        let per_mm = self.pitch_um.map_or(String::new(), |p| {
+            format!(" ({} cycles/mm)", plus_minus(mtf50.scaled(1e3 / p)))
+        });
+        let place = if self.roi.len() == 1 {
+            String::new()
+        } else {
+            let Roi { x, y, width, height } = e.roi;
+            let direction = e.direction.name();
+            format!(" at {x},{y},{width},{height} (field {:.2}, {direction})", e.field)
+        };
+        let frames = e
+            .mtf50_frame_spread
+            .map_or(String::new(), |spread| format!("; {} frames, spread {spread:.4}", e.frames));
+        println!(
+            "{}{place}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {:.3}, edge at {:.2} degrees\
+             {frames}",
+            e.channel,
+            plus_minus(mtf50),
+            e.mtf_at_nyquist,
+            e.angle_deg
+        );
+    }
+}
