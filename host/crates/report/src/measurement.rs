@@ -1,6 +1,7 @@
 //! Pages of measurements: figures with their standard errors, and the curves they come from.
 
-use super::numbers::{NOT_DETERMINED, amount, number, with_error};
+use super::emva::capitalised;
+use super::numbers::{NOT_DETERMINED, amount, counted, number, with_error};
 use super::page::{KeyFigure, Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
@@ -11,6 +12,8 @@ use camrig_measure::{mtf, ptc};
 const HIGHEST: f64 = 1.0;
 /// Height of the plot of a response over its largest value.
 const ABOVE: f64 = 1.1;
+/// Part of an edge's profile that is drawn, pixels to each side: beyond it is noise alone.
+const BESIDE_EDGE: f64 = 12.0;
 /// Standard errors that a band reaches on each side.
 const BAND: f64 = 2.0;
 
@@ -19,8 +22,8 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     let mut page = Page::new("Photon transfer");
     let s = &set.sensor;
     page.kind("Measurement").subtitle(&format!(
-        "{} captures of {} × {} pixels, {} bits, analog gain {}",
-        set.captures.len(),
+        "{} of {} × {} pixels, {} bits, analog gain {}",
+        counted(set.captures.len(), "capture"),
         s.width,
         s.height,
         s.bits,
@@ -38,7 +41,7 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
         card("Dark current", &all.dark_current_e_per_s, "e⁻/s"),
     ]);
     for note in &result.notes {
-        page.note(note);
+        page.note(&format!("{}.", capitalised(note)));
     }
     page.heading("Photon transfer").evidence(
         |page| {
@@ -63,7 +66,7 @@ fn transfer(result: &ptc::Ptc) -> Plot {
         };
         let (name, colour) = (&channel.channel, Colour::of_channel(&channel.channel));
         let points: Vec<[f64; 3]> = of(true).collect();
-        plot.with_errors(&channel_name(name), Mark::Points, colour, &points);
+        plot.with_errors(&capitalised(name), Mark::Points, colour, &points);
         left_out.extend(of(false).map(|p| [p[0], p[1]]));
     }
     let rest = if left_out.is_empty() { "" } else { " Rings: not in the fit." };
@@ -72,12 +75,6 @@ fn transfer(result: &ptc::Ptc) -> Plot {
     }
     plot.note(&format!("A dot per capture with a bar of one standard error.{rest}"));
     plot
-}
-
-/// A channel's name as catalogues write it.
-fn channel_name(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
 /// Takes a figure from all of a channel or of the sensor.
@@ -106,7 +103,7 @@ fn figures(result: &ptc::Ptc) -> Table {
     let mut heads = vec!["all".to_owned()];
     let mut columns = vec![&result.figures];
     if result.channels.len() > 1 {
-        heads.extend(result.channels.iter().map(|c| channel_name(&c.channel)));
+        heads.extend(result.channels.iter().map(|c| capitalised(&c.channel)));
         columns.extend(result.channels.iter().map(|c| &c.figures));
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
@@ -146,7 +143,7 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
             with_error(factor * e.mtf50_cycles_per_pixel, Some(factor * e.mtf50_std_error))
         };
         vec![
-            channel_name(&e.channel),
+            capitalised(&e.channel),
             with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
             pitch_um.map_or_else(|| "pitch not known".into(), per_mm),
             with_error(e.mtf_at_nyquist, at_nyquist(e)),
@@ -162,7 +159,7 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
 
 fn card(edge: &mtf::Edge, pitch_um: Option<f64>) -> KeyFigure {
     let (value, error) = (edge.mtf50_cycles_per_pixel, edge.mtf50_std_error);
-    let name = format!("MTF50, {}", channel_name(&edge.channel));
+    let name = format!("MTF50, {}", capitalised(&edge.channel));
     let card = KeyFigure::new(&name, &amount(value, Some(error), "cycles/pixel"));
     match pitch_um.map(|p| 1e3 / p) {
         Some(per_mm) => card.below(&amount(per_mm * value, Some(per_mm * error), "cycles/mm")),
@@ -191,7 +188,7 @@ fn response(edges: &[mtf::Edge]) -> Plot {
     }
     for edge in edges {
         let colour = Colour::of_channel(&edge.channel);
-        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.curve.clone());
+        plot.series(&capitalised(&edge.channel), Mark::Line, colour, edge.curve.clone());
     }
     plot.note(
         "The pixel's own aperture is part of it. Bands: two standard errors. Nyquist is that of \
@@ -205,8 +202,9 @@ fn spread(edges: &[mtf::Edge]) -> Plot {
         Plot::new("Edge spread function", "distance from the edge, pixels", "level, DN");
     for edge in edges {
         let colour = Colour::of_channel(&edge.channel);
-        plot.series(&channel_name(&edge.channel), Mark::Line, colour, edge.spread.clone());
+        plot.series(&capitalised(&edge.channel), Mark::Line, colour, edge.spread.clone());
     }
+    plot.x_range(-BESIDE_EDGE, BESIDE_EDGE);
     plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
     plot
 }
