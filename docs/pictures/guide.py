@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from make import drawings, save_with_palette
+from make import drawings
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
@@ -39,11 +39,17 @@ def keep_drawing(name, page):
     (HERE / name).write_text(drawings(page)[0] + "\n")
 
 
+def keep_picture(name, picture):
+    """Keeps a picture in 256 colours, without the dots of dithering."""
+    picture = picture.quantize(256, kmeans=1, dither=Image.Dither.NONE)
+    picture.save(HERE / name, optimize=True)
+
+
 def chart(work):
     folder = run_chapter("first-picture", work, "--preview")
-    picture = Image.open(folder / "chart.png")
+    picture = Image.open(folder / "chart.png").convert("RGB")
     picture.thumbnail((560, 420))
-    save_with_palette(picture, HERE / "chart.png")
+    keep_picture("chart.png", picture)
 
 
 def lens(work):
@@ -85,9 +91,7 @@ def rig(work):
             browser.close()
     finally:
         view.kill()
-    # Dithering would put dots into the dark page.
-    picture = Image.open(work / "view.png").convert("RGB")
-    picture.quantize(256, dither=Image.Dither.NONE).save(HERE / "rig-view.png", optimize=True)
+    keep_picture("rig-view.png", Image.open(work / "view.png").convert("RGB"))
 
 
 PICTURES = {
