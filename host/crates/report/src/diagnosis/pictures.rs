@@ -28,6 +28,8 @@ const HEIGHTS: [f64; 2] = [200.0, 520.0];
 /// Largest value over smallest from which an axis is logarithmic.
 const WIDE: f64 = 30.0;
 
+/// Broadest over narrowest gap up to which places along a curve are even steps.
+const EVEN: f64 = 3.0;
 /// Titles of what the models leave of a map.
 const LESS_GIVEN: &str = "Measured less the model as given";
 const LESS_IMPROVED: &str = "Measured less the improved model";
@@ -196,7 +198,10 @@ fn curve(shown: &Shown, [measured, before, after]: [Vec<f64>; 3]) -> Plot {
     let title = crate::emva::capitalised(&format!("{} over {}", name(&shown.y), name(&shown.x)));
     let mut plot = Plot::new(&title, &shown.x, &shown.y);
     let [low, high] = ends(&shown.at);
-    if low > 0.0 && high > WIDE * low {
+    let gaps: Vec<f64> = shown.at.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let [narrow, broad] = ends(&gaps);
+    // Columns and phases are even steps; light levels are not.
+    if low > 0.0 && high > WIDE * low && broad > EVEN * narrow {
         plot.log_x();
     }
     let points = |values: Vec<f64>| shown.at.iter().zip(values).map(|(x, y)| [*x, y]).collect();
