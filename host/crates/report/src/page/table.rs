@@ -4,9 +4,9 @@ use super::escape;
 use crate::plot::text;
 use std::fmt::Write;
 
-/// Room for a table on a phone, and of a cell beside its text, px.
-const PHONE: f64 = 360.0;
-const BESIDE: f64 = 7.0;
+/// Room for a table on a phone, beside a scroll bar, and of a cell beside its text, px.
+const PHONE: f64 = 346.0;
+const BESIDE: f64 = 5.0;
 /// Sizes of text in cells and in heads, which are bold, on a phone over that of figures.
 const CELL: f64 = 13.0 / text::SIZE;
 const HEAD: f64 = 1.1 * 12.5 / text::SIZE;
