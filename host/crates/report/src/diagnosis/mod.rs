@@ -80,7 +80,7 @@ pub fn page(
             .paragraph("Written to camera-improved.toml; what was added or changed:")
             .verbatim(added),
     };
-    page.folded("The whole file", |page| {
+    page.folded_on_screen("The whole file", |page| {
         page.verbatim(improved);
     });
     Ok(page.html())
