@@ -234,8 +234,8 @@ def recording(console, camrig, folder):
     console.ask("document.getElementById('record').click()")
     console.until("state.recording && state.recording.frames > 5")
     console.ask("document.getElementById('record').click()")
-    console.until("!state.recording && events.lines.some(e => e.text.includes('are recorded'))")
-    words = console.ask("events.lines.findLast(e => e.text.includes('are recorded')).text")
+    console.until("!state.recording && events.lines.some(e => e.text.includes(' recorded: '))")
+    words = console.ask("events.lines.findLast(e => e.text.includes(' recorded: ')).text")
     path = folder / words.split(": ")[1]
     with tempfile.TemporaryDirectory() as other:
         done = subprocess.run([camrig, "convert", path, pathlib.Path(other) / "x.npy"], capture_output=True, text=True)
@@ -323,23 +323,42 @@ def tree(pid):
     return found
 
 
-def speed(browser, camrig):
+@contextlib.contextmanager
+def untapped(chromium, url):
+    """A page in a Chromium of its own that nobody listens to: Playwright is told every message of a socket, which takes
+    as long as the page itself. Gives the process, and the port on which Playwright can be let in afterwards."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        process = subprocess.Popen([chromium, "--headless", "--no-sandbox", "--window-size=1280,900", "--remote-debugging-port=0",
+                                    f"--user-data-dir={profile}", url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            told, end = pathlib.Path(profile) / "DevToolsActivePort", time.monotonic() + 60
+            while not (told.exists() and told.read_text().strip()):
+                if time.monotonic() > end:
+                    raise TimeoutError("Chromium does not start")
+                time.sleep(0.05)
+            yield process, told.read_text().split()[0]
+        finally:
+            process.terminate()
+            process.wait(timeout=60)
+
+
+def speed(playwright, chromium, camrig):
     """Frames per second at 752 x 480, and processor time per frame: told, as machines differ."""
-    with running([camrig, "rig", "view", "emulator:", *LOOK]) as (rig, url):
-        console = Console(browser, url)
-        console.until("picture.frame && state.frames > 50")
-        pids = [pid for pid in tree(os.getpid()) if pid not in (os.getpid(), rig.pid)]
-        spent = lambda: (processor_seconds(rig.pid), sum(processor_seconds(pid) for pid in pids))
-        count = lambda: (time.monotonic(), console.ask("[state.frames, state.late]"), spent())
-        console.ask("() => { window.shownFrames = 0; const show_ = showFrame; showFrame = (...a) => { window.shownFrames++; show_(...a); }; }")
-        begin, (frames, late), (own, other) = count()
-        console.view.wait_for_timeout(5000)
-        end, (frames2, late2), (own2, other2) = count()
-        shown, seconds, n = console.ask("window.shownFrames"), end - begin, frames2 - frames
-        print(f"752 x 480: {n / seconds:.1f} frames/s of the rig, {shown / seconds:.1f} shown, {late2 - late} late; processor time per frame: "
-              f"camrig {1e3 * (own2 - own) / n:.1f} ms, browser {1e3 * (other2 - other) / max(1, shown):.1f} ms")
-        console.view.close()
-        return console.wrong
+    with running([camrig, "rig", "view", "emulator:", *LOOK]) as (rig, url), untapped(chromium, url) as (own, port):
+        time.sleep(3)
+        spent = lambda: [processor_seconds(rig.pid), sum(processor_seconds(pid) for pid in tree(own.pid))]
+        before, begin = spent(), time.monotonic()
+        time.sleep(6)
+        seconds = time.monotonic() - begin
+        of_camrig, of_browser = [(b - a) / seconds for a, b in zip(before, spent())]
+        browser = playwright.chromium.connect_over_cdp(f"http://127.0.0.1:{port}")
+        texts = "['rate', 'shown', 'late'].map(id => document.getElementById(id).textContent)"
+        rate, shown, late = browser.contexts[0].pages[0].evaluate(texts)
+        rate, shown = float(rate.split()[0]), float(shown.split()[0])
+        print(f"752 x 480: {rate} frames/s of the rig, {shown} shown, {late} late; processor time per frame: "
+              f"camrig {1e3 * of_camrig / rate:.1f} ms, browser {1e3 * of_browser / shown:.1f} ms")
+        browser.close()
+        return [] if shown > 1 else ["the page does not keep up at all"]
 
 
 def hostile(browser, url):
@@ -385,8 +404,8 @@ def main(chromium, folder, camrig):
         with running([camrig, "rig", "view", "emulator:", *LOOK, "--exposure", "30ms"]) as (_, url):
             wrong += looks(browser, url, folder)
         wrong += unplugged(browser, camrig)
-        wrong += speed(browser, camrig)
         browser.close()
+        wrong += speed(playwright, chromium, camrig)
     for line in wrong:
         print("FAILED:", line)
     print(f"the console in Chromium: {len(wrong)} complaints")

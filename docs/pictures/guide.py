@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from make import save_with_palette
+from make import drawings
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
@@ -34,29 +34,32 @@ def run_chapter(name, work, until):
     return folder
 
 
-def keep_drawing(name, text, which=0):
-    """Keeps a drawing of a page, on white paper, so that it can be seen on a dark one."""
-    svg = re.findall(r"<svg.*?</svg>", text, re.S)[which]
-    paper = '<rect width="100%" height="100%" fill="#fff" stroke="none"/>'
-    svg = svg.replace('fill="currentColor"', 'fill="#222" color="#222"', 1)
-    (HERE / name).write_text(re.sub(r"(<svg[^>]*>)", rf"\1{paper}", svg, count=1) + "\n")
+def keep_drawing(name, page):
+    """Keeps the first drawing of a page."""
+    (HERE / name).write_text(drawings(page)[0] + "\n")
+
+
+def keep_picture(name, picture):
+    """Keeps a picture in 256 colours, without the dots of dithering."""
+    picture = picture.quantize(256, kmeans=1, dither=Image.Dither.NONE)
+    picture.save(HERE / name, optimize=True)
 
 
 def chart(work):
     folder = run_chapter("first-picture", work, "--preview")
-    picture = Image.open(folder / "chart.png")
+    picture = Image.open(folder / "chart.png").convert("RGB")
     picture.thumbnail((560, 420))
-    save_with_palette(picture, HERE / "chart.png")
+    keep_picture("chart.png", picture)
 
 
 def lens(work):
     folder = run_chapter("lens", work, "lens plot")
-    keep_drawing("lens-mtf.svg", (folder / "drawings/mtf.svg").read_text())
+    shutil.copy(folder / "drawings/mtf.svg", HERE / "lens-mtf.svg")
 
 
 def transfer(work):
     folder = run_chapter("sensor", work, "ptc.html")
-    keep_drawing("photon-transfer.svg", (folder / "ptc.html").read_text())
+    keep_drawing("photon-transfer.svg", folder / "ptc.html")
 
 
 def pixels(work):
@@ -65,12 +68,12 @@ def pixels(work):
     blocks = re.findall(r"```sh\n(.*?)```", (GUIDE / "many.md").read_text(), re.S)
     block = next(block for block in blocks if "pixels.toml" in block)
     subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=folder, check=True)
-    keep_drawing("pixel-size.svg", (folder / "pixels/figures.html").read_text())
+    keep_drawing("pixel-size.svg", folder / "pixels/figures.html")
 
 
 def diagnosis(work):
     folder = run_chapter("diagnose", work, "camrig diagnose camera.toml captures -o diagnosis")
-    keep_drawing("diagnosis.svg", (folder / "diagnosis/report.html").read_text())
+    keep_drawing("diagnosis.svg", folder / "diagnosis/report.html")
 
 
 def rig(work):
@@ -88,9 +91,7 @@ def rig(work):
             browser.close()
     finally:
         view.kill()
-    # Dithering would put dots into the dark page.
-    picture = Image.open(work / "view.png").convert("RGB")
-    picture.quantize(256, dither=Image.Dither.NONE).save(HERE / "rig-view.png", optimize=True)
+    keep_picture("rig-view.png", Image.open(work / "view.png").convert("RGB"))
 
 
 PICTURES = {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes opening.png, the picture at the head of the README, from outputs of camrig.
 
-    pip install numpy pillow scikit-image     # also needs camrig and chromium in the PATH
+    pip install numpy pillow playwright scikit-image   # camrig and chromium are in the PATH
     docs/pictures/make.py WORK-FOLDER
 
 The scene is "coffee" of scikit-image, a photograph by Rachel Michetti, courtesy of Pikolo Espresso
@@ -9,6 +9,7 @@ Bar, CC0. A photograph has no spectra: each pixel gets the smoothest one of its 
 """
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import skimage
 from PIL import Image
+from playwright.sync_api import sync_playwright
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
@@ -107,10 +109,27 @@ def measured_rows():
     return rows
 
 
-def plot(svg, view):
-    """A plot of camrig with letters that can be read when it is small, cut to its main part."""
-    svg = svg.replace('font-size="12"', 'font-size="17"')
-    return re.sub(r'viewBox="[^"]*" width="\d+" height="\d+"', f'viewBox="{view}"', svg, count=1)
+def drawings(page):
+    """The drawings of a page as files of their own, as the button of each saves it."""
+    found = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        view = browser.new_page()
+        view.goto(Path(page).resolve().as_uri())
+        for button in view.locator("figure.plot .tools button", has_text="SVG").all():
+            with view.expect_download() as download:
+                button.dispatch_event("click")
+            found.append(Path(download.value.path()).read_text())
+        browser.close()
+    return found
+
+
+def plot(svg, top):
+    """A drawing of camrig without its title and legend, which end at `top`, as wide as its place."""
+    width, height = re.search(r'viewBox="0 0 (\d+) (\d+)"', svg).groups()
+    place = f'viewBox="0 {top} {width} {int(height) - top}"'
+    return re.sub(r'viewBox="[^"]*" width="\d+" height="\d+"', place, svg, count=1)
 
 
 def save_with_palette(page, path):
@@ -139,13 +158,12 @@ def main():
     camrig("measure", "ptc", "captures", "--report", "ptc.html", "--force")
     write_raw_pictures()
     page = (HERE / "opening.html").read_text()
-    page = page.replace("{PSF}", plot((WORK / "drawings/psf.svg").read_text(), "0 34 470 385"))
-    transfer = re.search(r"<svg.*?</svg>", (WORK / "ptc.html").read_text(), re.S)[0]
-    page = page.replace("{TRANSFER}", plot(transfer, "0 24 640 394"))
+    page = page.replace("{PSF}", plot((WORK / "drawings/psf.svg").read_text(), 18))
+    page = page.replace("{TRANSFER}", plot(drawings(WORK / "ptc.html")[0], 18))
     page = page.replace("{MEASURED}", measured_rows())
     (WORK / "opening.html").write_text(page)
     subprocess.run(["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-                    "--window-size=920,484", "--force-device-scale-factor=1.5",
+                    "--window-size=920,600", "--force-device-scale-factor=1.5",
                     f"--screenshot={WORK / 'page.png'}",
                     (WORK / "opening.html").resolve().as_uri()],
                    check=True, timeout=120)

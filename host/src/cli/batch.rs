@@ -2,6 +2,7 @@
 
 use super::arguments::{device, progress};
 use camrig_base::Result;
+use camrig_base::numbers::counted;
 use camrig_batch::{self as batch, Dataset, Shard, Sweep};
 use camrig_optics::{DeviceChoice, content};
 use camrig_report::tradeoff;
@@ -109,7 +110,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             json!({ "pictures": total, "in_shard": in_part, "done": done, "complete": complete })
         );
     } else {
-        eprintln!("{total} pictures, {in_part} of them in shard {}; {done} are there", args.shard);
+        let total = counted(total as usize, "picture");
+        eprintln!("{total}, {in_part} of them in shard {}; {done} there", args.shard);
         if let (true, Some(directory)) = (complete, &args.output) {
             eprintln!("complete: {}", directory.join("manifest.jsonl").display());
             if let Some(page) = page {

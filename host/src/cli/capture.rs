@@ -3,6 +3,7 @@
 use super::arguments::{CameraArgs, arithmetic, broken_link, progress};
 use super::readout::ReadoutArgs;
 use camrig_base::Result;
+use camrig_base::numbers::counted;
 use camrig_capture::{plan, take};
 use camrig_render::Arithmetic;
 use std::path::PathBuf;
@@ -82,6 +83,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     take::take(&camera, &shots, &args.output, &options, || bar.inc(1))?;
     bar.finish_and_clear();
-    eprintln!("wrote {} frames in {} stacks to {}", total, shots.len(), args.output.display());
+    let (frames, stacks) = (counted(total as usize, "frame"), counted(shots.len(), "stack"));
+    eprintln!("wrote {frames} in {stacks} to {}", args.output.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -1,5 +1,6 @@
 //! `camrig rig`: talk to rigs, or be one.
 
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_render::Arithmetic;
 use camrig_rig::script::exposure_cut;
@@ -254,8 +255,11 @@ fn info(args: &InfoArgs) -> Result<()> {
         println!("effects      {}", effects.join(", "));
     }
     println!(
-        "since start  {} frames, {} packets, {} damaged, {} gaps",
-        s.frames, s.packets, s.damaged, s.gaps
+        "since start  {}, {}, {} damaged, {}",
+        counted(s.frames as usize, "frame"),
+        counted(s.packets as usize, "packet"),
+        s.damaged,
+        counted(s.gaps as usize, "gap")
     );
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `camrig scene`: the scenes there are, what they hold and look like, and the library.
 
 use super::{arguments, calibrate};
+use camrig_base::numbers::counted;
 use camrig_base::output;
 use camrig_base::output::OutputDir;
 use camrig_base::{Error, Result};
@@ -183,11 +184,11 @@ fn list(args: &ListArgs) -> Result<()> {
     say!("illuminants: {}, D4000K to D25000K, blackbody:KELVIN", Illuminant::names().join(", "));
     for (path, about) in stored {
         say!(
-            "{}: {} x {} pixels, {} bands, {}{}{}",
+            "{}: {} x {} pixels, {}, {}{}{}",
             path.display(),
             about.width,
             about.height,
-            about.bands,
+            counted(about.bands, "band"),
             about.quantity,
             if about.description.is_empty() { "" } else { "; " },
             about.description
@@ -226,7 +227,10 @@ fn info(args: &InfoArgs) -> Result<()> {
     let mut notes = scene.notes();
     let above = figures.iter().filter(|f| f.3 > 1.0).count();
     if scene.quantity() == Quantity::Reflectance && above > 0 {
-        notes.push(format!("reflectance above 1 in {above} bands: highlights, or a wrong scale"));
+        notes.push(format!(
+            "reflectance above 1 in {}: highlights, or a wrong scale",
+            counted(above, "band")
+        ));
     }
     if args.json {
         let per_band: Vec<_> = figures

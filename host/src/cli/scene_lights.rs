@@ -2,6 +2,7 @@
 
 use super::arguments::{duration, frames_per_s};
 use super::simulate::ViewArgs;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -152,13 +153,15 @@ impl SceneLights {
         let name = sequence.playback.name();
         if let Some(asked) = asked.filter(|asked| u64::from(*asked) > frames) {
             eprintln!(
-                "note: {name} has ended after {frames} of {asked} frames (--loop repeats it)"
+                "note: {name} has ended after {frames} of {} (--loop repeats it)",
+                counted(asked as usize, "frame")
             );
         }
         let skipped = sequence.playback.counts().skipped;
         if skipped > 0 {
             eprintln!(
-                "note: {skipped} frames of {name} are shown in none: the next was due already"
+                "note: shown in no frame: {} of {name}, as the next was due already",
+                counted(skipped as usize, "frame")
             );
         }
     }

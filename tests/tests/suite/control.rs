@@ -268,7 +268,7 @@ fn frames_are_saved_and_recorded_under_names_of_their_own() {
     page.set(json!({ "record": true }));
     page.until(|t| t["recording"]["frames"].as_u64() > Some(3));
     page.set(json!({ "record": false }));
-    let said = page.until_told("are recorded")["text"].as_str().unwrap().to_string();
+    let said = page.until_told(" recorded: ")["text"].as_str().unwrap().to_string();
     let count: usize = said.split(' ').next().unwrap().parse().unwrap();
     camrig_ok(dir.path(), "convert mt9v024-recording.mcap recorded.npy");
     let recorded = std::fs::read(dir.path().join("recorded.npy")).unwrap();

@@ -29,9 +29,31 @@ pub fn plain(value: f64) -> String {
     with_error(value, None)
 }
 
+/// A noun as it follows a count: `frame` after 1, `frames` after others. Only for nouns whose plural
+/// is regular.
+pub fn plural(count: usize, noun: &str) -> String {
+    match (count, noun.ends_with('s')) {
+        (1, _) => noun.to_owned(),
+        (_, true) => format!("{noun}es"),
+        (_, false) => format!("{noun}s"),
+    }
+}
+
+/// A count with its noun: `1 frame`, `2 frames`.
+pub fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {}", plural(count, noun))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_thing_has_no_plural() {
+        assert_eq!(counted(1, "frame"), "1 frame");
+        assert_eq!(counted(0, "frame"), "0 frames");
+        assert_eq!(counted(12, "lens"), "12 lenses");
+    }
 
     #[test]
     fn values_have_two_digits_of_their_error() {

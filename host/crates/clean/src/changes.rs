@@ -13,6 +13,7 @@ use super::hits::{FALSE_EVENTS, Search, stand_in};
 use super::scan::Scan;
 use super::transfer::Transfer;
 use camrig_base::Result;
+use camrig_base::numbers::counted;
 use camrig_base::tails;
 use camrig_captures::CaptureSet;
 
@@ -218,9 +219,10 @@ pub fn finding(
     let width = set.sensor.width;
     finding.pixels = pixels.iter().map(|p| [p % width, p / width]).take(MOST_PIXELS).collect();
     finding.amount(by, weight.sqrt().recip(), "DN").says(format!(
-        "{} pixels change by {by:.2} ± {:.2} DN{of_gain} together, from {} on (counted from 0): \
+        "{} {} by {by:.2} ± {:.2} DN{of_gain} together, from {} on (counted from 0): \
          damage, or a camera that changed, not noise. Their samples from there on are left out",
-        pixels.len(),
+        counted(pixels.len(), "pixel"),
+        if pixels.len() == 1 { "changes" } else { "change" },
         weight.sqrt().recip(),
         frames.join(", from "),
     ))

@@ -50,7 +50,7 @@ fn finding(
     finding.frames = copies.iter().map(|c| c.0).collect();
     let from = if of == capture { String::new() } else { format!(" of {}", id(of)) };
     finding.says(format!(
-        "{} of {total} frames are copies, the same bytes as frames of {}: frame {frame} is frame \
+        "copies in {} of {total} frames, the same bytes as frames of {}: frame {frame} is frame \
          {of_frame}{from}. Copies hold no noise of their own; take frames anew, or keep one of \
          each",
         copies.len(),

@@ -11,6 +11,7 @@ use super::finding::{Done, Finding, Kind, Rate, names};
 use super::hits::{Event, FALSE_EVENTS, Found};
 use super::scan::Scan;
 use super::transfer::Transfer;
+use camrig_base::numbers::counted;
 use camrig_base::tails;
 use camrig_captures::CaptureSet;
 use std::collections::BTreeMap;
@@ -126,11 +127,11 @@ pub fn finding(
     let error = rate.per_s_std_error.unwrap_or(rate.per_frame_std_error);
     let unit = if rate.per_s.is_some() { "1/s" } else { "1/frame" };
     finding.amount(value, error, unit).says(format!(
-        "{} events in a single frame each, as particles leave them (cosmic rays, radioactivity), \
-         {several} of them over several pixels, {samples} samples in {}; mean charge {}. Rate of \
-         all with more than {}, of which {share:.0} % are found: {}{cause}. Their samples are left \
-         out",
-        events.len(),
+        "{} in a single frame each, as particles leave them (cosmic rays, radioactivity), \
+         {several} of them over several pixels, {} in {}; mean charge {}. Rate of all with more \
+         than {}, of which {share:.0} % are found: {}{cause}. Their samples are left out",
+        counted(events.len(), "event"),
+        counted(samples, "sample"),
         names(&ids),
         electrons(charge),
         electrons(quietest),

@@ -115,8 +115,9 @@ impl System {
         let last = self.prescription.surfaces.len() - 1;
         self.prescription.surfaces[last].thickness += best.shift_mm;
         self.prescription.notes.push(format!(
-            "the sensor is {away:.6} mm farther from the lens than in the file: best MTF at \
-             {per_mm} cycles/mm on the axis ({:.4}, mean over the design wavelengths)",
+            "the sensor is {} the lens than in the file: best MTF at {per_mm} cycles/mm on the \
+             axis ({:.4}, mean over the design wavelengths)",
+            moved(away),
             best.mtf
         ));
         Ok(())
@@ -351,11 +352,16 @@ fn focus_at(prescription: &mut Prescription, designed: Object, distance_mm: f64)
     let last = prescription.surfaces.len() - 1;
     prescription.surfaces[last].thickness += shift_mm;
     prescription.notes.push(format!(
-        "focused at {distance_mm} mm: the sensor is {:.6} mm farther from the lens than in the \
-         file",
-        shift_mm * away
+        "focused at {distance_mm} mm: the sensor is {} the lens than in the file",
+        moved(shift_mm * away)
     ));
     Ok(())
+}
+
+/// By how much the sensor is away from where the file has it, in words before "the lens".
+fn moved(away_mm: f64) -> String {
+    let way = if away_mm < 0.0 { "nearer to" } else { "farther from" };
+    format!("{:.6} mm {way}", away_mm.abs())
 }
 
 /// Leaves out design wavelengths at which a glass has no data, with a note, as long as others

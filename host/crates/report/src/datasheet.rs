@@ -56,6 +56,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     }
     page.heading("Plots of the standard").grid(|page| emva::plots(page, &sheet.emva));
     page.heading("Further figures").rows(&emva::further(&sheet.emva.channels));
+    emva::further_remarks(&mut page, &sheet.emva);
     page.html()
 }
 

@@ -1,6 +1,7 @@
 //! Pages of measurements: figures with their standard errors, and the curves they come from.
 
-use super::numbers::{NOT_DETERMINED, amount, number, with_error};
+use super::emva::capitalised;
+use super::numbers::{NOT_DETERMINED, amount, counted, number, with_error};
 use super::page::{KeyFigure, Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
@@ -11,6 +12,8 @@ use camrig_measure::{mtf, ptc};
 const HIGHEST: f64 = 1.0;
 /// Height of the plot of a response over its largest value.
 const ABOVE: f64 = 1.1;
+/// Part of an edge's profile that is drawn, pixels to each side: beyond it is noise alone.
+const BESIDE_EDGE: f64 = 12.0;
 /// Standard errors that a band reaches on each side.
 const BAND: f64 = 2.0;
 
@@ -19,8 +22,8 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     let mut page = Page::new("Photon transfer");
     let s = &set.sensor;
     page.kind("Measurement").subtitle(&format!(
-        "{} captures of {} × {} pixels, {} bits, analog gain {}",
-        set.captures.len(),
+        "{} of {} × {} pixels, {} bits, analog gain {}",
+        counted(set.captures.len(), "capture"),
         s.width,
         s.height,
         s.bits,
@@ -38,7 +41,7 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
         card("Dark current", &all.dark_current_e_per_s, "e⁻/s"),
     ]);
     for note in &result.notes {
-        page.note(note);
+        page.note(&format!("{}.", capitalised(note)));
     }
     page.heading("Photon transfer").evidence(
         |page| {
@@ -63,7 +66,7 @@ fn transfer(result: &ptc::Ptc) -> Plot {
         };
         let (name, colour) = (&channel.channel, Colour::of_channel(&channel.channel));
         let points: Vec<[f64; 3]> = of(true).collect();
-        plot.with_errors(&channel_name(name), Mark::Points, colour, &points);
+        plot.with_errors(&capitalised(name), Mark::Points, colour, &points);
         left_out.extend(of(false).map(|p| [p[0], p[1]]));
     }
     let rest = if left_out.is_empty() { "" } else { " Rings: not in the fit." };
@@ -72,12 +75,6 @@ fn transfer(result: &ptc::Ptc) -> Plot {
     }
     plot.note(&format!("A dot per capture with a bar of one standard error.{rest}"));
     plot
-}
-
-/// A channel's name as catalogues write it.
-fn channel_name(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
 /// Takes a figure from all of a channel or of the sensor.
@@ -106,7 +103,7 @@ fn figures(result: &ptc::Ptc) -> Table {
     let mut heads = vec!["all".to_owned()];
     let mut columns = vec![&result.figures];
     if result.channels.len() > 1 {
-        heads.extend(result.channels.iter().map(|c| channel_name(&c.channel)));
+        heads.extend(result.channels.iter().map(|c| capitalised(&c.channel)));
         columns.extend(result.channels.iter().map(|c| &c.figures));
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
@@ -188,15 +185,15 @@ fn names(edges: &[mtf::Edge]) -> Vec<String> {
     }
     let number = |roi| regions.iter().position(|r| *r == roi).map_or(0, |i| i + 1);
     let name = |edge: &mtf::Edge| match regions.len() {
-        1 => channel_name(&edge.channel),
-        _ => format!("{} {}", channel_name(&edge.channel), number(edge.roi)),
+        1 => capitalised(&edge.channel),
+        _ => format!("{} {}", capitalised(&edge.channel), number(edge.roi)),
     };
     edges.iter().map(name).collect()
 }
 
 fn card(edge: &mtf::Edge, pitch_um: Option<f64>) -> KeyFigure {
     let (value, error) = (edge.mtf50_cycles_per_pixel, edge.mtf50_std_error);
-    let name = format!("MTF50, {}", channel_name(&edge.channel));
+    let name = format!("MTF50, {}", capitalised(&edge.channel));
     let card = KeyFigure::new(&name, &amount(value, Some(error), "cycles/pixel"));
     match pitch_um.map(|p| 1e3 / p) {
         Some(per_mm) => card.below(&amount(per_mm * value, Some(per_mm * error), "cycles/mm")),
@@ -241,6 +238,7 @@ fn spread(edges: &[mtf::Edge]) -> Plot {
         let colour = Colour::of_channel(&edge.channel);
         plot.series(&name, Mark::Line, colour, edge.spread.clone());
     }
+    plot.x_range(-BESIDE_EDGE, BESIDE_EDGE);
     plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
     plot
 }

@@ -7,6 +7,8 @@
 //! assert_eq!(number(-28_075.2), "−28\u{202f}075");
 //! ```
 
+use camrig_base::numbers::plural;
+
 /// What stands for a figure that the captures do not determine.
 pub const NOT_DETERMINED: &str = "not determined";
 /// Significant digits of a value without an error.
@@ -65,6 +67,11 @@ pub fn fixed(value: f64, decimals: usize) -> String {
 /// A count, in full.
 pub fn count(value: u64) -> String {
     grouped(&value.to_string())
+}
+
+/// A count, in full, with its noun: `1 frame`, `12\u{202f}000 frames`.
+pub fn counted(value: usize, noun: &str) -> String {
+    format!("{} {}", count(value as u64), plural(value, noun))
 }
 
 /// A value and its standard error: two digits of the error, the value to the same place. Without

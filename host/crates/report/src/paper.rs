@@ -37,7 +37,7 @@ pub fn page(
 ) -> Result<String> {
     let mut page = Page::new("Section VI of Chen et al. 2009, repeated");
     let captured = sides[0].figures;
-    page.paragraph(
+    page.kind("Validation").paragraph(
         "A ColorChecker and a slanted edge under D65 at two light levels (300 lx and 10 lx in the \
          paper). The paper compares frames of a real module with simulated ones and finds four \
          differences; each is below, first against the model, then against the model with its \
@@ -67,15 +67,34 @@ pub fn page(
             light.analog_gain
         );
         let mut plot = scatter_plot(sides, level);
-        page.plot(plot.note(&caption)).rows(&table(sides, level));
+        page.evidence(
+            |page| {
+                page.plot(plot.note(&caption));
+            },
+            |page| {
+                page.rows(&table(sides, level));
+            },
+        );
     }
-    page.heading(&format!("Green along row {}, {bright} (Fig. 9)", captured.row));
+    page.heading(&format!("Green along row {}, {bright} (Fig. 9)", captured.row)).grid(|page| {
+        page.plot(&profile(sides)).plot(&displacement(sides));
+    });
+    pictures(&mut page, sides, info, [&bright, &dim])?;
+    page.heading("The causes");
+    page.verbatim(causes);
+    Ok(page.html())
+}
+
+fn profile(sides: &[Side<'_>]) -> Plot {
     let mut plot = Plot::new("Profile", "column, pixels", "level above black, DN");
     plot.note("One frame, one row, no smoothing.");
     for (side, colour) in sides.iter().zip(COLOURS) {
         plot.series(side.name, Mark::Line, colour, side.figures.profile.points.clone());
     }
-    page.plot(&plot);
+    plot
+}
+
+fn displacement(sides: &[Side<'_>]) -> Plot {
     let mut plot =
         Plot::new("Where edges lie along the row", "column, pixels", "captured − model, pixels");
     plot.note("Displacement by correlation: size of the image and distortion.");
@@ -83,11 +102,7 @@ pub fn page(
         let points = side.differences.map(|d| d.displacements_px.clone()).unwrap_or_default();
         plot.series(side.name, Mark::Points, colour, points);
     }
-    page.plot(&plot);
-    pictures(&mut page, sides, info, [&bright, &dim])?;
-    page.heading("The causes");
-    page.verbatim(causes);
-    Ok(page.html())
+    plot
 }
 
 fn headings<'a>(sides: &[Side<'a>]) -> Vec<&'a str> {
@@ -109,7 +124,7 @@ fn difference_rows(sides: &[Side<'_>], levels: &[Level; 2]) -> Vec<Vec<String>> 
         }
     };
     vec![
-        row("MTF50 of the edge", &|d| format!("{:+.1} %", d.mtf50_percent)),
+        row("MTF50 of the edge", &|d| format!("{} %", signed(d.mtf50_percent, 1))),
         row("MTF at Nyquist, model and captured", &|d| {
             format!("{:.3}, {:.3}", d.mtf_at_nyquist[0], d.mtf_at_nyquist[1])
         }),
@@ -118,12 +133,17 @@ fn difference_rows(sides: &[Side<'_>], levels: &[Level; 2]) -> Vec<Vec<String>> 
         row("brightness, all patches", &|d| format!("{:.3}", d.brightness_ratio)),
         row("correlation of the rows", &|d| format!("{:.5}", d.profile_correlation)),
         row("image displaced at the frame's side", &|d| {
-            format!("{:+.2} pixels", d.displacement_at_edge_px)
+            format!("{} pixels", signed(d.displacement_at_edge_px, 2))
         }),
         row("defects per million in dim light, model and captured", &|d| {
             format!("{:.0}, {:.0}", d.defects_per_million[0], d.defects_per_million[1])
         }),
     ]
+}
+
+/// A difference, with its sign.
+fn signed(value: f64, decimals: usize) -> String {
+    format!("{}{}", if value > 0.0 { "+" } else { "" }, fixed(value, decimals))
 }
 
 fn scatter_plot(sides: &[Side<'_>], level: usize) -> Plot {
@@ -145,8 +165,7 @@ fn table(sides: &[Side<'_>], level: usize) -> Table {
         for side in &sides[1..] {
             let own = side.figures.table[level][i].std_dn;
             let off = 100.0 * (c.std_dn / own - 1.0);
-            let plus = if off > 0.0 { "+" } else { "" };
-            cells.push(format!("{} ({plus}{} %)", number(own), fixed(off, 1)));
+            cells.push(format!("{} ({} %)", number(own), signed(off, 1)));
         }
         table.row(cells);
     }

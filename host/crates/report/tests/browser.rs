@@ -140,6 +140,15 @@ fn figures_of_merit() -> Table {
     table
 }
 
+/// A table that is too wide for a phone, with names too long to stand above its values.
+fn settings() -> Table {
+    let heads = ["Light for SNR 10, lx", "MTF50 on the sensor, cycles/mm", "Dynamic range, dB"];
+    let mut table = Table::new(&["setting"]).numbers(&heads);
+    table.row(vec!["f/1.4, 4\u{a0}µm".into(), number(20.8), number(146.0), number(62.1)]);
+    table.row(vec!["f/5.6, 4\u{a0}µm".into(), number(294.0), number(90.2), number(62.1)]);
+    table
+}
+
 /// Everything that pages are made of.
 fn gallery() -> String {
     let mut page = Page::new("Every part of a page");
@@ -175,6 +184,7 @@ fn gallery() -> String {
         },
     );
     page.heading("Small multiples").small_multiples(multiples);
+    page.rows(&settings());
     page.folded("Camera file", |page| {
         page.verbatim("[sensor]\nread_noise = 1e-3");
     });
@@ -236,14 +246,23 @@ fn pages_of_real_measurements_hold_in_browsers() {
 
 #[test]
 fn the_checks_find_what_is_wrong() {
+    let wide = "<div class=\"scroll\"><p style=\"width:3000px;max-width:none\">wide</p></div>";
     let broken = gallery()
         .replacen("<main>", "<main><p style=\"font-size:9px\">3e-5</p><img src=\"data:,\">", 1)
+        .replacen("<main>", &format!("<main>{wide}"), 1)
         .replacen(">signal above dark, DN</text>", "></text>", 1)
         .replacen("</body>", "<script>throw Error('x')</script></body>", 1);
     for browser in browser::installed() {
         let found = browser.complaints(&[("broken", broken.clone())]).unwrap().join("\n");
-        for words in ["small, 9px", "power of ten", "without words", "without a name", "script: "]
-        {
+        let all = [
+            "small, 9px",
+            "power of ten",
+            "without words",
+            "without a name",
+            "script: ",
+            "a table is 3000 px wide",
+        ];
+        for words in all {
             assert!(found.contains(words), "{words}: {found}");
         }
     }

@@ -12,6 +12,7 @@
 use super::resample::resample;
 use super::selection::{Arranged, Stated, arrange};
 use super::{Grid, Quantity, Scene, White};
+use camrig_base::numbers::counted;
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -180,8 +181,9 @@ impl Cube {
         let samples: usize = clipped.values().map(|(count, _)| count).sum();
         let least = clipped.values().fold(0.0f32, |m, (_, least)| m.min(*least));
         (samples > 0).then(|| {
-            let bands = clipped.len();
-            format!("{samples} negative samples in {bands} bands, down to {least}, are taken as 0")
+            let (samples, bands) =
+                (counted(samples, "negative sample"), counted(clipped.len(), "band"));
+            format!("taken as 0: {samples} in {bands}, down to {least}")
         })
     }
 
@@ -390,7 +392,7 @@ mod tests {
         dark.band(2).unwrap();
         let notes = dark.notes();
         assert!(
-            notes[0].starts_with("1 negative samples in 1 bands, down to -0.003"),
+            notes[0].starts_with("taken as 0: 1 negative sample in 1 band, down to -0.003"),
             "{notes:?}"
         );
         // Far below zero only if asked for.

@@ -2,6 +2,7 @@
 //! unit that its file states by a gain and an offset.
 
 use super::cube::BandSource;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 
 /// What a file says of its bands beside their samples.
@@ -126,8 +127,8 @@ pub fn arrange(
         &format!("they lie outside {} to {} nm", usable_nm.start(), usable_nm.end()),
     );
     if kept.len() < all {
-        let more = all - kept.len();
-        notes.push(format!("{more} bands repeat the wavelength of another and are left out"));
+        let more = counted(all - kept.len(), "band");
+        notes.push(format!("left out: {more} of the wavelength of another"));
     }
     if let Some(value) = stated.ignored {
         notes.push(format!("samples of {value} (no data) are taken as black"));

@@ -15,6 +15,7 @@
 use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::selection::Stated;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use serde::Deserialize;
 use std::path::Path;
@@ -111,7 +112,10 @@ impl Sidecar {
         notes.extend(assumed);
         let (least, most) =
             nm.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &nm| (a.min(nm), b.max(nm)));
-        understood.push(format!("{width} x {height} pixels, {bands} bands, {least} to {most} nm"));
+        understood.push(format!(
+            "{width} x {height} pixels, {}, {least} to {most} nm",
+            counted(bands, "band")
+        ));
         if let Some(scale) = self.scale {
             understood.push(format!("samples times {scale}, as asked for"));
         }

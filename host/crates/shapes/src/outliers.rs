@@ -4,6 +4,7 @@
 use crate::seen::Seen;
 use crate::view::{View, change_mean, channel_medians, gain, robust_sd};
 use crate::{FALSE_ALARMS, Shape, shapes};
+use camrig_base::numbers::counted;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
@@ -171,10 +172,10 @@ impl Shape for Outliers {
             description: format!(
                 "outlying pixels of the offset, which grow with neither exposure nor light and are \
                  no noisier than others: a fraction {} of all pixels, {} e⁻ in the mean by an \
-                 exponential law ({} pixels stand out by more than {:.1} e⁻{below})",
+                 exponential law ({} beyond {:.1} e⁻{below})",
                 number(self.fraction),
                 number(self.mean_e),
-                self.offsets.len(),
+                counted(self.offsets.len(), "pixel"),
                 self.least_e,
             ),
         }]

@@ -2,6 +2,7 @@
 
 use super::{Output, Source};
 use camrig_base::Cfa;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 use camrig_calibrate::files::{HdrFile, ResponseFile};
 use camrig_calibrate::hdr;
@@ -67,9 +68,9 @@ pub fn hdr(args: &HdrArgs) -> Result<()> {
         println!("{}", json!(about));
     } else {
         println!(
-            "{}: {} exposures, {:.1} dB; noise {:.3} DN²/DN, {:.2} DN² read",
+            "{}: {}, {:.1} dB; noise {:.3} DN²/DN, {:.2} DN² read",
             about.view,
-            about.exposures.len(),
+            counted(about.exposures.len(), "exposure"),
             about.dynamic_range_db,
             about.noise_gain_dn,
             about.noise_read_dn2

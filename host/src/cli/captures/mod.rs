@@ -3,6 +3,7 @@
 mod new;
 
 use super::diagnose::looking;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
 use camrig_clean::{Cleaned, Finding};
@@ -76,10 +77,9 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
         let captures = looked.set().captures.len();
         let what = match found.len() {
             0 => "nothing found".to_string(),
-            1 => "1 finding".to_string(),
-            n => format!("{n} findings"),
+            n => counted(n, "finding"),
         };
-        println!("{captures} captures, {frames} frames: {what}");
+        println!("{}, {}: {what}", counted(captures, "capture"), counted(frames, "frame"));
     }
     Ok(if found.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

@@ -2,6 +2,7 @@
 
 use super::LensArgs;
 use crate::cli::arguments;
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_lens::tolerance::{self, Contrast, PERCENTILES, Plan, Report, Spread, Tolerances};
 use serde_json::{Value, json};
@@ -126,7 +127,8 @@ fn object(plan: &Plan, report: &Report) -> Value {
 
 fn print(plan: &Plan, report: &Report) {
     let focus = if plan.refocus { ", each focused again" } else { "" };
-    println!("{} lenses{focus}; MTF50 in cycles/mm, T radial, S across", plan.lenses);
+    let lenses = counted(plan.lenses, "lens");
+    println!("{lenses}{focus}; MTF50 in cycles/mm, T radial, S across");
     let head: String = PERCENTILES.iter().map(|p| format!("{:>9}", format!("{p} %"))).collect();
     println!("{:>9}   {:>9}{head}", "field deg", "nominal");
     for field in &report.fields {

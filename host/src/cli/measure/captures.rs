@@ -1,6 +1,7 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
 use super::{PageArgs, dark, object, plus_minus, to_json};
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::{Value, compare, emva, gains, ptc, rates};
@@ -190,7 +191,8 @@ pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
                 r.z
             );
         }
-        println!("{} statistics, mean square z {gap:.2}, largest {worst:.1}", rows.len());
+        let rows = counted(rows.len(), "statistic");
+        println!("{rows}, mean square z {gap:.2}, largest {worst:.1}");
     }
     Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }

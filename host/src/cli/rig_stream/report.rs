@@ -2,6 +2,7 @@
 
 use super::Args;
 use super::pace::{FrameTime, Pace};
+use camrig_base::numbers::counted;
 use camrig_base::output::LiveOutput;
 use camrig_rig::{Rig, RigFrame};
 use camrig_rig_link::message::{Exposure, Fault};
@@ -120,7 +121,10 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
     }
     let rate = |bytes: u64| bytes as f64 / seconds / 1e6;
     let mut lines = vec![
-        format!("{} frames in {seconds:.2} s: {fps:.2} frames/s", pace.frames()),
+        format!(
+            "{} in {seconds:.2} s: {fps:.2} frames/s",
+            counted(pace.frames() as usize, "frame")
+        ),
         format!("latency p50 {p50:.1} ms, p99 {p99:.1} ms, largest {max:.1} ms"),
         format!("sent {:.3} MB/s, received {:.3} MB/s", rate(sent), rate(received)),
     ];
@@ -128,7 +132,8 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
         lines.push(format!("repairs: {repairs}"));
     }
     if dropped > 0 {
-        lines.push(format!("{dropped} frames were dropped, as the rig's fault register asked"));
+        let dropped = counted(dropped as usize, "frame");
+        lines.push(format!("dropped {dropped}, as the rig's fault register asked"));
     }
     let text = lines.join("\n");
     match args.output.as_deref().is_some_and(LiveOutput::is_stdout) {

@@ -4,6 +4,7 @@ use super::{Args, files};
 use crate::cli::rig_stream::output::Output;
 use crate::view::{Recording, Shared};
 use camrig_base::Result;
+use camrig_base::numbers::counted;
 use camrig_camera::Camera;
 use camrig_render::SimulatedSensor;
 use camrig_rig::RigFrame;
@@ -52,7 +53,8 @@ impl<'a> Recorder<'a> {
         let finished = output.finish();
         let (frames, path) = (output.count(), output.path().display());
         self.shared.change(|state| match finished {
-            Ok(()) => state.note("page", format!("{frames} frames are recorded: {path}")),
+            Ok(()) => state
+                .note("page", format!("{} recorded: {path}", counted(frames as usize, "frame"))),
             Err(error) => state.fault("page", &error),
         });
         self.tell();

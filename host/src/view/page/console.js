@@ -3,8 +3,8 @@
 let state = null;
 /** A frame that came and is not drawn yet. */
 let waitingFrame = null;
-/** Figures and plots are drawn at most this often, ms. */
-const FIGURES_PAUSE = 100;
+/** Figures and plots are drawn at most this often, ms: they take as long as a picture, and eyes read five in a second. */
+const FIGURES_PAUSE = 200;
 let measuredAt = -Infinity;
 /** When frames were shown, for their rate. */
 const shownAt = [];
@@ -36,21 +36,32 @@ function showBar() {
   say("record", recording ? `Recording ${whole(recording.frames)}` : "Record");
 }
 
+function channelRow(name, width) {
+  const swatch = element("i", { class: "swatch" });
+  swatch.style.background = `var(${channelVariable(name)})`;
+  const cells = Array.from({ length: width }, () => element("td"));
+  return element("tr", {}, element("th", {}, swatch, name), ...cells);
+}
+
+/** Fills a table: a row per channel, with its name and its texts. Rows are made anew only for other channels. */
+function fillTable(id, rows) {
+  const body = document.querySelector(`${id} tbody`), names = rows.map(([name]) => name).join();
+  if (body.dataset.names !== names) {
+    body.dataset.names = names;
+    body.replaceChildren(...rows.map(([name, ...texts]) => channelRow(name, texts.length)));
+  }
+  rows.forEach(([, ...texts], i) => texts.forEach((text, k) => say(body.children[i].children[k + 1], text)));
+  return body;
+}
+
 /** The table per channel, the shares of clipped samples, the region's figures. */
 function showFigures() {
   const { frame } = picture;
   const figures = statistics(frame), noises = noiseOf(frame);
-  const swatch = name => {
-    const made = element("i", { class: "swatch" });
-    made.style.background = colourOf(name);
-    return made;
-  };
-  const rows = (id, cells) => document.querySelector(`${id} tbody`).replaceChildren(...figures.map((of, c) =>
-    element("tr", {}, element("th", {}, swatch(of.name), of.name), ...cells(of, c))));
-  const cell = (text, hot) => element("td", hot ? { class: "hot" } : {}, text);
-  rows("#channels", (of, c) => [
-    cell((of.mean - frame.black).toFixed(1).replace("-", "−")),
-    cell(noises[c] === null ? "–" : noises[c].toFixed(2)), cell(percent(of.white), of.white > 0.01)]);
+  const body = fillTable("#channels", figures.map((of, c) => [
+    of.name, (of.mean - frame.black).toFixed(1).replace("-", "−"),
+    noises[c] === null ? "–" : noises[c].toFixed(2), percent(of.white)]));
+  figures.forEach((of, c) => body.children[c].lastChild.classList.toggle("hot", of.white > 0.01));
   say("channels-note", `Mean above black ${+frame.black.toFixed(2)}; temporal noise over ${noise.frames} frames.`
     + (frame.injected ? ` Of this frame ${frame.injected}.` : ""));
   const total = figures.reduce((s, of) => s + of.n, 0);
@@ -61,19 +72,18 @@ function showFigures() {
   at("noise-scale").hidden = picture.mode !== "noise";
   say("noise-scale", picture.noiseWhite === null ? "noise map: two frames are needed"
     : `noise map: black 0, white ${picture.noiseWhite.toFixed(2)} DN`);
-  showRegion(frame, cell, swatch);
+  showRegion(frame);
 }
 
-function showRegion(frame, cell, swatch) {
+function showRegion(frame) {
   const { region, selecting } = picture;
   at("region-figures").hidden = !selecting;
   if (!selecting) return;
   say("region-place", region ? `x ${region.x}, y ${region.y}, ${region.width} × ${region.height} samples`
     : "draw it over the picture");
   const figures = region ? statistics(frame, region) : [];
-  document.querySelector("#region-figures tbody").replaceChildren(...figures.filter(of => of.n).map(of =>
-    element("tr", {}, element("th", {}, swatch(of.name), of.name), cell(of.mean.toFixed(2)),
-      cell(of.deviation.toFixed(2)), cell(whole(of.n)))));
+  fillTable("#region-figures", figures.filter(of => of.n).map(of =>
+    [of.name, of.mean.toFixed(2), of.deviation.toFixed(2), whole(of.n)]));
 }
 
 /** Figures and plots of what is shown. */

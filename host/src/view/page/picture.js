@@ -6,6 +6,8 @@ const picture = {
 };
 const stage = at("stage");
 const developed = document.createElement("canvas");
+/** Pixels of the developed picture, kept while its size is the same. */
+let pixelsOf = null;
 
 /** The scale (canvas pixels per sample) and the place of sample 0, 0 on the canvas. */
 function placement() {
@@ -54,8 +56,9 @@ function drawPicture() {
   const rect = visible(place, step);
   const [width, height] = [Math.ceil(rect.width / step), Math.ceil(rect.height / step)];
   if (developed.width !== width || developed.height !== height) Object.assign(developed, { width, height });
-  const small = developed.getContext("2d"), image = small.createImageData(width, height);
-  const pixels = new Uint32Array(image.data.buffer);
+  const small = developed.getContext("2d");
+  if (!pixelsOf || pixelsOf.width !== width || pixelsOf.height !== height) pixelsOf = small.createImageData(width, height);
+  const pixels = new Uint32Array(pixelsOf.data.buffer);
   if (mode === "noise") {
     drawNoise(frame, rect, step, picture.noiseWhite || Infinity, pixels);
   } else {
@@ -63,7 +66,7 @@ function drawPicture() {
     if (step === 1) developFine(frame, rect, factor, picture.clipping, pixels);
     else developCoarse(frame, rect, step, factor, picture.clipping, pixels);
   }
-  small.putImageData(image, 0, 0);
+  small.putImageData(pixelsOf, 0, 0);
   const g = stage.getContext("2d");
   g.fillStyle = "#000";
   g.fillRect(0, 0, stage.width, stage.height);

@@ -33,7 +33,8 @@ function makeFrame(about, samples) {
   };
 }
 
-const colourOf = name => css(CHANNEL_COLOUR[name] || "--other");
+const channelVariable = name => CHANNEL_COLOUR[name] || "--other";
+const colourOf = name => css(channelVariable(name));
 
 /**
  * Visits the samples of a rectangle channel by channel: `visit(channel, first, end)` is given the places of the samples

@@ -13,6 +13,7 @@ use crate::search::forward;
 use crate::search::run::Outcome;
 use crate::search::session::{Session, State};
 use crate::statistics::statistic::{Key, Place, What};
+use camrig_base::numbers::counted;
 use camrig_clean::Kind;
 use std::collections::BTreeMap;
 
@@ -105,10 +106,10 @@ fn below_quantisation(session: &Session, state: &State) -> Option<String> {
     (!keys.is_empty()).then(|| {
         format!(
             "the model's read noise is below quantisation: its samples never change in {}, those \
-             of the captures do, in {} statistics that no standard deviation can be given for; \
+             of the captures do, in {} that no standard deviation can be given for; \
              read_e is larger than the camera file's, or brighter darks are needed to tell",
             places.join(", "),
-            keys.len(),
+            counted(keys.len(), "statistic"),
         )
     })
 }

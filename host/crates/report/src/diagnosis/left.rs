@@ -1,7 +1,7 @@
 //! What a diagnosis leaves, and what the captures hold beside the sensor.
 
 use super::words::{kind, number_word, printed};
-use crate::numbers::{amount, count, digits, fixed, number};
+use crate::numbers::{amount, count, counted, digits, fixed, number};
 use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot};
 use camrig_diagnose::report::{Finding, Measures, Report};
@@ -39,9 +39,10 @@ pub fn section(page: &mut Page, session: &Session, outcome: &Outcome, found: &Re
             });
             let far = after.iter().filter(|z| **z > FAR).count();
             page.paragraph(&format!(
-                "Of {} statistics of the held-out frames, {far} lie beyond {FAR} standard \
-                 deviations; chance alone gives {}. The largest is {}.",
-                count(after.len() as u64),
+                "Of {} of the held-out frames, {far} {} beyond {FAR} standard deviations; chance \
+                 alone gives {}. The largest is {}.",
+                counted(after.len(), "statistic"),
+                if far == 1 { "lies" } else { "lie" },
                 digits(BY_CHANCE * after.len() as f64, 2),
                 after.last().map_or_else(String::new, |z| digits(*z, 2)),
             ));

@@ -6,7 +6,7 @@ mod pictures;
 mod words;
 
 use self::pictures::{Maps, Picture};
-use super::numbers::{count, fixed, number};
+use super::numbers::{counted, fixed, number};
 use super::page::{KeyFigure, Page, Table, Tone};
 use super::plot::{Colour, Mark, Plot, Size};
 use camrig_base::Result;
@@ -80,7 +80,7 @@ pub fn page(
             .paragraph("Written to camera-improved.toml; what was added or changed:")
             .verbatim(added),
     };
-    page.folded("The whole file", |page| {
+    page.folded_on_screen("The whole file", |page| {
         page.verbatim(improved);
     });
     Ok(page.html())
@@ -106,7 +106,8 @@ fn subtitle(session: &Session) -> String {
         session.fit.stacks.first().map_or_else(String::new, |s| {
             format!(" of {} × {} pixels", s.mean.width, s.mean.height)
         });
-    format!("{} frames{size} in {} captures", count(frames as u64), captures.len())
+    let captures = counted(captures.len(), "capture");
+    format!("{}{size} in {captures}", counted(frames, "frame"))
 }
 
 fn verdict(verdict: Verdict) -> (Tone, &'static str) {
@@ -251,10 +252,11 @@ fn effect(
         amounts(page, step);
         evidence(page);
     };
+    let proposed = || pictures::proposed(step.shown.as_ref()?, maps.sides());
     page.together(|page| {
         page.heading(&format!("{number} · {}", words::name(step)));
         page.paragraph(&words::sentence(step));
-        match of_search.and_then(|s| maps.picture(s)) {
+        match of_search.and_then(|s| maps.picture(s)).or_else(proposed) {
             Some(Picture::Maps(plots)) => {
                 page.grid(|page| {
                     for plot in plots.iter() {
@@ -324,7 +326,8 @@ fn place(session: &Session, key: Key) -> String {
 /// All candidates of the round.
 fn candidates(page: &mut Page, step: &Step) {
     let all = std::iter::once(&step.trial).chain(&step.others);
-    page.folded(&format!("{} candidates compared", step.others.len() + 1), |page| {
+    let compared = counted(step.others.len() + 1, "candidate");
+    page.folded(&format!("{compared} compared"), |page| {
         let mut table =
             Table::new(&["candidate"]).numbers(&["gain, fit", "gain, held out", "gap left"]);
         table.rows(all.map(|t| {

@@ -6,6 +6,7 @@ use super::words;
 use crate::plot::{Colour, Mark, Plot, Size, triple};
 use camrig_base::{Plane, Result};
 use camrig_diagnose::model::effects::dn_per_e;
+use camrig_diagnose::report::Shown;
 use camrig_diagnose::search::forward::{Observed, Step};
 use camrig_diagnose::search::{Outcome, Session};
 use camrig_diagnose::statistics::maps::{Map, MapKind, reference_dark};
@@ -22,10 +23,16 @@ const POINTS: usize = 120;
 const BEGIN: f64 = 0.5;
 /// Height of the frame around rows of points, and of a row, px; the range of the whole.
 const FRAME: f64 = 112.0;
-const ROW: f64 = 20.0;
+const ROW: f64 = 16.0;
 const HEIGHTS: [f64; 2] = [200.0, 520.0];
 /// Largest value over smallest from which an axis is logarithmic.
 const WIDE: f64 = 30.0;
+
+/// Broadest over narrowest gap up to which places along a curve are even steps.
+const EVEN: f64 = 3.0;
+/// Titles of what the models leave of a map.
+const LESS_GIVEN: &str = "Measured less the model as given";
+const LESS_IMPROVED: &str = "Measured less the improved model";
 
 /// Maps of the held-out frames, and of replicates of the model before and after.
 pub struct Maps<'a> {
@@ -59,6 +66,11 @@ impl<'a> Maps<'a> {
             before: session.replicated_maps(&outcome.before.camera)?,
             after: session.replicated_maps(&outcome.after.camera)?,
         })
+    }
+
+    /// Columns and rows of the frames.
+    pub fn sides(&self) -> [usize; 2] {
+        self.session.fit.stacks.first().map_or([0, 0], |s| [s.mean.width, s.mean.height])
     }
 
     /// Where the effect of a step is visible.
@@ -159,6 +171,47 @@ impl<'a> Maps<'a> {
     }
 }
 
+/// What was proposed, as the report has it: its curve, or its map over a sensor of some columns and
+/// rows, in the frames to fit and in both models.
+pub fn proposed(shown: &Shown, [width, height]: [usize; 2]) -> Option<Picture> {
+    let values = [&shown.measured, &shown.model_before, &shown.model_after]
+        .map(|all| all.iter().map(|v| v.unwrap_or(f64::NAN)).collect::<Vec<f64>>());
+    let Some(columns) = shown.columns else {
+        return Some(Picture::Plot(Box::new(curve(shown, values))));
+    };
+    let rows = values[0].len().checked_div(columns)?;
+    let [measured, before, after] =
+        values.map(|data| Plane { width: columns, height: rows, data });
+    let (name, unit) = shown.y.rsplit_once(", ").unwrap_or((&shown.y, ""));
+    let title = crate::emva::capitalised(name);
+    let titles = [&title[..], LESS_GIVEN, LESS_IMPROVED];
+    let ranges = [width, height].map(|n| [0.0, n as f64]);
+    let names = ["column", "row"];
+    let mut plots = triple(titles, [&measured, &before, &after], names, ranges, unit);
+    plots[0].note("Frames to fit, means of cells.");
+    Some(Picture::Maps(Box::new(plots)))
+}
+
+/// Measured values along a curve, beside both models.
+fn curve(shown: &Shown, [measured, before, after]: [Vec<f64>; 3]) -> Plot {
+    let name = |words: &str| words.split(", ").next().unwrap_or(words).to_owned();
+    let title = crate::emva::capitalised(&format!("{} over {}", name(&shown.y), name(&shown.x)));
+    let mut plot = Plot::new(&title, &shown.x, &shown.y);
+    let [low, high] = ends(&shown.at);
+    let gaps: Vec<f64> = shown.at.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let [narrow, broad] = ends(&gaps);
+    // Columns and phases are even steps; light levels are not.
+    if low > 0.0 && high > WIDE * low && broad > EVEN * narrow {
+        plot.log_x();
+    }
+    let points = |values: Vec<f64>| shown.at.iter().zip(values).map(|(x, y)| [*x, y]).collect();
+    plot.series("measured", Mark::Points, Colour::Measured, points(measured));
+    plot.series("model as given", Mark::Dashed, Colour::Given, points(before));
+    plot.series("improved", Mark::Line, Colour::Improved, points(after));
+    plot.note("Frames to fit, and the same of frames simulated by either model.");
+    plot
+}
+
 fn of_map(planes: &Planes, what: What) -> Picture {
     let plot = match what {
         What::ColumnPattern
@@ -185,8 +238,7 @@ fn maps(planes: &Planes) -> [Plot; 3] {
     let side = width.div_ceil(CELLS).next_multiple_of(2);
     let cells = planes.all.each_ref().map(|plane| in_cells(plane, side));
     let name = crate::emva::capitalised(planes.name);
-    let titles =
-        [&name[..], "Measured less the model as given", "Measured less the improved model"];
+    let titles = [&name[..], LESS_GIVEN, LESS_IMPROVED];
     let ranges = [width, height].map(|n| [0.0, (n / side * side) as f64]);
     let [measured, before, after] = &cells;
     let mut plots =
@@ -303,6 +355,34 @@ mod tests {
         assert_eq!(line_means(&plane, true), [-1.5, -0.5, 0.5, 1.5]);
         assert_eq!(line_means(&plane, false), [-5.0, 5.0]);
         assert_eq!(in_cells(&plane, 2).data, [5.5, 7.5]);
+    }
+
+    fn shown(columns: Option<usize>) -> Shown {
+        let values = |v: f64| vec![Some(v), None, Some(2.0 * v), Some(v)];
+        Shown {
+            at: if columns.is_some() { Vec::new() } else { vec![0.0, 1.0, 2.0, 3.0] },
+            columns,
+            measured: values(3.0),
+            model_after: values(3.0),
+            model_before: values(0.0),
+            x: "column".into(),
+            y: "offset, e⁻".into(),
+        }
+    }
+
+    #[test]
+    fn what_was_proposed_is_drawn_as_its_curve_or_map() {
+        let Some(Picture::Plot(plot)) = proposed(&shown(None), [64, 32]) else {
+            panic!("a curve");
+        };
+        assert_eq!(plot.title(), "Offset over column");
+        let svg = plot.svg();
+        assert_eq!(svg.matches("<circle").count(), 4, "3 values and the legend: {svg}");
+        let Some(Picture::Maps(maps)) = proposed(&shown(Some(2)), [64, 32]) else {
+            panic!("maps");
+        };
+        assert_eq!(maps[0].title(), "Offset");
+        assert!(proposed(&shown(Some(0)), [64, 32]).is_none());
     }
 
     #[test]

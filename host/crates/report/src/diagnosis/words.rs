@@ -63,7 +63,7 @@ pub fn name(step: &Step) -> String {
 /// What an effect is, in a sentence.
 pub fn sentence(step: &Step) -> String {
     if let Some(description) = &step.description {
-        return capitalised(description);
+        return format!("{}.", capitalised(description));
     }
     let rest = text(&step.effect).map_or_else(String::new, |t| t.1);
     let end = rest.find(". ").map_or(rest.len(), |i| i + 1);

@@ -4,7 +4,7 @@
 mod plots;
 mod table;
 
-use super::numbers::{amount, at_least, seconds, setting};
+use super::numbers::{amount, at_least, counted, seconds, setting};
 use super::page::{KeyFigure, Page};
 use super::plot::Size;
 use camrig_measure::emva::{ChannelEmva, Checked, Conditions};
@@ -28,6 +28,7 @@ pub fn page(title: &str, source: &str, result: &Checked, command: &str) -> Strin
     page.heading_on_new_sheet("Plots of the standard");
     page.grid(|page| plots(page, result));
     page.heading("Further figures").rows(&further(&result.channels));
+    further_remarks(&mut page, result);
     page.html()
 }
 
@@ -35,9 +36,13 @@ pub fn page(title: &str, source: &str, result: &Checked, command: &str) -> Strin
 pub(crate) fn first_sheet(page: &mut Page, result: &Checked, facts: &[(&str, String)]) {
     page.key_figures(&key_figures(result));
     let remarks = remarks(&result.warnings);
-    let (first, more) = remarks.split_at(remarks.len().min(FIRST_REMARKS));
+    let first = &remarks[..remarks.len().min(FIRST_REMARKS)];
     if !first.is_empty() {
-        page.note(&first.join(" "));
+        let more = match remarks.len() - first.len() {
+            0 => String::new(),
+            n => format!(" {} on the last page.", counted(n, "further remark")),
+        };
+        page.note(&(first.join(" ") + &more));
     }
     page.data_sheet(
         |page| {
@@ -57,12 +62,16 @@ pub(crate) fn first_sheet(page: &mut Page, result: &Checked, facts: &[(&str, Str
             }
         },
     );
-    if !more.is_empty() {
-        page.heading("Further remarks on the captures");
-        more.iter().for_each(|text| {
-            page.note(text);
-        });
-    }
+}
+
+/// The remarks that the first sheet has no room for.
+pub(crate) fn further_remarks(page: &mut Page, result: &Checked) {
+    let remarks = remarks(&result.warnings);
+    let Some(more) = remarks.get(FIRST_REMARKS..).filter(|more| !more.is_empty()) else { return };
+    page.heading("Further remarks on the captures");
+    more.iter().for_each(|text| {
+        page.note(text);
+    });
 }
 
 /// The channel that gets most light, for which the levels were chosen.
@@ -152,7 +161,8 @@ fn frames(c: &Conditions) -> String {
     let spatial = c.spatial_frames.map_or(String::new(), |[dark, flat]| {
         format!("; for the spatial figures {dark} dark, {flat} flat")
     });
-    format!("{} levels of {each}; {} dark stacks{spatial}", c.levels, c.darks)
+    let levels = counted(c.levels, "level");
+    format!("{levels} of {each}; {}{spatial}", counted(c.darks, "dark stack"))
 }
 
 /// Warnings as sentences; what is alike for several channels is said once.

@@ -1,7 +1,7 @@
 //! The plots of the standard, all channels in each.
 
 use super::reference;
-use crate::numbers::{amount, count, number, setting};
+use crate::numbers::{amount, count, counted, number, setting};
 use crate::page::Page;
 use crate::plot::{Colour, Mark, Plot};
 use camrig_measure::emva::{ChannelEmva, Checked, LevelRow, Profile};
@@ -335,15 +335,24 @@ fn histogram(channels: &[ChannelEmva], what: &str, of: Of<Histogram>) -> Option<
         dashed(&mut plot, &format!("Gaussian{of}"), model);
     }
     let mut note = format!(
-        "Of {} pixels{of}, {} lie beyond five standard deviations of the core.",
+        "Of {} pixels{of}, {} {} beyond five standard deviations of the core.",
         count(h.values),
-        count(h.outliers)
+        count(h.outliers),
+        lie(h.outliers)
     );
     if beyond > 0 {
-        note += &format!(" {} pixels lie beyond the axis.", count(beyond));
+        note += &beyond_axis(beyond);
     }
     plot.note(&note);
     Some(plot)
+}
+
+fn lie(n: u64) -> &'static str {
+    if n == 1 { "lies" } else { "lie" }
+}
+
+fn beyond_axis(n: u64) -> String {
+    format!(" {} {} beyond the axis.", counted(n as usize, "pixel"), lie(n))
 }
 
 fn accumulated(channels: &[ChannelEmva], what: &str, of: Of<Histogram>) -> Option<Plot> {
@@ -360,7 +369,7 @@ fn accumulated(channels: &[ChannelEmva], what: &str, of: Of<Histogram>) -> Optio
     plot.log_y().x_range(0.0, reach);
     let left_out = match beyond {
         0 => String::new(),
-        n => format!(" {} pixels lie beyond the axis.", count(n)),
+        n => beyond_axis(n),
     };
     plot.note(&format!("How many pixels deviate by so much or more.{left_out}"));
     for (c, h) in all {

@@ -51,10 +51,13 @@
   const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "fill-opacity", "font-size", "font-family", "font-weight", "display"];
   function standalone(svg) {
     const copy = svg.cloneNode(true), to = copy.querySelectorAll("*");
-    svg.querySelectorAll("*").forEach((e, i) => {
-      const s = getComputedStyle(e);
-      to[i].setAttribute("style", KEPT.map(k => `${k}:${s.getPropertyValue(k)}`).join(";"));
-    });
+    // All of them are inherited: each element keeps what differs from those around it.
+    const kept = (e, to, around) => {
+      const s = getComputedStyle(e), own = KEPT.filter(k => s.getPropertyValue(k) !== around?.getPropertyValue(k));
+      if (own.length) to.setAttribute("style", own.map(k => `${k}:${s.getPropertyValue(k)}`).join(";"));
+    };
+    kept(svg, copy);
+    svg.querySelectorAll("*").forEach((e, i) => kept(e, to[i], getComputedStyle(e.parentElement)));
     copy.querySelectorAll(".cross").forEach(e => e.remove());
     copy.prepend(el("rect", { width: "100%", height: "100%", fill: getComputedStyle(document.body).backgroundColor }));
     return new XMLSerializer().serializeToString(copy);
@@ -129,12 +132,16 @@
       if (!r) return;
       // On linear and logarithmic axes alike a zoom is an affine map of the pixels.
       const kx = (R - L) / (X(r.x[1]) - X(r.x[0])), ky = (B - T) / (Y(r.y[0]) - Y(r.y[1])), tx = L - X(r.x[0]) * kx, ty = T - Y(r.y[1]) * ky;
-      for (const p of home.data.querySelectorAll("path,rect,image")) {
+      for (const p of home.data.querySelectorAll("path:not(.mk),rect,image")) {
         p.setAttribute("transform", `matrix(${kx} 0 0 ${ky} ${tx} ${ty})`);
         p.style.vectorEffect = "non-scaling-stroke";
       }
       for (const p of home.data.querySelectorAll("circle"))
         set(p, { cx: tx + kx * p.getAttribute("cx"), cy: ty + ky * p.getAttribute("cy") });
+      for (const p of home.data.querySelectorAll("path.mk")) {
+        const [cx, cy] = p.getAttribute("d").match(/[\d.-]+/g).map(Number);
+        p.setAttribute("transform", `translate(${tx + kx * cx - cx} ${ty + ky * cy - cy})`);
+      }
       home.data.querySelectorAll("text").forEach(t => t.remove());
       [m.x.lo, m.x.hi] = r.x;
       [m.y.lo, m.y.hi] = r.y;

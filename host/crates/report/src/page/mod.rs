@@ -355,7 +355,15 @@ impl Page {
         self.add(format_args!("</details>\n"))
     }
 
-    /// Adds what is kept on one sheet in print.
+    /// Adds what is shown on demand, and not printed: what a file has for those who need it.
+    pub fn folded_on_screen(&mut self, summary: &str, write: impl FnOnce(&mut Self)) -> &mut Self {
+        let summary = escape(summary);
+        self.add(format_args!("<details class=\"noprint\"><summary>{summary}</summary>\n"));
+        write(self);
+        self.add(format_args!("</details>\n"))
+    }
+
+    /// Adds what belongs together; in print its heading stays with its first figure.
     pub fn together(&mut self, write: impl FnOnce(&mut Self)) -> &mut Self {
         self.within("section class=\"keep\"", "section", write)
     }
@@ -384,7 +392,8 @@ impl Page {
              <title>{title}</title><link rel=\"icon\" href=\"data:,\">\
              <style>{colours}\n{}{STYLE}</style></head>\n<body>\n\
              <header>{}<h1>{title}</h1>{}</header>\n<main>\n{body}</main>\n\
-             <footer>{made} {hint}</footer>{script}\n</body></html>\n",
+             <footer>{made} <span class=\"noprint\">{hint}</span></footer>{script}\n\
+             </body></html>\n",
             plot::STYLE,
             line("kind", kind),
             line("sub", subtitle),
@@ -451,6 +460,6 @@ mod tests {
 
     #[test]
     fn the_script_stays_small() {
-        assert!(script().len() < 9000, "{} bytes", script().len());
+        assert!(script().len() < 10_000, "{} bytes", script().len());
     }
 }

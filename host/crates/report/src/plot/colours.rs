@@ -32,6 +32,15 @@ pub enum Colour {
     Series(usize),
 }
 
+/// The form of a dot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Dot {
+    Round,
+    Square,
+    Diamond,
+    Triangle,
+}
+
 /// Class, light and dark colour of each role.
 const ROLES: [(&str, &str, &str); 14] = [
     ("r", "#c44a00", "#ff8c55"),
@@ -70,10 +79,19 @@ impl Colour {
         match nm {
             nm if nm < 430.0 => Self::Series(3),
             nm if nm < 490.0 => Self::Blue,
-            nm if nm < 520.0 => Self::GreenInBlue,
             nm if nm < 570.0 => Self::Green,
             nm if nm < 610.0 => Self::Series(4),
             _ => Self::Red,
+        }
+    }
+
+    /// The form of its dots: the two greens, and series without a role, are told apart without
+    /// colours too.
+    pub(crate) fn dot(self) -> Dot {
+        match self {
+            Self::GreenInBlue => Dot::Square,
+            Self::Series(i) => [Dot::Round, Dot::Square, Dot::Diamond, Dot::Triangle][i % 4],
+            _ => Dot::Round,
         }
     }
 

@@ -21,7 +21,7 @@ mod axis;
 mod colours;
 mod maps;
 mod svg;
-mod text;
+pub(crate) mod text;
 
 pub use colours::{Colour, Palette, Scale};
 pub use maps::{Cells, heat_map, picture_grid, triple};
@@ -244,6 +244,11 @@ impl Plot {
         colour: Colour,
         points: Vec<[f64; 2]>,
     ) -> &mut Self {
+        // The two greens stay apart without colours.
+        let mark = match (mark, colour) {
+            (Mark::Line, Colour::GreenInBlue) => Mark::Dashed,
+            _ => mark,
+        };
         self.add(label, colour, Shape::Marks { mark, points, errors: Vec::new() })
     }
 
@@ -411,6 +416,19 @@ mod tests {
         assert_eq!(x.len(), 3);
         assert!((x[1] - 0.5 * (x[0] + x[2])).abs() < 0.11, "a decade is half of two: {x:?}");
         assert!((y[1] - 0.5 * (y[0] + y[2])).abs() < 0.11 && y[0] > y[2], "{y:?}");
+    }
+
+    #[test]
+    fn the_two_greens_differ_in_more_than_colour() {
+        let draw = |name: &str, mark| {
+            let mut plot = Plot::new("t", "x", "y");
+            let points = vec![[0.0, 1.0], [1.0, 2.0]];
+            plot.series(name, mark, Colour::of_channel(name), points).svg()
+        };
+        for (mark, own) in [(Mark::Line, "class=\"l dash gb\""), (Mark::Points, "class=\"mk\"")] {
+            assert!(draw("Gb", mark).contains(own), "{}", draw("Gb", mark));
+            assert!(!draw("Gr", mark).contains("dash") && !draw("Gr", mark).contains("mk"));
+        }
     }
 
     #[test]

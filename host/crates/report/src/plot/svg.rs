@@ -1,6 +1,7 @@
 //! Layout of a plot, and its SVG text.
 
 use super::axis::{Span, Tick};
+use super::colours::Dot;
 use super::text::width;
 use super::{Area, Cell, Colour, Limit, Mark, Plot, Shape};
 use crate::page::{data_uri, escape};
@@ -314,7 +315,7 @@ impl<'a> Drawing<'a> {
         }
         for (x, row, label, key, colour) in &self.legend {
             let y = y + LEGEND_ROW * *row as f64;
-            swatch(out, *key, colour.class(), [*x, y - 4.0]);
+            swatch(out, *key, *colour, [*x, y - 4.0]);
             text(out, "lg", [x + SWATCH, y], "start", label);
         }
         y += LEGEND_ROW * self.legend_rows as f64;
@@ -440,7 +441,7 @@ impl<'a> Drawing<'a> {
             match &series.shape {
                 Shape::Band(points) => self.draw_band(out, series.colour.class(), points),
                 Shape::Marks { mark, points, errors } => {
-                    self.draw_marks(out, *mark, series.colour.class(), points, errors);
+                    self.draw_marks(out, *mark, series.colour, points, errors);
                 }
             }
         }
@@ -498,10 +499,11 @@ impl<'a> Drawing<'a> {
         &self,
         out: &mut String,
         mark: Mark,
-        class: &str,
+        colour: Colour,
         points: &[[f64; 2]],
         errors: &[f64],
     ) {
+        let class = colour.class();
         if matches!(mark, Mark::Line | Mark::Dashed | Mark::LinePoints) {
             let dash = if mark == Mark::Dashed { " dash" } else { "" };
             let d = path(points.iter().map(|p| self.place(*p)));
@@ -520,7 +522,7 @@ impl<'a> Drawing<'a> {
             add(out, format_args!("<g class=\"{form} {class}\">"));
             let places = points.iter().filter_map(|p| self.place(*p));
             for [x, y] in places.filter(|p| self.is_inside(*p)) {
-                add(out, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>"));
+                dot(out, colour.dot(), "", [x, y], radius);
             }
             out.push_str("</g>");
         }
@@ -640,10 +642,36 @@ fn path(places: impl Iterator<Item = Option<Point>>) -> String {
     out
 }
 
-fn swatch(out: &mut String, key: Key, class: &str, [x, y]: Point) {
+/// A dot around a place. Those that are not round are paths from their middle, from which the
+/// script of the page moves them.
+fn dot(out: &mut String, form: Dot, class: &str, [x, y]: Point, r: f64) {
+    let with = |own: &str| match format!("{own} {class}").trim() {
+        "" => String::new(),
+        all => format!("class=\"{all}\" "),
+    };
+    // Of about the area of the round one.
+    let (a, b, c) = (0.9 * r, 1.25 * r, 1.4 * r);
+    let side = match form {
+        Dot::Round => {
+            let class = with("");
+            add(out, format_args!("<circle {class}cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r}\"/>"));
+            return;
+        }
+        Dot::Square => format!("m-{a:.1}-{a:.1}h{0:.1}v{0:.1}h-{0:.1}z", 2.0 * a),
+        Dot::Diamond => format!("m0-{b:.1}l{b:.1} {b:.1}l-{b:.1} {b:.1}l-{b:.1}-{b:.1}z"),
+        Dot::Triangle => format!("m0-{c:.1}l{b:.1} {0:.1}h-{1:.1}z", 1.6 * c, 2.0 * b),
+    };
+    let class = with("mk");
+    add(out, format_args!("<path {class}d=\"M{x:.1} {y:.1}{side}\"/>"));
+}
+
+fn swatch(out: &mut String, key: Key, colour: Colour, [x, y]: Point) {
+    let class = colour.class();
     let line = |dash: &str| format!("<path class=\"l {dash}{class}\" d=\"M{x:.1} {y:.1}h16\"/>");
     let dot = |form: &str| {
-        format!("<circle class=\"{form} {class}\" cx=\"{:.1}\" cy=\"{y:.1}\" r=\"3\"/>", x + 8.0)
+        let mut own = String::new();
+        dot(&mut own, colour.dot(), &format!("{form} {class}"), [x + 8.0, y], 3.0);
+        own
     };
     out.push_str(&match key {
         Key::Mark(Mark::Line) => line(""),

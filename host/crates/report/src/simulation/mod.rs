@@ -5,7 +5,7 @@ mod model;
 
 pub use frames::Frames;
 
-use super::numbers::{self, amount, factor, fixed, number};
+use super::numbers::{self, amount, counted, factor, fixed, number};
 use super::page::{KeyFigure, Page, Table, Tone};
 use super::plot::{Colour, Plot, Size};
 use camrig_camera::Camera;
@@ -192,7 +192,7 @@ fn table(page: &mut Page, frames: &Frames, noise: Option<&Noise>) {
     let shown = frames.levels.len();
     let more = match frames.count - shown {
         0 => String::new(),
-        more => format!(" The first {shown} frames; {more} more are left out."),
+        more => format!(" Of {}, the first {shown}.", counted(shown + more, "frame")),
     };
     let electrons = noise.map_or_else(String::new, |n| {
         format!(" Electrons: over the system gain of {} DN/e⁻.", number(n.dn_per_e))

@@ -82,13 +82,17 @@ pub(super) fn comparison(
         let others = settings.words(around, &[axes.row, axes.column]);
         let others = match &others[..] {
             "" => String::new(),
-            others => format!(" Others as in the optimum: {others}."),
+            others => format!(" All with {others}."),
         };
         let region = match chosen.is_some_and(|c| !c.needs.is_empty()) {
             true => " The heavy line borders what meets the need.",
             false => "",
         };
-        page.paragraph(&format!("Outlined: the optimum.{region}{others}"));
+        let outlined = match chosen {
+            Some(_) => "Outlined: the optimum.",
+            None => "Outlined: where a figure is best.",
+        };
+        page.paragraph(&format!("{outlined}{region}{others}"));
     }
     page.grid(|page| {
         plots.iter().for_each(|plot| {
@@ -214,12 +218,16 @@ fn frontier(
     }
     let height = 262.0 + if axes.is_some() { 60.0 } else { 0.0 };
     plot.size(Size::FIGURE.high(height));
-    match axes.filter(|a| a.columns.len() <= MOST_LINES && settings.names.len() == 2) {
-        Some(axes) => by_column(&mut plot, settings, axes, [x, y]),
+    let bars = match axes.filter(|a| a.columns.len() <= MOST_LINES && settings.names.len() == 2) {
+        Some(axes) => {
+            by_column(&mut plot, settings, axes, [x, y]);
+            " Bars: one standard error."
+        }
         None => {
             plot.series("settings", Mark::Points, Colour::Reference, points);
+            ""
         }
-    }
+    };
     plot.series("none is better in both", Mark::Dashed, Colour::Reference, front);
     if let Some((figure, need)) = need.filter(|n| n.0.key == y.key) {
         plot.limit_y(*need, &format!("needed: {} {}", number(*need), figure.unit));
@@ -233,7 +241,7 @@ fn frontier(
     let ring =
         if chosen.is_some_and(|c| c.setting.is_some()) { " Ring: the optimum." } else { "" };
     plot.note(&format!(
-        "{} and {} is better.{ring} Bars: one standard error.",
+        "{} and {} is better.{ring}{bars}",
         capital(better(y, "down", "up")),
         better(x, "left", "right"),
     ));

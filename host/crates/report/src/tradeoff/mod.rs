@@ -9,17 +9,19 @@ mod compare;
 mod light;
 mod table;
 
-use super::numbers::{NOT_DETERMINED, number};
+use super::numbers::{NOT_DETERMINED, counted, number};
 use super::page::{KeyFigure, Page, Table};
 use compare::comparison;
 use light::light;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use table::{FIGURES, Figure, Setting, Settings, Swept, short, spoken};
+use table::{FIGURES, Figure, Setting, Settings, spoken};
 
 /// Most lines in a plot, as many as there are colours; with more, those far from the best setting
 /// are left out.
 const MOST_LINES: usize = 6;
+/// Most settings of which print lists each: a sheet of A4.
+const MOST_PRINTED: usize = 50;
 /// Most bests of single figures on cards.
 const MOST_CARDS: usize = 3;
 
@@ -89,9 +91,9 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
     let names: Vec<String> =
         settings.names.iter().map(|n| spoken(n).split(", ").next().unwrap_or(n).into()).collect();
     page.kind("Trade-off").subtitle(&format!(
-        "{} pictures of {} settings: {}",
-        records.len(),
-        settings.all.len(),
+        "{} of {}: {}",
+        counted(records.len(), "picture"),
+        counted(settings.all.len(), "setting"),
         names.join(", ")
     ));
     let differ: Vec<&Figure> =
@@ -106,7 +108,10 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
         page.verbatim(sweep);
     });
     let words = format!("All {} settings (of each picture: figures.csv)", compared.all.len());
-    page.folded(&words, |page| all(page, &compared));
+    match compared.all.len() > MOST_PRINTED {
+        true => page.folded_on_screen(&words, |page| all(page, &compared)),
+        false => page.folded(&words, |page| all(page, &compared)),
+    };
     page
 }
 
@@ -155,23 +160,19 @@ fn texts(all: &[String]) -> Vec<&str> {
     all.iter().map(String::as_str).collect()
 }
 
-/// All settings with all their figures.
+/// All settings with all their figures. One column has the whole setting, so that the table stays
+/// narrow whatever was swept.
 fn all(page: &mut Page, settings: &Settings) {
     let has = |f: &&Figure| settings.all.iter().any(|s| s.mean(f).is_some());
     let figures: Vec<&Figure> = FIGURES.iter().filter(has).collect();
-    let names: Vec<String> = settings.names.iter().map(|name| spoken(name)).collect();
     let heads: Vec<String> = figures.iter().map(|f| f.words()).collect();
-    let mut table = Table::new(&texts(&names)).numbers(&texts(&heads));
+    let mut table = Table::new(&["setting"]).numbers(&texts(&heads));
     for setting in &settings.all {
-        let values = setting.values.iter().map(|v| match v {
-            Swept::Number(v) => short(*v),
-            Swept::Word(word) => word.clone(),
-        });
         let figures = figures.iter().map(|f| {
             let unitless = Figure { unit: "", ..**f };
             setting.words(&unitless).unwrap_or_else(|| NOT_DETERMINED.into())
         });
-        table.row(values.chain(figures).collect());
+        table.row(std::iter::once(settings.words(setting, &[])).chain(figures).collect());
     }
     page.rows(&table);
 }

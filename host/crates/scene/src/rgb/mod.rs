@@ -33,6 +33,7 @@ mod transfer;
 
 use super::cube::{BandSource, Cube};
 use super::{Bands, Quantity, White, sidecar};
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 use picture::{Picture, Said, Samples};
 use serde::Deserialize;
@@ -319,7 +320,7 @@ fn check_numbers(pixels: &[[f32; 3]], (width, _): (usize, usize)) -> Result<()> 
     let wrong = |p: &&[f32; 3]| p.iter().any(|v| !v.is_finite());
     let Some(at) = pixels.iter().position(|p| wrong(&p)) else { return Ok(()) };
     let count = pixels.iter().filter(wrong).count();
-    Err(Error::input(format!("{count} pixels that are not finite numbers"))
+    Err(Error::input(format!("{} without finite numbers", counted(count, "pixel")))
         .at(format!("column {}, row {}", at % width, at / width))
         .help("replace them first: a renderer leaves them where it failed"))
 }
@@ -337,12 +338,14 @@ fn without_negative(pixels: &mut [[f32; 3]]) -> Result<Option<String>> {
     }
     if count > most.max(1) {
         return Err(Error::input(format!(
-            "{count} pixels of negative luminance, down to {least:.4}"
+            "{} of negative luminance, down to {least:.4}",
+            counted(count, "pixel")
         ))
         .help("light cannot be negative: is this a picture of something else?"));
     }
     Ok((count > 0).then(|| {
-        format!("{count} pixels of negative luminance, down to {least:.4}, are taken as black")
+        let pixels = counted(count, "pixel");
+        format!("taken as black: {pixels} of negative luminance, down to {least:.4}")
     }))
 }
 

@@ -285,7 +285,7 @@ fn numbers_that_are_no_light_are_refused_or_told() {
     assert!(refused(&path, "").contains("column 1, row 0"));
     exr(&path, &["R", "G", "B"], &[[0.2, -0.2], [0.2, -0.2], [0.2, -0.2]], |_| ());
     let cube = opened(&path, "");
-    assert!(said(&cube).contains("1 pixels of negative luminance"), "{}", said(&cube));
+    assert!(said(&cube).contains("1 pixel of negative luminance"), "{}", said(&cube));
     assert_eq!(cube.band(4).unwrap().data[1], 0.0);
     exr(&path, &["R", "G", "B"], &[[-0.2; 2], [-0.2; 2], [-0.2; 2]], |_| ());
     assert!(refused(&path, "").contains("negative luminance"));

@@ -8,6 +8,7 @@
 use super::{SceneFrame, SceneSequence, natural};
 use crate::images::{self, Bands};
 use crate::{open_file, stored};
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -245,8 +246,8 @@ fn missing(files: &[PathBuf]) -> Option<String> {
     let names = (first..last).filter(|n| !present.contains(n)).take(NAMED);
     let names: Vec<String> = names.map(|n| n.to_string()).collect();
     Some(format!(
-        "{absent} numbers between {first} and {last} are missing ({}{}): what follows is shown \
-         that much earlier",
+        "between {first} and {last}, {} missing ({}{}): what follows is shown that much earlier",
+        counted(absent as usize, "number"),
         names.join(", "),
         if absent > NAMED as u64 { ", ..." } else { "" }
     ))
@@ -315,7 +316,7 @@ mod tests {
         let mut sequence = Folder::open(dir.path(), "as=reflectance", Some(25.0)).unwrap();
         let notes = sequence.notes().join("\n");
         assert!(notes.contains("left out: notes.txt"), "{notes}");
-        assert!(notes.contains("7 numbers between 1 and 10 are missing (3, 4, 5, 6, 7, ...)"));
+        assert!(notes.contains("between 1 and 10, 7 numbers missing (3, 4, 5, 6, 7, ...)"));
         for (number, file) in ["a1.png", "a2.png", "a10.png"].iter().enumerate() {
             let frame = sequence.next_frame().unwrap().unwrap();
             let name = format!("{}:as=reflectance", dir.path().join(file).display());

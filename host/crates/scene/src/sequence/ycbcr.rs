@@ -7,6 +7,7 @@
 //! counted.
 
 use crate::rgb::picture::{Picture, Said, Samples};
+use camrig_base::numbers::counted;
 
 /// Luma coefficients of red and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -227,8 +228,8 @@ impl Clipped {
     fn note(&self, of: usize) -> Option<String> {
         (self.pixels > 0).then(|| {
             format!(
-                "{} pixels ({:.2} %) have R'G'B' outside 0 to 1, by up to {:.3}, and were clipped",
-                self.pixels,
+                "clipped: {} ({:.2} %) with R'G'B' outside 0 to 1, by up to {:.3}",
+                counted(self.pixels, "pixel"),
                 100.0 * self.pixels as f64 / of as f64,
                 self.by
             )

@@ -1,6 +1,7 @@
 //! Stacks of two or three frames, as EMVA 1288 asks for at many levels: too short to be divided,
 //! they go to one half as a whole, levels by turns.
 
+use camrig_base::numbers::counted;
 use camrig_captures::{Capture, CaptureSet, Role};
 
 /// Frames from which a stack is divided into halves of its own.
@@ -73,9 +74,9 @@ pub(super) fn note(set: &CaptureSet, short: &[Short]) -> Option<String> {
     let both = ids(&|s| s.fit && s.held_out);
     let shared = if both.is_empty() { both } else { format!("; in both halves: {both}") };
     Some(format!(
-        "{} stacks have two or three frames, too few to divide: levels alternate between fit ({}) \
+        "{} of two or three frames, too few to divide: levels alternate between fit ({}) \
          and held-out ({}){shared}",
-        short.len(),
+        counted(short.len(), "stack"),
         ids(&|s| s.fit && !s.held_out),
         ids(&|s| s.held_out && !s.fit),
     ))

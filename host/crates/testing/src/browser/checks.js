@@ -20,8 +20,7 @@ w => {
     const wide = all("body *").filter(e => !e.closest(".scroll, pre, svg") && box(e).right > w.innerWidth + 1);
     bad.push(`wider than the window, ${d.documentElement.scrollWidth} px: ${wide.slice(0, 3).map(e => e.outerHTML.slice(0, 60))}`);
   }
-  if (w.innerWidth > 1000)
-    for (const t of all(".scroll")) if (t.scrollWidth > t.clientWidth + 1) bad.push(`a table is cut: ${t.innerText.slice(0, 40)}`);
+  for (const t of all(".scroll")) if (t.scrollWidth > t.clientWidth + 1) bad.push(`a table is ${t.scrollWidth} px wide: ${t.innerText.slice(0, 40)}`);
 
   // Figures.
   for (const s of all("figure.plot > svg").filter(shown)) {
@@ -33,7 +32,7 @@ w => {
       if (x.left < frame.left - 2 || x.right > frame.right + 2 || x.top < frame.top - 2 || x.bottom > frame.bottom + 3) bad.push(`${name}: "${a}" leaves the figure`);
     });
     const clip = s.querySelector("clipPath rect"), [l, t, r, b] = ["x", "y", "width", "height"].map(k => clip[k].baseVal.value), points = [];
-    for (const e of s.querySelectorAll(".data path.l:not(.ref,.need,.halo,.best), .data path.e, .data circle")) {
+    for (const e of s.querySelectorAll(".data path.l:not(.ref,.need,.halo,.best), .data path.e, .data path.mk, .data circle")) {
       const m = e.getScreenCTM(), add = (x, y) => { if (x >= l && x <= l + r && y >= t && y <= t + b) points.push([m.a * x + m.e, m.d * y + m.f]); };
       if (e.tagName === "circle") { add(e.cx.baseVal.value, e.cy.baseVal.value); continue; }
       const length = e.getTotalLength(), step = Math.max(2, length / 2000);
@@ -53,7 +52,7 @@ w => {
     const axes = [...s.querySelectorAll("text.ax")].map(t => t.textContent.trim()), values = JSON.parse(s.closest("figure").querySelector("script").textContent);
     for (const [axis, text] of [values.y, values.x].map(a => [a, a.n]))
       if (!text || !axes.includes(text)) bad.push(`${name}: an axis without a name`);
-      else if (!axis.t && !/,|%|\b(rows?|columns?|pixels?|photons|samples|SNR|ratio|modulation|MTF|rank|number|frames?|cycles|place|f-number|levels?|share|correlation|times|factor|patch|statistic)\b/i.test(text)) bad.push(`${name}: an axis without a unit: ${text}`);
+      else if (!axis.t && !/,|%|\b(rows?|columns?|pixels?|photons|samples|SNR|ratio|modulation|MTF|rank|number|frames?|cycles|place|f-number|levels?|share|correlation|gain|deviate|times|factor|patch|statistic)\b/i.test(text)) bad.push(`${name}: an axis without a unit: ${text}`);
     if (s.getAttribute("role") !== "img" || !s.getAttribute("aria-label")) bad.push(`${name}: not described`);
     for (const e of s.querySelectorAll(".data path.l:not(.halo,.need), .data .f")) {
       const style = w.getComputedStyle(e), ink = style.stroke === "none" ? style.fill : style.stroke;
