@@ -111,3 +111,31 @@ fn a_producer_that_dies_or_lies_is_said_and_its_whole_frames_stay() {
     let far = start(dir, "tcp://192.0.2.1:7500", Stdio::null()).wait_with_output().unwrap();
     assert!(stderr(&far).contains("no port of this machine"), "{}", stderr(&far));
 }
+
+/// What Mitsuba renders, as pictures and as bands, gives the same frames from files and through the
+/// stream.
+#[test]
+fn an_animation_of_mitsuba_is_the_same_from_files_and_through_the_stream() {
+    let Some(python) = camrig_tests::client("mitsuba") else { return };
+    let suite = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let renderer = suite.join("tests/suite/mitsuba_frames.py");
+    let producer = suite.join("../docs/frames.py");
+    let dir = folder();
+    let dir = dir.path();
+    for (kind, options) in [
+        ("rgb", "as=radiance,scale=100,primaries=linear-srgb"),
+        ("spectral", "quantity=radiance,scale=0.1"),
+    ] {
+        std::fs::create_dir(dir.join(kind)).unwrap();
+        let arguments: [&dyn AsRef<std::ffi::OsStr>; 4] =
+            [&renderer, &dir.join(kind), &kind, &producer];
+        std::fs::write(dir.join("stream"), camrig_tests::run(&python, &arguments)).unwrap();
+        let stream = std::fs::File::open(dir.join("stream")).unwrap();
+        let of_stream = start(dir, "-", stream.into()).wait_with_output().unwrap();
+        assert!(of_stream.status.success(), "{kind}: {}", stderr(&of_stream));
+        let files = format!("--scene-rate 25 --scene {kind}:{options}");
+        let of_files = camrig_ok(dir, &format!("{ARGUMENTS} {files}")).stdout;
+        assert_eq!(of_files.len(), 6 * 2 * 64 * 48, "{kind}");
+        assert!(of_stream.stdout == of_files, "{kind}: {}", stderr(&of_stream));
+    }
+}

@@ -2,7 +2,8 @@
 //!
 //! Every frame is seen by one lens, in one light. A level (lux or cd/m²) is that of the first
 //! frame: what scales its radiance to the level scales all others, so that a scene that becomes
-//! brighter does. Light that frames state themselves is taken where none is asked for. All frames have the size, the bands and the quantity of the first.
+//! brighter does. Light that frames state themselves is taken where none is asked for. All frames
+//! have the size, the bands and the quantity of the first.
 
 use super::cache::OneLens;
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};

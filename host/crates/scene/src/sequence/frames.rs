@@ -144,7 +144,7 @@ impl SceneSequence for Frames {
         if self.ended {
             return Ok(None);
         }
-        let due = self.newest.map_or(0, |(number, _)| number + 1);
+        let due = self.newest.map_or(0, |(number, _)| number.saturating_add(1));
         let place = |name: &str| format!("frame {due} of {name}");
         let Some((header, payload)) = self.message().map_err(|e| e.at(place(&self.name)))? else {
             self.ended = true;
@@ -392,6 +392,9 @@ mod tests {
             (80, &[255; 8], "byte 80"),
             (88, &f64::NAN.to_le_bytes(), "byte 88"),
             (88, &[0; 8], "byte 88"),
+            (62, &[1], "byte 62"),
+            (188, &[1], "byte 188"),
+            (247, &[1], "byte 244"),
             (208, &[255], "byte 208"),
         ] {
             let text = said(message(&[(at, bytes)], &grey));
@@ -416,6 +419,10 @@ mod tests {
             frames.next_frame().err().unwrap().to_string()
         };
         assert!(after(&[(24, &[1])]).contains("go forward"));
+        let last = message(&[(16, &[255; 8])], &[7; 16]);
+        let mut frames_to_the_last = frames(&[last.clone(), last]);
+        frames_to_the_last.next_frame().unwrap();
+        assert!(frames_to_the_last.next_frame().err().unwrap().to_string().contains("go forward"));
         assert!(after(&[(16, &[1])]).contains("go forward"));
         let other = after(&[(16, &[1]), (24, &[1]), (60, &[0])]);
         assert!(

@@ -159,6 +159,12 @@ impl Header {
             payload_crc: (flags & CHECKSUM != 0).then(|| fields.u32(184)),
             not_used: flags & NOT_USED,
         };
+        if fields.u16(62) != 0 {
+            return Err(wrong("a slot of a payload that is in none", 62));
+        }
+        if let Some(at) = [188, 244, 248].into_iter().find(|&at| fields.u32(at) != 0) {
+            return Err(wrong(format!("{} where 0 is due", fields.u32(at)), at));
+        }
         if flags & END != 0 {
             return match header.payload {
                 0 => Ok(header),
@@ -166,12 +172,17 @@ impl Header {
             };
         }
         let shape = Shape::parse(&fields, flags, extension)?;
-        let wanted = shape.payload();
-        if wanted != Some(header.payload) || header.payload > MOST_PAYLOAD {
-            return Err(wrong(
-                format!("a payload of {} bytes where {wanted:?} are due", header.payload),
-                80,
-            ));
+        let payload = header.payload;
+        let wrong_size = |due: String| wrong(format!("a payload of {payload} bytes{due}"), 80);
+        match shape.payload() {
+            None => return Err(wrong_size(", whose rows or planes overlap".into())),
+            Some(due) if due != payload => {
+                return Err(wrong_size(format!(" where {due} are due")));
+            }
+            Some(_) if payload > MOST_PAYLOAD => {
+                return Err(wrong_size(format!(": at most {MOST_PAYLOAD} are read")));
+            }
+            Some(_) => {}
         }
         Ok(Self { frame: Some(shape), ..header })
     }
