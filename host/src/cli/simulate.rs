@@ -49,7 +49,8 @@ pub struct ViewArgs {
     pub camera: CameraArgs,
     /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, a
     /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg), or a sequence: a
-    /// folder of these, video (clip.y4m), or - for video from standard input
+    /// folder of these, video (clip.y4m), or a stream of video or camrig-frames/1 from standard
+    /// input (-) or a socket (tcp://127.0.0.1:PORT, unix:PATH) at which camrig listens
     #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub scene: String,
     /// Light on a reflectance scene: D65 (unless given), A, F11, D5000K, blackbody:3200, or a CSV

@@ -20,6 +20,7 @@ mod photon_transfer;
 mod pictures;
 mod radiometry;
 mod real_data;
+mod scene_frames;
 mod scene_sequences;
 mod sequences;
 mod statistics;

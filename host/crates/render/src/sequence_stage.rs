@@ -2,14 +2,15 @@
 //!
 //! Every frame is seen by one lens, in one light. A level (lux or cd/m²) is that of the first
 //! frame: what scales its radiance to the level scales all others, so that a scene that becomes
-//! brighter does. All frames have the size, the bands and the quantity of the first.
+//! brighter does. Light that frames state themselves is taken where none is asked for. All frames
+//! have the size, the bands and the quantity of the first.
 
 use super::cache::OneLens;
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use super::optics_stage::{OpticsOutput, OpticsStage};
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
-use camrig_scene::sequence::SceneFrame;
+use camrig_scene::sequence::{FrameLight, SceneFrame};
 use camrig_scene::{self as scene, Illuminant, Quantity, Scene, photometry};
 
 /// Makes irradiance of the frames of a sequence.
@@ -55,10 +56,10 @@ impl SequenceStage {
         frame: SceneFrame,
         progress: impl FnMut(usize, usize),
     ) -> Result<OpticsOutput> {
-        let name = frame.name.clone();
+        let (name, light) = (frame.name.clone(), frame.light.clone());
         let cube = frame.open()?;
         let size = cube.size();
-        let opened = self.opened(Box::new(cube), size, &name, frame_aspect(camera))?;
+        let opened = self.opened((Box::new(cube), size), &name, &light, frame_aspect(camera))?;
         let count = opened.scene.bands().count;
         let opened = opened.binned_for(camera);
         let bands = opened.scene.bands();
@@ -88,15 +89,19 @@ impl SequenceStage {
     /// A frame's scene in the light of the sequence.
     fn opened(
         &mut self,
-        cube: Box<dyn Scene>,
-        size: (usize, usize),
+        (cube, size): (Box<dyn Scene>, (usize, usize)),
         name: &str,
+        own: &FrameLight,
         frame_aspect: f64,
     ) -> Result<SceneInLight> {
         let (bands, quantity) = (cube.bands(), cube.quantity());
         let Some(first) = &self.first else {
             let OpticsStage { illuminant, level, .. } = &self.stage;
-            let light = SceneLight { illuminant: illuminant.as_deref(), level: *level };
+            let illuminant = illuminant.as_ref().or(own.illuminant.as_ref());
+            let light = SceneLight {
+                illuminant: illuminant.map(String::as_str),
+                level: level.or(own.level),
+            };
             let opened = SceneInLight::of(cube, name, frame_aspect, &light)?;
             self.first = Some(First {
                 name: name.to_owned(),
@@ -124,7 +129,7 @@ impl SequenceStage {
                 .at(name)
                 .help("all frames of a sequence have the same size, bands and quantity"));
         }
-        if quantity == Quantity::Radiance && self.stage.level.is_none() {
+        if quantity == Quantity::Radiance && first.lux.is_none() {
             photometry::check_absolute(&*cube).map_err(|e| e.at(name))?;
         }
         Ok(SceneInLight {

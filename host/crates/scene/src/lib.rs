@@ -320,7 +320,7 @@ fn one_scene(spec: &str, what: &str) -> Error {
 fn unknown_scene(spec: &str) -> Error {
     let name = spec.split(':').next().unwrap_or(spec);
     if sequence::is_stream(spec) {
-        return one_scene(spec, "standard input");
+        return one_scene(spec, "a stream");
     }
     if sequence::is_video(Path::new(name)) {
         return one_scene(spec, "video");

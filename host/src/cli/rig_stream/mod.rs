@@ -47,8 +47,9 @@ pub struct Args {
     url: String,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Scene to look at, or a sequence: a folder of pictures or cubes, video (clip.y4m), or - for
-    /// video from standard input
+    /// Scene to look at, or a sequence: a folder of pictures or cubes, video (clip.y4m), or a
+    /// stream of video or camrig-frames/1 from standard input (-) or a socket at which camrig
+    /// listens (tcp://127.0.0.1:PORT, unix:PATH)
     #[arg(
         long,
         value_name = "S",

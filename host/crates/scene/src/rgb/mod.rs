@@ -23,13 +23,13 @@ mod read_png;
 mod read_radiance;
 mod read_tiff;
 mod smoothest;
-mod space;
+pub(super) mod space;
 mod spectra;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod tests_files;
-mod transfer;
+pub(super) mod transfer;
 
 use super::cube::{BandSource, Cube};
 use super::{Bands, Quantity, White, sidecar};

@@ -2,16 +2,20 @@
 //!
 //! A [`SceneSequence`] gives [`SceneFrame`]s in order of time, each with the scene that is to be
 //! seen from its time stamp on. [`open`] finds them: a folder of pictures or cubes ([`folder`]),
-//! one that is still being written ([`watch`]), video as YUV4MPEG2 from a file or a pipe ([`y4m`]).
+//! one that is still being written ([`watch`]), video as YUV4MPEG2 from a file or a pipe ([`y4m`]),
+//! and frames that another program makes while they are taken ([`frames`]).
 //! [`Playback`] says which of them is shown at a time.
 //!
 //! This is the seam to all that knows of time: what shows a scene that stands still during a
 //! frame asks a playback, what integrates over an exposure takes the frames with their stamps.
 
 pub mod folder;
+pub mod frames;
+mod header;
 mod natural;
 mod pipe;
 pub mod playback;
+mod socket;
 pub mod watch;
 pub mod y4m;
 mod ycbcr;
@@ -19,8 +23,10 @@ mod ycbcr;
 pub use natural::natural;
 pub use playback::{Counts, Moment, Playback};
 
+use super::LightLevel;
 use super::cube::Cube;
 use camrig_base::{Error, Result};
+use std::io::{Cursor, Read};
 use std::path::Path;
 use std::time::Duration;
 
@@ -35,7 +41,18 @@ pub struct SceneFrame {
     pub end_s: Option<f64>,
     /// What names it: a file with its options, or its number in a stream.
     pub name: String,
+    /// The light that it states itself, the same for all frames of a sequence.
+    pub light: FrameLight,
     open: Box<dyn FnOnce() -> Result<Cube> + Send>,
+}
+
+/// The light that a frame states.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameLight {
+    /// How much of it.
+    pub level: Option<LightLevel>,
+    /// The illuminant of a reflectance.
+    pub illuminant: Option<String>,
 }
 
 impl SceneFrame {
@@ -46,7 +63,14 @@ impl SceneFrame {
         name: String,
         open: impl FnOnce() -> Result<Cube> + Send + 'static,
     ) -> Self {
-        Self { number, start_s, end_s, name, open: Box::new(open) }
+        let light = FrameLight::default();
+        Self { number, start_s, end_s, name, light, open: Box::new(open) }
+    }
+
+    /// The same frame in a light that it states.
+    #[must_use]
+    pub fn with_light(self, light: FrameLight) -> Self {
+        Self { light, ..self }
     }
 
     /// The scene.
@@ -120,7 +144,7 @@ pub fn is_sequence(spec: &str, reading: &Reading) -> Result<bool> {
         return Err(Error::input(format!("{spec:?} is no folder to be watched"))
             .help("only a folder of pictures or cubes is read while it is written"));
     }
-    if !path.is_dir() {
+    if is_stream(spec) || !path.is_dir() {
         return Ok(is_stream(spec) || is_video(path));
     }
     Ok(reading.watch.is_some() || folder::kind(path, options)? == folder::Kind::Sequence)
@@ -134,13 +158,13 @@ pub fn open(spec: &str, reading: &Reading) -> Result<Option<Box<dyn SceneSequenc
     if !is_sequence(spec, reading)? {
         return Ok(None);
     }
+    if is_stream(spec) {
+        return stream(spec, reading).map(Some);
+    }
     let (path, options) = super::file_and_options(spec);
     if !path.is_dir() {
-        let sequence = match is_stream(spec) {
-            true => y4m::Video::of_stdin(options, reading),
-            false => y4m::Video::of_file(path, options, reading),
-        };
-        return Ok(Some(Box::new(sequence.map_err(|e| e.at(stream_name(path)))?)));
+        let video = y4m::Video::of_file(path, options, reading);
+        return Ok(Some(Box::new(video.map_err(|e| e.at(path.display()))?)));
     }
     Ok(Some(match reading.watch {
         Some(wait) => Box::new(watch::Watched::open(path, options, reading.rate_hz, wait)?),
@@ -153,11 +177,32 @@ pub(super) fn is_video(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("y4m"))
 }
 
-/// Whether a scene's name is that of standard input.
-pub(super) fn is_stream(spec: &str) -> bool {
-    spec == "-" || spec.starts_with("-:")
+/// Opens a stream, which says by its first bytes what it is.
+fn stream(spec: &str, reading: &Reading) -> Result<Box<dyn SceneSequence>> {
+    let (name, options, mut pipe) = match socket::is_socket(spec) {
+        true => (spec, "", pipe::Pipe::new(socket::connected(spec)?, reading.stall)),
+        false => {
+            let options = spec.strip_prefix("-:").unwrap_or("");
+            ("standard input", options, pipe::Pipe::new(std::io::stdin(), reading.stall))
+        }
+    };
+    let begin = pipe::read_up_to(&mut pipe, header::MAGIC.len() as u64)
+        .map_err(|e| pipe::broken(&e).at(name))?;
+    let frames = begin == header::MAGIC;
+    let source: Box<dyn Read + Send> = Box::new(Cursor::new(begin).chain(pipe));
+    if !frames {
+        let video = y4m::Video::new(name, source, options, reading.rate_hz);
+        return Ok(Box::new(video.map_err(|e| e.at(name))?));
+    }
+    if !options.is_empty() || reading.rate_hz.is_some() {
+        return Err(Error::input("options or a frame rate of camrig-frames/1")
+            .at(name)
+            .help("its messages say all of it themselves; leave them out"));
+    }
+    Ok(Box::new(frames::Frames::new(name, source)))
 }
 
-fn stream_name(path: &Path) -> String {
-    if path == Path::new("-") { "standard input".into() } else { path.display().to_string() }
+/// Whether a scene's name is that of standard input or a socket.
+pub(super) fn is_stream(spec: &str) -> bool {
+    spec == "-" || spec.starts_with("-:") || socket::is_socket(spec)
 }

@@ -16,7 +16,7 @@
 //! | `XCOLORRANGE` | `FULL`, `LIMITED` |
 
 use super::folder::times;
-use super::pipe::{Pipe, broken, read_up_to};
+use super::pipe::{broken, read_up_to};
 use super::ycbcr::{CENTER, LEFT, Layout, MATRICES, SITINGS, Siting, TOP_LEFT};
 use super::{Reading, SceneFrame, SceneSequence};
 use crate::rgb;
@@ -53,15 +53,6 @@ struct Header {
 }
 
 impl Video {
-    /// Video from standard input.
-    ///
-    /// # Errors
-    /// Those of [`Video::new`].
-    pub fn of_stdin(options: &str, reading: &Reading) -> Result<Self> {
-        let pipe = Pipe::new(std::io::stdin(), reading.stall);
-        Self::new("standard input", Box::new(pipe), options, reading.rate_hz)
-    }
-
     /// Video from a file.
     ///
     /// # Errors
@@ -104,8 +95,8 @@ fn opened(path: &Path) -> Result<Box<dyn Read + Send>> {
     Ok(Box::new(BufReader::new(file)))
 }
 
-const WANTED: &str = "what is read from a stream is video as YUV4MPEG2: ffmpeg -i VIDEO -f \
-                      yuv4mpegpipe -";
+const WANTED: &str = "what is read from a stream is video as YUV4MPEG2 (ffmpeg -i VIDEO -f \
+                      yuv4mpegpipe -) or camrig-frames/1";
 
 /// A line without its end; none at the end of the stream.
 fn line(source: &mut dyn Read) -> Result<Option<String>> {
