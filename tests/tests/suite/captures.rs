@@ -116,10 +116,11 @@ fn a_real_camera_s_frames_need_what_they_do_not_say_and_no_more() {
     std::fs::write(set.join("captures.toml"), ours).unwrap();
     let [ours, theirs] = ["set", real.to_str().unwrap()]
         .map(|set| json(dir.path(), &format!("measure ptc {set} --json")));
+    // Names of the darks have four digits of their exposures, the maker's manifest six.
     for figure in ["system_gain_dn_per_e", "read_noise_e", "prnu"] {
-        assert_eq!(ours[figure], theirs[figure], "{figure}");
+        let [a, b] = [&ours, &theirs].map(|set| set[figure]["value"].as_f64().unwrap());
+        assert!((a / b - 1.0).abs() < 1e-5, "{figure}: {a} {b}");
     }
-    assert!(ours["system_gain_dn_per_e"]["value"].as_f64().unwrap() > 0.0);
 }
 
 #[test]

@@ -86,7 +86,18 @@ fn edges_that_cannot_be_measured_are_refused() {
 /// are found; the JSON says where each lies, and the page has a row for each.
 #[test]
 fn several_frames_and_edges_in_one_call() {
-    let dir = folder(200, 160, &[("cfa", "\"mono\""), ("f_number", "4.0")]);
+    // Without fixed patterns, which several frames do not average out.
+    let dir = folder(
+        200,
+        160,
+        &[
+            ("cfa", "\"mono\""),
+            ("f_number", "4.0"),
+            ("prnu", "0.0"),
+            ("row_fpn_e", "0.0"),
+            ("dsnu_e_per_s", "0.0"),
+        ],
+    );
     let dir = dir.path();
     camrig_ok(dir, &format!("{SHOOT} shots --frames 6 --scene slanted-edge"));
     let all = "shots/0000.dng shots/0001.dng shots/0002.dng shots/0003.dng shots/0004.dng \
@@ -104,8 +115,11 @@ fn several_frames_and_edges_in_one_call() {
     assert_eq!(edges.len(), 2);
     let (first, alone) = (&edges[0], &one["edges"][0]);
     assert_eq!((&first["frames"], &alone["frames"]), (&6.into(), &1.into()));
-    assert!(number(&first["mtf50_std_error"]) < 0.8 * number(&alone["mtf50_std_error"]));
-    assert!(number(&first["mtf50_frame_spread"]) > 0.0 && alone["mtf50_frame_spread"].is_null());
+    // The mean of six frames scatters by 0.41 of what one does.
+    let (error, spread) =
+        (number(&first["mtf50_std_error"]), number(&first["mtf50_frame_spread"]));
+    assert!(error > 0.4 * spread && error < 0.6 * spread, "{error} {spread}");
+    assert!(alone["mtf50_frame_spread"].is_null());
     assert_eq!(first["direction"], "horizontal");
     // Above the centre, and below it.
     assert!(number(&first["position"][1]) < -20.0 && number(&edges[1]["position"][1]) > 20.0);

@@ -3,9 +3,9 @@
 use crate::{Error, Result};
 use std::fmt;
 
-/// Letters of filters in four-letter names: red, green, blue, cyan, magenta, yellow, emerald, white
+/// Letters of filters in four-letter names: red, green, blue, cyan, magenta, yellow, white
 /// (clear, also C) and infrared.
-const FILTERS: &str = "RGBCMYEWI";
+const FILTERS: &str = "RGBCMYWI";
 
 /// A colour filter pattern that repeats over the sensor: which channel each pixel belongs to.
 ///

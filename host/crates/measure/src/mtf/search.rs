@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// Side of a region, pixels: room for the tails of a blurred edge, and enough rows for its noise.
 const SIDE: usize = 80;
 /// Steps of the search over a side: an edge that is cut off in one place is whole in the next.
-const STEPS: usize = 2;
+const STEPS: usize = 4;
 /// Smallest contrast of an edge over the largest in the frame: texture has less than a target.
 const LEAST_CONTRAST: f64 = 0.3;
 
