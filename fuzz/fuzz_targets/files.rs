@@ -6,6 +6,7 @@
 use camrig_base::table::SpectralTable;
 use camrig_formats::pixel_format::PixelFormat;
 use camrig_lens::{Catalogue, Conditions, Prescription, System, characterise, import};
+use camrig_scene::Scene;
 use libfuzzer_sys::fuzz_target;
 use std::alloc::{GlobalAlloc, Layout, System as Memory};
 use std::path::{Path, PathBuf};
@@ -82,7 +83,7 @@ fn scene(bytes: &[u8]) {
         let spec = format!("{}{options}", file.display());
         let Ok(cube) = camrig_scene::open_file(&spec) else { continue };
         let _ = cube.band(0);
-        let _ = cube.band(camrig_scene::Scene::bands(&cube).count().saturating_sub(1));
+        let _ = cube.band(cube.bands().count.saturating_sub(1));
         return;
     }
 }

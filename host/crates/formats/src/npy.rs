@@ -7,7 +7,7 @@
 
 use super::{Facts, Frames, area, narrow, truncated};
 use camrig_base::{Error, Plane, Result};
-use std::io::{Cursor, Read, Seek};
+use std::io::{Cursor, Read, Seek, SeekFrom};
 
 /// Frames as `.npy` bytes; one frame is H x W, several are N x H x W.
 pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
@@ -139,6 +139,58 @@ impl Sample {
     }
 }
 
+/// Longest header, bytes: that of any array of numbers is a hundredth of it.
+const LONGEST_HEADER: u32 = 1 << 16;
+/// Brackets within brackets of a header; that of an array of numbers has two.
+const DEEPEST_HEADER: usize = 8;
+
+fn broken(e: std::io::Error) -> Error {
+    Error::input(format!("NPY header: {e}"))
+}
+
+/// Refuses a header that `npyz` must not see: it allocates the length that a header states before
+/// it reads, and its time doubles with every bracket within another. Afterwards the file is at its
+/// start. What is no NPY file at all is left for `npyz` to refuse.
+///
+/// # Errors
+/// A header longer than the file or than 64 KiB, or nested as no array's is.
+pub fn check_header(file: &mut (impl Read + Seek)) -> Result<()> {
+    let length = file.seek(SeekFrom::End(0)).map_err(broken)?;
+    file.rewind().map_err(broken)?;
+    let mut start = Vec::new();
+    file.by_ref().take(12).read_to_end(&mut start).map_err(broken)?;
+    if start.len() < 12 || !start.starts_with(b"\x93NUMPY") {
+        return file.rewind().map_err(broken);
+    }
+    let long = start[6] >= 2;
+    let stated = match long {
+        true => u32::from_le_bytes([start[8], start[9], start[10], start[11]]),
+        false => u32::from(u16::from_le_bytes([start[8], start[9]])),
+    };
+    let needed = u64::from(stated) + if long { 12 } else { 10 };
+    if needed > length {
+        return Err(truncated(needed as usize, length as usize));
+    }
+    let mut text = if long { Vec::new() } else { start[10..].to_vec() };
+    let rest = u64::from(stated).saturating_sub(text.len() as u64);
+    let rest = rest.min(LONGEST_HEADER.into());
+    file.by_ref().take(rest).read_to_end(&mut text).map_err(broken)?;
+    let (mut depth, mut deepest) = (0_usize, 0);
+    for byte in text {
+        match byte {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        deepest = deepest.max(depth);
+    }
+    if stated > LONGEST_HEADER || deepest > DEEPEST_HEADER {
+        return Err(Error::unsupported("an NPY header that is not of an array of numbers")
+            .help("save the array with numpy.save, without named fields"));
+    }
+    file.rewind().map_err(broken)
+}
+
 impl Layout {
     /// Reads a header; `length` is that of the whole file, bytes.
     ///
@@ -146,18 +198,7 @@ impl Layout {
     /// A damaged header, an array of other than two or three axes or of other samples, a file
     /// shorter than its header says.
     pub fn read(file: &mut (impl Read + Seek), length: u64) -> Result<Self> {
-        let broken = |e: std::io::Error| Error::input(format!("NPY header: {e}"));
-        // npyz allocates the length that versions 2 and 3 state before it reads.
-        let mut start = [0; 12];
-        file.read_exact(&mut start).map_err(broken)?;
-        if start[6] >= 2 {
-            let stated = u32::from_le_bytes([start[8], start[9], start[10], start[11]]);
-            let needed = u64::from(stated) + 12;
-            if needed > length {
-                return Err(truncated(needed as usize, length as usize));
-            }
-        }
-        file.rewind().map_err(broken)?;
+        check_header(file)?;
         let header = npyz::NpyHeader::from_reader(&mut *file).map_err(broken)?;
         let (count, height, width) = match *header.shape() {
             [height, width] => (1, height, width),
@@ -248,6 +289,18 @@ mod tests {
     /// What `numpy.save` writes of values of a type.
     fn array(descr: &str, shape: &str, data: impl IntoIterator<Item = u8>) -> Vec<u8> {
         header(descr, shape).into_iter().chain(data).collect()
+    }
+
+    /// Brackets within brackets take `npyz` years, and four stated gigabytes it would allocate.
+    #[test]
+    fn headers_of_no_array_are_refused() {
+        let mut deep = b"\x93NUMPY\x01\0\x76\0{".to_vec();
+        deep.resize(10 + 0x76, b'[');
+        let error = decode(&deep).err().unwrap().to_string();
+        assert!(error.contains("not of an array of numbers"), "{error}");
+        let long = b"\x93NUMPY\x03\0\xff\xff\xff\xff{'descr': '<u2'";
+        let error = decode(long).err().unwrap().to_string();
+        assert!(error.contains("truncated: 4294967307 bytes needed"), "{error}");
     }
 
     #[test]

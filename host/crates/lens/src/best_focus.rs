@@ -236,6 +236,7 @@ impl Pupil {
 
 #[cfg(test)]
 mod tests {
+    use crate::characterise::field_points;
     use crate::system::Focus;
     use crate::{Catalogue, Conditions, System, toml};
 
@@ -286,5 +287,15 @@ mod tests {
         assert!(error.contains("no real image"), "{error}");
         assert!(at(-5.0).is_err() && at(f64::NAN).is_err());
         assert!(at(500.0).unwrap().prescription.notes[0].contains("focused at 500 mm"));
+
+        // The picture breathes: a field grows as the sensor moves away. Its chief ray goes through
+        // the middle of the first surface, and leaves the second at 2/3·tan θ with the slope
+        // 29/30·tan θ.
+        let height = |distance: f64| {
+            let points = field_points(&at(distance).unwrap(), &[0.01], &[500.0]).unwrap();
+            points[0].chief_ray_height_mm
+        };
+        let grown = height(500.0) / height(f64::INFINITY);
+        assert!((grown - (2.0 / 3.0 + 29.0 / 30.0 * image) / 20.0).abs() < 1e-6, "{grown}");
     }
 }

@@ -16,6 +16,7 @@
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
+use super::rgb::picture::check_bytes;
 use super::sidecar::{Own, Sidecar};
 use ::exr::block::chunk::TileCoordinates;
 use ::exr::block::reader::ChunksReader;
@@ -34,6 +35,8 @@ pub(super) fn refused(error: ::exr::error::Error) -> Error {
 
 /// Most pixels of a band: 2 GiB of memory.
 const MOST_PIXELS: usize = 1 << 29;
+/// Fewest bits of a sample: those of halves.
+pub(super) const LEAST_BITS: usize = 16;
 
 /// How the channels of a cube are named. Where a file has several, the first is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -91,6 +94,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         return Err(Error::limit(format!("an image of {} x {} pixels", size.0, size.1))
             .help(format!("at most {MOST_PIXELS} pixels are read")));
     }
+    check_bytes(path, size, LEAST_BITS)?;
     let source = Channels {
         path: path.into(),
         size,
@@ -365,6 +369,14 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..100]).unwrap();
         assert!(open_scene(path.to_str().unwrap()).is_err());
+        // A header that lies about the size: 20 million columns.
+        let name = b"dataWindow\0box2i\0";
+        let window = whole.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
+        let mut lying = whole.clone();
+        lying[window + 8..][..4].copy_from_slice(&20_000_000i32.to_le_bytes());
+        std::fs::write(&path, lying).unwrap();
+        let error = open_scene(path.to_str().unwrap()).err().unwrap().to_string();
+        assert!(error.contains("20000001 x 2 pixels in a file of"), "{error}");
     }
 
     fn layer(names: &[String], part: &str) -> Layer<AnyChannels<FlatSamples>> {

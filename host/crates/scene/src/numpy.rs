@@ -99,6 +99,7 @@ struct Array {
 impl Array {
     fn read(mut reader: impl Read + Seek) -> Result<Self> {
         let malformed = |e: std::io::Error| Error::input(format!("not a NumPy array: {e}"));
+        npy::check_header(&mut reader)?;
         let header = npyz::NpyHeader::from_reader(&mut reader).map_err(malformed)?;
         let offset = reader.stream_position().map_err(malformed)?;
         let shape = header.shape().iter().map(|&n| usize::try_from(n));
@@ -253,7 +254,7 @@ mod tests {
         };
         let whole = npy("<f4", "False", "(1, 1, 31)", &samples(|_| 0.5, 31));
         assert!(message(&whole[..whole.len() - 1]).contains("cut off"));
-        assert!(message(&whole[..20]).contains("not a NumPy array"));
+        assert!(message(&whole[..20]).contains("truncated: 128 bytes needed, 20 there"));
         assert!(message(b"nonsense").contains("not a NumPy array"));
         assert!(
             message(&npy("<f4", "False", "(31,)", &samples(|_| 0.5, 31))).contains("three axes")

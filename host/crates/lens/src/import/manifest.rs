@@ -32,9 +32,11 @@ use super::listing::{self, PsfListing};
 use super::{Table, words};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
+use camrig_formats::npy;
 use camrig_glass::text::{number, read_text};
 use camrig_optics::{Characterisation, PsfGrid};
 use serde::Deserialize;
+use std::io::Cursor;
 use std::path::Path;
 
 const FORMAT: &str = "camrig-lens-import/1";
@@ -304,6 +306,7 @@ fn load(path: &Path) -> Result<PsfListing> {
     }
     let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
     let bad = |what: String| Error::input(what).help("a PSF is an n x n array of f4 or f8");
+    npy::check_header(&mut Cursor::new(&bytes))?;
     let npy = npyz::NpyFile::new(&bytes[..]).map_err(|e| bad(e.to_string()))?;
     let shape = npy.shape().to_vec();
     let count = shape.iter().try_fold(1u64, |a, &n| a.checked_mul(n));

@@ -35,6 +35,7 @@ use super::Between;
 use super::{Characterisation, PsfGrid};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
+use camrig_formats::npy;
 use npyz::WriterBuilder;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -217,7 +218,9 @@ where
 fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
     let bytes = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
-    let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(|e| Error::io("read", path, e))?;
+    let mut file = BufReader::new(file);
+    npy::check_header(&mut file).map_err(|e| e.at(path.display()))?;
+    let npy = npyz::NpyFile::new(file).map_err(|e| Error::io("read", path, e))?;
     let shape = npy.shape().to_vec();
     let count = shape.iter().try_fold(1u64, |a, &n| a.checked_mul(n));
     if npy.order() != npyz::Order::C || count.is_none_or(|n| n.saturating_mul(4) > bytes) {

@@ -6,9 +6,9 @@ use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
 const MOST_PIXELS: usize = 1 << 27;
-/// Most pixels of a byte of a file: a grey of 1 bit compressed by 1032, the most that deflate
-/// does. Sizes beyond it are lies.
-const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
+/// Most bits of pixels in a byte of a file: compressed by 1032, the most that deflate does. Sizes
+/// beyond it are lies.
+const MOST_BITS_PER_BYTE: u64 = 8 * 1032;
 
 /// Samples of red, green and blue, interleaved.
 pub enum Samples {
@@ -55,9 +55,15 @@ pub struct Picture {
 
 /// Refuses sizes that memory or the file's bytes cannot hold.
 pub fn check_size(path: &Path, (width, height): (usize, usize)) -> Result<()> {
+    check_pixels([width, height])?;
+    check_bytes(path, (width, height), 1)
+}
+
+/// Refuses sizes that the file's bytes cannot hold where a pixel has at least so many bits.
+pub fn check_bytes(path: &Path, (width, height): (usize, usize), bits: usize) -> Result<()> {
     let bytes = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
-    let pixels = check_pixels([width, height])?;
-    if pixels as u64 > bytes.saturating_mul(MOST_PIXELS_PER_BYTE) {
+    let all = width.saturating_mul(height).saturating_mul(bits) as u64;
+    if all > bytes.saturating_mul(MOST_BITS_PER_BYTE) {
         return Err(Error::input(format!("{width} x {height} pixels in a file of {bytes} bytes"))
             .help("the file is cut off, or its header is wrong"));
     }

@@ -3,11 +3,11 @@
 //! Attributes that are read: `chromaticities` (without them the file's default, Rec. 709) and
 //! `whiteLuminance`, the luminance of R = G = B = 1 in cd/m².
 
-use super::picture::{Picture, Said, Samples, check_size};
+use super::picture::{Picture, Said, Samples, check_bytes, check_size};
 use super::space::{Chromaticities, Space};
 use super::transfer::Transfer;
 use crate::cube::BandSource;
-use crate::exr::{Channels, is_spectral, part_name, refused};
+use crate::exr::{Channels, LEAST_BITS, is_spectral, part_name, refused};
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2};
 use camrig_base::{Error, Result};
@@ -50,6 +50,7 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     let header = &meta.headers[chosen.part];
     let size = (header.layer_size.width(), header.layer_size.height());
     check_size(path, size)?;
+    check_bytes(path, size, LEAST_BITS * chosen.channels.len())?;
     let source = Channels {
         path: path.into(),
         size,
