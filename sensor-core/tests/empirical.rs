@@ -20,7 +20,7 @@ in_both_arithmetics! {
     seams_step_where_they_begin waves_stand_still profiles_and_maps_lie_over_the_frame
     gains_multiply_and_dark_current_has_shot_noise a_law_over_pixels_is_its_quantile_function
     line_noise_has_its_profile_and_its_exponent taps_and_lengths_give_their_covariance
-    a_curve_of_the_signal_steps_and_adds_noise rows_do_not_depend_on_their_order
+    a_curve_of_the_signal_steps_and_adds_noise frames_count_from_the_start rows_do_not_depend_on_their_order
 }
 
 fn effect(quantity: Quantity, shape: Shape, amount: f32) -> Empirical {
@@ -217,6 +217,17 @@ fn a_curve_of_the_signal_steps_and_adds_noise<A: Arith>() {
     near_variance("variance", variance(&v), 576.0, v.len(), 0.0);
 }
 
+fn frames_count_from_the_start<A: Arith>() {
+    // The first frame has the number 0xfffffffe: numbers go on from 0.
+    let words = [65_535.0, 65_534.0, 0.0, 1.0, 4.0, 0.2, 4.0, 0.0];
+    let config = sensor(40, 3, effect(Quantity::Offset, Shape::FrameCurve, 50.0), &words);
+    for (i, more) in [50.0, 40.0, 30.0, 20.0, 0.0, 0.0].into_iter().enumerate() {
+        let v = shot::<A>(&config, 0xffff_fffe_u32.wrapping_add(i as u32), 100.0);
+        assert!(v.iter().all(|v| (v - 100.0 - more).abs() < HALF), "{i}: {}", v[0]);
+    }
+    assert!((shot::<A>(&config, 7, 100.0)[0] - 100.0).abs() < HALF);
+}
+
 fn rows_do_not_depend_on_their_order<A: Arith>() {
     for words in [&[0.0, 1.0, 7.0][..], &[1.0, 1.0, 7.0], &[1.0, 0.0, 0.9, 0.3, 0.1]] {
         let config = sensor(200, 8, effect(Quantity::Temporal, Shape::Correlation, 30.0), words);
@@ -250,6 +261,10 @@ fn tables_that_are_none_are_refused() {
     assert!(refused(Temporal, Shape::Correlation, &[0.0, 1.0, 0.0]));
     assert!(refused(Temporal, Shape::Correlation, &[0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0]));
     assert!(refused(Response, Shape::SignalCurve, &[1.0, 1.0]));
+    assert!(refused(Offset, Shape::FrameCurve, &[0.0, 0.0, 1.0]));
+    assert!(refused(Offset, Shape::FrameCurve, &[0.5, 0.0, 0.0, 1.0]));
+    assert!(refused(Offset, Shape::FrameCurve, &[0.0, 65_536.0, 0.0, 1.0]));
+    assert!(refused(Gain, Shape::FrameCurve, &[0.0, 0.0, 0.0, 1.0]));
     // The number of words reaches beyond the table, or the table begins beyond its end.
     for start in [1.0, 1023.0] {
         let mut bad = good.clone();

@@ -275,6 +275,11 @@ impl FrameArgs {
         }
     }
 
+    /// Number of the first frame that the sensor takes.
+    pub fn first_number(&self) -> u32 {
+        self.hdr.map_or(self.frame_seed, |hdr| hdr.frames(self.frame_seed)[0])
+    }
+
     /// Settings of frame `i` for an exposure of `exposure_s` seconds before bracketing.
     pub fn settings(&self, camera: &Camera, exposure_s: f64, i: u32) -> FrameSettings {
         let step = self.bracket.get(i as usize % self.bracket.len().max(1)).unwrap_or(&0.0);

@@ -51,7 +51,8 @@ pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<Irr
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut sink = args.frames.sink()?;
     args.frames.readout.refuse_charge()?;
-    let camera = args.camera.load()?;
+    let mut camera = args.camera.load()?;
+    camera.first_frame = args.frames.first_number();
     let cube = open(&args.irradiance, &camera)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,

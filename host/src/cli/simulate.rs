@@ -206,7 +206,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Err(Error::unsupported("charge binning of a moving scene")
             .help("bin digitally, or leave the motion out: it counts single pixels"));
     }
-    let camera = readout.camera(args.view.camera.load()?)?;
+    let mut camera = readout.camera(args.view.camera.load()?)?;
+    camera.first_frame = frames.first_number();
     let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps)?;
     let OpticsOutput { light, cube, optics, cached, lens_traced, .. } = first;
     if let Some(path) = &args.save_irradiance {

@@ -5,6 +5,7 @@ mod curve;
 mod field;
 mod line_noise;
 mod response;
+mod since_start;
 
 use super::{Context, Domain, Inputs, MAX_TABLE, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
@@ -21,29 +22,29 @@ effect! {
     /// `domain` says what of the sensor it changes, `shape` how that lies over the frame or the
     /// signal; the table holds the shape f, and `amount` multiplies it.
     ///
-    /// - offset, e⁻: v += A f(x, y);
+    /// - offset, e⁻: v += A f(x, y), or A f(i), i the frames since the sensor's start;
     /// - gain: n *= 1 + A f(x, y), or v for n where it is a seam, as taps come after the pixel;
     /// - dark, e⁻/s: q += Poisson(max(d, 0)) + min(d, 0), d = t 2^((T − T_ref)/T_d) A f(x, y);
     /// - temporal, e⁻: v += A z(y, frame) f(x) (s/S)^e, s the row's mean signal, or the same with
     ///   x and y exchanged in z and f; or v += A c(x, y, frame), where c follows itself;
     /// - response, e⁻: v += A f(v) + σ(v) z(x, y, frame).
     ///
-    /// z is standard normal, c has variance 1. Shapes of offset, gain and dark current: seam (steps
-    /// from a column and a row on), wave (sines that stand still), row-profile and column-profile
-    /// (curves over columns or rows), map (a sum of curves over columns times curves over rows),
-    /// distribution (a quantile function of z, fixed for each pixel). Of temporal noise: row-flat,
-    /// column-flat, row-profile, column-profile (common to a row or column), correlation (taps or a
-    /// length). Of the response: signal-curve. Curves are straight between their knots and stay
-    /// beyond their ends. All tables of a camera together have at most 1024 numbers. Limits: the
-    /// row's mean stands for the signal of each of its pixels; no effect depends on the frame's
-    /// number since the start. Shapes as `camrig diagnose` finds them; EMVA 1288 release 4.0 for
-    /// parts of rows and columns, Janesick 2001 for where they act.
+    /// z is standard normal, c has variance 1. Shapes of offset, gain and dark current: seam
+    /// (steps from a column and a row on), wave (sines that stand still), row-profile and
+    /// column-profile (curves over columns or rows), map (a sum of curves over columns times curves
+    /// over rows), distribution (a quantile function of z, fixed for each pixel); of the offset also
+    /// frame-curve (the first frames after a start). Of temporal noise: row-flat, column-flat,
+    /// row-profile, column-profile (common to a row or column), correlation (taps or a length). Of
+    /// the response: signal-curve. Curves are straight between their knots and stay beyond their
+    /// ends. All tables of a camera together have at most 1024 numbers. Limits: the row's mean
+    /// stands for the signal of each of its pixels. Shapes as `camrig diagnose` finds them; EMVA
+    /// 1288 release 4.0 for parts of rows and columns, Janesick 2001 for where they act.
     Empirical, "empirical", Voltage, Pixel {
         /// What it changes: 0 offset, 1 gain, 2 dark current, 3 temporal noise, 4 response
         quantity: "1", 0.0..=4.0;
         /// Its shape: 0 row-flat, 1 column-flat, 2 row-profile, 3 column-profile, 4 seam, 5 wave,
-        /// 6 map, 7 distribution, 8 correlation, 9 signal-curve
-        shape: "1", 0.0..=9.0;
+        /// 6 map, 7 distribution, 8 correlation, 9 signal-curve, 10 frame-curve
+        shape: "1", 0.0..=10.0;
         /// What the table's values are multiplied by, in e⁻, 1 or e⁻/s
         amount: "e-", -1e6..=1e6;
         /// Exponent e of the signal, of temporal noise common to lines
@@ -97,6 +98,8 @@ pub enum Shape {
     Correlation,
     /// Over the signal.
     SignalCurve,
+    /// Over the frames since the sensor's start.
+    FrameCurve,
 }
 
 impl Quantity {
@@ -107,7 +110,7 @@ impl Quantity {
 
 impl Shape {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::RowFlat,
         Self::ColumnFlat,
         Self::RowProfile,
@@ -118,11 +121,13 @@ impl Shape {
         Self::Distribution,
         Self::Correlation,
         Self::SignalCurve,
+        Self::FrameCurve,
     ];
 
     /// Whether a quantity may have this shape.
     pub fn suits(self, quantity: Quantity) -> bool {
         match quantity {
+            Quantity::Offset if self == Self::FrameCurve => true,
             Quantity::Offset | Quantity::Gain | Quantity::Dark => matches!(
                 self,
                 Self::RowProfile
@@ -176,7 +181,8 @@ impl Empirical {
             6 => Shape::Map,
             7 => Shape::Distribution,
             8 => Shape::Correlation,
-            _ => Shape::SignalCurve,
+            9 => Shape::SignalCurve,
+            _ => Shape::FrameCurve,
         }
     }
 
@@ -199,6 +205,7 @@ impl Empirical {
                 Curve::<2>::is_one(words)
             }
             Shape::SignalCurve => Curve::<3>::is_one(words),
+            Shape::FrameCurve => since_start::is_one(words),
             Shape::Seam | Shape::Wave | Shape::Map => Field::is_one(self.shape(), words),
             Shape::Correlation => correlation::is_one(words),
         };

@@ -42,8 +42,14 @@ kind = \"empirical\"
 domain = \"response\"
 shape = \"signal-curve\"
 table = \"curve.toml\"
+[[effect]]
+kind = \"empirical\"
+domain = \"offset\"
+shape = \"frame-curve\"
+amount_e = 9.0
+table = \"start.toml\"
 ";
-const TABLES: [(&str, &str); 6] = [
+const TABLES: [(&str, &str); 7] = [
     ("wave.toml", "[[wave]]\ncycles_per_column = 0.11\ncycles_per_row = 0.27\namplitude = 1.0\n"),
     ("law.toml", "deviates = [-3.0, 0.0, 3.0]\nvalues = [0.0, 1.0, 8.0]\n"),
     (
@@ -53,6 +59,7 @@ const TABLES: [(&str, &str); 6] = [
     ("profile.toml", "at = [0.0, 20.0]\nvalues = [1.0, 0.0]\n"),
     ("noise.toml", "along = \"columns\"\nlength = 9.0\n"),
     ("curve.toml", "signal_e = [2000.0, 2000.0]\nchange_e = [0.0, 20.0]\nnoise_e = [0.0, 12.0]\n"),
+    ("start.toml", "at = [0.0, 3.0]\nvalues = [1.0, 0.0]\n"),
 ];
 
 /// A folder with a base model and a camera that has empirical effects beside it.
@@ -139,4 +146,31 @@ fn what_is_proposed_runs_and_closes_the_gap() {
     }
     let read = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert_eq!(read("a.npy"), read("b.npy"));
+}
+
+#[test]
+fn a_start_up_is_proposed_and_a_camera_that_has_it_is_judged_with_it() {
+    let effects = "[[effect]]\nkind = \"empirical\"\ndomain = \"offset\"\n\
+        shape = \"frame-curve\"\namount_e = 12.0\ntable = \"start.toml\"\n";
+    // e^(−i/2.5), to a thousandth.
+    let (at, values): (Vec<f64>, Vec<f64>) =
+        (0..18).map(f64::from).map(|i| (i, (-i / 2.5).exp())).unzip();
+    let table = format!("at = {at:?}\nvalues = {values:?}\n");
+    let dir = folder(effects, &[("start.toml", &table)]);
+    let dir = dir.path();
+    camrig_ok(dir, "capture --camera true.toml --plan diagnosis --frame-seed 70000 -o captures");
+    camrig(dir, "diagnose base.toml captures -o d");
+    let found = diagnosis(&dir.join("d"));
+    let gap = |key: &str| found[key].as_f64().unwrap();
+    assert!(gap("gap_before") > 1.5 && gap("gap_after") < 1.3, "{found}");
+    assert_eq!(found["nuisances"][0]["kind"], "start-up");
+    let [step] = &found["steps"].as_array().unwrap()[..] else { panic!("{found}") };
+    assert_eq!((&step["domain"], &step["shape"]), (&"offset".into(), &"frame-curve".into()));
+    let value = |key: &str| step["parameters"][key]["value"].as_f64().unwrap();
+    assert!((value("amplitude_e") - 12.0).abs() < 0.3, "{step}");
+    assert!((value("length_frames") - 2.5).abs() < 0.15, "{step}");
+    // The file that holds it agrees, and so does the camera that took the frames.
+    for camera in ["d/camera-improved.toml", "true.toml"] {
+        camrig_ok(dir, &format!("compare {camera} captures"));
+    }
 }

@@ -106,6 +106,7 @@ pub(super) fn camera(
         sensor,
         effects: Vec::new(),
         empirical: Vec::new(),
+        first_frame: 0,
         optical_effects: Vec::new(),
         text: text.to_string(),
     };

@@ -169,9 +169,9 @@ impl Empirical {
         out
     }
 
-    /// Its words in the sensor's table: their number, then themselves.
-    fn words(&self) -> Vec<f32> {
-        let words = self.table.words();
+    /// Its words in the table of a sensor that starts with a frame: their number, then themselves.
+    fn words(&self, first_frame: u32) -> Vec<f32> {
+        let words = self.table.words(first_frame);
         std::iter::once(words.len() as f32).chain(words).collect()
     }
 
@@ -261,7 +261,7 @@ impl File<'_> {
 impl Camera {
     /// The tables of all empirical effects, as the sensor takes them.
     pub fn table(&self) -> Vec<f32> {
-        self.empirical.iter().flat_map(Empirical::words).collect()
+        self.empirical.iter().flat_map(|e| e.words(self.first_frame)).collect()
     }
 
     /// Gives the camera an empirical effect's table, and gives its stage for [`Camera::effects`].
@@ -271,7 +271,7 @@ impl Camera {
     pub fn keep(&mut self, effect: Empirical) -> Result<Effect> {
         let start = self.table().len();
         let stage = effect.stage(start);
-        let words = start + effect.words().len();
+        let words = start + effect.words(0).len();
         if words > MAX_TABLE {
             let error = Error::limit(format!("tables of empirical effects with {words} numbers"));
             return Err(error.help(format!("use {MAX_TABLE} in all: fewer knots or effects")));
@@ -280,13 +280,18 @@ impl Camera {
         Ok(stage)
     }
 
+    /// Whether an effect depends on the frames since the sensor's start.
+    pub fn changes_after_its_start(&self) -> bool {
+        self.empirical.iter().any(|e| e.table.shape() == Shape::FrameCurve)
+    }
+
     /// What a stage of the chain was made of, if it is an empirical one.
     pub fn empirical_of(&self, stage: &Effect) -> Option<&Empirical> {
         let Effect::Empirical(e) = stage else { return None };
         let mut start = 0;
         self.empirical.iter().find(|own| {
             let here = start == e.start as usize;
-            start += own.words().len();
+            start += own.words(0).len();
             here
         })
     }

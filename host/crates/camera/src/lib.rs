@@ -67,6 +67,9 @@ pub struct Camera {
     pub effects: Vec<camrig_sensor_core::effects::Effect>,
     /// What the empirical ones among them were made of, in the order of their tables.
     pub empirical: Vec<empirical::Empirical>,
+    /// Number of the frame with which the sensor starts; no part of the file. Frame curves count
+    /// from it.
+    pub first_frame: u32,
     /// Effects of the optics beyond the description of the lens, in the file's order.
     pub optical_effects: Vec<camrig_optics::OpticalEffect>,
     /// Text of the file, for reports.

@@ -211,6 +211,10 @@ const SHAPES: [(&str, &str); 10] = [
         "domain = \"response\"\nshape = \"signal-curve\"",
         "signal_e = [10.0, 10.0]\nchange_e = [0.0, 5.0]\nnoise_e = [0.0, 2.0]\n",
     ),
+    (
+        "domain = \"offset\"\nshape = \"frame-curve\"\namount_e = 9.0",
+        "at = [0.0, 5.0]\nvalues = [1.0, 0.0]\n",
+    ),
 ];
 
 #[test]
@@ -255,6 +259,16 @@ fn several_empirical_effects_share_the_sensors_table() {
 }
 
 #[test]
+fn frame_curves_count_from_the_frame_with_which_the_sensor_starts() {
+    let (effect, table) = SHAPES[SHAPES.len() - 1];
+    let mut camera = empirical(&format!("{effect}\ntable = \"empirical-1.toml\""), table).unwrap();
+    assert!(camera.changes_after_its_start());
+    assert_eq!(camera.table(), [6.0, 0.0, 0.0, 0.0, 1.0, 5.0, 0.0]);
+    camera.first_frame = 4_000_000_001;
+    assert_eq!(camera.table()[1..3], [61_035.0, 10_241.0]);
+}
+
+#[test]
 fn what_is_wrong_with_an_empirical_effect_is_said_at_once() {
     let told = |effect: &str, table: &str| match empirical(effect, table) {
         Ok(_) => panic!("{effect} loads"),
@@ -277,7 +291,7 @@ fn what_is_wrong_with_an_empirical_effect_is_said_at_once() {
     for (effect, table, expected) in [
         (of("ofset", "seam"), SHAPES[4].1, "did you mean \"offset\""),
         (of("temporal", "seam"), SHAPES[4].1, "no \"seam\""),
-        (of("offset", "frame-curve"), curve, "no stage runs it yet"),
+        (of("gain", "frame-curve"), "at = [0.0]\nvalues = [1.0]", "no \"frame-curve\""),
         (of("offset", "row-profile"), curve, "\"at\" has 2 numbers, \"values\" has 1"),
         (of("offset", "row-profile"), "at = [1.0, 0.0]\nvalues = [1.0, 1.0]", "falls"),
         (of("offset", "row-profile"), "at = [0.0]\nvalues = [inf]", "not finite"),

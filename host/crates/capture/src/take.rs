@@ -112,6 +112,8 @@ pub fn take(
                 &lit.as_ref().ok_or_else(|| Error::internal("no irradiance of a target"))?.1
             }
         };
+        // Each stack begins with a start of the sensor.
+        let camera = &Camera { first_frame: frame_number, ..camera.clone() };
         let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
         stage.set_camera(&sensor)?;
         let (mut saturated, mut samples) = (0u64, 0u64);

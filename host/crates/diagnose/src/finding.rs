@@ -46,6 +46,8 @@ pub enum Form {
     Distribution,
     /// A step of the response at a signal.
     SignalStep,
+    /// The first frames after a start.
+    FrameCurve,
 }
 
 /// How the amount of a proposed effect depends on the conditions: exponents.

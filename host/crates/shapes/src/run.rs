@@ -3,7 +3,8 @@
 use crate::Shape;
 use crate::seen::shown;
 use crate::view::View;
-use crate::{dark_law, droop, line_noise, outliers, seam, serial, stage, stitch, wave};
+use crate::{dark_law, droop, line_noise, outliers, profile};
+use crate::{seam, serial, stage, start_up, stitch, wave};
 use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
@@ -34,6 +35,10 @@ const OF_MEANS: [Detector; 2] = [seam::find, wave::find];
 const OF_THE_REST: [Detector; 6] =
     [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
 
+/// Smooth shapes, of which laws of the catalogue are parts: for what names and the other shapes
+/// leave.
+const SMOOTH: [Detector; 1] = [profile::find];
+
 /// Searches for the effects that the camera lacks, as [`search::run()`], and for shapes that no
 /// effect has. Names are given to moments without the shapes; at the end the session has the
 /// moments as they were measured, and the model that is judged on them runs the shapes too.
@@ -52,38 +57,105 @@ pub fn run(
         return names(session);
     }
     say("shapes");
-    let mut shapes = find(session, camera, &OF_MEANS, None);
-    let mut found = names(session)?;
-    let mut as_measured = None;
-    if !shapes.is_empty() {
-        let names_alone = session.deviance(&found.after);
-        let had = take_out(session, camera, &shapes);
-        let other = names(session)?;
-        if session.deviance(&other.after) + GAIN < names_alone {
-            found = Outcome { gaps: (found.gaps.0, other.gaps.1), ..other };
-            as_measured = Some(had);
-        } else {
-            put_back(session, had);
-            shapes.clear();
-        }
-    }
-    if !session.accepts(&found.after, found.gaps.1) {
+    let of_means = find(session, camera, &OF_MEANS, None);
+    let found = names(session)?;
+    let mut so_far = SoFar { camera, found, shapes: Vec::new(), as_measured: None };
+    so_far.take_if_likelier(session, of_means, &names)?;
+    if !so_far.explains(session) {
         say("shapes of what is left");
-        let more = find(session, camera, &OF_THE_REST, Some(&found.before));
-        if !more.is_empty() {
-            let had = take_out(session, camera, &more);
-            as_measured.get_or_insert(had);
-            let other = names(session)?;
-            found = Outcome { gaps: (found.gaps.0, other.gaps.1), ..other };
-            shapes.extend(more);
-        }
+        let rest = find(session, camera, &OF_THE_REST, Some(&so_far.found.before));
+        so_far.take(session, rest, &names)?;
     }
+    if !so_far.explains(session) {
+        let smooth = find(session, camera, &SMOOTH, None);
+        so_far.take_if_likelier(session, smooth, &names)?;
+    }
+    let SoFar { mut found, mut shapes, as_measured, .. } = so_far;
     if let Some(had) = as_measured {
         put_back(session, had);
+    }
+    if let Some(curve) = session.start_up
+        && let Some(shape) = start_up::of(camera, &session.fit.design, curve)
+    {
+        session.expect_no_start_up();
+        found.before = session.state(camera.clone(), Vec::new(), RUNS)?;
+        found.gaps.0 = session.gap(&found.before);
+        shapes.push(shape);
+    }
+    if !shapes.is_empty() {
         say("the model with the shapes");
         judge(session, &mut found, &shapes)?;
     }
     Ok(found)
+}
+
+/// The search for names.
+type Names<'a> = dyn Fn(&Session) -> Result<Outcome> + 'a;
+
+/// What was found so far.
+struct SoFar<'a> {
+    camera: &'a Camera,
+    found: Outcome,
+    shapes: Vec<Box<dyn Shape>>,
+    /// The moments as they were measured, where shapes were taken out.
+    as_measured: Option<[Measured; 2]>,
+}
+
+impl SoFar<'_> {
+    /// Whether the names explain what the shapes leave.
+    fn explains(&self, session: &Session) -> bool {
+        session.accepts(&self.found.after, self.found.gaps.1)
+    }
+
+    /// Takes shapes out and searches for names in the rest. Those found before stay if the rest is
+    /// likelier with them: a search with fewer statistics may end where this one did not.
+    fn take(
+        &mut self,
+        session: &mut Session,
+        new: Vec<Box<dyn Shape>>,
+        names: &Names<'_>,
+    ) -> Result<()> {
+        if new.is_empty() {
+            return Ok(());
+        }
+        let had = take_out(session, self.camera, &new);
+        let mut other = names(session)?;
+        let State { camera, named, .. } = self.found.after.clone();
+        let as_before = session.state(camera, named, RUNS)?;
+        if session.deviance(&as_before) + GAIN < session.deviance(&other.after) {
+            let gaps = (other.gaps.0, session.gap(&as_before));
+            other = Outcome { after: as_before, gaps, ..self.found.clone() };
+        }
+        self.keep(new, had, other);
+        Ok(())
+    }
+
+    /// The same, if the frames are likelier so than with names alone.
+    fn take_if_likelier(
+        &mut self,
+        session: &mut Session,
+        new: Vec<Box<dyn Shape>>,
+        names: &Names<'_>,
+    ) -> Result<()> {
+        if new.is_empty() {
+            return Ok(());
+        }
+        let names_alone = session.deviance(&self.found.after);
+        let had = take_out(session, self.camera, &new);
+        let other = names(session)?;
+        if session.deviance(&other.after) + GAIN < names_alone {
+            self.keep(new, had, other);
+        } else {
+            put_back(session, had);
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, new: Vec<Box<dyn Shape>>, had: [Measured; 2], other: Outcome) {
+        self.found = Outcome { gaps: (self.found.gaps.0, other.gaps.1), ..other };
+        self.as_measured.get_or_insert(had);
+        self.shapes.extend(new);
+    }
 }
 
 /// Judges the model that runs the shapes, with what was named beside them and without, on the

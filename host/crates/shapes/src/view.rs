@@ -61,12 +61,19 @@ impl<'a> View<'a> {
         conditions.filter(move |(_, c)| c.stack.role == role).map(|(i, _)| i)
     }
 
-    /// A map less the mean of each channel, clipped.
-    pub fn levelled(&self, plane: &Plane<f32>) -> Plane<f32> {
+    /// A map less the median of each channel.
+    pub fn about_median(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut plane = plane.clone();
         let channels = Channels::new(self.camera);
         let middles = channel_medians(&plane.data, &channels);
         channels.change(&mut plane.data, &middles, |v, m| v - m);
+        plane
+    }
+
+    /// A map less the mean of each channel, clipped.
+    pub fn levelled(&self, plane: &Plane<f32>) -> Plane<f32> {
+        let mut plane = self.about_median(plane);
+        let channels = Channels::new(self.camera);
         let limit = (CLIP * robust_sd(&plane.data)) as f32;
         plane.data.iter_mut().for_each(|v| *v = v.clamp(-limit, limit));
         let means = channels.means(&plane.data);

@@ -1,10 +1,12 @@
 //! Statistics of a map.
 
 use super::collect::{Collected, spread_of_squares};
-use super::maps::Map;
+use super::maps::{Map, MapKind};
 use super::spatial::{BLOCK, CORNER_SHARE, HALF_WAVES, LATTICE, PERIODS, Spatial, aperiodic};
 use super::statistic::{Scale, What};
 use crate::numerics::tails;
+use camrig_base::median::median;
+use std::f64::consts::FRAC_PI_2;
 
 /// The largest bin of a line's power is divided by this, because the median that it is compared
 /// with scatters too: that of 100 exponential bins by a tenth of their mean.
@@ -71,6 +73,12 @@ pub(super) fn statistics(map: &Map, out: &mut Collected) {
     out.add(What::EveryOtherColumn, columns, (4.0 * s.column_variance / w).sqrt(), Scale::Linear);
     out.add(What::Checkerboard, checkerboard, (4.0 * v / n).sqrt(), Scale::Linear);
     out.add(What::Lattice, tails::largest(s.lattice, 2 * LATTICE * LATTICE), 1.0, Scale::Linear);
+    if map.kind == MapKind::DarkCurrent {
+        let middle = f64::from(median(&mut map.plane.data.clone(), f32::total_cmp));
+        // A median of normal values has π/2 of their mean's variance.
+        let variance = FRAC_PI_2 * v / n + s.row_variance / h + s.column_variance / w;
+        out.add(What::Middle, middle, variance.sqrt(), Scale::Linear);
+    }
     if let Some((slope, sd)) = map.after_image {
         out.add(What::AfterImage, slope, sd, Scale::Linear);
     }

@@ -148,6 +148,8 @@ pub enum What {
     AfterImage,
     /// A figure of a target.
     Of(Figure),
+    /// Median of a map's pixels, in the map's unit: its level, whatever hot pixels add to the mean.
+    Middle,
 }
 
 /// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) −

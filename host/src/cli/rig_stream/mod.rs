@@ -187,7 +187,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if args.irradiance.is_some() {
         args.readout.refuse_charge()?;
     }
-    let camera = args.readout.camera(args.camera.load()?)?;
+    let mut camera = args.readout.camera(args.camera.load()?)?;
+    camera.first_frame = args.frame_seed;
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let mut rig = Rig::open(&args.url)?;
     rig.on_broken_link(arguments::broken_link);

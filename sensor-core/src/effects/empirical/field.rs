@@ -1,7 +1,7 @@
 //! Fixed patterns: a value for each pixel of the frame.
 
 use super::curve::Curve;
-use super::{Context, Shape, normals};
+use super::{Context, Shape, normals, since_start};
 use crate::arith::{Arith, BLOCK};
 use crate::math;
 use crate::stream::Lanes;
@@ -15,7 +15,7 @@ pub(super) enum Field<'a> {
     Wave(&'a [[f32; 4]]),
     /// A curve over the columns.
     RowProfile(Curve<'a, 2>),
-    /// The same along the row.
+    /// The same along the row, over rows or over frames.
     Level(f32),
     /// Σ u_k(x) v_k(y): knots of u and v, equally apart from the first pixel to the last.
     Map(Terms<'a>),
@@ -86,6 +86,7 @@ impl<'a> Field<'a> {
             Shape::Wave => Self::Wave(words.as_chunks().0),
             Shape::RowProfile => Self::RowProfile(Curve::new(words)),
             Shape::ColumnProfile => Self::Level(Curve::<2>::new(words).at(cx.row as f32)[1]),
+            Shape::FrameCurve => Self::Level(since_start::level(cx.frame, words)),
             Shape::Map => Terms::new(words).map_or(Self::Level(0.0), Self::Map),
             _ => Self::Distribution(Curve::new(words), cx.per_pixel(0)),
         }

@@ -31,13 +31,15 @@ pub enum Table {
     Correlation(Noise),
     /// Over the signal.
     SignalCurve(Response),
+    /// Over the frames since the sensor's start.
+    FrameCurve(Curve),
 }
 
-/// A curve over lines: straight between knots, two at one place are a step, alike beyond the ends.
+/// A curve over lines or frames: straight between knots, two at one place are a step, alike beyond the ends.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
-    /// Columns or rows of the knots, counted from 0, not falling.
+    /// Columns, rows or frames of the knots, counted from 0, not falling.
     pub at: Vec<f64>,
     /// The values there.
     pub values: Vec<f64>,
@@ -212,6 +214,7 @@ impl Table {
             Shape::Distribution => parsed(&text).map(Self::Distribution),
             Shape::Correlation => parsed(&text).map(Self::Correlation),
             Shape::SignalCurve => parsed(&text).map(Self::SignalCurve),
+            Shape::FrameCurve => parsed(&text).map(Self::FrameCurve),
             Shape::RowFlat => Ok(Self::RowFlat),
             Shape::ColumnFlat => Ok(Self::ColumnFlat),
         };
@@ -224,7 +227,7 @@ impl Table {
         let w = &mut wrong;
         match &self {
             Self::RowFlat | Self::ColumnFlat => {}
-            Self::RowProfile(c) | Self::ColumnProfile(c) => {
+            Self::RowProfile(c) | Self::ColumnProfile(c) | Self::FrameCurve(c) => {
                 knots(w, "at", &c.at, &[("values", &c.values)]);
             }
             Self::Seam(s) => require(w, !s.seam.is_empty(), "no [[seam]]", "give at least one"),
@@ -251,7 +254,7 @@ impl Table {
                 require(w, sound, "a \"noise_e\" below 0", "use standard deviations");
             }
         }
-        let numbers = self.words();
+        let numbers = self.words(0);
         let finite = numbers.iter().all(|v| v.is_finite());
         require(w, finite, "a number that is not finite", "use numbers up to 1e38");
         let what = format!("{} numbers", numbers.len());
@@ -273,6 +276,7 @@ impl Table {
             Self::Distribution(_) => Shape::Distribution,
             Self::Correlation(_) => Shape::Correlation,
             Self::SignalCurve(_) => Shape::SignalCurve,
+            Self::FrameCurve(_) => Shape::FrameCurve,
         }
     }
 
@@ -288,7 +292,9 @@ impl Table {
     pub fn text(&self) -> Result<String> {
         let text = match self {
             Self::RowFlat | Self::ColumnFlat => Ok(String::new()),
-            Self::RowProfile(t) | Self::ColumnProfile(t) => toml::to_string(t),
+            Self::RowProfile(t) | Self::ColumnProfile(t) | Self::FrameCurve(t) => {
+                toml::to_string(t)
+            }
             Self::Seam(t) => toml::to_string(t),
             Self::Wave(t) => toml::to_string(t),
             Self::Map(t) => toml::to_string(t),
@@ -299,12 +305,14 @@ impl Table {
         text.map_err(|e| Error::internal(format!("the table of an empirical effect: {e}")))
     }
 
-    /// As the sensor takes it.
-    pub(super) fn words(&self) -> Vec<f32> {
+    /// As a sensor takes it that starts with the frame of this number.
+    pub(super) fn words(&self, first_frame: u32) -> Vec<f32> {
         let numbers: Vec<f64> = match self {
             Self::RowFlat | Self::ColumnFlat => Vec::new(),
-            Self::RowProfile(c) | Self::ColumnProfile(c) => {
-                c.at.iter().zip(&c.values).flat_map(|(x, y)| [*x, *y]).collect()
+            Self::RowProfile(c) | Self::ColumnProfile(c) => c.words().collect(),
+            Self::FrameCurve(c) => {
+                let halves = [first_frame >> 16, first_frame & 0xffff].map(f64::from);
+                halves.into_iter().chain(c.words()).collect()
             }
             Self::Seam(s) => s.seam.iter().flat_map(Step::words).collect(),
             Self::Wave(w) => w.wave.iter().flat_map(Sine::words).collect(),
@@ -324,6 +332,12 @@ impl Table {
             }
         };
         numbers.into_iter().map(|v| v as f32).collect()
+    }
+}
+
+impl Curve {
+    fn words(&self) -> impl Iterator<Item = f64> {
+        self.at.iter().zip(&self.values).flat_map(|(x, y)| [*x, *y])
     }
 }
 

@@ -17,7 +17,7 @@ pub struct Word {
 }
 
 const DOMAINS: [&str; 5] = ["offset", "gain", "dark", "temporal", "response"];
-const SHAPES: [&str; 10] = [
+const SHAPES: [&str; 11] = [
     "row-flat",
     "column-flat",
     "row-profile",
@@ -28,9 +28,8 @@ const SHAPES: [&str; 10] = [
     "distribution",
     "correlation",
     "signal-curve",
+    "frame-curve",
 ];
-/// A shape that may be asked for, but that no stage runs.
-const NOT_YET: &str = "frame-curve";
 
 /// The words of the kind, in their order.
 pub(crate) const WORDS: &[Word] = &[
@@ -88,9 +87,5 @@ pub(super) fn quantity(table: &toml::Table) -> Result<Quantity> {
 
 /// The shape of an `[[effect]]`.
 pub(super) fn shape(table: &toml::Table) -> Result<Shape> {
-    if table.get("shape").and_then(toml::Value::as_str) == Some(NOT_YET) {
-        return Err(Error::unsupported(format!("shape {NOT_YET:?}: no stage runs it yet"))
-            .help("the first frames after a start can be left out of a plan"));
-    }
     Ok(Shape::ALL[word(table, "shape", &SHAPES)?.1])
 }

@@ -5,7 +5,8 @@
 //! temperature, T_ref and T_d those of the model's law 2^((T − T_ref)/T_d), primes what the model
 //! predicts and ⟨ ⟩ inverse-variance means:
 //!
-//!   mean:     µ = µ₀ + ⟨(m − m')/(K t g)⟩, t the exposure beyond the reference's, g the growth;
+//!   mean:     µ = µ₀ + ⟨(m − m')/(K t g)⟩, t the exposure beyond the reference's, g the growth,
+//!             or by the map's median where that is more certain;
 //!   spread:   σ² = σ₀² + (V − V')/g², V the variance of the map's pixels;
 //!   doubling: 1/T_d = 1/T_d0 + ⟨log₂(1 + (m − m')/(K t µ g))/(T − T_ref)⟩;
 //!   gradient: rate = 2√3 |a|/g, a the amplitudes of √3 u and √3 v in the map;
@@ -133,9 +134,24 @@ pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
     out
 }
 
-/// Excess of the mean dark current at T_ref, e⁻/s: the rise of the mean with exposure, at the
-/// temperature of the reference stack.
+/// Excess of the mean dark current at T_ref, e⁻/s: of the map's median, where the few hot pixels
+/// that a sensor happens to have make the means less certain, or else of these.
 fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+    let both = [rise_of_means(e, reference), excess_of_median(e)];
+    both.into_iter().flatten().min_by(|a, b| a.se.total_cmp(&b.se))
+}
+
+/// Excess of the median of the dark-current map at T_ref, e⁻/s.
+fn excess_of_median(e: &Evidence<'_>) -> Option<Estimated> {
+    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::Middle)?;
+    let long = &e.design.conditions[long_dark(e.design)?];
+    let g = dark_growth(&e.camera.sensor.noise, long.stack.temperature_c);
+    Some(Estimated { value: x.value / g, se: x.se / g })
+}
+
+/// Excess of the rise of the mean with exposure, at the temperature of the reference stack, as
+/// e⁻/s at T_ref.
+fn rise_of_means(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
     let noise = &e.camera.sensor.noise;
     pooled(e.of_role(Role::Dark).flat_map(|(i, c)| {
         let time = c.stack.exposure_s - reference.stack.exposure_s;

@@ -18,10 +18,12 @@ use std::borrow::Cow;
 /// What bias frames, of no exposure, are simulated with, s: dark current gives nothing in it.
 const SHORTEST_S: f32 = 1e-9;
 
-/// The sensor of a camera that makes a replicate; `seed` names the sensor and its noise. It is
-/// given photo-electrons, so that its bands do not matter.
-fn sensor(camera: &Camera, seed: u64) -> Result<SensorConfig> {
+/// The sensor of a camera that makes a replicate of a stack, with whose first frame it starts;
+/// `seed` names the sensor and its noise. It is given photo-electrons, so that its bands do not
+/// matter.
+fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
+    let camera = Camera { first_frame: stack.first_number, ..camera.clone() };
     Ok(SensorConfig { seed, ..camera.sensor_config(&band)? })
 }
 
@@ -46,10 +48,9 @@ pub fn simulate(
     seed: u64,
     planes: bool,
 ) -> Result<Vec<Temporal>> {
-    let config = sensor(camera, seed)?;
-    let in_turn = in_turn(design, (config.width * config.height) as usize);
+    let in_turn = in_turn(design, (camera.sensor.width * camera.sensor.height) as usize);
     let conditions = design.conditions.par_iter().with_min_len(in_turn);
-    conditions.map(|c| moments(&config, c, planes)).collect()
+    conditions.map(|c| moments(&sensor(camera, &c.stack, seed)?, c, planes)).collect()
 }
 
 fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {
@@ -93,12 +94,12 @@ pub fn pictures(
     lights: &[Electrons],
     seed: u64,
 ) -> Result<Vec<Picture>> {
-    let config = sensor(camera, seed)?;
-    let (width, height) = (config.width as usize, config.height as usize);
+    let (width, height) = (camera.sensor.width as usize, camera.sensor.height as usize);
     targets
         .par_iter()
         .zip(lights)
         .map(|(target, electrons)| {
+            let config = sensor(camera, &target.stack, seed)?;
             let mut collector = PictureCollector::new(camera, target);
             let mut plane = Plane { width, height, data: vec![0; width * height] };
             for frame in 0..target.stack.frames {

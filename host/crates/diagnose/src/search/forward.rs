@@ -163,7 +163,8 @@ fn first_that_holds(
     state: &State,
     settled: &[Trial],
 ) -> Result<Option<(Trial, State)>> {
-    for trial in settled.iter().filter(|t| t.earns_place()) {
+    let gap = session.gap(state);
+    for trial in settled.iter().filter(|t| t.earns_place(gap)) {
         let mut named = state.named.clone();
         trial.proposal.clone().join(&mut named);
         let camera = trial.proposal.applied(&state.camera);

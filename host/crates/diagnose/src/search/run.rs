@@ -17,6 +17,7 @@ use camrig_camera::Camera;
 const CLOSE_RIVAL: f64 = 0.5;
 
 /// What the search found.
+#[derive(Clone)]
 pub struct Outcome {
     /// The model at the start.
     pub before: State,

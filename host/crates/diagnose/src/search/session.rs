@@ -125,6 +125,9 @@ pub struct Session {
     pub notes: Vec<String>,
     /// What was found in the captures that is not the sensor's steady behaviour.
     pub findings: Vec<Finding>,
+    /// The first frames after a start, which the model is given since its camera has none of its
+    /// own.
+    pub start_up: Option<Curve>,
     /// Whether a camera processed the frames: then no effect is named from them.
     pub processed: bool,
     /// Light of targets through the lenses tried.
@@ -141,11 +144,12 @@ impl Half {
         lights: &Lights,
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Self> {
-        if let Some(curve) = set.curve() {
+        let curve = followed(camera, set);
+        if let Some(curve) = curve {
             course::follow(&mut design, &curve);
         }
         let stacks = read::moments(set, &camera.sensor.pattern(), &design, true, progress)?;
-        if let Some(curve) = set.curve() {
+        if let Some(curve) = curve {
             set_stated_light(camera, &mut design, &stacks, &curve);
         }
         set_unknown_levels(camera, &mut design, &stacks);
@@ -295,7 +299,18 @@ impl Session {
             notes.push(format!("temperature not given: {assumed} °C, the camera file's, assumed"));
         }
         let (processed, slopes) = (set.is_processed(), Slopes::default());
-        Ok(Self { fit, holdout, can_confirm, notes, findings, processed, lights, slopes })
+        let start_up = followed(camera, set).filter(|c| !c.of_light);
+        Ok(Self {
+            fit,
+            holdout,
+            can_confirm,
+            notes,
+            findings,
+            start_up,
+            processed,
+            lights,
+            slopes,
+        })
     }
 
     /// A model with what `runs` replicates of it predict.
@@ -305,7 +320,7 @@ impl Session {
     pub fn state(&self, camera: Camera, named: Vec<Proposal>, runs: u64) -> Result<State> {
         let replicates = self.replicates(&camera, &self.fit, runs)?;
         let fit = Prediction::new(&replicates);
-        let judged = match self.halves_are_alike() {
+        let judged = match self.halves_are_alike(&camera) {
             true => None,
             false => Some(self.replicates(&camera, &self.holdout, runs)?),
         };
@@ -330,16 +345,26 @@ impl Session {
         Ok(State { camera, named, replicates, fit, holdout, norm: (mean, sd) })
     }
 
-    /// Whether both halves are as many frames of the same captures, so that one prediction serves
-    /// both.
-    pub(super) fn halves_are_alike(&self) -> bool {
+    /// Gives the model no start-up: a camera that has one is judged, or one that lacks it.
+    pub fn expect_no_start_up(&mut self) {
+        self.start_up = None;
+        for half in [&mut self.fit, &mut self.holdout] {
+            half.design.conditions.iter_mut().for_each(|c| c.stack.course.offset_dn.clear());
+            half.replicates = Replicates::default();
+        }
+    }
+
+    /// Whether both halves are as many frames of the same captures and a camera is the same in
+    /// both, so that one prediction serves both.
+    pub(super) fn halves_are_alike(&self, camera: &Camera) -> bool {
         let frames = |d: &Design| -> Vec<(usize, usize)> {
             let conditions = d.conditions.iter().map(|c| &c.stack);
             let stacks = conditions.chain(d.targets.iter().map(|t| &t.stack));
             stacks.map(|s| (s.capture, s.frames)).collect()
         };
         let even = |d: &Design| d.conditions.iter().all(|c| c.stack.course.is_even());
-        even(&self.fit.design)
+        !camera.changes_after_its_start()
+            && even(&self.fit.design)
             && even(&self.holdout.design)
             && frames(&self.fit.design) == frames(&self.holdout.design)
     }
@@ -537,6 +562,12 @@ fn set_unknown_light(
         target.light = (measured / predicted.max(1e-12)).max(0.0);
     }
     Ok(())
+}
+
+/// What runs over the frames of a set and the model is given too. A camera with a start-up of its
+/// own is given no other.
+fn followed(camera: &Camera, set: &Cleaned) -> Option<Curve> {
+    set.curve().filter(|c| c.of_light || !camera.changes_after_its_start())
 }
 
 /// Where the lamp drifts within stacks, says which of their frames has the stated light.

@@ -44,7 +44,7 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
     let State { camera, fit, holdout, named, .. } = &*state;
     let wanted = |kind: &str| named.iter().any(|p| p.kind == kind && !p.of_targets);
     let mut halves = vec![(&session.fit, fit)];
-    if session.can_confirm && session.halves_are_alike() {
+    if session.can_confirm && session.halves_are_alike(camera) {
         halves.push((&session.holdout, holdout));
     }
     let of_second = halves.get(1).map_or_else(Vec::new, |&(half, prediction)| {

@@ -5,6 +5,7 @@ use super::describe::describe;
 use super::measures::measures;
 use super::words;
 use crate::candidates::proposal::Proposal;
+use crate::finding::Form;
 use crate::report::{
     Ambiguity, Compared, Comparison, FORMAT, Parameter, Report, RunnerUp, Status, Step,
     Unexplained, Verdict,
@@ -43,9 +44,11 @@ pub fn report(session: &Session, outcome: &Outcome) -> Report {
         outcome.confounded.iter().any(|(taken, _)| taken == kind)
             || (kind == DARK_CURRENT && unknown_temperature(session))
     };
+    let start_up_alone = outcome.shapes.iter().all(|s| s.form == Form::FrameCurve);
     let status = |kind: &str| match confounded(kind) {
-        // A shape has no cause: it may hold part of what is named beside it, or the reverse.
-        false if verdict == Verdict::Explained && outcome.shapes.is_empty() => Status::Confirmed,
+        // A shape has no cause: it may hold part of what is named beside it, or the reverse. No
+        // effect of the catalogue runs over the frames as a start-up does.
+        false if verdict == Verdict::Explained && start_up_alone => Status::Confirmed,
         _ => Status::Tentative,
     };
     let unexplained = session.unexplained(&outcome.after).into_iter().take(UNEXPLAINED);

@@ -103,6 +103,7 @@ pub fn name(camera: &Camera, key: Key) -> String {
         }
         What::Lattice => "16x16 lattice".into(),
         What::AfterImage => "mean after light".into(),
+        What::Middle => "median of pixels".into(),
         What::Of(figure) => of_target(figure, &channel),
     }
 }

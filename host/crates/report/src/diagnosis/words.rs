@@ -55,6 +55,7 @@ pub fn name(step: &Step) -> String {
         Some(Form::Correlation) => "noise that neighbours share",
         Some(Form::Distribution) => "a spread of the pixels",
         Some(Form::SignalStep) => "a step of the response",
+        Some(Form::FrameCurve) => "a curve over the frames since the start",
         None => "a shape",
     };
     format!("Not in the catalogue: {shape}")

@@ -1,0 +1,316 @@
+//! Offsets and dark current that change smoothly along columns or rows, whatever their law: a glow
+//! of several edges, a kick at the start of each row that every frame has.
+//!
+//! The means of a map's columns (rows) are fitted by a line and cosines. Each mean is one
+//! observation, so that what columns have of their own is noise; the line is the catalogue's, as
+//! `dark-current-gradient` has it.
+
+use crate::seen::Seen;
+use crate::stage;
+use crate::view::{View, change_mean, gain, robust_sd};
+use crate::{FALSE_ALARMS, Shape, shapes};
+use camrig_base::Plane;
+use camrig_camera::Camera;
+use camrig_camera::empirical::{Curve, Empirical, Table};
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::maps::MapKind;
+use camrig_diagnose::statistics::temporal::Temporal;
+use camrig_sensor_core::effects::empirical::Quantity;
+use std::f64::consts::PI;
+
+/// Maps that are searched, each along both axes.
+const MAPS: [MapKind; 2] = [MapKind::DarkCurrent, MapKind::Offset];
+/// Cosines of a profile: of a smooth one, and of one that is steep at an edge.
+const COSINES: [usize; 2] = [6, 19];
+/// Lines that a profile needs for each of its cosines.
+const LINES_PER_COSINE: usize = 3;
+/// Places that are searched: maps, axes, numbers of cosines.
+const SEARCHED: f64 = 8.0;
+/// Pixels further than this from the profile, robust standard deviations, are left out.
+const OUTLYING: f64 = 4.0;
+/// Rounds in which these are found.
+const ROUNDS: usize = 3;
+/// Knots of the stage's table, at most.
+const KNOTS: usize = 64;
+
+/// A profile of one map along one axis.
+struct Profile {
+    kind: MapKind,
+    /// Whether it runs over columns.
+    over_columns: bool,
+    /// For each line, e⁻ or e⁻/s; their mean is 0.
+    values: Vec<f64>,
+    /// Standard error of a value.
+    se: f64,
+    evidence: [f64; 2],
+}
+
+/// Profiles that both halves show.
+pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
+    let places = MAPS.into_iter().flat_map(|kind| [(kind, true), (kind, false)]);
+    shapes(places.filter_map(|(kind, over_columns)| profile(fit, held_out, kind, over_columns)))
+}
+
+/// Means of a map's lines in the unit that is told, without outlying pixels.
+fn line_means(view: &View<'_>, kind: MapKind, over_columns: bool) -> Option<Vec<f64>> {
+    let map = view.about_median(view.plane(kind)?);
+    let n = if over_columns { map.width } else { map.height };
+    let mut means = vec![0.0; n];
+    for _ in 0..ROUNDS {
+        let rest = about(&map, over_columns, &means);
+        let limit = OUTLYING * robust_sd(&rest);
+        let (mut sums, mut counts) = (vec![0.0; n], vec![0.0; n]);
+        for (i, (v, r)) in map.data.iter().zip(&rest).enumerate() {
+            if f64::from(r.abs()) <= limit {
+                let line = line(i, map.width, over_columns);
+                sums[line] += f64::from(*v);
+                counts[line] += 1.0;
+            }
+        }
+        means =
+            sums.iter().zip(&counts).map(|(s, n)| if *n > 0.0 { s / n } else { 0.0 }).collect();
+    }
+    let middle = means.iter().sum::<f64>() / n as f64;
+    Some(means.into_iter().map(|m| (m - middle) * view.unit(kind)).collect())
+}
+
+/// The line of a pixel.
+fn line(i: usize, width: usize, over_columns: bool) -> usize {
+    if over_columns { i % width } else { i / width }
+}
+
+/// A map less a value for each line.
+fn about(map: &Plane<f32>, over_columns: bool, lines: &[f64]) -> Vec<f32> {
+    let of = |(i, v): (usize, &f32)| v - lines[line(i, map.width, over_columns)] as f32;
+    map.data.iter().enumerate().map(of).collect()
+}
+
+/// The line of least squares through a profile whose mean is 0.
+fn slope(profile: &[f64]) -> Vec<f64> {
+    let n = profile.len() as f64;
+    let at = |i: usize| i as f64 - (n - 1.0) / 2.0;
+    let square: f64 = (0..profile.len()).map(|i| at(i).powi(2)).sum();
+    let by = profile.iter().enumerate().map(|(i, v)| at(i) * v).sum::<f64>() / square.max(1e-300);
+    (0..profile.len()).map(|i| by * at(i)).collect()
+}
+
+/// What the first cosines hold of a profile; over whole lines they are orthogonal.
+fn smooth(profile: &[f64], cosines: usize) -> Vec<f64> {
+    let n = profile.len() as f64;
+    let mut out = vec![0.0; profile.len()];
+    for j in 1..=cosines {
+        let basis = |i: usize| (PI * j as f64 * (i as f64 + 0.5) / n).cos();
+        let amplitude =
+            profile.iter().enumerate().map(|(i, v)| basis(i) * v).sum::<f64>() * 2.0 / n;
+        out.iter_mut().enumerate().for_each(|(i, v)| *v += amplitude * basis(i));
+    }
+    out
+}
+
+fn less(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+fn square(v: &[f64]) -> f64 {
+    v.iter().map(|v| v * v).sum::<f64>().max(1e-300)
+}
+
+fn profile(
+    fit: &View<'_>,
+    held_out: &View<'_>,
+    kind: MapKind,
+    over_columns: bool,
+) -> Option<Profile> {
+    let a = line_means(fit, kind, over_columns)?;
+    let b = line_means(held_out, kind, over_columns)?;
+    let n = a.len() as f64;
+    let (line_a, line_b) = (slope(&a), slope(&b));
+    let least = -2.0 * (FALSE_ALARMS / SEARCHED).ln();
+    let of = |cosines: usize| {
+        let bent = smooth(&less(&a, &line_a), cosines);
+        let values: Vec<f64> = line_a.iter().zip(&bent).map(|(l, c)| l + c).collect();
+        let rest = less(&a, &values);
+        // Schwarz's ln n for each cosine; none was fitted to the held-out frames.
+        let straight = [square(&less(&a, &line_a)), square(&less(&b, &line_b))];
+        let evidence = [
+            n * (straight[0] / square(&rest)).ln() - cosines as f64 * n.ln(),
+            n * (straight[1] / square(&less(&b, &values))).ln(),
+        ];
+        let left = square(&rest) / (n - cosines as f64 - 2.0);
+        let se = (left * (cosines as f64 + 1.0) / n).sqrt();
+        Profile { kind, over_columns, values, se, evidence }
+    };
+    COSINES
+        .into_iter()
+        .filter(|cosines| cosines * LINES_PER_COSINE <= a.len())
+        .map(of)
+        .filter(|p| p.evidence.iter().all(|e| *e > least))
+        .max_by(|p, q| p.evidence[0].total_cmp(&q.evidence[0]))
+}
+
+impl Profile {
+    /// The value at a pixel.
+    fn at(&self, x: usize, y: usize) -> f64 {
+        self.values.get(if self.over_columns { x } else { y }).copied().unwrap_or(0.0)
+    }
+
+    /// The greatest value and the least, with their lines.
+    fn ends(&self) -> [(usize, f64); 2] {
+        let all = || self.values.iter().copied().enumerate();
+        let greatest = all().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        [greatest, all().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()]
+    }
+
+    /// The profile over a base as knots, and the largest of its values.
+    fn table(&self, base: f64) -> (Table, f64) {
+        let last = self.values.len().saturating_sub(1);
+        let count = self.values.len().min(KNOTS);
+        let knot = |i: usize| i * last / (count - 1).max(1);
+        let from_base = self.values.iter().map(|v| v - base);
+        let amount = from_base.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(1.0);
+        let at: Vec<f64> = (0..count).map(|i| knot(i) as f64).collect();
+        let values = (0..count).map(|i| (self.values[knot(i)] - base) / amount).collect();
+        let curve = Curve { at, values };
+        let table = match self.over_columns {
+            true => Table::RowProfile(curve),
+            false => Table::ColumnProfile(curve),
+        };
+        (table, amount)
+    }
+
+    fn unit(&self) -> &'static str {
+        if self.kind == MapKind::Offset { "e⁻" } else { "e⁻/s" }
+    }
+}
+
+impl Shape for Profile {
+    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        let shortest = stage::shortest_s(design);
+        for (c, t) in design.conditions.iter().zip(stacks) {
+            let k = gain(camera, c);
+            let electrons = |x: usize, y: usize| match self.kind {
+                MapKind::Offset => self.at(x, y),
+                _ => self.at(x, y) * (c.stack.exposure_s - shortest),
+            };
+            if self.kind == MapKind::DarkCurrent {
+                // Charge has shot noise.
+                let width = t.width;
+                let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
+                let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
+                for (i, ((v, lag), (third, fourth))) in second.zip(higher).enumerate() {
+                    let more = (k * k * electrons(i % width, i / width)) as f32;
+                    let square = (1.0 - more / v.max(1e-12)).max(0.0);
+                    *v *= square;
+                    *lag *= square;
+                    *third *= square * square.sqrt();
+                    *fourth *= square * square;
+                }
+            }
+            change_mean(camera, t, &|x, y, v| v - k * electrons(x, y));
+        }
+    }
+
+    fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
+        if self.kind == MapKind::Offset {
+            let (table, amount) = self.table(0.0);
+            return vec![Empirical::new(Quantity::Offset, table, amount)];
+        }
+        // What is below the mean was the mean's before.
+        let [_, (_, least)] = self.ends();
+        let taken = stage::take_dark(camera, design, -least);
+        let (table, amount) = self.table(-taken);
+        vec![stage::dark(camera, design, table, amount)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let x = if self.over_columns { "column" } else { "row" };
+        let y = if self.kind == MapKind::Offset { "offset, e⁻" } else { "dark current, e⁻/s" };
+        Some(Seen::lines(x, y, &line_means(view, self.kind, self.over_columns)?))
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let dark = self.kind == MapKind::DarkCurrent;
+        let (line, form) = match self.over_columns {
+            true => ("column", Form::RowProfile),
+            false => ("row", Form::ColumnProfile),
+        };
+        let [greatest, least] = self.ends();
+        let estimated = |value| Estimated { value, se: self.se };
+        let place = |line: usize| Estimated { value: line as f64, se: f64::NAN };
+        let range = Estimated { value: greatest.1 - least.1, se: self.se * 2f64.sqrt() };
+        let unit = self.unit();
+        vec![Finding {
+            domain: if dark { Domain::Dark } else { Domain::Offset },
+            form,
+            dependence: Dependence { exposure: f64::from(u8::from(dark)), signal: 0.0 },
+            parameters: vec![
+                (if dark { "range_e_per_s" } else { "range_e" }, range),
+                ("highest_line", place(greatest.0)),
+                ("lowest_line", place(least.0)),
+            ],
+            evidence: self.evidence,
+            shown: None,
+            description: format!(
+                "{} that changes smoothly over the {line}s: {} {unit} at {line} {} and {} {unit} \
+                 at {line} {}, about the mean",
+                if dark { "dark current" } else { "an offset" },
+                number(estimated(greatest.1)),
+                greatest.0,
+                number(estimated(least.1)),
+                least.0,
+            ),
+        }]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, shoot};
+    use camrig_diagnose::statistics::maps;
+
+    fn found(rate: &dyn Fn(f64, f64) -> f64) -> Vec<Finding> {
+        let charge = |e: &mut [f64], shot: &mut Shot<'_>| {
+            for (i, v) in e.iter_mut().enumerate() {
+                *v += rate((i % WIDTH) as f64, (i / WIDTH) as f64) * shot.exposure_s;
+            }
+        };
+        let bench = shoot(71, &Hidden { charge: Some(&charge), ..Hidden::default() });
+        let shapes = find(&bench.view(0), &bench.view(1));
+        let mut stacks = bench.stacks[0].clone();
+        shapes.iter().for_each(|s| s.take_out(&bench.camera, &bench.design, &mut stacks));
+        let maps = maps::maps(&bench.camera, &bench.design, &stacks);
+        let rest = View { maps: &maps, stacks: &stacks, ..bench.view(0) };
+        assert!(find(&rest, &bench.view(1)).is_empty(), "taken out, nothing is left");
+        shapes.iter().flat_map(|s| s.findings()).collect()
+    }
+
+    #[test]
+    fn a_glow_of_four_edges_is_a_profile_over_columns_and_one_over_rows() {
+        let last = (WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0);
+        let edge = |d: f64| (-d / 7.0).exp();
+        let findings = found(&|x, y| {
+            2.5 * edge(x) + 3.0 * edge(last.0 - x) + 2.0 * edge(y) + 2.5 * edge(last.1 - y)
+        });
+        let [columns, rows] = &findings[..] else { panic!("{findings:?}") };
+        for (finding, form, highest) in
+            [(columns, Form::RowProfile, last.0), (rows, Form::ColumnProfile, last.1)]
+        {
+            assert_eq!((finding.domain, finding.form), (Domain::Dark, form));
+            let range = finding.parameters[0].1;
+            let greatest = if form == Form::RowProfile { 3.0 } else { 2.5 };
+            assert!((range.value - greatest).abs() < 0.6, "{finding:?}");
+            assert!((finding.parameters[1].1.value - highest).abs() < 3.0, "{finding:?}");
+        }
+        assert_eq!(found(&|_, _| 0.0).len(), 0);
+    }
+
+    #[test]
+    fn a_slope_and_columns_of_their_own_are_none() {
+        assert!(found(&|x, _| 0.1 * x).is_empty());
+        let own = |x: f64| 3.0 * (x * 12.9898).sin() * (x * 78.233).cos();
+        assert!(found(&|x, _| 4.0 + own(x)).is_empty());
+    }
+}

@@ -1,0 +1,119 @@
+//! The first frames after a start, which are off in dark and light alike. They are found in all
+//! stacks together before anything is measured (`camrig_clean`); what is left to do is to let the
+//! model run them.
+
+use crate::Shape;
+use crate::seen::Seen;
+use crate::view::{View, gain};
+use camrig_camera::Camera;
+use camrig_camera::empirical::{Curve as Knots, Empirical, Table};
+use camrig_clean::{Curve, Shape as Course};
+use camrig_diagnose::data::design::Design;
+use camrig_diagnose::evidence::Estimated;
+use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
+use camrig_diagnose::statistics::temporal::Temporal;
+use camrig_sensor_core::effects::empirical::Quantity;
+
+/// Time constants after which a decay is over: a thousandth is left.
+const OVER: f64 = 7.0;
+/// Frames of a decay, at most: those that a quarter of a sensor's tables holds.
+const MOST_FRAMES: usize = 128;
+
+struct StartUp {
+    curve: Curve,
+    /// DN per electron.
+    gain: f64,
+    /// Frames of each stack.
+    frames: usize,
+}
+
+/// The curve as a shape, where one amount in electrons describes it: under one gain, and stacks of
+/// one length if it has no end of its own.
+pub(crate) fn of(camera: &Camera, design: &Design, curve: Curve) -> Option<Box<dyn Shape>> {
+    let first = design.conditions.first()?;
+    let (gain, frames) = (gain(camera, first), first.stack.total);
+    let alike = |c: &camrig_diagnose::data::design::Condition| {
+        c.stack.analog_gain == first.stack.analog_gain
+            && (matches!(curve.shape, Course::Decay(_)) || c.stack.total == frames)
+    };
+    let short = match curve.shape {
+        Course::Decay(tau) => OVER * tau < MOST_FRAMES as f64,
+        Course::Line => true,
+    };
+    let sound = short && design.conditions.iter().all(alike);
+    sound.then(|| Box::new(StartUp { curve, gain, frames }) as Box<dyn Shape>)
+}
+
+impl StartUp {
+    fn knots(&self) -> Knots {
+        match self.curve.shape {
+            // All frames up to its end are knots, so that nothing lies between two.
+            Course::Decay(tau) => {
+                let end = (OVER * tau).ceil() as usize;
+                let value = |i| if i < end { self.curve.shape.at(i, self.frames) } else { 0.0 };
+                let (at, values) = (0..=end).map(|i| (i as f64, value(i))).unzip();
+                Knots { at, values }
+            }
+            Course::Line => {
+                let last = self.frames.saturating_sub(1).max(1) as f64;
+                Knots { at: vec![0.0, last], values: vec![-0.5, 0.5] }
+            }
+        }
+    }
+
+    fn amount_e(&self) -> Estimated {
+        let Curve { amplitude, std_error, .. } = self.curve;
+        Estimated { value: amplitude / self.gain, se: std_error / self.gain }
+    }
+}
+
+impl Shape for StartUp {
+    /// The moments keep it: names are searched for by a model that is given the same.
+    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+
+    fn stages(&self, _: &mut Camera, _: &Design) -> Vec<Empirical> {
+        let table = Table::FrameCurve(self.knots());
+        vec![Empirical::new(Quantity::Offset, table, self.amount_e().value)]
+    }
+
+    fn seen(&self, view: &View<'_>) -> Option<Seen> {
+        let frames = view.stacks.iter().map(|t| t.frame_means.len()).max()?;
+        let skip = view.design.conditions.first()?.stack.skip;
+        let level = |i: usize| -> f64 {
+            let own = view.stacks.iter().filter(|t| i < t.frame_means.len());
+            let off: Vec<f64> = own.map(|t| t.frame_means[i] - t.level()).collect();
+            off.iter().sum::<f64>() / off.len().max(1) as f64 / self.gain
+        };
+        let points = (0..frames).map(|i| [(skip + i) as f64, level(i)]);
+        let y = "level of a frame over the mean of its stack, e⁻";
+        Some(Seen::curve("frames since the start", y, points))
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let amount = self.amount_e();
+        let mut parameters = vec![("amplitude_e", amount)];
+        let how = match self.curve.shape {
+            Course::Decay(tau) => {
+                let tau = Estimated { value: tau, se: self.curve.tau_std_error };
+                parameters.push(("length_frames", tau));
+                format!("at the first frame, falling by a factor e every {} frames", number(tau))
+            }
+            Course::Line => "from the first frame of a stack to its last".to_string(),
+        };
+        let fall = (amount.value / amount.se).powi(2);
+        vec![Finding {
+            domain: Domain::Offset,
+            form: Form::FrameCurve,
+            dependence: Dependence { exposure: 0.0, signal: 0.0 },
+            parameters,
+            // All frames together show it, so that none are left to ask.
+            evidence: [fall, f64::NAN],
+            description: format!(
+                "the level of frames after a start of the sensor, in dark and light alike: {} e⁻ \
+                 {how}",
+                number(amount)
+            ),
+            shown: None,
+        }]
+    }
+}
