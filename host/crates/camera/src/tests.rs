@@ -157,7 +157,7 @@ fn empirical(effect: &str, table: &str) -> camrig_base::Result<Camera> {
 }
 
 /// Every shape with a table that it may have.
-const SHAPES: [(&str, &str); 10] = [
+const SHAPES: [(&str, &str); 11] = [
     ("domain = \"temporal\"\nshape = \"row-flat\"\non_signal = 1.0\nsignal_e = 900.0", ""),
     ("domain = \"temporal\"\nshape = \"column-flat\"", ""),
     ("domain = \"temporal\"\nshape = \"row-profile\"", "at = [0.0, 9.5]\nvalues = [1.0, 0.0]\n"),
