@@ -275,18 +275,27 @@ impl Registers {
         allowed
     }
 
-    /// Exposure and gain of the frame that begins next, as the registers have them.
-    pub fn exposure(&self) -> Exposure {
-        let in_force = |delay: u16| match usize::from(delay).checked_sub(2) {
+    /// Values in force in the frame that begins next, of registers with this delay.
+    fn in_force(&self, delay: u16) -> Timing {
+        match usize::from(delay).checked_sub(2) {
             Some(frames_ago) => self.begun.get(frames_ago).copied().unwrap_or(self.released),
             None => self.released,
-        };
-        let timing = in_force(self.exposure_delay);
+        }
+    }
+
+    /// Lines of the frame that begins next, and the line time, ns.
+    pub fn frame_lines(&self) -> (u16, u32) {
+        (self.in_force(self.exposure_delay).frame_length, self.line_ns)
+    }
+
+    /// Exposure and gain of the frame that begins next, as the registers have them.
+    pub fn exposure(&self) -> Exposure {
+        let timing = self.in_force(self.exposure_delay);
         let lines = timing.lines.min(timing.frame_length);
         // Both factors are exact in f32 for all register values that matter (below 2^24).
         Exposure {
             exposure_s: f32::from(lines) * (self.line_ns as f32 * 1e-9),
-            analog_gain: f32::from(in_force(self.gain_delay).gain_code)
+            analog_gain: f32::from(self.in_force(self.gain_delay).gain_code)
                 / f32::from(UNITY_GAIN_CODE),
         }
     }
@@ -326,6 +335,7 @@ mod tests {
         assert_eq!(e.analog_gain, 2.5);
         assert!(r.write(address::FRAME_LENGTH_LINES, 100));
         assert!((r.exposure().exposure_s - 0.002).abs() <= 2.0 * f32::EPSILON * 0.002);
+        assert_eq!(r.frame_lines(), (100, 20_000));
     }
 
     /// Lines and gain code of the frames that begin now.

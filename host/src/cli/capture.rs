@@ -2,6 +2,7 @@
 
 use super::arguments::{CameraArgs, arithmetic, broken_link, progress};
 use super::readout::ReadoutArgs;
+use super::times::{self, LampArgs};
 use camrig_base::Result;
 use camrig_base::numbers::counted;
 use camrig_capture::{plan, take};
@@ -14,7 +15,9 @@ use std::process::ExitCode;
 #[command(after_help = "Built-in plans: diagnosis, optics, emva, ptc, paper. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc -o captures\n  \
     camrig measure ptc captures\n  \
-    camrig capture --camera mt9v024 --size 128,128 --plan ptc --rig emulator: -o from-rig")]
+    camrig capture --camera mt9v024 --size 128,128 --plan ptc --rig emulator: -o from-rig\n  \
+    camrig capture --camera mt9v024 --set sensor.timing.line_time_us=20 --plan ptc \\\n    \
+        --lamp mains:hz=100,depth=0.05 -o flicker")]
 pub struct Args {
     #[command(flatten)]
     camera: CameraArgs,
@@ -33,6 +36,8 @@ pub struct Args {
     /// Simulate a smaller sensor of the same pixels
     #[arg(long, value_name = "W,H", value_parser = side_lengths)]
     size: Option<(u32, u32)>,
+    #[command(flatten)]
+    lamps: LampArgs,
     #[command(flatten)]
     readout: ReadoutArgs,
     /// Arithmetic of the sensor stage
@@ -71,12 +76,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let total: u64 = shots.iter().map(|s| u64::from(s.frames)).sum();
     let bar = progress("frames", total);
     // A preset can be named in the set; a file's place relative to the set is not known to last.
+    let lamps = args.lamps.of(&camera)?;
+    times::refuse_regions(&lamps, "a capture set")?;
     let options = take::TakeOptions {
         camera_name: args.camera.preset().filter(|_| !args.readout.adds_charge()),
         force: args.force,
         first_frame: args.frame_seed,
         arithmetic: args.arith,
         readout: args.readout.readout(),
+        lamps: Some(&lamps),
         rig: args.rig.as_deref(),
         told: Some(|note| eprintln!("note: {note}")),
         link_broken: Some(broken_link),

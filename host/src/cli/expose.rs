@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     expose_frames(
         &args.frames,
         of,
-        (&cube, &mut |_| Ok(NextLight::Same)),
+        (&cube, &mut |_, _| Ok(NextLight::Same)),
         light.as_ref(),
         &mut sink,
     )?;

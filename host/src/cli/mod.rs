@@ -46,9 +46,11 @@ mod rig_view;
 mod scene;
 mod scene_lights;
 mod schema;
+mod sequence_lights;
 mod shell;
 mod simulate;
 mod stdout;
+mod times;
 mod validate;
 
 use camrig_base::{Result, output, platform};
@@ -64,7 +66,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Simulate(simulate::Args),
+    Simulate(Box<simulate::Args>),
     Expose(expose::Args),
     Demo(demo::Args),
     Batch(batch::Args),

@@ -1,15 +1,19 @@
 //! The light of frame after frame: a scene that stands still, one that moves, or a sequence.
 
 use super::arguments::{duration, frames_per_s};
+pub use super::sequence_lights::NextLight;
+use super::sequence_lights::Sequence;
 use super::simulate::ViewArgs;
+use super::times::{Times, refuse_regions};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{OpticsOutput, OpticsStage, SequenceStage};
-use camrig_scene::sequence::{self, Moment, Playback, Reading};
+use camrig_scene::Lamps;
+use camrig_scene::part::Region;
+use camrig_scene::sequence::{self, Reading};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How a scene that changes with time is read and shown.
@@ -75,58 +79,69 @@ impl SequenceArgs {
     }
 }
 
-/// What falls on the sensor in a frame after the first.
-pub enum NextLight {
-    /// The same as in the frame before.
-    Same,
-    /// Other irradiance.
-    Changed(IrradianceCube),
-    /// The scene has ended.
-    Over,
-}
-
 /// The light of the frames that look at a scene.
 pub struct SceneLights {
     camera: Camera,
     changes: Changes,
+    times: Option<Times>,
 }
 
 enum Changes {
-    Never,
+    /// Only lamps change, some of them on parts whose irradiance is here.
+    Never(Vec<IrradianceCube>),
     Motion(OpticsStage),
     Sequence(Box<Sequence>),
 }
 
-struct Sequence {
-    playback: Playback,
-    stage: SequenceStage,
-    told: Told,
-}
-
 impl SceneLights {
     /// Opens the scene of `view` for a sensor of that frame rate, and gives the light of the first
-    /// frame.
+    /// frame as if it stood still. With `times`, rows collect light in their windows.
     pub fn open(
         view: &ViewArgs,
         camera: &Camera,
         sensor_hz: Option<f64>,
+        times: Option<Times>,
     ) -> Result<(Self, OpticsOutput)> {
         let stage = view.optics_stage()?;
         let camera = camera.clone();
+        let lamps = times.as_ref().map(|times| &times.lamps);
         if view.sequence.is_sequence(&view.scene)? {
-            let mut sequence = Sequence::open(view, stage, sensor_hz)?;
+            lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a sequence"))?;
+            let stage = SequenceStage::new(stage)?;
+            let opened = sequence::open(&view.scene, &view.sequence.reading())?
+                .ok_or_else(|| Error::internal("a sequence that is none"))?;
+            let opened = (opened, view.sequence.repeats);
+            let mut sequence = Sequence::new(opened, stage, sensor_hz, times.as_ref());
             let first = sequence.first(&camera)?;
-            return Ok((Self { camera, changes: Changes::Sequence(Box::new(sequence)) }, first));
+            let changes = Changes::Sequence(Box::new(sequence));
+            return Ok((Self { camera, changes, times }, first));
+        }
+        if times.is_some() && view.rolling != 0.0 {
+            return Err(Error::input("--rolling of a camera whose file says when rows are read")
+                .at("[sensor.timing]")
+                .help("leave it out"));
         }
         let first = view.view_with(&camera)?;
-        let moves = stage.motion.is_some();
-        let changes = if moves { Changes::Motion(stage) } else { Changes::Never };
-        Ok((Self { camera, changes }, first))
+        let changes = if stage.motion.is_some() {
+            lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a scene that moves"))?;
+            Changes::Motion(stage)
+        } else {
+            let regions = lamps.map_or(&[][..], Lamps::regions).iter();
+            let part = |(region, _): &(Region, Lamps)| Ok(stage.run_part(&camera, *region)?.cube);
+            Changes::Never(regions.map(part).collect::<Result<_>>()?)
+        };
+        Ok((Self { camera, changes, times }, first))
     }
 
     /// Whether each frame has the light of the one before.
     pub fn stand_still(&self) -> bool {
-        matches!(self.changes, Changes::Never)
+        let steady = self.times.as_ref().is_none_or(|times| times.lamps.are_steady());
+        matches!(self.changes, Changes::Never(_)) && steady
+    }
+
+    /// Whether the light changes while rows collect it.
+    pub fn change_within_frames(&self) -> bool {
+        self.times.is_some() && !self.stand_still()
     }
 
     /// Whether the scene is a sequence, which ends.
@@ -134,30 +149,66 @@ impl SceneLights {
         matches!(self.changes, Changes::Sequence(_))
     }
 
-    /// The light of frame `frame`; they are asked for in order, from 1 on.
-    pub fn next(&mut self, frame: u32) -> Result<NextLight> {
+    /// When rows collect light, where that is known.
+    pub fn times(&mut self) -> Option<&mut Times> {
+        self.times.as_mut()
+    }
+
+    /// The light of frame `frame` at its exposure; they are asked for in order, from 0 on. `first`
+    /// is what the scene was opened with.
+    pub fn next(
+        &mut self,
+        frame: u32,
+        exposure_s: f64,
+        first: &IrradianceCube,
+    ) -> Result<NextLight> {
+        if self.stand_still() {
+            return Ok(NextLight::Same);
+        }
+        let Some(times) = &mut self.times else {
+            return match &mut self.changes {
+                _ if frame == 0 => Ok(NextLight::Same),
+                Changes::Never(_) => Ok(NextLight::Same),
+                Changes::Motion(stage) => {
+                    Ok(NextLight::Changed(stage.run_frame(&self.camera, frame, |_, _| ())?.cube))
+                }
+                Changes::Sequence(sequence) => sequence.next(&self.camera, frame),
+            };
+        };
+        let windows = times.next(exposure_s)?;
+        let same = |cube: Option<IrradianceCube>| cube.map_or(NextLight::Same, NextLight::Changed);
         match &mut self.changes {
-            Changes::Never => Ok(NextLight::Same),
+            Changes::Never(parts) => times.lit(first, parts, &windows).map(same),
             Changes::Motion(stage) => {
-                Ok(NextLight::Changed(stage.run_frame(&self.camera, frame, |_, _| ())?.cube))
+                let of = (&windows, times.period_s(exposure_s));
+                let cube = stage.run_exposed(&self.camera, of, &times.lamps, |_, _| ())?.cube;
+                Ok(NextLight::Changed(times.lit(&cube, &[], &windows)?.unwrap_or(cube)))
             }
-            Changes::Sequence(sequence) => sequence.next(&self.camera, frame),
+            Changes::Sequence(sequence) if sequence.is_in_time() => {
+                sequence.exposed(&self.camera, &windows.rows().collect::<Vec<_>>())
+            }
+            Changes::Sequence(_) if frame == 0 => times.lit(first, &[], &windows).map(same),
+            Changes::Sequence(sequence) => match sequence.next(&self.camera, frame)? {
+                NextLight::Changed(cube) => {
+                    Ok(NextLight::Changed(times.lit(&cube, &[], &windows)?.unwrap_or(cube)))
+                }
+                other => Ok(other),
+            },
         }
     }
 
     /// Says what only the end shows; `frames` were taken of those `asked` for.
     pub fn tell_end(&mut self, frames: u64, asked: Option<u32>) {
         let Changes::Sequence(sequence) = &mut self.changes else { return };
-        sequence.tell_notes();
-        sequence.told.tell_left();
-        let name = sequence.playback.name();
+        sequence.tell_end();
+        let name = sequence.name();
         if let Some(asked) = asked.filter(|asked| u64::from(*asked) > frames) {
             eprintln!(
                 "note: {name} has ended after {frames} of {} (--loop repeats it)",
                 counted(asked as usize, "frame")
             );
         }
-        let skipped = sequence.playback.counts().skipped;
+        let skipped = sequence.counts().skipped;
         if skipped > 0 {
             eprintln!(
                 "note: shown in no frame: {} of {name}, as the next was due already",
@@ -169,109 +220,18 @@ impl SceneLights {
     /// Frames of the scene, counted; null of a scene that is no sequence.
     pub fn counts(&self) -> Value {
         let Changes::Sequence(sequence) = &self.changes else { return Value::Null };
-        let counts = sequence.playback.counts();
+        let counts = sequence.counts();
         json!({
             "received": counts.received,
             "used": counts.used,
             "skipped": counts.skipped,
             "held": counts.held,
-            "by_time": sequence.playback.is_timed(),
-        })
-    }
-}
-
-impl Sequence {
-    fn open(view: &ViewArgs, stage: OpticsStage, sensor_hz: Option<f64>) -> Result<Self> {
-        let stage = SequenceStage::new(stage)?;
-        let sequence = sequence::open(&view.scene, &view.sequence.reading())?
-            .ok_or_else(|| Error::internal("a sequence that is none"))?;
-        let timed = sequence.is_timed();
-        let playback = Playback::new(sequence, sensor_hz, view.sequence.repeats);
-        let mut told = Told::default();
-        if !playback.is_timed() {
-            let unknown = match (timed, sensor_hz) {
-                (false, None) => "no frame rate is known",
-                (false, Some(_)) => "the scene's frame rate is not known (--scene-rate)",
-                (true, _) => "the sensor's frame rate is not known (--fps)",
-            };
-            told.tell(format!("{unknown}: each frame of the sensor shows the next of the scene"));
-        }
-        Ok(Self { playback, stage, told })
-    }
-
-    fn first(&mut self, camera: &Camera) -> Result<OpticsOutput> {
-        let moment = self.playback.at(0);
-        self.tell_notes();
-        let Moment::Next(frame) = moment? else {
-            return Err(Error::internal("a sequence without a first frame"));
-        };
-        let output = self.stage.run(camera, frame, |_, _| ())?;
-        output.notes.iter().for_each(|note| self.told.tell(note.clone()));
-        super::simulate::tell_optics(&output);
-        Ok(output)
-    }
-
-    fn next(&mut self, camera: &Camera, number: u32) -> Result<NextLight> {
-        let moment = self.playback.at(number.into());
-        self.tell_notes();
-        Ok(match moment? {
-            Moment::Same => NextLight::Same,
-            Moment::Over => NextLight::Over,
-            Moment::Next(frame) => {
-                let name = frame.name.clone();
-                let output = self.stage.run(camera, frame, |_, _| ())?;
-                for note in output.notes {
-                    self.told.tell_of(&name, note);
-                }
-                NextLight::Changed(output.cube)
-            }
+            "by_time": sequence.is_by_time(),
         })
     }
 
-    fn tell_notes(&mut self) {
-        for note in self.playback.notes() {
-            self.told.tell(note);
-        }
-    }
-}
-
-/// Notes, each told once; frames of a long sequence could fill the screen with theirs.
-#[derive(Default)]
-struct Told {
-    all: BTreeSet<String>,
-    /// Notes of frames that were told, and that were not.
-    of_frames: usize,
-    left: usize,
-}
-
-/// Most notes of single frames that are told.
-const TOLD_OF_FRAMES: usize = 3;
-
-impl Told {
-    fn tell(&mut self, note: String) {
-        if !self.all.contains(&note) {
-            eprintln!("note: {note}");
-            self.all.insert(note);
-        }
-    }
-
-    /// Tells a note of a frame after the first.
-    fn tell_of(&mut self, name: &str, note: String) {
-        if self.all.contains(&note) {
-            return;
-        }
-        if self.of_frames == TOLD_OF_FRAMES {
-            self.left += 1;
-            return;
-        }
-        self.of_frames += 1;
-        eprintln!("note: {name}: {note}");
-        self.all.insert(note);
-    }
-
-    fn tell_left(&mut self) {
-        if self.left > 0 {
-            eprintln!("note: {} more notes of single frames were not told", self.left);
-        }
+    /// When rows collect light, for programs; null where that is not known.
+    pub fn timing(&self, exposure_s: f64) -> Value {
+        self.times.as_ref().map_or(Value::Null, |times| times.figures(exposure_s))
     }
 }

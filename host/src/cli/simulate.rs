@@ -3,6 +3,7 @@
 use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, frames_per_s, positive};
 use super::frame_sink::FrameSink;
 use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
+use super::times::TimeArgs;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
@@ -28,12 +29,18 @@ use std::process::ExitCode;
     -o bracket\n  \
     camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 \\\n    \
         --rolling 0.8 -o - --to SRGGB16 | \\\n    \
-        ffplay -f rawvideo -pixel_format bayer_rggb16le -video_size 752x480 -")]
+        ffplay -f rawvideo -pixel_format bayer_rggb16le -video_size 752x480 -\n  \
+    camrig simulate --camera mt9v024 --set sensor.timing.line_time_us=20 --scene dots \\\n    \
+        --exposure 2ms --lamp pulse:hz=90,duty=0.1 --frames 10 -o led\n  \
+    camrig simulate --camera mt9v024 --set sensor.timing.line_time_us=20 --scene seq \\\n    \
+        --scene-rate 240 --fps 30 --exposure 10ms -o moving")]
 pub struct Args {
     #[command(flatten)]
     view: ViewArgs,
     #[command(flatten)]
     frames: FrameArgs,
+    #[command(flatten)]
+    time: TimeArgs,
     /// Frames of the sensor per second (30, 30000/1001): which frame of a sequence each shows
     #[arg(long, value_name = "F", value_parser = frames_per_s)]
     fps: Option<f64>,
@@ -208,7 +215,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let mut camera = readout.camera(args.view.camera.load()?)?;
     camera.first_frame = frames.first_number();
-    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps)?;
+    let times = args.time.times(&camera, args.fps)?;
+    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps, times)?;
+    if frames.hdr.is_some() && lights.change_within_frames() {
+        return Err(Error::unsupported(
+            "two exposures in one frame of light that changes with time",
+        )
+        .help("leave --hdr out, or let the light stand still"));
+    }
     let OpticsOutput { light, cube, optics, cached, lens_traced, .. } = first;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, frames.force)?;
@@ -216,7 +230,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let exposure_s = frames.exposure_s(&camera, &sensor, &cube)?;
     let of = (&camera, &sensor, exposure_s);
-    let mut next = |frame| lights.next(frame);
+    let mut next = |frame, exposure_s| lights.next(frame, exposure_s, &cube);
     let taken = expose_frames(&frames, of, (&cube, &mut next), light.as_ref(), &mut sink)?;
     lights.tell_end(taken, frames.frames);
     let mut made_of = vec![
@@ -243,6 +257,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "frames": written,
         "exposure_s": exposure_s,
         "scene_frames": lights.counts(),
+        "timing": lights.timing(exposure_s),
         "optics": {
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
@@ -288,11 +303,11 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
     light.into_iter().chain(lux).collect()
 }
 
-/// The light of frames 1, 2, ...
-pub type Lights<'a> = dyn FnMut(u32) -> Result<NextLight> + 'a;
+/// The light of frames 0, 1, ... at their exposures, s.
+pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
 
 /// Takes the frames of a camera and writes them; how many there were. `exposure_s` is theirs before
-/// bracketing; `first` and `next` are the irradiance, and what gives that of frames 1, 2, ...
+/// bracketing; `first` and `next` are irradiance, and what gives that of frames where it is another.
 pub fn expose_frames(
     args: &FrameArgs,
     (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),
@@ -315,20 +330,18 @@ pub fn expose_frames(
         if sink.is_asked_to_stop() {
             break;
         }
+        let settings = args.settings(camera, exposure_s, i);
         let mut same = true;
-        if i > 0 {
-            match next(i)? {
-                NextLight::Same => {}
-                NextLight::Changed(cube) => {
-                    before = changed.replace(cube);
-                    same = false;
-                }
-                NextLight::Over => break,
+        match next(i, settings.exposure_s.into())? {
+            NextLight::Same => {}
+            NextLight::Changed(cube) => {
+                before = changed.replace(cube);
+                same = false;
             }
+            NextLight::Over => break,
         }
         let cube = changed.as_ref().unwrap_or(first);
         let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
-        let settings = args.settings(camera, exposure_s, i);
         let mut take = |settings: &FrameSettings| stage.frame(sensor, cube, before, settings);
         let frame = match args.hdr {
             None => take(&settings)?,

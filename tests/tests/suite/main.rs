@@ -14,6 +14,7 @@ mod full_disk;
 mod guide;
 mod interfaces;
 mod lens;
+mod light_in_time;
 mod live;
 mod measuring;
 mod photon_transfer;

@@ -51,6 +51,11 @@ fn set(file: &mut toml::Table, key: &str, value: &toml::Value) -> Result<()> {
     if let ["effect", kind] = path[..] {
         table = effect(table, kind).ok_or_else(wrong)?;
     } else {
+        // Tables that a file may lack come with their first key.
+        if let (["sensor", "timing"], Some(sensor)) = (&path[..], table.get_mut("sensor")) {
+            let sensor = sensor.as_table_mut().ok_or_else(wrong)?;
+            sensor.entry("timing").or_insert_with(|| toml::Table::new().into());
+        }
         for name in path {
             table = table.get_mut(name).and_then(toml::Value::as_table_mut).ok_or_else(wrong)?;
         }
@@ -87,6 +92,8 @@ mod tests {
             "sensor.noise.read_e=7.5",
             "name=mine",
             "effect.row-temporal-noise.sigma_e=0.8",
+            "sensor.timing.line_time_us=20",
+            "sensor.timing.shutter=global",
             "sensor.width=64",
         ])
         .unwrap();
@@ -94,6 +101,9 @@ mod tests {
         assert_eq!((camera.name.as_str(), camera.effects.len()), ("mine", 1));
         assert_eq!(camera.effects[0].values()[..], [0.8]);
         assert!(camera.text.contains("read_e = 7.5"));
+        let timing = camera.sensor.timing.unwrap();
+        assert_eq!((timing.line_time_us, timing.shutter), (20.0, crate::Shutter::Global));
+        assert_eq!(timing.frame_length_lines, camera.sensor.height);
     }
 
     #[test]
@@ -105,6 +115,7 @@ mod tests {
             said("sensor.noise.raed_e=1")
         );
         assert!(said("snesor.width=1").contains("snesor.width"));
+        assert!(said("sensor.timing.shutter=global").contains("line_time_us"));
         assert!(said("sensor.noise.prnu=5").contains("prnu = 5"));
         assert!(said("effect.row-temporal-nose.sigma_e=1").contains("row-temporal-noise"));
         assert!(read("no equals sign").is_err());

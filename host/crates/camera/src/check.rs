@@ -6,7 +6,7 @@ use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
 use super::prescription;
 use super::{
     Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise, RelativeIllumination, SensorModel,
-    csv_reader,
+    SensorTiming, Shutter, csv_reader,
 };
 use camrig_base::table::SpectralTable;
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
@@ -228,7 +228,7 @@ fn sensor(
         )
     };
     side("width", file.width)?;
-    side("height", file.height)?;
+    let height = side("height", file.height)? as u32;
     let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(keys.place("cfa")))?;
     if cfa.channels().len() > camrig_sensor_core::config::MAX_CHANNELS {
         return Err(Error::input(format!(
@@ -309,7 +309,41 @@ fn sensor(
         analog_gain: keys.within("analog_gain", file.analog_gain, 0.01..=1000.0, "")?,
         temperature_c: keys.within("temperature_c", file.temperature_c, -100.0..=150.0, "°C")?,
         seed: file.seed,
+        timing: match &file.timing {
+            Some(file) => {
+                let keys = Keys { text, table: "sensor.timing", wrong };
+                Some(timing(file, height, &keys)?)
+            }
+            None => None,
+        },
         noise: noise(&file.noise, &Keys { text, table: "sensor.noise", wrong })?,
+    })
+}
+
+fn timing(file: &super::file::TimingFile, rows: u32, keys: &Keys<'_>) -> Result<SensorTiming> {
+    let lines = file.frame_length_lines.unwrap_or(rows);
+    // Those of a register of 16 bits.
+    let lines = keys.within("frame_length_lines", f64::from(lines), 1.0..=65_535.0, "lines")?;
+    let one_of = |key, given: &Option<String>, names: [&str; 2]| match given.as_deref() {
+        None => Ok(0),
+        Some(name) => names.iter().position(|n| *n == name).ok_or_else(|| {
+            let wrong = Error::input(format!("{key} = {name:?}")).at(keys.place(key));
+            wrong.help(toml_text::did_you_mean(name, &names))
+        }),
+    };
+    let shutters = [Shutter::Rolling, Shutter::Global];
+    let shutter = shutters[one_of("shutter", &file.shutter, SensorTiming::SHUTTERS)?];
+    let upwards = one_of("direction", &file.direction, SensorTiming::DIRECTIONS)? == 1;
+    let Some(line_time_us) = file.line_time_us else {
+        return Err(Error::input("key \"line_time_us\" is missing")
+            .at("[sensor.timing]")
+            .help("it is the time from one row to the next, µs"));
+    };
+    Ok(SensorTiming {
+        line_time_us: keys.within("line_time_us", line_time_us, 0.1..=10_000.0, "µs")?,
+        frame_length_lines: lines as u32,
+        shutter,
+        upwards,
     })
 }
 

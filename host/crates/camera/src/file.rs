@@ -101,7 +101,18 @@ pub struct SensorFile {
     pub temperature_c: f64,
     #[serde(default = "first")]
     pub seed: u64,
+    pub timing: Option<TimingFile>,
     pub noise: NoiseFile,
+}
+
+/// `[sensor.timing]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimingFile {
+    pub line_time_us: Option<f64>,
+    pub frame_length_lines: Option<u32>,
+    pub shutter: Option<String>,
+    pub direction: Option<String>,
 }
 
 /// `[sensor.noise]`.

@@ -2,6 +2,7 @@
 //!
 //! Keys of effects are in the catalogue of effects ([`super::EffectKind`]).
 
+use super::SensorTiming;
 use camrig_base::Error;
 
 /// The type of a key's value.
@@ -30,7 +31,7 @@ pub enum Holds {
 /// A key.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
-    /// Its table: empty at the top, `lens`, `sensor` or `sensor.noise`.
+    /// Its table: empty at the top, `lens`, `sensor`, `sensor.timing` or `sensor.noise`.
     pub table: &'static str,
     /// Its name.
     pub name: &'static str,
@@ -425,6 +426,44 @@ pub const KEYS: &[Key] = &[
         "Names the physical sensor: fixes every fixed pattern.",
     ),
     key(
+        "sensor.timing",
+        "line_time_us",
+        Number(0.1, 10_000.0),
+        "µs",
+        Some("needed where the table is given: without it a frame is one moment"),
+        "5 to 40",
+        "Time from one row to the next. Exposure, skew and frame rate follow from it; the rig's \
+         register 0x3000 holds it in ns.",
+    ),
+    key(
+        "sensor.timing",
+        "frame_length_lines",
+        Whole(1, 65_535),
+        "lines",
+        Some("the rows"),
+        "1.02 to 1.5 times the rows",
+        "Lines of a frame, those without pixels included: the frame period over the line time. A \
+         longer exposure makes a longer frame. The rig's register 0x0340.",
+    ),
+    key(
+        "sensor.timing",
+        "shutter",
+        Word(&SensorTiming::SHUTTERS),
+        "",
+        Some("rolling"),
+        "",
+        "Whether rows collect light one after the other, or all at once.",
+    ),
+    key(
+        "sensor.timing",
+        "direction",
+        Word(&SensorTiming::DIRECTIONS),
+        "",
+        Some("down"),
+        "",
+        "Which row is read first: the top one (down) or the bottom one (up).",
+    ),
+    key(
         "sensor.noise",
         "read_e",
         Number(0.0, 1e5),
@@ -547,6 +586,7 @@ mod tests {
         let header = format!("[{table}]\n");
         let text = match table {
             "" => format!("xyzzy = 1\n{text}"),
+            _ if !text.contains(&header) => format!("{text}\n{header}xyzzy = 1\n"),
             _ => text.replacen(&header, &format!("{header}xyzzy = 1\n"), 1),
         };
         let error = toml::from_str::<crate::file::CameraFile>(&text).unwrap_err();
@@ -559,7 +599,8 @@ mod tests {
         for (table, sub_tables) in [
             ("", &["lens", "sensor", "effect"][..]),
             ("lens", &[]),
-            ("sensor", &["noise"]),
+            ("sensor", &["timing", "noise"]),
+            ("sensor.timing", &[]),
             ("sensor.noise", &[]),
         ] {
             let mut known: Vec<String> =

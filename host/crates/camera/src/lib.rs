@@ -42,12 +42,14 @@ pub mod schema;
 mod sensor;
 #[cfg(test)]
 mod tests;
+pub mod timing;
 pub mod typical;
 
 pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use sensor::{Noise, SensorModel};
+pub use timing::{FrameClock, RowWindows, SensorTiming, Shutter};
 
 use camrig_base::table::text_of;
 use camrig_base::{Bands, Error, Result, Spectrum, mistakes};

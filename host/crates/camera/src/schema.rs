@@ -8,6 +8,8 @@ use serde_json::{Map, Value, json};
 pub fn schema() -> Value {
     let mut sensor = table("sensor");
     sensor["properties"]["noise"] = table("sensor.noise");
+    sensor["properties"]["timing"] = table("sensor.timing");
+    sensor["properties"]["timing"]["required"] = json!(["line_time_us"]);
     if let Some(required) = sensor["required"].as_array_mut() {
         required.push("noise".into());
     }

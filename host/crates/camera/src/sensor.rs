@@ -1,6 +1,6 @@
 //! The sensor of a camera as checked values, and its conversion for `camrig-sensor-core`.
 
-use super::{Camera, CrosstalkTable};
+use super::{Camera, CrosstalkTable, SensorTiming};
 use camrig_base::{Bands, Cfa, Error, Result, Spectrum};
 use camrig_scene::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
@@ -45,6 +45,8 @@ pub struct SensorModel {
     pub temperature_c: f64,
     /// Seed of this physical sensor, which fixes its fixed patterns.
     pub seed: u64,
+    /// When its rows collect light, where that is known.
+    pub timing: Option<SensorTiming>,
     /// Noise and fixed patterns.
     pub noise: Noise,
 }

@@ -4,18 +4,18 @@ use super::plan::Shot;
 use camrig_base::Bands;
 use camrig_base::output::OutputDir;
 use camrig_base::{Error, RawFrame, Result};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, FrameClock};
 use camrig_captures::manifest::ManifestWriter;
 use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_optics::Options;
 use camrig_render::readout::Readout;
-use camrig_render::scene_irradiance;
 use camrig_render::{Arithmetic, SceneInLight, SceneIrradiance, SceneLight, SimulatedSensor};
+use camrig_render::{lamp_rows, scene_irradiance};
 use camrig_rig::SensorStage;
-use camrig_scene::LightLevel;
 use camrig_scene::photometry::HC;
+use camrig_scene::{Lamps, LightLevel};
 use camrig_sensor_core::config::FrameSettings;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -42,6 +42,9 @@ pub struct TakeOptions<'a> {
     pub arithmetic: Arithmetic,
     /// What is read of each frame.
     pub readout: Readout,
+    /// Lamps on flats and targets, for cameras whose rows have their times; each stack begins at
+    /// their time 0.
+    pub lamps: Option<&'a Lamps>,
     /// Address of the rig that takes the frames; this process unless given.
     pub rig: Option<&'a str>,
     /// Hears what a user should know of scenes, lights and the camera's tables, each once.
@@ -116,12 +119,21 @@ pub fn take(
         let camera = &Camera { first_frame: frame_number, ..camera.clone() };
         let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
         stage.set_camera(&sensor)?;
+        let mut clock = clock(camera, options.lamps)?;
+        let mut lit_before: Option<IrradianceCube> = None;
         let (mut saturated, mut samples) = (0u64, 0u64);
         for i in 0..shot.frames {
             let settings = settings(camera, shot, frame_number);
             frame_number = frame_number.wrapping_add(1);
-            let before = (i > 0).then_some(cube);
-            let frame = stage.frame(&sensor, cube, before, &settings)?;
+            let lit = match (&mut clock, options.lamps) {
+                (Some(clock), Some(lamps)) => {
+                    lamp_rows(cube, &[], &clock.next(settings.exposure_s.into())?, lamps)?
+                }
+                _ => None,
+            };
+            let before = (i > 0).then(|| lit_before.as_ref().unwrap_or(cube));
+            let frame = stage.frame(&sensor, lit.as_ref().unwrap_or(cube), before, &settings)?;
+            lit_before = lit;
             let white = frame.white_level_dn;
             saturated += frame.data.iter().filter(|&&v| v >= white).count() as u64;
             samples += frame.data.len() as u64;
@@ -183,6 +195,12 @@ fn facts_read(camera: &Camera, readout: &Readout) -> Result<SensorFacts> {
     let read = readout.of(blank)?;
     let pitch_um = whole.pitch_um.map(|pitch| pitch * f64::from(readout.side()));
     Ok(SensorFacts { width: read.width, height: read.height, pitch_um, ..whole })
+}
+
+/// The times of a stack's rows, where lamps make them count.
+fn clock(camera: &Camera, lamps: Option<&Lamps>) -> Result<Option<FrameClock>> {
+    let timing = camera.sensor.timing.filter(|_| lamps.is_some_and(|lamps| !lamps.are_steady()));
+    timing.map(|timing| FrameClock::new(timing, camera.sensor.height, None)).transpose()
 }
 
 fn settings(camera: &Camera, shot: &Shot, frame: u32) -> FrameSettings {

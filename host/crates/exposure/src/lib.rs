@@ -4,5 +4,7 @@
 mod irradiance;
 pub mod parallel;
 pub mod rows;
+mod weighted;
 
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+pub use weighted::weighted;

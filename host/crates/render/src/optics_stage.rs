@@ -4,11 +4,12 @@
 use super::cache;
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use camrig_base::{Error, Result};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, RowWindows};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_optics::{Options, Report};
-use camrig_scene::moving::Moving;
-use camrig_scene::{Illuminant, LightLevel, photometry};
+use camrig_scene::moving::{self, Moments, Moving};
+use camrig_scene::part::{Part, Region};
+use camrig_scene::{Illuminant, Lamps, LightLevel, Scene, photometry};
 use std::path::PathBuf;
 
 /// A scene and its light, ready to be seen by a camera.
@@ -37,6 +38,21 @@ pub struct Motion {
     pub velocity_pixels: [f64; 2],
     /// Part of the frame period in which a rolling shutter reads its rows; 0 for a global shutter.
     pub rolling: f64,
+}
+
+/// What is done to a scene for one frame, of that width and height in pixels.
+type Change = Box<dyn FnOnce(Box<dyn Scene>, [f64; 2]) -> Box<dyn Scene>>;
+
+/// A scene displaced by pixels per unit of time; see [`Moving`].
+fn moved(
+    velocity_pixels: [f64; 2],
+    by_row: bool,
+    moments: Box<dyn Fn(f64) -> Moments + Send + Sync>,
+) -> Change {
+    Box::new(move |scene, [width, height]| {
+        let velocity = velocity_pixels.map(|v| v / width);
+        Box::new(Moving { scene, velocity, height: height / width, by_row, moments })
+    })
 }
 
 /// What the optics stage gave, and what it was made from.
@@ -80,20 +96,71 @@ impl OpticsStage {
         frame: u32,
         progress: impl FnMut(usize, usize),
     ) -> Result<OpticsOutput> {
+        let change = self.motion.map(|Motion { velocity_pixels, rolling }| {
+            let start = f64::from(frame);
+            let moments = move |place: f64| {
+                let read = if rolling == 0.0 { 0.0 } else { rolling * place };
+                vec![(start + read, 1.0)]
+            };
+            moved(velocity_pixels, rolling != 0.0, Box::new(moments))
+        });
+        self.run_changed(camera, change, progress)
+    }
+
+    /// The same where the rows of a frame collect light in these windows while the scene moves by its
+    /// motion in `period_s`. Lamps decide when things are seen; how bright their light makes a row
+    /// is left to who exposes it.
+    ///
+    /// # Errors
+    /// Those of [`OpticsStage::run`].
+    pub fn run_exposed(
+        &self,
+        camera: &Camera,
+        (windows, period_s): (&RowWindows, f64),
+        lamps: &Lamps,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<OpticsOutput> {
+        let (windows, lamps) = (*windows, lamps.clone());
+        let change = self.motion.map(|motion| {
+            let velocity_pixels = motion.velocity_pixels.map(|pixels| pixels / period_s);
+            let speed = velocity_pixels.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let moments = move |place| {
+                let [open, close] = windows.place(place);
+                moving::moments([open, close], speed * (close - open), &lamps)
+            };
+            moved(velocity_pixels, !windows.are_one(), Box::new(moments))
+        });
+        self.run_changed(camera, change, progress)
+    }
+
+    /// What falls on the sensor from a part of the scene alone.
+    ///
+    /// # Errors
+    /// Those of [`OpticsStage::run`].
+    pub fn run_part(&self, camera: &Camera, region: Region) -> Result<OpticsOutput> {
+        let part: Change = Box::new(move |scene, [width, height]| {
+            Box::new(Part { scene, region, height: height / width })
+        });
+        self.run_changed(camera, Some(part), |_, _| ())
+    }
+
+    fn run_changed(
+        &self,
+        camera: &Camera,
+        change: Option<Change>,
+        progress: impl FnMut(usize, usize),
+    ) -> Result<OpticsOutput> {
         let light = SceneLight { illuminant: self.illuminant.as_deref(), level: self.level };
         let opened = SceneInLight::open(&self.scene, frame_aspect(camera), &light)?;
         let count = opened.scene.bands().count;
         let mut opened = opened.binned_for(camera);
         let rebinned = opened.scene.bands().count != count;
-        if let Some(Motion { velocity_pixels, rolling }) = self.motion {
-            let [width, height] = [camera.sensor.width, camera.sensor.height].map(f64::from);
-            let velocity = velocity_pixels.map(|v| v / width);
-            let (start, height) = (f64::from(frame), height / width);
-            let scene = opened.scene;
-            opened.scene = Box::new(Moving { scene, velocity, start, rolling, height });
+        // A changed scene is seen once: nothing to keep.
+        let directory = self.cache.as_deref().filter(|_| change.is_none());
+        if let Some(change) = change {
+            let size = [camera.sensor.width, camera.sensor.height].map(f64::from);
+            opened.scene = change(opened.scene, size);
         }
-        // A moving scene is seen once in each place: nothing to keep.
-        let directory = self.cache.as_deref().filter(|_| self.motion.is_none());
         let about = opened.about(camera);
         let cache::Rendered { cube, report, hit, traced, notes: of_lens } =
             cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)

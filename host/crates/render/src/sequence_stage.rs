@@ -86,6 +86,14 @@ impl SequenceStage {
         })
     }
 
+    /// Bytes of irradiance that a frame makes, at most; 0 before the first.
+    #[must_use]
+    pub fn cube_bytes(&self, camera: &Camera) -> u64 {
+        let pixels = u64::from(camera.sensor.width) * u64::from(camera.sensor.height);
+        let bands = self.first.as_ref().map_or(0, |first| first.bands.count as u64);
+        size_of::<u16>() as u64 * pixels * bands
+    }
+
     /// A frame's scene in the light of the sequence.
     fn opened(
         &mut self,

@@ -31,6 +31,7 @@ pub mod hid;
 mod inbox;
 mod list;
 pub mod log;
+pub mod mirror;
 mod platform;
 pub mod script;
 pub mod serial;
@@ -43,6 +44,7 @@ mod url;
 
 pub use client::{FrameRequest, Rig, RigFrame};
 pub use list::{Found, USB_ID, list};
+pub use mirror::Mirror;
 pub use stage::SensorStage;
 pub use token::Token;
 pub use url::Url;

@@ -8,7 +8,9 @@ use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_render::SimulatedSensor;
+use camrig_rig::Rig;
 use camrig_rig::stage::{changing_light, remembering};
+use camrig_rig_link::registers::address;
 use camrig_scene::sequence::natural;
 use std::path::{Path, PathBuf};
 
@@ -37,8 +39,13 @@ impl Light {
                 sequence: args.sequence.clone(),
                 ..still
             };
-            let (scene, first) = SceneLights::open(&view, camera, args.fps)?;
+            let times = args.time.times(camera, args.fps)?;
+            let (scene, first) = SceneLights::open(&view, camera, args.fps, times)?;
             return Ok(Self { cubes: vec![first.cube], scene: Some(scene) });
+        }
+        if args.time.is_given() {
+            return Err(Error::unsupported("--lamp and --between of irradiance files")
+                .help("they are of a scene (--scene)"));
         }
         let path = args
             .irradiance
@@ -74,6 +81,24 @@ impl Light {
             return Err(changing_light(effect));
         }
         Ok(sensors)
+    }
+
+    /// Gives a rig whose registers decide the camera file's line time and frame length, where its
+    /// rows collect light in time.
+    ///
+    /// # Errors
+    /// A rig without these registers, values that they do not take.
+    pub fn program(&mut self, rig: &mut Rig) -> Result<()> {
+        let scene = self.scene.as_mut().filter(|scene| scene.change_within_frames());
+        let Some(times) = scene.and_then(SceneLights::times) else { return Ok(()) };
+        let (line_ns, lines) = times.registers();
+        rig.write_register(address::LINE_LENGTH_NS, line_ns)?;
+        rig.write_register(address::FRAME_LENGTH_LINES, lines)?;
+        eprintln!(
+            "note: line time and frame length of the camera file are in the rig's registers: \
+             {line_ns} ns, {lines} lines"
+        );
+        Ok(())
     }
 
     /// Whether it is a sequence, which ends.

@@ -10,6 +10,7 @@ use super::arguments::{
 };
 use super::readout::ReadoutArgs;
 use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
+use super::times::TimeArgs;
 use super::{live, simulate};
 use camrig_base::Result;
 use camrig_base::stop::Stoppable;
@@ -17,7 +18,7 @@ use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut};
-use camrig_rig::{FrameRequest, Rig, RigFrame, feed::Feed};
+use camrig_rig::{FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
 use camrig_rig_link::registers::address;
 use light::Light;
 use output::Output;
@@ -34,6 +35,8 @@ use std::process::ExitCode;
     camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms \\\n    \
         --fps 2 -o out.csi2\n  \
     camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --json\n  \
+    camrig rig stream emulator: --camera mt9v024 --set sensor.timing.line_time_us=20 \\\n    \
+        --scene ramp --lamp mains:hz=100,depth=0.3 --script loop.toml -o flicker.csi2\n  \
     camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \\\n    \
         --frames 90 -o - --to SRGGB16 | ffmpeg -f rawvideo -pixel_format bayer_rggb16le \\\n    \
         -video_size 752x480 -i - dots.mp4\n\n\
@@ -66,6 +69,8 @@ pub struct Args {
     lux: Option<f64>,
     #[command(flatten)]
     sequence: SequenceArgs,
+    #[command(flatten)]
+    time: TimeArgs,
     #[command(flatten)]
     device: DeviceArgs,
     /// Let the scene move: pixels per frame to the right and down
@@ -195,6 +200,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     tell_injected(&mut rig)?;
     let mut light = Light::open(args, &camera)?;
     let sensors = light.sensors(&camera)?;
+    if args.by_registers || script.is_some() {
+        light.program(&mut rig)?;
+    }
     if let Some(output) = &mut output {
         output.prepare(args, &camera, &sensors[0])?;
     }
@@ -296,6 +304,8 @@ impl Stream<'_> {
             feeds = feeds.into_iter().map(Feed::kept).collect();
         }
         let by_registers = args.by_registers || script.is_some();
+        let in_time = scene.as_ref().is_some_and(|scene| scene.change_within_frames());
+        let mut mirror = (by_registers && in_time).then(Mirror::default);
         let bar = arguments::frames_bar(count);
         // Irradiance of a scene that has changed since the first frame.
         let mut changed: Option<IrradianceCube> = None;
@@ -304,7 +314,10 @@ impl Stream<'_> {
         rig.set_camera(&sensors[0])?;
         taken.pace.start();
         for i in 0..count {
-            match scene.as_mut().filter(|_| i > 0).map_or(Ok(NextLight::Same), |s| s.next(i))? {
+            write_registers(rig, script, i, by_registers)?;
+            let exposure_s = self.exposure_s(rig, &mut mirror, scene.as_deref_mut())?;
+            let light = scene.as_mut().map(|s| s.next(i, exposure_s.into(), &cubes[0]));
+            match light.unwrap_or(Ok(NextLight::Same))? {
                 NextLight::Same => {}
                 NextLight::Changed(cube) => changed = Some(cube),
                 NextLight::Over => break,
@@ -313,7 +326,6 @@ impl Stream<'_> {
             if stop.is_asked() {
                 break;
             }
-            write_registers(rig, script, i, by_registers)?;
             let at = i as usize % cubes.len();
             let request = self.request(i, by_registers);
             taken.pace.begin();
@@ -328,6 +340,8 @@ impl Stream<'_> {
             };
             let time = taken.pace.end();
             taken.outcome.dropped += u64::from(frame.dropped);
+            let missed = in_time && frame.start.exposure.exposure_s != exposure_s;
+            taken.outcome.exposure_missed += u64::from(missed);
             if args.json {
                 taken.outcome.records.push(Record::new(&frame, time));
             }
@@ -339,6 +353,21 @@ impl Stream<'_> {
         }
         bar.finish_and_clear();
         Ok(())
+    }
+
+    /// The exposure of the frame that begins next, s, where light is made for it.
+    fn exposure_s(
+        &self,
+        rig: &mut Rig,
+        mirror: &mut Option<Mirror>,
+        scene: Option<&mut SceneLights>,
+    ) -> Result<f32> {
+        let (Some(mirror), Some(times)) = (mirror, scene.and_then(SceneLights::times)) else {
+            return Ok(self.args.exposure.unwrap_or(1.0) as f32);
+        };
+        let coming = mirror.next_frame(rig)?;
+        times.set(coming.lines, coming.line_ns);
+        Ok(coming.exposure_s)
     }
 
     /// How a frame is to be taken.

@@ -69,6 +69,8 @@ fn fault(fault: Fault) -> Value {
 pub struct Outcome {
     /// Frames that the sensor dropped, as it was asked.
     pub dropped: u64,
+    /// Frames whose rows were lit for another exposure than the rig's.
+    pub exposure_missed: u64,
     /// Each frame, where figures are asked for.
     pub records: Vec<Record>,
     /// Frames of a scene that is a sequence, counted.
@@ -99,6 +101,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "dropped_on_request": dropped,
                 "frames_dropped": dropped,
                 "scene_frames": outcome.scene_frames,
+                "exposure_missed": outcome.exposure_missed,
                 "seconds": seconds,
                 "frames_per_s": fps,
                 "rate_hz": fps,
@@ -134,6 +137,13 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
     if dropped > 0 {
         let dropped = counted(dropped as usize, "frame");
         lines.push(format!("dropped {dropped}, as the rig's fault register asked"));
+    }
+    if outcome.exposure_missed > 0 {
+        lines.push(format!(
+            "{} frames have another exposure than their light was made for: another host writes \
+             the rig's registers",
+            outcome.exposure_missed
+        ));
     }
     let text = lines.join("\n");
     match args.output.as_deref().is_some_and(LiveOutput::is_stdout) {

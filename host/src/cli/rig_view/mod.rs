@@ -33,7 +33,8 @@ use std::sync::{Arc, mpsc};
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
-    camrig rig view tcp://127.0.0.1:7420 --camera mt9v024 --scene dots --exposure 5ms --fps 10")]
+    camrig rig view tcp://127.0.0.1:7420 --camera mt9v024 --scene dots --exposure 5ms --fps 10\n  \
+    camrig rig view emulator: --camera mt9v024 --scene tcp://127.0.0.1:7500 --fps 10")]
 pub struct Args {
     /// Address of the rig
     url: String,
@@ -114,7 +115,7 @@ pub fn run(args: &Args) -> Result<()> {
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
     let camera = args.view.camera.load()?;
-    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps))?;
+    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps), None)?;
     let lit = Lit::new(&camera, view)?;
     if let (false, Some(effect)) = (lights.stand_still(), remembering(&lit.sensor).next()) {
         return Err(changing_light(effect));

@@ -183,7 +183,8 @@ impl<'a> Session<'a> {
             return None;
         }
         self.light_of = self.frames;
-        match self.lights.next(self.frames) {
+        // In the console a scene stands still during a frame: the exposure plays no part.
+        match self.lights.next(self.frames, 0.0, lit.cube()) {
             Ok(NextLight::Same) => return None,
             Ok(NextLight::Changed(cube)) => return Some(lit.later(cube)),
             Ok(NextLight::Over) => self.note("scene", "it has ended; its last frame stays"),

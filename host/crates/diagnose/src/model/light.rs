@@ -90,6 +90,7 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
         analog_gain: _,
         temperature_c: _,
         seed: _,
+        timing: _,
         noise: _,
     } = &camera.sensor;
     let scene = (&target.scene, &target.illuminant, target.lux.is_some());

@@ -120,10 +120,8 @@ impl Frames {
 /// What to say of the first frame.
 fn of_first(header: &Header, shape: &Shape) -> Vec<String> {
     let mut notes = Vec::new();
-    if header.not_used != 0 {
-        notes.push(
-            "cuts and poses of frames are not used: the scene stands still between them".into(),
-        );
+    if header.has_pose {
+        notes.push("poses of frames are not used".into());
     }
     if let Colour::Space(_) = shape.colour {
         about_channels(shape.channels, &mut notes);
@@ -162,7 +160,8 @@ impl SceneSequence for Frames {
         };
         let open = move || payload.scene();
         let times = (header.time_s, end_s);
-        Ok(Some(SceneFrame::new(header.number, times, name, open).with_light(light)))
+        let frame = SceneFrame::new(header.number, times, name, open).with_light(light);
+        Ok(Some(SceneFrame { cut: header.cut, ..frame }))
     }
 
     fn notes(&mut self) -> Vec<String> {
@@ -316,15 +315,19 @@ mod tests {
     #[test]
     fn frames_have_their_numbers_times_and_samples() {
         let at = |number: u8, time_ns: i64, code: u8| {
-            message(&[(16, &[number]), (24, &time_ns.to_le_bytes())], &[code; 16])
+            let cut = [number / 2];
+            let times = [(12, &cut[..]), (16, &[number]), (24, &time_ns.to_le_bytes())];
+            message(&times, &[code; 16])
         };
         let mut frames = frames(&[at(0, -40_000_000, 255), at(2, 20_000_000, 0), end()]);
         let first = frames.next_frame().unwrap().unwrap();
         assert_eq!((first.number, first.start_s, first.end_s), (0, -0.04, None));
+        assert!(!first.cut);
         let cube = first.open().unwrap();
         assert_eq!((cube.size(), cube.quantity()), ((8, 2), Quantity::Reflectance));
         assert!(cube.band(9).unwrap().data.iter().all(|v| (v - 1.0).abs() < 1e-4));
-        assert_eq!(frames.next_frame().unwrap().unwrap().number, 2);
+        let second = frames.next_frame().unwrap().unwrap();
+        assert_eq!((second.number, second.cut), (2, true));
         assert!(frames.next_frame().unwrap().is_none() && frames.next_frame().unwrap().is_none());
         assert_eq!(frames.notes(), ["1 frames of it never came"]);
     }

@@ -25,8 +25,9 @@ const END: u32 = 2;
 const LUX: u32 = 4;
 const LUMINANCE: u32 = 8;
 const CHECKSUM: u32 = 32;
-/// Flags that say something which is not applied: a cut, a pose.
-const NOT_USED: u32 = 1 | 16;
+const CUT: u32 = 1;
+/// A flag that says something which is not applied.
+const POSE: u32 = 16;
 const SLOT: u32 = 64;
 
 /// Samples of a payload.
@@ -86,8 +87,10 @@ pub(super) struct Header {
     pub frame: Option<Shape>,
     pub payload: u64,
     pub payload_crc: Option<u32>,
-    /// What it says that is not applied.
-    pub not_used: u32,
+    /// Whether it has nothing to do with the frame before.
+    pub cut: bool,
+    /// Whether it has a pose, which is not applied.
+    pub has_pose: bool,
 }
 
 /// Numbers of a header by their place.
@@ -144,7 +147,7 @@ impl Header {
         if flags & SLOT != 0 {
             return Err(wrong("a payload in shared memory, which is not read", 12));
         }
-        let known = NOT_USED | END | LUX | LUMINANCE | CHECKSUM;
+        let known = CUT | POSE | END | LUX | LUMINANCE | CHECKSUM;
         if flags & !known != 0 || flags & (LUX | LUMINANCE) == LUX | LUMINANCE {
             return Err(wrong(format!("flags {flags:#x}"), 12));
         }
@@ -157,7 +160,8 @@ impl Header {
             frame: None,
             payload: fields.u64(80),
             payload_crc: (flags & CHECKSUM != 0).then(|| fields.u32(184)),
-            not_used: flags & NOT_USED,
+            cut: flags & CUT != 0,
+            has_pose: flags & POSE != 0,
         };
         if fields.u16(62) != 0 {
             return Err(wrong("a slot of a payload that is in none", 62));

@@ -4,24 +4,27 @@
 //! seen from its time stamp on. [`open`] finds them: a folder of pictures or cubes ([`folder`]),
 //! one that is still being written ([`watch`]), video as YUV4MPEG2 from a file or a pipe ([`y4m`]),
 //! and frames that another program makes while they are taken ([`frames`]).
-//! [`Playback`] says which of them is shown at a time.
-//!
-//! This is the seam to all that knows of time: what shows a scene that stands still during a
-//! frame asks a playback, what integrates over an exposure takes the frames with their stamps.
+//! [`Playback`] says which of them is shown at a time, [`Timeline`] which the rows of a sensor see
+//! during an exposure, and how much of each.
 
+pub mod between;
 pub mod folder;
 pub mod frames;
 mod header;
 mod natural;
 mod pipe;
 pub mod playback;
+mod rounds;
 mod socket;
+pub mod timeline;
 pub mod watch;
 pub mod y4m;
 mod ycbcr;
 
+pub use between::Between;
 pub use natural::natural;
 pub use playback::{Counts, Moment, Playback};
+pub use timeline::Timeline;
 
 use super::LightLevel;
 use super::cube::Cube;
@@ -43,6 +46,8 @@ pub struct SceneFrame {
     pub name: String,
     /// The light that it states itself, the same for all frames of a sequence.
     pub light: FrameLight,
+    /// Whether it has nothing to do with the frame before: the light jumps.
+    pub cut: bool,
     open: Box<dyn FnOnce() -> Result<Cube> + Send>,
 }
 
@@ -64,7 +69,7 @@ impl SceneFrame {
         open: impl FnOnce() -> Result<Cube> + Send + 'static,
     ) -> Self {
         let light = FrameLight::default();
-        Self { number, start_s, end_s, name, light, open: Box::new(open) }
+        Self { number, start_s, end_s, name, light, cut: false, open: Box::new(open) }
     }
 
     /// The same frame in a light that it states.

@@ -8,12 +8,9 @@
 //! Where the sequence has no time stamps, or the sensor no frame rate, each frame of the sensor
 //! shows the next frame of the scene.
 
+use super::rounds::{ROUNDING_S, Rounds, Span};
 use super::{SceneFrame, SceneSequence};
-use camrig_base::{Error, Result};
-
-/// Time stamps are rounded, to whole nanoseconds or to what a file's text holds; a frame whose
-/// stamp is later by no more than this is there already, s. Far below any exposure.
-const ROUNDING_S: f64 = 1e-6;
+use camrig_base::Result;
 
 /// Frames of a scene, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,34 +37,13 @@ pub enum Moment {
 
 /// A sequence as it is shown to a sensor.
 pub struct Playback {
-    sequence: Box<dyn SceneSequence>,
+    rounds: Rounds,
     /// Frames of the sensor per second, where both it and the sequence have times.
     sensor_hz: Option<f64>,
-    repeats: bool,
-    /// Time stamp of the first frame.
-    origin_s: Option<f64>,
-    /// When the rounds before this one were over.
-    rounds_s: f64,
     showing: Option<Span>,
     /// Read, but not yet due.
     ahead: Option<(SceneFrame, Span)>,
     counts: Counts,
-}
-
-/// When a frame is shown, s after the first frame of the first round.
-#[derive(Clone, Copy, Debug)]
-struct Span {
-    start: f64,
-    end: Option<f64>,
-    /// How long the frame before was shown.
-    before: f64,
-}
-
-impl Span {
-    /// When it is over where no frame follows.
-    fn last_end(&self) -> f64 {
-        self.end.unwrap_or(self.start + self.before)
-    }
 }
 
 impl Playback {
@@ -77,11 +53,8 @@ impl Playback {
     pub fn new(sequence: Box<dyn SceneSequence>, sensor_hz: Option<f64>, repeats: bool) -> Self {
         let sensor_hz = sensor_hz.filter(|_| sequence.is_timed());
         Self {
-            sequence,
+            rounds: Rounds::new(sequence, sensor_hz.is_some(), repeats),
             sensor_hz,
-            repeats,
-            origin_s: None,
-            rounds_s: 0.0,
             showing: None,
             ahead: None,
             counts: Counts::default(),
@@ -91,12 +64,12 @@ impl Playback {
     /// What is shown, for messages.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.sequence.name()
+        self.rounds.sequence.name()
     }
 
     /// What was assumed or left out since it was last asked.
     pub fn notes(&mut self) -> Vec<String> {
-        self.sequence.notes()
+        self.rounds.sequence.notes()
     }
 
     /// Whether frames are shown by their time stamps, and not one after the other.
@@ -108,7 +81,7 @@ impl Playback {
     /// Frames so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        self.counts
+        Counts { received: self.rounds.received, ..self.counts }
     }
 
     /// What frame `frame` of the sensor shows. Frames are asked for in order, from 0 on.
@@ -118,14 +91,11 @@ impl Playback {
     pub fn at(&mut self, frame: u64) -> Result<Moment> {
         let moment = match self.sensor_hz {
             Some(hz) => self.at_time(frame as f64 / hz)?,
-            None => self.read()?.map_or(Moment::Over, |(frame, _)| Moment::Next(frame)),
+            None => self.rounds.read()?.map_or(Moment::Over, |(frame, _)| Moment::Next(frame)),
         };
         match &moment {
             Moment::Same => self.counts.held += 1,
             Moment::Next(_) => self.counts.used += 1,
-            Moment::Over if self.counts.received == 0 => {
-                return Err(Error::input("a sequence without frames").at(self.name()));
-            }
             Moment::Over => {}
         }
         Ok(moment)
@@ -137,7 +107,8 @@ impl Playback {
         // The next frame need not be there while it is known that this one is shown.
         while self.showing.is_none_or(|span| span.end.is_none_or(|end| end <= due)) {
             let ahead = self.ahead.take();
-            let Some((frame, span)) = ahead.map_or_else(|| self.read(), |a| Ok(Some(a)))? else {
+            let Some((frame, span)) = ahead.map_or_else(|| self.rounds.read(), |a| Ok(Some(a)))?
+            else {
                 return Ok(self.at_the_end(due, shown));
             };
             if span.start > due {
@@ -164,45 +135,15 @@ impl Playback {
             }
         }
     }
-
-    /// The next frame of the sequence, from the first again where it repeats.
-    fn read(&mut self) -> Result<Option<(SceneFrame, Span)>> {
-        let mut next = self.sequence.next_frame()?;
-        if next.is_none() && self.repeats && self.counts.received > 0 {
-            self.rounds_s = self.round_end()?;
-            self.sequence.rewind()?;
-            self.showing = None;
-            next = self.sequence.next_frame()?;
-        }
-        let Some(frame) = next else { return Ok(None) };
-        self.counts.received += 1;
-        let origin = *self.origin_s.get_or_insert(frame.start_s);
-        let after = |time: f64| self.rounds_s + (time - origin);
-        let start = after(frame.start_s);
-        let before = self.showing.map_or(0.0, |span| start - span.start);
-        let span = Span { start, end: frame.end_s.map(after), before };
-        Ok(Some((frame, span)))
-    }
-
-    /// When this round is over.
-    fn round_end(&self) -> Result<f64> {
-        if self.sensor_hz.is_none() {
-            return Ok(self.rounds_s);
-        }
-        let end = self.showing.map_or(self.rounds_s, |span| span.last_end());
-        if end > self.rounds_s {
-            return Ok(end);
-        }
-        Err(Error::input("a sequence that lasts no time, over and over").at(self.name()))
-    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use camrig_base::Error;
 
     /// Frames that are shown from and to these times; none can be opened.
-    struct Times {
+    pub struct Times {
         spans: Vec<(f64, Option<f64>)>,
         at: usize,
         timed: bool,
@@ -235,11 +176,11 @@ mod tests {
         }
     }
 
-    fn times(spans: &[(f64, Option<f64>)]) -> Box<Times> {
+    pub fn times(spans: &[(f64, Option<f64>)]) -> Box<Times> {
         Box::new(Times { spans: spans.to_vec(), at: 0, timed: true })
     }
 
-    fn regular(count: usize, hz: f64) -> Box<Times> {
+    pub fn regular(count: usize, hz: f64) -> Box<Times> {
         let at = |k: usize| k as f64 / hz;
         times(&(0..count).map(|k| (at(k), Some(at(k + 1)))).collect::<Vec<_>>())
     }

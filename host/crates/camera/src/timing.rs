@@ -1,0 +1,234 @@
+//! When the rows of a sensor collect light: `[sensor.timing]` of a camera file.
+//!
+//! The row with place o in the order of reading ends its exposure in frame k when it is read,
+//!
+//! close = t₀ + Σ_{j<k} P_j + o t_line, open = close − T,
+//!
+//! with line time t_line, exposure T, and the frame period P, the frame length times the line time.
+//! A rolling shutter has o = row where it reads from the top and o = rows − 1 − row from the
+//! bottom; a global one has o = 0. Time 0 is when the first window of frame 0 opens: t₀ = T of that
+//! frame. A change of the exposure moves openings only. Frame length and line time are what a
+//! sensor's registers of these names hold.
+
+use camrig_base::{Error, Result};
+
+/// Whether rows collect light one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shutter {
+    /// Each row a line time after the one before.
+    Rolling,
+    /// All rows at once.
+    Global,
+}
+
+/// `[sensor.timing]` of a camera file, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorTiming {
+    /// Time from one row to the next, µs.
+    pub line_time_us: f64,
+    /// Lines of a frame, those without pixels included.
+    pub frame_length_lines: u32,
+    /// Whether rows collect light one after the other.
+    pub shutter: Shutter,
+    /// Whether rows are read from the bottom up.
+    pub upwards: bool,
+}
+
+impl SensorTiming {
+    /// Names of shutters in a camera file.
+    pub const SHUTTERS: [&'static str; 2] = ["rolling", "global"];
+    /// Names of directions in a camera file.
+    pub const DIRECTIONS: [&'static str; 2] = ["down", "up"];
+
+    /// Frame period for an exposure, s: its lines are at least those of the exposure.
+    #[must_use]
+    pub fn period_s(&self, exposure_s: f64) -> f64 {
+        /// An exposure of whole lines may be off by its rounding, lines.
+        const ROUNDING: f64 = 1e-3;
+        let line_s = 1e-6 * self.line_time_us;
+        let exposed = (exposure_s / line_s - ROUNDING).ceil();
+        exposed.max(f64::from(self.frame_length_lines)) * line_s
+    }
+}
+
+/// When the rows of one frame collect light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RowWindows {
+    /// When the first row is read, s.
+    first_close_s: f64,
+    exposure_s: f64,
+    /// Time from one row to the next, s; 0 for a global shutter.
+    line_s: f64,
+    rows: u32,
+    upwards: bool,
+}
+
+impl RowWindows {
+    /// When the rows open and close, s, from the top.
+    pub fn rows(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        (0..self.rows).map(|row| self.row(row))
+    }
+
+    /// When a row opens and closes, s.
+    #[must_use]
+    pub fn row(&self, row: u32) -> [f64; 2] {
+        let order = if self.upwards { self.rows - 1 - row } else { row };
+        self.at(order.into())
+    }
+
+    /// When a place between the upper edge (0) and the lower edge (1) opens and closes, s.
+    #[must_use]
+    pub fn place(&self, place: f64) -> [f64; 2] {
+        let row = place * f64::from(self.rows) - 0.5;
+        let last = f64::from(self.rows - 1);
+        self.at(if self.upwards { last - row } else { row }.clamp(0.0, last))
+    }
+
+    /// When the first row opens and the last one closes, s.
+    #[must_use]
+    pub fn span(&self) -> [f64; 2] {
+        [self.at(0.0)[0], self.at(f64::from(self.rows - 1))[1]]
+    }
+
+    /// Whether all rows collect light at once.
+    #[must_use]
+    pub fn are_one(&self) -> bool {
+        self.line_s == 0.0
+    }
+
+    fn at(&self, order: f64) -> [f64; 2] {
+        let close = self.first_close_s + order * self.line_s;
+        [close - self.exposure_s, close]
+    }
+}
+
+/// The windows of frame after frame.
+#[derive(Clone, Debug)]
+pub struct FrameClock {
+    timing: SensorTiming,
+    rows: u32,
+    /// Frame period that was asked for, s.
+    period_s: Option<f64>,
+    /// When the first row of the frame before was read, s.
+    last_close_s: Option<f64>,
+}
+
+impl FrameClock {
+    /// Frames of `rows` rows, as fast as `timing` says or one in `period_s` seconds.
+    ///
+    /// # Errors
+    /// Fewer lines than rows, or a period that is too short for them.
+    pub fn new(timing: SensorTiming, rows: u32, period_s: Option<f64>) -> Result<Self> {
+        if timing.frame_length_lines < rows {
+            let lines = timing.frame_length_lines;
+            return Err(Error::disagreement(format!("{lines} lines for a frame of {rows} rows"))
+                .help("a frame length is the rows and those without pixels"));
+        }
+        let clock = Self { timing, rows, period_s, last_close_s: None };
+        let read_s = clock.read_s();
+        if let Some(period_s) = period_s.filter(|period| *period < read_s * (1.0 - 1e-9)) {
+            let what = format!("{} frames/s of {rows} rows in {read_s:.6} s", 1.0 / period_s);
+            return Err(Error::limit(what).help("lower the frame rate or the line time"));
+        }
+        Ok(clock)
+    }
+
+    /// Time in which all rows are read, s.
+    fn read_s(&self) -> f64 {
+        f64::from(self.rows) * 1e-6 * self.timing.line_time_us
+    }
+
+    /// The windows of the next frame, for its exposure.
+    ///
+    /// # Errors
+    /// An exposure longer than the frame period that was asked for.
+    pub fn next(&mut self, exposure_s: f64) -> Result<RowWindows> {
+        let period_s = self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s));
+        if exposure_s > period_s * (1.0 + 1e-6) {
+            let what = format!("an exposure of {exposure_s} s in frames of {period_s} s");
+            return Err(Error::limit(what).help("shorten the exposure or lower the frame rate"));
+        }
+        // Frame 0 opens at 0. A row opens when the frame before has been read from it, or later.
+        let period_s = period_s.max(self.read_s());
+        let first_close_s = self.last_close_s.map_or(exposure_s, |last| last + period_s);
+        self.last_close_s = Some(first_close_s);
+        let rolling = self.timing.shutter == Shutter::Rolling;
+        Ok(RowWindows {
+            first_close_s,
+            exposure_s,
+            line_s: if rolling { 1e-6 * self.timing.line_time_us } else { 0.0 },
+            rows: self.rows,
+            upwards: self.timing.upwards,
+        })
+    }
+
+    /// Another timing from the next frame on, as registers change it.
+    pub fn set(&mut self, timing: SensorTiming) {
+        (self.timing, self.period_s) = (timing, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clock(line_us: f64, frame_lines: u32, rows: u32) -> FrameClock {
+        let timing = SensorTiming {
+            line_time_us: line_us,
+            frame_length_lines: frame_lines,
+            shutter: Shutter::Rolling,
+            upwards: false,
+        };
+        FrameClock::new(timing, rows, None).unwrap()
+    }
+
+    /// Every window of golden/light/row_windows.csv, whose time 0 is the first row's reading.
+    #[test]
+    fn windows_are_those_of_the_equations() {
+        let Some(file) = camrig_testing::shared("golden/light/row_windows.csv") else { return };
+        let text = std::fs::read_to_string(file).unwrap();
+        let mut lines = 0;
+        for line in text.lines().skip(1) {
+            let fields: Vec<&str> = line.split(',').collect();
+            let number = |i: usize| fields[i].parse::<f64>().unwrap();
+            let timing = SensorTiming {
+                line_time_us: number(1),
+                frame_length_lines: number(2) as u32,
+                shutter: if fields[5] == "global" { Shutter::Global } else { Shutter::Rolling },
+                upwards: fields[6] == "up",
+            };
+            let exposure_s = number(4) * number(1) * 1e-6;
+            let mut clock = FrameClock::new(timing, number(3) as u32, None).unwrap();
+            let frames = number(7) as usize;
+            let windows = (0..=frames).map(|_| clock.next(exposure_s).unwrap()).last().unwrap();
+            let [open, close] = windows.row(number(8) as u32).map(|s| s - exposure_s);
+            assert!((open - 1e-6 * number(9)).abs() < 1e-9, "{line}");
+            assert!((close - 1e-6 * number(10)).abs() < 1e-9, "{line}");
+            assert!((timing.period_s(exposure_s) * number(11) - 1.0).abs() < 1e-9, "{line}");
+            lines += 1;
+        }
+        assert_eq!(lines, 48);
+    }
+
+    #[test]
+    fn an_exposure_moves_openings_and_lengthens_frames_that_are_too_short_for_it() {
+        let mut clock = clock(10.0, 100, 90);
+        assert_eq!(clock.next(0.0005).unwrap().span(), [0.0, 0.0005 + 89.0 * 1e-5]);
+        let longer = clock.next(0.0009).unwrap().row(0);
+        assert!((longer[1] - 0.0015).abs() < 1e-12 && (longer[0] - 0.0006).abs() < 1e-12);
+        // 150 lines of exposure take a frame of 150 lines.
+        clock.next(0.0015).unwrap();
+        assert!((clock.next(0.0005).unwrap().row(0)[1] - (0.0015 + 0.001 + 0.0015)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let timing = clock(10.0, 100, 100).timing;
+        let said = |e: Result<FrameClock>| e.err().unwrap().to_string();
+        assert!(said(FrameClock::new(timing, 101, None)).contains("100 lines for a frame of 101"));
+        assert!(said(FrameClock::new(timing, 100, Some(0.0009))).contains("frames/s"));
+        let mut fast = FrameClock::new(timing, 100, Some(0.001)).unwrap();
+        assert!(fast.next(0.001).is_ok());
+        assert!(fast.next(0.0011).unwrap_err().to_string().contains("exposure"));
+    }
+}

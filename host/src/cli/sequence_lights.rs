@@ -1,0 +1,239 @@
+//! A sequence as light on a sensor: each frame of the sensor shows one of the scene, or its rows
+//! collect light from one frame of the scene to the next.
+
+use super::times::Times;
+use camrig_base::{Error, Result};
+use camrig_camera::Camera;
+use camrig_exposure::{IrradianceCube, weighted};
+use camrig_render::{OpticsOutput, SequenceStage};
+use camrig_scene::sequence::{
+    Between, Counts, Moment, Playback, SceneFrame, SceneSequence, Timeline,
+};
+use std::collections::BTreeSet;
+
+/// What falls on the sensor in a frame.
+pub enum NextLight {
+    /// The same as in the frame before; in the first, what the scene was opened with.
+    Same,
+    /// Other irradiance.
+    Changed(IrradianceCube),
+    /// The scene has ended.
+    Over,
+}
+
+/// A sequence in front of a sensor.
+pub struct Sequence {
+    shown: Shown,
+    stage: SequenceStage,
+    told: Told,
+}
+
+/// How a sequence is shown.
+enum Shown {
+    /// Each frame of the sensor shows one of the scene.
+    Still(Playback),
+    /// Rows collect light from one frame of the scene to the next.
+    InTime(Timeline<IrradianceCube>),
+}
+
+/// Memory for frames of a scene that rows of one frame see, bytes. A trade: what a workstation has
+/// to spare; more is refused with a word.
+const MOST_BYTES: u64 = 4 << 30;
+
+impl Sequence {
+    /// Shows a sequence to a sensor of that frame rate, over and over where it `repeats`. With
+    /// `times`, rows collect light in their windows.
+    pub fn new(
+        (sequence, repeats): (Box<dyn SceneSequence>, bool),
+        stage: SequenceStage,
+        sensor_hz: Option<f64>,
+        times: Option<&Times>,
+    ) -> Self {
+        let mut told = Told::default();
+        let timed = sequence.is_timed();
+        if let Some(times) = times.filter(|_| timed) {
+            if times.between == Between::Linear {
+                told.tell(
+                    "between frames of the scene its light goes in a straight line, which blends \
+                     what moves: send several frames per exposure, or let it stand (--between \
+                     hold)"
+                        .into(),
+                );
+            }
+            let (between, lamps) = (times.between, times.lamps.clone());
+            let shown = Shown::InTime(Timeline::new(sequence, repeats, between, lamps));
+            return Self { shown, stage, told };
+        }
+        let playback = Playback::new(sequence, sensor_hz, repeats);
+        if !playback.is_timed() {
+            let unknown = match (timed, sensor_hz) {
+                (false, None) => "no frame rate is known",
+                (false, Some(_)) => "the scene's frame rate is not known (--scene-rate)",
+                (true, _) => "the sensor's frame rate is not known (--fps)",
+            };
+            told.tell(format!("{unknown}: each frame of the sensor shows the next of the scene"));
+        }
+        Self { shown: Shown::Still(playback), stage, told }
+    }
+
+    /// What it is, for messages.
+    pub fn name(&self) -> &str {
+        match &self.shown {
+            Shown::Still(playback) => playback.name(),
+            Shown::InTime(timeline) => timeline.name(),
+        }
+    }
+
+    /// Its frames, counted.
+    pub fn counts(&self) -> Counts {
+        match &self.shown {
+            Shown::Still(playback) => playback.counts(),
+            Shown::InTime(timeline) => timeline.counts(),
+        }
+    }
+
+    /// Whether rows collect light from frame to frame.
+    pub fn is_in_time(&self) -> bool {
+        matches!(self.shown, Shown::InTime(_))
+    }
+
+    /// Whether its frames are shown by their time stamps.
+    pub fn is_by_time(&self) -> bool {
+        match &self.shown {
+            Shown::Still(playback) => playback.is_timed(),
+            Shown::InTime(_) => true,
+        }
+    }
+
+    /// Its first frame, as if it stood still.
+    pub fn first(&mut self, camera: &Camera) -> Result<OpticsOutput> {
+        let Self { shown, stage, told } = self;
+        let output = match shown {
+            Shown::Still(playback) => {
+                let moment = playback.at(0);
+                playback.notes().into_iter().for_each(|note| told.tell(note));
+                let Moment::Next(frame) = moment? else {
+                    return Err(Error::internal("a sequence without a first frame"));
+                };
+                stage.run(camera, frame, |_, _| ())?
+            }
+            Shown::InTime(timeline) => {
+                let mut output = None;
+                timeline.first(|frame| {
+                    let made = stage.run(camera, frame, |_, _| ())?;
+                    let kept = copied(&made.cube)?;
+                    output = Some(made);
+                    Ok(kept)
+                })?;
+                timeline.notes().into_iter().for_each(|note| told.tell(note));
+                output.ok_or_else(|| Error::internal("a sequence without a first frame"))?
+            }
+        };
+        output.notes.iter().for_each(|note| told.tell(note.clone()));
+        super::simulate::tell_optics(&output);
+        Ok(output)
+    }
+
+    /// The frame of the scene that a frame of the sensor shows.
+    pub fn next(&mut self, camera: &Camera, number: u32) -> Result<NextLight> {
+        let Self { shown: Shown::Still(playback), stage, told } = self else {
+            return Err(Error::internal("a sequence in time that stands still"));
+        };
+        let moment = playback.at(number.into());
+        playback.notes().into_iter().for_each(|note| told.tell(note));
+        Ok(match moment? {
+            Moment::Same => NextLight::Same,
+            Moment::Over => NextLight::Over,
+            Moment::Next(frame) => NextLight::Changed(seen(stage, camera, frame, told)?),
+        })
+    }
+
+    /// The light of rows whose windows open and close at these times.
+    pub fn exposed(&mut self, camera: &Camera, rows: &[[f64; 2]]) -> Result<NextLight> {
+        let Self { shown: Shown::InTime(timeline), stage, told } = self else {
+            return Err(Error::internal("a sequence that stands still, in time"));
+        };
+        let most = MOST_BYTES / stage.cube_bytes(camera).max(1);
+        let most = most.clamp(4, 100_000) as usize;
+        let views = timeline.views(rows, most, |frame| seen(stage, camera, frame, told));
+        let light = match views? {
+            None => NextLight::Over,
+            Some(views) => NextLight::Changed(weighted(&views)?),
+        };
+        timeline.notes().into_iter().for_each(|note| told.tell(note));
+        Ok(light)
+    }
+
+    /// Says what only the end shows.
+    pub fn tell_end(&mut self) {
+        self.tell_notes();
+        self.told.tell_left();
+    }
+
+    fn tell_notes(&mut self) {
+        let notes = match &mut self.shown {
+            Shown::Still(playback) => playback.notes(),
+            Shown::InTime(timeline) => timeline.notes(),
+        };
+        notes.into_iter().for_each(|note| self.told.tell(note));
+    }
+}
+
+/// What falls on the sensor from a frame after the first.
+fn seen(
+    stage: &mut SequenceStage,
+    camera: &Camera,
+    frame: SceneFrame,
+    told: &mut Told,
+) -> Result<IrradianceCube> {
+    let name = frame.name.clone();
+    let output = stage.run(camera, frame, |_, _| ())?;
+    output.notes.into_iter().for_each(|note| told.tell_of(&name, note));
+    Ok(output.cube)
+}
+
+/// The same irradiance once more.
+fn copied(cube: &IrradianceCube) -> Result<IrradianceCube> {
+    weighted(&[(cube, vec![1.0; cube.header.height])])
+}
+
+/// Notes, each told once; frames of a long sequence could fill the screen with theirs.
+#[derive(Default)]
+struct Told {
+    all: BTreeSet<String>,
+    /// Notes of frames that were told, and that were not.
+    of_frames: usize,
+    left: usize,
+}
+
+/// Most notes of single frames that are told.
+const TOLD_OF_FRAMES: usize = 3;
+
+impl Told {
+    fn tell(&mut self, note: String) {
+        if !self.all.contains(&note) {
+            eprintln!("note: {note}");
+            self.all.insert(note);
+        }
+    }
+
+    /// Tells a note of a frame after the first.
+    fn tell_of(&mut self, name: &str, note: String) {
+        if self.all.contains(&note) {
+            return;
+        }
+        if self.of_frames == TOLD_OF_FRAMES {
+            self.left += 1;
+            return;
+        }
+        self.of_frames += 1;
+        eprintln!("note: {name}: {note}");
+        self.all.insert(note);
+    }
+
+    fn tell_left(&mut self) {
+        if self.left > 0 {
+            eprintln!("note: {} more notes of single frames were not told", self.left);
+        }
+    }
+}
