@@ -13,8 +13,9 @@ mod ros;
 
 use super::{Facts, Frames, check_range};
 use camrig_base::{Error, Plane, RawFrame, Result};
+use mcap::records::{MessageHeader, op};
 use mcap::write::NoSeek;
-use mcap::{MessageStream, WriteOptions, records::MessageHeader};
+use mcap::{MessageStream, WriteOptions};
 pub use ros::CameraInfo;
 use ros::Image;
 use std::collections::BTreeMap;
@@ -164,10 +165,14 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
 /// # Errors
 /// A damaged file, several topics of images, pixels that are not raw, images of several sizes.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
-    let damaged = |error: mcap::McapError| {
-        Error::input(format!("not a whole MCAP recording: {error}"))
+    let not_whole = |what: &str| {
+        Error::input(format!("not a whole MCAP recording: {what}"))
             .help("one that was cut off is repaired by `mcap recover`")
     };
+    let damaged = |error: mcap::McapError| not_whole(&error.to_string());
+    if !records_end_within(bytes.get(MAGIC.len()..).unwrap_or_default(), false) {
+        return Err(not_whole("a record is longer than what holds it"));
+    }
     let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
     let (mut planes, mut facts) = (Vec::<Plane<u16>>::new(), Facts::default());
     for message in MessageStream::new(bytes).map_err(damaged)? {
@@ -196,6 +201,40 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             .help("raw pixels are in messages sensor_msgs/msg/Image"));
     }
     Ok(Frames { planes, facts })
+}
+
+/// Whether every record ends within the bytes that hold it, those of chunks too that are not
+/// compressed: `mcap` adds to the lengths that they state as if it did.
+fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
+    // An opcode and a length.
+    const HEAD: usize = 9;
+    while let Some((head, after)) = rest.split_at_checked(HEAD) {
+        let length = u64::from_le_bytes(std::array::from_fn(|i| head[1 + i]));
+        let record = usize::try_from(length).ok().and_then(|n| after.split_at_checked(n));
+        let Some((record, next)) = record else { return false };
+        match head[0] {
+            _ if in_chunk => rest = next,
+            op::FOOTER => return true,
+            op::CHUNK if !records_end_within(records_of_chunk(record), true) => return false,
+            _ => rest = next,
+        }
+    }
+    true
+}
+
+/// The records within a chunk; none where they are compressed.
+fn records_of_chunk(chunk: &[u8]) -> &[u8] {
+    // Two times, the length when unpacked and its checksum; the length of the compression's name,
+    // which is 0 without any, and that of the records.
+    const BEFORE: usize = 28;
+    let lengths = chunk.get(BEFORE..).and_then(|rest| rest.split_first_chunk::<12>());
+    match lengths {
+        Some(([0, 0, 0, 0, stated @ ..], records)) => {
+            let stated = usize::try_from(u64::from_le_bytes(*stated)).unwrap_or(usize::MAX);
+            &records[..stated.min(records.len())]
+        }
+        _ => &[],
+    }
 }
 
 #[cfg(test)]
@@ -239,6 +278,23 @@ mod tests {
             assert_eq!(back.planes.len(), 3);
             assert_eq!(back.raw(2).unwrap(), frame, "{bits} {cfa}");
             assert_eq!(recorded(&frame, Some(info())), bytes, "the same bytes again");
+        }
+    }
+
+    /// A record that states 2⁶⁴ − 1 bytes, in the file and in a chunk.
+    #[test]
+    fn records_of_lying_lengths_are_refused() {
+        let record = |opcode: u8, length: u64, content: &[u8]| {
+            [&[opcode][..], &length.to_le_bytes(), content].concat()
+        };
+        let lying = record(op::MESSAGE, u64::MAX, &[0; 40]);
+        let mut chunk = vec![0; 32];
+        chunk.extend((lying.len() as u64).to_le_bytes());
+        chunk.extend(&lying);
+        let chunk = record(op::CHUNK, chunk.len() as u64, &chunk);
+        for records in [lying, chunk] {
+            let error = decode(&[MAGIC, &records].concat()).err().unwrap().to_string();
+            assert!(error.contains("longer than what holds it"), "{error}");
         }
     }
 

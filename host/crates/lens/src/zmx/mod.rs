@@ -188,6 +188,11 @@ impl File {
             }
             "AFOC" => return refuse("an afocal system"),
             "MNUM" => self.configurations.number(rest)?,
+            "RAIM" if rest.get(1) == Some(&"0") => self.notes.push(format!(
+                "line {line}: ray aiming is off in the file (RAIM), so that its program fills the \
+                 paraxial entrance pupil; rays are aimed at the real stop, and figures of wide \
+                 fields differ"
+            )),
             "GFAC" if value(rest, 0, keyword)? != 0.0 => self.notes.push(format!(
                 "line {line}: GFAC is ignored: the pupil is taken as evenly bright"
             )),

@@ -85,6 +85,15 @@ fn glasses_with_offsets_and_partial_dispersions() {
 }
 
 #[test]
+fn ray_aiming_that_is_off_is_said() {
+    let with = |line: &str| lens(&[("PWAV 1", &format!("PWAV 1\n{line}"))]).unwrap().notes;
+    assert!(with("RAIM 0 0 1 1 0 0 0 0 0 1")[0].contains("ray aiming is off"));
+    for on in ["RAIM 0 1 1 1 0 0", "RAIM 0 2 1 1 0 1 0 0 0"] {
+        assert!(with(on).is_empty(), "{on}");
+    }
+}
+
+#[test]
 fn the_configuration_that_is_taken_is_said() {
     let lens = lens(&[("PWAV 1", "PWAV 1\nMNUM 3 2")]).unwrap();
     assert!(lens.notes[0].contains("configuration 2 of 3"), "{:?}", lens.notes);
