@@ -55,8 +55,9 @@ fn mean(row: &[f64]) -> f64 {
     row.iter().sum::<f64>() / row.len() as f64
 }
 
-/// A cube of three bands in which a bar of 6 columns begins at `left`.
-fn bar(path: &Path, left: f64) {
+/// A cube of three bands with a bar around the column `centre`: a Gaussian of 2.4 pixels, which the
+/// samples of each colour show without aliasing.
+fn bar(path: &Path, centre: f64) {
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (48, 64, 3), }";
     let header = format!("{header:117}\n");
@@ -64,22 +65,27 @@ fn bar(path: &Path, left: f64) {
     bytes.extend(header.bytes());
     for _ in 0..HEIGHT {
         for x in 0..WIDTH {
-            let covered = (x as f64 + 1.0).min(left + 6.0) - (x as f64).max(left);
-            let value = 0.9 * covered.max(0.0) as f32;
+            let away = (x as f64 + 0.5 - centre) / 2.4;
+            let value = 0.9 * (-0.5 * away * away).exp() as f32;
             bytes.extend([value; 3].iter().flat_map(|v| v.to_le_bytes()));
         }
     }
     std::fs::File::create(path).unwrap().write_all(&bytes).unwrap();
 }
 
-/// Where a row's light is, and how far it is spread: its mean and variance over columns.
+/// Where a row's light is, and how far it is spread: its mean and variance over the columns near it.
+/// Farther away are the tails of diffraction alone, whose variance grows with what is counted.
 fn spread(row: &[f64]) -> [f64; 2] {
-    let sum: f64 = row.iter().sum();
-    let moment = |f: &dyn Fn(f64) -> f64| -> f64 {
-        row.iter().enumerate().map(|(x, v)| v * f(x as f64 + 0.5)).sum::<f64>() / sum
+    const NEAR: f64 = 16.0;
+    let moment = |middle: f64, reach: f64, f: &dyn Fn(f64) -> f64| -> f64 {
+        let columns = row.iter().enumerate().map(|(x, v)| (x as f64 + 0.5, v));
+        let near = columns.filter(|(x, _)| (x - middle).abs() < reach);
+        let [sum, all] = near.fold([0.0; 2], |[sum, all], (x, v)| [sum + v * f(x), all + v]);
+        sum / all
     };
-    let centre = moment(&|x| x);
-    [centre, moment(&|x| (x - centre).powi(2))]
+    let middle = moment(0.0, f64::INFINITY, &|x| x);
+    let centre = moment(middle, NEAR, &|x| x);
+    [centre, moment(centre, NEAR, &|x| (x - centre).powi(2))]
 }
 
 /// A bar that moves by itself at 800 pixels a second, 2000 pictures a second: in 10 ms it is
@@ -90,9 +96,10 @@ fn a_bar_that_moves_is_blurred_by_v_t_and_skewed_by_v_t_line() {
     let dir = dir.path();
     std::fs::create_dir(dir.join("seq")).unwrap();
     for k in 0..40 {
-        bar(&dir.join(format!("seq/{k:02}.npy")), 20.0 + 0.4 * f64::from(k));
+        bar(&dir.join(format!("seq/{k:02}.npy")), 23.0 + 0.4 * f64::from(k));
     }
-    let options = "quantity=reflectance,start_nm=500,step_nm=50 --lux 8000 --exposure 10ms";
+    let options = "quantity=reflectance,start_nm=500,step_nm=50 --lux 2000 --exposure 10ms \
+                   --set lens.f_number=1.4";
     let still = simulated(dir, &format!("--camera c.toml --scene seq/00.npy:{options}"));
     let moving = format!("--scene seq:{options} --scene-rate 2000 --fps 30");
     let exposed = simulated(dir, &format!("--camera t.toml {moving}"));
@@ -125,7 +132,10 @@ fn a_bar_that_moves_is_blurred_by_v_t_and_skewed_by_v_t_line() {
     // The same on a rig; and the whole scene moved by --motion is the same bar.
     let arguments = format!("--camera t.toml {moving} --frames 2 --loop -o - --to SGRBG16");
     let here = camrig_ok(dir, &format!("simulate {arguments}")).stdout;
-    let rig = camrig_ok(dir, &format!("rig stream emulator: {arguments}")).stdout;
+    // Status 1: frames that are late on a busy machine.
+    let rig = camrig(dir, &format!("rig stream emulator: {arguments}"));
+    assert!(matches!(rig.status.code(), Some(0 | 1)), "{}", String::from_utf8_lossy(&rig.stderr));
+    let rig = rig.stdout;
     assert!(here == rig && here.len() == 2 * 2 * WIDTH * HEIGHT);
     let motion = "--fps 50 --motion 16,0 --frames 1";
     let rows =

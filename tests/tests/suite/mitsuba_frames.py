@@ -59,7 +59,7 @@ for frame in range(3):
             },
         }
     )
-    names = [f"b{nm}" for nm in BANDS] if kind == "spectral" else []
+    names = [f"S0.{nm},000000nm" for nm in BANDS] if kind == "spectral" else []
     picture = mi.Bitmap(mi.render(scene, seed=frame), channel_names=names)
     picture.write(os.path.join(folder, f"f{frame}.exr"))
     if stream:

@@ -17,6 +17,14 @@ pub struct Part<'a> {
     pub height: f64,
 }
 
+/// Where a region ends. A scene goes on beyond the frame, from where a lens blurs and a distortion
+/// draws light into it: so does a region that reaches the frame's edge.
+fn ends(begin: f64, size: f64) -> [f64; 2] {
+    let low = if begin <= 0.0 { f64::NEG_INFINITY } else { begin };
+    let high = if begin + size >= 1.0 { f64::INFINITY } else { begin + size };
+    [low, high]
+}
+
 /// How much of a cell from `begin` on lies between two edges, 0 to 1.
 fn covered(begin: f64, cell: f64, [low, high]: [f64; 2]) -> f64 {
     ((begin + cell).min(high) - begin.max(low)).max(0.0) / cell
@@ -37,8 +45,8 @@ impl Scene for Part<'_> {
 
     fn plane(&self, band: usize, grid: &Grid) -> Result<Plane<f32>> {
         let [x, y, width, height] = self.region;
-        let across = [x, x + width].map(|x| x - 0.5);
-        let down = [y, y + height].map(|y| (y - 0.5) * self.height);
+        let across = ends(x, width).map(|x| x - 0.5);
+        let down = ends(y, height).map(|y| (y - 0.5) * self.height);
         let mut plane = self.scene.plane(band, grid)?;
         for (row, cells) in plane.data.chunks_mut(grid.width).enumerate() {
             let of_row = covered(grid.top + row as f64 * grid.cell, grid.cell, down);
@@ -80,6 +88,19 @@ mod tests {
                 let expected = whole.at(x, y) * (of_column * of_row) as f32;
                 assert!((part.at(x, y) - expected).abs() < 1e-6, "{x} {y}");
             }
+        }
+    }
+
+    #[test]
+    fn a_region_at_the_edge_goes_on_beyond_the_frame() {
+        let scene = crate::open("uniform:0.8").unwrap();
+        let beyond = Grid { width: 4, height: 2, left: -1.0, top: -0.5, cell: 0.5 };
+        let whole = scene.plane(3, &beyond).unwrap();
+        let region = [0.5, 0.0, 0.5, 1.0];
+        let part = Part { scene, region, height: 0.5 }.plane(3, &beyond).unwrap();
+        for y in 0..2 {
+            assert_eq!([0, 1].map(|x| part.at(x, y)), [0.0; 2]);
+            assert_eq!([2, 3].map(|x| part.at(x, y)), [2, 3].map(|x| whole.at(x, y)));
         }
     }
 }
