@@ -307,7 +307,8 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
 pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
 
 /// Takes the frames of a camera and writes them; how many there were. `exposure_s` is theirs before
-/// bracketing; `first` and `next` are irradiance, and what gives that of frames where it is another.
+/// bracketing; `first` and `next` are irradiance, and what gives that of frames where it is
+/// another.
 pub fn expose_frames(
     args: &FrameArgs,
     (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),

@@ -1,4 +1,5 @@
-//! Light that changes while rows collect it: what asks for it, and the windows of frame after frame.
+//! Light that changes while rows collect it: what asks for it, and the windows of frame after
+//! frame.
 
 use super::arguments::choice;
 use camrig_base::{Error, Result};
@@ -126,8 +127,8 @@ impl Times {
         self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s))
     }
 
-    /// What falls on rows in the light of the lamps, and on `parts` in that of their regions' lamps;
-    /// nothing where it is steady.
+    /// What falls on rows in the light of the lamps, and on `parts` in that of their regions'
+    /// lamps; nothing where it is steady.
     pub fn lit(
         &self,
         cube: &IrradianceCube,

@@ -32,8 +32,8 @@ effect! {
     /// z is standard normal, c has variance 1. Shapes of offset, gain and dark current: seam
     /// (steps from a column and a row on), wave (sines that stand still), row-profile and
     /// column-profile (curves over columns or rows), map (a sum of curves over columns times curves
-    /// over rows), distribution (a quantile function of z, fixed for each pixel); of the offset also
-    /// frame-curve (the first frames after a start). Of temporal noise: row-flat, column-flat,
+    /// over rows), distribution (a quantile function of z, fixed for each pixel); of the offset
+    /// also frame-curve (the first frames after a start). Of temporal noise: row-flat, column-flat,
     /// row-profile, column-profile (common to a row or column), correlation (taps or a length). Of
     /// the response: signal-curve. Curves are straight between their knots and stay beyond their
     /// ends. All tables of a camera together have at most 1024 numbers. Limits: the row's mean

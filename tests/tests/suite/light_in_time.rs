@@ -73,8 +73,8 @@ fn bar(path: &Path, centre: f64) {
     std::fs::File::create(path).unwrap().write_all(&bytes).unwrap();
 }
 
-/// Where a row's light is, and how far it is spread: its mean and variance over the columns near it.
-/// Farther away are the tails of diffraction alone, whose variance grows with what is counted.
+/// Where a row's light is, and how far it is spread: its mean and variance over the columns near
+/// it. Farther away are the tails of diffraction alone, whose variance grows with what is counted.
 fn spread(row: &[f64]) -> [f64; 2] {
     const NEAR: f64 = 16.0;
     let moment = |middle: f64, reach: f64, f: &dyn Fn(f64) -> f64| -> f64 {

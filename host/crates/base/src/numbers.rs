@@ -29,8 +29,8 @@ pub fn plain(value: f64) -> String {
     with_error(value, None)
 }
 
-/// A noun as it follows a count: `frame` after 1, `frames` after others. Only for nouns whose plural
-/// is regular.
+/// A noun as it follows a count: `frame` after 1, `frames` after others. Only for nouns whose
+/// plural is regular.
 pub fn plural(count: usize, noun: &str) -> String {
     match (count, noun.ends_with('s')) {
         (1, _) => noun.to_owned(),

@@ -247,8 +247,8 @@ impl<'a> Beam<'a> {
     }
 
     /// Places (z from the first vertex, y), mm, of a ray in the plane of the section: `lead` before
-    /// the first surface (of steep rays nearer), on each surface, on the image plane. It is launched `y` from the chief
-    /// ray, mm. `None` for a ray that is lost or stopped.
+    /// the first surface (of steep rays nearer), on each surface, on the image plane. It is
+    /// launched `y` from the chief ray, mm. `None` for a ray that is lost or stopped.
     pub(super) fn path(&self, y: f64, lead: f64) -> Option<Vec<[f64; 2]>> {
         // Cosine of the angle with the axis up to which rays are drawn from one plane.
         const STEEPEST: f64 = 0.5;

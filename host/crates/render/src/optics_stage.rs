@@ -107,9 +107,9 @@ impl OpticsStage {
         self.run_changed(camera, change, progress)
     }
 
-    /// The same where the rows of a frame collect light in these windows while the scene moves by its
-    /// motion in `period_s`. Lamps decide when things are seen; how bright their light makes a row
-    /// is left to who exposes it.
+    /// The same where the rows of a frame collect light in these windows while the scene moves by
+    /// its motion in `period_s`. Lamps decide when things are seen; how bright their light makes a
+    /// row is left to who exposes it.
     ///
     /// # Errors
     /// Those of [`OpticsStage::run`].

@@ -8,8 +8,8 @@
 //! Means over an exposure are closed forms: 1 + m sinc(f T) cos(2π(f(a + T/2) + φ)) from a on, and
 //! the pulses' time on over d T. [`Lamps::moments`] gives the integral of P and that of s P, s the
 //! time since the window opened, so that light that changes at a constant rate is integrated
-//! exactly, too. A lamp may fall on a part of the scene alone. Phases are in periods. Times are reduced to a period before anything else, so that
-//! long streams lose nothing.
+//! exactly, too. A lamp may fall on a part of the scene alone. Phases are in periods. Times are
+//! reduced to a period before anything else, so that long streams lose nothing.
 
 use super::part::Region;
 use super::sidecar;

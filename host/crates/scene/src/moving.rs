@@ -30,8 +30,8 @@ pub struct Moving<'a> {
 /// min(v T/(4 N²), 1/N) at v T pixels of motion. A trade: below the noise of a pixel at full well.
 const BLUR_ERROR: f64 = 0.01;
 
-/// Moments for an exposure from `open` to `close`, s, in which the scene moves by `pixels`: parts of
-/// equal length, each where the mean of its light is. How much light of lamps there is in all is
+/// Moments for an exposure from `open` to `close`, s, in which the scene moves by `pixels`: parts
+/// of equal length, each where the mean of its light is. How much light of lamps there is in all is
 /// left to who exposes: the weights add up to 1.
 #[must_use]
 pub fn moments([open, close]: [f64; 2], pixels: f64, lamps: &Lamps) -> Moments {
@@ -149,8 +149,8 @@ mod tests {
         }
     }
 
-    /// A bar of 6 pixels moves by v T while the rows' shutter is open: the mean of box pixels is the
-    /// closed form of golden/light/bar_*.csv within the bound of the number of parts.
+    /// A bar of 6 pixels moves by v T while the rows' shutter is open: the mean of box pixels is
+    /// the closed form of golden/light/bar_*.csv within the bound of the number of parts.
     #[test]
     fn a_moving_bar_is_blurred_by_v_t() {
         struct Bar(f64, f64);

@@ -35,7 +35,8 @@ pub enum Table {
     FrameCurve(Curve),
 }
 
-/// A curve over lines or frames: straight between knots, two at one place are a step, alike beyond the ends.
+/// A curve over lines or frames: straight between knots, two at one place are a step, alike beyond
+/// the ends.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {

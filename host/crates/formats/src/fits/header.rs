@@ -86,8 +86,8 @@ impl Header {
         }
     }
 
-    /// How the frames were taken, by the keywords of camera programs (MaxIm DL's list, which N.I.N.A.,
-    /// SharpCap and others follow): s, °C and µm. GAIN is in units of each camera's own.
+    /// How the frames were taken, by the keywords of camera programs (MaxIm DL's list, which
+    /// N.I.N.A., SharpCap and others follow): s, °C and µm. GAIN is in units of each camera's own.
     pub fn taken(&self) -> Taken {
         let said = |keys: &[&str]| {
             keys.iter().find_map(|key| Some(Said::new(self.number(key)?, format!("FITS {key}"))))

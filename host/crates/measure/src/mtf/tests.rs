@@ -312,7 +312,8 @@ fn frames_of_several_edges_average_to_the_closed_form() {
     assert!(squares[0] < 0.25 * squares[1], "{squares:?}");
 }
 
-/// With little noise the mean of moved frames is as sharp as one: nothing is blurred by the movement.
+/// With little noise the mean of moved frames is as sharp as one: nothing is blurred by the
+/// movement.
 #[test]
 fn movement_between_frames_blurs_nothing() {
     let frames = field(5, 3.0);
