@@ -69,7 +69,8 @@ def plan(held_out, base):
     _, gain, black, _, qe = base
     lines = ['format = "plan/1"']
     for i, (entry, stack) in enumerate(held_out):
-        lines += ["[[stack]]", f'id = "s{i}"', f"role = {entry['role']}", f"frames = {len(stack)}"]
+        lines += ["[[stack]]", f'id = "s{i}"', f"role = {entry['role']}", f"frames = {len(stack)}",
+                  "saturates = true  # where the measured light does"]
         lines += [f"{k} = {max(float(entry[k]), 1e-6) if k == 'exposure_s' else float(entry[k])}"
                   for k in ("exposure_s", "analog_gain", "temperature_c") if k in entry]
         if entry["role"] == '"flat"':
