@@ -20,7 +20,8 @@ in_both_arithmetics! {
     seams_step_where_they_begin waves_stand_still profiles_and_maps_lie_over_the_frame
     gains_multiply_and_dark_current_has_shot_noise a_law_over_pixels_is_its_quantile_function
     line_noise_has_its_profile_and_its_exponent taps_and_lengths_give_their_covariance
-    a_curve_of_the_signal_steps_and_adds_noise frames_count_from_the_start rows_do_not_depend_on_their_order
+    a_curve_of_the_signal_steps_and_adds_noise frames_count_from_the_start
+    rows_do_not_depend_on_their_order
 }
 
 fn effect(quantity: Quantity, shape: Shape, amount: f32) -> Empirical {

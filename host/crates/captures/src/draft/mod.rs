@@ -5,8 +5,8 @@
 //! [`UNKNOWN`](super::manifest::UNKNOWN) stands where nothing tells a value that a manifest needs.
 //!
 //! - Exposure, gain, temperature and levels: the file's own fields ([`camrig_formats::Taken`]),
-//!   then the metadata beside it (`NAME.json` as libcamera's programs write it), then what the caller
-//!   knows, then, of exposures alone, the name (`dark-010ms`).
+//!   then the metadata beside it (`NAME.json` as libcamera's programs write it), then what the
+//!   caller knows, then, of exposures alone, the name (`dark-010ms`).
 //! - Role: the file's own word (IMAGETYP of FITS), then the name, then the levels of its first
 //!   frame over a grid of blocks.
 //! - A stack: frames of one folder whose names differ by a number alone, of one role, exposure,
