@@ -3,7 +3,8 @@
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use camrig_base::Cfa;
 use camrig_base::{Error, Result, mistakes, toml_text};
-use camrig_scene::{self as scene, Illuminant};
+use camrig_light::Illuminant;
+use camrig_scene as scene;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use serde::{Deserialize, Serialize};
 use std::fmt;
