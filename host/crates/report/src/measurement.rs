@@ -168,9 +168,9 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     }));
     page.rows(&table);
     page.small(
-        "Value ± standard error, from leaving out a tenth of the rows at a time, or from the spread \
-         between frames where that is more. Field: distance from the centre over half the diagonal; x \
-         to the right and y down from the centre.",
+        "Value ± standard error, from leaving out a tenth of the rows at a time, or from the \
+         spread between frames where that is more. Field: distance from the centre over half the \
+         diagonal; x to the right and y down from the centre.",
     );
     page
 }

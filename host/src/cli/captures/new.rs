@@ -14,8 +14,10 @@ use std::process::ExitCode;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "\
     Frames are DNG, TIFF, FITS, NPY, PGM, grey PNG, CSI-2, MCAP, or headerless pixels named like\n\
-    NAME_640x480_SGRBG10P.raw; NAME.json beside them is libcamera's metadata. Names that help: words\n\
-    like dark, bias, flat, edge, chart, dots, and exposures like 10ms. Behind each value stands where\n\
+    NAME_640x480_SGRBG10P.raw; NAME.json beside them is libcamera's metadata. Names that help: \
+    words\n\
+    like dark, bias, flat, edge, chart, dots, and exposures like 10ms. Behind each value stands \
+    where\n\
     it comes from. The options say what the files do not.\n\n\
     Examples:\n  \
     camrig captures new frames\n  \
@@ -71,7 +73,8 @@ pub fn run(args: &NewArgs) -> Result<ExitCode> {
     bar.finish_and_clear();
     let head = [
         "Written by `camrig captures new`. Behind each value stands where it comes from. \"?\" is",
-        "what nothing here tells: put the value in its place; `camrig captures check` lists what is",
+        "what nothing here tells: put the value in its place; `camrig captures check` lists what \
+         is",
         "left. docs/reference.md has all keys, those of light and scenes too.",
     ];
     let text = draft.text(&head);

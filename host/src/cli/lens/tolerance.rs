@@ -97,7 +97,10 @@ fn object(plan: &Plan, report: &Report) -> Value {
         object.insert("nominal".into(), s.nominal.into());
         Value::Object(object)
     };
-    let contrast = |c: &Contrast| json!({ "mtf50_cycles_per_mm": spread(&c.mtf50_per_mm), "mtf": spread(&c.mtf) });
+    let contrast = |c: &Contrast| {
+        let mtf50 = spread(&c.mtf50_per_mm);
+        json!({ "mtf50_cycles_per_mm": mtf50, "mtf": spread(&c.mtf) })
+    };
     let fields = report.fields.iter().map(|f| {
         json!({
             "field_deg": f.field_deg,

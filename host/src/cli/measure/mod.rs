@@ -32,16 +32,20 @@ enum What {
     Emva(captures::WithPage),
     /// Read noise, offset, noise of rows and columns and hot pixels of a stack of dark frames
     #[command(after_help = "Examples:\n  camrig measure dark dark-*.dng --dn-per-e 0.25\n  \
-        camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --scene uniform:0 --exposure 5ms \\\n    \
+        camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --scene uniform:0 \
+        --exposure 5ms \\\n    \
             --frames 16 -o - | camrig measure dark -")]
     Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(after_help = "\
-        Several frames are of the same edges: they are averaged, each about its own edge. Uncertainties\n\
-        are standard errors from blocks of rows, or from the spread between frames where that is more.\n\n\
+        Several frames are of the same edges: they are averaged, each about its own edge. \
+        Uncertainties\n\
+        are standard errors from blocks of rows, or from the spread between frames where that is \
+        more.\n\n\
         Examples:\n  \
         camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2\n  \
-        camrig measure mtf shots/*.dng --roi 200,100,80,120 --roi 500,100,80,120 --report mtf.html\n  \
+        camrig measure mtf shots/*.dng --roi 200,100,80,120 --roi 500,100,80,120 \
+        --report mtf.html\n  \
         camrig measure mtf shots/*.dng --channel g")]
     Mtf(mtf::MtfArgs),
     /// Means and standard deviations of ColorChecker patches
