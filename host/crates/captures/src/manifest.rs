@@ -511,7 +511,7 @@ mod tests {
             exposure_s = true\n";
         let said = parsed(text);
         for told in [
-            "5 mistakes",
+            "5 things to put right",
             "line 5: bits is not known",
             "line 6: cfa is not known",
             "line 9, [[capture]] id \"a\": role is not known",
