@@ -39,7 +39,7 @@ def camrig(*words):
 
 def table(name):
     """A table of wavelengths and columns, at the bands."""
-    text = (ROOT / "host/crates/scene/src/data" / name).read_text()
+    text = (ROOT / "host/crates/light/src/data" / name).read_text()
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     return np.stack([np.interp(BANDS, rows[:, 0], column) for column in rows.T[1:]], axis=1)

@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p camrig --example simulate -- chart.dng`
 
+use camrig::light::photometry::white_radiance;
 use camrig::prelude::*;
-use camrig::scene::photometry::white_radiance;
 use camrig::{formats, output::OutputFile, render};
 use std::io::Write;
 use std::path::Path;

@@ -7,7 +7,8 @@
 //! | module | takes | gives |
 //! |---|---|---|
 //! | [`camera`] | a camera file (TOML) or a preset | lens, sensor and effects as checked values |
-//! | [`scene`] | charts, spectral cubes, illuminants | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
+//! | [`light`] | names of illuminants, lamps; spectra | relative spectra, light over time, colours |
+//! | [`scene`] | charts, spectral cubes, pictures | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
 //! | [`lens`], [`optics`] | prescriptions, tables over the field | irradiance, W m⁻² nm⁻¹ |
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
@@ -24,7 +25,7 @@
 //! A grey card under D65 at 300 lx, exposed for 10 ms:
 //! ```
 //! use camrig::prelude::*;
-//! use camrig::{render, scene};
+//! use camrig::{light, render, scene};
 //!
 //! # fn main() -> Result<()> {
 //! let size = [("sensor.width", 64), ("sensor.height", 48)];
@@ -32,9 +33,9 @@
 //! let camera = Camera::load_with("mt9v024", &changes)?;
 //!
 //! let card = scene::open("uniform:0.18")?;
-//! let light = Illuminant::parse("D65")?;
-//! let white =
-//!     scene::photometry::white_radiance(&light, LightLevel::Lux(300.0), &card.bands())?;
+//! let daylight = Illuminant::parse("D65")?;
+//! let level = LightLevel::Lux(300.0);
+//! let white = light::photometry::white_radiance(&daylight, level, &card.bands())?;
 //! let lit = LitScene { scene: &*card, white };
 //! let (cube, _) =
 //!     render::irradiance(&camera, &lit, &Options::default(), About::default(), |_, _| ())?;
@@ -70,6 +71,7 @@ pub use camrig_exposure as exposure;
 pub use camrig_formats as formats;
 pub use camrig_glass as glass;
 pub use camrig_lens as lens;
+pub use camrig_light as light;
 pub use camrig_measure as measure;
 pub use camrig_optics as optics;
 pub use camrig_render as render;

@@ -15,7 +15,7 @@ import numpy as np
 
 from camera import F_NUMBER, LIGHT_SPEED, PLANCK, WAVELENGTHS, digits
 
-TABLES = pathlib.Path(__file__).resolve().parents[2] / "host/crates/scene/src/data"   # CIE 1931, ColorChecker: facts
+CRATES = pathlib.Path(__file__).resolve().parents[2] / "host/crates"   # of which CIE 1931, ColorChecker: facts
 FINE, MARGIN = 5, 128
 # The lamp has no light at the ends of the filter tables.
 LAMP = np.round(np.sin(np.pi * np.clip((WAVELENGTHS - 410) / 280, 0, 1)) ** 2, 4)
@@ -26,9 +26,9 @@ def lamp_csv():
     return "wavelength_nm,power\n" + "".join(f"{w},{p:g}\n" for w, p in zip(WAVELENGTHS, LAMP))
 
 
-def table(name):
+def table(path):
     """Columns of a table of spectra, the first wavelengths."""
-    lines = [line for line in (TABLES / name).read_text().splitlines() if not line.startswith("#")]
+    lines = [line for line in (CRATES / path).read_text().splitlines() if not line.startswith("#")]
     return np.array([[float(x) for x in line.split(",")] for line in lines[1:]]).T
 
 
@@ -86,7 +86,7 @@ def colorchecker(u, v, cell, width=0.8):
     def square(x, y, half_width, half_height):
         return covered(half_width - np.abs(u - x), cell) * covered(half_height - np.abs(v - y), cell)
 
-    nm, *patches = table("colorchecker.csv")
+    nm, *patches = table("scene/src/data/colorchecker.csv")
     yield 0.18, 1.0
     yield 0.035, square(0, 0, 3.25 * pitch, 2.25 * pitch)
     for i, patch in enumerate(patches):
@@ -99,7 +99,7 @@ CHARTS = {"slanted-edge": edge, "dots": dots, "colorchecker": colorchecker}
 
 def electrons_per_lux_s(c, lens):
     """Photo-electrons of a white pixel per lux and second in each 10 nm, by filter of the pattern."""
-    nm, _, v, _ = table("cie1931.csv")
+    nm, _, v, _ = table("light/src/data/cie1931.csv")
     visible = 683 * np.sum(np.interp(nm, WAVELENGTHS, LAMP, 0, 0) * v)
     irradiance = 10 * LAMP / visible / (1 + 4 * lens.f_number**2)
     irradiance *= lens.factor + lens.slope * (WAVELENGTHS - 550) / 100

@@ -4,10 +4,11 @@
 use camrig::RawFrame;
 use camrig::camera::Camera;
 use camrig::formats::{DngInfo, color, dng};
+use camrig::light::{Illuminant, LightLevel, photometry};
 use camrig::optics::Options;
 use camrig::render::{self, About, SimulatedSensor};
 use camrig::scene::chart::colorchecker;
-use camrig::scene::{self, Illuminant, LightLevel, LitScene, Spectrum, photometry};
+use camrig::scene::{self, LitScene, Spectrum};
 use camrig_tests::color::{delta_e_2000, lab, srgb_to_linear, xyz_of_srgb};
 use camrig_tests::{client, png_rgb, run};
 use std::path::PathBuf;

@@ -5,12 +5,13 @@ use camrig_base::Result;
 use camrig_base::output::OutputDir;
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames, png, preview};
+use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
 use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_report::page::{Page, Table};
 use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, photometry};
+use camrig_scene::{self as scene, LitScene};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

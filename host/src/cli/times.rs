@@ -5,9 +5,9 @@ use super::arguments::choice;
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, FrameClock, RowWindows, SensorTiming};
 use camrig_exposure::IrradianceCube;
+use camrig_light::{Lamp, Lamps};
 use camrig_render::lamp_rows;
 use camrig_scene::sequence::Between;
-use camrig_scene::{Lamp, Lamps};
 use clap::builder::TypedValueParser;
 use serde_json::{Value, json};
 

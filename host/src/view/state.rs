@@ -4,7 +4,7 @@
 use camrig_base::{Error, RawFrame};
 use camrig_exposure::CubeHeader;
 use camrig_formats::DngInfo;
-use camrig_scene::Illuminant;
+use camrig_light::Illuminant;
 use camrig_sensor_core::config::FrameSettings;
 use serde::Serialize;
 use std::collections::VecDeque;

@@ -7,6 +7,7 @@
 //! * [`output`]: files and directories that appear whole or not at all, and outputs that are read
 //!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
+//!   [`options`]: those behind a name, `KEY=VALUE,...`;
 //! * [`median`], and [`platform`] for what operating systems do differently.
 //!
 //! ```
@@ -39,6 +40,7 @@ mod frame;
 pub mod median;
 pub mod mistakes;
 pub mod numbers;
+pub mod options;
 pub mod output;
 mod plane;
 pub mod platform;

@@ -59,13 +59,13 @@ pub fn find<T: DeserializeOwned>(text: &str) -> std::result::Result<T, Vec<Error
     Err(found)
 }
 
-/// Several mistakes as one error; one as it is.
+/// Several mistakes, or values that are missing, as one error; one as it is.
 #[must_use]
 pub fn all(mut mistakes: Vec<Error>) -> Error {
     if mistakes.len() == 1 {
         return mistakes.remove(0);
     }
-    let mut text = format!("{} mistakes", mistakes.len());
+    let mut text = format!("{} things to put right", mistakes.len());
     for mistake in &mistakes {
         text += "\n  ";
         if let Some(place) = mistake.place() {
@@ -327,7 +327,7 @@ mod tests {
         let one = all(find::<Whole>("name = 'a'\nstack = []\nx = 1\n").unwrap_err());
         assert!(one.what().starts_with("unknown key"), "{one}");
         let two = all(find::<Whole>("name = 1\nstack = []\nx = 1\n").unwrap_err()).to_string();
-        assert!(two.starts_with("2 mistakes\n  line 1: name: "), "{two}");
+        assert!(two.starts_with("2 things to put right\n  line 1: name: "), "{two}");
     }
 
     /// A file of another kind ends after so many.

@@ -13,7 +13,7 @@
 //! use camrig_base::Bands;
 //! use camrig_calibrate::spectral::{Channels, Estimator, NOISE};
 //! use camrig_camera::Camera;
-//! use camrig_scene::Illuminant;
+//! use camrig_light::Illuminant;
 //! use camrig_scene::chart::colorchecker;
 //!
 //! // What three channels tell about the first patch of a ColorChecker, dark skin.

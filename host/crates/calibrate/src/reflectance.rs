@@ -11,9 +11,10 @@ use crate::view::{Region, View, fit_chart};
 use camrig_base::table::SpectralTable;
 use camrig_base::{Bands, Cfa, Error, Plane, Result};
 use camrig_camera::Camera;
+use camrig_light::Illuminant;
 use camrig_scene::chart::colorchecker;
 use camrig_scene::stored::{self, Description};
-use camrig_scene::{Illuminant, Quantity, numpy};
+use camrig_scene::{Quantity, numpy};
 use std::path::Path;
 
 /// Reflectance of the white that [`Reference::White`] is of.

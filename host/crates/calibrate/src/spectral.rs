@@ -15,10 +15,10 @@
 
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
+use camrig_light::Illuminant;
+use camrig_light::delta_e::{delta_e_2000, lab};
+use camrig_light::photometry::observer_in_bands;
 use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product, symmetric_eigen};
-use camrig_scene::Illuminant;
-use camrig_scene::delta_e::{delta_e_2000, lab};
-use camrig_scene::photometry::observer_in_bands;
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 

@@ -4,7 +4,7 @@ use super::spectral::Channels;
 use camrig_base::Bands;
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
-use camrig_scene::Illuminant;
+use camrig_light::Illuminant;
 use camrig_scene::chart::colorchecker;
 use std::str::FromStr;
 

@@ -2,7 +2,7 @@
 
 use super::{Camera, CrosstalkTable, SensorTiming};
 use camrig_base::{Bands, Cfa, Error, Result, Spectrum};
-use camrig_scene::photometry::HC;
+use camrig_light::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
 use camrig_sensor_core::effects::{

@@ -42,7 +42,7 @@ fn all_mistakes_are_named_in_one_message() {
     let text = GOOD.replace("read_e = 4.0", "read_e = -4.0").replace("bits = 10", "bits = 20");
     let text = text.replace("f_number = 2.8", "f_number = 0.1");
     let message = told(&format!("{text}\n[[effect]]\nkind = \"row-temporal-nose\"\n"));
-    assert!(message.starts_with("4 mistakes"), "{message}");
+    assert!(message.starts_with("4 things to put right"), "{message}");
     for word in ["read_e = -4", "bits = 20", "f_number = 0.1", "row-temporal-nose"] {
         assert!(message.lines().any(|l| l.contains(word) && l.contains("line")), "{message}");
     }
@@ -279,9 +279,14 @@ fn what_is_wrong_with_an_empirical_effect_is_said_at_once() {
         &format!("{seam}amount = 0.1\non_signal = 1\ndoubling_c = 7\ndescripton = \"x\""),
         "[[seam]]\nstep = 1\nfirst_colum = 3",
     );
-    for said in
-        ["5 mistakes", "amount_e", "on_signal", "doubling_c", "description", "first_column"]
-    {
+    for said in [
+        "5 things to put right",
+        "amount_e",
+        "on_signal",
+        "doubling_c",
+        "description",
+        "first_column",
+    ] {
         assert!(message.contains(said), "{said}: {message}");
     }
     let of = |domain: &str, shape: &str| {

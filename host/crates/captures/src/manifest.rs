@@ -3,7 +3,8 @@
 use super::{Capture, CaptureSet, Light, Role, Rotation, SceneSeen, SensorFacts, Split};
 use camrig_base::Cfa;
 use camrig_base::{Error, Result, mistakes, toml_text};
-use camrig_scene::{self as scene, Illuminant};
+use camrig_light::Illuminant;
+use camrig_scene as scene;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -510,7 +511,7 @@ mod tests {
             exposure_s = true\n";
         let said = parsed(text);
         for told in [
-            "5 mistakes",
+            "5 things to put right",
             "line 5: bits is not known",
             "line 6: cfa is not known",
             "line 9, [[capture]] id \"a\": role is not known",

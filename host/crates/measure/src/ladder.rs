@@ -6,7 +6,7 @@ use super::moments::Moments;
 use super::stack::Stack;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Light, Role, Uniformity};
-use camrig_scene::photometry::HC;
+use camrig_light::photometry::HC;
 
 /// Share of samples at the white level from which a dark counts as saturated.
 const SATURATED_DARK: f64 = 0.5;

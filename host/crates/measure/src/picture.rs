@@ -7,9 +7,9 @@
 
 use camrig_base::{Error, Plane, Result, Spectrum};
 use camrig_formats::color::XYZ_FROM_SRGB;
+use camrig_light::delta_e::{delta_e_2000, lab};
+use camrig_light::{Illuminant, photometry};
 use camrig_scene::chart::colorchecker;
-use camrig_scene::delta_e::{delta_e_2000, lab};
-use camrig_scene::{Illuminant, photometry};
 use serde::Serialize;
 
 /// Index of the white patch (19), counted from 0.

@@ -3,7 +3,7 @@
 use camrig_base::Result;
 use camrig_camera::RowWindows;
 use camrig_exposure::{IrradianceCube, weighted};
-use camrig_scene::Lamps;
+use camrig_light::Lamps;
 
 /// What falls on the rows of a sensor from a scene that stands still: its irradiance times the mean
 /// of its lamps over each row's window. `parts` are the irradiance of the lamps' regions alone, in

@@ -8,8 +8,9 @@ use super::About;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
+use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
-use camrig_scene::{self as scene, Illuminant, LightLevel, LitScene, Quantity, Scene, photometry};
+use camrig_scene::{self as scene, LitScene, Quantity, Scene, level};
 use std::f64::consts::PI;
 
 /// Illuminant of a scene of reflectances where none is asked for: the daylight of ISO 12233 and of
@@ -104,7 +105,7 @@ impl SceneInLight {
         }
         let (mut factor, mut lux, mut done) = (1.0, None, Vec::new());
         if light.level.is_none() {
-            photometry::check_absolute(&*scene).map_err(|e| e.at(format!("scene {spec:?}")))?;
+            level::check_absolute(&*scene).map_err(|e| e.at(format!("scene {spec:?}")))?;
         }
         if let Some(level) = light.level {
             let (times, note) = radiance_at(&*scene, spec, frame_aspect, level)?;
@@ -159,7 +160,7 @@ pub fn radiance_at(
         return Ok((asked / own, note));
     }
     let asked = MEAN_REFLECTANCE * level.checked()?;
-    let own = photometry::mean_luminance(scene, frame_aspect)?;
+    let own = level::mean_luminance(scene, frame_aspect)?;
     if own <= 0.0 {
         return Err(Error::input(format!("a light level for {spec:?}"))
             .help("this scene of radiance is black in visible light"));
@@ -257,7 +258,7 @@ mod tests {
         let opened = open(SceneLight::default()).unwrap();
         assert!(opened.illuminant.is_none() && opened.lux.is_none() && opened.done.is_empty());
         assert!(opened.white.iter().all(|&factor| factor == 1.0), "{:?}", opened.white);
-        let own = photometry::mean_luminance(&*opened.scene, 4.0 / 3.0).unwrap();
+        let own = level::mean_luminance(&*opened.scene, 4.0 / 3.0).unwrap();
         // 0.01 W m⁻² sr⁻¹ nm⁻¹ in all bands: 683 lm/W times 106.86 nm of V.
         assert!((own / (0.01 * 683.0 * 106.86) - 1.0).abs() < 1e-3, "{own}");
 

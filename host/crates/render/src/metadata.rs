@@ -6,8 +6,8 @@ use camrig_base::Spectrum;
 use camrig_camera::{Camera, LensKind};
 use camrig_exposure::CubeHeader;
 use camrig_formats::{DngInfo, color};
+use camrig_light::{Illuminant, photometry};
 use camrig_scene::chart::colorchecker;
-use camrig_scene::{Illuminant, photometry};
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Effect;
 

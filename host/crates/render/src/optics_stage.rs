@@ -6,10 +6,12 @@ use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, RowWindows};
 use camrig_exposure::{CubeHeader, IrradianceCube};
+use camrig_light::lamp::Region;
+use camrig_light::{Illuminant, Lamps, LightLevel, photometry};
 use camrig_optics::{Options, Report};
+use camrig_scene::Scene;
 use camrig_scene::moving::{self, Moments, Moving};
-use camrig_scene::part::{Part, Region};
-use camrig_scene::{Illuminant, Lamps, LightLevel, Scene, photometry};
+use camrig_scene::part::Part;
 use std::path::PathBuf;
 
 /// A scene and its light, ready to be seen by a camera.

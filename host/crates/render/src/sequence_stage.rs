@@ -10,8 +10,9 @@ use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use super::optics_stage::{OpticsOutput, OpticsStage};
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
+use camrig_light::Illuminant;
 use camrig_scene::sequence::{FrameLight, SceneFrame};
-use camrig_scene::{self as scene, Illuminant, Quantity, Scene, photometry};
+use camrig_scene::{self as scene, Quantity, Scene, level};
 
 /// Makes irradiance of the frames of a sequence.
 pub struct SequenceStage {
@@ -138,7 +139,7 @@ impl SequenceStage {
                 .help("all frames of a sequence have the same size, bands and quantity"));
         }
         if quantity == Quantity::Radiance && first.lux.is_none() {
-            photometry::check_absolute(&*cube).map_err(|e| e.at(name))?;
+            level::check_absolute(&*cube).map_err(|e| e.at(name))?;
         }
         Ok(SceneInLight {
             scene: scene::filling(cube, frame_aspect),

@@ -1,9 +1,10 @@
 //! Frames whose blur a graphics processor has summed, beside those of the processor.
 
 use camrig_camera::{Camera, presets};
+use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Characterisation, Device, Options};
 use camrig_render::{About, Arithmetic, SimulatedSensor};
-use camrig_scene::{Illuminant, LightLevel, LitScene, photometry};
+use camrig_scene::LitScene;
 
 #[test]
 fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {

@@ -7,11 +7,11 @@ use camrig_captures::{CaptureSet, SensorFacts};
 use camrig_formats::DngInfo;
 use camrig_lens::characterise::{self, Plan, PsfMethod};
 use camrig_lens::{Catalogue, Conditions, System, toml};
+use camrig_light::Illuminant;
 use camrig_measure::mtf::Roi;
 use camrig_measure::value::Value as Measured;
 use camrig_measure::{mtf, ptc};
 use camrig_report::{lens, measurement, simulation, tradeoff};
-use camrig_scene::Illuminant;
 use camrig_testing::browser;
 use serde_json::{Value, json};
 

@@ -14,11 +14,11 @@
 use super::cube::{BandSource, Cube};
 use super::matlab::{self, Array, Value};
 use super::matlab_write;
-use super::photometry::photons_to_energy;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
 use super::{Quantity, hdf5};
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
+use camrig_light::photometry::photons_to_energy;
 use std::path::Path;
 
 const VARIABLES: &[&str] =

@@ -5,8 +5,8 @@
 //! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]), pictures
 //! of red, green and blue, whose spectra are estimated, and stored scenes ([`stored`]);
 //! [`sequence::open`] finds scenes that change with time. An
-//! [`Illuminant`] with a [`LightLevel`] in lux or cd/m² turns reflectance into radiance
-//! ([`photometry::white_radiance`], [`LitScene`]).
+//! illuminant with a level in lux or cd/m² turns reflectance into radiance
+//! ([`camrig_light::photometry::white_radiance`], [`LitScene`]).
 //!
 //! # Coordinates
 //! Scenes use *frame coordinates*: the sensor's width is 1, the image centre (0, 0), u points to
@@ -17,9 +17,10 @@
 //! Luminance of the white and the black patch of a ColorChecker under D65 at 1000 lx, cd/m²:
 //! ```
 //! use camrig_base::Spectrum;
+//! use camrig_light::photometry::{KM, white_radiance, xyz};
+//! use camrig_light::{Illuminant, LightLevel};
+//! use camrig_scene::Bands;
 //! use camrig_scene::chart::colorchecker;
-//! use camrig_scene::photometry::{KM, xyz};
-//! use camrig_scene::{Bands, Illuminant, LightLevel, photometry::white_radiance};
 //!
 //! let light = Illuminant::parse("D65")?;
 //! let bands = Bands::VISIBLE;
@@ -39,15 +40,13 @@
 mod arrays;
 pub mod chart;
 pub mod cube;
-pub mod delta_e;
 pub mod envi;
 mod envi_header;
 mod exr;
 mod hdf5;
-pub mod illuminant;
 mod images;
 pub mod isetcam;
-pub mod lamp;
+pub mod level;
 pub mod library;
 mod matlab;
 mod matlab_write;
@@ -55,7 +54,6 @@ pub mod moving;
 pub mod numpy;
 pub mod painting;
 pub mod part;
-pub mod photometry;
 pub mod preview;
 mod resample;
 mod rgb;
@@ -68,9 +66,6 @@ pub mod strided;
 
 pub use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Plane, Result};
-pub use illuminant::Illuminant;
-pub use lamp::{Lamp, Lamps};
-pub use photometry::LightLevel;
 use std::path::Path;
 
 /// A rectangular grid of square cells in frame coordinates on which a scene is asked for.

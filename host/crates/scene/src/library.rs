@@ -5,14 +5,15 @@
 //! scenes = ["fruit", "street-at-night"]   # sub-directories, each a stored scene
 //! ```
 
+use super::Scene;
 use super::cube::Cube;
-use super::photometry::check_absolute;
+use super::level::check_absolute;
 use super::preview;
 use super::stored::{self, Description};
-use super::{Illuminant, Scene};
 use camrig_base::output::{OutputDir, write_file};
 use camrig_base::{Error, Result};
 use camrig_formats::png;
+use camrig_light::Illuminant;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

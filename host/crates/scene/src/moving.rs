@@ -5,9 +5,9 @@
 //! over a row of cells. Content from beyond the scene's edge is what the scene itself gives there.
 //! The lens's blur brings light from row to row after that: it is the light of those rows' times.
 
-use super::lamp::Lamps;
 use super::{Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Plane, Result};
+use camrig_light::Lamps;
 
 /// When a row sees the scene: times and their weights.
 pub type Moments = Vec<(f64, f64)>;

@@ -2,10 +2,7 @@
 
 use super::{Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Plane, Result};
-
-/// A rectangle of the frame: columns and rows from the upper left corner, width and height, as
-/// parts of the frame's.
-pub type Region = [f64; 4];
+use camrig_light::lamp::Region;
 
 /// A scene within a rectangle; around it is darkness.
 pub struct Part<'a> {

@@ -1,8 +1,9 @@
 //! Previews of scenes: CIE 1931 colour under an illuminant, as sRGB.
 
-use super::photometry::observer_in_bands;
-use super::{Grid, Illuminant, Quantity, Scene};
+use super::{Grid, Quantity, Scene};
 use camrig_base::{Plane, Result};
+use camrig_light::Illuminant;
+use camrig_light::photometry::observer_in_bands;
 
 /// CIE XYZ (Y of white = 1, D65) to linear sRGB, IEC 61966-2-1.
 const SRGB_FROM_XYZ: [[f64; 3]; 3] = [

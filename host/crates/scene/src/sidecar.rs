@@ -16,7 +16,7 @@ use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::selection::Stated;
 use camrig_base::numbers::counted;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, options};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -48,51 +48,10 @@ fn quantity<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Quantity
     })
 }
 
-/// The keys of a sidecar, if there is one, and of `options` (`KEY=VALUE,...`), which take
-/// precedence; `help` names those there are. A number without a key goes on with the value
-/// before it: `white=10,20,30,40` is one option.
-pub(super) fn keys<T: serde::de::DeserializeOwned>(
-    sidecar: Option<&Path>,
-    options: &str,
-    help: &str,
-) -> Result<T> {
-    let text = sidecar.map(|place| match std::fs::read_to_string(place) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(String::new()),
-        text => text.map_err(|e| Error::io("read", place, e)),
-    });
-    let text = text.transpose()?.unwrap_or_default();
-    let at = |error: Error| match sidecar {
-        Some(place) => error.at(place.display()),
-        None => error,
-    };
-    let mut table: toml::Table =
-        text.parse().map_err(|e: toml::de::Error| at(Error::input(e.to_string())))?;
-    let mut pieces: Vec<String> = Vec::new();
-    for piece in options.split(',').map(str::trim).filter(|o| !o.is_empty()) {
-        match pieces.last_mut() {
-            Some(before) if piece.parse::<f64>().is_ok() => before.push_str(&format!(",{piece}")),
-            _ => pieces.push(piece.into()),
-        }
-    }
-    for option in pieces {
-        let Some((key, value)) = option.split_once('=') else {
-            return Err(Error::input(format!("option {option:?} has no value"))
-                .help("write options as KEY=VALUE, for instance quantity=radiance"));
-        };
-        let value = match value.trim().parse::<f64>() {
-            Ok(number) => toml::Value::Float(number),
-            Err(_) => toml::Value::String(value.trim().to_string()),
-        };
-        table.insert(key.trim().to_string(), value);
-    }
-    toml::from_str(&table.to_string())
-        .map_err(|e| at(Error::input(e.message().to_string())).help(help))
-}
-
 impl Sidecar {
     /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) taking precedence.
     pub fn read(path: &Path, options: &str) -> Result<Self> {
-        keys(
+        options::read(
             Some(&path.with_extension("toml")),
             options,
             "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \

@@ -8,7 +8,7 @@ use camrig_calibrate::reflectance::{
 use camrig_calibrate::spectral::{self, Report};
 use camrig_calibrate::view::Region;
 use camrig_camera::Camera;
-use camrig_scene::Illuminant;
+use camrig_light::Illuminant;
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -39,12 +39,26 @@ pub(super) struct Opened {
     pub plane: Plane<u16>,
     pub cfa: Cfa,
     pub white: Option<u16>,
+    /// Whether neither the file nor the user says a pattern.
+    pub assumed_mono: bool,
     black: Option<f64>,
 }
 
 impl FrameSource {
     fn open(&self) -> Result<Opened> {
-        Ok(self.given.open(&self.frame)?.0)
+        let opened = self.given.open(&self.frame)?.0;
+        let assumed = opened.assumed_mono.then_some(&*self.frame);
+        tell_assumed_mono(assumed.as_slice());
+        Ok(opened)
+    }
+}
+
+/// Says which frames are taken as mono since nothing says otherwise.
+pub(super) fn tell_assumed_mono(files: &[&Path]) {
+    if let [first, more @ ..] = files {
+        let name = first.display();
+        let more = if more.is_empty() { "".into() } else { format!(" (and {} more)", more.len()) };
+        eprintln!("note: {name}{more} names no colour filter pattern: mono");
     }
 }
 
@@ -57,15 +71,13 @@ impl Given {
         let cfa = match (&self.cfa, &facts.cfa) {
             (Some(text), _) => Cfa::parse(text)?,
             (None, Some(cfa)) => cfa.clone(),
-            (None, None) => {
-                eprintln!("note: {} names no colour filter pattern: mono", path.display());
-                Cfa::parse("mono")?
-            }
+            (None, None) => Cfa::parse("mono")?,
         };
         let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
         let mut planes = frames.planes.into_iter();
         let first = Opened {
             cfa,
+            assumed_mono: self.cfa.is_none() && facts.cfa.is_none(),
             white: self.white.or(facts.white_level_dn).or(full_scale),
             black: self.black.or(facts.black_level_dn),
             plane: planes.next().ok_or_else(|| Error::internal("a file without frames"))?,

@@ -1,6 +1,6 @@
 //! `camrig measure mtf`: the response over slanted edges of frames.
 
-use super::frames::{Given, Opened, roi};
+use super::frames::{Given, Opened, roi, tell_assumed_mono};
 use super::{PageArgs, plus_minus};
 use camrig_base::{Error, Plane, Result};
 use camrig_measure::Value;
@@ -8,7 +8,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 #[derive(ClapArgs)]
@@ -59,9 +59,13 @@ impl MtfArgs {
         let (mut first, others) = self.given.open(&self.frames[0])?;
         let mut planes = vec![std::mem::replace(&mut first.plane, Plane::filled(0, 0, 0))];
         planes.extend(others);
+        let mut assumed_mono: Vec<&Path> = Vec::new();
+        assumed_mono.extend(first.assumed_mono.then_some(&*self.frames[0]));
         for path in &self.frames[1..] {
             let (one, others) = self.given.open(path)?;
+            assumed_mono.extend(one.assumed_mono.then_some(&**path));
             if one.cfa != first.cfa {
+                tell_assumed_mono(&assumed_mono);
                 return Err(Error::disagreement(format!(
                     "patterns {} and {}",
                     first.cfa, one.cfa
@@ -72,6 +76,7 @@ impl MtfArgs {
             planes.push(one.plane);
             planes.extend(others);
         }
+        tell_assumed_mono(&assumed_mono);
         Ok((first, planes))
     }
 

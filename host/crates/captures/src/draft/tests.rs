@@ -93,7 +93,7 @@ fn what_no_file_tells_is_marked_and_nothing_else() {
         draft.text(&[])
     );
     let told = load(folder, &draft).unwrap_err().to_string();
-    assert!(told.contains("5 mistakes"), "{told}");
+    assert!(told.contains("5 things to put right"), "{told}");
     assert_eq!(told.matches("is not known").count(), 5, "{told}");
     assert!(told.contains("id \"a\": role is not known"), "{told}");
 

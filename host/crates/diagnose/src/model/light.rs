@@ -4,9 +4,9 @@
 use crate::data::design::Target;
 use camrig_base::{Plane, Result};
 use camrig_camera::{Camera, SensorModel};
+use camrig_light::LightLevel;
 use camrig_optics::Options;
 use camrig_render::{DEFAULT_LUX, SceneLight, SimulatedSensor, scene_irradiance};
-use camrig_scene::LightLevel;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 

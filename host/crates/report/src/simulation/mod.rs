@@ -9,7 +9,7 @@ use super::numbers::{self, amount, counted, factor, fixed, number};
 use super::page::{KeyFigure, Page, Table, Tone};
 use super::plot::{Colour, Plot, Size};
 use camrig_camera::Camera;
-use camrig_scene::Illuminant;
+use camrig_light::Illuminant;
 use camrig_sensor_core::config::FrameSettings;
 use frames::{First, Levels};
 use model::Noise;

@@ -4,7 +4,7 @@ use super::frames::Levels;
 use crate::plot::{Colour, Mark, Plot};
 use camrig_camera::Camera;
 use camrig_diagnose::model::effects::dn_per_e;
-use camrig_scene::Illuminant;
+use camrig_light::Illuminant;
 
 /// Points of a curve over signal.
 const POINTS: u32 = 60;

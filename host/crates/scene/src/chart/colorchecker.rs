@@ -70,8 +70,9 @@ pub(super) fn width(options: &mut Options) -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::photometry::{chromaticity, xyz};
-    use crate::{Grid, Illuminant, Scene};
+    use crate::{Grid, Scene};
+    use camrig_light::Illuminant;
+    use camrig_light::photometry::{chromaticity, xyz};
 
     /// Every patch is nearest to the published colour of its own name (xyY under D50, average of
     /// 30 charts, D. Pascale, babelcolor.com), so none is out of order.

@@ -2,8 +2,8 @@
 //! which are almost all that pictures carry.
 
 use super::picture::Said;
-use super::space::{SRGB, Space};
-use super::transfer::Transfer;
+use camrig_light::colour::space::{SRGB, Space};
+use camrig_light::colour::transfer::Transfer;
 use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve};
 
 /// What a profile says.
@@ -90,7 +90,8 @@ mod tests {
         let grey = srgb.transfer[1].linear(118.0 / 255.0);
         assert!((grey - 0.181_164).abs() < 1e-4, "{grey}");
         let p3 = space(ColorProfile::new_display_p3());
-        let expected = Space::of("", &super::super::space::DISPLAY_P3, Transfer::Srgb).unwrap();
+        let expected =
+            Space::of("", &camrig_light::colour::space::DISPLAY_P3, Transfer::Srgb).unwrap();
         let (found, expected) = (p3.to_srgb.unwrap(), expected.to_srgb.unwrap());
         for i in 0..9 {
             let (r, c) = (i / 3, i % 3);

@@ -1,20 +1,19 @@
 //! Pictures of red, green and blue, and renders, as scenes: PNG, JPEG, TIFF, OpenEXR, Radiance.
 //!
-//! Samples become linear sRGB ([`space`], [`transfer`]), and each colour the smoothest spectrum
-//! that has it ([`smoothest`], [`spectra`]), in the bands of [`Bands::VISIBLE`]: a reflectance
-//! between 0 and 1, or a radiance over the spectrum of D65. Colours that no spectrum has are moved
-//! to their grey ([`gamut`]), which the notes say with their number and the largest ΔE2000.
+//! Samples become linear sRGB, and each colour the smoothest spectrum that has it, in the bands of
+//! [`Bands::VISIBLE`]: a reflectance between 0 and 1, or a radiance over the spectrum of D65.
+//! Colours that no spectrum has are moved to their grey, which the notes say with their number and
+//! the largest ΔE2000.
 //!
 //! A colour does not tell a spectrum. What that costs a camera, in its raw values, is in
-//! `docs/guide/scene.md` and in this module's tests; a raw frame with a ColorChecker in it gives
-//! better spectra.
+//! `docs/guide/scene.md` and in the tests of [`camrig_light::colour`]; a raw frame with a
+//! ColorChecker in it gives better spectra.
 //!
 //! # Light
 //! A reflectance takes an illuminant as any other scene does. A radiance has in each unit of Y the
 //! luminance that the user (`scale`) or the file states; where neither does, a level in lux or
 //! cd/m² must be asked for. A level is that of the picture's white ([`White`]).
 
-mod gamut;
 mod icc;
 pub(super) mod picture;
 mod read_exr;
@@ -22,26 +21,22 @@ mod read_jpeg;
 mod read_png;
 mod read_radiance;
 mod read_tiff;
-mod smoothest;
-pub(super) mod space;
-mod spectra;
-#[cfg(test)]
-mod tests;
 #[cfg(test)]
 mod tests_files;
-pub(super) mod transfer;
 
 use super::cube::{BandSource, Cube};
-use super::{Bands, Quantity, White, sidecar};
+use super::{Bands, Quantity, White};
 use camrig_base::numbers::counted;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, Plane, Result, options};
+use camrig_light::colour::smoothest::{self, Domain};
+use camrig_light::colour::space::{
+    ACESCG, ADOBE_GAMMA, ADOBE_RGB, DISPLAY_P3, REC2020, Space, luminance,
+};
+use camrig_light::colour::spectra::{Moved, Spectra};
+use camrig_light::colour::transfer::Transfer;
 use picture::{Picture, Said, Samples};
 use serde::Deserialize;
-use smoothest::Domain;
-use space::{ACESCG, ADOBE_RGB, DISPLAY_P3, REC2020, Space};
-use spectra::{Moved, Spectra};
 use std::path::Path;
-use transfer::Transfer;
 
 /// Share of pixels that may have a negative luminance, which a renderer's filter leaves beside
 /// highlights; they are black.
@@ -169,7 +164,7 @@ impl Options {
     fn parse(options: &str) -> Result<Self> {
         let help = "the keys of a picture are as (reflectance or radiance), primaries, transfer, \
                     scale, white and array";
-        sidecar::keys(None, options, help)
+        options::read(None, options, help)
     }
 
     fn quantity(&self, picture: &Picture) -> Result<Quantity> {
@@ -233,7 +228,7 @@ impl Options {
         size: (usize, usize),
         unit: Option<f64>,
     ) -> Result<White> {
-        let y = |pixel: &[f32; 3]| gamut::luminance(pixel.map(f64::from));
+        let y = |pixel: &[f32; 3]| luminance(pixel.map(f64::from));
         let (words, value) = match &self.white {
             Some(text) => {
                 let [left, top, width, height] = patch(text, size)?;
@@ -288,7 +283,7 @@ fn named(name: &str, floats: bool) -> Result<Space> {
         "xyz" => Ok(Space::xyz()),
         "display-p3" => Space::of("Display P3", &DISPLAY_P3, unless_linear(Transfer::Srgb)),
         "adobe-rgb" => {
-            let curve = unless_linear(Transfer::Gamma(space::ADOBE_GAMMA));
+            let curve = unless_linear(Transfer::Gamma(ADOBE_GAMMA));
             Space::of("Adobe RGB", &ADOBE_RGB, curve)
         }
         _ => Err(Error::input(format!("primaries={name}"))
@@ -330,7 +325,7 @@ fn without_negative(pixels: &mut [[f32; 3]]) -> Result<Option<String>> {
     let most = (pixels.len() as f64 * MOST_NEGATIVE) as usize;
     let (mut count, mut least) = (0, 0.0f64);
     for pixel in pixels.iter_mut() {
-        let y = gamut::luminance(pixel.map(f64::from));
+        let y = luminance(pixel.map(f64::from));
         if y < 0.0 {
             (count, least) = (count + 1, least.min(y));
             *pixel = [0.0; 3];
@@ -365,7 +360,7 @@ fn moved_note(moved: Moved, pixels: usize, domain: Domain) -> Option<String> {
     })
 }
 
-/// What not knowing the spectra costs: figures of the tests of `spectra`.
+/// What not knowing the spectra costs: figures of the tests of `camrig_light::colour`.
 fn metamerism_note(quantity: Quantity) -> String {
     let cost = match quantity {
         Quantity::Reflectance => {

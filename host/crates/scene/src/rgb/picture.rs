@@ -1,7 +1,7 @@
 //! A picture as its file has it: samples, and what the file says of their colours and light.
 
-use super::space::Space;
 use camrig_base::{Error, Result};
+use camrig_light::colour::space::Space;
 use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.

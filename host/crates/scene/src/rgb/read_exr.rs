@@ -4,13 +4,13 @@
 //! `whiteLuminance`, the luminance of R = G = B = 1 in cd/m².
 
 use super::picture::{Picture, Said, Samples, check_bytes, check_size};
-use super::space::{Chromaticities, Space};
-use super::transfer::Transfer;
 use crate::cube::BandSource;
 use crate::exr::{Channels, LEAST_BITS, is_spectral, part_name, refused};
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2};
 use camrig_base::{Error, Result};
+use camrig_light::colour::space::{Chromaticities, Space};
+use camrig_light::colour::transfer::Transfer;
 use std::path::Path;
 
 /// Names of the channels of a picture, in order of preference.

@@ -5,10 +5,10 @@
 
 use super::icc;
 use super::picture::{Picture, Said, Samples, check_size, three};
-use super::space::{ADOBE_GAMMA, ADOBE_RGB, Space};
-use super::transfer::Transfer;
 use camrig_base::{Error, Result};
 use camrig_formats::exif::{Colours, Exif};
+use camrig_light::colour::space::{ADOBE_GAMMA, ADOBE_RGB, Space};
+use camrig_light::colour::transfer::Transfer;
 use std::path::Path;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;

@@ -5,10 +5,10 @@
 
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, three};
-use super::space::{Chromaticities, DISPLAY_P3, REC2020, SRGB, Space};
-use super::transfer::Transfer;
 use camrig_base::{Error, Result};
 use camrig_formats::exif::Exif;
+use camrig_light::colour::space::{Chromaticities, DISPLAY_P3, REC2020, SRGB, Space};
+use camrig_light::colour::transfer::Transfer;
 use png::{ColorType, Info, Transformations};
 use std::fs::File;
 use std::io::BufReader;

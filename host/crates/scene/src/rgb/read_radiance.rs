@@ -5,9 +5,9 @@
 //! sRGB, which almost all programs write.
 
 use super::picture::{Picture, Said, Samples, check_size};
-use super::space::Space;
-use super::transfer::Transfer;
 use camrig_base::{Error, Result};
+use camrig_light::colour::space::Space;
+use camrig_light::colour::transfer::Transfer;
 use image::ImageDecoder;
 use image::codecs::hdr::{HdrDecoder, HdrMetadata};
 use std::fs::File;

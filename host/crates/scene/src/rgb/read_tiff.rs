@@ -2,10 +2,10 @@
 
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, three};
-use super::space::{Chromaticities, Space};
-use super::transfer::Transfer;
 use crate::images::{decoder, unreadable};
 use camrig_base::{Error, Result};
+use camrig_light::colour::space::{Chromaticities, Space};
+use camrig_light::colour::transfer::Transfer;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;

@@ -1,9 +1,11 @@
 //! Pictures of every kind as scenes.
 
-use super::smoothest::{Domain, Smoothest, white};
 use crate::cube::Cube;
-use crate::{Quantity, Scene, open_file, photometry};
+use crate::level::check_absolute;
+use crate::{Quantity, Scene, open_file};
 use ::exr::prelude::*;
+use camrig_light::colour::smoothest::{Domain, Smoothest, white};
+use camrig_light::photometry::observer;
 use png::chunk::ChunkType;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -221,11 +223,11 @@ fn renders_are_radiance_with_a_scale_and_a_white() {
     let white = patch.white().unwrap();
     assert!((white.luminance / y(40.0) - 1.0).abs() < 1e-3, "{white:?}");
     assert!(refused(&path, "white=1,0,2,1").contains("column, row"));
-    assert!(photometry::check_absolute(&cube).unwrap_err().to_string().contains("scale"));
+    assert!(check_absolute(&cube).unwrap_err().to_string().contains("scale"));
     let scaled = opened(&path, "scale=250");
-    assert!(photometry::check_absolute(&scaled).is_ok());
+    assert!(check_absolute(&scaled).is_ok());
     // 683 Σ L V Δλ by the bands.
-    let [_, v, _] = photometry::observer();
+    let [_, v, _] = observer();
     let luminance: f64 = (0..31)
         .map(|b| {
             let nm = crate::Bands::VISIBLE.nm(b);

@@ -11,8 +11,8 @@
 //! exact for any number of frames within the window. Light that goes in straight lines fades a
 //! thing out here and in there: nothing moves between frames.
 
-use super::super::lamp::Lamps;
 use super::rounds::ROUNDING_S;
+use camrig_light::Lamps;
 
 /// How light goes on from one frame to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -275,8 +275,9 @@ impl BandSource for Payload {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Scene;
     use crate::sequence::{Playback, playback::Moment};
-    use crate::{LightLevel, Scene};
+    use camrig_light::LightLevel;
     use std::io::Cursor;
 
     /// A header of 8 x 2 pixels of one grey u8, sRGB reflectance, with other numbers at places.

@@ -1,9 +1,10 @@
 //! The header of a message of `camrig-frames/1`: 256 bytes, as `docs/frames.md` lists them.
 
-use crate::rgb::space::{ACESCG, Chromaticities, REC2020, Space};
-use crate::rgb::transfer::Transfer;
-use crate::{LightLevel, Quantity};
+use crate::Quantity;
 use camrig_base::{Error, Result};
+use camrig_light::LightLevel;
+use camrig_light::colour::space::{ACESCG, Chromaticities, REC2020, Space};
+use camrig_light::colour::transfer::Transfer;
 use crc::{CRC_32_ISCSI, Crc};
 
 /// Bytes of a header without its extension.

@@ -26,9 +26,9 @@ pub use natural::natural;
 pub use playback::{Counts, Moment, Playback};
 pub use timeline::Timeline;
 
-use super::LightLevel;
 use super::cube::Cube;
 use camrig_base::{Error, Result};
+use camrig_light::LightLevel;
 use std::io::{Cursor, Read};
 use std::path::Path;
 use std::time::Duration;

@@ -5,12 +5,12 @@
 //! longer than a row may see it. The frames of a sensor end with the last one that begins before
 //! the sequence is over; its rows see the last frame for as long as they need.
 
-use super::super::lamp::Lamps;
 use super::between::{Between, Knot, weights};
 use super::playback::Counts;
 use super::rounds::{ROUNDING_S, Rounds, Span};
 use super::{SceneFrame, SceneSequence};
 use camrig_base::{Error, Result};
+use camrig_light::Lamps;
 use std::collections::VecDeque;
 
 /// Least weight for which a frame is opened: far below a step of any converter, and above the

@@ -6,8 +6,8 @@ use camrig_base::Bands;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity, Window};
+use camrig_light::photometry::HC;
 use camrig_scene::chart::{self, Geometry};
-use camrig_scene::photometry::HC;
 
 /// Stacks whose temperatures differ by less, K, are taken to have the same dark current: with
 /// a doubling every 7 K half a kelvin is 5 % of it.

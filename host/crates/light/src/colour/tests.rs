@@ -4,8 +4,8 @@ use super::gamut::{difference, reach};
 use super::smoothest::{COUNT, Curve, Domain, Smoothest};
 use super::spectra::Spectra;
 use super::transfer::Transfer;
-use crate::{Bands, Spectrum};
 use camrig_base::table::SpectralTable;
+use camrig_base::{Bands, Spectrum};
 use std::path::{Path, PathBuf};
 
 /// Rows of a table of numbers and words below its header.

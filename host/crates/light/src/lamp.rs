@@ -11,14 +11,16 @@
 //! exactly, too. A lamp may fall on a part of the scene alone. Phases are in periods. Times are
 //! reduced to a period before anything else, so that long streams lose nothing.
 
-use super::part::Region;
-use super::sidecar;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, options};
 use serde::Deserialize;
 use std::f64::consts::TAU;
 
 /// Highest frequency, Hz: above it light is steady for any exposure.
 const MOST_HZ: f64 = 1e6;
+
+/// A rectangle of the frame: columns and rows from the upper left corner, width and height, as
+/// parts of the frame's.
+pub type Region = [f64; 4];
 
 /// How light changes with time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +79,7 @@ impl std::str::FromStr for Lamp {
                             region=X,Y,WIDTH,HEIGHT as parts of the frame";
         let wrong = |what: String| Error::input(what).help(HELP);
         let (kind, options) = text.split_once(':').unwrap_or((text, ""));
-        let keys: Keys = sidecar::keys(None, options, HELP)
+        let keys: Keys = options::read(None, options, HELP)
             .map_err(|e| wrong(format!("lamp {text:?}: {e}")))?;
         let Keys { hz, phase, .. } = keys;
         let (waveform, part) = match (kind, keys.depth, keys.duty) {

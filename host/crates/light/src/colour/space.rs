@@ -2,7 +2,7 @@
 
 use super::transfer::Transfer;
 use camrig_base::{Error, Result};
-use camrig_formats::color::{Matrix, inverse, multiply};
+use camrig_formats::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use std::array::from_fn;
 
 /// Chromaticity (x, y) of CIE D65 as the standards of colour spaces round it.
@@ -101,6 +101,11 @@ impl Space {
     pub fn linear_srgb_of(&self, rgb: [f64; 3]) -> [f64; 3] {
         self.to_srgb.map_or(rgb, |m| m.map(|row| (0..3).map(|c| row[c] * rgb[c]).sum()))
     }
+}
+
+/// Y of a colour in linear sRGB.
+pub fn luminance(rgb: [f64; 3]) -> f64 {
+    (0..3).map(|c| XYZ_FROM_SRGB[1][c] * rgb[c]).sum()
 }
 
 /// XYZ of a chromaticity with Y = 1.

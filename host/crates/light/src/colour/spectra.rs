@@ -9,8 +9,9 @@
 //!
 //! A pixel keeps a place in the lattice, 16 bytes; a plane of a band costs eight look-ups a pixel.
 
-use super::gamut::{Reached, luminance, reach};
+use super::gamut::{Reached, reach};
 use super::smoothest::{COUNT, Domain, Smoothest};
+use super::space::luminance;
 use super::transfer::Transfer;
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;

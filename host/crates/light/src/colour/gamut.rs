@@ -1,7 +1,7 @@
 //! Colours that no spectrum has: moved to their grey until one has them.
 
 use super::smoothest::{Curve, Domain, REACHED, Smoothest};
-use super::space::{self, D65};
+use super::space::{D65, luminance, xyz_of};
 use crate::delta_e::{delta_e_2000, lab};
 use camrig_formats::color::{Matrix, XYZ_FROM_SRGB};
 
@@ -37,11 +37,6 @@ pub fn reach(smoothest: &Smoothest, domain: Domain, rgb: [f64; 3]) -> Reached {
     Reached { values, delta_e: difference(rgb, smoothest.colour(&values), domain) }
 }
 
-/// Y of a colour in linear sRGB.
-pub fn luminance(rgb: [f64; 3]) -> f64 {
-    (0..3).map(|c| XYZ_FROM_SRGB[1][c] * rgb[c]).sum()
-}
-
 /// ΔE2000 of two colours in linear sRGB: beside white for reflectances, beside the larger of their
 /// components for emissions.
 pub fn difference(one: [f64; 3], two: [f64; 3], domain: Domain) -> f64 {
@@ -50,7 +45,7 @@ pub fn difference(one: [f64; 3], two: [f64; 3], domain: Domain) -> f64 {
     let lab = |rgb: [f64; 3]| {
         let rows: &Matrix = &XYZ_FROM_SRGB;
         let xyz = rows.map(|row| (0..3).map(|c| row[c] * rgb[c] / scale).sum());
-        lab(xyz, space::xyz_of(D65))
+        lab(xyz, xyz_of(D65))
     };
     delta_e_2000(lab(one), lab(two))
 }

@@ -20,9 +20,9 @@
 //! operations. All in f64, with no function that differs between machines.
 
 use super::space;
-use crate::photometry::observer;
-use crate::{Bands, Illuminant};
-use camrig_base::Result;
+use crate::Illuminant;
+use crate::photometry::{KM, observer};
+use camrig_base::{Bands, Result};
 use camrig_formats::color::{Matrix, inverse, multiply};
 
 /// Bands of the spectra.
@@ -262,7 +262,7 @@ pub fn white() -> Result<Curve> {
     let mut luminance = 0.0;
     for (i, nm) in Bands::VISIBLE.centres().enumerate() {
         curve[i] = light.at(nm);
-        luminance += crate::photometry::KM * curve[i] * visibility.at(nm) * Bands::VISIBLE.step_nm;
+        luminance += KM * curve[i] * visibility.at(nm) * Bands::VISIBLE.step_nm;
     }
     Ok(curve.map(|v| v / luminance))
 }
