@@ -55,6 +55,16 @@ impl Predicted {
     pub fn differs(&self, old: &Self) -> bool {
         ((self.scaled - old.scaled) / old.sd).abs() > MOVED_SD || self.sd > WIDENED * old.sd
     }
+
+    /// Normal deviate of a count, of a statistic that is one.
+    pub fn count(&self, seen: f64) -> f64 {
+        tails::count(seen, self.total, self.runs)
+    }
+
+    /// Number of replicates.
+    pub fn runs(&self) -> f64 {
+        self.runs
+    }
 }
 
 /// Prediction of every statistic.
@@ -142,7 +152,7 @@ impl Prediction {
                 continue;
             }
             let z = match p.scale {
-                Scale::Count => tails::count(s.value, p.total, p.runs),
+                Scale::Count => p.count(s.value),
                 _ => {
                     let allowed = allowance.get(key).copied().unwrap_or(0.0);
                     let own = if key.1.tells_its_scatter() { s.sd * s.sd } else { 0.0 };

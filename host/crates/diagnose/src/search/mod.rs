@@ -15,6 +15,7 @@ pub mod run;
 pub mod session;
 mod standard_errors;
 pub mod trial;
+mod veto;
 
 pub use run::{Outcome, run};
 pub use session::{Session, State};
