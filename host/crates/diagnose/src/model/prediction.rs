@@ -61,6 +61,21 @@ impl Predicted {
         tails::count(seen, self.total, self.runs)
     }
 
+    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, and no more
+    /// than theory gives white noise.
+    pub fn dof(&self) -> f64 {
+        match self.scale {
+            Scale::CubeRoot => {
+                // A cube root has the mean 1 − v and the variance v = 2/(9 dof) (Wilson & Hilferty
+                // 1931).
+                let ratio = self.scatter.sqrt() / self.scaled;
+                let sd = ((1.0 + 4.0 * ratio * ratio).sqrt() - 1.0) / (2.0 * ratio);
+                2.0 / 9.0 / (sd * sd).max(self.theory * self.theory)
+            }
+            _ => 2.0 / (self.sd * self.sd),
+        }
+    }
+
     /// Number of replicates.
     pub fn runs(&self) -> f64 {
         self.runs
