@@ -30,6 +30,8 @@ const EXPONENTS: [f64; 8] = [0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0];
 const LIGHT: f64 = 1e-4;
 /// Standard errors from which the held-out frames show it, and from which a ratio of gains is told.
 const SEEN_AGAIN: f64 = 4.0;
+/// χ² by which a smooth law may describe the noise better than the step, where the signal tells it.
+const AGAINST: f64 = 6.0;
 /// Places of a step that are tried between two levels, beside one of them.
 const PLACES: u32 = 200;
 /// Share of a stack's samples left out at each end for the range of its samples.
@@ -226,7 +228,7 @@ impl Tried {
         let [a, b] = self.variance;
         a.z() + b.z() > SEEN_AGAIN * 2f64.sqrt()
             && a.value.min(b.value) > 0.0
-            && self.evidence.iter().all(|e| *e > 0.0)
+            && self.evidence[0] + self.evidence[1] > -AGAINST
             && self.in_all() > limit
     }
 }
@@ -259,7 +261,8 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let tried = steps(&a, &b);
     let seen = tried.iter().filter(|t| t.is_seen(tried.len()));
     let best = seen.max_by(|x, y| x.in_all().total_cmp(&y.in_all()))?;
-    let (at, evidence) = (best.at, best.evidence);
+    let (at, [first, second]) = (best.at, best.evidence);
+    let evidence = [first + best.signal, second];
     let [a, b] = &best.levels;
     let [d, d2] = best.gain;
     let told = d.z().abs() > SEEN_AGAIN && d2.z() * d.value.signum() > SEEN_AGAIN / 2.0;
