@@ -111,8 +111,8 @@ mod tests {
         };
         let replicates: Vec<_> =
             (0..400).map(|_| by_key(vec![of(1000.0 * law.sample(&mut rng) / 4.0)])).collect();
-        let model = &Prediction::new(&replicates).of[&(Place::Stack(0), What::FrameVariance)];
-        let z = |times: f64| too_little(&of(1000.0 * times), model);
+        let model = Prediction::new(&replicates).of[&(Place::Stack(0), What::FrameVariance)];
+        let z = |times: f64| too_little(&of(1000.0 * times), &model);
         assert!((z(0.02) + 3.16).abs() < 0.3, "{}", z(0.02));
         assert!(z(1e-3) < -4.0 && z(0.5) > -1.0, "{} {}", z(1e-3), z(0.5));
     }
