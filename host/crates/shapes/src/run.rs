@@ -31,9 +31,16 @@ type Detector = fn(&View<'_>, &View<'_>) -> Vec<Box<dyn Shape>>;
 const OF_MEANS: [Detector; 2] = [seam::find, wave::find];
 
 /// Shapes of pixels, of the response and of the noise, for sets that no names explain: what the
-/// catalogue explains is left to it.
-const OF_THE_REST: [Detector; 6] =
-    [outliers::find, dark_law::find, stitch::find, droop::find, line_noise::find, serial::find];
+/// catalogue explains is left to it. With each the effects of the catalogue that pass for it where
+/// it is faint: where one of them is named, the shape is looked for all the same.
+const OF_THE_REST: [(Detector, &[&str]); 6] = [
+    (outliers::find, &[]),
+    (dark_law::find, &[]),
+    (stitch::find, &["nonlinearity", "full-well", "adc-nonlinearity"]),
+    (droop::find, &["row-temporal-noise", "column-temporal-noise", "row-correlated-noise"]),
+    (line_noise::find, &["row-temporal-noise", "column-temporal-noise"]),
+    (serial::find, &[]),
+];
 
 /// Smooth shapes, of which laws of the catalogue are parts: for what names and the other shapes
 /// leave.
@@ -61,9 +68,12 @@ pub fn run(
     let found = names(session)?;
     let mut so_far = SoFar { camera, found, shapes: Vec::new(), as_measured: None };
     so_far.take_if_likelier(session, of_means, &names)?;
-    if !so_far.explains(session) {
+    if so_far.explains(session) {
+        let rivals = find(session, camera, &so_far.rivals(), Some(&so_far.found.before));
+        so_far.take_if_it_runs_better(session, rivals, &names)?;
+    } else {
         say("shapes of what is left");
-        let rest = find(session, camera, &OF_THE_REST, Some(&so_far.found.before));
+        let rest = find(session, camera, &OF_THE_REST.map(|d| d.0), Some(&so_far.found.before));
         so_far.take(session, rest, &names)?;
     }
     if !so_far.explains(session) {
@@ -130,7 +140,8 @@ impl SoFar<'_> {
         Ok(())
     }
 
-    /// The same, if the frames are likelier so than with names alone.
+    /// The same, if the frames are likelier so than with names alone, for as much as each name
+    /// must gain too: a name that the shape makes needless counts.
     fn take_if_likelier(
         &mut self,
         session: &mut Session,
@@ -140,13 +151,44 @@ impl SoFar<'_> {
         if new.is_empty() {
             return Ok(());
         }
-        let names_alone = session.deviance(&self.found.after);
+        let names_alone = cost(session, &self.found.after);
         let had = take_out(session, self.camera, &new);
         let other = names(session)?;
-        if session.deviance(&other.after) + GAIN < names_alone {
+        if cost(session, &other.after) + GAIN < names_alone {
             self.keep(new, had, other);
         } else {
             put_back(session, had);
+        }
+        Ok(())
+    }
+
+    /// Detectors of the shapes for which the effects that were named pass.
+    fn rivals(&self) -> Vec<Detector> {
+        let named = |kind: &&str| self.found.after.named.iter().any(|p| p.kind == *kind);
+        let passed_for = OF_THE_REST.into_iter().filter(|(_, kinds)| kinds.iter().any(named));
+        passed_for.map(|(detect, _)| detect).collect()
+    }
+
+    /// Takes shapes out, if the model that runs them, with the names that are then given, makes the
+    /// frames likelier than the names that explain them already.
+    fn take_if_it_runs_better(
+        &mut self,
+        session: &mut Session,
+        new: Vec<Box<dyn Shape>>,
+        names: &Names<'_>,
+    ) -> Result<()> {
+        if new.is_empty() {
+            return Ok(());
+        }
+        let had = take_out(session, self.camera, &new);
+        let other = names(session)?;
+        put_back(session, had);
+        let State { camera, named, .. } = &other.after;
+        let camera = with_stages(camera, &session.fit.design, &new)?;
+        let runs = session.state(camera, named.clone(), RUNS)?;
+        if session.deviance(&runs) < session.deviance(&self.found.after) {
+            let had = take_out(session, self.camera, &new);
+            self.keep(new, had, other);
         }
         Ok(())
     }
@@ -156,6 +198,11 @@ impl SoFar<'_> {
         self.as_measured.get_or_insert(had);
         self.shapes.extend(new);
     }
+}
+
+/// Deviance of a model, and what its names must gain.
+fn cost(session: &Session, state: &State) -> f64 {
+    session.deviance(state) + GAIN * state.named.len() as f64
 }
 
 /// Judges the model that runs the shapes, with what was named beside them and without, on the

@@ -30,6 +30,10 @@ const EXPONENTS: [f64; 8] = [0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0];
 const LIGHT: f64 = 1e-4;
 /// Standard errors from which the held-out frames show it, and from which a ratio of gains is told.
 const SEEN_AGAIN: f64 = 4.0;
+/// χ² by which a smooth law may describe the noise better than the step, where the signal tells it.
+const AGAINST: f64 = 6.0;
+/// Places of a step that are tried between two levels, beside one of them.
+const PLACES: u32 = 200;
 /// Share of a stack's samples left out at each end for the range of its samples.
 const ENDS: f64 = 1e-4;
 
@@ -42,14 +46,19 @@ pub(crate) struct Stitch {
     /// Highest sample of the first and lowest of the second, e⁻, and DN.
     open_e: [f64; 2],
     open_dn: [f64; 2],
+    /// Where the model has it, e⁻.
+    at_e: f64,
     /// Noise that is added above it, e⁻.
     more_e: Estimated,
     /// Gain above it over that below; 1 where none is told.
     ratio: Estimated,
+    /// A stack whose samples lie on both sides, with its id.
+    astride: Option<(usize, String)>,
     evidence: [f64; 2],
 }
 
 /// A flat or dark as measured, e⁻.
+#[derive(Clone, Copy)]
 struct Level {
     stack: usize,
     /// Signal as predicted.
@@ -132,67 +141,158 @@ fn above(levels: &[Level], from: usize) -> Vec<f64> {
     (0..levels.len()).map(|i| f64::from(u8::from(i >= from))).collect()
 }
 
+/// The same of the signal over the light: a free gain and offset, and one more, over the flats.
+fn of_gain(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
+    let top = levels.last()?.signal;
+    let flats = || levels.iter().zip(&more).filter(|(l, _)| l.flat);
+    let one = vec![1.0; flats().count()];
+    let offset = flats().map(|(l, _)| top / l.signal).collect();
+    let more = flats().map(|(_, more)| *more).collect();
+    let y: Vec<Estimated> = flats().map(|(l, _)| l.ratio).collect();
+    least_squares(&[one, offset, more], &y)
+}
+
+/// A law of the levels with one more column.
+type Law = fn(&[Level], Vec<f64>) -> Option<(Estimated, f64)>;
+
+/// χ² that the smooth laws leave, at least.
+fn smooth(of: Law, levels: &[Level]) -> f64 {
+    let top = levels.last().map_or(1.0, |l| l.signal);
+    let left = |e: &f64| {
+        let x = levels.iter().map(|l| (l.signal / top).powf(*e)).collect();
+        Some(of(levels, x)?.1)
+    };
+    EXPONENTS.iter().filter_map(left).fold(f64::INFINITY, f64::min)
+}
+
+/// What a χ² is over its degrees of freedom, at least 1.
+fn spread(chi: f64, dof: f64) -> f64 {
+    (chi / dof.max(1.0)).max(1.0)
+}
+
+/// A step between two levels.
+struct Tried {
+    /// Levels of the frames to fit and of those held out.
+    levels: [Vec<Level>; 2],
+    /// The first above.
+    at: usize,
+    /// A level that was left out of them: its samples lie on both sides.
+    astride: Option<Level>,
+    /// Steps of the variance, and of the gain.
+    variance: [Estimated; 2],
+    gain: [Estimated; 2],
+    /// By how much χ² of the variances falls from the best smooth law to the step.
+    evidence: [f64; 2],
+    /// The same of the signal, in units of what the step leaves; of the frames to fit alone, since
+    /// the light of a flat is off in all its frames alike.
+    signal: f64,
+    /// What a χ² of the variances is over its degrees of freedom.
+    left: f64,
+}
+
+impl Tried {
+    fn new(levels: [Vec<Level>; 2], at: usize, astride: Option<Level>) -> Option<Self> {
+        let [a, b] = [0, 1].map(|i| of_variance(&levels[i], above(&levels[i], at)));
+        let [c, d] = [0, 1].map(|i| of_gain(&levels[i], above(&levels[i], at)));
+        let (a, b, c, d) = (a?, b?, c?, d?);
+        let free = levels[0].len() as f64 - 3.0;
+        let flats = levels[0].iter().filter(|l| l.flat).count() as f64 - 3.0;
+        let with_scatter = |(step, chi): (Estimated, f64)| Estimated {
+            se: step.se * spread(chi, flats).sqrt(),
+            ..step
+        };
+        Some(Self {
+            at,
+            astride,
+            variance: [a.0, b.0],
+            gain: [with_scatter(c), with_scatter(d)],
+            evidence: [
+                smooth(of_variance, &levels[0]) - a.1,
+                smooth(of_variance, &levels[1]) - b.1,
+            ],
+            signal: (smooth(of_gain, &levels[0]) - c.1) / spread(c.1, flats),
+            left: spread(a.1 + b.1, 2.0 * free),
+            levels,
+        })
+    }
+
+    fn in_all(&self) -> f64 {
+        self.evidence[0] + self.evidence[1] + self.signal
+    }
+
+    /// Whether both halves show more noise above the step, and chance does not give the best of so
+    /// many.
+    fn is_seen(&self, tried: usize) -> bool {
+        // χ² of one degree of freedom.
+        let limit = 2.0 * self.left * (tried as f64 / FALSE_ALARMS).ln();
+        let [a, b] = self.variance;
+        a.z() + b.z() > SEEN_AGAIN * 2f64.sqrt()
+            && a.value.min(b.value) > 0.0
+            && self.evidence[0] + self.evidence[1] > -AGAINST
+            && self.in_all() > limit
+    }
+}
+
+/// Steps between levels, two or more below and one above; and the same with a level left out,
+/// whose samples may lie on both sides.
+fn steps(a: &[Level], b: &[Level]) -> Vec<Tried> {
+    let flats = (0..a.len()).filter(|&i| a[i].flat).skip(2);
+    let of = |at: usize| {
+        let without = |levels: &[Level], i: usize| {
+            let mut levels = levels.to_vec();
+            levels.remove(i);
+            levels
+        };
+        let enough = a.iter().filter(|l| l.flat).count() > LEAST_FLATS && at + 1 < a.len();
+        let astride = enough.then(|| [without(a, at), without(b, at)]);
+        [
+            Tried::new([a.to_vec(), b.to_vec()], at, None),
+            astride.and_then(|levels| Tried::new(levels, at, Some(a[at]))),
+        ]
+    };
+    flats.flat_map(of).flatten().collect()
+}
+
 fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let (a, b) = (levels(fit)?, levels(held_out)?);
     if a.len() != b.len() {
         return None;
     }
-    let top = a.last()?.signal;
-    let flats: Vec<usize> = (0..a.len()).filter(|&i| a[i].flat).collect();
-    // Levels on both sides: two below, and one above.
-    let steps = flats.iter().copied().skip(2);
-    let (at, (more, chi)) = steps
-        .filter_map(|at| Some((at, of_variance(&a, above(&a, at))?)))
-        .min_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
-    let smooth = |levels: &[Level]| {
-        let of = |e: &f64| {
-            let x = levels.iter().map(|l| (l.signal / top).powf(*e)).collect();
-            Some(of_variance(levels, x)?.1)
-        };
-        EXPONENTS.iter().filter_map(of).fold(f64::INFINITY, f64::min)
-    };
-    let (again, held) = of_variance(&b, above(&b, at))?;
-    let evidence = [smooth(&a) - chi, smooth(&b) - held];
-    // χ² of one degree of freedom for the best of so many levels, scaled by what the step leaves.
-    let left = (chi / (a.len() as f64 - 3.0)).max(1.0);
-    let limit = 2.0 * left * (flats.len() as f64 / FALSE_ALARMS).ln();
-    if evidence[0] < limit || more.value < 0.0 || again.z() < SEEN_AGAIN || evidence[1] < 0.0 {
-        return None;
-    }
-    // The gain above, beside a free gain and offset.
-    let of_gain = |levels: &[Level], from: usize| {
-        let own: Vec<&Level> = levels.iter().filter(|l| l.flat).collect();
-        let one = vec![1.0; own.len()];
-        let offset = own.iter().map(|l| top / l.signal).collect();
-        let step = own.iter().map(|l| f64::from(u8::from(l.signal >= levels[from].signal)));
-        let y: Vec<Estimated> = own.iter().map(|l| l.ratio).collect();
-        let (d, chi) = least_squares(&[one, offset, step.collect()], &y)?;
-        let scatter = (chi / (own.len() as f64 - 3.0).max(1.0)).sqrt().max(1.0);
-        Some(Estimated { se: d.se * scatter, ..d })
-    };
-    let (d, d2) = (of_gain(&a, at)?, of_gain(&b, at)?);
+    let tried = steps(&a, &b);
+    let seen = tried.iter().filter(|t| t.is_seen(tried.len()));
+    let best = seen.max_by(|x, y| x.in_all().total_cmp(&y.in_all()))?;
+    let (at, [first, second]) = (best.at, best.evidence);
+    let evidence = [first + best.signal, second];
+    let [a, b] = &best.levels;
+    let [d, d2] = best.gain;
     let told = d.z().abs() > SEEN_AGAIN && d2.z() * d.value.signum() > SEEN_AGAIN / 2.0;
     let ratio = match told {
         true => Estimated { value: 1.0 + (d.value + d2.value) / 2.0, se: d.se / 2f64.sqrt() },
         false => Estimated { value: 1.0, se: f64::NAN },
     };
-    let more_e = added(&[&a, &b], at, ratio.value)?;
+    let more_e = added(&[a, b], at, ratio.value)?;
     let (below, over) = (&a[at - 1], &a[at]);
     let id = |l: &Level| fit.design.conditions[l.stack].stack.id.clone();
     let dark = maps::reference_dark(fit.design)?;
     let black = fit.stacks[dark].level();
     let open_dn =
         [quantile(&fit.stacks[below.stack], 1.0 - ENDS), quantile(&fit.stacks[over.stack], ENDS)];
+    let open_e = [
+        (open_dn[0] - black) / fit.gain(below.stack),
+        (open_dn[1] - black) / fit.gain(over.stack),
+    ];
+    // Anywhere between the two, if no level has samples on both sides.
+    let middle = (open_e[0] + open_e[1]) / 2.0;
+    let at_e = best.astride.map_or(middle, |l| place(&l, open_e, more_e.value, ratio.value));
     Some(Stitch {
         levels_e: [below.signal, over.signal],
         ids: [id(below), id(over)],
-        open_e: [
-            (open_dn[0] - black) / fit.gain(below.stack),
-            (open_dn[1] - black) / fit.gain(over.stack),
-        ],
+        open_e,
         open_dn,
+        at_e,
         more_e,
         ratio,
+        astride: best.astride.map(|l| (l.stack, id(&l))),
         evidence,
     })
 }
@@ -218,6 +318,26 @@ fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
     let variance = camrig_diagnose::evidence::pooled(found)?;
     let sigma = variance.value.max(0.0).sqrt();
     (sigma > 0.0).then(|| Estimated { value: sigma, se: variance.se / (2.0 * sigma) })
+}
+
+/// Where between two signals, e⁻, a step lies that a level has on both sides: where its excess of
+/// noise and its gain are nearest to those measured. Its samples are normal about its signal.
+fn place(l: &Level, [low, high]: [f64; 2], more_e: f64, ratio: f64) -> f64 {
+    let sd = l.predicted.max(1e-9).sqrt();
+    let change = (ratio - 1.0) * l.signal;
+    let left = |step: &f64| {
+        let z = (step - l.signal) / sd;
+        let part = 0.5 * libm::erfc(z / std::f64::consts::SQRT_2);
+        let density = libm::exp(-z * z / 2.0) / std::f64::consts::TAU.sqrt();
+        // Samples that are above the step are higher than others anyhow.
+        let noise = part * more_e * more_e
+            + change * change * part * (1.0 - part)
+            + 2.0 * change * sd * density;
+        ((noise - l.excess.value) / l.excess.se).powi(2)
+            + (((ratio - 1.0) * part - l.ratio.value) / l.ratio.se).powi(2)
+    };
+    let steps = (0..=PLACES).map(|i| low + (high - low) * f64::from(i) / f64::from(PLACES));
+    steps.min_by(|x, y| left(x).total_cmp(&left(y))).unwrap_or(low)
 }
 
 /// The code below which a share of a stack's samples lies, DN.
@@ -259,13 +379,15 @@ impl Shape for Stitch {
     }
 
     fn sets_aside(&self, _: &Design, (place, _): &Key) -> bool {
-        // The map of how the response bends has the noise above the step.
+        // The map of how the response bends has the noise above the step, and a stack on both
+        // sides what no factor takes out.
         *place == Place::Map(MapKind::Curvature)
+            || self.astride.as_ref().is_some_and(|(stack, _)| *place == Place::Stack(*stack))
     }
 
     fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
-        // Anywhere between the two levels; beyond the converter's scale nothing is seen.
-        let step = (self.open_e[0] + self.open_e[1]) / 2.0;
+        // Beyond the converter's scale nothing is seen.
+        let step = self.at_e;
         let top = 2.0 * camera.sensor.full_well_e.max(step);
         let (more, noise) = (self.ratio.value - 1.0, self.more_e.value);
         let response = Table::SignalCurve(Response {
@@ -289,6 +411,10 @@ impl Shape for Stitch {
             true => format!(" and the gain is {} times that below", number(self.ratio)),
             false => " with the same gain".into(),
         };
+        let place = match &self.astride {
+            None => "a flat between the two would tell the place".into(),
+            Some((_, id)) => format!("{id} has samples on both sides of it"),
+        };
         let mut parameters = vec![
             ("above_e", known(low)),
             ("below_e", known(high)),
@@ -307,8 +433,7 @@ impl Shape for Stitch {
             description: format!(
                 "a step of the response (two gains in one sample) between {low:.0} and {high:.0} \
                  e⁻ ({low_dn:.0} and {high_dn:.0} DN), where neither {first} nor {second} has \
-                 samples: above it there are {} e⁻ of noise more{ratio}; a flat between the two \
-                 would tell the place",
+                 samples: above it there are {} e⁻ of noise more{ratio}; {place}",
                 number(self.more_e),
             ),
         }]

@@ -28,6 +28,9 @@ const MAPS: [MapKind; 3] = [MapKind::Offset, MapKind::DarkCurrent, MapKind::Gain
 /// Lines after which every pattern of the catalogue repeats: readout channels of 2, 4 or 8 lines,
 /// lattices of 16.
 const CATALOGUED_PERIOD: f64 = 16.0;
+/// Part of a bin beside a frequency of the catalogue's patterns at which a wave that is not one of
+/// them has more power than there: one that is off by half as much.
+const BESIDE: f64 = 0.25;
 /// Share of a wave's amplitude in the frames to fit that those held out must show, at its phase.
 /// A wave with a new phase in each frame shows one of its own, and passes in one set of eight per
 /// map, before the stacks of each half are asked too.
@@ -107,18 +110,27 @@ fn strongest(
     let bins = w / 2 + 1;
     // A bin of white pixels is exponential about its mean, which is its median over ln 2.
     let limit = (MAPS.len() as f64 * power.len() as f64 / FALSE_ALARMS).ln();
-    let over = |i: usize| f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
-    let searched = |i: &usize| {
-        let fy = (i / bins) as f64 / h as f64;
-        let fx = (i % bins) as f64 / w as f64;
-        i % bins > 1 && (i / bins).min(h - i / bins) > 1 && !is_catalogued(fx, fy, w, h)
+    let over =
+        |p: &[f32], i: usize| f64::from(p[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
+    let searched = |i: &usize| i % bins > 1 && (i / bins).min(h - i / bins) > 1;
+    let (times, place) = loop {
+        let all = (0..power.len()).filter(searched);
+        let at = all.max_by(|&i, &j| over(&power, i).total_cmp(&over(&power, j)))?;
+        let times = over(&power, at);
+        let place = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
+        if times < limit || !is_catalogued(place[0], place[1], w, h) || !repeats(a, place) {
+            break (times, place);
+        }
+        // Of the catalogue, with what its window puts next to it.
+        for (x, y) in [0, 1, 2].into_iter().flat_map(|x| [h - 1, 0, 1].map(|y| (x, y))) {
+            let column = (at % bins + x - 1).min(bins - 1);
+            power[(at / bins + y) % h * bins + column] = 0.0;
+        }
     };
-    let at = (0..power.len()).filter(searched).max_by(|&i, &j| over(i).total_cmp(&over(j)))?;
-    let place = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
     // In the plane, along rows alone, along columns alone.
     let [columns, rows] = line_means(a).map(|lines| highest(&lines));
     let candidates = [
-        (over(at), place, [true, true]),
+        (times, place, [true, true]),
         (columns.0, [columns.1, 0.0], [true, false]),
         (rows.0, [0.0, rows.1], [false, true]),
     ];
@@ -127,6 +139,9 @@ fn strongest(
         return None;
     }
     let f = refined(a, start, free);
+    if is_catalogued(f[0], f[1], w, h) && repeats(a, f) {
+        return None;
+    }
     let amplitudes = |p| projection(p, f).map(|v| 2.0 * v / n);
     let [c, s] = amplitudes(a);
     let [held_c, held_s] = amplitudes(b);
@@ -178,6 +193,17 @@ fn is_catalogued(fx: f64, fy: f64, w: usize, h: usize) -> bool {
         (lines - lines.round()).abs() / CATALOGUED_PERIOD < 1.0 / n as f64
     };
     near(fx, w) && near(fy, h)
+}
+
+/// Whether the wave near a frequency repeats as the catalogue's patterns do: at that very frequency
+/// a map has more power than a part of a bin beside it.
+fn repeats(map: &Plane<f32>, near: [f64; 2]) -> bool {
+    let exact = near.map(|f| (f * CATALOGUED_PERIOD).round() / CATALOGUED_PERIOD);
+    let power = |f: [f64; 2]| projection(map, f).iter().map(|v| v * v).sum::<f64>();
+    let most = power(exact);
+    let beside = [BESIDE / map.width as f64, BESIDE / map.height as f64];
+    let moves = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
+    moves.iter().all(|(i, j)| power([exact[0] + i * beside[0], exact[1] + j * beside[1]]) < most)
 }
 
 /// A map without the means of its rows and columns.
@@ -417,6 +443,27 @@ mod tests {
         assert!((figure(wave, "amplitude_e") - 2.0).abs() < 0.1, "{wave:?}");
         let (fx, fy) = (figure(wave, "cycles_per_column"), figure(wave, "cycles_per_row"));
         assert!((fx - 0.21).abs() < 5e-4 && (fy + 0.34).abs() < 5e-4, "{wave:?}");
+    }
+
+    /// Frequencies of a third of a bin beside 3/16 and 5/16, which patterns of 16 lines have.
+    #[test]
+    fn a_wave_beside_the_catalogues_is_found_and_a_pattern_of_sixteen_lines_is_not() {
+        let [fx, fy] = [3.0 / 16.0 + 0.3 / 72.0, 5.0 / 16.0 - 0.3 / 56.0];
+        let of = |[fx, fy]: [f64; 2]| {
+            let volts = |e: &mut [f64], _: &mut Shot<'_>| {
+                for (i, v) in e.iter_mut().enumerate() {
+                    let turns = fx * (i % WIDTH) as f64 + fy * (i / WIDTH) as f64;
+                    *v += 3.0 * (TAU * turns + 0.4).sin();
+                }
+            };
+            let bench = shoot(23, &Hidden { volts: Some(&volts), ..Hidden::default() });
+            find(&bench.view(0), &bench.view(1)).iter().flat_map(|s| s.findings()).collect()
+        };
+        let findings: Vec<Finding> = of([fx, fy]);
+        let [wave] = &findings[..] else { panic!("{findings:?}") };
+        assert!((figure(wave, "cycles_per_column") - fx).abs() < 5e-4, "{wave:?}");
+        assert!((figure(wave, "cycles_per_row") - fy).abs() < 5e-4, "{wave:?}");
+        assert!(of([3.0 / 16.0, 5.0 / 16.0]).is_empty());
     }
 
     #[test]

@@ -55,6 +55,31 @@ impl Predicted {
     pub fn differs(&self, old: &Self) -> bool {
         ((self.scaled - old.scaled) / old.sd).abs() > MOVED_SD || self.sd > WIDENED * old.sd
     }
+
+    /// Normal deviate of a count, of a statistic that is one.
+    pub fn count(&self, seen: f64) -> f64 {
+        tails::count(seen, self.total, self.runs)
+    }
+
+    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, and no more
+    /// than theory gives white noise.
+    pub fn dof(&self) -> f64 {
+        match self.scale {
+            Scale::CubeRoot => {
+                // A cube root has the mean 1 − v and the variance v = 2/(9 dof) (Wilson & Hilferty
+                // 1931).
+                let ratio = self.scatter.sqrt() / self.scaled;
+                let sd = ((1.0 + 4.0 * ratio * ratio).sqrt() - 1.0) / (2.0 * ratio);
+                2.0 / 9.0 / (sd * sd).max(self.theory * self.theory)
+            }
+            _ => 2.0 / (self.sd * self.sd),
+        }
+    }
+
+    /// Number of replicates.
+    pub fn runs(&self) -> f64 {
+        self.runs
+    }
 }
 
 /// Prediction of every statistic.
@@ -142,7 +167,7 @@ impl Prediction {
                 continue;
             }
             let z = match p.scale {
-                Scale::Count => tails::count(s.value, p.total, p.runs),
+                Scale::Count => p.count(s.value),
                 _ => {
                     let allowed = allowance.get(key).copied().unwrap_or(0.0);
                     let own = if key.1.tells_its_scatter() { s.sd * s.sd } else { 0.0 };

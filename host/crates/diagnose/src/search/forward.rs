@@ -4,6 +4,7 @@
 use super::refit::refit;
 use super::session::{RUNS_ON_THE_WAY, Session, State};
 use super::trial::{EVIDENCE_IN_ALL, EVIDENCE_TO_FIT, TRIAL_RUNS, Trial, settle, try_out};
+use super::veto;
 use crate::candidates::proposal::{LEAST_STRENGTH, Proposal};
 use crate::model::prediction::bounded;
 use crate::statistics::statistic::{Key, Place, What};
@@ -155,8 +156,8 @@ fn settled(session: &Session, state: &State, trials: &[Trial]) -> Result<Vec<Tri
     Ok(settled)
 }
 
-/// The first of the settled trials that earns its place with a model that does not diverge, and
-/// the model with it.
+/// The first of the settled trials that earns its place with a model that does not diverge and
+/// that no statistic contradicts, and the model with it.
 fn first_that_holds(
     session: &Session,
     before: &State,
@@ -170,7 +171,8 @@ fn first_that_holds(
         let camera = trial.proposal.applied(&state.camera);
         let next = session.state(camera, named, RUNS_ON_THE_WAY)?;
         let next = refit(session, next)?;
-        if next.norm.0 < DIVERGED * before.norm.0 {
+        let holds = !veto::contradicts(session, state, &next);
+        if next.norm.0 < DIVERGED * before.norm.0 && holds {
             return Ok(Some((trial.clone(), next)));
         }
     }
