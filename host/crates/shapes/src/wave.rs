@@ -64,7 +64,9 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
         let [mut a, mut b] = [fit.levelled(a), held_out.levelled(b)];
         [&mut a, &mut b].into_iter().for_each(|plane| clear_border(plane, border));
         for _ in 0..MOST_WAVES {
-            let Some(wave) = strongest(&a, &b, kind, fit.unit(kind), border) else { break };
+            let Some(wave) = strongest(&mut a, &mut b, kind, fit.unit(kind), border) else {
+                break;
+            };
             for plane in [&mut a, &mut b] {
                 let w = plane.width;
                 for (i, v) in plane.data.iter_mut().enumerate() {
@@ -90,11 +92,11 @@ fn clear_border(plane: &mut Plane<f32>, [across, down]: [usize; 2]) {
     }
 }
 
-/// The strongest wave of a map, if chance does not give it and the held-out frames show it. The
-/// `border` is cleared.
+/// The strongest wave of a map, if chance does not give it and the held-out frames show it, after
+/// those that the catalogue has are taken out of both. The `border` is cleared.
 fn strongest(
-    a: &Plane<f32>,
-    b: &Plane<f32>,
+    a: &mut Plane<f32>,
+    b: &mut Plane<f32>,
     kind: MapKind,
     unit: f64,
     border: [usize; 2],
@@ -104,27 +106,15 @@ fn strongest(
     if n < 1.0 {
         return None;
     }
-    let mut power = vec![0.0; h * (w / 2 + 1)];
-    Spectrum2::new(w, h).add(&without_lines(a), &mut power);
-    let background = Background::of(&power, w);
-    let bins = w / 2 + 1;
-    // A bin of white pixels is exponential about its mean, which is its median over ln 2.
-    let limit = (MAPS.len() as f64 * power.len() as f64 / FALSE_ALARMS).ln();
-    let over =
-        |p: &[f32], i: usize| f64::from(p[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
-    let searched = |i: &usize| i % bins > 1 && (i / bins).min(h - i / bins) > 1;
+    // A bin of white pixels is exponential about its mean.
+    let limit = ((MAPS.len() * h * (w / 2 + 1)) as f64 / FALSE_ALARMS).ln();
     let (times, place) = loop {
-        let all = (0..power.len()).filter(searched);
-        let at = all.max_by(|&i, &j| over(&power, i).total_cmp(&over(&power, j)))?;
-        let times = over(&power, at);
-        let place = [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)];
+        let (times, place) = highest_in_plane(a)?;
         if times < limit || !is_catalogued(place[0], place[1], w, h) || !repeats(a, place) {
             break (times, place);
         }
-        // Of the catalogue, with what its window puts next to it.
-        for (x, y) in [0, 1, 2].into_iter().flat_map(|x| [h - 1, 0, 1].map(|y| (x, y))) {
-            let column = (at % bins + x - 1).min(bins - 1);
-            power[(at / bins + y) % h * bins + column] = 0.0;
+        for plane in [&mut *a, &mut *b] {
+            take_out(plane, catalogued(place), n, border);
         }
     };
     // In the plane, along rows alone, along columns alone.
@@ -181,6 +171,22 @@ fn strongest(
     })
 }
 
+/// The frequency at which a map has most power over its background, and how many times as much; not
+/// those of lines.
+fn highest_in_plane(map: &Plane<f32>) -> Option<(f64, [f64; 2])> {
+    let (w, h) = (map.width, map.height);
+    let bins = w / 2 + 1;
+    let mut power = vec![0.0; h * bins];
+    Spectrum2::new(w, h).add(&without_lines(map), &mut power);
+    let background = Background::of(&power, w);
+    // The mean of an exponential law is its median over ln 2.
+    let over = |i: usize| f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
+    let searched = |i: &usize| i % bins > 1 && (i / bins).min(h - i / bins) > 1;
+    let all = (0..power.len()).filter(searched);
+    let at = all.max_by(|&i, &j| over(i).total_cmp(&over(j)))?;
+    Some((over(at), [(at % bins) as f64 / w as f64, signed((at / bins) as f64 / h as f64)]))
+}
+
 /// A frequency between −½ and ½.
 fn signed(f: f64) -> f64 {
     if f > 0.5 { f - 1.0 } else { f }
@@ -195,10 +201,28 @@ fn is_catalogued(fx: f64, fy: f64, w: usize, h: usize) -> bool {
     near(fx, w) && near(fy, h)
 }
 
+/// The frequency of the catalogue's patterns that is nearest.
+fn catalogued(near: [f64; 2]) -> [f64; 2] {
+    near.map(|f| (f * CATALOGUED_PERIOD).round() / CATALOGUED_PERIOD)
+}
+
+/// Takes the sinusoid of a frequency out of the `n` pixels of a map within its border.
+fn take_out(map: &mut Plane<f32>, [fx, fy]: [f64; 2], n: f64, border: [usize; 2]) {
+    // A checkerboard has no quadrature.
+    let parts = if [fx, fy].iter().all(|f| (2.0 * f).fract() == 0.0) { 1.0 } else { 2.0 };
+    let [c, s] = projection(map, [fx, fy]).map(|v| parts * v / n);
+    let w = map.width;
+    for (i, v) in map.data.iter_mut().enumerate() {
+        let (sin, cos) = libm::sincos(TAU * (fx * (i % w) as f64 + fy * (i / w) as f64));
+        *v -= (c * cos + s * sin) as f32;
+    }
+    clear_border(map, border);
+}
+
 /// Whether the wave near a frequency repeats as the catalogue's patterns do: at that very frequency
 /// a map has more power than a part of a bin beside it.
 fn repeats(map: &Plane<f32>, near: [f64; 2]) -> bool {
-    let exact = near.map(|f| (f * CATALOGUED_PERIOD).round() / CATALOGUED_PERIOD);
+    let exact = catalogued(near);
     let power = |f: [f64; 2]| projection(map, f).iter().map(|v| v * v).sum::<f64>();
     let most = power(exact);
     let beside = [BESIDE / map.width as f64, BESIDE / map.height as f64];
@@ -463,7 +487,10 @@ mod tests {
         let [wave] = &findings[..] else { panic!("{findings:?}") };
         assert!((figure(wave, "cycles_per_column") - fx).abs() < 5e-4, "{wave:?}");
         assert!((figure(wave, "cycles_per_row") - fy).abs() < 5e-4, "{wave:?}");
-        assert!(of([3.0 / 16.0, 5.0 / 16.0]).is_empty());
+        let pattern = of([3.0 / 16.0, 5.0 / 16.0]);
+        assert!(pattern.is_empty(), "{pattern:?}");
+        let checkerboard = of([0.5, 0.5]);
+        assert!(checkerboard.is_empty(), "{checkerboard:?}");
     }
 
     #[test]
