@@ -8,7 +8,7 @@ use camrig_base::Error;
 /// What to type, by the code of an error ([`Error::code`]): flags of the command, or a sentence
 /// about another command.
 const ADVICE: &[(&str, &str)] = &[
-    ("asymmetric-lens", "camrig lens trace --fields X:Y,X:Y"),
+    ("asymmetric-lens", "camrig lens trace --fields X:Y,X:Y, or -o DIR"),
     ("built-without-graphics", "--features gpu; --device cpu"),
     (
         "camera-keys",

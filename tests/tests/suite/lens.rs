@@ -93,11 +93,11 @@ fn lenses_of_every_format_are_read() {
     assert_eq!(imported["psf_heights_mm"], serde_json::json!([0.0, 1.0]));
 }
 
-/// A decentred lens has figures at field points (x, y); what needs a round lens refuses it and says
-/// why. Thin-lens optics: the front surface, of power 0.5/50 and 0.5 mm above the axis, bends the
+/// A decentred lens has figures at field points (x, y) and a characterisation over the plane, through
+/// which pictures are made; what needs a round lens refuses it and says why. Thin-lens optics: the front surface, of power 0.5/50 and 0.5 mm above the axis, bends the
 /// chief ray of (0, 0) upwards, to 0.25 mm at 50 mm; no ray of x = 0 leaves the plane of y and z.
 #[test]
-fn a_decentred_lens_has_a_two_dimensional_field_and_no_picture() {
+fn a_decentred_lens_has_a_two_dimensional_field_and_pictures() {
     let dir = folder();
     let dir = dir.path();
     let lens = "RDM\nEPD 2.0\nWL 587.5618\nYAN 0 5\nXAN 0 -3\nSO 0 1e13\nS 0 1\nSTO\n\
@@ -117,20 +117,40 @@ fn a_decentred_lens_has_a_two_dimensional_field_and_no_picture() {
     assert_eq!(info["rotationally_symmetric"], false);
     assert_eq!(info["fields_deg"], serde_json::json!([[0.0, 0.0], [-3.0, 5.0]]));
     let why = ["not rotationally symmetric", "surface 2 is tilted or decentred"];
-    refuses(dir, "lens trace decentred.seq --max-field 5 -o out", &why);
-    refuses(dir, "lens plot decentred.seq -o out", &why);
+    refuses(dir, "lens plot decentred.seq -o plots", &why);
+    let waves = "--wavelengths 550 --psf-size 32 --psf-tolerance 0.05";
+    let written =
+        camrig_ok(dir, &format!("lens trace decentred.seq --max-field 4 {waves} -o out"));
+    assert!(String::from_utf8_lossy(&written.stderr).contains("places"), "{written:?}");
+    let out = json(dir, "lens info out --json");
+    let axis = |key: &str| {
+        let values = out[key].as_array().unwrap();
+        [values[0].as_f64().unwrap(), values[values.len() - 1].as_f64().unwrap()]
+    };
+    // Two surfaces of power 0.01: 50 mm. The frame is about the image's origin, so that the place of
+    // the field point (0, 0) is 0.25 mm above the frame's middle there, below it in the picture.
+    assert!((out["principal_distance_mm"].as_f64().unwrap() - 50.0).abs() < 0.01, "{out}");
+    let ([left, right], [top, bottom]) = (axis("x_mm"), axis("y_mm"));
+    assert!((left + right).abs() < 1e-4 && (top + bottom + 0.5).abs() < 0.01, "{out}");
+    refuses(dir, "lens plot out -o plots", &why[..1]);
     let camera = camrig::camera::presets::file("mt9v024.toml").unwrap();
     let (head, rest) = camera.split_once("[lens]").unwrap();
     let rest = rest.split_once("[sensor]").unwrap().1;
     let lens = "[lens]\nkind = \"prescription\"\nfile = \"decentred.seq\"\n\n[sensor]";
     let camera = format!("{head}{lens}{rest}").replace("mt9v024-qe.csv", "qe.csv");
-    std::fs::write(dir.join("camera.toml"), camera.replace("ir-cut-690.csv", "cut.csv")).unwrap();
+    let camera_text = camera.replace("ir-cut-690.csv", "cut.csv");
     for (built_in, name) in [("mt9v024-qe.csv", "qe.csv"), ("ir-cut-690.csv", "cut.csv")] {
         let text = camrig_ok(dir, &format!("presets {built_in}")).stdout;
         std::fs::write(dir.join(name), text).unwrap();
     }
-    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o out.npy";
-    refuses(dir, command, &why);
+    let stored = camera_text.replace(
+        "kind = \"prescription\"\nfile = \"decentred.seq\"",
+        "kind = \"characterised\"\ndata = \"out\"",
+    );
+    std::fs::write(dir.join("camera.toml"), stored).unwrap();
+    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o out";
+    camrig_ok(dir, &format!("{command}.npy"));
+    refuses(dir, &format!("{command}.mcap"), &why[..1]);
     refuses(dir, "lens trace decentred.seq --fields 1:x", &["two as x:y"]);
 }
 

@@ -6,7 +6,7 @@
 //! direction cosine N = √(1 − r²) gains the phase n·s·N/λ where the sensor moves by s, so that one
 //! trace gives the OTF at every place of the sensor.
 
-use super::pupil::Beam;
+use super::pupil::{Beam, Bundle};
 use super::system::System;
 use super::trace::LANES;
 use camrig_base::{Error, Result};

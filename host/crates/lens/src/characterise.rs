@@ -3,7 +3,7 @@
 use super::heights::{self, Density, Probe, Station};
 use super::prescription::Object;
 use super::psf::{self, Psf, Window};
-use super::pupil::{Beam, Outline};
+use super::pupil::{Beam, Bundle, Outline};
 use super::samples::PupilSamples;
 use super::system::System;
 use super::train::Train;
@@ -209,28 +209,50 @@ impl<'a> Aimed<'a> {
     }
 
     fn psf(&self, window: &Window, method: PsfMethod) -> Result<Psf> {
-        let nm = self.beam.train.nm;
-        let cells = match method {
-            PsfMethod::Geometric => None,
-            _ => psf::cells_across(&self.beam, &self.outline, window),
-        };
-        match (cells, method) {
-            (Some(cells), _) => {
-                let samples = PupilSamples::trace(&self.beam, &self.outline, cells);
-                Ok(psf::diffraction(&samples, nm, window))
-            }
-            (None, PsfMethod::Diffraction) => {
-                Err(Error::unsupported("the wavefront is too strong for a diffraction PSF")
-                    .at(format!("field {:.4}°, {nm} nm", self.beam.field_deg))
-                    .help("use the method auto or geometric, or a smaller window")
-                    .with_code("psf-method"))
-            }
-            (None, _) => {
-                let samples = PupilSamples::trace(&self.beam, &self.outline, GEOMETRIC_CELLS);
-                Ok(psf::geometric(&samples, window))
-            }
-        }
+        let place = || format!("field {:.4}°, {} nm", self.beam.field_deg, self.beam.train.nm);
+        traced_psf(&self.beam, &self.outline, window, method, &place)
     }
+}
+
+/// The PSF of a beam by a method; `place` names the field point.
+///
+/// # Errors
+/// A wavefront too strong for diffraction where that is asked for; a window that no light reaches.
+pub(super) fn traced_psf(
+    beam: &impl Bundle,
+    outline: &Outline,
+    window: &Window,
+    method: PsfMethod,
+    place: &dyn Fn() -> String,
+) -> Result<Psf> {
+    let cells = match method {
+        PsfMethod::Geometric => None,
+        _ => psf::cells_across(beam, outline, window),
+    };
+    let psf = match (cells, method) {
+        (Some(cells), _) => {
+            let samples = PupilSamples::trace(beam, outline, cells);
+            psf::diffraction(&samples, beam.train().nm, window)
+        }
+        (None, PsfMethod::Diffraction) => {
+            return Err(Error::unsupported("the wavefront is too strong for a diffraction PSF")
+                .at(place())
+                .help("use the method auto or geometric, or a smaller window")
+                .with_code("psf-method"));
+        }
+        (None, _) => psf::geometric(&PupilSamples::trace(beam, outline, GEOMETRIC_CELLS), window),
+    };
+    if !(psf.captured > 0.0) {
+        let side_um = window.size as f64 * window.spacing_mm * 1e3;
+        return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
+            .at(place())
+            .help(
+                "the lens is out of focus there: give its wavelengths, the distance of PSF \
+                 samples or a shift of the sensor",
+            )
+            .with_code("psf-window"));
+    }
+    Ok(psf)
 }
 
 /// A PSF of a characterisation.
@@ -264,17 +286,8 @@ impl Tracer<'_> {
         let field_deg = system.field_of_paraxial_height(height_mm);
         let aimed = Aimed::new(system, &trains[wavelength], field_deg)?;
         let psf = aimed.psf(window, plan.method)?;
-        if !(psf.captured > 0.0) {
-            let side_um = window.size as f64 * window.spacing_mm * 1e3;
-            return Err(Error::input(format!("no light falls on the PSF's {side_um:.0} µm"))
-                .at(format!("{field_deg:.3}°, {} nm", plan.wavelengths_nm[wavelength]))
-                .help(
-                    "the lens is out of focus there: give its wavelengths, the distance of PSF \
-                     samples or a shift of the sensor",
-                )
-                .with_code("psf-window"));
-        }
-        let samples = samples_outwards(&psf, window.size, side(system) < 0.0);
+        // Rows rise away from the axis.
+        let samples = samples_upright(&psf, window.size, [false, side(system) < 0.0]);
         Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
     }
 }
@@ -387,14 +400,18 @@ pub fn characterise(
     Ok(lens)
 }
 
-/// The samples with rows rising away from the axis. With an even number of rows, one has no mirror
-/// image and keeps its place.
-fn samples_outwards(psf: &Psf, size: usize, flip: bool) -> Vec<f32> {
-    let row = |i: usize| match flip {
+/// The samples with columns and rows turned round as told. With an even number of them, one has no
+/// mirror image and keeps its place.
+pub(super) fn samples_upright(psf: &Psf, size: usize, turned: [bool; 2]) -> Vec<f32> {
+    let source = |i: usize, turned: bool| match turned {
         false => i,
         true => (2 * (size / 2) + size - i) % size,
     };
-    (0..size).flat_map(|i| &psf.data[row(i) * size..][..size]).map(|&v| v as f32).collect()
+    let [columns, rows] = turned;
+    (0..size)
+        .flat_map(|i| (0..size).map(move |j| (i, j)))
+        .map(|(i, j)| psf.data[source(i, rows) * size + source(j, columns)] as f32)
+        .collect()
 }
 
 /// Distance between PSF samples, µm: the one at which the largest spot fits into the window, but
@@ -411,11 +428,17 @@ fn spacing_for(system: &System, trains: &[AxisTrain], fields: &[f64], size: usiz
             reach = far.fold(reach, f64::max);
         }
     }
-    let slope = (first.axis_sr / std::f64::consts::PI).sqrt();
-    let nyquist_um = first.train.nm * 1e-3 / (4.0 * slope);
-    let wanted = WINDOW_OVER_SPOT_RADIUS * 1e3 * reach / size as f64;
+    Ok(spacing_um(reach, first.axis_sr, first.train.nm, size))
+}
+
+/// Distance between PSF samples, µm, for spots that reach as far as `reach_mm` from their chief
+/// rays, with the pupil's solid angle, sr, and the shortest wavelength, nm.
+pub(super) fn spacing_um(reach_mm: f64, pupil_sr: f64, nm: f64, size: usize) -> f64 {
+    let slope = (pupil_sr / std::f64::consts::PI).sqrt();
+    let nyquist_um = nm * 1e-3 / (4.0 * slope);
+    let wanted = WINDOW_OVER_SPOT_RADIUS * 1e3 * reach_mm / size as f64;
     // Rounded to 0.01 µm, so that a lens file reads well.
-    Ok((wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0)
+    (wanted.clamp(0.5 * nyquist_um, nyquist_um) * 100.0).round().max(1.0) / 100.0
 }
 
 /// Where rays land on the image plane, (x, y) in mm. The chief ray comes first; `across` rays span

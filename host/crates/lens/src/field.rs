@@ -11,8 +11,12 @@
 //! and decentres, in the plane of y and z. Distortion is told against the real lens instead: the
 //! linear map that chief rays next to the field point (0, 0) have, at the reference wavelength.
 
+mod characterise;
+
+pub use characterise::{PlanePlan, characterise};
+
 use super::prescription::{Clip, Object};
-use super::pupil::{EdgePoint, STEPS_PER_DIAMETER, edges_along};
+use super::pupil::{Bundle, EdgePoint, Extent, Outline, STEPS_PER_DIAMETER, edges_along};
 use super::system::System;
 use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
 use super::train::Train;
@@ -87,6 +91,21 @@ impl Map {
             Ok([0, 1].map(|k| (ahead[k] - behind[k]) / (2.0 * NEAR)))
         };
         Ok(Self { middle_mm: at(0.0, 0.0)?, slopes_mm: [slope(NEAR, 0.0)?, slope(0.0, NEAR)?] })
+    }
+
+    /// The principal distance of the lens as it stands: the square root of the area that the map
+    /// gives to a unit of both tangents, mm.
+    #[must_use]
+    pub fn principal_distance_mm(&self) -> f64 {
+        let [by_x, by_y] = self.slopes_mm;
+        (by_x[0] * by_y[1] - by_x[1] * by_y[0]).abs().sqrt()
+    }
+
+    /// Sides of the square frame whose corners are at a field, degrees, mm.
+    #[must_use]
+    pub fn square_frame_mm(&self, corner_deg: f64) -> [f64; 2] {
+        let corner = self.principal_distance_mm() * libm::tan(corner_deg.to_radians());
+        [corner * std::f64::consts::SQRT_2; 2]
     }
 
     /// Where it puts the field point with these tangents, mm.
@@ -270,21 +289,6 @@ impl<'a> Beam<'a> {
         [self.chief.position[0][0], self.chief.position[1][0]]
     }
 
-    /// Traces rays from places relative to the chief ray's, mm.
-    fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
-        let mut rays = Rays::nowhere();
-        for (i, place) in places.iter().enumerate() {
-            let place = [0, 1].map(|k| self.chief_launch[k] + place[k]);
-            let (position, direction) = self.launcher.ray(place);
-            rays.set(i, position, direction);
-            if let Some(radius) = self.train.cone_mm {
-                rays.excess[i] = Clip::circle(radius).excess(place[0], place[1]);
-            }
-        }
-        trace_lanes(&self.train.surfaces, &mut rays);
-        rays
-    }
-
     fn outline(&self) -> Result<Outline> {
         let centre = self.trace(&[[0.0; 2]; LANES]);
         let middle = EdgePoint {
@@ -303,7 +307,9 @@ impl<'a> Beam<'a> {
                 .at(place(self.train, self.tangents))
                 .help("give smaller fields, or check the apertures"));
         }
-        Ok(Outline { edges })
+        // Closed: the last azimuth is the first.
+        edges.push(edges[0]);
+        Ok(Outline { extent: Extent::Whole, edges })
     }
 
     /// Root-mean-square distance of the rays from their centroid, mm: rays at even steps between
@@ -311,7 +317,7 @@ impl<'a> Beam<'a> {
     fn spot_rms_mm(&self, outline: &Outline) -> f64 {
         let mut sums = [0.0; 4];
         let origin = self.landing();
-        for (azimuth, edge) in outline.edges.iter().enumerate() {
+        for (azimuth, edge) in outline.edges.iter().take(AZIMUTHS).enumerate() {
             let Some([inner, outer]) = edge else { continue };
             let reach = |p: &EdgePoint| distance(p.launch, [0.0; 2]);
             let (from, to) = (reach(inner), reach(outer));
@@ -322,8 +328,7 @@ impl<'a> Beam<'a> {
                 let places = std::array::from_fn(|i| direction.map(|w| w * radius(i)));
                 let rays = self.trace(&places);
                 for i in (0..LANES).filter(|&i| rays.alive(i)) {
-                    let launch = [0, 1].map(|k| self.chief_launch[k] + places[i][k]);
-                    let weight = radius(i) * ring * self.launcher.power(launch);
+                    let weight = radius(i) * ring * self.power(places[i]);
                     let [x, y] = [0, 1].map(|k| rays.position[k][i] - origin[k]);
                     let here = [1.0, x, y, x * x + y * y];
                     sums = [0, 1, 2, 3].map(|k| sums[k] + weight * here[k]);
@@ -341,25 +346,31 @@ fn way(azimuth: f64) -> [f64; 2] {
     [cosine, sine]
 }
 
-/// Inner and outer edge of the pupil along every azimuth.
-struct Outline {
-    edges: Vec<Option<[EdgePoint; 2]>>,
-}
+impl Bundle for Beam<'_> {
+    fn train(&self) -> &Train {
+        self.train
+    }
 
-impl Outline {
-    /// Area of the pupil in image-side direction cosines, sr.
-    fn projected_solid_angle(&self) -> f64 {
-        let count = self.edges.len();
-        let twice = |i: usize| {
-            let (a, b) = (self.edges[i]?, self.edges[(i + 1) % count]?);
-            let corners = [a[0], a[1], b[1], b[0]].map(|p| p.direction);
-            let sides = (0..4).map(|k| {
-                let ([x0, y0], [x1, y1]) = (corners[k], corners[(k + 1) % 4]);
-                x0 * y1 - x1 * y0
-            });
-            Some(sides.sum::<f64>())
-        };
-        0.5 * (0..count).filter_map(twice).sum::<f64>().abs()
+    fn chief(&self) -> &Rays<1> {
+        &self.chief
+    }
+
+    fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
+        let mut rays = Rays::nowhere();
+        for (i, place) in places.iter().enumerate() {
+            let place = [0, 1].map(|k| self.chief_launch[k] + place[k]);
+            let (position, direction) = self.launcher.ray(place);
+            rays.set(i, position, direction);
+            if let Some(radius) = self.train.cone_mm {
+                rays.excess[i] = Clip::circle(radius).excess(place[0], place[1]);
+            }
+        }
+        trace_lanes(&self.train.surfaces, &mut rays);
+        rays
+    }
+
+    fn power(&self, place: [f64; 2]) -> f64 {
+        self.launcher.power([0, 1].map(|k| self.chief_launch[k] + place[k]))
     }
 }
 

@@ -8,7 +8,8 @@
 use camrig_base::Result;
 use camrig_optics::Between;
 use camrig_optics::engine::nodes::{Misplaced, misplaced};
-use camrig_optics::engine::psf::{KernelGrid, PsfField};
+use camrig_optics::engine::psf::{KernelGrid, PsfField, UPRIGHT};
+use camrig_optics::engine::stations::Stations;
 use rayon::prelude::*;
 
 /// The tolerance that heights are chosen by.
@@ -125,6 +126,16 @@ fn worst_gaps(areas: &[f64], errors: &[f64], tolerance: f64) -> Vec<usize> {
         .collect()
 }
 
+/// The share of the light that one PSF of a window puts elsewhere than another, seen through pixels.
+pub(super) fn blend_error_window(
+    size: usize,
+    spacing_mm: f64,
+    pixel_um: f64,
+) -> impl Fn(&[f32], &[f32]) -> f64 + Sync {
+    let window = Window::new(size, 1e3 * spacing_mm, pixel_um);
+    move |blend, exact| window.misplaced(blend, exact)
+}
+
 /// Integrates PSFs over pixels.
 struct Window {
     empty: PsfField,
@@ -133,22 +144,28 @@ struct Window {
 
 impl Window {
     fn new(size: usize, spacing_um: f64, pixel_um: f64) -> Self {
-        let empty = PsfField { heights_mm: Vec::new(), size, spacing_um, psfs: Vec::new() };
+        let stations = Stations::Heights(Vec::new());
+        let empty = PsfField { stations, size, spacing_um, psfs: Vec::new() };
         let radius_um = 0.5 * size as f64 * spacing_um * std::f64::consts::SQRT_2;
         Self { empty, kernel: KernelGrid::new(1, pixel_um, pixel_um, radius_um) }
+    }
+
+    /// The share of the light that one PSF puts elsewhere than the other.
+    fn misplaced(&self, a: &[f32], b: &[f32]) -> f64 {
+        let kernel = |psf: &[f32]| self.empty.projected(psf, UPRIGHT, &self.kernel);
+        misplaced(&kernel(a), &kernel(b))
     }
 
     /// The largest share of the light, over the wavelengths, that the blend of two stations
     /// misplaces compared with the station between them.
     fn error<T: Probe>(&self, left: &Station<T>, middle: &Station<T>, right: &Station<T>) -> f64 {
-        let kernel = |psf: &[f32]| self.empty.projected(psf, (0.0, 1.0), &self.kernel);
         let each = left.traced.iter().zip(&middle.traced).zip(&right.traced);
         let errors = each.map(|((a, m), b)| {
             let [h0, h, h1] = [a, m, b].map(T::real_height_mm);
             let t = ((h - h0) / (h1 - h0)) as f32;
             let pair = a.samples().iter().zip(b.samples());
             let blend: Vec<f32> = pair.map(|(a, b)| a + t * (b - a)).collect();
-            misplaced(&kernel(&blend), &kernel(m.samples()))
+            self.misplaced(&blend, m.samples())
         });
         errors.fold(0.0, f64::max)
     }

@@ -45,7 +45,8 @@
 //! - Lenses are sequential: spheres, conics, even and odd polynomials, Forbes aspheres, ideal thin
 //!   lenses, mirrors; no gradient-index media. Plane folds are undone. Biconics, toroids, tilts and
 //!   decentres make a lens that is not rotationally symmetric; its figures at field points (x, y)
-//!   are those of [`mod@field`], and it has no characterisation.
+//!   are those of [`mod@field`], and its characterisation is over the plane of the image
+//!   ([`field::characterise`]).
 //! - Stop: its real radius is the paraxial image of the entrance pupil in the stop at the
 //!   reference wavelength ([`System::stop_radius_mm`]). It is the same for all fields and
 //!   wavelengths, and is stored.

@@ -9,7 +9,7 @@
 //!   so that only the samples asked for are computed.
 //! - Geometric: the power of the rays where they land.
 
-use super::pupil::{Beam, Outline};
+use super::pupil::{Bundle, Extent, Outline};
 use super::samples::PupilSamples;
 use camrig_vector::vectorised;
 use std::f64::consts::TAU;
@@ -49,7 +49,7 @@ pub const PROBE_CELLS: usize = 16;
 ///
 /// Sampled directions repeat the PSF at a distance λ/ΔM. The repeats stay clear of the window when
 /// that distance exceeds half the window plus the radius of the spot; twice that sum is taken.
-pub fn cells_across(beam: &Beam, outline: &Outline, window: &Window) -> Option<usize> {
+pub fn cells_across(beam: &impl Bundle, outline: &Outline, window: &Window) -> Option<usize> {
     let probe = PupilSamples::trace(beam, outline, PROBE_CELLS);
     let extent = |pick: &dyn Fn(&super::samples::Sample) -> f64| {
         probe
@@ -61,10 +61,14 @@ pub fn cells_across(beam: &Beam, outline: &Outline, window: &Window) -> Option<u
     let reach = probe.rays.iter().map(|r| r.landing[0].abs().max(r.landing[1].abs()));
     let reach = reach.fold(0.0, f64::max);
     let (low, high) = extent(&|r| r.direction[1]);
-    let (_, widest) = extent(&|r| r.direction[0]);
-    let range = (high - low).max(2.0 * widest);
+    let (left, right) = extent(&|r| r.direction[0]);
+    let wide = match outline.extent {
+        Extent::MirrorHalf => 2.0 * right,
+        Extent::Whole => right - left,
+    };
+    let range = (high - low).max(wide);
     let period = 2.0 * (0.5 * window.size as f64 * window.spacing_mm + reach);
-    let cells = (range * period / (beam.train.nm * 1e-6)).ceil();
+    let cells = (range * period / (beam.train().nm * 1e-6)).ceil();
     (cells <= FINEST as f64).then(|| (cells as usize).max(COARSEST))
 }
 
@@ -80,12 +84,16 @@ pub fn direct(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
             let y = (i as f64 - (size / 2) as f64) * spacing_mm;
             for (j, value) in row.iter_mut().enumerate() {
                 let x = (j as f64 - (size / 2) as f64) * spacing_mm;
-                let (s, c) =
-                    libm::sincos(TAU * (ray.phase + per_mm * ray.direction[1] * y).fract());
-                // This ray and its mirror image.
-                let pair = 2.0 * ray.amplitude * libm::cos(TAU * per_mm * ray.direction[0] * x);
-                value[0] += pair * c;
-                value[1] += pair * s;
+                let along = ray.phase + per_mm * ray.direction[1] * y;
+                let across = per_mm * ray.direction[0] * x;
+                let (phase, amplitude) = match samples.extent {
+                    // This ray and its mirror image.
+                    Extent::MirrorHalf => (along, 2.0 * ray.amplitude * libm::cos(TAU * across)),
+                    Extent::Whole => (along + across, ray.amplitude),
+                };
+                let (s, c) = libm::sincos(TAU * phase.fract());
+                value[0] += amplitude * c;
+                value[1] += amplitude * s;
             }
         }
     }
@@ -97,6 +105,7 @@ pub fn direct(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
 pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let Window { size, spacing_mm } = *window;
     let kernel = Kernel::get();
+    let copies = samples.extent.copies();
     // A direction cosine d advances by d·spacing/λ cycles per sample; the grid has 2·size nodes
     // per cycle, so that node k at sample j is the root of unity number k·j of 2·size.
     let turns = 2 * size;
@@ -120,7 +129,8 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
         let (s, c) = libm::sincos(TAU * ray.phase.fract());
         let (column, row) = ((l0 - first_l) as usize, (m0 - first_m) as usize);
         for (k, weight) in weights_m.iter().enumerate() {
-            let (re, im) = (2.0 * ray.amplitude * weight * c, 2.0 * ray.amplitude * weight * s);
+            let (re, im) =
+                (copies * ray.amplitude * weight * c, copies * ray.amplitude * weight * s);
             let start = (row + k) * count_l + column;
             for (i, w) in weights_l.iter().enumerate() {
                 real[start + i] += re * w;
@@ -137,12 +147,28 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
     let root = |node: i64, sample: i64| roots[(node * sample).rem_euclid(turns as i64) as usize];
     // Along x: mirror pairs leave a cosine, and samples −j and j are equal.
     let half = size / 2 + 1;
-    let cosines: Vec<f64> = (0..count_l)
-        .flat_map(|k| (0..half).map(move |j| (k, j)))
-        .map(|(k, j)| root(first_l + k as i64, j as i64)[0])
-        .collect();
-    let folded_re = product(&real, &cosines, [count_m, count_l, half]);
-    let folded_im = product(&imaginary, &cosines, [count_m, count_l, half]);
+    let (first_x, columns) = match samples.extent {
+        Extent::MirrorHalf => (0, half),
+        Extent::Whole => (-((size / 2) as i64), size),
+    };
+    let waves = |part: usize| -> Vec<f64> {
+        (0..count_l)
+            .flat_map(|k| (0..columns).map(move |j| (k, j)))
+            .map(|(k, j)| root(first_l + k as i64, first_x + j as i64)[part])
+            .collect()
+    };
+    let shape = [count_m, count_l, columns];
+    let cosines = waves(0);
+    let mut folded_re = product(&real, &cosines, shape);
+    let mut folded_im = product(&imaginary, &cosines, shape);
+    if samples.extent == Extent::Whole {
+        let sines = waves(1);
+        let add = |sums: &mut [f64], factor: f64, parts: Vec<f64>| {
+            sums.iter_mut().zip(parts).for_each(|(sum, part)| *sum += factor * part);
+        };
+        add(&mut folded_re, -1.0, product(&imaginary, &sines, shape));
+        add(&mut folded_im, 1.0, product(&real, &sines, shape));
+    }
     let correction: Vec<f64> =
         (0..half).map(|j| kernel.transform(j as f64 / turns as f64)).collect();
     let mut waves_of_rows = Vec::with_capacity(size * count_m);
@@ -150,12 +176,16 @@ pub fn diffraction(samples: &PupilSamples, nm: f64, window: &Window) -> Psf {
         let y = i as i64 - (size / 2) as i64;
         waves_of_rows.extend((0..count_m).map(|k| root(first_m + k as i64, y)));
     }
-    let right = squared_field(&waves_of_rows, &folded_re, &folded_im, [size, count_m, half]);
+    let right = squared_field(&waves_of_rows, &folded_re, &folded_im, [size, count_m, columns]);
     let intensity = (0..size * size)
         .map(|k| {
             let (y, x) = ((k / size).abs_diff(size / 2), (k % size).abs_diff(size / 2));
             let c = correction[y] * correction[x];
-            right[k / size * half + x] / (c * c)
+            let column = match samples.extent {
+                Extent::MirrorHalf => x,
+                Extent::Whole => k % size,
+            };
+            right[k / size * columns + column] / (c * c)
         })
         .collect();
     normalised(intensity, samples, nm, window)
@@ -184,7 +214,9 @@ pub fn geometric(samples: &PupilSamples, window: &Window) -> Psf {
     };
     for ray in &samples.rays {
         add(ray.landing[0], ray.landing[1], ray.power);
-        add(-ray.landing[0], ray.landing[1], ray.power);
+        if samples.extent == Extent::MirrorHalf {
+            add(-ray.landing[0], ray.landing[1], ray.power);
+        }
     }
     let sum: f64 = data.iter().sum();
     let captured = sum / samples.power;

@@ -15,6 +15,50 @@ use super::train::Train;
 use camrig_base::{Error, Result};
 use std::f64::consts::PI;
 
+/// The rays of a field point at one wavelength, around its chief ray.
+pub trait Bundle {
+    /// The lens.
+    fn train(&self) -> &Train;
+    /// The chief ray on the image plane.
+    fn chief(&self) -> &Rays<1>;
+    /// Traces [`LANES`] rays from launch coordinates relative to the chief ray, mm.
+    fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES>;
+    /// Radiant power per launch area at a place relative to the chief ray.
+    fn power(&self, place: [f64; 2]) -> f64;
+
+    /// Phase of ray `i` as a plane wave at the chief ray's image point, in waves: its optical path
+    /// carried to that point's wavefront.
+    #[inline]
+    fn plane_wave_phase<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
+        let (p, d) = rays.get(i);
+        let (q, _) = self.chief().get(0);
+        let advance = d[0] * (p[0] - q[0]) + d[1] * (p[1] - q[1]);
+        (rays.path[i] - self.chief().path[0] - advance) * 1e6 / self.train().nm
+    }
+
+    /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves.
+    #[must_use]
+    fn opd_waves<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
+        let (p, d) = rays.get(i);
+        let (q, _) = self.chief().get(0);
+        let r = self.reference_sphere_mm();
+        let away = [p[0] - q[0], p[1] - q[1]];
+        let along = away[0] * d[0] + away[1] * d[1];
+        let inside = along * along - away[0] * away[0] - away[1] * away[1] + r * r;
+        let back = along + inside.sqrt().copysign(r);
+        (rays.path[i] - back - (self.chief().path[0] - r)) * 1e6 / self.train().nm
+    }
+
+    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the
+    /// place where the chief ray meets the plane of the paraxial exit pupil (of this wavelength).
+    /// Negative where that lies behind the image.
+    #[must_use]
+    fn reference_sphere_mm(&self) -> f64 {
+        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.thickness);
+        (thickness - self.train().paraxial.exit_z_mm) / self.chief().direction[2][0]
+    }
+}
+
 /// The beam from one field point at one wavelength, aimed through the centre of the stop.
 #[derive(Clone, Debug)]
 pub struct Beam<'a> {
@@ -109,8 +153,8 @@ impl<'a> Beam<'a> {
                 "the lens is not rotationally symmetric: {why}"
             ))
             .help(
-                "its figures at field points (x, y) can be traced; PSFs, and pictures through \
-                     it, need a lens that is symmetric about one axis",
+                "its figures are traced at field points (x, y), and its characterisation over the \
+                     plane of the image",
             )
             .with_code("asymmetric-lens"));
         }
@@ -225,22 +269,6 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Traces [`LANES`] rays from launch coordinates relative to the chief ray, mm.
-    #[inline]
-    pub(super) fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
-        let mut rays = Rays::nowhere();
-        for (i, [x, y]) in places.iter().enumerate() {
-            let py = self.chief_launch + *y;
-            let (position, direction) = self.launcher.ray(*x, py);
-            rays.set(i, position, direction);
-            if let Some(radius) = self.train.cone_mm {
-                rays.excess[i] = Clip::circle(radius).excess(*x, py);
-            }
-        }
-        trace_lanes(&self.train.surfaces, &mut rays);
-        rays
-    }
-
     /// Start and direction of the ray at a place relative to the chief ray, mm.
     pub(super) fn start(&self, place: [f64; 2]) -> ([f64; 3], [f64; 3]) {
         self.launcher.ray(place[0], self.chief_launch + place[1])
@@ -273,43 +301,6 @@ impl<'a> Beam<'a> {
         ray.passes(0).then_some(places)
     }
 
-    /// Radiant power per launch area at a place relative to the chief ray.
-    pub(super) fn power(&self, place: [f64; 2]) -> f64 {
-        self.launcher.power(place[0], self.chief_launch + place[1])
-    }
-
-    /// Phase of ray `i` as a plane wave at the chief ray's image point, in waves: its optical path
-    /// carried to that point's wavefront.
-    #[inline]
-    pub(super) fn plane_wave_phase<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
-        let (p, d) = rays.get(i);
-        let (q, _) = self.chief.get(0);
-        let advance = d[0] * (p[0] - q[0]) + d[1] * (p[1] - q[1]);
-        (rays.path[i] - self.chief.path[0] - advance) * 1e6 / self.train.nm
-    }
-
-    /// Optical path difference of ray `i` to the chief ray on the reference sphere, in waves.
-    #[must_use]
-    pub fn opd_waves<const N: usize>(&self, rays: &Rays<N>, i: usize) -> f64 {
-        let (p, d) = rays.get(i);
-        let (q, _) = self.chief.get(0);
-        let r = self.reference_sphere_mm();
-        let away = [p[0] - q[0], p[1] - q[1]];
-        let along = away[0] * d[0] + away[1] * d[1];
-        let inside = along * along - away[0] * away[0] - away[1] * away[1] + r * r;
-        let back = along + inside.sqrt().copysign(r);
-        (rays.path[i] - back - (self.chief.path[0] - r)) * 1e6 / self.train.nm
-    }
-
-    /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the
-    /// place where the chief ray meets the plane of the paraxial exit pupil (of this wavelength).
-    /// Negative where that lies behind the image.
-    #[must_use]
-    pub fn reference_sphere_mm(&self) -> f64 {
-        let thickness = self.train.surfaces.last().map_or(0.0, |s| s.thickness);
-        (thickness - self.train.paraxial.exit_z_mm) / self.chief.direction[2][0]
-    }
-
     /// The outline of the pupil along `azimuths` directions (at least 8, and a multiple of
     /// [`LANES`]).
     ///
@@ -317,6 +308,35 @@ impl<'a> Beam<'a> {
     /// A field point from which no light reaches the image.
     pub fn outline(&self, azimuths: usize) -> Result<Outline> {
         Outline::find(self, azimuths)
+    }
+}
+
+impl Bundle for Beam<'_> {
+    fn train(&self) -> &Train {
+        self.train
+    }
+
+    fn chief(&self) -> &Rays<1> {
+        &self.chief
+    }
+
+    #[inline]
+    fn trace(&self, places: &[[f64; 2]; LANES]) -> Rays<LANES> {
+        let mut rays = Rays::nowhere();
+        for (i, [x, y]) in places.iter().enumerate() {
+            let py = self.chief_launch + *y;
+            let (position, direction) = self.launcher.ray(*x, py);
+            rays.set(i, position, direction);
+            if let Some(radius) = self.train.cone_mm {
+                rays.excess[i] = Clip::circle(radius).excess(*x, py);
+            }
+        }
+        trace_lanes(&self.train.surfaces, &mut rays);
+        rays
+    }
+
+    fn power(&self, place: [f64; 2]) -> f64 {
+        self.launcher.power(place[0], self.chief_launch + place[1])
     }
 }
 
@@ -376,11 +396,30 @@ fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
         .help("the field is larger than the lens takes: give smaller fields, or check the surface")
 }
 
+/// How much of a pupil an outline and rays run over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// The half x ≥ 0 of a mirror-symmetric one, azimuths from −y to +y.
+    MirrorHalf,
+    /// All of it, once around; the last azimuth is the first.
+    Whole,
+}
+
+impl Extent {
+    /// How often each ray counts: with its mirror image, or alone.
+    pub(super) fn copies(self) -> f64 {
+        match self {
+            Self::MirrorHalf => 2.0,
+            Self::Whole => 1.0,
+        }
+    }
+}
+
 /// The part of the pupil that light passes, along azimuths around the chief ray.
-///
-/// Mirror-symmetric in x: azimuths run over the half x ≥ 0, from −y to +y.
 #[derive(Clone, Debug)]
 pub struct Outline {
+    /// What the azimuths run over.
+    pub extent: Extent,
     /// Per azimuth the inner and the outer edge; `None` where nothing passes. The inner edge is
     /// the chief ray itself where the middle is open.
     pub edges: Vec<Option<[EdgePoint; 2]>>,
@@ -419,16 +458,16 @@ impl Outline {
                 .at(format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm))
                 .help("give smaller fields, or check the apertures"));
         }
-        Ok(Self { edges })
+        Ok(Self { extent: Extent::MirrorHalf, edges })
     }
 
     /// Area of the pupil in image-side direction cosines: its projected solid angle, sr.
     #[must_use]
     pub fn projected_solid_angle(&self) -> f64 {
-        2.0 * self.area(|point| point.direction)
+        self.extent.copies() * self.area(|point| point.direction)
     }
 
-    /// Area over the half x ≥ 0 of the polygon through the edge points, in the coordinates `of`.
+    /// Area over the extent of the polygon through the edge points, in the coordinates `of`.
     fn area(&self, of: impl Fn(&EdgePoint) -> [f64; 2]) -> f64 {
         let strips = self.edges.windows(2).filter_map(|w| Some((w[0].as_ref()?, w[1].as_ref()?)));
         let doubled: f64 = strips
@@ -452,6 +491,15 @@ impl Outline {
         points.fold(([f64::INFINITY, f64::NEG_INFINITY], 0.0), |([low, high], x), p| {
             ([low.min(p.launch[1]), high.max(p.launch[1])], x.max(p.launch[0]))
         })
+    }
+
+    /// The least launch x; 0 for a half.
+    pub(super) fn left(&self) -> f64 {
+        let points = self.edges.iter().flatten().flatten();
+        match self.extent {
+            Extent::MirrorHalf => 0.0,
+            Extent::Whole => points.fold(0.0, |x, p| x.min(p.launch[0])),
+        }
     }
 }
 

@@ -1,14 +1,16 @@
 //! The pupil as a grid of traced rays, each with the share of its cell that light passes.
 
-use super::pupil::{Beam, Outline};
+use super::pupil::{Bundle, Extent, Outline};
 use super::trace::LANES;
 
-/// Rays over the half x ≥ 0 of a pupil (the other half is its mirror image).
+/// Rays over a pupil, or over half of one that is its mirror image.
 #[derive(Clone, Debug)]
 pub struct PupilSamples {
+    /// What the rays run over.
+    pub extent: Extent,
     /// The rays that pass, cell by cell.
     pub rays: Vec<Sample>,
-    /// Radiant power through the whole pupil: Σ power · launch area, both halves.
+    /// Radiant power through the whole pupil: Σ power · launch area, of both halves.
     pub power: f64,
     /// Launch area of a whole cell, mm².
     pub cell_mm2: f64,
@@ -48,13 +50,18 @@ struct Nodes {
 impl PupilSamples {
     /// Traces a grid with `across` square cells over the pupil's extent in y.
     #[must_use]
-    pub fn trace(beam: &Beam, outline: &Outline, across: usize) -> Self {
+    pub fn trace(beam: &impl Bundle, outline: &Outline, across: usize) -> Self {
         let ([low, high], widest) = outline.bounds();
+        let left = outline.left();
         let cell = (high - low) / across as f64;
-        let inner_columns = ((widest / cell).ceil() as usize).max(1);
-        let coverage = coverage(outline, [inner_columns, across], low, cell);
+        let inner_columns = (((widest - left) / cell).ceil() as usize).max(1);
+        let coverage = coverage(outline, [inner_columns, across], [left, low], cell);
         // One node more on every side but the mirror's, for differences across cell borders.
-        let columns = (inner_columns + 1).next_multiple_of(LANES);
+        let before = match outline.extent {
+            Extent::MirrorHalf => 0,
+            Extent::Whole => 1,
+        };
+        let columns = (before + inner_columns + 1).next_multiple_of(LANES);
         let rows = across + 2;
         let count = columns * rows;
         let mut nodes = Nodes {
@@ -68,9 +75,11 @@ impl PupilSamples {
             opd: vec![0.0; count],
         };
         let place = |column: usize, row: usize| {
-            [(column as f64 + 0.5) * cell, low + (row as f64 - 0.5) * cell]
+            let from_left = column as f64 + 0.5 - before as f64;
+            [left + from_left * cell, low + (row as f64 - 0.5) * cell]
         };
-        let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
+        let chief = beam.chief();
+        let chief = [chief.position[0][0], chief.position[1][0]];
         for row in 0..rows {
             for block in (0..columns).step_by(LANES) {
                 let rays = beam.trace(&std::array::from_fn(|i| place(block + i, row)));
@@ -87,15 +96,17 @@ impl PupilSamples {
         }
         let mut rays = Vec::with_capacity(inner_columns * across);
         let (mut power, area) = (0.0, cell * cell);
+        let copies = outline.extent.copies();
         for row in 1..=across {
             for column in 0..inner_columns {
                 let share = coverage[(row - 1) * inner_columns + column];
                 if share <= 0.0 {
                     continue;
                 }
+                let column = column + before;
                 let node = row * columns + column;
                 let through = share * beam.power(place(column, row));
-                power += 2.0 * area * through;
+                power += copies * area * through;
                 let jacobian = nodes.jacobian(column, row, cell);
                 let sample = Sample {
                     direction: [nodes.l[node], nodes.m[node]],
@@ -111,7 +122,7 @@ impl PupilSamples {
                 }
             }
         }
-        Self { rays, power, cell_mm2: area }
+        Self { extent: outline.extent, rays, power, cell_mm2: area }
     }
 
     /// Root mean square and peak-to-valley of the optical path difference, waves, after the mean
@@ -132,8 +143,14 @@ impl PupilSamples {
     #[must_use]
     pub fn spot_rms_mm(&self) -> f64 {
         let total: f64 = self.rays.iter().map(|r| r.power).sum();
-        let centre = self.rays.iter().map(|r| r.power * r.landing[1]).sum::<f64>() / total;
-        let square = |r: &Sample| r.landing[0].powi(2) + (r.landing[1] - centre).powi(2);
+        let mean =
+            |k: usize| self.rays.iter().map(|r| r.power * r.landing[k]).sum::<f64>() / total;
+        let centre = match self.extent {
+            Extent::MirrorHalf => [0.0, mean(1)],
+            Extent::Whole => [mean(0), mean(1)],
+        };
+        let square =
+            |r: &Sample| (r.landing[0] - centre[0]).powi(2) + (r.landing[1] - centre[1]).powi(2);
         (self.rays.iter().map(|r| r.power * square(r)).sum::<f64>() / total).sqrt()
     }
 }
@@ -148,7 +165,7 @@ impl Nodes {
             (false, true) => (here - before) / cell,
             (true, true) => f64::NAN,
         };
-        // Mirror image at x < 0: L changes its sign, M does not.
+        // In a half, mirror image at x < 0: L changes its sign, M does not.
         let across = |values: &[f64], sign: f64| {
             let here = at(values, column, row);
             let before = match column {
@@ -172,13 +189,18 @@ impl Nodes {
 }
 
 /// The share of every cell inside the outline: exact areas of the polygon through its points.
-fn coverage(outline: &Outline, [columns, rows]: [usize; 2], low: f64, cell: f64) -> Vec<f64> {
+fn coverage(
+    outline: &Outline,
+    [columns, rows]: [usize; 2],
+    [left, low]: [f64; 2],
+    cell: f64,
+) -> Vec<f64> {
     // Signed-area accumulation: every edge adds what lies to its right, a running sum along the
     // row gives the area (Levien's font rasteriser). One column more takes what passes the right
     // end.
     let mut sums = vec![0.0; (columns + 1) * rows];
     let mut edge = |a: [f64; 2], b: [f64; 2]| {
-        let scaled = |p: [f64; 2]| [(p[0] / cell).max(0.0), (p[1] - low) / cell];
+        let scaled = |p: [f64; 2]| [((p[0] - left) / cell).max(0.0), (p[1] - low) / cell];
         accumulate(&mut sums, columns, rows, scaled(a), scaled(b));
     };
     let strips = &outline.edges;
@@ -277,11 +299,11 @@ mod tests {
                     |r: f64| EdgePoint { launch: [r * c.max(0.0), r * s], direction: [0.0; 2] };
                 Some([at(inner), at(outer)])
             });
-            Outline { edges: edges.collect() }
+            Outline { extent: Extent::MirrorHalf, edges: edges.collect() }
         };
         for (inner, outer) in [(0.0, 1.0), (0.4, 1.0)] {
             let cell = 2.0 / 31.0;
-            let shares = coverage(&ring(inner, outer), [16, 31], -1.0, cell);
+            let shares = coverage(&ring(inner, outer), [16, 31], [0.0, -1.0], cell);
             let area: f64 = shares.iter().sum::<f64>() * cell * cell;
             let chord = (std::f64::consts::PI / n as f64).sin() * n as f64 / 2.0;
             let exact = chord * (outer * outer - inner * inner);

@@ -2,7 +2,7 @@
 //! to the chief ray meet.
 
 use super::prescription::Medium;
-use super::pupil::Beam;
+use super::pupil::{Beam, Bundle};
 use super::system::System;
 use super::trace::LANES;
 use camrig_base::Result;

@@ -1,6 +1,6 @@
 //! The tracer and the readers against files of other programs and their figures.
 
-use super::pupil::Beam;
+use super::pupil::{Beam, Bundle};
 use super::*;
 use camrig_glass::text;
 pub(super) use camrig_testing::shared;

@@ -12,13 +12,16 @@
 //! 64-bit SipHash of the standard library: by accident, two of a million results collide with a
 //! probability of 3e-8. It may change with the compiler, which costs a recomputation.
 
-use super::engine::{Blur, Lens, Options, SensorGrid};
+use super::engine::stations::Stations;
+use super::engine::{Blur, Lens, Options, OverField, SensorGrid};
 use camrig_base::Bands;
 use camrig_base::Result;
 use camrig_scene::{Grid, Scene};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::PathBuf;
 
+/// Samples each way by which a figure over the plane enters a key.
+const PLANE_SAMPLES: usize = 65;
 /// Samples by which a radial curve enters a key. Two curves that agree at all of them count as
 /// one.
 const CURVE_SAMPLES: usize = 1025;
@@ -113,10 +116,10 @@ impl Content {
         let reach = grid.width_mm().hypot(grid.height as f64 * grid.pitch_um * 1e-3) + x.hypot(y);
         for nm in bands.centres() {
             self.numbers([lens.steradians(nm)]);
-            for curve in [lens.illumination(nm), lens.ideal_height(nm)] {
-                self.0.write_u8(u8::from(curve.is_some()));
-                self.curve(&|h| curve.as_ref().map_or(0.0, |c| c(h)), reach);
-            }
+            let ratios = lens.illumination(nm);
+            self.over_field(ratios.as_ref(), reach, |&ratio| [ratio, 0.0]);
+            let ideal = lens.ideal_place(nm);
+            self.over_field(ideal.as_ref(), reach, |&(x, y)| [x, y]);
             match lens.blur(nm) {
                 Blur::Otf { core, wings } => {
                     for part in [Some(core), wings].into_iter().flatten() {
@@ -126,8 +129,34 @@ impl Content {
                 }
                 Blur::Field { psfs, cutoff_per_mm } => {
                     self.numbers([cutoff_per_mm, psfs.spacing_um, psfs.size as f64]);
-                    self.numbers(psfs.heights_mm.iter().copied());
+                    match &psfs.stations {
+                        Stations::Heights(heights_mm) => self.numbers(heights_mm.iter().copied()),
+                        Stations::Lattice(lattice) => {
+                            self.numbers(lattice.x_mm.iter().chain(&lattice.y_mm).copied());
+                        }
+                    }
                     psfs.psfs.iter().for_each(|psf| self.samples(psf));
+                }
+            }
+        }
+    }
+
+    /// A figure over places as far as `reach` from the axis each way.
+    fn over_field<T>(
+        &mut self,
+        figure: Option<&OverField<'_, T>>,
+        reach: f64,
+        numbers: impl Fn(&T) -> [f64; 2],
+    ) {
+        self.0.write_u8(u8::from(figure.is_some()));
+        match figure {
+            None => self.curve(&|_| 0.0, reach),
+            Some(OverField::Radial(curve)) => self.curve(curve, reach),
+            Some(OverField::Plane(function)) => {
+                let at = |i: usize| reach * (2.0 * i as f64 / (PLANE_SAMPLES - 1) as f64 - 1.0);
+                for k in 0..PLANE_SAMPLES * PLANE_SAMPLES {
+                    let value = function(at(k % PLANE_SAMPLES), at(k / PLANE_SAMPLES));
+                    self.numbers(numbers(&value));
                 }
             }
         }

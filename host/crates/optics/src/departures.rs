@@ -2,7 +2,9 @@
 //!
 //! [`Departed`] wraps a lens; [`super::effects`] makes departures of what a camera file names.
 
-use super::engine::{Blur, Lens, RadialCurve};
+use super::engine::over_field::scaled;
+use super::engine::stations::Stations;
+use super::engine::{Blur, Lens, OverField};
 use camrig_base::Spectrum;
 
 /// Departures of a lens from its description; none by default. Defocus is not among them: it
@@ -124,22 +126,29 @@ impl Lens for Departed {
         self.lens.steradians(nm) * self.departures.transmittance.at(nm)
     }
 
-    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>> {
+    fn illumination(&self, nm: f64) -> Option<OverField<'_, f64>> {
         self.lens.illumination(nm)
     }
 
-    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>> {
-        let own = self.lens.ideal_height(nm);
+    fn ideal_place(&self, nm: f64) -> Option<OverField<'_, (f64, f64)>> {
+        let own = self.lens.ideal_place(nm);
         let (size, distortion) =
             (self.departures.lateral_colour.at(nm), self.departures.distortion);
         if size == 1.0 && distortion.is_none() {
             return own;
         }
         let inverse = distortion.inverse();
-        Some(Box::new(move |real| {
-            let height = inverse(real / size);
-            own.as_ref().map_or(height, |own| own(height))
-        }))
+        let height = move |real: f64| inverse(real / size);
+        Some(match own {
+            None => OverField::Radial(Box::new(height)),
+            Some(OverField::Radial(own)) => {
+                OverField::Radial(Box::new(move |real| own(height(real))))
+            }
+            Some(OverField::Plane(own)) => OverField::Plane(Box::new(move |x, y| {
+                let (x, y) = scaled(x, y, &height);
+                own(x, y)
+            })),
+        })
     }
 
     fn principal_distance_mm(&self) -> f64 {
@@ -159,8 +168,20 @@ impl Lens for Departed {
         match self.lens.blur(nm) {
             Blur::Field { mut psfs, cutoff_per_mm } => {
                 // PSFs stay with their field point, which the distortion moves.
-                for height in &mut psfs.heights_mm {
-                    *height = self.departures.distortion.real(*height);
+                match &mut psfs.stations {
+                    Stations::Heights(heights_mm) => {
+                        for height in heights_mm {
+                            *height = self.departures.distortion.real(*height);
+                        }
+                    }
+                    Stations::Lattice(lattice) => {
+                        let undistorted = self.departures.distortion.inverse();
+                        let own = std::mem::replace(&mut lattice.ideal, Box::new(|x, y| (x, y)));
+                        lattice.ideal = Box::new(move |x, y| {
+                            let (x, y) = scaled(x, y, &undistorted);
+                            own(x, y)
+                        });
+                    }
                 }
                 Blur::Field { psfs, cutoff_per_mm }
             }

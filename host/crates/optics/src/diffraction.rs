@@ -3,7 +3,7 @@
 //! Source: Chen et al. 2009, eqs. 4-7; Hopkins 1955 (Proc. R. Soc. A 231, 91) for defocus.
 //! Circular pupil without obscuration, incoherent light, scalar diffraction.
 
-use super::engine::{Blur, Lens, Otf, RadialCurve};
+use super::engine::{Blur, Lens, Otf, OverField};
 use super::interpolate::MonotoneCubic;
 use camrig_base::Spectrum;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -138,18 +138,18 @@ impl Lens for Diffraction {
         PI * self.transmittance.at(nm) / (1.0 + 4.0 * self.working_f_number().powi(2))
     }
 
-    fn illumination(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+    fn illumination(&self, _nm: f64) -> Option<OverField<'_, f64>> {
         let distance = self.image_distance_mm();
         match &self.illumination {
             Illumination::Uniform => None,
-            Illumination::Cos4 => {
-                Some(Box::new(move |h| 1.0 / (1.0 + (h / distance).powi(2)).powi(2)))
-            }
-            Illumination::Table(curve) => Some(Box::new(move |h| curve.at(h))),
+            Illumination::Cos4 => Some(OverField::Radial(Box::new(move |h| {
+                1.0 / (1.0 + (h / distance).powi(2)).powi(2)
+            }))),
+            Illumination::Table(curve) => Some(OverField::Radial(Box::new(move |h| curve.at(h)))),
         }
     }
 
-    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+    fn ideal_place(&self, _nm: f64) -> Option<OverField<'_, (f64, f64)>> {
         None
     }
 

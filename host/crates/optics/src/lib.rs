@@ -7,7 +7,9 @@
 //!   aberrations; or
 //! - [`Characterisation`]: tables of distortion, illumination and PSFs over field height and
 //!   wavelength, as a lens program exports them or `camrig-lens` traces them; or
-//! - either of them with [`Departures`], which a camera file names as [`effects`].
+//! - [`PlaneCharacterisation`]: the same over places of the image, of a lens without rotational
+//!   symmetry; or
+//! - any of them with [`Departures`], which a camera file names as [`effects`].
 //!
 //! [`mod@reference`] computes the same physics by direct sums; [`content`] makes keys for a cache
 //! of results. Lengths on the sensor are in µm where their names say so and in mm elsewhere,
@@ -75,8 +77,9 @@
 //!
 //! # Not modelled
 //! Diffraction by the pixels, polarisation, coherence, ghosts (veiling glare is a constant share),
-//! lenses without rotational symmetry, change of the local magnification within a cell.
+//! change of the local magnification within a cell.
 
+pub mod bicubic;
 pub mod characterisation;
 pub mod content;
 pub mod departures;
@@ -86,11 +89,13 @@ pub mod engine;
 pub mod interpolate;
 pub mod reference;
 
+pub use characterisation::plane::PlaneCharacterisation;
+pub use characterisation::tables::LensTables;
 pub use characterisation::{Between, Characterisation, PsfGrid};
 pub use departures::{Departed, Departures, Distortion};
 pub use diffraction::{Diffraction, Illumination};
 pub use effects::OpticalEffect;
 pub use engine::{
-    Blur, Border, Device, DeviceChoice, Lens, Misplaced, NodeReport, Options, Otf, Report,
-    SensorGrid, irradiance,
+    Blur, Border, Device, DeviceChoice, Lens, Misplaced, NodeReport, Options, Otf, OverField,
+    Report, SensorGrid, irradiance,
 };

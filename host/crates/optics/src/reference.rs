@@ -183,8 +183,8 @@ fn apply_field(plane: &mut Plane<f64>, lens: &dyn Lens, nm: f64, grid: &SensorGr
     let from_centre = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
     for y in 0..plane.height {
         for x in 0..plane.width {
-            let h = (from_centre(x, plane.width) - ax).hypot(from_centre(y, plane.height) - ay);
-            let ratio = illumination.as_ref().map_or(1.0, |curve| curve(h));
+            let (dx, dy) = (from_centre(x, plane.width) - ax, from_centre(y, plane.height) - ay);
+            let ratio = illumination.as_ref().map_or(1.0, |ratio| ratio.at(dx, dy));
             let e = &mut plane.data[y * plane.width + x];
             *e = e.max(0.0) * lens.steradians(nm) * ratio;
         }
@@ -195,7 +195,7 @@ fn apply_field(plane: &mut Plane<f64>, lens: &dyn Lens, nm: f64, grid: &SensorGr
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::Device;
     use crate::{
@@ -229,7 +229,7 @@ mod tests {
     }
 
     /// The engine's plane of the pattern, and its report.
-    fn engine(
+    pub(crate) fn engine(
         lens: &dyn Lens,
         grid: &SensorGrid,
         oversample: usize,

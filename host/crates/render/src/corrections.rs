@@ -50,8 +50,8 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
     let [width_mm, height_mm] = size.map(|n| n as f64 * sensor.pitch_um * 1e-3);
     let (axis_x, axis_y) = lens.axis_mm();
     let gain = |x: f64, y: f64| {
-        let height = ((x - 0.5) * width_mm - axis_x).hypot((y - 0.5) * height_mm - axis_y);
-        1.0 / illumination(height).max(LEAST_ILLUMINATION)
+        let ratio = illumination.at((x - 0.5) * width_mm - axis_x, (y - 0.5) * height_mm - axis_y);
+        1.0 / ratio.max(LEAST_ILLUMINATION)
     };
     Ok(gain_maps(&sensor.cfa, size, NODES, gain))
 }
@@ -148,7 +148,7 @@ mod tests {
             for x in 0..WIDTH {
                 let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let (right, down) = (x - f64::from(WIDTH) / 2.0, y - f64::from(HEIGHT) / 2.0);
-                let ratio = illumination(right.hypot(down) * pitch_mm);
+                let ratio = illumination.at(right * pitch_mm, down * pitch_mm);
                 let flat = gain(x / f64::from(WIDTH), y / f64::from(HEIGHT)) * ratio;
                 assert!((flat - 1.0).abs() < 0.004, "{x} {y}: {flat}");
             }

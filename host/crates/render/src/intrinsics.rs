@@ -1,11 +1,11 @@
 //! The camera as computer vision takes it: a pinhole with radial distortion.
 
 use super::{lens, sensor_grid};
-use camrig_base::{Bands, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_formats::mcap::CameraInfo;
 use camrig_linear::{LeastSquares, Matrix, Vector};
-use camrig_optics::Options;
+use camrig_optics::{Options, OverField};
 
 /// The wavelength at which the eye is most sensitive, nm.
 const NM: f64 = 555.0;
@@ -32,7 +32,8 @@ pub struct Intrinsics {
 /// terms, as the lens is centred.
 ///
 /// # Errors
-/// Lens data that cannot be read or traced.
+/// Lens data that cannot be read or traced; a lens without rotational symmetry, which those figures
+/// do not describe.
 pub fn intrinsics(camera: &Camera) -> Result<Intrinsics> {
     let band = Bands { start_nm: NM, step_nm: 1.0, count: 1 };
     let lens = lens(camera, &band, &Options::default())?;
@@ -41,9 +42,21 @@ pub fn intrinsics(camera: &Camera) -> Result<Intrinsics> {
     let f = lens.principal_distance_mm();
     let axis = lens.axis_mm();
     let corner_mm = grid.corner_mm() + axis.0.hypot(axis.1);
+    let ideal: Box<dyn Fn(f64) -> f64 + '_> = match lens.ideal_place(NM) {
+        None => Box::new(|real| real),
+        Some(OverField::Radial(ideal)) => ideal,
+        Some(OverField::Plane(_)) => {
+            return Err(Error::unsupported("the lens is not rotationally symmetric")
+                .at("intrinsics")
+                .help(
+                    "radial distortion about an axis does not describe it: choose an output \
+                     without intrinsics",
+                ));
+        }
+    };
     let heights: Vec<(f64, f64)> = (1..=HEIGHTS)
         .map(|i| corner_mm * i as f64 / HEIGHTS as f64)
-        .map(|real| (lens.ideal_height(NM).map_or(real, |ideal| ideal(real)), real))
+        .map(|real| (ideal(real), real))
         .collect();
     let terms = |h: f64| [h, h * (h / f).powi(2), h * (h / f).powi(4), h * (h / f).powi(6)];
     let bent = |(h, real): &(f64, f64)| (h - real).abs() * pixels_per_mm > NONE_PX;

@@ -7,8 +7,8 @@ use camrig_camera::{Camera, LensKind, RelativeIllumination};
 use camrig_optics::content::LensContent;
 use camrig_optics::effects::Optics;
 use camrig_optics::interpolate::MonotoneCubic;
-use camrig_optics::{Characterisation, Departed, Departures, Diffraction, Illumination};
-use camrig_optics::{Lens, Options, SensorGrid};
+use camrig_optics::{Departed, Departures, Diffraction, Illumination};
+use camrig_optics::{Lens, LensTables, Options, SensorGrid};
 use std::path::Path;
 
 /// The sensor's grid as the optics sees it.
@@ -61,9 +61,7 @@ impl Described {
                 let departures = Box::new(departures);
                 return Ok(Self::Traced { tracing, transmittance, departures });
             }
-            LensKind::Characterised(path) => {
-                Box::new(characterised(path, &transmittance, defocus_um)?)
-            }
+            LensKind::Characterised(path) => characterised(path, &transmittance, defocus_um)?,
             LensKind::DiffractionLimited {
                 f_number,
                 focal_length_mm,
@@ -107,9 +105,8 @@ impl Described {
         match self {
             Self::Given(lens) => Ok((lens, false)),
             Self::Traced { tracing, transmittance, departures } => {
-                let (mut lens, traced) = tracing.characterisation(directory)?;
-                lens.transmittance = lens.transmittance.times(&transmittance)?;
-                Ok((departed(Box::new(lens), *departures), traced))
+                let (tables, traced) = tracing.tables(directory)?;
+                Ok((departed(tables.into_lens(&transmittance)?, *departures), traced))
             }
         }
     }
@@ -133,11 +130,7 @@ fn illumination(given: &RelativeIllumination, corner_mm: f64) -> Illumination {
     }
 }
 
-fn characterised(
-    path: &Path,
-    transmittance: &Spectrum,
-    defocus_um: f64,
-) -> Result<Characterisation> {
+fn characterised(path: &Path, transmittance: &Spectrum, defocus_um: f64) -> Result<Box<dyn Lens>> {
     if defocus_um != 0.0 {
         return Err(Error::unsupported(
             "defocus of a characterised lens: its tables hold no wavefront",
@@ -148,9 +141,7 @@ fn characterised(
                  characterisation made out of focus (camrig lens trace --sensor-shift)",
         ));
     }
-    let mut lens = Characterisation::read(path)?;
-    lens.transmittance = lens.transmittance.times(transmittance)?;
-    Ok(lens)
+    LensTables::read(path)?.into_lens(transmittance)
 }
 
 #[cfg(test)]

@@ -7,17 +7,24 @@ use camrig_base::Bands;
 use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_lens::characterise::{Plan, PsfMethod, characterise};
+use camrig_lens::field::{self, PlanePlan};
 use camrig_lens::heights::Density;
 use camrig_lens::{Setup, System};
-use camrig_optics::{Characterisation, Options, content};
+use camrig_optics::{LensTables, Options, content};
 use std::path::{Path, PathBuf};
 
 /// A prescription and what is to be traced of it.
 pub struct Tracing {
     file: PathBuf,
     system: System,
-    plan: Plan,
+    wanted: Wanted,
     description: String,
+}
+
+/// What is to be traced, by the lens's symmetry.
+enum Wanted {
+    Heights(Plan),
+    Plane(PlanePlan),
 }
 
 impl Tracing {
@@ -41,20 +48,34 @@ impl Tracing {
         let given = format!("{prescription:?} {conditions:?}");
         let system =
             System::new(prescription, conditions).map_err(|e| e.at(setup.file.display()))?;
+        let density =
+            Some(Density { tolerance: options.misplaced_light, pixel_um: camera.sensor.pitch_um });
+        let grid = sensor_grid(camera);
+        if system.prescription.asymmetry().is_some() {
+            let plan = PlanePlan {
+                frame_mm: [grid.width, grid.height].map(|n| n as f64 * 1e-3 * grid.pitch_um),
+                density,
+                wavelengths_nm: bands.centres().collect(),
+                psf_size: PSF_SIZE,
+                psf_spacing_um: None,
+                method: PsfMethod::Auto,
+            };
+            let description = format!("{given} {plan:?}");
+            let wanted = Wanted::Plane(plan);
+            return Ok(Self { file: setup.file.clone(), system, wanted, description });
+        }
         let plan = Plan {
             heights: HEIGHTS,
-            density: Some(Density {
-                tolerance: options.misplaced_light,
-                pixel_um: camera.sensor.pitch_um,
-            }),
-            max_field_deg: system.field_of_paraxial_height(sensor_grid(camera).corner_mm()).abs(),
+            density,
+            max_field_deg: system.field_of_paraxial_height(grid.corner_mm()).abs(),
             wavelengths_nm: bands.centres().collect(),
             psf_size: PSF_SIZE,
             psf_spacing_um: None,
             method: PsfMethod::Auto,
         };
         let description = format!("{given} {plan:?}");
-        Ok(Self { file: setup.file.clone(), system, plan, description })
+        let wanted = Wanted::Heights(plan);
+        Ok(Self { file: setup.file.clone(), system, wanted, description })
     }
 
     /// All that the result depends on.
@@ -67,19 +88,26 @@ impl Tracing {
         &self.system.prescription.notes
     }
 
-    /// The characterisation, and whether it had to be traced: what `directory` holds is taken from
+    /// The tables, and whether it had to be traced: what `directory` holds is taken from
     /// there, what it does not hold is left there.
     ///
     /// # Errors
     /// Rays that do not reach the image.
-    pub fn characterisation(&self, directory: Option<&Path>) -> Result<(Characterisation, bool)> {
+    pub fn tables(&self, directory: Option<&Path>) -> Result<(LensTables, bool)> {
         let kept = directory
             .map(|d| d.join(format!("{}.lens", content::key_of_description(&self.description))));
-        if let Some(lens) = kept.as_deref().and_then(|kept| Characterisation::read(kept).ok()) {
+        if let Some(lens) = kept.as_deref().and_then(|kept| LensTables::read(kept).ok()) {
             return Ok((lens, false));
         }
-        let lens = characterise(&self.system, &self.plan, &|_, _| ())
-            .map_err(|e| e.at(self.file.display()))?;
+        let traced = match &self.wanted {
+            Wanted::Heights(plan) => {
+                characterise(&self.system, plan, &|_, _| ()).map(LensTables::Heights)
+            }
+            Wanted::Plane(plan) => {
+                field::characterise(&self.system, plan, &|_, _| ()).map(LensTables::Plane)
+            }
+        };
+        let lens = traced.map_err(|e| e.at(self.file.display()))?;
         if let (Some(kept), Some(directory)) = (&kept, directory) {
             // What is there cannot be read. That the lens cannot be kept is no reason to fail: it
             // is in hand.

@@ -8,6 +8,7 @@ use super::arguments;
 use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_lens::characterise::{self, Plan, PsfMethod};
+use camrig_lens::field::PlanePlan;
 use camrig_lens::heights::Density;
 use camrig_lens::prescription::FieldKind;
 use camrig_lens::system::Focus;
@@ -16,8 +17,8 @@ use camrig_optics::{Characterisation, Options};
 use camrig_report::lens as report;
 use clap::builder::TypedValueParser;
 use show::{
-    figures, info, info_of_directory, map_json, place_json, point_json, print_places,
-    print_points, summary,
+    figures, info, info_of_directory, map_json, place_json, plane_summary, point_json,
+    print_places, print_points, summary,
 };
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -67,7 +68,8 @@ struct TraceArgs {
     /// Write a characterisation into this directory
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Image heights of the characterisation, before more are added between
+    /// Image heights of the characterisation, before more are added between; a lens that is not
+    /// rotationally symmetric has a grid of places instead
     #[arg(
         long,
         default_value_t = 21,
@@ -431,6 +433,9 @@ fn write_characterisation(
         return Err(Error::input(format!("{} exists already", dir.display()))
             .help("choose another name, or replace it with --force"));
     }
+    if system.prescription.asymmetry().is_some() {
+        return write_plane(args, system, wavelengths, dir);
+    }
     let max_field_deg = max_field(system, args.max_field)?;
     let plan = Plan {
         heights: usize::from(args.heights),
@@ -456,6 +461,56 @@ fn write_characterisation(
             "warning: PSFs change so fast over the field that even 16 times the heights misplace \
              {:.2} % of the light in the mean, more than the {:.2} % of --psf-tolerance; start \
              with more --heights",
+            100.0 * between.misplaced_mean,
+            100.0 * args.psf_tolerance
+        ),
+        _ => {}
+    }
+    Ok(())
+}
+
+/// Characterises a lens that is not rotationally symmetric, over a square frame whose corners are
+/// at the largest field.
+fn write_plane(
+    args: &TraceArgs,
+    system: &System,
+    wavelengths: Option<Vec<f64>>,
+    dir: &Path,
+) -> Result<()> {
+    let max_field_deg = match args.max_field {
+        Some(deg) => deg,
+        None => {
+            let fields = system.field_places_deg()?;
+            fields.iter().map(radial).map(f64::abs).fold(0.0, f64::max)
+        }
+    };
+    if !(max_field_deg > 0.0 && max_field_deg < 90.0) {
+        return Err(Error::input(format!("a largest field of {max_field_deg}°"))
+            .help("say how far out the lens is used, below 90 degrees: --max-field DEG"));
+    }
+    let plan = PlanePlan {
+        frame_mm: field::Map::of(system)?.square_frame_mm(max_field_deg),
+        density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
+        wavelengths_nm: wavelengths.unwrap_or_else(|| Bands::VISIBLE.centres().collect()),
+        psf_size: usize::from(args.psf_size),
+        psf_spacing_um: args.psf_spacing,
+        method: args.psf,
+    };
+    let bar = arguments::progress("tracing", 0);
+    let mut lens = field::characterise(system, &plan, &|done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    lens.source = format!("{file}, {}", lens.source);
+    lens.write(dir, args.force)?;
+    eprintln!("wrote {}: {}", dir.display(), plane_summary(&lens));
+    match lens.between {
+        Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
+            "warning: PSFs change so fast over the field that the closest places misplace {:.2} % \
+             of the light in the mean, more than the {:.2} % of --psf-tolerance; ask for fewer \
+             wavelengths or a smaller --psf-size to make room for more places",
             100.0 * between.misplaced_mean,
             100.0 * args.psf_tolerance
         ),

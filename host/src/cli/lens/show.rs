@@ -6,7 +6,7 @@ use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
 use camrig_lens::field;
 use camrig_lens::prescription::{Form, Medium, Object, Prescription};
-use camrig_optics::Characterisation;
+use camrig_optics::{Characterisation, LensTables, PlaneCharacterisation};
 use serde_json::{Value, json};
 
 /// A characterisation in one line.
@@ -32,6 +32,34 @@ pub(super) fn summary(lens: &Characterisation) -> String {
         lens.psf.size,
         lens.psf.size,
         lens.psf.spacing_um,
+        100.0 * least
+    )
+}
+
+/// A characterisation over the plane of the image in one line.
+pub(super) fn plane_summary(lens: &PlaneCharacterisation) -> String {
+    let least = lens.captured.iter().copied().fold(1.0, f64::min);
+    let between = match lens.between {
+        Some(b) => format!(
+            ", blending between places misplaces {:.2} % of it (mean; {:.2} % at worst) on \
+             pixels of {} µm",
+            100.0 * b.misplaced_mean,
+            100.0 * b.misplaced_largest,
+            b.pixel_um
+        ),
+        None => String::new(),
+    };
+    let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
+    let ([left, right], [top, bottom]) = (ends(&lens.x_mm), ends(&lens.y_mm));
+    format!(
+        "{} x {} places, {left:.3} to {right:.3} mm right and {top:.3} to {bottom:.3} mm down, {} \
+         wavelengths, PSFs of {}x{} at {} µm holding {:.1} % of the light or more{between}",
+        lens.x_mm.len(),
+        lens.y_mm.len(),
+        lens.wavelengths_nm.len(),
+        lens.psf_size,
+        lens.psf_size,
+        lens.psf_spacing_um,
         100.0 * least
     )
 }
@@ -317,7 +345,13 @@ fn print_surfaces(lens: &Prescription) {
 
 /// What a characterisation holds.
 pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
-    let lens = Characterisation::read(&args.lens.file)?;
+    let lens = match LensTables::read(&args.lens.file)? {
+        LensTables::Heights(lens) => lens,
+        LensTables::Plane(lens) => {
+            info_of_plane(&lens, args.json);
+            return Ok(());
+        }
+    };
     if args.json {
         let object = json!({
             "name": lens.name,
@@ -342,4 +376,31 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
         println!("{}", summary(&lens));
     }
     Ok(())
+}
+
+/// What a characterisation over the plane of the image holds.
+fn info_of_plane(lens: &PlaneCharacterisation, as_json: bool) {
+    if as_json {
+        let object = json!({
+            "name": lens.name,
+            "source": lens.source,
+            "principal_distance_mm": lens.principal_distance_mm,
+            "working_f_number": lens.working_f_number,
+            "x_mm": lens.x_mm,
+            "y_mm": lens.y_mm,
+            "wavelengths_nm": lens.wavelengths_nm,
+            "psf_size": lens.psf_size,
+            "psf_spacing_um": lens.psf_spacing_um,
+            "psf_captured": lens.captured,
+            "psf_between": lens.between,
+        });
+        println!("{object}");
+        return;
+    }
+    println!("{} ({}), not rotationally symmetric", lens.name, lens.source);
+    println!(
+        "principal distance {:.6} mm, f/{:.4} at the image",
+        lens.principal_distance_mm, lens.working_f_number
+    );
+    println!("{}", plane_summary(lens));
 }

@@ -14,7 +14,7 @@ fn traced(system: &System, fields: &[[f64; 2]], nm: f64) -> Vec<Point> {
 
 /// Every way in which `.seq` tilts and decentres: a lens in `DAR` about all axes, a mirror in
 /// `BEN`, a plain decentre of a lens behind it, and of the image.
-const TILTED: &str = "RDM;LEN
+pub(super) const TILTED: &str = "RDM;LEN
 TITLE 'tilted and decentred'
 EPD 8.0
 DIM M

@@ -8,7 +8,7 @@
 //! changes by −x·Δd/λ, x being where its ray lands.
 
 use super::displaced::{Displacement, displaced};
-use crate::pupil::Beam;
+use crate::pupil::{Beam, Bundle};
 use crate::system::System;
 use crate::trace::{LANES, Rays, TrainSurface, trace_lanes};
 use crate::train::Train;

@@ -32,17 +32,20 @@
 //! ```
 
 use super::Between;
-use super::{Characterisation, PsfGrid};
+use super::{Characterisation, PsfGrid, plane_disk};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
 use camrig_formats::npy;
 use npyz::WriterBuilder;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::Path;
 
 const FORMAT: &str = "camrig-lens/1";
+/// Axes of its tables.
+const AXES: &str = "[heights, wavelengths]";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -77,8 +80,43 @@ fn one() -> f64 {
     1.0
 }
 
-fn clear() -> Vec<[f64; 2]> {
+pub(super) fn clear() -> Vec<[f64; 2]> {
     vec![[550.0, 1.0]]
+}
+
+/// What every `lens.toml` says first.
+#[derive(Deserialize)]
+struct FormatOnly {
+    format: String,
+}
+
+fn lens_toml<T: DeserializeOwned>(dir: &Path) -> Result<T> {
+    let path = dir.join("lens.toml");
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
+    toml::from_str(&text).map_err(|e| Error::internal(e.to_string()).at(path.display()))
+}
+
+/// The format that a lens directory says it has.
+pub(super) fn format_of(dir: &Path) -> Result<String> {
+    Ok(lens_toml::<FormatOnly>(dir)?.format)
+}
+
+/// The `lens.toml` of a directory that must be of `format`.
+pub(super) fn head<T: DeserializeOwned>(dir: &Path, format: &str) -> Result<T> {
+    let found = format_of(dir)?;
+    let place = || dir.join("lens.toml").display().to_string();
+    if found == plane_disk::FORMAT && found != format {
+        return Err(Error::unsupported("the lens is not rotationally symmetric")
+            .at(place())
+            .help("its tables are over places of the image; pictures through it can be made")
+            .with_code("asymmetric-lens"));
+    }
+    if found != format {
+        return Err(Error::input(format!("format \"{found}\""))
+            .at(place())
+            .help(format!("this program reads \"{format}\"")));
+    }
+    lens_toml(dir)
 }
 
 impl Characterisation {
@@ -89,14 +127,7 @@ impl Characterisation {
     /// conventions.
     pub fn read(dir: &Path) -> Result<Self> {
         let path = dir.join("lens.toml");
-        let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
-        let head: LensToml = toml::from_str(&text)
-            .map_err(|e| Error::internal(e.to_string()).at(path.display()))?;
-        if head.format != FORMAT {
-            return Err(Error::input(format!("format \"{}\"", head.format))
-                .at(path.display())
-                .help(format!("this program reads \"{FORMAT}\"")));
-        }
+        let head: LensToml = head(dir, FORMAT)?;
         let tables = [head.heights_mm.len(), head.wavelengths_nm.len()];
         let angle_path = dir.join("chief_ray_angle.npy");
         let psf_shape = [head.psf.heights_mm.len(), head.psf.wavelengths_nm.len()];
@@ -112,10 +143,14 @@ impl Characterisation {
             stop_radius_mm: head.stop_radius_mm,
             transmittance: Spectrum::new(nm, value)
                 .map_err(|e| e.at("transmittance").at(path.display()))?,
-            real_height_mm: read_table(&dir.join("distortion.npy"), tables)?,
-            relative_illumination: read_table(&dir.join("relative_illumination.npy"), tables)?,
+            real_height_mm: read_table(&dir.join("distortion.npy"), &tables, AXES)?,
+            relative_illumination: read_table(
+                &dir.join("relative_illumination.npy"),
+                &tables,
+                AXES,
+            )?,
             chief_ray_angle_deg: match angle_path.exists() {
-                true => Some(read_table(&angle_path, tables)?),
+                true => Some(read_table(&angle_path, &tables, AXES)?),
                 false => None,
             },
             wavelengths_nm: head.wavelengths_nm,
@@ -140,26 +175,7 @@ impl Characterisation {
     /// Invalid data, an existing directory, or a failure to write.
     pub fn write(&self, dir: &Path, force: bool) -> Result<()> {
         self.validate()?;
-        if dir.exists() && !force {
-            return Err(Error::input(format!("{} exists already", dir.display()))
-                .help("choose another name, or replace it")
-                .with_code("output-exists"));
-        }
-        if dir.exists() && !dir.join("lens.toml").exists() {
-            return Err(Error::input(format!("{} is not a lens directory", dir.display()))
-                .help("only a lens directory is replaced"));
-        }
-        let parent = match dir.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
-        let staging =
-            tempfile::tempdir_in(parent).map_err(|e| Error::io("write into", parent, e))?;
-        self.write_files(staging.path())?;
-        if dir.exists() {
-            std::fs::remove_dir_all(dir).map_err(|e| Error::io("replace", dir, e))?;
-        }
-        std::fs::rename(staging.keep(), dir).map_err(|e| Error::io("write", dir, e))
+        write_directory(dir, force, |dir| self.write_files(dir))
     }
 
     fn write_files(&self, dir: &Path) -> Result<()> {
@@ -198,7 +214,34 @@ impl Characterisation {
     }
 }
 
-fn write_npy<T>(path: &Path, shape: &[u64], values: &[T]) -> Result<()>
+/// Writes a lens directory by `write_files`, whole or not at all; an existing one only with `force`.
+pub(super) fn write_directory(
+    dir: &Path,
+    force: bool,
+    write_files: impl FnOnce(&Path) -> Result<()>,
+) -> Result<()> {
+    if dir.exists() && !force {
+        return Err(Error::input(format!("{} exists already", dir.display()))
+            .help("choose another name, or replace it")
+            .with_code("output-exists"));
+    }
+    if dir.exists() && !dir.join("lens.toml").exists() {
+        return Err(Error::input(format!("{} is not a lens directory", dir.display()))
+            .help("only a lens directory is replaced"));
+    }
+    let parent = match dir.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let staging = tempfile::tempdir_in(parent).map_err(|e| Error::io("write into", parent, e))?;
+    write_files(staging.path())?;
+    if dir.exists() {
+        std::fs::remove_dir_all(dir).map_err(|e| Error::io("replace", dir, e))?;
+    }
+    std::fs::rename(staging.keep(), dir).map_err(|e| Error::io("write", dir, e))
+}
+
+pub(super) fn write_npy<T>(path: &Path, shape: &[u64], values: &[T]) -> Result<()>
 where
     T: npyz::AutoSerialize + npyz::Serialize + Copy,
 {
@@ -215,7 +258,7 @@ where
 
 /// Opens an array and checks its shape and order before anything is allocated on the strength of
 /// its header.
-fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
+pub(super) fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
     let bytes = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
     let mut file = BufReader::new(file);
@@ -231,12 +274,13 @@ fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
     Ok((npy, shape))
 }
 
-fn read_table(path: &Path, expected: [usize; 2]) -> Result<Vec<f64>> {
+/// A table whose axes, named by `axes`, have the lengths `expected`.
+pub(super) fn read_table(path: &Path, expected: &[usize], axes: &str) -> Result<Vec<f64>> {
     let (npy, shape) = open_npy(path)?;
-    if shape != expected.map(|n| n as u64) {
+    if !shape.iter().copied().eq(expected.iter().map(|&n| n as u64)) {
         return Err(Error::input(format!("array of shape {shape:?}"))
             .at(path.display())
-            .help(format!("lens.toml announces [heights, wavelengths] = {expected:?}")));
+            .help(format!("lens.toml announces {axes} = {expected:?}")));
     }
     npy.into_vec::<f64>().map_err(|e| Error::io("read", path, e))
 }

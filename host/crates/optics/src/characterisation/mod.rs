@@ -3,9 +3,9 @@
 //! directory.
 //!
 //! # Conventions
-//! - The lens is rotationally symmetric about the optical axis. Every table is indexed by the
-//!   **paraxial image height** h of the field point (EFL·tan θ for an object at infinity), mm,
-//!   from 0.
+//! - The lens is rotationally symmetric about the optical axis ([`plane`] is for any other). Every
+//!   table is indexed by the **paraxial image height** h of the field point (EFL·tan θ for an
+//!   object at infinity), mm, from 0.
 //! - Distortion is stored forward: the *real* height at which the chief ray of **that wavelength**
 //!   lands, so lateral colour is in it; a PSF is centred on that same chief ray, so lateral colour
 //!   is **not** in the PSF.
@@ -22,9 +22,13 @@
 
 mod disk;
 mod example;
+pub mod plane;
+mod plane_disk;
+pub mod tables;
 
 use super::engine::psf::PsfField;
-use super::engine::{Blur, Lens, RadialCurve};
+use super::engine::stations::Stations;
+use super::engine::{Blur, Lens, OverField};
 use super::interpolate::MonotoneCubic;
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
@@ -281,15 +285,16 @@ impl Lens for Characterisation {
         std::f64::consts::PI * self.transmittance.at(nm) / (1.0 + 4.0 * n * n)
     }
 
-    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>> {
+    fn illumination(&self, nm: f64) -> Option<OverField<'_, f64>> {
         let (distortion, ratio) = (self.distortion(nm), self.illumination(nm));
         let last = self.heights_mm[self.heights_mm.len() - 1];
-        Some(Box::new(move |real| ratio.at(distortion.inverse(real).min(last))))
+        let at = move |real| ratio.at(distortion.inverse(real).min(last));
+        Some(OverField::Radial(Box::new(at)))
     }
 
-    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>> {
+    fn ideal_place(&self, nm: f64) -> Option<OverField<'_, (f64, f64)>> {
         let distortion = self.distortion(nm);
-        Some(Box::new(move |real| distortion.inverse(real)))
+        Some(OverField::Radial(Box::new(move |real| distortion.inverse(real))))
     }
 
     fn principal_distance_mm(&self) -> f64 {
@@ -300,7 +305,9 @@ impl Lens for Characterisation {
         let distortion = self.distortion(nm);
         Blur::Field {
             psfs: PsfField {
-                heights_mm: self.psf.heights_mm.iter().map(|&h| distortion.at(h)).collect(),
+                stations: Stations::Heights(
+                    self.psf.heights_mm.iter().map(|&h| distortion.at(h)).collect(),
+                ),
                 size: self.psf.size,
                 spacing_um: self.psf.spacing_um,
                 psfs: self.psf.at_wavelength(nm),

@@ -1,7 +1,8 @@
 //! Factors that depend only on the place of a pixel in the field: eq. 7, relative illumination,
 //! veiling glare.
 
-use super::{Lens, SensorGrid};
+use super::{Lens, OverField, PlaneFunction, SensorGrid};
+use crate::bicubic::BicubicTable;
 use camrig_base::Plane;
 use rayon::prelude::*;
 
@@ -37,6 +38,29 @@ pub fn largest_height_mm(grid: &SensorGrid, axis_mm: (f64, f64), margin_mm: f64)
     half(grid.width, axis_mm.0).hypot(half(grid.height, axis_mm.1))
 }
 
+/// Functions of the place from the optical axis, sampled over the frame widened by `margin_mm`, for
+/// fast interpolation: of the third order, over a hundredth of the frame.
+pub fn sampled<const N: usize>(
+    function: impl Fn(f64, f64) -> [f64; N] + Sync,
+    grid: &SensorGrid,
+    axis_mm: (f64, f64),
+    margin_mm: f64,
+) -> [BicubicTable; N] {
+    const NODES: usize = 129;
+    let places = |n: usize, axis: f64| -> Vec<f64> {
+        let half = n as f64 * grid.pitch_um * 0.5e-3 + margin_mm;
+        let part = |i: usize| 2.0 * i as f64 / (NODES - 1) as f64 - 1.0;
+        (0..NODES).map(|i| half * part(i) - axis).collect()
+    };
+    let (x, y) = (places(grid.width, axis_mm.0), places(grid.height, axis_mm.1));
+    let values: Vec<[f64; N]> =
+        (0..NODES * NODES).into_par_iter().map(|k| function(x[k % NODES], y[k / NODES])).collect();
+    std::array::from_fn(|n| {
+        let values: Vec<f64> = values.iter().map(|v| v[n]).collect();
+        BicubicTable::new(x.clone(), y.clone(), &values)
+    })
+}
+
 /// Multiplies by steradians and relative illumination at the pixel centres, then spreads the
 /// veiling glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist
 /// frequency can leave values just below 0 beside bright points; irradiance is not negative, so
@@ -47,15 +71,26 @@ pub fn apply(plane: &mut Plane<f32>, lens: &dyn Lens, nm: f64, grid: &SensorGrid
     plane.data.par_iter_mut().for_each(|e| *e = e.max(0.0));
     let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
     let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
-    match lens.illumination(nm) {
+    let ratios: Option<PlaneFunction<'_, f64>> =
+        lens.illumination(nm).map(|ratios| match ratios {
+            OverField::Radial(curve) => {
+                let table = RadialTable::new(curve, largest_height_mm(grid, axis, 0.0));
+                Box::new(move |dx: f64, dy: f64| table.at(dx * dx + dy * dy))
+                    as PlaneFunction<'_, f64>
+            }
+            OverField::Plane(function) => {
+                let [table] = sampled(|x, y| [function(x, y)], grid, axis, 0.0);
+                Box::new(move |dx, dy| table.at(dx, dy).max(0.0))
+            }
+        });
+    match ratios {
         None => plane.data.iter_mut().for_each(|e| *e *= factor as f32),
-        Some(curve) => {
-            let table = RadialTable::new(curve, largest_height_mm(grid, axis, 0.0));
+        Some(ratio) => {
             plane.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
                 let dy = centred(y, grid.height) - axis.1;
                 for (x, e) in row.iter_mut().enumerate() {
                     let dx = centred(x, width) - axis.0;
-                    *e *= (factor * table.at(dx * dx + dy * dy)) as f32;
+                    *e *= (factor * ratio(dx, dy)) as f32;
                 }
             });
         }

@@ -20,8 +20,10 @@ pub(super) mod fourier;
 #[cfg_attr(not(feature = "gpu"), path = "gpu/absent.rs")]
 mod gpu;
 pub mod nodes;
+pub mod over_field;
 pub mod psf;
 pub(super) mod source;
+pub mod stations;
 pub mod varying;
 mod warp;
 
@@ -29,6 +31,7 @@ use camrig_base::{Error, Plane, Result};
 use camrig_scene::LitScene;
 pub use device::{Device, DeviceChoice};
 pub use nodes::{Misplaced, NodeReport};
+pub use over_field::{OverField, PlaneFunction};
 use sampling::Layout;
 use serde::{Deserialize, Serialize};
 pub use source::Border;
@@ -62,7 +65,7 @@ pub enum Blur<'a> {
         /// half of the frame's longer side at most.
         wings: Option<Otf<'a>>,
     },
-    /// Different over the field: point-spread functions by image height.
+    /// Different over the field: point-spread functions by image height or place.
     Field {
         /// The PSFs.
         psfs: psf::PsfField,
@@ -82,14 +85,15 @@ pub struct Otf<'a> {
     pub at: RadialCurve<'a>,
 }
 
-/// What the engine asks of a lens. Image heights are real heights from the optical axis, mm.
+/// What the engine asks of a lens. Image heights and places are real ones from the optical axis,
+/// mm.
 pub trait Lens: Send + Sync {
     /// Irradiance on the axis over radiance, sr: eq. 7 with transmittance.
     fn steradians(&self, nm: f64) -> f64;
-    /// Illumination relative to the axis over real image height; `None` for 1 everywhere.
-    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>>;
-    /// Paraxial height over real height: the inverse of distortion; `None` without any.
-    fn ideal_height(&self, nm: f64) -> Option<RadialCurve<'_>>;
+    /// Illumination relative to the axis over real image places; `None` for 1 everywhere.
+    fn illumination(&self, nm: f64) -> Option<OverField<'_, f64>>;
+    /// Paraxial over real image places: the inverse of distortion; `None` without any.
+    fn ideal_place(&self, nm: f64) -> Option<OverField<'_, (f64, f64)>>;
     /// Ideal image height over the tangent of the angle before the lens, mm: f(1 + |m|/P) with
     /// focal length f, magnification m and pupil magnification P.
     fn principal_distance_mm(&self) -> f64;

@@ -5,8 +5,9 @@
 //! some heights, between which they are blended linearly; what lies between is not in the data, so
 //! that error is estimated from them: leave one height out, and interpolate over it.
 
-use super::psf::{KernelGrid, PsfField};
+use super::psf::{KernelGrid, PsfField, UPRIGHT};
 use super::sampling::Layout;
+use super::stations::{Lattice, Stations};
 use super::varying::{Kernels, Tiling};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -24,8 +25,8 @@ pub struct NodeReport {
     pub tolerance: f64,
     /// Interpolation between nodes, at the centres of tiles, where it is worst.
     pub nodes: Misplaced,
-    /// Interpolation between the heights of the lens data, halfway between them, estimated from
-    /// the data; `None` where they are fewer than five.
+    /// Interpolation between the heights (or places) of the lens data, halfway between them,
+    /// estimated from the data; `None` where they are fewer than five each way.
     pub heights: Option<Misplaced>,
 }
 
@@ -105,8 +106,8 @@ pub fn misplaced(a: &[f32], b: &[f32]) -> f64 {
 }
 
 impl PsfField {
-    /// Error of PSFs halfway between the heights of the data as far as `reach_mm`, after
-    /// integration over pixels.
+    /// Error of PSFs halfway between the heights of the data as far as `reach_mm`, or in the middle
+    /// of the cells of their grid, after integration over pixels.
     ///
     /// Interpolating over one left-out height spans twice the distance, over three four times. The
     /// ratio of the two errors is what halving the distance gains once more: 4 where the data are
@@ -114,13 +115,17 @@ impl PsfField {
     /// nothing in common.
     #[must_use]
     pub fn height_error(&self, grid: &KernelGrid, reach_mm: f64) -> Option<Misplaced> {
-        let used = self.heights_mm.partition_point(|&h| h < reach_mm) + 1;
-        let last = used.min(self.heights_mm.len()) - 1;
+        let heights_mm = match &self.stations {
+            Stations::Heights(heights_mm) => heights_mm,
+            Stations::Lattice(lattice) => return self.lattice_error(lattice, grid),
+        };
+        let used = heights_mm.partition_point(|&h| h < reach_mm) + 1;
+        let last = used.min(heights_mm.len()) - 1;
         if last == 0 {
             // One PSF serves the whole frame.
             return Some(Misplaced::default());
         }
-        if self.heights_mm.len() < LEAST_HEIGHTS {
+        if heights_mm.len() < LEAST_HEIGHTS {
             return None;
         }
         let last = last.max(LEAST_HEIGHTS - 1);
@@ -128,23 +133,63 @@ impl PsfField {
             (span..=last - span)
                 .into_par_iter()
                 .map(|k| {
-                    let [h0, h, h1] = [k - span, k, k + span].map(|i| self.heights_mm[i]);
+                    let [h0, h, h1] = [k - span, k, k + span].map(|i| heights_mm[i]);
                     let t = ((h - h0) / (h1 - h0)) as f32;
                     let pair = self.psfs[k - span].iter().zip(&self.psfs[k + span]);
                     let blend: Vec<f32> = pair.map(|(a, b)| a + t * (b - a)).collect();
-                    let kernel = |psf: &[f32]| self.projected(psf, (0.0, 1.0), grid);
+                    let kernel = |psf: &[f32]| self.projected(psf, UPRIGHT, grid);
                     // A ring of the field counts by its area.
                     (misplaced(&kernel(&blend), &kernel(&self.psfs[k])), h1 * h1 - h0 * h0)
                 })
                 .collect()
         };
-        let (near, far) = (Misplaced::of(&left_out(1)), Misplaced::of(&left_out(2)));
-        if near.mean == 0.0 {
-            return Some(near);
-        }
-        let gain = (far.mean / near.mean).clamp(1.0, 4.0);
-        Some(Misplaced { mean: near.mean / gain, largest: near.largest / gain })
+        Some(halved(&left_out))
     }
+
+    /// The same over a grid of places: a node is left out and blended from the four that are
+    /// diagonally next to it, as the middle of a cell is from its corners.
+    fn lattice_error(&self, lattice: &Lattice, grid: &KernelGrid) -> Option<Misplaced> {
+        let (across, down) = (lattice.x_mm.len(), lattice.y_mm.len());
+        if across * down == 1 {
+            return Some(Misplaced::default());
+        }
+        if across.min(down) < LEAST_HEIGHTS {
+            return None;
+        }
+        let kernel = |psf: &[f32]| self.projected(psf, UPRIGHT, grid);
+        let left_out = |span: usize| -> Vec<(f64, f64)> {
+            let inside = |k: &usize| {
+                let (i, j) = (k % across, k / across);
+                (span..across - span).contains(&i) && (span..down - span).contains(&j)
+            };
+            (0..across * down)
+                .into_par_iter()
+                .filter(inside)
+                .map(|k| {
+                    let part = |axis: &[f64], i: usize| {
+                        let [a, here, b] = [i - span, i, i + span].map(|i| axis[i]);
+                        (((here - a) / (b - a)) as f32, b - a)
+                    };
+                    let (i, j) = (k % across, k / across);
+                    let ((t, wide), (v, high)) = (part(&lattice.x_mm, i), part(&lattice.y_mm, j));
+                    let corners = [[i - span, i + span], [j - span, j + span]];
+                    let blend = lattice.between(&self.psfs, corners, [t, v]);
+                    (misplaced(&kernel(&blend), &kernel(&self.psfs[k])), wide * high)
+                })
+                .collect()
+        };
+        Some(halved(&left_out))
+    }
+}
+
+/// The error between stations from those over one and over three left-out ones.
+fn halved(left_out: &dyn Fn(usize) -> Vec<(f64, f64)>) -> Misplaced {
+    let (near, far) = (Misplaced::of(&left_out(1)), Misplaced::of(&left_out(2)));
+    if near.mean == 0.0 {
+        return near;
+    }
+    let gain = (far.mean / near.mean).clamp(1.0, 4.0);
+    Misplaced { mean: near.mean / gain, largest: near.largest / gain }
 }
 
 /// Heights of the data from which the error between them can be estimated: two left-out spans need
@@ -190,10 +235,13 @@ impl Place<'_> {
         const SAMPLES: usize = 6;
         let t = tile as f64;
         let spread = |i: usize, cells: usize| {
-            // Tile centres over half of the frame: lenses are symmetric, sensors centred or
-            // nearly.
             let tiles = (cells as f64 / t).ceil().max(1.0);
-            ((tiles * i as f64 / (2 * SAMPLES) as f64).floor() + 0.5) * t
+            let tile = match &field.stations {
+                // Half of the frame: such lenses are symmetric, sensors centred or nearly.
+                Stations::Heights(_) => tiles * i as f64 / (2 * SAMPLES) as f64,
+                Stations::Lattice(_) => tiles * (i as f64 + 0.5) / SAMPLES as f64,
+            };
+            (tile.floor() + 0.5) * t
         };
         let errors: Vec<(f64, f64)> = (0..SAMPLES * SAMPLES)
             .into_par_iter()
@@ -286,7 +334,7 @@ mod tests {
         let step = 1.0 / (heights - 1) as f64;
         let heights_mm: Vec<f64> = (0..heights).map(|i| i as f64 * step).collect();
         let psfs = heights_mm.iter().map(|&h| spot(h)).collect();
-        PsfField { heights_mm, size: 64, spacing_um: 1.0, psfs }
+        PsfField { stations: Stations::Heights(heights_mm), size: 64, spacing_um: 1.0, psfs }
     }
 
     #[test]
@@ -294,8 +342,8 @@ mod tests {
         let grid = KernelGrid::new(1, 2.0, 2.0, 40.0);
         for heights in [6, 9, 17] {
             let field = field(heights);
-            let between: Vec<(f64, f64)> = field
-                .heights_mm
+            let Stations::Heights(heights_mm) = &field.stations else { panic!() };
+            let between: Vec<(f64, f64)> = heights_mm
                 .windows(2)
                 .map(|w| {
                     let middle = 0.5 * (w[0] + w[1]);
@@ -312,8 +360,12 @@ mod tests {
             assert!((0.5..2.0).contains(&(found.largest / exact.largest)), "{found:?} {exact:?}");
         }
         assert_eq!(field(4).height_error(&grid, 1.0), None);
-        let one =
-            PsfField { heights_mm: vec![0.0], size: 64, spacing_um: 1.0, psfs: vec![spot(0.0)] };
+        let one = PsfField {
+            stations: Stations::Heights(vec![0.0]),
+            size: 64,
+            spacing_um: 1.0,
+            psfs: vec![spot(0.0)],
+        };
         assert_eq!(one.height_error(&grid, 1.0), Some(Misplaced::default()));
     }
 

@@ -1,17 +1,18 @@
 //! From point-spread functions to kernels on the cell grid.
 
+use super::stations::Stations;
 use std::f64::consts::TAU;
 
-/// The PSFs of a lens at one wavelength over **real** image height: each n x n of unit sum, chief
-/// ray at sample n/2, rows along the radius, rising away from the axis.
+/// The PSFs of a lens at one wavelength over the field: each n x n of unit sum, chief ray at sample
+/// n/2.
 pub struct PsfField {
-    /// Real image heights, mm, rising from 0.
-    pub heights_mm: Vec<f64>,
+    /// Where they are known, and how they lie.
+    pub stations: Stations,
     /// Samples per side, n.
     pub size: usize,
     /// Distance of samples, µm.
     pub spacing_um: f64,
-    /// One PSF per height, row-major.
+    /// One PSF per station, row-major.
     pub psfs: Vec<Vec<f32>>,
 }
 
@@ -40,6 +41,9 @@ pub struct KernelGrid {
 /// Fraction of a PSF's light that a kernel may leave out at its rim; it is normalised afterwards.
 /// A kernel's side, and with it the cost of a blur, grows with every decade less.
 pub const TAIL: f64 = 1e-4;
+
+/// The direction in which the rows of a PSF rise on the sensor where it is not turned.
+pub const UPRIGHT: (f64, f64) = (0.0, 1.0);
 
 /// Point value at a cell's centre from the averages of it and two neighbours on each side; exact
 /// for polynomials up to degree 5.
@@ -79,11 +83,11 @@ impl PsfField {
         (largest.max().unwrap_or(0) as f64 + 0.5) * self.spacing_um
     }
 
-    /// The larger of the radial and tangential MTF on the axis, over frequency in cycles/mm.
+    /// The larger of the radial and tangential MTF in the middle of the field, over frequency in cycles/mm.
     pub fn axial_mtf(&self) -> impl Fn(f64) -> f64 + use<> {
         // Line-spread functions: sums along and across.
         let mut lines = [vec![0.0f64; self.size], vec![0.0f64; self.size]];
-        for (k, &v) in self.psfs[0].iter().enumerate() {
+        for (k, &v) in self.psfs[self.stations.middle()].iter().enumerate() {
             lines[0][k / self.size] += f64::from(v);
             lines[1][k % self.size] += f64::from(v);
         }
@@ -104,12 +108,12 @@ impl PsfField {
     }
 
     /// The PSF at a real image height: linear between tabulated heights, the last one beyond.
-    fn at(&self, height_mm: f64) -> Vec<f32> {
-        let after = self.heights_mm.partition_point(|&h| h <= height_mm);
-        if after == 0 || after == self.heights_mm.len() {
+    fn at(&self, heights_mm: &[f64], height_mm: f64) -> Vec<f32> {
+        let after = heights_mm.partition_point(|&h| h <= height_mm);
+        if after == 0 || after == heights_mm.len() {
             return self.psfs[after.saturating_sub(1)].clone();
         }
-        let (h0, h1) = (self.heights_mm[after - 1], self.heights_mm[after]);
+        let (h0, h1) = (heights_mm[after - 1], heights_mm[after]);
         let t = ((height_mm - h0) / (h1 - h0)) as f32;
         self.psfs[after - 1].iter().zip(&self.psfs[after]).map(|(a, b)| a + t * (b - a)).collect()
     }
@@ -118,10 +122,17 @@ impl PsfField {
     /// y down. Sums to 1.
     #[must_use]
     pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
-        let height = x_mm.hypot(y_mm);
-        // On the axis "radial" is down, as in the tables.
-        let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
-        self.projected(&self.at(height), radial, grid)
+        match &self.stations {
+            Stations::Heights(heights_mm) => {
+                let height = x_mm.hypot(y_mm);
+                // On the axis "radial" is down, as in the tables.
+                let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { UPRIGHT };
+                self.projected(&self.at(heights_mm, height), radial, grid)
+            }
+            Stations::Lattice(lattice) => {
+                self.projected(&lattice.blend(&self.psfs, x_mm, y_mm), UPRIGHT, grid)
+            }
+        }
     }
 
     /// The kernel of a PSF whose rows rise along the unit vector `radial`.
@@ -250,7 +261,8 @@ mod tests {
             .collect();
         let sum: f64 = psf.iter().sum();
         let psf: Vec<f32> = psf.iter().map(|v| (v / sum) as f32).collect();
-        PsfField { heights_mm: vec![0.0, 10.0], size, spacing_um, psfs: vec![psf.clone(), psf] }
+        let stations = Stations::Heights(vec![0.0, 10.0]);
+        PsfField { stations, size, spacing_um, psfs: vec![psf.clone(), psf] }
     }
 
     /// Centroid (x, y) and variances of a kernel around it, µm and µm².

@@ -1,9 +1,10 @@
 //! The scene as it would land on the padded cell grid without blur: borders and distortion.
 
-use super::field::{RadialTable, largest_height_mm};
+use super::field::{RadialTable, largest_height_mm, sampled};
 use super::sampling::Layout;
 use super::warp::{APRON, BLOCK, RIGHT, resample};
-use super::{Lens, SensorGrid};
+use super::{Lens, OverField, SensorGrid};
+use crate::bicubic::BicubicTable;
 use camrig_base::{Plane, Result};
 use camrig_scene::{Grid, LitScene};
 
@@ -34,20 +35,36 @@ pub struct Source<'a> {
 }
 
 struct Warp {
-    /// Ideal over real height, by squared real height in mm².
-    ratio: RadialTable,
+    mapping: Mapping,
     /// Sensor width, mm.
     width_mm: f64,
     /// Optical axis, sensor widths from the image centre.
     axis: (f64, f64),
 }
 
+/// Where the ideal place of a real one lies, both from the optical axis.
+enum Mapping {
+    /// Ideal over real height, by squared real height in mm².
+    Ratio(RadialTable),
+    /// Ideal places right and below, mm, over real ones.
+    Places([BicubicTable; 2]),
+}
+
 impl Warp {
     /// Frame coordinates of the ideal place of what lands at (u, v).
     fn ideal(&self, u: f64, v: f64) -> (f64, f64) {
         let (du, dv) = (u - self.axis.0, v - self.axis.1);
-        let ratio = self.ratio.at((du * du + dv * dv) * self.width_mm * self.width_mm);
-        (self.axis.0 + du * ratio, self.axis.1 + dv * ratio)
+        let (du, dv) = match &self.mapping {
+            Mapping::Ratio(ratio) => {
+                let ratio = ratio.at((du * du + dv * dv) * self.width_mm * self.width_mm);
+                (du * ratio, dv * ratio)
+            }
+            Mapping::Places(places) => {
+                let [x, y] = [du, dv].map(|part| part * self.width_mm);
+                (places[0].at(x, y) / self.width_mm, places[1].at(x, y) / self.width_mm)
+            }
+        };
+        (self.axis.0 + du, self.axis.1 + dv)
     }
 }
 
@@ -68,12 +85,23 @@ impl<'a> Source<'a> {
             .max(layout.padded_height - layout.height) as f64
             * grid.pitch_um
             * 1e-3;
-        let warp = lens.ideal_height(nm).map(|ideal| Warp {
-            ratio: RadialTable::new(
-                // At the axis the ratio is the curve's slope there.
-                |h| if h > 0.0 { ideal(h) / h } else { ideal(1e-6) / 1e-6 },
-                largest_height_mm(grid, axis_mm, margin_mm),
-            ),
+        let warp = lens.ideal_place(nm).map(|ideal| Warp {
+            mapping: match &ideal {
+                OverField::Radial(ideal) => Mapping::Ratio(RadialTable::new(
+                    // At the axis the ratio is the curve's slope there.
+                    |h| if h > 0.0 { ideal(h) / h } else { ideal(1e-6) / 1e-6 },
+                    largest_height_mm(grid, axis_mm, margin_mm),
+                )),
+                OverField::Plane(ideal) => Mapping::Places(sampled(
+                    |x, y| {
+                        let (x, y) = ideal(x, y);
+                        [x, y]
+                    },
+                    grid,
+                    axis_mm,
+                    margin_mm,
+                )),
+            },
             width_mm,
             axis: (axis_mm.0 / width_mm, axis_mm.1 / width_mm),
         });
@@ -142,8 +170,8 @@ impl<'a> Source<'a> {
         let place = |i: usize, j: usize| {
             warp.ideal(left + (i as f64 + 0.5) * self.cell, top + (j as f64 + 0.5) * self.cell)
         };
-        // The ideal region that the rectangle needs: radial mappings reach their extremes on the
-        // rectangle's outline or where it crosses the axes, all of which the cells below cover.
+        // The ideal region that the rectangle needs: mappings that have an inverse reach their
+        // extremes on the rectangle's outline, which the cells below cover.
         let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
         let mut reach = |(u, v): (f64, f64)| {
             low = (low.0.min(u), low.1.min(v));

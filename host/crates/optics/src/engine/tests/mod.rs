@@ -94,7 +94,7 @@ fn cos4_agrees_with_another_program() {
         let mut lens = perfect(4.0);
         lens.illumination = Illumination::Cos4;
         lens.focal_length_mm = row[3] * 1e3;
-        let ratio = lens.illumination(550.0).unwrap()(row[6]);
+        let ratio = lens.illumination(550.0).unwrap().at(row[6], 0.0);
         assert!((ratio - row[9]).abs() < 1e-6, "{row:?}: {ratio}");
     }
 }
@@ -195,10 +195,10 @@ impl Lens for GaussianOtf {
     fn steradians(&self, _nm: f64) -> f64 {
         1.0
     }
-    fn illumination(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+    fn illumination(&self, _nm: f64) -> Option<OverField<'_, f64>> {
         None
     }
-    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+    fn ideal_place(&self, _nm: f64) -> Option<OverField<'_, (f64, f64)>> {
         None
     }
     fn principal_distance_mm(&self) -> f64 {
@@ -218,7 +218,12 @@ impl Lens for GaussianOtf {
             (-0.02 * (i * i + j * j)).exp() / (50.0 * PI)
         };
         let psf: Vec<f32> = (0..size * size).map(|k| value(k) as f32).collect();
-        let psfs = psf::PsfField { heights_mm: vec![0.0], size, spacing_um, psfs: vec![psf] };
+        let psfs = psf::PsfField {
+            stations: stations::Stations::Heights(vec![0.0]),
+            size,
+            spacing_um,
+            psfs: vec![psf],
+        };
         Blur::Field { psfs, cutoff_per_mm }
     }
 }

@@ -1,0 +1,58 @@
+//! The tables of a lens, whichever symmetry it has.
+
+use super::disk::format_of;
+use super::plane::PlaneCharacterisation;
+use super::{Characterisation, plane_disk};
+use crate::engine::Lens;
+use camrig_base::{Result, Spectrum};
+use std::path::Path;
+
+/// A lens as tables, of either kind; what a lens directory holds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LensTables {
+    /// Rotationally symmetric: over image height.
+    Heights(Characterisation),
+    /// Any other: over places of the image.
+    Plane(PlaneCharacterisation),
+}
+
+impl LensTables {
+    /// Reads a lens directory.
+    ///
+    /// # Errors
+    /// Those of [`Characterisation::read`] and [`PlaneCharacterisation::read`].
+    pub fn read(dir: &Path) -> Result<Self> {
+        Ok(match format_of(dir)? == plane_disk::FORMAT {
+            true => Self::Plane(PlaneCharacterisation::read(dir)?),
+            false => Self::Heights(Characterisation::read(dir)?),
+        })
+    }
+
+    /// Writes a lens directory, whole or not at all; an existing one only with `force`.
+    ///
+    /// # Errors
+    /// Invalid data, an existing directory, or a failure to write.
+    pub fn write(&self, dir: &Path, force: bool) -> Result<()> {
+        match self {
+            Self::Heights(lens) => lens.write(dir, force),
+            Self::Plane(lens) => lens.write(dir, force),
+        }
+    }
+
+    /// The lens behind a filter: its transmittance times `factor`.
+    ///
+    /// # Errors
+    /// Those of [`Spectrum::times`].
+    pub fn into_lens(self, factor: &Spectrum) -> Result<Box<dyn Lens>> {
+        Ok(match self {
+            Self::Heights(mut lens) => {
+                lens.transmittance = lens.transmittance.times(factor)?;
+                Box::new(lens)
+            }
+            Self::Plane(mut lens) => {
+                lens.transmittance = lens.transmittance.times(factor)?;
+                Box::new(lens)
+            }
+        })
+    }
+}
