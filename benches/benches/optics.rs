@@ -9,11 +9,10 @@
 
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::{Catalogue, Conditions, System, toml};
-use camrig::optics::engine::RadialCurve;
 use camrig::optics::engine::varying::{Blurrer, Kernels, Rows, Tiling};
 use camrig::optics::{
     Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
-    Options, PsfGrid, SensorGrid, irradiance,
+    Options, OverField, PsfGrid, SensorGrid, irradiance,
 };
 use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use camrig::{Plane, Result};
@@ -350,10 +349,10 @@ impl Lens for Unmapped {
     fn steradians(&self, nm: f64) -> f64 {
         self.0.steradians(nm)
     }
-    fn illumination(&self, nm: f64) -> Option<RadialCurve<'_>> {
+    fn illumination(&self, nm: f64) -> Option<OverField<'_, f64>> {
         Lens::illumination(&self.0, nm)
     }
-    fn ideal_height(&self, _nm: f64) -> Option<RadialCurve<'_>> {
+    fn ideal_place(&self, _nm: f64) -> Option<OverField<'_, (f64, f64)>> {
         None
     }
     fn principal_distance_mm(&self) -> f64 {

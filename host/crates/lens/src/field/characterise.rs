@@ -152,7 +152,7 @@ pub fn characterise(
     // The engine judges interpolation at the same three bands.
     let mut probes = vec![0, last / 2, last];
     probes.dedup();
-    let (mut known, step, between) = tracer.choose(&probes)?;
+    let Chosen { mut known, step, between } = tracer.choose(&probes)?;
     let places = lattice(step);
     let done = AtomicUsize::new(0);
     let rest: Result<Vec<Vec<Traced>>> = places
@@ -318,53 +318,20 @@ impl Tracer<'_> {
         })
     }
 
-    /// The PSFs at the probed wavelengths of enough places, the step between these, and the error
-    /// of blends.
-    fn choose(
-        &self,
-        probes: &[usize],
-    ) -> Result<(BTreeMap<Place, Vec<Traced>>, usize, Option<Between>)> {
-        let mut known = BTreeMap::new();
+    /// The PSFs at the probed wavelengths of enough places that those between are blends.
+    fn choose(&self, probes: &[usize]) -> Result<Chosen> {
+        let mut known = Known::new();
         let mut step = FIRST_STEP;
-        let Some(density) = &self.plan.density else { return Ok((known, step, None)) };
+        let Some(density) = &self.plan.density else {
+            return Ok(Chosen { known, step, between: None });
+        };
         let error = blend_error_window(self.window.size, self.window.spacing_mm, density.pixel_um);
         loop {
-            let middles: Vec<Place> = lattice(step)
-                .into_iter()
-                .filter(|&(i, j)| i < STEPS && j < STEPS)
-                .map(|(i, j)| (i + step / 2, j + step / 2))
-                .collect();
-            let missing: Vec<Place> = lattice(step)
-                .into_iter()
-                .chain(middles.iter().copied())
-                .filter(|place| !known.contains_key(place))
-                .collect();
-            let traced: Result<Vec<(Place, Vec<Traced>)>> = missing
-                .into_par_iter()
-                .map(|place| {
-                    let all: Result<_> = probes.iter().map(|&w| self.trace(place, w)).collect();
-                    Ok((place, all?))
-                })
-                .collect();
-            known.extend(traced?);
-            let half = step / 2;
+            let middles = middles(step);
+            self.trace_all(probes, lattice(step).into_iter().chain(middles.clone()), &mut known)?;
             let errors: Vec<(f64, f64)> = middles
                 .par_iter()
-                .map(|&(i, j)| {
-                    let corners = [(i - half, j - half), (i + half, j - half)]
-                        .into_iter()
-                        .chain([(i - half, j + half), (i + half, j + half)])
-                        .map(|place| &known[&place])
-                        .collect::<Vec<_>>();
-                    let each = known[&(i, j)].iter().enumerate().map(|(w, middle)| {
-                        let at = |k: usize, sample: usize| corners[k][w].psf[sample];
-                        let blend: Vec<f32> = (0..middle.psf.len())
-                            .map(|s| 0.25 * (at(0, s) + at(1, s) + at(2, s) + at(3, s)))
-                            .collect();
-                        error(&blend, &middle.psf)
-                    });
-                    (each.fold(0.0, f64::max), 1.0)
-                })
+                .map(|&middle| (blend_error(&known, middle, step, &error), 1.0))
                 .collect();
             let Misplaced { mean, largest } = Misplaced::of(&errors);
             let next = step / 2;
@@ -376,11 +343,66 @@ impl Tracer<'_> {
                     misplaced_largest: largest,
                     pixel_um: density.pixel_um,
                 };
-                return Ok((known, step, Some(between)));
+                return Ok(Chosen { known, step, between: Some(between) });
             }
             step = next;
         }
     }
+
+    /// Traces those of some places that are not known yet, at the probed wavelengths.
+    fn trace_all(
+        &self,
+        probes: &[usize],
+        places: impl Iterator<Item = Place>,
+        known: &mut Known,
+    ) -> Result<()> {
+        let missing: Vec<Place> = places.filter(|place| !known.contains_key(place)).collect();
+        let traced: Result<Vec<(Place, Vec<Traced>)>> = missing
+            .into_par_iter()
+            .map(|place| {
+                let all: Result<_> = probes.iter().map(|&w| self.trace(place, w)).collect();
+                Ok((place, all?))
+            })
+            .collect();
+        known.extend(traced?);
+        Ok(())
+    }
+}
+
+/// What was traced at places, by wavelength.
+type Known = BTreeMap<Place, Vec<Traced>>;
+
+/// Places that suffice, which are `step` apart, with what was traced on the way and how far blends
+/// of them are from the truth.
+struct Chosen {
+    known: Known,
+    step: usize,
+    between: Option<Between>,
+}
+
+/// Places in the middle of four of a lattice.
+fn middles(step: usize) -> Vec<Place> {
+    let first = lattice(step).into_iter().filter(|&(i, j)| i < STEPS && j < STEPS);
+    first.map(|(i, j)| (i + step / 2, j + step / 2)).collect()
+}
+
+/// The largest error over wavelengths of a PSF as the mean of those at the corners about it.
+fn blend_error(
+    known: &Known,
+    (i, j): Place,
+    step: usize,
+    error: &(impl Fn(&[f32], &[f32]) -> f64 + Sync),
+) -> f64 {
+    let half = step / 2;
+    let corners =
+        [(i - half, j - half), (i + half, j - half), (i - half, j + half), (i + half, j + half)]
+            .map(|place| &known[&place]);
+    let each = known[&(i, j)].iter().enumerate().map(|(w, middle)| {
+        let mean = |s| 0.25 * corners.iter().map(|corner| corner[w].psf[s]).sum::<f32>();
+        let blend: Vec<f32> = (0..middle.psf.len()).map(mean).collect();
+        error(&blend, &middle.psf)
+    });
+    each.fold(0.0, f64::max)
 }
 
 #[cfg(test)]
