@@ -118,10 +118,18 @@ impl PsfField {
     /// y down. Sums to 1.
     #[must_use]
     pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
+        self.displaced(x_mm, y_mm, 0.0, grid)
+    }
+
+    /// The kernel of a cell at (x, y) mm from the optical axis whose chief ray lands `shift_mm`
+    /// further out: lateral colour against the mapping that brought the cell there. Sums to 1.
+    #[must_use]
+    pub fn displaced(&self, x_mm: f64, y_mm: f64, shift_mm: f64, grid: &KernelGrid) -> Vec<f32> {
         let height = x_mm.hypot(y_mm);
         // On the axis "radial" is down, as in the tables.
         let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { (0.0, 1.0) };
-        self.projected(&self.at(height), radial, grid)
+        let sums = self.integrated(&self.at(height + shift_mm), radial, shift_mm * 1e3, grid);
+        normalised(&sums, grid.size)
     }
 
     /// The kernel of a PSF whose rows rise along the unit vector `radial`.
@@ -131,23 +139,26 @@ impl PsfField {
     /// square.
     #[must_use]
     pub fn projected(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f32> {
-        let n = grid.size;
-        let sums = self.integrated(psf, radial, grid);
-        let sharp = sharpen(&sums, n);
-        let total: f64 = sharp.iter().sum();
-        sharp.iter().map(|v| (v / total) as f32).collect()
+        normalised(&self.integrated(psf, radial, 0.0, grid), grid.size)
     }
 
-    /// The light of every PSF sample in the pixel squares of all kernel indices.
-    fn integrated(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f64> {
+    /// The light of every PSF sample, `shift_um` along the radius from where it is, in the pixel
+    /// squares of all kernel indices.
+    fn integrated(
+        &self,
+        psf: &[f32],
+        radial: (f64, f64),
+        shift_um: f64,
+        grid: &KernelGrid,
+    ) -> Vec<f64> {
         // The number of squares that a sample reaches along one axis; a loop of known length is
         // twice as fast.
         match grid.reached(self.spacing_um) {
-            2 => self.integrated_over(2, psf, radial, grid),
-            3 => self.integrated_over(3, psf, radial, grid),
-            4 => self.integrated_over(4, psf, radial, grid),
-            5 => self.integrated_over(5, psf, radial, grid),
-            more => self.integrated_over(more, psf, radial, grid),
+            2 => self.integrated_over(2, psf, (radial, shift_um), grid),
+            3 => self.integrated_over(3, psf, (radial, shift_um), grid),
+            4 => self.integrated_over(4, psf, (radial, shift_um), grid),
+            5 => self.integrated_over(5, psf, (radial, shift_um), grid),
+            more => self.integrated_over(more, psf, (radial, shift_um), grid),
         }
     }
 
@@ -156,7 +167,7 @@ impl PsfField {
         &self,
         reached: usize,
         psf: &[f32],
-        (rx, ry): (f64, f64),
+        ((rx, ry), shift_um): ((f64, f64), f64),
         grid: &KernelGrid,
     ) -> Vec<f64> {
         // The unit vector across.
@@ -179,7 +190,7 @@ impl PsfField {
         let (mut across, mut down) = (vec![0.0f64; reached], vec![0.0f64; reached]);
         let inside = -(reached as f64)..=n as f64;
         for (i, row) in psf.chunks_exact(self.size).enumerate() {
-            let along = (i as f64 - centre) * side;
+            let along = (i as f64 - centre) * side + shift_um;
             for (j, &value) in row.iter().enumerate() {
                 if value <= negligible {
                     continue;
@@ -220,6 +231,13 @@ impl KernelGrid {
     fn reached(&self, side_um: f64) -> usize {
         ((side_um + self.aperture_um) / self.cell_um).floor() as usize + 1
     }
+}
+
+/// Point values of sum 1 from light per cell.
+fn normalised(sums: &[f64], n: usize) -> Vec<f32> {
+    let sharp = sharpen(sums, n);
+    let total: f64 = sharp.iter().sum();
+    sharp.iter().map(|v| (v / total) as f32).collect()
 }
 
 /// [`POINT_FROM_AVERAGES`] along rows and columns; entries beyond the edge count as 0.
