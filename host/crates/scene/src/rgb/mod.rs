@@ -14,6 +14,7 @@
 //! luminance that the user (`scale`) or the file states; where neither does, a level in lux or
 //! cd/m² must be asked for. A level is that of the picture's white ([`White`]).
 
+mod basis;
 mod gamut;
 mod icc;
 pub(super) mod picture;
@@ -32,7 +33,8 @@ mod tests_files;
 pub(super) mod transfer;
 
 use super::cube::{BandSource, Cube};
-use super::{Bands, Quantity, White, sidecar};
+use super::{Bands, Components, Quantity, White, sidecar};
+use basis::Basis;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 use picture::{Picture, Said, Samples};
@@ -139,7 +141,7 @@ fn scene_of(mut picture: Picture, options: &Options) -> Result<Cube> {
             (smoothest::white()?.map(|v| v * unit.unwrap_or(1.0)), Some(white))
         }
     };
-    let source = Lit { spectra, units };
+    let source = Lit { spectra, units, domain };
     let cube = Cube::new(Box::new(source), Bands::VISIBLE.centres().collect(), quantity)?;
     Ok(cube.with(false, understood, notes).with_white(white))
 }
@@ -149,6 +151,7 @@ struct Lit {
     spectra: Spectra,
     /// What the values of each band are multiplied by.
     units: smoothest::Curve,
+    domain: Domain,
 }
 
 impl BandSource for Lit {
@@ -162,6 +165,18 @@ impl BandSource for Lit {
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         Ok(self.spectra.plane(band, self.units[band]))
+    }
+
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        let Self { spectra, units, domain } = self;
+        let basis = Basis::of(*domain, units, seen, count)?;
+        let (planes, left_out) = spectra.mixed(&basis, units);
+        let quantity = match domain {
+            Domain::Reflectance => Quantity::Reflectance,
+            Domain::Emission => Quantity::Radiance,
+        };
+        let curves = basis.curves.iter().map(|curve| curve.to_vec()).collect();
+        Ok(Some(Components::of_planes(curves, planes, left_out, quantity)))
     }
 }
 
