@@ -1,5 +1,5 @@
 //! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the
-//! field), its scaling, the whole stage from scene to irradiance, and the characterisation of a
+//! field), its scaling, live pictures by the fast path, the whole stage from scene to irradiance, and the characterisation of a
 //! phone lens.
 //!
 //! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
@@ -9,6 +9,7 @@
 
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::{Catalogue, Conditions, System, toml};
+use camrig::optics::engine::collapsed::{Collapsed, Mixture};
 use camrig::optics::engine::varying::{Blurrer, Kernels, Rows, Tiling};
 use camrig::optics::{
     Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
@@ -16,6 +17,7 @@ use camrig::optics::{
 };
 use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use camrig::{Plane, Result};
+use camrig_benches::sensor;
 use rayon::prelude::*;
 use std::hint::black_box;
 use std::time::Instant;
@@ -37,6 +39,9 @@ fn main() {
     if wanted("collapsed") {
         collapsed(side);
     }
+    if wanted("live") {
+        live();
+    }
     if wanted("scaling") {
         scaling(side);
     }
@@ -56,6 +61,12 @@ fn main() {
 struct Time {
     wall: f64,
     processor: f64,
+}
+
+impl Time {
+    fn milliseconds(self) -> String {
+        format!("{:.1} ms ({:.0} ms processor)", 1e3 * self.wall, 1e3 * self.processor)
+    }
 }
 
 impl std::fmt::Display for Time {
@@ -220,6 +231,64 @@ fn collapsed(side: usize) {
         tiling.down() + 1,
         peak_mib()
     );
+}
+
+/// Pictures of few components in memory to raw frames, by the stage that takes the time: the
+/// blur, the sensor chain, and the memory that both must touch at least. Without lateral colour.
+fn live() {
+    for (width, height) in [(640, 480), (1920, 1080)] {
+        let lens = lens(width);
+        let grid = SensorGrid { width, height, pitch_um: 1.4, fill_factor: 0.9 };
+        let options = Options { oversample: Some(1), ..Options::default() };
+        let sensor = sensor::config(width as u32, height as u32, &sensor::chain());
+        for components in [3, 12] {
+            let mixed = |c: usize, k: usize, b: usize| {
+                f64::from(response(c, b)) * (0.1 * (b * k) as f64).cos() / (1.0 + k as f64)
+            };
+            let of = |c, k| (0..BANDS).map(|b| mixed(c, k, b)).collect();
+            let weights = (0..3).map(|c| (0..components).map(|k| of(c, k)).collect()).collect();
+            let mixture = Mixture { bands: Bands::VISIBLE, weights };
+            let (start, mut collapsed) =
+                (Instant::now(), Collapsed::new(&lens, &grid, &options, &mixture).unwrap());
+            let prepared = start.elapsed().as_secs_f64();
+            let scene = Checks { bands: components };
+            let scene = LitScene { scene: &scene, white: vec![1.0; components] };
+            let mut channels = Vec::new();
+            let blur = least(5, || channels = collapsed.channels(&lens, &scene).unwrap());
+            let mut means = vec![0.0f32; width * height];
+            let mosaic = least(5, || {
+                for (i, mean) in means.iter_mut().enumerate() {
+                    let (x, y) = (i % width, i / width);
+                    *mean = 1e3 * channels[x % 2 + y % 2].data[i];
+                }
+            });
+            let mut dn = vec![0u16; width * height];
+            let threads = rayon::current_num_threads();
+            let chain = least(5, || sensor::frame(&sensor, &means, &mut dn, threads));
+            let pictures = vec![1.0f32; components * width * height];
+            let floor = least(5, || {
+                black_box(pictures.clone());
+                black_box(channels.clone());
+                black_box(dn.clone());
+            });
+            let wall = blur.wall + mosaic.wall + chain.wall;
+            let nodes = collapsed.report().nodes.expect("the blur varies");
+            println!(
+                "live: {width} x {height}, {components} components, 1 cell a pixel, {0} x {0} \
+                 kernels at {1} x {2} nodes (misplaced {3:.1e} in the mean): {4:.1} frames/s; blur \
+                 {5}; mosaic {6}; sensor {7}; memory {8}; lens once {prepared:.1} s",
+                nodes.kernel,
+                nodes.grid.0,
+                nodes.grid.1,
+                nodes.nodes.mean,
+                1.0 / wall,
+                blur.milliseconds(),
+                mosaic.milliseconds(),
+                chain.milliseconds(),
+                floor.milliseconds()
+            );
+        }
+    }
 }
 
 /// One band with other sizes, kernels and tiles.

@@ -26,6 +26,7 @@ const ADVICE: &[(&str, &str)] = &[
     ("no-pseudo-terminals", "--tcp HOST:PORT"),
     ("output-exists", "--force"),
     ("patch-outside", "--corners X1,Y1,...,X4,Y4"),
+    ("path-unsupported", "--path bands"),
     ("psf-method", "--psf auto, --psf geometric"),
     ("psf-window", "--psf-spacing, --sensor-shift"),
     ("region-outside", "--roi X,Y,WIDTH,HEIGHT, --region X,Y,WIDTH,HEIGHT"),

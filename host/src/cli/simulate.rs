@@ -9,7 +9,8 @@ use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_light::{Illuminant, LightLevel};
 use camrig_optics::{Misplaced, NodeReport, Options, content};
-use camrig_render::{self as render, Motion, OpticsOutput, OpticsStage, SimulatedSensor};
+use camrig_render::SimulatedSensor;
+use camrig_render::{self as render, Motion, OpticsOutput, OpticsPath, OpticsStage};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
 use camrig_sensor_core::config::FrameSettings;
@@ -23,6 +24,8 @@ use std::process::ExitCode;
     camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms \
     -o chart.dng\n  \
     camrig simulate --camera my.toml --scene cube.npy --exposure 10ms -o picture.png\n  \
+    camrig simulate --camera mt9t012 --scene photo.png --path components --exposure 10ms \
+    -o photo.dng\n  \
     camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o a.npy \
     --report a.html\n  \
     camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 \
@@ -79,6 +82,11 @@ pub struct ViewArgs {
     /// unless given)
     #[arg(long, value_name = "PART", value_parser = positive)]
     pub psf_tolerance: Option<f64>,
+    /// How light comes from the scene to the sensor: bands (each by itself), or in few components
+    /// at once, for pictures and video: components (12, edges to some 1e-4 of white), or live (one
+    /// per channel, fastest). The note and --json say how far they are from bands
+    #[arg(long, value_name = "PATH", default_value = "bands")]
+    pub path: OpticsPath,
     /// Let the scene move: pixels per frame to the right and down
     #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
@@ -132,6 +140,7 @@ impl ViewArgs {
             luminance: None,
             oversample: None,
             psf_tolerance: None,
+            path: OpticsPath::Bands,
             motion: None,
             rolling: 0.0,
             sequence: SequenceArgs::default(),
@@ -161,6 +170,7 @@ impl ViewArgs {
             },
             cache,
             motion,
+            path: self.path,
         })
     }
 
@@ -223,7 +233,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         )
         .help("leave --hdr out, or let the light stand still"));
     }
-    let OpticsOutput { light, cube, optics, cached, lens_traced, .. } = first;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, frames.force)?;
     }
@@ -259,6 +269,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "scene_frames": lights.counts(),
         "timing": lights.timing(exposure_s),
         "optics": {
+            "path": args.view.path.name(),
+            "collapse": collapse,
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
             "step_error": optics.step_error,

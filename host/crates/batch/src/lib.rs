@@ -34,7 +34,7 @@ use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_light::LightLevel;
 use camrig_optics::{Device, Options};
-use camrig_render::{self as render, OpticsOutput, OpticsStage, SimulatedSensor};
+use camrig_render::{self as render, OpticsOutput, OpticsPath, OpticsStage, SimulatedSensor};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::btree_map::Entry;
@@ -115,6 +115,7 @@ pub fn run(
             options: Options { oversample: sweep.oversample, device, ..Options::default() },
             cache: cache.clone(),
             motion: None,
+            path: OpticsPath::Bands,
         };
         let view = optics_stage.run(&camera, |_, _| ())?;
         for note in &view.notes {

@@ -73,7 +73,11 @@ pub fn irradiance(
 }
 
 /// The header of a cube, and the white for which its samples are rendered: the largest band is 1.
-fn header(camera: &Camera, scene: &LitScene<'_>, about: About) -> Result<(CubeHeader, Vec<f64>)> {
+pub(crate) fn header(
+    camera: &Camera,
+    scene: &LitScene<'_>,
+    about: About,
+) -> Result<(CubeHeader, Vec<f64>)> {
     let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
     if level <= 0.0 {
         return Err(Error::input("the scene's light is 0 in every band")
@@ -132,6 +136,11 @@ impl OneLens {
         let notes = described.notes().to_vec();
         let (lens, traced) = described.lens(directory)?;
         Ok(Self { lens, traced, notes })
+    }
+
+    /// The lens itself.
+    pub fn lens(&self) -> &dyn Lens {
+        &*self.lens
     }
 
     /// [`irradiance`] through this lens: the same bytes.

@@ -1,5 +1,6 @@
 //! The sensor stage on the workstation: frames from an irradiance cube, in parallel over rows.
 
+use super::made_for::holds_electrons;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::{Camera, CrosstalkTable};
 use camrig_exposure::rows::{BandSums, Vector, refused, rows};
@@ -74,7 +75,12 @@ impl SimulatedSensor {
         }
         let mut config = camera.sensor_config(&header.spectral_bands())?;
         let light = light * header.level;
-        config.response.iter_mut().for_each(|w| *w = (f64::from(*w) * light) as f32);
+        let electrons = holds_electrons(header);
+        for response in &mut config.response {
+            // Electrons per second are what the response would make of the bands.
+            let own = if electrons { 1.0 } else { f64::from(*response) };
+            *response = (own * light) as f32;
+        }
         config.check().map_err(refused)?;
         Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })
     }

@@ -33,6 +33,7 @@
 pub mod auto_exposure;
 mod binning;
 pub mod cache;
+mod collapse;
 mod corrections;
 mod expose;
 pub mod hdr;
@@ -48,6 +49,7 @@ mod sequence_stage;
 mod traced;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+pub use collapse::{CollapseReport, OpticsPath};
 pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, SimulatedSensor};
 pub use intrinsics::{Intrinsics, intrinsics};

@@ -6,7 +6,7 @@
 //! represented by the SHA-256 of their bytes, so that a copy elsewhere is the same lens.
 
 use super::CubeHeader;
-use camrig_base::{Error, Result, Spectrum};
+use camrig_base::{Bands, Error, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
 use camrig_lens::Setup;
 use camrig_lens::system::Focus;
@@ -20,6 +20,27 @@ pub type MadeFor = BTreeMap<String, String>;
 /// Bytes of a digest in the header: 64 bits, by which two of a million lenses are taken for one
 /// another with a probability of 3e-8.
 const DIGEST_BYTES: usize = 8;
+
+/// Key of the response, in cubes of electrons per second.
+pub(crate) const RESPONSE: &str = "sensor.response";
+
+/// Whether a cube holds electrons per second, made for one response, in place of irradiance.
+pub(crate) fn holds_electrons(header: &CubeHeader) -> bool {
+    header.made_for.contains_key(RESPONSE)
+}
+
+/// What electrons are made for beside the optics: quantum efficiency and colour filters.
+///
+/// # Errors
+/// A sensor that cannot be.
+pub(crate) fn response(camera: &Camera) -> Result<String> {
+    let config = camera.sensor_config(&Bands::VISIBLE)?;
+    let pattern = &config.pattern;
+    let filters = pattern.channels.iter().map(|&channel| f64::from(channel));
+    let shape = [f64::from(pattern.width), f64::from(pattern.height)].into_iter().chain(filters);
+    let response = config.response.iter().map(|&r| f64::from(r));
+    Ok(pairs(shape.chain(response).enumerate().map(|(i, value)| (i as f64, value))))
+}
 
 /// What irradiance on the sensor of `camera` is made for.
 ///
@@ -107,6 +128,9 @@ pub fn check_made_for(camera: &Camera, header: &CubeHeader) -> Result<()> {
     if !header.made_for.is_empty() {
         (camera_has, cube_has) = (made_for(camera)?, header.made_for.clone());
     }
+    if holds_electrons(header) {
+        camera_has.insert(RESPONSE.into(), response(camera)?);
+    }
     let size = [
         ("sensor.width", camera.sensor.width as usize, header.width),
         ("sensor.height", camera.sensor.height as usize, header.height),
@@ -135,8 +159,9 @@ pub fn check_made_for(camera: &Camera, header: &CubeHeader) -> Result<()> {
     let message = format!("irradiance that was made for another camera ({differences})");
     Err(Error::disagreement(message)
         .help(
-            "lens, pitch, fill factor and size are in the irradiance already: use the camera for \
-             which it was made, or run the optics again for this one",
+            "lens, pitch, fill factor and size are in the irradiance already, and on a fast path \
+             the response: use the camera for which it was made, or run the optics again for \
+             this one",
         )
         .with_code("no-irradiance"))
 }

@@ -2,6 +2,7 @@
 //! results are kept on disk. It gives irradiance on the sensor, W m⁻² nm⁻¹ per band and pixel.
 
 use super::cache;
+use super::collapse::{Collapse, CollapseReport, OpticsPath};
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, RowWindows};
@@ -31,6 +32,8 @@ pub struct OpticsStage {
     pub cache: Option<PathBuf>,
     /// How the scene moves, if it does.
     pub motion: Option<Motion>,
+    /// How light comes from the scene to the sensor.
+    pub path: OpticsPath,
 }
 
 /// Movement of a whole scene over the frames of a sequence.
@@ -67,10 +70,12 @@ pub struct OpticsOutput {
     pub optics: Report,
     /// Whether they came from the cache.
     pub cached: bool,
-    /// Whether the scene's bands were joined to fewer.
+    /// Whether the scene's bands were joined to fewer, or to electrons.
     pub rebinned: bool,
     /// Whether a lens was traced for them now.
     pub lens_traced: bool,
+    /// What a fast path leaves out, where one was taken.
+    pub collapse: Option<CollapseReport>,
     /// What a user should know about the scene and the lens.
     pub notes: Vec<String>,
 }
@@ -163,6 +168,9 @@ impl OpticsStage {
             let size = [camera.sensor.width, camera.sensor.height].map(f64::from);
             opened.scene = change(opened.scene, size);
         }
+        if self.path != OpticsPath::Bands {
+            return self.collapsed(camera, &opened);
+        }
         let about = opened.about(camera);
         let cache::Rendered { cube, report, hit, traced, notes: of_lens } =
             cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)
@@ -177,12 +185,46 @@ impl OpticsStage {
             cached: hit,
             rebinned,
             lens_traced: traced,
+            collapse: None,
             notes,
         })
+    }
+
+    /// What falls on the sensor on a fast path.
+    fn collapsed(&self, camera: &Camera, opened: &SceneInLight) -> Result<OpticsOutput> {
+        let bands = opened.scene.bands();
+        let directory = self.cache.as_deref();
+        let mut collapse = Collapse::new(camera, &bands, &self.options, directory, self.path)?;
+        OpticsOutput::collapsed(&mut collapse, camera, opened, &self.options)
+            .map_err(|e| e.at(&self.scene))
     }
 }
 
 impl OpticsOutput {
+    /// What falls on the sensor from a scene, on a fast path.
+    pub(crate) fn collapsed(
+        collapse: &mut Collapse,
+        camera: &Camera,
+        opened: &SceneInLight,
+        options: &Options,
+    ) -> Result<Self> {
+        let about = opened.about(camera);
+        let (cube, optics, report) = collapse.run(camera, opened, options, about)?;
+        let mut notes = opened.notes(camera);
+        notes.extend(collapse.lens.notes.iter().cloned());
+        notes.push(report.words());
+        Ok(Self {
+            light: opened.illuminant.clone(),
+            cube,
+            optics,
+            cached: false,
+            rebinned: true,
+            lens_traced: collapse.lens.traced,
+            collapse: Some(report),
+            notes,
+        })
+    }
+
     /// The cube's header for another level of the same light: the samples serve them all.
     ///
     /// # Errors

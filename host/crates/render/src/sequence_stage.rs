@@ -6,6 +6,7 @@
 //! have the size, the bands and the quantity of the first.
 
 use super::cache::OneLens;
+use super::collapse::{Collapse, OpticsPath};
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use super::optics_stage::{OpticsOutput, OpticsStage};
 use camrig_base::{Bands, Error, Result};
@@ -19,6 +20,8 @@ pub struct SequenceStage {
     stage: OpticsStage,
     first: Option<First>,
     lens: Option<OneLens>,
+    /// In place of the lens, on a fast path.
+    collapse: Option<Collapse>,
 }
 
 /// What the first frame decides for all.
@@ -43,7 +46,7 @@ impl SequenceStage {
             return Err(Error::unsupported(format!("motion of the sequence {:?}", stage.scene))
                 .help("a sequence moves by itself; leave the motion out"));
         }
-        Ok(Self { stage, first: None, lens: None })
+        Ok(Self { stage, first: None, lens: None, collapse: None })
     }
 
     /// What falls on the sensor of `camera` from a frame; `progress` hears of bands done and bands
@@ -64,6 +67,9 @@ impl SequenceStage {
         let count = opened.scene.bands().count;
         let opened = opened.binned_for(camera);
         let bands = opened.scene.bands();
+        if self.stage.path != OpticsPath::Bands {
+            return self.collapsed(camera, &opened).map_err(|e| e.at(&name));
+        }
         let Self { stage: OpticsStage { options, cache, .. }, lens, .. } = self;
         let traced = lens.is_none();
         let lens = match lens {
@@ -83,15 +89,31 @@ impl SequenceStage {
             cached: false,
             rebinned: bands.count != count,
             lens_traced: traced && lens.traced,
+            collapse: None,
             notes,
         })
+    }
+
+    /// What falls on the sensor from a frame, on a fast path.
+    fn collapsed(&mut self, camera: &Camera, opened: &SceneInLight) -> Result<OpticsOutput> {
+        let Self { stage: OpticsStage { options, cache, path, .. }, collapse, .. } = self;
+        let bands = opened.scene.bands();
+        let collapse = match collapse {
+            Some(collapse) => collapse,
+            None => {
+                let directory = cache.as_deref();
+                collapse.insert(Collapse::new(camera, &bands, options, directory, *path)?)
+            }
+        };
+        OpticsOutput::collapsed(collapse, camera, opened, options)
     }
 
     /// Bytes of irradiance that a frame makes, at most; 0 before the first.
     #[must_use]
     pub fn cube_bytes(&self, camera: &Camera) -> u64 {
         let pixels = u64::from(camera.sensor.width) * u64::from(camera.sensor.height);
-        let bands = self.first.as_ref().map_or(0, |first| first.bands.count as u64);
+        let of_scene = self.first.as_ref().map_or(0, |first| first.bands.count as u64);
+        let bands = if self.stage.path == OpticsPath::Bands { of_scene } else { 1 };
         size_of::<u16>() as u64 * pixels * bands
     }
 

@@ -11,7 +11,7 @@
 
 use super::resample::resample;
 use super::selection::{Arranged, Stated, arrange};
-use super::{Grid, Quantity, Scene, White};
+use super::{Components, Grid, Quantity, Scene, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use std::collections::BTreeMap;
@@ -28,6 +28,14 @@ pub trait BandSource: Send + Sync {
     /// # Errors
     /// A file that cannot be read.
     fn read(&self, band: usize) -> Result<Plane<f32>>;
+    /// The bands as mixtures, see [`Scene::components`].
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        let _ = (seen, count);
+        Ok(None)
+    }
 }
 
 /// Samples below zero that are taken as 0, as a part of the band's largest value, or of 1 for a
@@ -242,6 +250,10 @@ impl Scene for Cube {
 
     fn white(&self) -> Option<&White> {
         self.white.as_ref()
+    }
+
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        self.source.components(seen, count)
     }
 
     fn notes(&self) -> Vec<String> {

@@ -39,6 +39,7 @@
 
 mod arrays;
 pub mod chart;
+pub mod components;
 pub mod cube;
 pub mod envi;
 mod envi_header;
@@ -66,6 +67,7 @@ pub mod strided;
 
 pub use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Plane, Result};
+pub use components::Components;
 use std::path::Path;
 
 /// A rectangular grid of square cells in frame coordinates on which a scene is asked for.
@@ -148,6 +150,16 @@ pub trait Scene: Send + Sync {
     /// The white that a light level refers to; none where it refers to the scene as a whole.
     fn white(&self) -> Option<&White> {
         None
+    }
+    /// The scene as a mixture of about `count` components; none of a scene that has to be computed
+    /// band by band. `seen` is per channel of a sensor what it sees of a value of 1 in each band:
+    /// even areas keep it exactly.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        let _ = (seen, count);
+        Ok(None)
     }
     /// Remarks for the user, such as bands that were extrapolated.
     fn notes(&self) -> Vec<String> {
@@ -302,6 +314,11 @@ impl Scene for Filling {
 
     fn white(&self) -> Option<&White> {
         self.scene.white()
+    }
+
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        let components = self.scene.components(seen, count)?;
+        Ok(components.map(|c| Components { planes: filling(c.planes, self.frame_aspect), ..c }))
     }
 
     fn notes(&self) -> Vec<String> {

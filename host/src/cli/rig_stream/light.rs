@@ -36,6 +36,7 @@ impl Light {
             let view = ViewArgs {
                 motion: args.motion,
                 rolling: args.rolling,
+                path: args.path,
                 sequence: args.sequence.clone(),
                 ..still
             };

@@ -16,7 +16,7 @@ use camrig_base::Result;
 use camrig_base::stop::Stoppable;
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
-use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut};
 use camrig_rig::{FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
 use camrig_rig_link::registers::address;
@@ -91,6 +91,10 @@ pub struct Args {
         requires = "motion"
     )]
     rolling: f64,
+    /// How light comes from the scene to the sensor: bands, or in few components, for pictures and
+    /// video: components, or live, see `camrig simulate --help`
+    #[arg(long, value_name = "PATH", default_value = "bands", requires = "scene")]
+    path: OpticsPath,
     /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
     /// each frame, over and over, in the order of the numbers in their names
     #[arg(long, value_name = "FILE|DIR")]

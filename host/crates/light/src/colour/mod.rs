@@ -3,9 +3,11 @@
 //! Codes become linear sRGB by a [`transfer`] and the primaries of a [`space`]. Each colour has the
 //! [`smoothest`] spectrum that gives it, in the bands of
 //! [`Bands::VISIBLE`](camrig_base::Bands::VISIBLE): a reflectance between 0 and 1, or an emission
-//! over the spectrum of D65. [`spectra`] finds those of a whole picture. Colours that no spectrum
+//! over the spectrum of D65. [`spectra`] finds those of a whole picture, [`basis`] a few curves of
+//! which all of these are mixtures. Colours that no spectrum
 //! has are moved to their grey.
 
+pub mod basis;
 mod gamut;
 pub mod smoothest;
 pub mod space;

@@ -9,8 +9,9 @@
 //!
 //! A pixel keeps a place in the lattice, 16 bytes; a plane of a band costs eight look-ups a pixel.
 
+use super::basis::Basis;
 use super::gamut::{Reached, reach};
-use super::smoothest::{COUNT, Domain, Smoothest};
+use super::smoothest::{COUNT, Curve, Domain, Smoothest};
 use super::space::luminance;
 use super::transfer::Transfer;
 use camrig_base::{Plane, Result};
@@ -19,7 +20,7 @@ use std::collections::HashMap;
 
 /// Nodes along an axis of the lattice. Raw values of interpolated spectra differ from those of
 /// solved ones by at most 0.05 % of white for 99 % of all codes of 8 bits.
-const SIDE: usize = 49;
+pub const SIDE: usize = 49;
 const NODES: usize = SIDE * SIDE * SIDE;
 /// Steps of the codes (0 to 1, by the curve of sRGB) to which colours outside the cube of sRGB are
 /// rounded before they are solved: ΔE2000 stays below 0.1, and a photograph has few of them.
@@ -95,7 +96,29 @@ impl Spectra {
 
     /// The values of a band, times `unit`.
     pub fn plane(&self, band: usize, unit: f64) -> Plane<f32> {
-        let entries = &self.entries[band];
+        self.values(&self.entries[band], unit)
+    }
+
+    /// The components of which spectra times `units` are mixtures, and the most that these leave
+    /// out of any as a part of what a channel sees of white.
+    pub fn mixed(&self, basis: &Basis, units: &Curve) -> (Vec<Plane<f32>>, f64) {
+        let spectrum = |entry: usize| -> Curve {
+            std::array::from_fn(|band| f64::from(self.entries[band][entry]) * units[band])
+        };
+        let entries = self.entries[0].len();
+        let of: Vec<(Vec<f64>, f64)> =
+            (0..entries).into_par_iter().map(|entry| basis.mix(&spectrum(entry))).collect();
+        let planes = (0..basis.curves.len()).map(|k| {
+            let weights: Vec<f32> = of.iter().map(|(weights, _)| weights[k] as f32).collect();
+            self.values(&weights, 1.0)
+        });
+        let brightest = self.scale.iter().flatten().fold(0.0f32, |m, s| m.max(*s));
+        let scale = if self.scale.is_some() { f64::from(brightest) } else { 1.0 };
+        (planes.collect(), scale * of.iter().fold(0.0f64, |m, (_, left)| m.max(*left)))
+    }
+
+    /// The value of every pixel, where `entries` are those that places name, times `unit`.
+    fn values(&self, entries: &[f32], unit: f64) -> Plane<f32> {
         let unit = unit as f32;
         let mut data: Vec<f32> = self.places.iter().map(|p| unit * p.value(entries)).collect();
         if let Some(scale) = &self.scale {
@@ -226,7 +249,7 @@ impl Lattice {
 }
 
 /// Component of a node: codes by the curve of sRGB, crowded at both ends.
-fn node(number: usize) -> f64 {
+pub fn node(number: usize) -> f64 {
     let x = number as f64 / (SIDE - 1) as f64;
     Transfer::Srgb.linear(x * x * (3.0 - 2.0 * x))
 }

@@ -78,13 +78,51 @@ struct Spectrum {
 /// # Errors
 /// Those of the scene, and values that are not finite.
 pub fn blur(source: &Source, geometry: &Geometry, otf: &dyn Fn(f64) -> f64) -> Result<Plane<f32>> {
-    let layout = geometry.layout;
-    let x = Axis::new(layout.cells_across(), geometry);
-    let y = Axis::new(layout.cells_down(), geometry);
-    let transfer = Transfer::new(otf, geometry, &x, &y);
-    let spectrum = forward_rows(source, layout, x.kept)?;
-    let batches = columns(&spectrum, layout, &x, &y, &transfer);
-    Ok(backward_rows(&batches, layout))
+    let mut planes = Blurs::new(geometry, &[vec![otf]]).run(std::slice::from_ref(source))?;
+    Ok(planes.remove(0))
+}
+
+/// Blur of several inputs into several outputs, each pair by a transfer function of its own:
+/// inputs are transformed once, and so are outputs.
+pub struct Blurs {
+    layout: Layout,
+    x: Axis,
+    y: Axis,
+    /// Per output, of every input.
+    transfers: Vec<Vec<Transfer>>,
+}
+
+impl Blurs {
+    /// Plans the blurs of a geometry; `otfs` has for every output one function per input.
+    pub fn new(geometry: &Geometry, otfs: &[Vec<&dyn Fn(f64) -> f64>]) -> Self {
+        let layout = *geometry.layout;
+        let x = Axis::new(layout.cells_across(), geometry);
+        let y = Axis::new(layout.cells_down(), geometry);
+        let transfer = |otf: &&dyn Fn(f64) -> f64| Transfer::new(otf, geometry, &x, &y);
+        let transfers = otfs.iter().map(|all| all.iter().map(transfer).collect()).collect();
+        Self { layout, x, y, transfers }
+    }
+
+    /// The outputs of these inputs, as [`blur`] gives them.
+    ///
+    /// # Errors
+    /// Those of the scene, and values that are not finite.
+    pub fn run(&self, sources: &[Source]) -> Result<Vec<Plane<f32>>> {
+        let Self { layout, x, .. } = self;
+        let batches = (layout.padded_width / 2 + 1).div_ceil(LANES);
+        let empty = || (0..self.transfers.len()).map(|_| Split::zeros(layout.padded_height));
+        let mut sums: Vec<Vec<Split>> = (0..batches).map(|_| empty().collect()).collect();
+        for (input, source) in sources.iter().enumerate() {
+            let spectrum = forward_rows(source, layout, x.kept)?;
+            self.add_columns(&spectrum, input, &mut sums);
+        }
+        let backward = Fft::new(layout.padded_height);
+        sums.par_iter_mut().for_each_init(
+            || Split::zeros(layout.padded_height),
+            |spare, outputs| outputs.iter_mut().for_each(|sum| backward.backward(sum, spare)),
+        );
+        Ok((0..self.transfers.len()).map(|out| backward_rows(&sums, out, layout)).collect())
+    }
 }
 
 /// One direction of the cell grid.
@@ -243,43 +281,26 @@ fn store_spectra(data: &Split, kept: usize, re: &mut [f32], im: &mut [f32]) {
     }
 }
 
-/// Sixteen output columns: after the backward column transform, `height` rows of the frame.
-type Batch = Split;
-
-fn columns(
-    spectrum: &Spectrum,
-    layout: &Layout,
-    x: &Axis,
-    y: &Axis,
-    transfer: &Transfer,
-) -> Vec<Batch> {
-    let (down, pixels) = (layout.cells_down(), layout.padded_height);
-    let (forward, backward) = (Fft::new(down), Fft::new(pixels));
-    let outputs = layout.padded_width / 2 + 1;
-    (0..outputs.div_ceil(LANES))
-        .into_par_iter()
-        .map_init(
-            || {
-                (
-                    Split::zeros(down),
-                    Split::zeros(down),
-                    Split::zeros(pixels),
-                    Split::zeros(pixels),
-                )
-            },
-            |(data, scratch, folded, spare), batch| {
-                folded.clear();
+impl Blurs {
+    /// Adds an input to the pixel grid's spectra: per batch of sixteen columns, of every output.
+    fn add_columns(&self, spectrum: &Spectrum, input: usize, sums: &mut [Vec<Split>]) {
+        let Self { layout, x, y, transfers } = self;
+        let down = layout.cells_down();
+        let forward = Fft::new(down);
+        let outputs = layout.padded_width / 2 + 1;
+        sums.par_iter_mut().enumerate().for_each_init(
+            || (Split::zeros(down), Split::zeros(down)),
+            |(data, scratch), (batch, sums)| {
                 for alias in Alias::of_batch(batch * LANES, outputs, layout.padded_width, x.kept) {
                     load_columns(spectrum, &alias, data);
                     forward.forward(data, scratch);
-                    fold(data, &alias, x, y, transfer, folded);
+                    for (sum, transfers) in sums.iter_mut().zip(transfers) {
+                        fold(data, &alias, x, y, &transfers[input], sum);
+                    }
                 }
-                backward.backward(folded, spare);
-                let rows = layout.top()..layout.top() + layout.height;
-                Split { re: folded.re[rows.clone()].to_vec(), im: folded.im[rows].to_vec() }
             },
-        )
-        .collect()
+        );
+    }
 }
 
 /// Sixteen horizontal frequencies of the cell grid that fall on sixteen neighbouring ones of the
@@ -398,7 +419,8 @@ fn interpolated<const N: usize>(weights: &[f32], samples: &[Lanes]) -> [Lanes; N
     sums
 }
 
-fn backward_rows(batches: &[Batch], layout: &Layout) -> Plane<f32> {
+/// The rows of an output, whose columns are back in space.
+fn backward_rows(batches: &[Vec<Split>], output: usize, layout: &Layout) -> Plane<f32> {
     let (pixels, width) = (layout.padded_width, layout.width);
     let fft = Fft::new(pixels);
     let scale = (1.0 / (layout.cells_across() as f64 * layout.cells_down() as f64)) as f32;
@@ -410,13 +432,13 @@ fn backward_rows(batches: &[Batch], layout: &Layout) -> Plane<f32> {
             data.clear();
             let count = rows.len() / width;
             for k in 0..=pixels / 2 {
-                let (batch, lane) = (&batches[k / LANES], k % LANES);
+                let (batch, lane) = (&batches[k / LANES][output], k % LANES);
                 let mirror = if k == 0 { 0 } else { pixels - k };
                 // 0 and the pixel grid's Nyquist frequency are real for real rows.
                 let odd = if mirror == k { 0.0 } else { 1.0 };
                 for r in 0..count {
                     let l = r % LANES;
-                    let y = i * BLOCK + r;
+                    let y = layout.top() + i * BLOCK + r;
                     let (re, im) = (batch.re[y].0[lane], odd * batch.im[y].0[lane]);
                     if r < LANES {
                         data.re[k].0[l] += re;

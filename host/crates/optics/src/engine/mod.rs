@@ -14,6 +14,7 @@
 
 pub mod sampling;
 
+pub mod collapsed;
 mod device;
 mod field;
 pub(super) mod fourier;
@@ -150,6 +151,16 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// Starts the worker threads.
+    fn workers(&self) -> Result<rayon::ThreadPool> {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(self.threads.unwrap_or(0))
+            .build()
+            .map_err(|e| Error::device(format!("cannot start worker threads: {e}")))
+    }
+}
+
 /// What the engine did.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -184,10 +195,7 @@ pub fn irradiance(
     mut sink: impl FnMut(usize, Plane<f32>) -> Result<()> + Send,
 ) -> Result<Report> {
     grid.check()?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads.unwrap_or(0))
-        .build()
-        .map_err(|e| Error::device(format!("cannot start worker threads: {e}")))?;
+    let pool = options.workers()?;
     let bands = scene.scene.bands();
     let mut report = Report::default();
     let mut field_state = FieldState::default();
@@ -228,14 +236,7 @@ impl Band<'_> {
         otf: &dyn Fn(f64) -> f64,
         report: &mut Report,
     ) -> Result<usize> {
-        let (pitch, aperture) = (self.grid.pitch_um, self.grid.aperture_um());
-        let (s, error) = match self.options.oversample {
-            Some(0) => return Err(Error::input("0 cells per pixel").help("give at least 1")),
-            Some(s) => (s, sampling::step_error(s, pitch, aperture, cutoff_per_mm, otf)),
-            None => {
-                sampling::oversample(self.options.step_error, pitch, aperture, cutoff_per_mm, otf)?
-            }
-        };
+        let (s, error) = cells_per_pixel(self.grid, self.options, cutoff_per_mm, otf)?;
         report.oversample.push(s);
         report.step_error = report.step_error.max(error);
         Ok(s)
@@ -303,7 +304,9 @@ impl Band<'_> {
             tile_pixels * s,
         );
         if self.probes().contains(&self.band) {
-            let found = place.report(psfs, kernel, &tiling, self.options.misplaced_light);
+            let tolerance = self.options.misplaced_light;
+            let kernel_at = |x: f64, y: f64| psfs.kernel(x, y, kernel);
+            let found = place.report(&kernel_at, psfs, kernel, &tiling, tolerance);
             match &mut report.nodes {
                 None => report.nodes = Some(found),
                 Some(nodes) => nodes.join(found),
@@ -342,7 +345,9 @@ impl Band<'_> {
                 let s = probe.oversample(cutoff_per_mm, &mtf, &mut Report::default())?;
                 let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, self.grid, s);
                 let tolerance = self.options.misplaced_light;
-                least = least.min(probe.place(&layout).node_distance(&psfs, &kernel, tolerance));
+                let kernel_at = |x: f64, y: f64| psfs.kernel(x, y, &kernel);
+                least =
+                    least.min(probe.place(&layout).node_distance(&kernel_at, &psfs, tolerance));
             }
         }
         Ok(least)
@@ -350,6 +355,21 @@ impl Band<'_> {
 
     fn place<'b>(&self, layout: &'b Layout) -> nodes::Place<'b> {
         nodes::Place { layout, pitch_mm: self.grid.pitch_um * 1e-3, axis_mm: self.lens.axis_mm() }
+    }
+}
+
+/// Cells per pixel, by the option or by the step error, and that error.
+fn cells_per_pixel(
+    grid: &SensorGrid,
+    options: &Options,
+    cutoff_per_mm: f64,
+    otf: &dyn Fn(f64) -> f64,
+) -> Result<(usize, f64)> {
+    let (pitch, aperture) = (grid.pitch_um, grid.aperture_um());
+    match options.oversample {
+        Some(0) => Err(Error::input("0 cells per pixel").help("give at least 1")),
+        Some(s) => Ok((s, sampling::step_error(s, pitch, aperture, cutoff_per_mm, otf))),
+        None => sampling::oversample(options.step_error, pitch, aperture, cutoff_per_mm, otf),
     }
 }
 

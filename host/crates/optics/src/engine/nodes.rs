@@ -202,6 +202,9 @@ const NODE_DISTANCES: [usize; 14] = [512, 362, 256, 181, 128, 90, 64, 45, 32, 23
 /// transform of a kernel for a handful of pixels; the error that is left is reported.
 const LEAST_NODE_DISTANCE: usize = 4;
 
+/// The kernel for light that lands at (x, y) mm from the optical axis.
+pub type KernelAt<'k> = dyn Fn(f64, f64) -> Vec<f32> + Sync + 'k;
+
 /// Where cells of the padded grid lie from the optical axis.
 pub struct Place<'a> {
     /// Padded grids.
@@ -227,9 +230,14 @@ impl Place<'_> {
     }
 
     /// [`misplaced`] light at the centres of tiles of `tile` cells, where blending the corners'
-    /// kernels is worst, over a sample of the field.
+    /// kernels is worst, over a sample of the field; `field` has the PSFs that kernels are made of.
     #[must_use]
-    pub fn grid_error(&self, field: &PsfField, grid: &KernelGrid, tile: usize) -> Misplaced {
+    pub fn grid_error(
+        &self,
+        kernel_at: &KernelAt<'_>,
+        field: &PsfField,
+        tile: usize,
+    ) -> Misplaced {
         // Places each way: the error changes slowly over the field, and each costs five
         // kernels.
         const SAMPLES: usize = 6;
@@ -250,11 +258,11 @@ impl Place<'_> {
                 let y = spread(k / SAMPLES, self.layout.cells_down());
                 let kernel = |dx: f64, dy: f64| {
                     let (x, y) = self.from_axis((x + dx * t, y + dy * t));
-                    field.kernel(x, y, grid)
+                    kernel_at(x, y)
                 };
                 let corners =
                     [kernel(-0.5, -0.5), kernel(0.5, -0.5), kernel(-0.5, 0.5), kernel(0.5, 0.5)];
-                let blend: Vec<f32> = (0..grid.size * grid.size)
+                let blend: Vec<f32> = (0..corners[0].len())
                     .map(|k| corners.iter().map(|c| c[k]).sum::<f32>() * 0.25)
                     .collect();
                 (misplaced(&blend, &kernel(0.0, 0.0)), 1.0)
@@ -266,18 +274,24 @@ impl Place<'_> {
     /// The largest distance of nodes, in pixels, at which the mean [`Place::grid_error`] keeps
     /// `tolerance`; at least 4 pixels.
     #[must_use]
-    pub fn node_distance(&self, field: &PsfField, grid: &KernelGrid, tolerance: f64) -> usize {
+    pub fn node_distance(
+        &self,
+        kernel_at: &KernelAt<'_>,
+        field: &PsfField,
+        tolerance: f64,
+    ) -> usize {
         let s = self.layout.oversample;
         NODE_DISTANCES
             .into_iter()
             .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
-            .find(|&pixels| self.grid_error(field, grid, pixels * s).mean <= tolerance)
+            .find(|&pixels| self.grid_error(kernel_at, field, pixels * s).mean <= tolerance)
             .unwrap_or(LEAST_NODE_DISTANCE)
     }
 
-    /// The report on a tiling.
+    /// The report on a tiling whose nodes have the kernels of `kernel_at`, made of `field`.
     pub fn report(
         &self,
+        kernel_at: &KernelAt<'_>,
         field: &PsfField,
         grid: &KernelGrid,
         tiling: &Tiling,
@@ -294,7 +308,7 @@ impl Place<'_> {
             tile: tiling.tile,
             kernel: grid.size,
             tolerance,
-            nodes: self.grid_error(field, grid, tiling.tile),
+            nodes: self.grid_error(kernel_at, field, tiling.tile),
             heights: field.height_error(grid, corners.map(reach).into_iter().fold(0.0, f64::max)),
         }
     }

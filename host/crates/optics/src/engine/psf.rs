@@ -122,17 +122,33 @@ impl PsfField {
     /// y down. Sums to 1.
     #[must_use]
     pub fn kernel(&self, x_mm: f64, y_mm: f64, grid: &KernelGrid) -> Vec<f32> {
-        match &self.stations {
+        self.displaced((x_mm, y_mm), (0.0, 0.0), grid)
+    }
+
+    /// The kernel of a cell at a place, mm right of and below the optical axis, whose chief ray
+    /// lands `shift_mm` from there: lateral colour against the mapping that brought the cell
+    /// there. Sums to 1.
+    #[must_use]
+    pub fn displaced(
+        &self,
+        (x_mm, y_mm): (f64, f64),
+        shift_mm: (f64, f64),
+        grid: &KernelGrid,
+    ) -> Vec<f32> {
+        let (x, y) = (x_mm + shift_mm.0, y_mm + shift_mm.1);
+        let shift_um = (shift_mm.0 * 1e3, shift_mm.1 * 1e3);
+        let sums = match &self.stations {
             Stations::Heights(heights_mm) => {
-                let height = x_mm.hypot(y_mm);
+                let height = x.hypot(y);
                 // On the axis "radial" is down, as in the tables.
-                let radial = if height > 0.0 { (x_mm / height, y_mm / height) } else { UPRIGHT };
-                self.projected(&self.at(heights_mm, height), radial, grid)
+                let radial = if height > 0.0 { (x / height, y / height) } else { UPRIGHT };
+                self.integrated(&self.at(heights_mm, height), radial, shift_um, grid)
             }
             Stations::Lattice(lattice) => {
-                self.projected(&lattice.blend(&self.psfs, x_mm, y_mm), UPRIGHT, grid)
+                self.integrated(&lattice.blend(&self.psfs, x, y), UPRIGHT, shift_um, grid)
             }
-        }
+        };
+        normalised(&sums, grid.size)
     }
 
     /// The kernel of a PSF whose rows rise along the unit vector `radial`.
@@ -142,23 +158,26 @@ impl PsfField {
     /// square.
     #[must_use]
     pub fn projected(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f32> {
-        let n = grid.size;
-        let sums = self.integrated(psf, radial, grid);
-        let sharp = sharpen(&sums, n);
-        let total: f64 = sharp.iter().sum();
-        sharp.iter().map(|v| (v / total) as f32).collect()
+        normalised(&self.integrated(psf, radial, (0.0, 0.0), grid), grid.size)
     }
 
-    /// The light of every PSF sample in the pixel squares of all kernel indices.
-    fn integrated(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f64> {
+    /// The light of every PSF sample, `shift_um` right of and below where it is, in the pixel
+    /// squares of all kernel indices.
+    fn integrated(
+        &self,
+        psf: &[f32],
+        radial: (f64, f64),
+        shift_um: (f64, f64),
+        grid: &KernelGrid,
+    ) -> Vec<f64> {
         // The number of squares that a sample reaches along one axis; a loop of known length is
         // twice as fast.
         match grid.reached(self.spacing_um) {
-            2 => self.integrated_over(2, psf, radial, grid),
-            3 => self.integrated_over(3, psf, radial, grid),
-            4 => self.integrated_over(4, psf, radial, grid),
-            5 => self.integrated_over(5, psf, radial, grid),
-            more => self.integrated_over(more, psf, radial, grid),
+            2 => self.integrated_over(2, psf, (radial, shift_um), grid),
+            3 => self.integrated_over(3, psf, (radial, shift_um), grid),
+            4 => self.integrated_over(4, psf, (radial, shift_um), grid),
+            5 => self.integrated_over(5, psf, (radial, shift_um), grid),
+            more => self.integrated_over(more, psf, (radial, shift_um), grid),
         }
     }
 
@@ -167,7 +186,7 @@ impl PsfField {
         &self,
         reached: usize,
         psf: &[f32],
-        (rx, ry): (f64, f64),
+        ((rx, ry), shift_um): ((f64, f64), (f64, f64)),
         grid: &KernelGrid,
     ) -> Vec<f64> {
         // The unit vector across.
@@ -196,7 +215,8 @@ impl PsfField {
                     continue;
                 }
                 let beside = (j as f64 - centre) * side;
-                let (x, y) = (along * rx + beside * tx, along * ry + beside * ty);
+                let x = along * rx + beside * tx + shift_um.0;
+                let y = along * ry + beside * ty + shift_um.1;
                 let (left, top) = (first(x), first(y));
                 if !inside.contains(&left) || !inside.contains(&top) {
                     continue;
@@ -231,6 +251,13 @@ impl KernelGrid {
     fn reached(&self, side_um: f64) -> usize {
         ((side_um + self.aperture_um) / self.cell_um).floor() as usize + 1
     }
+}
+
+/// Point values of sum 1 from light per cell.
+fn normalised(sums: &[f64], n: usize) -> Vec<f32> {
+    let sharp = sharpen(sums, n);
+    let total: f64 = sharp.iter().sum();
+    sharp.iter().map(|v| (v / total) as f32).collect()
 }
 
 /// [`POINT_FROM_AVERAGES`] along rows and columns; entries beyond the edge count as 0.

@@ -25,9 +25,10 @@ mod read_tiff;
 mod tests_files;
 
 use super::cube::{BandSource, Cube};
-use super::{Bands, Quantity, White};
+use super::{Bands, Components, Quantity, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result, options};
+use camrig_light::colour::basis::Basis;
 use camrig_light::colour::smoothest::{self, Domain};
 use camrig_light::colour::space::{
     ACESCG, ADOBE_GAMMA, ADOBE_RGB, DISPLAY_P3, REC2020, Space, luminance,
@@ -134,7 +135,7 @@ fn scene_of(mut picture: Picture, options: &Options) -> Result<Cube> {
             (smoothest::white()?.map(|v| v * unit.unwrap_or(1.0)), Some(white))
         }
     };
-    let source = Lit { spectra, units };
+    let source = Lit { spectra, units, domain };
     let cube = Cube::new(Box::new(source), Bands::VISIBLE.centres().collect(), quantity)?;
     Ok(cube.with(false, understood, notes).with_white(white))
 }
@@ -144,6 +145,7 @@ struct Lit {
     spectra: Spectra,
     /// What the values of each band are multiplied by.
     units: smoothest::Curve,
+    domain: Domain,
 }
 
 impl BandSource for Lit {
@@ -157,6 +159,18 @@ impl BandSource for Lit {
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         Ok(self.spectra.plane(band, self.units[band]))
+    }
+
+    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
+        let Self { spectra, units, domain } = self;
+        let basis = Basis::of(*domain, units, seen, count)?;
+        let (planes, left_out) = spectra.mixed(&basis, units);
+        let quantity = match domain {
+            Domain::Reflectance => Quantity::Reflectance,
+            Domain::Emission => Quantity::Radiance,
+        };
+        let curves = basis.curves.iter().map(|curve| curve.to_vec()).collect();
+        Ok(Some(Components::of_planes(curves, planes, left_out, quantity)))
     }
 }
 

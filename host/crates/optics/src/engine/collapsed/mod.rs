@@ -1,0 +1,321 @@
+//! Scenes of few components, straight into a sensor's channels.
+//!
+//! Where spectra are mixtures of K components, L(λ, x) = Σ_k b_k(λ)·c_k(x), channel c collects
+//!
+//! Σ_λ S_c(λ)·(h_λ ⊗ L(λ)) = Σ_k H_ck ⊗ c_k, H_ck = Σ_λ S_c(λ)·b_k(λ)·h_λ,
+//!
+//! with S_c what a channel takes of irradiance and h_λ the blur of a band. So K inputs are
+//! transformed in place of all bands, and C outputs. The kernels of a lens are collapsed once and
+//! serve any number of scenes.
+//!
+//! - **Same mapping in all bands**: exact; against [`super::irradiance`] at the same nodes and
+//!   cells there is rounding of 32 bits.
+//! - **Lateral colour**: every channel is distorted by the mapping of the band at its mean
+//!   wavelength, and what a band lands further out is a shift of its kernels. Kernels of bands
+//!   that move apart between nodes are blended, and the scene is interpolated elsewhere than band
+//!   by band: an approximation whose error, in the light it misplaces, is part of the report.
+//!   Components are then transformed once per channel.
+//! - **Illumination** that differs between bands acts at the source of the light in place of where
+//!   it lands, relative to that at the mean wavelength.
+
+mod mapping;
+mod varying_field;
+
+use super::fourier::{self, Blurs};
+use super::sampling::Layout;
+use super::source::Source;
+use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel, field};
+use camrig_base::{Bands, Error, Plane, Result};
+use camrig_scene::LitScene;
+use mapping::Mapping;
+use std::ops::Range;
+use varying_field::FieldBlur;
+
+/// How components become channels.
+pub struct Mixture {
+    /// The bands.
+    pub bands: Bands,
+    /// `[channel][component][band]`: what a channel collects of a component's unit in a band, per
+    /// W m⁻² nm⁻¹ on the sensor.
+    pub weights: Vec<Vec<Vec<f64>>>,
+}
+
+impl Mixture {
+    /// Bands that count for any channel.
+    fn used(&self) -> Vec<usize> {
+        let counts = |band: &usize| {
+            self.weights.iter().flatten().any(|of_component| of_component[*band] != 0.0)
+        };
+        (0..self.bands.count).filter(counts).collect()
+    }
+
+    /// The band at the mean wavelength of some channels, weighted by what they take.
+    fn mean_band(&self, channels: Range<usize>) -> usize {
+        let (mut sum, mut moment) = (0.0, 0.0);
+        for of_component in self.weights[channels].iter().flatten() {
+            for (band, weight) in of_component.iter().enumerate() {
+                sum += weight.abs();
+                moment += weight.abs() * band as f64;
+            }
+        }
+        let mean = if sum > 0.0 { moment / sum } else { 0.0 };
+        (mean.round() as usize).min(self.bands.count - 1)
+    }
+}
+
+/// A lens collapsed for a mixture and a sensor.
+pub struct Collapsed {
+    grid: SensorGrid,
+    border: Border,
+    pool: rayon::ThreadPool,
+    parts: Vec<Part>,
+    report: Report,
+    lateral_um: f64,
+}
+
+/// Channels that see the scene by one mapping.
+struct Part {
+    /// Wavelength of the mapping.
+    nm: f64,
+    blur: PartBlur,
+}
+
+enum PartBlur {
+    /// By transfer functions: padded frames and blurs of the core and of the wings, if any.
+    Otf(Vec<(Layout, Blurs)>),
+    Field(Box<FieldBlur>),
+}
+
+impl Collapsed {
+    /// Collapses `lens`. The work is that of the kernels of all bands, for once.
+    ///
+    /// # Errors
+    /// Impossible grids, options and mixtures; a lens whose blur is the same everywhere and whose
+    /// mapping or illumination is not the same in all bands.
+    pub fn new(
+        lens: &dyn Lens,
+        grid: &SensorGrid,
+        options: &Options,
+        mixture: &Mixture,
+    ) -> Result<Self> {
+        grid.check()?;
+        let used = mixture.used();
+        if used.is_empty() {
+            return Err(Error::input("a mixture that no channel takes anything of")
+                .help("the sensor sees nothing of the scene's bands"));
+        }
+        let channels = mixture.weights.len();
+        let seen: Vec<f64> = used.iter().map(|&band| mixture.bands.nm(band)).collect();
+        let lateral_mm = mapping::lateral_mm(lens, grid, &seen);
+        let together = lateral_mm == 0.0;
+        let groups: Vec<Range<usize>> = match together {
+            true => std::iter::once(0..channels).collect(),
+            false => (0..channels).map(|c| c..c + 1).collect(),
+        };
+        let pool = options.workers()?;
+        let mut report = Report::default();
+        let parts = pool.install(|| {
+            groups
+                .into_iter()
+                .map(|channels| {
+                    let job = Job { lens, grid, options, mixture, channels, used: &used };
+                    job.part(&mut report)
+                })
+                .collect::<Result<Vec<Part>>>()
+        })?;
+        let lateral_um = lateral_mm * 1e3;
+        Ok(Self { grid: *grid, border: options.border, pool, parts, report, lateral_um })
+    }
+
+    /// What the engine did; errors of nodes are those of the first, middle and last band, lateral
+    /// colour included.
+    #[must_use]
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Largest distance within the frame between where two bands land of those that were taken
+    /// apart by a shift of their kernels, µm; 0 where all bands share one mapping, and channels
+    /// are exact.
+    #[must_use]
+    pub fn lateral_um(&self) -> f64 {
+        self.lateral_um
+    }
+
+    /// What every channel collects on each pixel of a scene whose "bands" are the components;
+    /// `lens` is the one that was collapsed.
+    ///
+    /// # Errors
+    /// A scene that cannot be rendered.
+    pub fn channels(
+        &mut self,
+        lens: &dyn Lens,
+        components: &LitScene<'_>,
+    ) -> Result<Vec<Plane<f32>>> {
+        let Self { grid, border, pool, parts, .. } = self;
+        let count = components.scene.bands().count;
+        pool.install(|| {
+            let mut all = Vec::new();
+            for part in parts {
+                let nm = part.nm;
+                let sources = |layout: &Layout| -> Vec<Source<'_>> {
+                    let source = |k| Source::new(components, k, lens, nm, grid, layout, *border);
+                    (0..count).map(source).collect()
+                };
+                let mut planes = match &mut part.blur {
+                    PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
+                    PartBlur::Field(blur) => blur.run(&sources(blur.layout()))?,
+                };
+                planes.iter_mut().for_each(|plane| field::apply(plane, lens, nm, grid));
+                all.append(&mut planes);
+            }
+            Ok(all)
+        })
+    }
+}
+
+/// The sum of what passes the core and the wings.
+fn through_otfs<'s>(
+    blurs: &[(Layout, Blurs)],
+    sources: &dyn Fn(&Layout) -> Vec<Source<'s>>,
+) -> Result<Vec<Plane<f32>>> {
+    let mut sum: Vec<Plane<f32>> = Vec::new();
+    for (layout, blur) in blurs {
+        let planes = blur.run(&sources(layout))?;
+        if sum.is_empty() {
+            sum = planes;
+            continue;
+        }
+        for (sum, plane) in sum.iter_mut().zip(&planes) {
+            sum.data.iter_mut().zip(&plane.data).for_each(|(s, v)| *s += v);
+        }
+    }
+    Ok(sum)
+}
+
+/// The collapse of some channels that share a mapping.
+struct Job<'a> {
+    lens: &'a dyn Lens,
+    grid: &'a SensorGrid,
+    options: &'a Options,
+    mixture: &'a Mixture,
+    channels: Range<usize>,
+    used: &'a [usize],
+}
+
+impl Job<'_> {
+    fn part(&self, report: &mut Report) -> Result<Part> {
+        let nm = self.mixture.bands.nm(self.mixture.mean_band(self.channels.clone()));
+        let blurs: Vec<Blur<'_>> = self.used.iter().map(|&b| self.lens.blur(self.nm(b))).collect();
+        let mappings: Vec<Mapping<'_>> =
+            self.used.iter().map(|&band| Mapping::new(self.lens, nm, self.nm(band))).collect();
+        let otfs: Option<Vec<_>> = blurs
+            .iter()
+            .map(|blur| match blur {
+                Blur::Otf { core, wings } => Some((core, wings.as_ref())),
+                Blur::Field { .. } => None,
+            })
+            .collect();
+        let blur = match otfs {
+            Some(otfs) => PartBlur::Otf(self.otfs(&otfs, &mappings, report)?),
+            None => PartBlur::Field(Box::new(self.field(&blurs, &mappings, report)?)),
+        };
+        Ok(Part { nm, blur })
+    }
+
+    fn nm(&self, band: usize) -> f64 {
+        self.mixture.bands.nm(band)
+    }
+
+    /// The cells per pixel that the sharpest of some bands need.
+    fn cells(&self, bands: &[(f64, &dyn Fn(f64) -> f64)], report: &mut Report) -> Result<usize> {
+        let mut most = 1;
+        for (cutoff_per_mm, otf) in bands {
+            let (s, error) = cells_per_pixel(self.grid, self.options, *cutoff_per_mm, *otf)?;
+            most = most.max(s);
+            report.step_error = report.step_error.max(error);
+        }
+        report.oversample.push(most);
+        Ok(most)
+    }
+
+    /// Transfer functions of every channel for every component.
+    fn otfs(
+        &self,
+        bands: &[(&Otf<'_>, Option<&Otf<'_>>)],
+        mappings: &[Mapping<'_>],
+        report: &mut Report,
+    ) -> Result<Vec<(Layout, Blurs)>> {
+        let places = mapping::places(self.grid, self.lens.axis_mm());
+        let varies = |m: &Mapping<'_>| !places.iter().all(|&place| m.is_same(place));
+        if mappings.iter().any(varies) {
+            return Err(Error::unsupported(
+                "lateral colour of a lens whose blur is the same everywhere, collapsed",
+            )
+            .help("compute it band by band"));
+        }
+        let gains: Vec<f64> = mappings.iter().map(|m| m.gain((0.0, 0.0))).collect();
+        let cores: Vec<&Otf<'_>> = bands.iter().map(|(core, _)| *core).collect();
+        let finest: Vec<(f64, &dyn Fn(f64) -> f64)> = cores
+            .iter()
+            .map(|core| (core.cutoff_per_mm, &*core.at as &dyn Fn(f64) -> f64))
+            .collect();
+        let s = self.cells(&finest, report)?;
+        let spread = cores.iter().fold(0.0f64, |m, core| m.max(core.spread_um));
+        let layout = fourier::layout(self.grid, s, spread);
+        let cores: Vec<Option<&Otf<'_>>> = cores.into_iter().map(Some).collect();
+        let mut blurs = vec![(layout, self.blurs(&cores, &gains, &layout))];
+        let wings: Vec<Option<&Otf<'_>>> = bands.iter().map(|(_, wings)| *wings).collect();
+        let furthest = wings.iter().flatten().max_by(|a, b| a.spread_um.total_cmp(&b.spread_um));
+        if let Some(furthest) = furthest {
+            let mut wide = fourier::wide_layout(self.grid, furthest)?;
+            for other in wings.iter().flatten() {
+                let finer = fourier::wide_layout(self.grid, other)?.oversample;
+                wide.oversample = wide.oversample.max(finer);
+            }
+            blurs.push((wide, self.blurs(&wings, &gains, &wide)));
+        }
+        for (layout, _) in &blurs {
+            report.margin_pixels = report.margin_pixels.max(layout.margin);
+        }
+        Ok(blurs)
+    }
+
+    /// Σ_λ weight · OTF for every channel and component.
+    fn blurs(&self, bands: &[Option<&Otf<'_>>], gains: &[f64], layout: &Layout) -> Blurs {
+        let geometry = fourier::Geometry {
+            layout,
+            pitch_um: self.grid.pitch_um,
+            aperture_um: self.grid.aperture_um(),
+            cutoff_per_mm: bands.iter().flatten().fold(0.0, |m, otf| otf.cutoff_per_mm.max(m)),
+        };
+        type Sum<'s> = Box<dyn Fn(f64) -> f64 + Send + Sync + 's>;
+        let sum = |weights: &'_ [f64]| -> Vec<(usize, f64)> {
+            let of = |(i, &band): (usize, &usize)| (i, weights[band] * gains[i]);
+            self.used.iter().enumerate().map(of).collect()
+        };
+        let functions: Vec<Vec<Sum<'_>>> = self.mixture.weights[self.channels.clone()]
+            .iter()
+            .map(|of_channel| {
+                let function = |weights: &Vec<f64>| -> Sum<'_> {
+                    let terms = sum(weights);
+                    Box::new(move |f| {
+                        let passed = terms.iter().filter_map(|&(i, weight)| {
+                            bands[i].filter(|o| f <= o.cutoff_per_mm).map(|o| weight * (o.at)(f))
+                        });
+                        passed.sum()
+                    })
+                };
+                of_channel.iter().map(function).collect()
+            })
+            .collect();
+        let functions: Vec<Vec<&dyn Fn(f64) -> f64>> = functions
+            .iter()
+            .map(|all| all.iter().map(|f| &**f as &dyn Fn(f64) -> f64).collect())
+            .collect();
+        Blurs::new(&geometry, &functions)
+    }
+}
+
+#[cfg(test)]
+mod tests;

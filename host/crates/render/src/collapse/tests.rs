@@ -1,0 +1,149 @@
+use super::*;
+use crate::{Arithmetic, OpticsStage, SequenceStage, SimulatedSensor, check_made_for};
+use camrig_light::LightLevel;
+use camrig_optics::Characterisation;
+use camrig_scene::sequence::{self, Reading};
+use std::path::Path;
+
+/// A picture of squares of saturated and muted colours, some of them in stripes.
+fn picture(file: &Path) {
+    const SIDE: (usize, usize) = (64, 48);
+    let colour = |x: usize, y: usize| -> [u8; 3] {
+        let patch = (x / 8 + 8 * (y / 8)) % 11;
+        let stripe = if y > 24 && x % 4 < 2 { 40 } else { 0 };
+        let colours = [
+            [115, 82, 68],
+            [194, 150, 130],
+            [98, 122, 157],
+            [87, 108, 67],
+            [133, 128, 177],
+            [214, 126, 44],
+            [56, 61, 150],
+            [70, 148, 73],
+            [175, 54, 60],
+            [231, 199, 31],
+            [243, 243, 242],
+        ];
+        colours[patch].map(|c: u8| c.saturating_sub(stripe))
+    };
+    let data: Vec<u8> =
+        (0..SIDE.0 * SIDE.1).flat_map(|i| colour(i % SIDE.0, i / SIDE.0)).collect();
+    let out = std::fs::File::create(file).unwrap();
+    let mut encoder = png::Encoder::new(out, SIDE.0 as u32, SIDE.1 as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    encoder.write_header().unwrap().write_image_data(&data).unwrap();
+}
+
+fn camera(changes: &[(&str, toml::Value)]) -> Camera {
+    let small = [("sensor.width", 64.into()), ("sensor.height", 48.into())];
+    let all = small.iter().chain(changes).map(|(k, v)| (k.to_string(), v.clone()));
+    Camera::load_with("mt9t012", &all.collect::<Vec<_>>()).unwrap()
+}
+
+/// The same sensor behind a lens with distortion, lateral colour and PSFs over the field.
+fn behind_tables(folder: &Path) -> Camera {
+    let mut camera = camera(&[]);
+    Characterisation::example(17, 0.5).write(&folder.join("lens"), false).unwrap();
+    camera.lens.kind = camrig_camera::LensKind::Characterised(folder.join("lens"));
+    camera
+}
+
+fn stage(scene: &Path, path: OpticsPath) -> OpticsStage {
+    OpticsStage {
+        scene: scene.display().to_string(),
+        illuminant: None,
+        level: Some(LightLevel::Lux(400.0)),
+        options: Options { oversample: Some(2), ..Options::default() },
+        cache: None,
+        motion: None,
+        path,
+    }
+}
+
+/// Mean electrons of every pixel.
+fn electrons(camera: &Camera, cube: &IrradianceCube) -> Plane<f32> {
+    let sensor = SimulatedSensor::new(camera, &cube.header, 1.0).unwrap();
+    sensor.electrons(cube, &camera.settings(0, 0.01, None)).unwrap()
+}
+
+#[test]
+fn fast_paths_give_the_electrons_of_the_bands_as_nearly_as_they_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("p.png");
+    picture(&scene);
+    // Largest difference in parts of the brightest pixel: without lateral colour what components
+    // leave out, which the report bounds; with it also what kernels and grid approximate.
+    for (camera, order) in [(camera(&[]), 0.0), (behind_tables(folder.path()), 1e-2)] {
+        let of = |path| stage(&scene, path).run(&camera, |_, _| ()).unwrap();
+        let exact = electrons(&camera, &of(OpticsPath::Bands).cube);
+        let peak = exact.data.iter().fold(0.0f32, |m, v| m.max(*v));
+        for path in [OpticsPath::Components, OpticsPath::Live] {
+            let output = of(path);
+            let report = output.collapse.unwrap();
+            let found = electrons(&camera, &output.cube);
+            let apart = found.data.iter().zip(&exact.data).map(|(a, b)| (a - b).abs());
+            let worst = f64::from(apart.fold(0.0, f32::max) / peak);
+            println!("{path}: {worst:.1e} of the peak; {report:?}");
+            // 1e-3: light beyond the margins of the bands, which differ.
+            assert!(worst < order + report.left_out + 1e-3, "{path}: {worst}, {report:?}");
+            assert!(worst < 2e-2, "{path}: {worst}");
+            assert_eq!(report.lateral_um > 0.0, order > 0.0);
+            assert!(output.notes.iter().any(|note| note.contains("components in place")));
+        }
+    }
+}
+
+#[test]
+fn a_sequence_and_stored_electrons_give_the_bytes_of_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = folder.path().join("frames");
+    std::fs::create_dir(&frames).unwrap();
+    picture(&frames.join("1.png"));
+    picture(&frames.join("2.png"));
+    let camera = behind_tables(folder.path());
+    let raw = |cube: &IrradianceCube| {
+        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let settings = camera.settings(0, 0.01, None);
+        sensor.frame(cube, None, &settings, Arithmetic::F32).unwrap().data
+    };
+    let still = stage(&frames.join("1.png"), OpticsPath::Components);
+    let still = still.run(&camera, |_, _| ()).unwrap().cube;
+    let expected = raw(&still);
+    let brightest = expected.iter().max();
+    assert!(brightest > Some(&100), "{brightest:?}");
+
+    let mut sequence = SequenceStage::new(stage(&frames, OpticsPath::Components)).unwrap();
+    let spec = frames.display().to_string();
+    let reading = Reading { rate_hz: Some(30.0), ..Reading::default() };
+    let mut opened = sequence::open(&spec, &reading).unwrap().unwrap();
+    for _ in 0..2 {
+        let frame = opened.next_frame().unwrap().unwrap();
+        let cube = sequence.run(&camera, frame, |_, _| ()).unwrap().cube;
+        assert!(raw(&cube) == expected);
+    }
+
+    let file = folder.path().join("a.irr");
+    still.save(&file, false).unwrap();
+    let stored = IrradianceCube::open(&file).unwrap();
+    check_made_for(&camera, &stored.header).unwrap();
+    assert!(raw(&stored) == expected);
+}
+
+#[test]
+fn electrons_refuse_another_response_and_scenes_and_sensors_that_need_bands() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("p.png");
+    picture(&scene);
+    let own = camera(&[]);
+    let cube = stage(&scene, OpticsPath::Live).run(&own, |_, _| ()).unwrap().cube;
+    check_made_for(&own, &cube.header).unwrap();
+    let mut other = camera(&[]);
+    other.sensor.cfa = camrig_base::Cfa::parse("BGGR").unwrap();
+    let said = check_made_for(&other, &cube.header).unwrap_err().to_string();
+    assert!(said.contains("sensor.response"), "{said}");
+
+    let chart = stage(Path::new("colorchecker"), OpticsPath::Components);
+    let said = chart.run(&own, |_, _| ()).err().unwrap();
+    assert_eq!(said.code(), Some("path-unsupported"));
+}

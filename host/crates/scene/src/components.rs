@@ -1,0 +1,53 @@
+//! Scenes whose spectra are mixtures of a few.
+
+use super::resample::resample;
+use super::{Bands, Grid, Quantity, Scene};
+use camrig_base::{Plane, Result};
+
+/// A scene as a mixture: its value in a band is the sum over components of what `basis` has there
+/// times the component's plane.
+pub struct Components {
+    /// `[component][band]`.
+    pub basis: Vec<Vec<f64>>,
+    /// A scene that has a component where others have a band; its values may be negative.
+    pub planes: Box<dyn Scene>,
+    /// Bound on what the mixture leaves out, however a lens blurs: at an edge between two of the
+    /// scene's spectra, as a part of what the channel sees of white, the largest of all channels.
+    pub left_out: f64,
+}
+
+impl Components {
+    /// Of planes in the scene's own pixels, one per curve of `basis`.
+    pub(crate) fn of_planes(
+        basis: Vec<Vec<f64>>,
+        planes: Vec<Plane<f32>>,
+        left_out: f64,
+        quantity: Quantity,
+    ) -> Self {
+        Self { basis, planes: Box::new(Planes { planes, quantity }), left_out }
+    }
+}
+
+/// Components in their own pixels.
+struct Planes {
+    planes: Vec<Plane<f32>>,
+    quantity: Quantity,
+}
+
+impl Scene for Planes {
+    fn bands(&self) -> Bands {
+        Bands { count: self.planes.len(), ..Bands::VISIBLE }
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.quantity
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        self.planes.first().map(|p| p.width as f64 / p.height as f64)
+    }
+
+    fn plane(&self, component: usize, grid: &Grid) -> Result<Plane<f32>> {
+        Ok(resample(&self.planes[component], grid))
+    }
+}
