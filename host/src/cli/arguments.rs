@@ -3,7 +3,7 @@
 use super::readout::ReadoutArgs;
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, Result};
-use camrig_camera::{Camera, changes, is_preset};
+use camrig_camera::{Camera, KeptNoise, changes, is_preset};
 use camrig_optics::DeviceChoice;
 use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
@@ -41,17 +41,23 @@ pub struct CameraArgs {
     pub camera: String,
     #[command(flatten)]
     changes: ChangeArgs,
+    /// Which of its noise pictures have
+    #[arg(long, value_name = "NOISE", default_value = "all", value_parser = kept_noise())]
+    noise: KeptNoise,
 }
 
 impl CameraArgs {
-    /// The camera with its changes.
+    /// The camera with its changes, and with the noise that pictures are to have.
     pub fn load(&self) -> Result<Camera> {
-        self.changes.load(&self.camera)
+        let mut camera = self.changes.load(&self.camera)?;
+        camera.keep_noise(self.noise);
+        Ok(camera)
     }
 
     /// The name of a preset as it is; `None` of a file, or of a preset that was changed.
     pub fn preset(&self) -> Option<&str> {
-        (is_preset(&self.camera) && self.changes.set.is_empty()).then_some(&self.camera)
+        let unchanged = self.changes.set.is_empty() && self.noise == KeptNoise::All;
+        (is_preset(&self.camera) && unchanged).then_some(&self.camera)
     }
 }
 
@@ -117,6 +123,15 @@ pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
     choice(&Arithmetic::ALL, Arithmetic::name, |arithmetic| match arithmetic {
         Arithmetic::F32 => "32-bit floating point",
         Arithmetic::Fixed => "32-bit fixed point, as on parts without a floating-point unit",
+    })
+}
+
+/// Reads which noise pictures have.
+fn kept_noise() -> impl TypedValueParser<Value = KeptNoise> {
+    choice(&KeptNoise::ALL, KeptNoise::name, |kept| match kept {
+        KeptNoise::All => "Noise, dark charge, fixed patterns and defects of the camera file",
+        KeptNoise::Shot => "The shot noise of light alone",
+        KeptNoise::None => "None: mean signals, rounded to DN",
     })
 }
 

@@ -28,6 +28,8 @@ use std::process::ExitCode;
     -o photo.dng\n  \
     camrig simulate --camera mobile --scene slanted-edge --exposure 10ms -o a.npy \
     --report a.html\n  \
+    camrig simulate --camera mobile --scene colorchecker --exposure 10ms --noise none \
+    -o clean.dng\n  \
     camrig simulate --camera mobile --scene colorchecker --exposure 10ms --bracket -2,0,2 \
     -o bracket\n  \
     camrig simulate --camera mt9v024 --scene dots --exposure 5ms --frames 30 --motion 4,0 \\\n    \

@@ -148,7 +148,7 @@ fn a_decentred_lens_has_a_two_dimensional_field_and_pictures() {
         "kind = \"characterised\"\ndata = \"out\"",
     );
     std::fs::write(dir.join("camera.toml"), stored).unwrap();
-    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o out";
+    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o picture";
     camrig_ok(dir, &format!("{command}.npy"));
     refuses(dir, &format!("{command}.mcap"), &why[..1]);
     refuses(dir, "lens trace decentred.seq --fields 1:x", &["two as x:y"]);

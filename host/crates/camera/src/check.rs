@@ -5,8 +5,8 @@ use super::empirical::{self, Empirical};
 use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
 use super::prescription;
 use super::{
-    Camera, CrosstalkTable, Folder, LensKind, LensModel, Noise, RelativeIllumination, SensorModel,
-    SensorTiming, Shutter, csv_reader,
+    Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
+    SensorModel, SensorTiming, Shutter, csv_reader,
 };
 use camrig_base::table::SpectralTable;
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
@@ -317,6 +317,7 @@ fn sensor(
             None => None,
         },
         noise: noise(&file.noise, &Keys { text, table: "sensor.noise", wrong })?,
+        kept_noise: KeptNoise::default(),
     })
 }
 

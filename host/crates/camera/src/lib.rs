@@ -35,6 +35,7 @@ pub mod efficiency;
 pub mod empirical;
 pub mod facts;
 mod file;
+mod kept_noise;
 pub mod keys;
 mod prescription;
 pub mod presets;
@@ -48,6 +49,7 @@ pub mod typical;
 pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
+pub use kept_noise::KeptNoise;
 pub use sensor::{Noise, SensorModel};
 pub use timing::{FrameClock, RowWindows, SensorTiming, Shutter};
 
@@ -190,13 +192,14 @@ pub fn is_preset(spec: &str) -> bool {
 }
 
 impl Camera {
-    /// Remarks for the user on light in `bands`: what was assumed in reading tables, and where
-    /// the light reaches beyond them.
+    /// Remarks for the user on pictures in light of `bands`: noise that is left out, what was
+    /// assumed in reading tables, and where the light reaches beyond them.
     pub fn notes(&self, bands: &Bands) -> Vec<String> {
         let sensor = &self.sensor;
         let curves =
             [&self.lens.transmittance].into_iter().chain(&sensor.ir_cut).chain(&sensor.qe);
-        let mut notes: Vec<String> = Vec::new();
+        let mut notes: Vec<String> =
+            sensor.kept_noise.note().map(str::to_owned).into_iter().collect();
         for note in curves.flat_map(|curve| curve.notes(bands)) {
             // The columns of a table share its remarks.
             if !notes.contains(&note) {

@@ -1,6 +1,6 @@
 //! The sensor of a camera as checked values, and its conversion for `camrig-sensor-core`.
 
-use super::{Camera, CrosstalkTable, SensorTiming};
+use super::{Camera, CrosstalkTable, KeptNoise, SensorTiming};
 use camrig_base::{Bands, Cfa, Error, Result, Spectrum};
 use camrig_light::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
@@ -49,6 +49,8 @@ pub struct SensorModel {
     pub timing: Option<SensorTiming>,
     /// Noise and fixed patterns.
     pub noise: Noise,
+    /// What of them pictures have ([`Camera::keep_noise`]).
+    pub kept_noise: KeptNoise,
 }
 
 /// `[sensor.noise]` of a camera file, checked.
@@ -122,7 +124,9 @@ impl Camera {
         let noise = &self.sensor.noise;
         let of = |domain| self.effects.iter().filter(move |e| e.domain() == domain).copied();
         let mut chain: Vec<Effect> = of(Domain::Light).collect();
-        chain.push(ShotNoise {}.into());
+        if self.sensor.kept_noise != KeptNoise::None {
+            chain.push(ShotNoise {}.into());
+        }
         chain.push(Prnu { sigma: noise.prnu as f32 }.into());
         chain.extend(of(Domain::Photo));
         chain.push(

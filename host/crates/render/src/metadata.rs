@@ -3,7 +3,7 @@
 use super::corrections;
 use camrig_base::Result;
 use camrig_base::Spectrum;
-use camrig_camera::{Camera, LensKind};
+use camrig_camera::{Camera, KeptNoise, LensKind};
 use camrig_exposure::CubeHeader;
 use camrig_formats::{DngInfo, color};
 use camrig_light::{Illuminant, photometry};
@@ -121,7 +121,7 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 }
 
 /// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one
-/// electron, O the read noise with the converter's rounding, both as fractions of the range.
+/// electron, or nothing where shot noise is left out, O the read noise with the converter's rounding, both as fractions of the range.
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
@@ -131,5 +131,6 @@ fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let read_e2 = sensor.noise.read_e.powi(2) - post + post / (gain * gain);
     let scale = dn_per_e / range;
     let offset = read_e2 * scale * scale + 1.0 / (12.0 * range * range);
-    vec![(scale, offset); if sensor.cfa.is_mono() { 1 } else { 3 }]
+    let shot = if sensor.kept_noise == KeptNoise::None { 0.0 } else { scale };
+    vec![(shot, offset); if sensor.cfa.is_mono() { 1 } else { 3 }]
 }

@@ -92,6 +92,7 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
         seed: _,
         timing: _,
         noise: _,
+        kept_noise: _,
     } = &camera.sensor;
     let scene = (&target.scene, &target.illuminant, target.lux.is_some());
     let optics = (&camera.lens, &camera.optical_effects);

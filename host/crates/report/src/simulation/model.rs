@@ -2,7 +2,7 @@
 
 use super::frames::Levels;
 use crate::plot::{Colour, Mark, Plot};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, KeptNoise};
 use camrig_diagnose::model::effects::dn_per_e;
 use camrig_light::Illuminant;
 
@@ -17,6 +17,8 @@ pub(super) struct Noise {
     /// Variances that do not depend on the signal, e⁻²: of reading and of rounding.
     read2: f64,
     rounding2: f64,
+    /// Shot noise: variance per electron of signal, e⁻.
+    shot: f64,
     prnu: f64,
     full_well_e: f64,
     /// System gain, DN/e⁻.
@@ -31,6 +33,7 @@ impl Noise {
         Self {
             read2: noise.read_e * noise.read_e - post + post / (analog_gain * analog_gain),
             rounding2: 1.0 / (12.0 * dn_per_e * dn_per_e),
+            shot: if camera.sensor.kept_noise == KeptNoise::None { 0.0 } else { 1.0 },
             prnu: noise.prnu,
             full_well_e: camera.sensor.full_well_e,
             dn_per_e,
@@ -39,7 +42,8 @@ impl Noise {
 
     /// Standard deviation at a signal, both in e⁻.
     pub fn sigma(&self, signal_e: f64) -> f64 {
-        (self.read2 + self.rounding2 + signal_e + (self.prnu * signal_e).powi(2)).sqrt()
+        (self.read2 + self.rounding2 + self.shot * signal_e + (self.prnu * signal_e).powi(2))
+            .sqrt()
     }
 
     /// Signals from 1 e⁻ to full well.
@@ -82,10 +86,13 @@ pub(super) fn noise(noise: &Noise) -> Plot {
          Rounding: the converter's steps.",
     );
     let mut curve = |name: &str, mark: Mark, colour: Colour, of: &dyn Fn(f64) -> f64| {
-        plot.series(name, mark, colour, noise.curve(of));
+        // There is no zero on a logarithmic axis.
+        if of(1.0) > 0.0 {
+            plot.series(name, mark, colour, noise.curve(of));
+        }
     };
     curve("all", Mark::Line, Colour::Measured, &|s| noise.sigma(s));
-    curve("shot", Mark::Dashed, Colour::Series(0), &|s| s.sqrt());
+    curve("shot", Mark::Dashed, Colour::Series(0), &|s| (noise.shot * s).sqrt());
     curve("read", Mark::Dashed, Colour::Series(2), &|_| noise.read2.sqrt());
     curve("rounding", Mark::Dashed, Colour::Series(4), &|_| noise.rounding2.sqrt());
     curve("PRNU", Mark::Dashed, Colour::Series(3), &|s| noise.prnu * s);

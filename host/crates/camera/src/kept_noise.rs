@@ -1,0 +1,141 @@
+//! Pictures with part of a camera's noise: to tell what an algorithm does to the image from what
+//! it does to noise.
+
+use super::{Camera, Noise};
+use camrig_base::{Error, Result};
+use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::effects::empirical::Quantity;
+
+/// Which of a camera's noise and fixed patterns a picture has. Rounding to DN stays, and so does
+/// all that only shapes the response: full well, non-linearity, crosstalk, blooming and the like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum KeptNoise {
+    /// All.
+    #[default]
+    All,
+    /// The shot noise of light: no dark charge, no read noise, no fixed patterns, no defects.
+    Shot,
+    /// None: every pixel has its mean signal.
+    None,
+}
+
+impl KeptNoise {
+    /// All choices, in the order of a list for people.
+    pub const ALL: [Self; 3] = [Self::All, Self::Shot, Self::None];
+
+    /// The name on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Shot => "shot",
+            Self::None => "none",
+        }
+    }
+
+    /// What a picture lacks; `None` where that is nothing.
+    #[must_use]
+    pub const fn note(self) -> Option<&'static str> {
+        match self {
+            Self::All => None,
+            Self::Shot => Some(
+                "of all noise the shot noise of light alone: no dark charge, no read noise, no \
+                 fixed patterns, no defects",
+            ),
+            Self::None => Some(
+                "no noise: mean signals, rounded; no dark charge, no fixed patterns, no defects",
+            ),
+        }
+    }
+}
+
+impl std::str::FromStr for KeptNoise {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        camrig_base::choice::by_name("noise", text, &Self::ALL, Self::name)
+    }
+}
+
+impl Camera {
+    /// Leaves the other noise of the sensor out.
+    ///
+    /// ```
+    /// use camrig_camera::{Camera, KeptNoise};
+    /// let mut camera = Camera::load("mt9v024")?;
+    /// camera.keep_noise(KeptNoise::None);
+    /// assert_eq!(camera.sensor.noise.read_e, 0.0);
+    /// # Ok::<(), camrig_base::Error>(())
+    /// ```
+    pub fn keep_noise(&mut self, kept: KeptNoise) {
+        self.sensor.kept_noise = kept;
+        if kept == KeptNoise::All {
+            return;
+        }
+        self.sensor.noise = Noise {
+            read_e: 0.0,
+            read_e_post: 0.0,
+            dark_current_e_per_s: 0.0,
+            dsnu_e_per_s: 0.0,
+            prnu: 0.0,
+            row_fpn_e: 0.0,
+            ..self.sensor.noise
+        };
+        self.effects.retain(|effect| shapes_the_response(effect, kept));
+    }
+}
+
+/// Whether an effect stays: it is neither noise, nor dark charge, nor a pattern.
+fn shapes_the_response(effect: &Effect, kept: KeptNoise) -> bool {
+    match effect {
+        Effect::ShotNoise(_) | Effect::ExactShotNoise(_) => kept != KeptNoise::None,
+        Effect::Empirical(empirical) => empirical.quantity() == Quantity::Response,
+        Effect::FullWell(_)
+        | Effect::ChargeCoupling(_)
+        | Effect::Nonlinearity(_)
+        | Effect::BrighterFatter(_)
+        | Effect::OpticalCrosstalk(_)
+        | Effect::ReadoutChannelCrosstalk(_)
+        | Effect::AdcNonlinearity(_)
+        | Effect::Companding(_)
+        | Effect::ImageLag(_)
+        | Effect::BlackSun(_)
+        | Effect::ExposureOffset(_)
+        | Effect::BlackLevelOffset(_)
+        | Effect::FlickerBanding(_)
+        | Effect::LightFlicker(_)
+        | Effect::ColourShading(_)
+        | Effect::RelativeIllumination(_)
+        | Effect::OffsetClipping(_)
+        | Effect::Blooming(_)
+        | Effect::SystemGain(_)
+        | Effect::QuantumEfficiency(_) => true,
+        Effect::Prnu(_)
+        | Effect::DarkCurrent(_)
+        | Effect::RowOffsetFpn(_)
+        | Effect::ReadNoise(_)
+        | Effect::HotPixels(_)
+        | Effect::DefectivePixels(_)
+        | Effect::StuckPixels(_)
+        | Effect::RowTemporalNoise(_)
+        | Effect::ColumnOffsetFpn(_)
+        | Effect::ColumnTemporalNoise(_)
+        | Effect::RowCorrelatedNoise(_)
+        | Effect::PeriodicPatternNoise(_)
+        | Effect::ReadNoiseSpread(_)
+        | Effect::RandomTelegraphNoise(_)
+        | Effect::HeavyTailedReadNoise(_)
+        | Effect::ResetNoise(_)
+        | Effect::FrameOffsetNoise(_)
+        | Effect::ReadoutChannelMismatch(_)
+        | Effect::PixelOffsetFpn(_)
+        | Effect::AmpGlow(_)
+        | Effect::DarkCurrentGradient(_)
+        | Effect::ColumnGainFpn(_)
+        | Effect::PrnuLowFrequency(_)
+        | Effect::PrnuCorrelated(_)
+        | Effect::Fringing(_)
+        | Effect::GreenImbalance(_)
+        | Effect::PdafPattern(_) => false,
+    }
+}
