@@ -2,7 +2,7 @@
 
 use super::arguments::{self, CameraArgs, FrameArgs, positive};
 use super::scene_lights::NextLight;
-use super::simulate::{expose_frames, light_of};
+use super::simulate::{expose_frames, light_of, noise_row};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -79,12 +79,18 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut made_of = vec![("irradiance of", header.made_of.clone())];
     made_of.extend(light_of(&header));
     made_of.extend(args.frames.readout.rows());
+    made_of.extend(noise_row(&camera));
     let settings = args.frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} in other light or settings", camera.name);
         simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
     })?;
-    let object = json!({ "camera": camera.name, "frames": written, "exposure_s": exposure_s });
+    let object = json!({
+        "camera": camera.name,
+        "frames": written,
+        "exposure_s": exposure_s,
+        "noise": camera.sensor.kept_noise.name(),
+    });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)
 }

@@ -259,6 +259,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     made_of.extend(optics.device.iter().map(|device| ("optics on", device.clone())));
     made_of.extend(light_of(&cube.header));
     made_of.extend(readout.rows());
+    made_of.extend(noise_row(&camera));
     let settings = frames.settings(&camera, exposure_s, 0);
     let written = sink.finish(|frames| {
         let title = format!("{} through {}", args.view.scene, camera.name);
@@ -268,6 +269,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "camera": camera.name,
         "frames": written,
         "exposure_s": exposure_s,
+        "noise": camera.sensor.kept_noise.name(),
         "scene_frames": lights.counts(),
         "timing": lights.timing(exposure_s),
         "optics": {
@@ -301,7 +303,7 @@ fn psf_rows(nodes: &NodeReport) -> [(&'static str, String); 2] {
             format!("{} x {} nodes: {}", nodes.grid.0, nodes.grid.1, percent(&nodes.nodes)),
         ),
         (
-            "PSFs between heights of the lens data",
+            "PSFs between field points of the lens data",
             nodes
                 .heights
                 .as_ref()
@@ -315,6 +317,11 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
     let light = header.illuminant.clone().map(|name| ("illuminant", name));
     let lux = header.lux.map(|lux| ("scene illuminance", format!("{lux} lx")));
     light.into_iter().chain(lux).collect()
+}
+
+/// The noise that pictures have where it is not all, for a page.
+pub fn noise_row(camera: &Camera) -> Option<(&'static str, String)> {
+    camera.sensor.kept_noise.note().map(|note| ("noise", note.to_string()))
 }
 
 /// The light of frames 0, 1, ... at their exposures, s.

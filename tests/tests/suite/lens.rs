@@ -313,7 +313,7 @@ fn simulate_reports_the_error_of_interpolated_psfs() {
     );
     assert!(!told.contains("misplace"), "{told}");
     let page = std::fs::read_to_string(dir.join("page.html")).unwrap();
-    assert!(page.contains("PSFs between heights of the lens data"), "the page tells it too");
+    assert!(page.contains("PSFs between field points of the lens data"), "the page tells it too");
     let (_, told) = optics(&format!("{simulate} --psf-tolerance 1e-7"));
     assert!(told.contains("warning") && told.contains("misplace"), "{told}");
     // Stopped down, because a PSF near the diffraction limit is quickly traced.

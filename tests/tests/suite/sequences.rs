@@ -166,3 +166,27 @@ fn a_report_is_one_file_with_all_that_made_the_frames() {
     assert!(!outside.contains("http") && !outside.contains(" src=\"/"), "self-contained");
     assert!(!page.contains(dir.path().to_str().unwrap()), "no path of this machine");
 }
+
+#[test]
+fn pictures_without_noise_are_alike_on_the_host_and_on_a_rig() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("c.toml"), small_camera(64, 48, &[])).unwrap();
+    let scene = "--camera c.toml --scene ramp --lux 300 --exposure 10ms";
+    let taken = |options: &str, file: &str| {
+        let text = camrig_ok(dir, &format!("simulate {scene} {options} -o {file} --json")).stdout;
+        let said: serde_json::Value = serde_json::from_slice(&text).unwrap();
+        (std::fs::read(dir.join(file)).unwrap(), said["noise"].clone())
+    };
+    let (first, said) = taken("--noise none", "first.pgm");
+    assert_eq!(said, "none");
+    assert_eq!(first, taken("--noise none --frame-seed 7", "second.pgm").0);
+    let (shot, said) = taken("--noise shot", "shot.pgm");
+    assert_eq!(said, "shot");
+    assert_ne!(shot, taken("--noise shot --frame-seed 7", "other.pgm").0);
+    let (all, said) = taken("", "all.pgm");
+    assert!(all != shot && said == "all");
+    // The rig's program gives the same bytes.
+    let rig = taken("--noise none --rig emulator:", "rig.pgm").0;
+    assert_eq!(rig, first);
+}

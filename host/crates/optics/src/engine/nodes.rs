@@ -83,15 +83,15 @@ impl NodeReport {
         }
         match self.heights {
             Some(heights) if heights.mean > self.tolerance => Some(format!(
-                "the heights of the lens data are so far apart that PSFs between them misplace \
+                "field points of the lens data are so far apart that PSFs between them misplace \
                  about {} of the light in the mean, more than the {limit} asked for; give PSFs \
-                 at more heights",
+                 at more of them",
                 percent(heights.mean)
             )),
             Some(_) => None,
             None => Some(
-                "the lens data hold PSFs at fewer than five heights: how wrong they are between \
-                 is not known"
+                "the lens data hold PSFs at fewer than five field points: how wrong they are \
+                 between is not known"
                     .into(),
             ),
         }
@@ -397,7 +397,7 @@ mod tests {
         };
         assert_eq!(report(kept, Some(kept)).warning(), None);
         assert!(report(worse, Some(kept)).warning().unwrap().contains("nodes every 8 cells"));
-        assert!(report(kept, Some(worse)).warning().unwrap().contains("more heights"));
+        assert!(report(kept, Some(worse)).warning().unwrap().contains("more of them"));
         assert!(report(kept, None).warning().unwrap().contains("not known"));
         let mut joined = report(kept, Some(worse));
         joined.join(report(worse, None));
