@@ -95,6 +95,12 @@ pub fn run(
     if !shapes.is_empty() {
         say("the model with the shapes");
         judge(session, &mut found, &shapes)?;
+        if !session.accepts(&found.after, found.gaps.1) {
+            found = named_beside(session, found, &shapes, &|s, camera| {
+                search::run(s, camera, without, say)
+            })?;
+        }
+        draw(session, &mut found, &shapes)?;
     }
     Ok(found)
 }
@@ -205,6 +211,28 @@ fn cost(session: &Session, state: &State) -> f64 {
     session.deviance(state) + GAIN * state.named.len() as f64
 }
 
+/// Searches for names on the moments as they were measured, with a model that runs the shapes: what
+/// shows in statistics that a shape sets aside is found so. The names found without them stay where
+/// the frames are not likelier with these, for as much as a name must gain.
+fn named_beside(
+    session: &Session,
+    found: Outcome,
+    shapes: &[Box<dyn Shape>],
+    names: &dyn Fn(&Session, &Camera) -> Result<Outcome>,
+) -> Result<Outcome> {
+    let runs_shapes = with_stages(&found.before.camera, &session.fit.design, shapes)?;
+    let other = names(session, &runs_shapes)?;
+    if cost(session, &other.after) + GAIN >= cost(session, &found.after) {
+        return Ok(found);
+    }
+    Ok(Outcome {
+        before: found.before,
+        gaps: (found.gaps.0, other.gaps.1),
+        gap_with_shapes: found.gap_with_shapes,
+        ..other
+    })
+}
+
 /// Judges the model that runs the shapes, with what was named beside them and without, on the
 /// moments as they were measured.
 fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> Result<()> {
@@ -215,6 +243,12 @@ fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> R
     let improved = with_stages(&found.after.camera, design, shapes)?;
     found.after = session.state(improved, found.after.named.clone(), RUNS)?;
     found.gaps.1 = session.gap(&found.after);
+    Ok(())
+}
+
+/// What the shapes look like in the frames, in the model at the start and in that at the end.
+fn draw(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> Result<()> {
+    let design = &session.fit.design;
     let cameras = [&found.before.camera, &found.after.camera];
     let simulated: Vec<Vec<Temporal>> = cameras
         .into_iter()
