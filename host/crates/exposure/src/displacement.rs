@@ -2,7 +2,8 @@
 //!
 //! Blocks that have changed most are looked for in the second irradiance by their normalised
 //! cross-correlation, in which light that becomes brighter or darker plays no part. What is found
-//! is a lower bound: other things may move farther than is looked, turn, or come out of nothing.
+//! is a lower bound: other things may move farther than is looked, turn, or come out of nothing, and
+//! blocks are looked for as far as the edges of the plane are away.
 
 use super::irradiance::IrradianceCube;
 use camrig_base::{Plane, Result};
@@ -48,10 +49,13 @@ pub fn displacement(first: &IrradianceCube, second: &IrradianceCube) -> Result<f
         let mut best = (LEFT * here, 0.0);
         for (dx, dy, length) in &shifts {
             let place = x.checked_add_signed(*dx).zip(y.checked_add_signed(*dy));
-            let difference = place.and_then(|(x, y)| block.difference(&b, x, y));
+            // Beyond the edge it may have been nearer than where it is found again inside.
+            let Some(difference) = place.and_then(|(x, y)| block.difference(&b, x, y)) else {
+                break;
+            };
             // Along an edge many are as good: the nearest is taken.
-            if difference.is_some_and(|difference| difference < 0.8 * best.0) {
-                best = (difference.unwrap_or_default(), *length);
+            if difference < 0.8 * best.0 {
+                best = (difference, *length);
             }
         }
         best.1

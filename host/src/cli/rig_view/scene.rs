@@ -175,7 +175,7 @@ impl Scene {
                 Made { light, exposure_s: None, frames: Value::Null }
             }
         };
-        if awaited.told {
+        if awaited.told && made.light.is_ok() {
             let seconds = awaited.since.elapsed().as_secs_f64();
             let text = format!("its next light has come after {seconds:.1} s");
             shared.change(|state| state.note("scene", text));
