@@ -4,7 +4,7 @@
 use super::times::Times;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
-use camrig_exposure::{IrradianceCube, weighted};
+use camrig_exposure::{IrradianceCube, displacement, weighted};
 use camrig_render::{OpticsOutput, SequenceStage};
 use camrig_scene::sequence::{
     Between, Counts, Moment, Playback, SceneFrame, SceneSequence, Timeline,
@@ -26,7 +26,13 @@ pub struct Sequence {
     shown: Shown,
     stage: SequenceStage,
     told: Told,
+    /// Pairs of frames in which things that move are still looked for.
+    pairs: u32,
 }
+
+/// Pairs of frames in which things that move are looked for. A trade: each takes a few
+/// milliseconds, and what moves does so soon.
+const PAIRS: u32 = 16;
 
 /// How a sequence is shown.
 enum Shown {
@@ -62,7 +68,8 @@ impl Sequence {
             }
             let (between, lamps) = (times.between, times.lamps.clone());
             let shown = Shown::InTime(Timeline::new(sequence, repeats, between, lamps));
-            return Self { shown, stage, told };
+            let pairs = if times.lamps.are_steady() { PAIRS } else { 0 };
+            return Self { shown, stage, told, pairs };
         }
         let playback = Playback::new(sequence, sensor_hz, repeats);
         if !playback.is_timed() {
@@ -73,7 +80,7 @@ impl Sequence {
             };
             told.tell(format!("{unknown}: each frame of the sensor shows the next of the scene"));
         }
-        Self { shown: Shown::Still(playback), stage, told }
+        Self { shown: Shown::Still(playback), stage, told, pairs: 0 }
     }
 
     /// What it is, for messages.
@@ -107,7 +114,7 @@ impl Sequence {
 
     /// Its first frame, as if it stood still.
     pub fn first(&mut self, camera: &Camera) -> Result<OpticsOutput> {
-        let Self { shown, stage, told } = self;
+        let Self { shown, stage, told, .. } = self;
         let output = match shown {
             Shown::Still(playback) => {
                 let moment = playback.at(0);
@@ -136,7 +143,7 @@ impl Sequence {
 
     /// The frame of the scene that a frame of the sensor shows.
     pub fn next(&mut self, camera: &Camera, number: u32) -> Result<NextLight> {
-        let Self { shown: Shown::Still(playback), stage, told } = self else {
+        let Self { shown: Shown::Still(playback), stage, told, .. } = self else {
             return Err(Error::internal("a sequence in time that stands still"));
         };
         let moment = playback.at(number.into());
@@ -150,7 +157,7 @@ impl Sequence {
 
     /// The light of rows whose windows open and close at these times.
     pub fn exposed(&mut self, camera: &Camera, rows: &[[f64; 2]]) -> Result<NextLight> {
-        let Self { shown: Shown::InTime(timeline), stage, told } = self else {
+        let Self { shown: Shown::InTime(timeline), stage, told, pairs } = self else {
             return Err(Error::internal("a sequence that stands still, in time"));
         };
         let most = MOST_BYTES / stage.cube_bytes(camera).max(1);
@@ -158,7 +165,18 @@ impl Sequence {
         let views = timeline.views(rows, most, |frame| seen(stage, camera, frame, told));
         let light = match views? {
             None => NextLight::Over,
-            Some(views) => NextLight::Changed(weighted(&views)?),
+            Some(views) => {
+                for pair in views.windows(2).take(*pairs as usize) {
+                    *pairs -= 1;
+                    let pixels = displacement(pair[0].0, pair[1].0)?;
+                    if pixels > 1.0 {
+                        told.tell(moves(pixels));
+                        *pairs = 0;
+                        break;
+                    }
+                }
+                NextLight::Changed(weighted(&views)?)
+            }
         };
         timeline.notes().into_iter().for_each(|note| told.tell(note));
         Ok(light)
@@ -177,6 +195,16 @@ impl Sequence {
         };
         notes.into_iter().for_each(|note| self.told.tell(note));
     }
+}
+
+/// What is told of a thing that moves by so many pixels from one frame to the next.
+fn moves(pixels: f64) -> String {
+    let times = pixels.ceil();
+    format!(
+        "from one frame of the scene to the next something moves by {pixels:.0} pixels or more: \
+         rows whose exposure has both frames see it twice, and no blur between; at {times} times \
+         as many frames per second it moves by one (ffmpeg's minterpolate makes them of video)"
+    )
 }
 
 /// What falls on the sensor from a frame after the first.

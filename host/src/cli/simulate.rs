@@ -215,8 +215,11 @@ pub(super) fn tell_optics(view: &OpticsOutput) {
 pub fn run(args: &Args) -> Result<ExitCode> {
     let until_over = args.view.sequence.is_sequence(&args.view.scene)?;
     if until_over && args.save_irradiance.is_some() {
-        return Err(Error::unsupported("--save-irradiance of a sequence")
-            .help("it keeps the irradiance of one scene: name one of the frames"));
+        return Err(Error::unsupported("--save-irradiance of a sequence").help(
+            "it keeps the irradiance of one scene: give one file of the folder as --scene; \
+                 write the frames of video as pictures before (ffmpeg -i clip.y4m %04d.png). \
+                 rig stream --irradiance takes a folder of what is kept of each",
+        ));
     }
     let frames = FrameArgs { until_over, ..args.frames.clone() };
     let mut sink = frames.sink()?;
@@ -237,6 +240,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
     if let Some(path) = &args.save_irradiance {
+        if !lights.stand_still() {
+            eprintln!(
+                "note: {} has the scene as it stands still in steady light; the frames have not",
+                path.display()
+            );
+        }
         cube.save(path, frames.force)?;
     }
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;

@@ -7,6 +7,8 @@ use camrig_camera::{Camera, FrameClock, RowWindows, SensorTiming};
 use camrig_exposure::IrradianceCube;
 use camrig_light::{Lamp, Lamps};
 use camrig_render::lamp_rows;
+use camrig_rig::Rig;
+use camrig_rig_link::registers::address;
 use camrig_scene::sequence::Between;
 use clap::builder::TypedValueParser;
 use serde_json::{Value, json};
@@ -59,6 +61,17 @@ pub fn refuse_regions(lamps: &Lamps, of: &str) -> Result<()> {
         _ => Err(Error::unsupported(format!("a lamp on a region of {of}"))
             .help("leave region= out, or let the scene stand still")),
     }
+}
+
+/// Gives a rig whose registers decide them its line time, ns, and frame length. In standby, so that
+/// these and all that is written before the next frame take effect with it, also in a rig that has
+/// run before.
+pub fn program(rig: &mut Rig, (line_ns, lines): (u32, u32)) -> Result<()> {
+    let mode = rig.read_register(address::MODE_SELECT)?;
+    rig.write_register(address::MODE_SELECT, 0)?;
+    rig.write_register(address::LINE_LENGTH_NS, line_ns)?;
+    rig.write_register(address::FRAME_LENGTH_LINES, lines)?;
+    rig.write_register(address::MODE_SELECT, mode)
 }
 
 /// Refuses a flag for a camera whose file does not say when rows collect light.

@@ -18,6 +18,7 @@ pub fn text(state: &State, next: &Next, frame: Option<&Frame>) -> String {
         "frames_per_s": state.frames_per_s(),
         "late": state.late,
         "dropped": state.dropped,
+        "scene": state.scene,
         "recording": state.recording,
         "registers": state.registers,
         "times": state.times_after(next.seen),

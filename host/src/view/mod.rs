@@ -29,7 +29,8 @@ mod state;
 
 pub use order::Order;
 pub use state::{
-    Event, Frame, Light, Recording, Register, Settings, Shared, Source, State, Status, Timing,
+    Event, Frame, Light, Progress, Recording, Register, Settings, Shared, Source, State, Status,
+    Timing,
 };
 
 use camrig_base::{Error, Result};

@@ -7,6 +7,7 @@ use camrig_formats::DngInfo;
 use camrig_light::Illuminant;
 use camrig_sensor_core::config::FrameSettings;
 use serde::Serialize;
+use serde_json::Value;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -110,7 +111,7 @@ pub struct Event {
     pub number: u64,
     /// Frames that had come before it.
     pub frame: u64,
-    /// What it is about: `rig`, `link`, `page`, `optics`.
+    /// What it is about: `rig`, `link`, `page`, `optics`, `scene`.
     pub source: &'static str,
     /// In words.
     pub text: String,
@@ -142,6 +143,15 @@ pub struct Recording {
     pub frames: u64,
 }
 
+/// A scene that changes, so far.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Progress {
+    /// Frames that showed the light before once more, as the next was not there in time.
+    pub late: u64,
+    /// Its own frames, counted; null of a scene that is no sequence.
+    pub frames: Value,
+}
+
 /// The stream so far.
 #[derive(Default)]
 pub struct State {
@@ -161,6 +171,8 @@ pub struct State {
     pub late: u64,
     /// Frames that the rig dropped on request.
     pub dropped: u64,
+    /// The scene, where it changes.
+    pub scene: Option<Progress>,
     /// The registers as read last.
     pub registers: Vec<Register>,
     /// The recording under way.

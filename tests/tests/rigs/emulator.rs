@@ -43,16 +43,17 @@ fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
 }
 
 /// A proxy between a host and a rig that cuts the first connection after `after` bytes to the rig.
-fn cutting_proxy(rig: String, after: u64) -> String {
+/// Later connections are to the second of the rigs.
+fn cutting_proxy(rigs: [String; 2], after: u64) -> String {
     use std::io::Read;
     use std::net::{Shutdown, TcpListener, TcpStream};
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("tcp://{}", listener.local_addr().unwrap());
     std::thread::spawn(move || {
-        let mut limit = after;
+        let (mut limit, mut rig) = (after, &rigs[0]);
         for host in listener.incoming() {
             let host = host.unwrap();
-            let rig = TcpStream::connect(rig.trim_start_matches("tcp://")).unwrap();
+            let link = TcpStream::connect(rig.trim_start_matches("tcp://")).unwrap();
             let pump = |from: &TcpStream, to: &TcpStream, limit| {
                 let (from, to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
                 std::thread::spawn(move || {
@@ -60,9 +61,9 @@ fn cutting_proxy(rig: String, after: u64) -> String {
                     let _ = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
                 });
             };
-            pump(&host, &rig, limit);
-            pump(&rig, &host, u64::MAX);
-            limit = u64::MAX;
+            pump(&host, &link, limit);
+            pump(&link, &host, u64::MAX);
+            (limit, rig) = (u64::MAX, &rigs[1]);
         }
     });
     url
@@ -75,11 +76,43 @@ fn a_frame_resumes_after_the_connection_broke() {
     let cube = common::cube(&camera, BANDS);
     // The camera takes some 4 KB on the link, the frame 90.
     for after in [6_000, 20_000, 60_000] {
-        let mut rig = Rig::open(&cutting_proxy(tcp_server(None), after)).unwrap();
+        let server = tcp_server(None);
+        let mut rig = Rig::open(&cutting_proxy([server.clone(), server], after)).unwrap();
         common::compare_frame(&mut rig, &camera, &cube, Arithmetic::F32, 0);
         let sent = rig.link_bytes().0;
         assert!(sent < 100_000, "{sent} bytes in the second connection");
     }
+}
+
+/// A rig that was without power comes back with its registers at power-on: 10 ms at gain 1. The
+/// frame that goes on has those that it had, and says so.
+#[test]
+fn a_rig_that_restarts_gets_its_registers_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 1);
+    let cube = common::cube(&camera, BANDS);
+    let sensor = common::sensor(&camera, &cube);
+    let by_registers = FrameRequest {
+        settings: camera.settings(3, 1.0, None),
+        arithmetic: Arithmetic::F32,
+        collapse: false,
+        lit_before: false,
+        by_registers: true,
+        rows_stay: false,
+    };
+    let url = cutting_proxy([tcp_server(None), tcp_server(None)], 40_000);
+    let mut rig = Rig::open(&url).unwrap();
+    rig.write_register(address::COARSE_INTEGRATION_TIME, 1700).unwrap();
+    rig.set_camera(&sensor).unwrap();
+    rig.write_register(address::ANALOG_GAIN, 512).unwrap();
+    let frame = rig.frame(&cube, &sensor, &by_registers).unwrap();
+    let restored = frame.restored.unwrap();
+    assert_eq!(restored, "exposure 1700 (it was 1000), gain 512 (it was 256)");
+    let said = frame.start.exposure;
+    assert!((said.exposure_s - 0.017).abs() < 1e-8 && said.analog_gain == 2.0, "{said:?}");
+    let next = rig.frame(&cube, &sensor, &by_registers).unwrap();
+    assert_eq!(next.restored, None);
+    assert_eq!(next.start.exposure, said);
 }
 
 #[test]

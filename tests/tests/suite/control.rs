@@ -74,8 +74,8 @@ fn wrong_scripts_are_refused_before_the_stream() {
 }
 
 /// The console of an emulator, with its address split into host, port and token.
-struct Console {
-    child: Child,
+pub(super) struct Console {
+    pub(super) child: Child,
     host: String,
     token: String,
 }
@@ -85,14 +85,21 @@ impl Console {
         Self::of(dir, &format!("emulator: --camera mt9v024 {SMALL} --scene ramp --fps 50"))
     }
 
-    fn of(dir: &Path, arguments: &str) -> Self {
+    pub(super) fn of(dir: &Path, arguments: &str) -> Self {
+        Self::fed(dir, arguments, &[])
+    }
+
+    /// One whose standard input begins with these bytes, as long as a pipe holds.
+    pub(super) fn fed(dir: &Path, arguments: &str, input: &[u8]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
             .args(["rig", "view"])
             .args(arguments.split_whitespace())
             .current_dir(dir)
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
+        child.stdin.as_mut().unwrap().write_all(input).unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let (host, token) = line.trim().strip_prefix("http://").unwrap().split_once("/#").unwrap();
@@ -120,7 +127,7 @@ impl Console {
         (status, body)
     }
 
-    fn page(&self) -> Page {
+    pub(super) fn page(&self) -> Page {
         let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
         let protocols = format!("camrig, {}", self.token).parse().unwrap();
         request.headers_mut().insert("Sec-WebSocket-Protocol", protocols);
@@ -137,7 +144,7 @@ impl Drop for Console {
 }
 
 /// A page as a browser would have it.
-struct Page {
+pub(super) struct Page {
     socket: WebSocket<TcpStream>,
     seen: u64,
 }
@@ -147,7 +154,7 @@ impl Page {
         self.socket.send(Message::text(what.to_string())).unwrap();
     }
 
-    fn set(&mut self, order: Value) {
+    pub(super) fn set(&mut self, order: Value) {
         self.say(json!({ "set": order }));
     }
 
@@ -163,7 +170,7 @@ impl Page {
     }
 
     /// Waits for what is wanted.
-    fn until(&mut self, wanted: impl Fn(&Value) -> bool) -> (Value, Vec<u16>) {
+    pub(super) fn until(&mut self, wanted: impl Fn(&Value) -> bool) -> (Value, Vec<u16>) {
         let end = Instant::now() + Duration::from_secs(60);
         loop {
             let (told, samples) = self.next();
@@ -175,7 +182,7 @@ impl Page {
     }
 
     /// Waits for an event whose words have `part`.
-    fn until_told(&mut self, part: &str) -> Value {
+    pub(super) fn until_told(&mut self, part: &str) -> Value {
         let with = |told: &Value| {
             let events = told["events"].as_array().unwrap().clone();
             events.into_iter().find(|e| e["text"].as_str().unwrap().contains(part))
@@ -185,7 +192,7 @@ impl Page {
 }
 
 /// Whether the newest frame was exposed with these settings.
-fn exposed(told: &Value, exposure_s: f64, gain: f64) -> bool {
+pub(super) fn exposed(told: &Value, exposure_s: f64, gain: f64) -> bool {
     let near = |key: &str, v: f64| {
         told["frame"][key].as_f64().is_some_and(|have| (have - v).abs() < 1e-6)
     };

@@ -6,6 +6,7 @@ mod calibration;
 mod cameras;
 mod captures;
 mod command_line;
+mod console_scenes;
 mod control;
 mod diagnosis;
 mod empirical;

@@ -210,6 +210,37 @@ mod tests {
         assert_eq!(lines, 48);
     }
 
+    /// How a thing that moves leans from row to row, and is stretched where it moves along the
+    /// columns: golden/light/skew.csv.
+    #[test]
+    fn what_moves_leans_and_is_stretched_by_the_times_of_the_rows() {
+        const ROWS: u32 = 480;
+        let Some(file) = camrig_testing::shared("golden/light/skew.csv") else { return };
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-6 * b.abs();
+        let mut lines = 0;
+        for line in std::fs::read_to_string(file).unwrap().lines().skip(1) {
+            let fields: Vec<&str> = line.split(',').collect();
+            let number = |i: usize| fields[i].parse::<f64>().unwrap();
+            let mut clock = clock(number(1), ROWS, ROWS);
+            clock.timing.upwards = fields[2] == "up";
+            let windows = clock.next(0.005).unwrap();
+            let middle = |row: u32| windows.row(row).iter().sum::<f64>() / 2.0;
+            // Pixels that it moves while row 0 and the last row have their turns.
+            let moved = number(0) * (middle(ROWS - 1) - middle(0));
+            let rows = f64::from(ROWS - 1);
+            if fields[2] == "vertical" {
+                assert!(near(rows / (rows - moved), number(3)), "{line}");
+            } else {
+                let lean = moved / rows;
+                assert!(near(lean, number(3)), "{lean}: {line}");
+                assert!(near(lean.atan().to_degrees(), number(4)), "{line}");
+                assert!(near(lean * f64::from(ROWS), number(5)), "{line}");
+            }
+            lines += 1;
+        }
+        assert_eq!(lines, 8);
+    }
+
     #[test]
     fn an_exposure_moves_openings_and_lengthens_frames_that_are_too_short_for_it() {
         let mut clock = clock(10.0, 100, 90);

@@ -9,7 +9,7 @@
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_captures::{Light, Role, SceneSeen};
-use camrig_scene::sequence::folder;
+use camrig_scene::sequence::{self, folder};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::path::Path;
@@ -269,6 +269,12 @@ fn with_sequences(shots: Vec<Shot>) -> Result<Vec<Shot>> {
     let mut all = Vec::new();
     for shot in shots {
         let spec = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+        if sequence::passes_by(&spec) {
+            return Err(Error::unsupported(format!("a stack of {spec:?}, whose scene moves")).help(
+                "the frames of a stack look at the same: give a folder of pictures, which becomes \
+                 a stack for each, or simulate the sequence, frame by frame",
+            ));
+        }
         match folder::files(&spec)? {
             None => all.push(shot),
             Some(files) => all.extend(files.into_iter().map(|file| {
@@ -302,6 +308,10 @@ mod tests {
         assert!(said(&format!("{base}role='flat'")).contains("light is not determined"));
         assert!(said(&format!("{base}role='dark'\nfill=0.5")).contains("with light"));
         assert!(said(&format!("{base}role='edge'")).contains("no scene"));
+        for moving in ["clip.y4m", "clip.Y4M:matrix=bt709", "-", "tcp://127.0.0.1:7500"] {
+            let said = said(&format!("{base}role='scene'\nscene={{scene='{moving}'}}"));
+            assert!(said.contains("a folder of pictures"), "{moving}: {said}");
+        }
         let scene = "scene={scene='dots'}\nrole='dots'";
         for light in ["light={wavelength_nm=550.0}", "light={irradiance_w_m2=1.0}", "fill=0.5"] {
             assert!(said(&format!("{base}{scene}\n{light}")).contains("narrow-band"), "{light}");

@@ -1,10 +1,12 @@
 //! The sensor stage over irradiance: cubes of spectral irradiance on the sensor grid, and the
 //! chain of `camrig-sensor-core` compiled once for the vector instructions of this machine.
 
+mod displacement;
 mod irradiance;
 pub mod parallel;
 pub mod rows;
 mod weighted;
 
+pub use displacement::displacement;
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use weighted::weighted;

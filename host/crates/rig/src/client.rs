@@ -1,6 +1,7 @@
 //! A rig in use: its camera, its registers, its frames.
 
 use super::feed::Feed;
+use super::held::Held;
 use super::transport::Transport;
 use super::{Url, emulator, hid, serial, tcp};
 use camrig_base::{Error, RawFrame, Result};
@@ -79,6 +80,9 @@ pub struct RigFrame {
     pub dropped: bool,
     /// Exposure in lines, where the rig's registers decided and it has a line time.
     pub lines: Option<u16>,
+    /// Registers that were written again, since the rig had other values after its link had broken:
+    /// it has restarted, or another host was there. In words.
+    pub restored: Option<String>,
 }
 
 /// A caller's function that hears of faults.
@@ -94,8 +98,8 @@ pub struct Rig {
     since: Instant,
     /// Hears of links that broke and are opened again.
     link_broken: Option<Listener>,
-    /// The rig's line time, ns, once it was asked; `Some(None)` where it has none.
-    line_ns: Option<Option<u32>>,
+    /// What its registers hold, once a frame by registers was asked for.
+    held: Option<Held>,
 }
 
 fn open(url: &Url) -> Result<Box<dyn Transport>> {
@@ -138,7 +142,7 @@ impl Rig {
             camera: Vec::new(),
             since: Instant::now(),
             link_broken: None,
-            line_ns: None,
+            held: None,
         };
         rig.connect()?;
         Ok(rig)
@@ -192,8 +196,10 @@ impl Rig {
     /// # Errors
     /// A register or a value that the rig does not take, a link that fails.
     pub fn write_register(&mut self, address: u16, value: u32) -> Result<()> {
-        self.line_ns = None;
-        self.request(ToDevice::RegWrite(address, value)).map(drop)
+        let held = self.held.take();
+        self.request(ToDevice::RegWrite(address, value))?;
+        self.held = held.and_then(|mut held| held.write(address, value).then_some(held));
+        Ok(())
     }
 
     /// Reads the byte at an address: registers are their bytes, high byte first (MIPI CCS).
@@ -213,7 +219,7 @@ impl Rig {
     /// # Errors
     /// Those of [`Rig::read_byte`], a value that the register does not take.
     pub fn write_byte(&mut self, address: u16, value: u8) -> Result<()> {
-        self.line_ns = None;
+        self.held = None;
         self.request(ToDevice::ByteWrite(address, value)).map(drop)
     }
 
@@ -270,12 +276,14 @@ impl Rig {
         self.device_statistics().map(drop)
     }
 
-    /// The rig's line time, ns; asked once.
-    fn line_ns(&mut self) -> Result<Option<u32>> {
-        if self.line_ns.is_none() {
-            self.line_ns = Some(self.register_if_there(address::LINE_LENGTH_NS)?);
-        }
-        Ok(self.line_ns.flatten())
+    /// What the rig's registers hold that decide frames; asked once.
+    fn held(&mut self) -> Result<Held> {
+        let held = match self.held.take() {
+            Some(held) => held,
+            None => Held::read(self)?,
+        };
+        self.held = Some(held.clone());
+        Ok(held)
     }
 
     /// Sends the rig the sensor that it is to be, unless it is that sensor already.
@@ -346,7 +354,8 @@ impl Rig {
     }
 
     /// Exposes one frame to the light that a feed gives, which says whether bands are collapsed. A
-    /// link that breaks is opened again, and the frame continued where it was.
+    /// link that breaks is opened again, and the frame continued where it was. Where the rig's
+    /// registers decide and it then has others, those that it had are written again.
     ///
     /// # Errors
     /// A frame too large for the link, a cube that cannot be read, settings that the rig refuses,
@@ -358,12 +367,13 @@ impl Rig {
         request: &FrameRequest,
     ) -> Result<RigFrame> {
         let (begin, shape, packing) = announcement(sensor, feed.codec(), request)?;
-        let line_ns = if request.by_registers { self.line_ns()? } else { None };
+        let held = if request.by_registers { Some(self.held()?) } else { None };
+        let line_ns = held.as_ref().and_then(Held::line_ns);
         let raw_bytes = usize::from(shape.raw_bytes);
         self.host.reserve_rows(|rows| rows.resize(rows.len().max(shape.rows.into()), 0));
         let packed = vec![0; raw_bytes * usize::from(shape.rows)];
         let mut transfer = Some(Transfer { feed, packed, raw_bytes, error: None });
-        let mut breaks = 0;
+        let (mut breaks, mut restored) = (0, None);
         loop {
             self.host.begin(begin, shape, breaks > 0);
             let outcome = self.run(&mut transfer);
@@ -382,7 +392,15 @@ impl Rig {
                         request.rows_stay.then(|| receipts(&std::mem::take(&mut packed)));
                     let exposure_s = f64::from(start.exposure.exposure_s);
                     let lines = line_ns.and_then(|ns| whole_lines(exposure_s, ns));
-                    return Ok(RigFrame { start, packed, receipts, packing, dropped, lines });
+                    return Ok(RigFrame {
+                        start,
+                        packed,
+                        receipts,
+                        packing,
+                        dropped,
+                        lines,
+                        restored,
+                    });
                 }
                 Ok(event @ (Event::NoAnswer | Event::Refused(Nack::NoSession))) => {
                     self.failed(event)
@@ -404,13 +422,15 @@ impl Rig {
             }
             self.reopen()?;
             self.send_camera()?;
+            if let Some(held) = &held {
+                restored = held.restore(self)?;
+            }
         }
     }
 
     /// Closes the link and opens it again, as soon as the other end lets go of it.
     fn reopen(&mut self) -> Result<()> {
         self.transport = None;
-        self.line_ns = None;
         let began = Instant::now();
         let mut tries = 0..REOPEN_TRIES;
         loop {

@@ -27,6 +27,7 @@
 pub mod client;
 pub mod emulator;
 pub mod feed;
+mod held;
 pub mod hid;
 mod inbox;
 mod list;

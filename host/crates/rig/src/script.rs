@@ -198,6 +198,25 @@ pub fn exposure_cut(rig: &mut Rig) -> Result<Option<String>> {
     }))
 }
 
+/// Exposure and gain that the registers hold, in words; `None` of a rig without them.
+///
+/// # Errors
+/// A link that fails.
+pub fn settings_held(rig: &mut Rig) -> Result<Option<String>> {
+    let mut held = [0; 3];
+    for (value, at) in held.iter_mut().zip([COARSE_INTEGRATION_TIME, LINE_LENGTH_NS, ANALOG_GAIN])
+    {
+        match rig.register_if_there(at)? {
+            Some(there) => *value = u64::from(there),
+            None => return Ok(None),
+        }
+    }
+    let [lines, line_ns, code] = held;
+    let exposure_ms = (lines * line_ns) as f64 / 1e6;
+    let gain = code as f64 / f64::from(UNITY_GAIN_CODE);
+    Ok(Some(format!("{exposure_ms} ms ({lines} lines of {line_ns} ns) at gain {gain}")))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -230,6 +249,8 @@ mod tests {
         rig.write_register(FRAME_LENGTH_LINES, 2500).unwrap();
         let said = exposure_cut(&mut rig).unwrap().unwrap();
         assert!(said.contains("3000 lines is cut") && said.contains("2500 lines"), "{said}");
+        let held = settings_held(&mut rig).unwrap().unwrap();
+        assert_eq!(held, "30 ms (3000 lines of 10000 ns) at gain 1");
     }
 
     #[test]

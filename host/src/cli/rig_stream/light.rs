@@ -4,13 +4,13 @@ use super::Args;
 use crate::cli::expose;
 use crate::cli::scene_lights::SceneLights;
 use crate::cli::simulate::ViewArgs;
+use crate::cli::times;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_render::SimulatedSensor;
 use camrig_rig::Rig;
 use camrig_rig::stage::{changing_light, remembering};
-use camrig_rig_link::registers::address;
 use camrig_scene::sequence::natural;
 use std::path::{Path, PathBuf};
 
@@ -93,8 +93,7 @@ impl Light {
         let scene = self.scene.as_mut().filter(|scene| scene.change_within_frames());
         let Some(times) = scene.and_then(SceneLights::times) else { return Ok(()) };
         let (line_ns, lines) = times.registers();
-        rig.write_register(address::LINE_LENGTH_NS, line_ns)?;
-        rig.write_register(address::FRAME_LENGTH_LINES, lines)?;
+        times::program(rig, (line_ns, lines))?;
         eprintln!(
             "note: line time and frame length of the camera file are in the rig's registers: \
              {line_ns} ns, {lines} lines"

@@ -17,7 +17,7 @@ use camrig_base::stop::Stoppable;
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
-use camrig_rig::script::{Script, Write, exposure_cut};
+use camrig_rig::script::{Script, Write, exposure_cut, settings_held};
 use camrig_rig::{FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
 use camrig_rig_link::registers::address;
 use light::Light;
@@ -171,7 +171,8 @@ fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &Args) 
     if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
 }
 
-/// Writes what a script has for a frame; says where the frame length cuts the exposure.
+/// Writes what a script has for a frame; says what the first frame is taken with, and where the
+/// frame length cuts the exposure.
 fn write_registers(
     rig: &mut Rig,
     script: Option<&Script>,
@@ -183,6 +184,12 @@ fn write_registers(
     for write in script.into_iter().flat_map(|script| script.before(frame)) {
         write.apply(rig).map_err(|e| e.at(format!("script, before frame {frame}")))?;
         look |= matches!(write, Write::Register(at, _) if CUTTING.contains(&(at & !1)));
+    }
+    if by_registers
+        && frame == 0
+        && let Some(held) = settings_held(rig)?
+    {
+        eprintln!("note: the rig's registers decide, which hold {held}");
     }
     if look && let Some(cut) = exposure_cut(rig)? {
         eprintln!("note: before frame {frame}: {cut}");
@@ -343,6 +350,11 @@ impl Stream<'_> {
                 None => rig.frame_from(&mut feeds[at], sensor, &request)?,
             };
             let time = taken.pace.end();
+            if let Some(restored) = &frame.restored {
+                eprintln!(
+                    "note: in frame {i} the rig came back with other registers; again: {restored}"
+                );
+            }
             taken.outcome.dropped += u64::from(frame.dropped);
             let missed = in_time && frame.start.exposure.exposure_s != exposure_s;
             taken.outcome.exposure_missed += u64::from(missed);

@@ -67,6 +67,11 @@ impl Lit {
         }
     }
 
+    /// What the optics stage gave of the scene's first frame.
+    pub fn first(&self) -> Arc<OpticsOutput> {
+        self.view.clone()
+    }
+
     /// What falls on the sensor at the level of light that the scene was made for.
     pub fn cube(&self) -> &IrradianceCube {
         self.later.as_deref().unwrap_or(&self.view.cube)

@@ -6,11 +6,13 @@ mod files;
 mod light;
 mod recorder;
 mod registers;
+mod scene;
 mod session;
 
 use super::arguments::{arithmetic, duration, positive};
 use super::scene_lights::SceneLights;
 use super::simulate::ViewArgs;
+use super::times::TimeArgs;
 use crate::view::{Desk, Frame, Order, Shared, View};
 use camrig_base::stop::Stoppable;
 use camrig_base::{Error, Result};
@@ -19,6 +21,7 @@ use camrig_render::Arithmetic;
 use camrig_rig::Rig;
 use camrig_rig::stage::{changing_light, remembering};
 use light::Lit;
+use scene::Scene;
 use session::Session;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -34,12 +37,16 @@ use std::sync::{Arc, mpsc};
 #[command(after_help = "Examples:\n  \
     camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
     camrig rig view tcp://127.0.0.1:7420 --camera mt9v024 --scene dots --exposure 5ms --fps 10\n  \
-    camrig rig view emulator: --camera mt9v024 --scene tcp://127.0.0.1:7500 --fps 10")]
+    camrig rig view emulator: --camera mt9v024 --scene tcp://127.0.0.1:7500 --fps 10\n  \
+    camrig rig view emulator: --camera mt9v024 --set sensor.timing.line_time_us=20 \\\n    \
+        --scene ramp --lamp mains:hz=100,depth=0.3")]
 pub struct Args {
     /// Address of the rig
     url: String,
     #[command(flatten)]
     view: ViewArgs,
+    #[command(flatten)]
+    time: TimeArgs,
     /// Integration time at the start
     #[arg(
         long,
@@ -115,7 +122,12 @@ pub fn run(args: &Args) -> Result<()> {
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
     let camera = args.view.camera.load()?;
-    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps), None)?;
+    let changes = args.view.motion.is_some()
+        || args.time.is_given()
+        || args.view.sequence.is_sequence(&args.view.scene)?;
+    // A scene that stands still has no times, and its page may ask for any frame rate.
+    let times = if changes { args.time.times(&camera, Some(args.fps))? } else { None };
+    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps), times)?;
     let lit = Lit::new(&camera, view)?;
     if let (false, Some(effect)) = (lights.stand_still(), remembering(&lit.sensor).next()) {
         return Err(changing_light(effect));
@@ -124,7 +136,8 @@ pub fn run(args: &Args) -> Result<()> {
     let shared = Arc::new(Shared::new(source, settings));
     let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
     let stop = Stoppable::new();
-    let mut session = Session::new(args, &camera, &shared, &orders, &stop, lights)?;
+    let scene = Scene::new(lights, lit.first(), &shared);
+    let mut session = Session::new(args, &camera, &shared, &orders, &stop, scene)?;
     session.begin(&mut rig)?;
     // The address is data: scripts wait for it.
     println!("{}", page.url());

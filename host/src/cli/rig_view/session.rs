@@ -4,10 +4,10 @@ use super::automatic::Automatic;
 use super::beat::Beat;
 use super::light::{Lit, Ready, Workshop};
 use super::recorder::Recorder;
+use super::scene::Scene;
 use super::{Args, registers};
 use crate::cli::arguments::broken_link;
-use crate::cli::rig_stream::KEPT_BYTES;
-use crate::cli::scene_lights::{NextLight, SceneLights};
+use crate::cli::rig_stream::{KEPT_BYTES, pace};
 use crate::view::{Frame, Order, Register, Shared, State, Status, Timing};
 use camrig_base::stop::Stoppable;
 use camrig_base::{Error, ErrorKind, Result};
@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Wait before a rig that does not answer is tried again.
 const RETRY: Duration = Duration::from_secs(1);
+/// Time between two looks for the first light of a scene.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// The stream and what it is driven by.
 pub struct Session<'a> {
@@ -41,11 +43,8 @@ pub struct Session<'a> {
     frames: u32,
     /// The light of the frame before is that of the next.
     lit_before: bool,
-    /// The light of frame after frame.
-    lights: SceneLights,
-    /// The frame whose light was asked for last.
-    light_of: u32,
-    scene_is_over: bool,
+    /// A scene that changes.
+    scene: Option<Scene>,
 }
 
 /// Why frames end.
@@ -67,7 +66,7 @@ impl<'a> Session<'a> {
         shared: &'a Arc<Shared>,
         orders: &'a mpsc::Receiver<Order>,
         stop: &'a Stoppable,
-        lights: SceneLights,
+        scene: Option<Scene>,
     ) -> Result<Self> {
         Ok(Self {
             args,
@@ -83,9 +82,7 @@ impl<'a> Session<'a> {
             begun: None,
             frames: 0,
             lit_before: false,
-            lights,
-            light_of: 0,
-            scene_is_over: false,
+            scene,
         })
     }
 
@@ -103,7 +100,7 @@ impl<'a> Session<'a> {
                 state.fault("link", error);
             });
         });
-        self.write_settings(rig)?;
+        self.program(rig)?;
         if let Some(held) = rig.injected()? {
             self.note("rig", format!("its registers hold {held}, and its frames show it"));
         }
@@ -111,8 +108,11 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Writes exposure and gain as they were asked for last.
-    fn write_settings(&self, rig: &mut Rig) -> Result<()> {
+    /// Writes exposure and gain as they were asked for last, and what the scene's rows need.
+    fn program(&mut self, rig: &mut Rig) -> Result<()> {
+        if let Some(scene) = &mut self.scene {
+            scene.program(rig)?;
+        }
         let (exposure_s, gain) = {
             let settings = &self.shared.lock().settings;
             (settings.exposure_s, settings.analog_gain)
@@ -136,7 +136,9 @@ impl<'a> Session<'a> {
                 },
             }
         }
-        self.lights.tell_end(self.frames.into(), None);
+        if let Some(scene) = self.scene.take() {
+            scene.finish(self.frames);
+        }
         self.recorder.finish()
     }
 
@@ -150,16 +152,19 @@ impl<'a> Session<'a> {
         let mut feed = if feed.bytes() <= KEPT_BYTES { feed.kept() } else { feed };
         rig.set_camera(&lit.sensor)?;
         loop {
+            if let Some(other) = self.ask(rig, lit)? {
+                return Ok(Next::In(Box::new(other)));
+            }
             self.beat.wait(rig, self.stop);
             if self.stop.is_asked() || Some(self.frames) == self.args.frames {
                 return Ok(Next::End);
             }
-            if let Some(other) = self.obey(rig, lit)? {
-                self.lit_before = false;
+            if let Some(other) = self.change(rig, lit)? {
                 return Ok(Next::In(Box::new(other)));
             }
-            if let Some(later) = self.later(lit) {
-                return Ok(Next::In(Box::new(later)));
+            if self.scene.as_ref().is_some_and(Scene::is_dark) {
+                pace::wait_until(Instant::now() + LOOK, rig, self.stop);
+                continue;
             }
             let late = self.beat.begin(Instant::now());
             let request = FrameRequest {
@@ -177,21 +182,29 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// The light of the frame that is due, where the scene has changed since the one before.
-    fn later(&mut self, lit: &Lit) -> Option<Lit> {
-        if self.frames == self.light_of || self.scene_is_over {
-            return None;
+    /// Asks for the light of the frame that is due next. Where its rows are lit for an exposure,
+    /// that is looked up once the orders have been carried out; another light where they want one.
+    fn ask(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
+        if self.scene.as_ref().is_some_and(Scene::looks)
+            && let Some(other) = self.obey(rig, lit)?
+        {
+            return Ok(Some(other));
         }
-        self.light_of = self.frames;
-        // In the console a scene stands still during a frame: the exposure plays no part.
-        match self.lights.next(self.frames, 0.0, lit.cube()) {
-            Ok(NextLight::Same) => return None,
-            Ok(NextLight::Changed(cube)) => return Some(lit.later(cube)),
-            Ok(NextLight::Over) => self.note("scene", "it has ended; its last frame stays"),
-            Err(error) => self.fault("scene", error),
+        self.scene.as_mut().map_or(Ok(()), |scene| scene.ask(rig))?;
+        Ok(None)
+    }
+
+    /// The light of the frame that begins now, where it is another than that of the one before: the
+    /// scene has changed, or it was ordered.
+    fn change(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
+        if !self.scene.as_ref().is_some_and(Scene::has_looked)
+            && let Some(other) = self.obey(rig, lit)?
+        {
+            return Ok(Some(other));
         }
-        self.scene_is_over = true;
-        None
+        let cube = self.scene.as_mut().and_then(|scene| scene.light(self.shared));
+        self.lit_before &= cube.is_none();
+        Ok(cube.map(|cube| lit.later(cube)))
     }
 
     /// The times of a frame that begins now.
@@ -212,6 +225,13 @@ impl<'a> Session<'a> {
         self.recorder.take(&frame, &lit.sensor, timing.at_s);
         let raw = (!frame.dropped).then(|| frame.to_raw(&lit.sensor)).transpose()?;
         let exposure = frame.start.exposure;
+        let missed = self.scene.as_mut().and_then(|scene| scene.taken(exposure.exposure_s));
+        if let Some(missed) = missed {
+            self.note("scene", missed);
+        }
+        if let Some(restored) = &frame.restored {
+            self.note("rig", format!("it came back with other registers; again: {restored}"));
+        }
         let wanted =
             raw.as_ref().and_then(|raw| self.automatic.next(raw, f64::from(exposure.exposure_s)));
         let mut settings = self.camera.settings(frame.start.frame, 1.0, None);
@@ -234,7 +254,7 @@ impl<'a> Session<'a> {
         });
         if before == Status::Reconnecting {
             // It may be another one, or have been without power.
-            self.write_settings(rig)?;
+            self.program(rig)?;
             self.note("link", "the rig is back; exposure and gain are written again");
         }
         match wanted {
@@ -278,6 +298,7 @@ impl<'a> Session<'a> {
             None => {}
         }
         if let Some(other) = &other {
+            self.lit_before = false;
             self.tell_light(other);
         }
         Ok(other)

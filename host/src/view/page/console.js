@@ -21,7 +21,7 @@ function showStatus(words, kind) {
 }
 
 function showBar() {
-  const { source, frames, frames_per_s: rate, late, dropped, recording } = state;
+  const { source, frames, frames_per_s: rate, late, dropped, recording, scene } = state;
   if (!at("source").textContent) at("source").append(`${source.camera} · `, element("code", {}, source.rig));
   showStatus(...(link.frozen && state.status === "streaming" ? ["frozen; the rig streams", ""] : STATUS[state.status]));
   say("frames", whole(frames));
@@ -30,6 +30,9 @@ function showBar() {
   say("shown", span > 0 ? `${(1000 * (shownAt.length - 1) / span).toFixed(1)} /s` : "–");
   say("late", whole(late));
   at("late").className = late ? "hot" : "";
+  at("scene-late-of").hidden = !scene;
+  say("scene-late", whole(scene ? scene.late : 0));
+  at("scene-late").className = scene && scene.late ? "hot" : "";
   say("dropped", whole(dropped));
   at("dropped").className = dropped ? "hot" : "";
   at("record").setAttribute("aria-pressed", String(!!recording));

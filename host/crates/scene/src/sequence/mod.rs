@@ -155,6 +155,12 @@ pub fn is_sequence(spec: &str, reading: &Reading) -> Result<bool> {
     Ok(reading.watch.is_some() || folder::kind(path, options)? == folder::Kind::Sequence)
 }
 
+/// Whether `spec` names video or a stream, whose frames have no names of their own.
+#[must_use]
+pub fn passes_by(spec: &str) -> bool {
+    is_stream(spec) || is_video(super::file_and_options(spec).0)
+}
+
 /// Opens what `spec` names as a sequence; none where that is one scene that stands still.
 ///
 /// # Errors

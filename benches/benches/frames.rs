@@ -1,0 +1,158 @@
+//! Frames of 640 x 480 pixels of three floats through a socket (`camrig-frames/1`), beside the bare
+//! socket and copying the same bytes in the same run.
+//!
+//! `cargo bench -p camrig-benches --bench frames`. A thread writes the messages as fast as they are
+//! taken; all is counted from the first frame to the last, in frames per second. "Taken" is a frame
+//! whose bytes are in memory, checked; "a picture" one whose samples have been read as a scene.
+
+use camrig::scene::sequence::{self, Reading};
+use std::hint::black_box;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::time::{Duration, Instant};
+
+const SIZE: [u32; 2] = [640, 480];
+const FRAMES: u64 = 200;
+const PAYLOAD: usize = 4 * 3 * 640 * 480;
+
+fn main() {
+    let folder = std::env::temp_dir().join(format!("camrig-frames-{}", std::process::id()));
+    std::fs::create_dir(&folder).expect("a folder");
+    println!("copying: {:.0} frames/s", best(copied));
+    for unix in [false, true] {
+        let name = if unix { "Unix socket" } else { "TCP" };
+        let bare = best(|| bare(unix, &folder.join("bare")));
+        let taken = best(|| received(unix, &folder.join("taken"), false));
+        let opened = best(|| received(unix, &folder.join("opened"), true));
+        println!("{name}: bare {bare:.0}, taken {taken:.0}, a picture {opened:.0} frames/s");
+    }
+    std::fs::remove_dir_all(&folder).expect("the folder goes");
+}
+
+/// The highest of a few rates.
+fn best(mut rate: impl FnMut() -> f64) -> f64 {
+    (0..3).map(|_| rate()).fold(0.0, f64::max)
+}
+
+fn rate(begin: Instant, frames: u64) -> f64 {
+    frames as f64 / begin.elapsed().as_secs_f64()
+}
+
+/// Copies payloads in memory.
+fn copied() -> f64 {
+    let (from, mut to) = (vec![1u8; PAYLOAD], vec![0u8; PAYLOAD]);
+    let begin = Instant::now();
+    for _ in 0..FRAMES {
+        to.copy_from_slice(black_box(&from));
+        black_box(&to);
+    }
+    rate(begin, FRAMES)
+}
+
+/// The header of a frame of linear Rec. 709: docs/frames.md.
+fn header(number: u64, end: bool) -> [u8; 256] {
+    let mut head = [0; 256];
+    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, b"CRFRAME1");
+    put(8, &256u32.to_le_bytes());
+    put(12, &(if end { 2u32 } else { 0 }).to_le_bytes());
+    put(16, &number.to_le_bytes());
+    put(24, &(number * 40_000_000).to_le_bytes());
+    let [width, height] = if end { [0; 2] } else { SIZE };
+    for (at, value) in [(40, width), (44, height), (48, 3)] {
+        put(at, &value.to_le_bytes());
+    }
+    // f32, interleaved, radiance, Rec. 709, linear.
+    for (at, value) in [(52, 4u16), (54, 1), (56, 2), (58, 1)] {
+        put(at, &value.to_le_bytes());
+    }
+    put(64, &u64::from(12 * width).to_le_bytes());
+    put(80, &(if end { 0 } else { PAYLOAD as u64 }).to_le_bytes());
+    put(88, &(if end { 0.0f64 } else { 100.0 }).to_le_bytes());
+    let crc = crc32c(&head[..252]);
+    head[252..].copy_from_slice(&crc.to_le_bytes());
+    head
+}
+
+fn crc32c(bytes: &[u8]) -> u32 {
+    let shift = |crc: u32, _| crc >> 1 ^ if crc & 1 == 1 { 0x82f6_3b78 } else { 0 };
+    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), shift))
+}
+
+/// Writes all messages.
+fn write(mut to: impl Write) {
+    let payload = 0.5f32.to_le_bytes().repeat(PAYLOAD / 4);
+    for number in 0..=FRAMES {
+        to.write_all(&header(number, false)).expect("a reader");
+        to.write_all(&payload).expect("a reader");
+    }
+    let _ = to.write_all(&header(FRAMES + 1, true));
+}
+
+/// Connects as soon as somebody listens, and writes.
+fn write_to(unix: bool, place: String) {
+    std::thread::spawn(move || {
+        loop {
+            let patience = Duration::from_millis(5);
+            match unix {
+                true => match UnixStream::connect(&place) {
+                    Ok(to) => return write(to),
+                    Err(_) => std::thread::sleep(patience),
+                },
+                false => match TcpStream::connect(&place) {
+                    Ok(to) => return write(to),
+                    Err(_) => std::thread::sleep(patience),
+                },
+            }
+        }
+    });
+}
+
+/// Reads the messages' bytes into one buffer.
+fn bare(unix: bool, path: &std::path::Path) -> f64 {
+    let _ = std::fs::remove_file(path);
+    let mut from: Box<dyn Read> = if unix {
+        let listener = UnixListener::bind(path).expect("a socket");
+        write_to(unix, path.display().to_string());
+        Box::new(listener.accept().expect("a writer").0)
+    } else {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        write_to(unix, listener.local_addr().expect("an address").to_string());
+        Box::new(listener.accept().expect("a writer").0)
+    };
+    let mut message = vec![0; 256 + PAYLOAD];
+    from.read_exact(&mut message).expect("a frame");
+    let begin = Instant::now();
+    for _ in 0..FRAMES {
+        from.read_exact(&mut message).expect("a frame");
+        black_box(&message);
+    }
+    rate(begin, FRAMES)
+}
+
+/// Takes the frames as camrig does.
+fn received(unix: bool, path: &std::path::Path, open: bool) -> f64 {
+    let spec = if unix {
+        write_to(unix, path.display().to_string());
+        format!("unix:{}", path.display())
+    } else {
+        let free = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr();
+        let place = free.expect("an address").to_string();
+        write_to(unix, place.clone());
+        format!("tcp://{place}")
+    };
+    let opened = sequence::open(&spec, &Reading::default()).expect("a stream");
+    let mut frames = opened.expect("a sequence");
+    frames.next_frame().expect("a frame");
+    let begin = Instant::now();
+    for _ in 0..FRAMES {
+        let frame = frames.next_frame().expect("a frame").expect("not the end");
+        if open {
+            black_box(frame.open().expect("a picture").size());
+        } else {
+            black_box(frame.number);
+        }
+    }
+    rate(begin, FRAMES)
+}

@@ -1,0 +1,93 @@
+//! Scenes that change in front of the console: what rows collect in time, and writers that are
+//! silent or die.
+
+use super::control::{Console, exposed};
+use serde_json::{Value, json};
+use std::f64::consts::TAU;
+use std::io::Write;
+
+/// 64 rows of 20 µs in frames of 2000 lines, 40 ms.
+const CAMERA: &str = "emulator: --camera mt9v024 --set sensor.width=96 --set sensor.height=64 \
+                      --set sensor.timing.line_time_us=20 --fps 25";
+const WIDTH: usize = 96;
+const HEIGHT: usize = 64;
+
+/// Mean of 1 + m cos(2π 100 t) over a row's window: frame 0 opens at 0 with 2 ms, and windows close
+/// at the same phase of the lamp in all frames.
+fn lamp(row: f64, exposure: f64) -> f64 {
+    let close = 0.002 + 20e-6 * row;
+    let x = 0.5 * TAU * 100.0 * exposure;
+    1.0 + 0.5 * x.sin() / x * (TAU * 100.0 * (close - 0.5 * exposure)).cos()
+}
+
+/// Signal of the upper rows over that of the lower rows.
+fn slope(told: &Value, samples: &[u16]) -> f64 {
+    let black = told["frame"]["black_dn"][0].as_f64().unwrap();
+    let rows = 16;
+    let mean = |samples: &[u16]| {
+        samples.iter().map(|dn| f64::from(*dn)).sum::<f64>() / samples.len() as f64 - black
+    };
+    mean(&samples[..rows * WIDTH]) / mean(&samples[(HEIGHT - rows) * WIDTH..])
+}
+
+#[test]
+fn rows_collect_light_in_time_also_after_the_exposure_has_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "--scene uniform:0.5 --lux 2000 --lamp mains:hz=100,depth=0.5 --exposure 2ms";
+    let console = Console::of(dir.path(), &format!("{CAMERA} {scene}"));
+    let mut page = console.page();
+    // Outer rows of the sixteen at either edge are 7.5 rows from their middle.
+    let expected = |exposure| lamp(7.5, exposure) / lamp(HEIGHT as f64 - 8.5, exposure);
+    for exposure in [0.002, 0.006] {
+        page.set(json!({ "exposure_s": exposure }));
+        // Noise of 1536 samples and of their rows' offsets stays below 1 %. On a busy machine a
+        // frame may show the light before once more, made for another exposure, and says so.
+        let mut found = Vec::new();
+        while found.last().is_none_or(|f: &f64| (f / expected(exposure) - 1.0).abs() > 0.02) {
+            let (told, samples) = page.until(|told| exposed(told, exposure, 1.0));
+            found.push(slope(&told, &samples));
+            assert!(found.len() < 50, "{exposure}: {found:?}, not {}", expected(exposure));
+            let said = told["events"].to_string().contains("were lit for");
+            assert!(!said || told["scene"]["late"] != 0, "{told}");
+        }
+    }
+    assert!((expected(0.002) - expected(0.006)).abs() > 0.1);
+}
+
+/// A frame of video, and its header before the first.
+fn video(luma: u8) -> Vec<u8> {
+    let mut bytes = b"FRAME\n".to_vec();
+    bytes.extend([luma; 16 * 12]);
+    bytes.extend([128; 2 * 16 * 12]);
+    bytes
+}
+
+#[test]
+fn a_writer_who_is_silent_or_dies_holds_up_no_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    let header = b"YUV4MPEG2 W16 H12 F25:1 Ip A1:1 C444\n";
+    let begin = [&header[..], &video(60), &video(90), &video(90)].concat();
+    let scene = "--scene - --stall 100 --lux 2000 --exposure 2ms";
+    let mut console = Console::fed(dir.path(), &format!("{CAMERA} {scene}"), &begin);
+    let mut page = console.page();
+    // Frames go on and orders are obeyed in the last light that came.
+    page.until(|told| told["scene"]["late"].as_u64() > Some(5));
+    page.set(json!({ "exposure_s": 0.004 }));
+    let (told, _) = page.until(|told| exposed(told, 0.004, 1.0));
+    assert_eq!(page.until_told("its next light is awaited")["error"], false);
+    let received = told["scene"]["frames"]["received"].as_u64();
+    let mut stdin = console.child.stdin.take().unwrap();
+    stdin.write_all(&[video(120), video(120), video(120)].concat()).unwrap();
+    page.until(|told| told["scene"]["frames"]["received"].as_u64() > received);
+    page.until_told("its next light has come after");
+    // It dies within a frame.
+    stdin.write_all(&video(60)[..100]).unwrap();
+    drop(stdin);
+    let fault = page.until_told("ends within");
+    assert_eq!((&fault["error"], &fault["source"]), (&json!(true), &json!("scene")));
+    page.until_told("its last light stays");
+    let (told, _) = page.until(|_| true);
+    let now = told["frames"].as_u64();
+    page.set(json!({ "exposure_s": 0.002 }));
+    page.until(|told| told["frames"].as_u64() > now.map(|n| n + 3) && exposed(told, 0.002, 1.0));
+}
