@@ -233,7 +233,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         )
         .help("leave --hdr out, or let the light stand still"));
     }
-    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, notes, .. } = first;
     if let Some(path) = &args.save_irradiance {
         cube.save(path, frames.force)?;
     }
@@ -279,6 +279,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "cached": cached,
             "lens_traced": lens_traced,
         },
+        "notes": notes,
     });
     arguments::report(&written, object, frames.json);
     Ok(ExitCode::SUCCESS)
