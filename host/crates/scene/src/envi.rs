@@ -292,7 +292,8 @@ mod tests {
                       data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
         std::fs::write(&path, header).unwrap();
         let scene = open(path.to_str().unwrap()).unwrap();
-        assert_eq!(scene.notes().len(), 2, "{:?}", scene.notes());
+        // The bad band, the missing sample, and the unit of the wavelengths.
+        assert_eq!(scene.notes().len(), 3, "{:?}", scene.notes());
         let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
         // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
         for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {
