@@ -1,5 +1,6 @@
 //! Readers of files against arbitrary bytes: an error or what the file holds, never a panic, and no
-//! memory that the file's size does not explain. `FUZZ_FORMAT` names the reader.
+//! memory that the file's size does not explain. `FUZZ_FORMAT` names the reader. What reads several
+//! files gets them in one input, a form feed between them.
 
 #![no_main]
 
@@ -107,6 +108,25 @@ fn glasses(bytes: &[u8]) {
     }
 }
 
+/// Imports a lens from `names` files of a folder, the first of which says what the others are.
+fn imported(names: &[&str], bytes: &[u8]) {
+    let folder = target().file.with_extension("lens");
+    // What the manifest names lies in the folder: /dev/zero is none of this reader's business.
+    let leads_away = |text: &[u8]| matches!(text, b"\"/" | b"'/" | b".." | b"\\u");
+    if bytes.windows(2).any(leads_away) {
+        return;
+    }
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut parts = bytes.split(|byte| *byte == FORM_FEED);
+    for name in names {
+        std::fs::write(folder.join(name), parts.next().unwrap_or_default()).unwrap();
+    }
+    let _ = import::import(&folder.join(names[0]));
+}
+
+/// Stands between the files of one input.
+const FORM_FEED: u8 = 0x0c;
+
 /// Headerless pixels: the name of the format and the sizes come first.
 fn pixels(bytes: &[u8]) {
     let Some((head, rest)) = bytes.split_at_checked(16) else { return };
@@ -131,6 +151,12 @@ fuzz_target!(|bytes: &[u8]| {
         "agf" => glasses(bytes),
         "seq" => lens(camrig_lens::seq::read, bytes),
         "zmx" => lens(camrig_lens::zmx::read, bytes),
+        "toml" => lens(camrig_lens::toml::read, bytes),
+        "import" => imported(&["lens.toml", "a.csv", "b.csv", "c.csv", "d.csv"], bytes),
+        "iset" => imported(
+            &["ISETPARMS.TXT", "x_DI_.dat", "x_RI_.dat", "x_CRA_.dat", "x_2D_PSF_Fld1_Wave1.dat"],
+            bytes,
+        ),
         "listing" => {
             let text = String::from_utf8_lossy(bytes);
             if let Ok(psf) = import::listing::psf(&text) {

@@ -77,12 +77,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         _ => None,
     };
+    let mut notes = Vec::new();
     let done = match &dataset {
         Some(dataset) if !args.dry_run => {
             let bar = progress("pictures", part.end - part.start);
             let cache = if args.no_cache { None } else { content::directory() };
             let device = args.device.open()?;
-            let tell = |note: &str| bar.suspend(|| eprintln!("note: {note}"));
+            let tell = |note: &str| {
+                bar.suspend(|| eprintln!("note: {note}"));
+                notes.push(note.to_owned());
+            };
             batch::run(&sweep, dataset, args.shard, device, cache, || bar.inc(1), tell)?;
             bar.finish_and_clear();
             dataset.complete()?
@@ -105,10 +109,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         None => None,
     };
     if args.json {
-        println!(
-            "{}",
-            json!({ "pictures": total, "in_shard": in_part, "done": done, "complete": complete })
-        );
+        let object = json!({
+            "pictures": total, "in_shard": in_part, "done": done, "complete": complete,
+            "notes": notes,
+        });
+        println!("{object}");
     } else {
         let total = counted(total as usize, "picture");
         eprintln!("{total}, {in_part} of them in shard {}; {done} there", args.shard);

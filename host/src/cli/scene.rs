@@ -1,5 +1,6 @@
 //! `camrig scene`: the scenes there are, what they hold and look like, and the library.
 
+use super::scene_info::{InfoArgs, info};
 use super::{arguments, calibrate};
 use camrig_base::numbers::counted;
 use camrig_base::output;
@@ -51,17 +52,6 @@ enum Verb {
 struct ListArgs {
     /// Library directory
     library: Option<PathBuf>,
-    /// Print one JSON object on standard output
-    #[arg(long)]
-    json: bool,
-}
-
-/// Say what a scene holds: size, bands, range of values
-#[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  camrig scene info cube.hdr --json")]
-struct InfoArgs {
-    /// Chart, spectral cube, picture or scene directory
-    scene: String,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -201,96 +191,16 @@ fn list(args: &ListArgs) -> Result<()> {
 
 /// Width in cells of the grid on which charts are sampled, which have no pixels of their own. A
 /// trade: the figures of a chart hardly change beyond it, and a chart is drawn in a moment.
-const CHART_WIDTH: usize = 640;
+pub(super) const CHART_WIDTH: usize = 640;
 
 /// Width over height of the grid where a scene fills any frame.
 const ANY_ASPECT: f64 = 4.0 / 3.0;
 
 /// A grid over the whole content, `width` cells across.
-fn whole(scene: &dyn Scene, width: usize) -> Grid {
+pub(super) fn whole(scene: &dyn Scene, width: usize) -> Grid {
     let cell = 1.0 / width as f64;
     let height = (width as f64 / scene.aspect().unwrap_or(ANY_ASPECT)).round().max(1.0) as usize;
     Grid { width, height, left: -0.5, top: -0.5 * height as f64 * cell, cell }
-}
-
-fn info(args: &InfoArgs) -> Result<()> {
-    let cube = scene::is_file(&args.scene).then(|| scene::open_file(&args.scene)).transpose()?;
-    let (size, understood) = match &cube {
-        Some(cube) => (Some(cube.size()), cube.understood().to_vec()),
-        None => (None, Vec::new()),
-    };
-    let scene: Box<dyn Scene> = match cube {
-        Some(cube) => Box::new(cube),
-        None => scene::open(&args.scene)?,
-    };
-    let grid = whole(&*scene, size.map_or(CHART_WIDTH, |(width, _)| width));
-    let figures = figures(&*scene, &grid)?;
-    let quantity = scene.quantity().name();
-    let mut notes = scene.notes();
-    let above = figures.iter().filter(|f| f.3 > 1.0).count();
-    if scene.quantity() == Quantity::Reflectance && above > 0 {
-        notes.push(format!(
-            "reflectance above 1 in {}: highlights, or a wrong scale",
-            counted(above, "band")
-        ));
-    }
-    if args.json {
-        let per_band: Vec<_> = figures
-            .iter()
-            .map(|(nm, min, mean, max)| {
-                json!({ "wavelength_nm": nm, "min": min, "mean": mean, "max": max })
-            })
-            .collect();
-        let bands = scene.bands();
-        let object = json!({
-            "scene": args.scene, "quantity": quantity,
-            "width": size.map(|s| s.0), "height": size.map(|s| s.1),
-            "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band,
-            "understood": understood, "notes": notes,
-        });
-        say!("{object}");
-        return Ok(());
-    }
-    match size {
-        Some((width, height)) => say!("{}: {width} x {height} pixels, {quantity}", args.scene),
-        None => say!("{}: chart, any size, {quantity}", args.scene),
-    }
-    for line in understood {
-        say!("read as: {line}");
-    }
-    say!("wavelength_nm      min     mean      max");
-    // One screen: of many bands, equally spaced ones.
-    let step = figures.len().div_ceil(MOST_LINES);
-    for (nm, min, mean, max) in figures.iter().step_by(step) {
-        say!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}");
-    }
-    if step > 1 {
-        say!("(one in {step} of {} bands; --json has all)", figures.len());
-    }
-    for note in notes {
-        eprintln!("note: {note}");
-    }
-    Ok(())
-}
-
-/// Lines of a table of bands: with what is said of the file, one screen.
-const MOST_LINES: usize = 36;
-
-/// Wavelength in nm, and least, mean and largest value of each band.
-fn figures(scene: &dyn Scene, grid: &Grid) -> Result<Vec<(f64, f32, f64, f32)>> {
-    let bands = scene.bands();
-    let bar = arguments::progress("bands", bands.count as u64);
-    let mut figures = Vec::new();
-    for band in 0..bands.count {
-        let plane = scene.plane(band, grid)?;
-        let least = plane.data.iter().fold(f32::INFINITY, |a, &b| a.min(b));
-        let most = plane.data.iter().fold(0.0, |a: f32, &b| a.max(b));
-        let sum: f64 = plane.data.iter().map(|&v| f64::from(v)).sum();
-        figures.push((bands.nm(band), least, sum / plane.data.len() as f64, most));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    Ok(figures)
 }
 
 fn show(args: &ShowArgs) -> Result<()> {

@@ -238,7 +238,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         )
         .help("leave --hdr out, or let the light stand still"));
     }
-    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, notes, .. } = first;
     if let Some(path) = &args.save_irradiance {
         if !lights.stand_still() {
             eprintln!(
@@ -292,6 +292,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "cached": cached,
             "lens_traced": lens_traced,
         },
+        "notes": notes,
     });
     arguments::report(&written, object, frames.json);
     Ok(ExitCode::SUCCESS)

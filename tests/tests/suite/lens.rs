@@ -133,25 +133,60 @@ fn a_decentred_lens_has_a_two_dimensional_field_and_pictures() {
     let ([left, right], [top, bottom]) = (axis("x_mm"), axis("y_mm"));
     assert!((left + right).abs() < 1e-4 && (top + bottom + 0.5).abs() < 0.01, "{out}");
     refuses(dir, "lens plot out -o plots", &why[..1]);
-    let camera = camrig::camera::presets::file("mt9v024.toml").unwrap();
-    let (head, rest) = camera.split_once("[lens]").unwrap();
-    let rest = rest.split_once("[sensor]").unwrap().1;
-    let lens = "[lens]\nkind = \"prescription\"\nfile = \"decentred.seq\"\n\n[sensor]";
-    let camera = format!("{head}{lens}{rest}").replace("mt9v024-qe.csv", "qe.csv");
-    let camera_text = camera.replace("ir-cut-690.csv", "cut.csv");
-    for (built_in, name) in [("mt9v024-qe.csv", "qe.csv"), ("ir-cut-690.csv", "cut.csv")] {
-        let text = camrig_ok(dir, &format!("presets {built_in}")).stdout;
-        std::fs::write(dir.join(name), text).unwrap();
-    }
-    let stored = camera_text.replace(
-        "kind = \"prescription\"\nfile = \"decentred.seq\"",
-        "kind = \"characterised\"\ndata = \"out\"",
+    camera_with(
+        dir,
+        "kind = \"characterised\"
+data = \"out\"",
     );
-    std::fs::write(dir.join("camera.toml"), stored).unwrap();
     let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms -o picture";
     camrig_ok(dir, &format!("{command}.npy"));
     refuses(dir, &format!("{command}.mcap"), &why[..1]);
     refuses(dir, "lens trace decentred.seq --fields 1:x", &["two as x:y"]);
+}
+
+/// Writes `camera.toml`, the camera `mt9v024` (752 x 480 pixels of 6 µm) with another lens.
+fn camera_with(dir: &Path, lens: &str) {
+    let camera = camrig::camera::presets::file("mt9v024.toml").unwrap();
+    let (head, rest) = camera.split_once("[lens]").unwrap();
+    let rest = rest.split_once("[sensor]").unwrap().1;
+    let camera = format!("{head}[lens]\n{lens}\n\n[sensor]{rest}");
+    std::fs::write(dir.join("camera.toml"), camera).unwrap();
+    for name in ["mt9v024-qe.csv", "ir-cut-690.csv"] {
+        let text = camrig_ok(dir, &format!("presets {name}")).stdout;
+        std::fs::write(dir.join(name), text).unwrap();
+    }
+}
+
+#[test]
+fn a_sensor_beyond_the_tables_of_a_lens_is_told() {
+    let dir = folder();
+    let dir = dir.path();
+    // To an image height of 1 mm at 550 nm; the sensor's corner lies at 2.7 mm.
+    camrig_ok(dir, "lens import manifest.toml -o imported");
+    camera_with(dir, "kind = \"characterised\"\ndata = \"imported\"");
+    let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms --no-cache";
+    let made = camrig_ok(dir, &format!("{command} -o out.npy --json"));
+    let told: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let notes: Vec<&str> =
+        told["notes"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let stderr = String::from_utf8_lossy(&made.stderr);
+    for words in
+        ["imported: distortion, relative illumination and PSFs end at 1.000 mm", "550 nm alone"]
+    {
+        assert!(notes.iter().any(|note| note.contains(words)), "{notes:?}");
+        assert!(stderr.contains(words), "{stderr}");
+    }
+    // A circle of 0.99 mm (the distortion is 1 %) in a frame of 4.512 mm x 2.88 mm.
+    let beyond = 100.0 * (1.0 - std::f64::consts::PI * 0.99 * 0.99 / (4.512 * 2.88));
+    let note = notes.iter().find(|note| note.contains("% of the frame")).unwrap();
+    let (before, _) = note.split_once(" % of the frame").unwrap();
+    let share: f64 = before.rsplit(' ').next().unwrap().parse().unwrap();
+    assert!((share - beyond).abs() <= 1.0, "{beyond}: {note}");
+    refuses(
+        dir,
+        "lens info imported --sensor-shift 0.1",
+        &["--sensor-shift for a lens directory"],
+    );
 }
 
 #[test]

@@ -518,5 +518,11 @@ fn field_table(name: &str, folder: &Folder<'_>) -> Result<Vec<(f64, f64)>> {
     if table.len() < 2 {
         return Err(Error::input("fewer than two lines").at(name).help("give field,ratio lines"));
     }
+    let (first, last) = (table[0].0, table[table.len() - 1].0);
+    if first != 0.0 || last < 1.0 {
+        return Err(Error::input(format!("the fields run from {first} to {last}"))
+            .at(name)
+            .help("give lines from 0 (axis) to 1 (corner): nothing is made up for the rest"));
+    }
     Ok(table)
 }

@@ -110,6 +110,7 @@ fn a_table_of_relative_illumination_is_read_or_told() {
         ("field,ratio\n0,1\n1,2\n", "ratios to the axis lie in 0 to 1.5"),
         ("field,ratio\n0.5,1\n0.2,0.9\n", "fields rise from 0"),
         ("field,ratio\n0,one\n1,0.9\n", "not a table of field,ratio"),
+        ("field,ratio\n0,1\n0.8,0.7\n", "the fields run from 0 to 0.8"),
     ] {
         let error = load(table).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains("shading.csv"), "{error}");

@@ -251,8 +251,12 @@ impl System {
         }
     }
 
-    /// The field angle whose real chief ray lands at this height, at the reference wavelength.
-    fn field_of_real_height(&self, mm: f64) -> Result<f64> {
+    /// The field angle, degrees, whose real chief ray lands at this height, mm, at the reference
+    /// wavelength.
+    ///
+    /// # Errors
+    /// A height that no chief ray reaches.
+    pub fn field_of_real_height(&self, mm: f64) -> Result<f64> {
         let train = self.at(self.prescription.reference_nm)?;
         let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
         real_height::first_field(mm, height)

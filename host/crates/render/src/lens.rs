@@ -34,7 +34,12 @@ pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn
 /// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
 pub enum Described {
     /// A lens of given figures.
-    Given(Box<dyn Lens>),
+    Given {
+        /// The lens.
+        lens: Box<dyn Lens>,
+        /// Where the sensor or its light goes beyond its tables.
+        notes: Vec<String>,
+    },
     /// One whose figures have to be traced, and what comes on top of them.
     Traced {
         /// What is to be traced.
@@ -54,45 +59,55 @@ impl Described {
     pub fn new(camera: &Camera, bands: &Bands, options: &Options) -> Result<Self> {
         let Optics { defocus_um, departures } =
             Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
-        let transmittance = camera.lens.transmittance.clone();
-        let lens: Box<dyn Lens> = match &camera.lens.kind {
+        let (transmittance, grid) = (camera.lens.transmittance.clone(), sensor_grid(camera));
+        match &camera.lens.kind {
             LensKind::Prescription(setup) => {
-                let tracing = Box::new(Tracing::new(camera, setup, bands, options, defocus_um)?);
+                let reach_mm = reach_mm(&departures, &grid);
+                let tracing = Tracing::new(camera, setup, bands, options, defocus_um, reach_mm)?;
                 let departures = Box::new(departures);
-                return Ok(Self::Traced { tracing, transmittance, departures });
+                Ok(Self::Traced { tracing: Box::new(tracing), transmittance, departures })
             }
-            LensKind::Characterised(path) => characterised(path, &transmittance, defocus_um)?,
+            LensKind::Characterised(path) => {
+                let tables = characterised(path, defocus_um)?;
+                let extent = tables.extent();
+                let lens = departed(tables.into_lens(&transmittance)?, departures);
+                let notes = extent.notes(&path.display().to_string(), &*lens, &grid, bands);
+                Ok(Self::Given { lens, notes })
+            }
             LensKind::DiffractionLimited {
                 f_number,
                 focal_length_mm,
                 magnification,
                 relative_illumination,
-            } => Box::new(Diffraction {
-                f_number: *f_number,
-                focal_length_mm: *focal_length_mm,
-                magnification: *magnification,
-                transmittance,
-                illumination: illumination(relative_illumination, sensor_grid(camera).corner_mm()),
-                defocus_um,
-            }),
-        };
-        Ok(Self::Given(departed(lens, departures)))
+            } => {
+                let lens = Box::new(Diffraction {
+                    f_number: *f_number,
+                    focal_length_mm: *focal_length_mm,
+                    magnification: *magnification,
+                    transmittance,
+                    illumination: illumination(relative_illumination, grid.corner_mm()),
+                    defocus_um,
+                });
+                Ok(Self::Given { lens: departed(lens, departures), notes: Vec::new() })
+            }
+        }
     }
 
     /// What the lens is, for a key.
     pub fn content(&self) -> LensContent<'_> {
         match self {
-            Self::Given(lens) => LensContent::Figures(&**lens),
+            Self::Given { lens, .. } => LensContent::Figures(&**lens),
             Self::Traced { tracing, transmittance, departures } => LensContent::Description(
                 format!("{} {transmittance:?} {departures:?}", tracing.description()),
             ),
         }
     }
 
-    /// What the reader of a prescription assumed or ignored.
+    /// What the reader of a prescription assumed or ignored, and where the sensor or its light goes
+    /// beyond tables.
     pub fn notes(&self) -> &[String] {
         match self {
-            Self::Given(_) => &[],
+            Self::Given { notes, .. } => notes,
             Self::Traced { tracing, .. } => tracing.notes(),
         }
     }
@@ -103,7 +118,7 @@ impl Described {
     /// A prescription that cannot be traced.
     pub fn lens(self, directory: Option<&Path>) -> Result<(Box<dyn Lens>, bool)> {
         match self {
-            Self::Given(lens) => Ok((lens, false)),
+            Self::Given { lens, .. } => Ok((lens, false)),
             Self::Traced { tracing, transmittance, departures } => {
                 let (tables, traced) = tracing.tables(directory)?;
                 Ok((departed(tables.into_lens(&transmittance)?, *departures), traced))
@@ -119,6 +134,14 @@ fn departed(lens: Box<dyn Lens>, departures: Departures) -> Box<dyn Lens> {
     }
 }
 
+/// Image height of the sensor's farthest corner, mm, as the lens has it without departures.
+fn reach_mm(departures: &Departures, grid: &SensorGrid) -> f64 {
+    let half = |n: usize, axis: f64| 5e-4 * n as f64 * grid.pitch_um + axis.abs();
+    let (x, y) = departures.axis_mm;
+    let corner = half(grid.width, x).hypot(half(grid.height, y));
+    departures.distortion.inverse()(corner)
+}
+
 fn illumination(given: &RelativeIllumination, corner_mm: f64) -> Illumination {
     match given {
         RelativeIllumination::Cos4 => Illumination::Cos4,
@@ -130,7 +153,7 @@ fn illumination(given: &RelativeIllumination, corner_mm: f64) -> Illumination {
     }
 }
 
-fn characterised(path: &Path, transmittance: &Spectrum, defocus_um: f64) -> Result<Box<dyn Lens>> {
+fn characterised(path: &Path, defocus_um: f64) -> Result<LensTables> {
     if defocus_um != 0.0 {
         return Err(Error::unsupported(
             "defocus of a characterised lens: its tables hold no wavefront",
@@ -141,15 +164,16 @@ fn characterised(path: &Path, transmittance: &Spectrum, defocus_um: f64) -> Resu
                  characterisation made out of focus (camrig lens trace --sensor-shift)",
         ));
     }
-    LensTables::read(path)?.into_lens(transmittance)
+    LensTables::read(path)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{OpticsPath, OpticsStage, SceneLight, scene_irradiance};
     use camrig_lens::Setup;
     use camrig_optics::diffraction::hopkins_otf;
-    use camrig_optics::{Blur, OpticalEffect};
+    use camrig_optics::{Blur, Characterisation, OpticalEffect};
     use std::path::PathBuf;
 
     fn steradians_and_mtf(camera: &Camera) -> (f64, f64) {
@@ -215,6 +239,45 @@ mod tests {
         camera.lens.kind = LensKind::Prescription(Box::new(Setup { file, ..Setup::default() }));
         let notes = described(&camera);
         assert!(notes.len() == 1 && notes[0].contains("first surface is the stop"), "{notes:?}");
+    }
+
+    #[test]
+    fn a_sensor_beyond_the_tables_of_a_lens_is_told_wherever_it_is_used() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("small");
+        // To an image height of 0.5 mm, 400 to 700 nm.
+        Characterisation::example(17, 0.5).write(&path, false).unwrap();
+        let mut camera = Camera::load("mt9t012").unwrap();
+        camera.lens.kind = LensKind::Characterised(path.clone());
+        (camera.sensor.width, camera.sensor.height, camera.sensor.pitch_um) = (64, 48, 20.0);
+        let light = SceneLight::lux("D65", 100.0);
+        let seen =
+            scene_irradiance(&camera, "uniform", &light, &Options::default(), |_, _| ()).unwrap();
+        let told = |notes: &[String]| {
+            let of_lens: Vec<&String> = notes.iter().filter(|n| n.contains("small")).collect();
+            assert!(of_lens.len() == 1 && of_lens[0].contains("end at 0.500 mm"), "{notes:?}");
+        };
+        told(&seen.notes);
+        let stage = OpticsStage {
+            scene: "uniform".into(),
+            illuminant: None,
+            level: None,
+            options: Options::default(),
+            cache: None,
+            motion: None,
+            path: OpticsPath::Bands,
+        };
+        told(&stage.run(&camera, |_, _| ()).unwrap().notes);
+        // Half the corner's height of 0.8 mm.
+        camera.sensor.pitch_um = 10.0;
+        let bands = Bands::VISIBLE;
+        let described = Described::new(&camera, &bands, &Options::default()).unwrap();
+        assert_eq!(described.notes(), [""; 0]);
+        // The axis moved right by 20 pixels: the left corner is 0.52 mm from it.
+        let moved = OpticalEffect::new("decentre-tilt", &[20.0, 0.0]);
+        camera.optical_effects = vec![moved.unwrap()];
+        let described = Described::new(&camera, &bands, &Options::default()).unwrap();
+        assert_eq!(described.notes().len(), 1);
     }
 
     const SINGLET: &str = r#"

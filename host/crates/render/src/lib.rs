@@ -79,6 +79,9 @@ pub struct About {
 }
 
 /// The optics stage: what falls on the camera's sensor.
+///
+/// # Errors
+/// A lens that cannot be read or traced; a scene that cannot be rendered.
 pub fn irradiance(
     camera: &Camera,
     scene: &LitScene<'_>,
@@ -86,6 +89,18 @@ pub fn irradiance(
     about: About,
     progress: impl FnMut(usize, usize),
 ) -> Result<(IrradianceCube, Report)> {
+    let (cube, report, _) = irradiance_and_notes(camera, scene, options, about, progress)?;
+    Ok((cube, report))
+}
+
+/// [`irradiance`], and what a user should know of the lens.
+fn irradiance_and_notes(
+    camera: &Camera,
+    scene: &LitScene<'_>,
+    options: &Options,
+    about: About,
+    progress: impl FnMut(usize, usize),
+) -> Result<(IrradianceCube, Report, Vec<String>)> {
     let grid = sensor_grid(camera);
     let bands = scene.scene.bands();
     let mut writer = IrradianceWriter::new(CubeHeader {
@@ -100,9 +115,11 @@ pub fn irradiance(
         made_of: about.made_of,
         made_for: made_for(camera)?,
     })?;
-    let lens = lens(camera, &bands, options)?;
+    let described = lens::Described::new(camera, &bands, options)?;
+    let notes = described.notes().to_vec();
+    let (lens, _) = described.lens(None)?;
     let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {
         writer.push(&plane)
     })?;
-    Ok((writer.finish()?, report))
+    Ok((writer.finish()?, report, notes))
 }

@@ -190,7 +190,7 @@ pub struct SceneIrradiance {
     pub cube: IrradianceCube,
     /// Figures of the optics stage.
     pub optics: Report,
-    /// What a user should know of the scene, its light and the camera's tables.
+    /// What a user should know of the scene, its light, the lens and the camera's tables.
     pub notes: Vec<String>,
 }
 
@@ -229,8 +229,11 @@ pub fn scene_irradiance(
 ) -> Result<SceneIrradiance> {
     let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
     let about = opened.about(camera);
-    let (cube, optics) = super::irradiance(camera, &opened.lit(), options, about, progress)?;
-    Ok(SceneIrradiance { cube, optics, notes: opened.notes(camera) })
+    let (cube, optics, of_lens) =
+        super::irradiance_and_notes(camera, &opened.lit(), options, about, progress)?;
+    let mut notes = opened.notes(camera);
+    notes.extend(of_lens);
+    Ok(SceneIrradiance { cube, optics, notes })
 }
 
 #[cfg(test)]

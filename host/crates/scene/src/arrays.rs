@@ -94,6 +94,13 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     if !left.is_empty() {
         notes.push(format!("arrays that were not used: {}", left.join(", ")));
     }
+    if arrays.kind == Kind::Hdf5 {
+        let found = hdf5::attributes(path, name)?;
+        if !found.is_empty() {
+            let found = found.join(", ");
+            notes.push(format!("attributes of {name:?} that were not used: {found}"));
+        }
+    }
     let nm = wavelengths.map(|(_, nm)| nm);
     sidecar.cube(source, Own { nm, usual, understood, notes, ..Own::default() })
 }
@@ -269,6 +276,24 @@ mod tests {
         let said = crate::Scene::notes(&v5).join("\n");
         assert!(said.contains("not used: rgb, lbl"), "{said}");
         assert!(v5.understood().join("\n").contains("from \"wavelengths\""));
+    }
+
+    #[test]
+    fn attributes_that_could_change_the_samples_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        let mut file = hdf5_pure::FileBuilder::new();
+        file.create_dataset("cube")
+            .with_f64_data(&[0.5; 31])
+            .with_shape(&[1, 1, 31])
+            .set_attr("scale_factor", hdf5_pure::AttrValue::F64(2.0));
+        file.write(&path).unwrap();
+        let cube = open_file(path.to_str().unwrap()).unwrap();
+        let said = crate::Scene::notes(&cube).join("\n");
+        assert!(
+            said.contains("attributes of \"cube\" that were not used: scale_factor"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -115,13 +115,14 @@ impl Cube {
             ));
         }
         let mix = mix(&wavelength_nm, &bands);
+        let understood = converted(&wavelength_nm, &bands).into_iter().collect();
         Ok(Self {
             source,
             wavelength_nm,
             quantity,
             bands,
             mix,
-            understood: Vec::new(),
+            understood,
             notes,
             white: None,
             clips: false,
@@ -134,9 +135,10 @@ impl Cube {
     pub(super) fn with(
         mut self,
         clips: bool,
-        understood: Vec<String>,
+        mut understood: Vec<String>,
         mut notes: Vec<String>,
     ) -> Self {
+        understood.append(&mut self.understood);
         notes.append(&mut self.notes);
         Self { clips, understood, notes, ..self }
     }
@@ -287,6 +289,24 @@ fn scene_bands(wavelength_nm: &[f64]) -> Bands {
     Bands { start_nm: start - before * step_nm, step_nm, count }
 }
 
+/// What to say of bands that are not the source's own.
+fn converted(wavelength_nm: &[f64], bands: &Bands) -> Option<String> {
+    let Bands { start_nm, step_nm, count } = *bands;
+    let near = |nm: f64| ((nm - start_nm) / step_nm).round() * step_nm + start_nm;
+    let own = wavelength_nm.iter().all(|nm| (near(*nm) - nm).abs() < EQUAL_SPACING * step_nm);
+    let end = bands.nm(count.saturating_sub(1));
+    let inside = wavelength_nm[wavelength_nm.len() - 1] - wavelength_nm[0];
+    let widest = wavelength_nm.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+    let complete = own && (inside / step_nm).round() as usize + 1 == wavelength_nm.len();
+    (!complete).then(|| {
+        format!(
+            "converted to {} of {step_nm} nm, {start_nm} to {end} nm: means of straight lines \
+             between its own, which are up to {widest:.1} nm apart",
+            counted(count, "band")
+        )
+    })
+}
+
 /// The weights of source bands in each band. The mean of the linear interpolant is linear in the
 /// samples: the weight of a sample is what the spectrum that is 1 there and 0 elsewhere gives.
 fn mix(wavelength_nm: &[f64], bands: &Bands) -> Vec<Vec<(usize, f32)>> {
@@ -330,6 +350,21 @@ mod tests {
 
     fn visible() -> Vec<f64> {
         Bands::VISIBLE.centres().collect()
+    }
+
+    #[test]
+    fn bands_that_are_not_the_files_own_are_told() {
+        let said = |nm: &[f64]| cube(nm.to_vec(), |_, _, _| 0.5).understood().join("\n");
+        let regular = |start: f64, step: f64, n: i32| -> Vec<f64> {
+            (0..n).map(|i| start + step * f64::from(i)).collect()
+        };
+        assert_eq!(said(&regular(400.0, 10.0, 31)), "");
+        assert_eq!(said(&regular(420.0, 10.0, 31)), "", "extended, which a note says");
+        let fine = said(&regular(400.0, 2.0, 151));
+        assert!(fine.contains("31 bands of 10 nm") && fine.contains("up to 2.0 nm"), "{fine}");
+        let mut gap = regular(400.0, 10.0, 31);
+        gap.remove(12);
+        assert!(said(&gap).contains("up to 20.0 nm apart"), "{}", said(&gap));
     }
 
     #[test]

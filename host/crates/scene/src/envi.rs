@@ -18,11 +18,16 @@ use std::path::{Path, PathBuf};
 
 /// Opens the cube whose header is `path`.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    sidecar.without(&["axes", "array"], "an ENVI file, whose header says it")?;
     let text = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
     let header = Header::parse(&String::from_utf8_lossy(&text))?;
     let [width, height, bands] =
         [header.size("samples")?, header.size("lines")?, header.size("bands")?];
     header.refuse_other_layouts()?;
+    let mut notes: Vec<String> = header.ignored().into_iter().collect();
+    if header.text("interleave").is_none() {
+        notes.push("the header has no interleave: bsq is assumed".into());
+    }
     let (axes, lengths) =
         match header.text("interleave").unwrap_or("bsq").to_ascii_lowercase().as_str() {
             "bsq" => ("byx", [bands, height, width]),
@@ -50,7 +55,19 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         }
     };
     let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
-    let big_endian = header.text("byte order") == Some("1");
+    let big_endian = match header.text("byte order") {
+        Some("0") => false,
+        Some("1") => true,
+        None if sample.bytes() == 1 => false,
+        None => {
+            notes.push("the header has no byte order: 0 (little end first) is assumed".into());
+            false
+        }
+        Some(other) => {
+            return Err(Error::input(format!("byte order = {other}"))
+                .help("use 0 (little end first) or 1 (big end first)"));
+        }
+    };
     let reflectance_scale = header.number("reflectance scale factor")?;
     let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
     let data = data_file(path)?;
@@ -62,12 +79,17 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     for key in ["data gain values", "data offset values"] {
         understood.extend(header.text(key).map(|_| format!("{key}, band by band")));
     }
+    let quantity = header.text("quantity").map(|text| {
+        Quantity::parse(text).ok_or_else(|| {
+            Error::input(format!("quantity = {text}")).help("use reflectance or radiance")
+        })
+    });
     let own = Own {
-        nm: header.wavelengths()?,
-        quantity: header.text("quantity").and_then(Quantity::parse),
+        nm: header.wavelengths(&mut notes)?,
+        quantity: quantity.transpose()?,
         stated: header.stated(scale)?,
         understood,
-        notes: header.ignored().into_iter().collect(),
+        notes,
         ..Own::default()
     };
     let data = Bytes::File(data);
@@ -227,12 +249,34 @@ mod tests {
         assert!(message(&good.replace("start", "file compression = 1")).contains("compression"));
         let wavenumbers = good.replace("start", "wavelength units = Furlongs");
         assert!(message(&wavenumbers).contains("units = furlongs"));
+        assert!(
+            message(&good.replace("start", "quantity = albedo")).contains("quantity = albedo")
+        );
+        assert!(message(&good.replace("start", "byte order = 2")).contains("byte order = 2"));
         assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
         assert!(message(&good.replace('}', "")).contains("closing brace"));
         std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();
         assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
         std::fs::remove_file(dir.path().join("cube")).unwrap();
         assert!(message(good).contains("no data file"));
+    }
+
+    #[test]
+    fn what_a_header_lacks_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.hdr");
+        std::fs::write(dir.path().join("cube"), [0; 48]).unwrap();
+        let header = "ENVI\nsamples = 3\nlines = 2\nbands = 4\ndata type = 12\n\
+                      wavelength = {0.4, 0.5, 0.6, 0.7}\n";
+        std::fs::write(&path, header).unwrap();
+        let said = |spec: &str| crate::open_file(spec).map(|cube| crate::Scene::notes(&cube));
+        let spec = path.display().to_string();
+        let notes = said(&spec).unwrap().join("\n");
+        for words in ["no interleave: bsq", "no byte order: 0", "micrometres, by their size"] {
+            assert!(notes.contains(words), "{notes}");
+        }
+        let error = said(&format!("{spec}:axes=yxb")).err().unwrap().to_string();
+        assert!(error.contains("axes means nothing for an ENVI file"), "{error}");
     }
 
     #[test]
@@ -248,7 +292,8 @@ mod tests {
                       data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
         std::fs::write(&path, header).unwrap();
         let scene = open(path.to_str().unwrap()).unwrap();
-        assert_eq!(scene.notes().len(), 2, "{:?}", scene.notes());
+        // The bad band, the missing sample, and the unit of the wavelengths.
+        assert_eq!(scene.notes().len(), 3, "{:?}", scene.notes());
         let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
         // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
         for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {

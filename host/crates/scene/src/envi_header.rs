@@ -127,7 +127,8 @@ impl Header {
             .then(|| format!("keys of the header that were not used: {}", unknown.join(", ")))
     }
 
-    pub fn wavelengths(&self) -> Result<Option<Vec<f64>>> {
+    /// The wavelengths, nm. Where the header does not say their unit, `notes` get what is assumed.
+    pub fn wavelengths(&self, notes: &mut Vec<String>) -> Result<Option<Vec<f64>>> {
         let Some(list) = self.list("wavelength")? else { return Ok(None) };
         let units = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
         let to_nm: fn(f64) -> f64 = match units.as_str() {
@@ -138,8 +139,16 @@ impl Header {
             "angstroms" | "angstrom" => |angstroms| angstroms * 0.1,
             "wavenumber" => |per_cm| 1e7 / per_cm,
             "ghz" => |ghz| LIGHT_NM_GHZ / ghz,
-            "" | "unknown" if list[0] < 100.0 => |um| um * 1e3,
-            "" | "unknown" => |nm| nm,
+            "" | "unknown" => {
+                let (unit, to_nm): (_, fn(f64) -> f64) = match list[0] < 100.0 {
+                    true => ("micrometres", |um| um * 1e3),
+                    false => ("nanometres", |nm| nm),
+                };
+                notes.push(format!(
+                    "the header does not say the unit of its wavelengths: {unit}, by their size"
+                ));
+                to_nm
+            }
             other => {
                 return Err(Error::unsupported(format!("wavelength units = {other}")).help(
                     "write the wavelengths in nanometres or micrometres, or give wavelength_nm",
@@ -185,7 +194,10 @@ mod tests {
             ("Unknown", "0.4, 0.5"),
         ] {
             let text = format!("ENVI\nwavelength units = {units}\nwavelength = {{{list}}}\n");
-            let found = Header::parse(&text).unwrap().wavelengths().unwrap().unwrap();
+            let found = Header::parse(&text).unwrap();
+            let mut notes = Vec::new();
+            let found = found.wavelengths(&mut notes).unwrap().unwrap();
+            assert_eq!(notes.len(), usize::from(units == "Unknown"), "{units}: {notes:?}");
             for (got, expected) in found.iter().zip([400.0, 500.0]) {
                 assert!((got - expected).abs() < 1e-6, "{units}: {got}");
             }

@@ -62,6 +62,7 @@ struct Cubes {
 
 /// Opens the spectral channels of an image.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    sidecar.without(&["axes"], "OpenEXR")?;
     let meta = MetaData::read_from_file(path, false).map_err(refused)?;
     let mut cubes = Vec::new();
     let mut others = Vec::new();

@@ -118,6 +118,16 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
     Ok(arrays)
 }
 
+/// Names of an array's attributes, in order; some files keep a factor, an offset or the value of
+/// missing samples there.
+pub fn attributes(path: &Path, name: &str) -> Result<Vec<String>> {
+    let file = File::open_streaming(path).map_err(refused)?;
+    let all = file.dataset(name).and_then(|dataset| dataset.attrs()).map_err(refused)?;
+    let mut names: Vec<String> = all.into_keys().collect();
+    names.sort();
+    Ok(names)
+}
+
 fn list_group(
     group: &Group,
     before: &str,

@@ -26,6 +26,7 @@ const VARIABLES: &[&str] =
 
 /// Opens a scene file.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    sidecar.without(&["axes", "array"], "an ISETCam scene")?;
     let mut file = if matlab::is_version_5(path)? {
         Variables::of(matlab::read(path, VARIABLES)?)
     } else {
@@ -36,7 +37,23 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let planes = file.planes()?;
     let (nm, assumed) = sidecar.wavelengths(planes.bands(), file.wavelengths(), None)?;
-    let white = file.illuminant_photons(&nm);
+    let mut notes: Vec<String> = assumed.into_iter().collect();
+    let white = match (file.illuminant_photons(&nm), sidecar.quantity) {
+        (_, Some(Quantity::Radiance)) => None,
+        (Ok(white), _) => white,
+        (Err(why), Some(Quantity::Reflectance)) => {
+            return Err(Error::input(format!("no reflectance can be had: its illuminant {why}"))
+                .help("leave quantity=reflectance out: the scene holds radiance"));
+        }
+        (Err(why), None) => {
+            notes.push(format!("its illuminant {why}: the scene is radiance, light included"));
+            None
+        }
+    };
+    if let (None, Some(Quantity::Reflectance)) = (&white, sidecar.quantity) {
+        return Err(Error::input("no reflectance can be had: the file has no illuminant")
+            .help("leave quantity=reflectance out: the scene holds radiance"));
+    }
     let to_light: Vec<f64> = match &white {
         Some(white) => white.iter().map(|w| 1.0 / w).collect(),
         None => nm.iter().map(|&nm| photons_to_energy(nm)).collect(),
@@ -52,7 +69,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         nm: Some(nm),
         quantity: Some(quantity),
         understood: vec![understood.into()],
-        notes: assumed.into_iter().collect(),
+        notes,
         ..Own::default()
     };
     sidecar.cube(Box::new(Scaled { planes, factor }), own)
@@ -172,24 +189,43 @@ impl Variables {
         wave.array().map(Array::numbers)
     }
 
-    /// The illuminant in photons at these wavelengths, `None` unless it is the same for the whole
-    /// scene and positive everywhere.
-    fn illuminant_photons(&self, nm: &[f64]) -> Option<Vec<f64>> {
-        let light = self.get("illuminant")?;
+    /// The illuminant in photons at these wavelengths, where the file has one; in words, why it
+    /// cannot be used.
+    fn illuminant_photons(&self, nm: &[f64]) -> Result<Option<Vec<f64>>, String> {
+        let Some(light) = self.get("illuminant") else { return Ok(None) };
         let wave = light
             .field("wavelength")
             .or_else(|| light.field("spectrum").and_then(|s| s.field("wave")))
             .and_then(Value::array);
         let wave = wave.map_or_else(|| nm.to_vec(), Array::numbers);
-        let data = light.field("data")?;
+        let Some(data) = light.field("data") else { return Ok(None) };
         let (values, energy) = match data.field("photons") {
-            Some(photons) => (photons.array()?.numbers(), false),
-            None => (data.array()?.numbers(), true),
+            Some(photons) => (photons.array(), false),
+            None => (data.array(), true),
         };
-        let curve = Spectrum::new(wave, values).ok()?;
+        let values = values.ok_or("is no array of numbers")?.numbers();
+        if values.is_empty() {
+            return Ok(None);
+        }
+        if values.len() != wave.len() {
+            return Err(format!(
+                "is not the same for the whole scene ({} values at {} wavelengths)",
+                values.len(),
+                wave.len()
+            ));
+        }
+        let curve = Spectrum::new(wave, values).map_err(|e| format!("is no curve ({e})"))?;
+        let (first, last) = curve.range_nm();
+        if let Some(nm) = nm.iter().find(|nm| !(first..=last).contains(*nm)) {
+            return Err(format!("is of {first} to {last} nm and does not reach {nm} nm"));
+        }
         let photons =
             nm.iter().map(|&nm| curve.at(nm) / if energy { photons_to_energy(nm) } else { 1.0 });
-        Some(photons.collect()).filter(|list: &Vec<f64>| list.iter().all(|&p| p > 0.0))
+        let photons: Vec<f64> = photons.collect();
+        match photons.iter().all(|&p| p > 0.0) {
+            true => Ok(Some(photons)),
+            false => Err("is not above 0 at every wavelength".into()),
+        }
     }
 }
 
@@ -282,6 +318,26 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_quantity_that_is_asked_for_is_given_or_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.mat");
+        let spec = |quantity: &str| format!("{}:quantity={quantity}", path.display());
+        let grid = Grid { width: 1, height: 1, left: -0.5, top: -0.5, cell: 1.0 };
+        let white: Vec<f64> = (0..31).map(|b| 1e-3 * (1.0 + f64::from(b))).collect();
+        let half = |_| Ok(Plane::filled(1, 1, 0.5f32));
+        write(&path, "test", &Bands::VISIBLE, Some(&white), half).unwrap();
+        let scene = open_scene(&spec("radiance")).unwrap();
+        assert_eq!(scene.quantity(), Quantity::Radiance);
+        for (band, white) in white.iter().enumerate() {
+            let got = f64::from(scene.plane(band, &grid).unwrap().data[0]);
+            assert!((got / (0.5 * white) - 1.0).abs() < 1e-6, "{got} in band {band}");
+        }
+        write(&path, "test", &Bands::VISIBLE, None, half).unwrap();
+        let error = open_scene(&spec("reflectance")).err().unwrap().to_string();
+        assert!(error.contains("the file has no illuminant"), "{error}");
+    }
+
     /// Files written by scipy.io and h5py (`tests/data/make.py` holds the formula).
     #[test]
     fn files_of_other_writers() {
@@ -315,27 +371,31 @@ mod tests {
             Value::Struct(l.into_iter().map(|(n, v)| (n.to_string(), v)).collect())
         };
         // Two pixels in one row; photons = c0 + c1 · band + mean.
-        let coefficients = Array::doubles(vec![1, 2, 2], [1e15, 2e15, 1e14, -3e14]);
         let mean: Vec<f64> = (0..31).map(|_| 5e14).collect();
-        matlab_write::write(
-            &path,
-            &[
+        let save = |energy: Vec<f64>, of_light: Vec<f64>| {
+            let coefficients = Array::doubles(vec![1, 2, 2], [1e15, 2e15, 1e14, -3e14]);
+            let basis = Value::Array(Array::doubles(vec![31, 2], basis.clone()));
+            let basis = fields(vec![("basis", basis), ("wave", row(nm.clone()))]);
+            let light = fields(vec![("data", row(energy)), ("wavelength", row(of_light))]);
+            let all = [
                 ("mcCOEF", Value::Array(coefficients)),
-                (
-                    "basis",
-                    fields(vec![
-                        ("basis", Value::Array(Array::doubles(vec![31, 2], basis))),
-                        ("wave", row(nm.clone())),
-                    ]),
-                ),
-                ("imgMean", row(mean)),
-                (
-                    "illuminant",
-                    fields(vec![("data", row(energy)), ("wavelength", row(nm.clone()))]),
-                ),
-            ],
-        )
-        .unwrap();
+                ("basis", basis),
+                ("imgMean", row(mean.clone())),
+                ("illuminant", light),
+            ];
+            matlab_write::write(&path, &all).unwrap();
+        };
+        // An illuminant that ends before the scene does, and one of other places.
+        let notes = |why: &str| {
+            let scene = open_scene(path.to_str().unwrap()).unwrap();
+            assert_eq!(scene.quantity(), Quantity::Radiance);
+            assert!(scene.notes().iter().any(|note| note.contains(why)), "{:?}", scene.notes());
+        };
+        save(energy[..20].to_vec(), nm[..20].to_vec());
+        notes("is of 400 to 590 nm and does not reach 600 nm");
+        save(energy.repeat(2), nm.clone());
+        notes("62 values at 31 wavelengths");
+        save(energy.clone(), nm.clone());
         let scene = open_scene(path.to_str().unwrap()).unwrap();
         assert_eq!(scene.quantity(), Quantity::Reflectance);
         let grid = Grid { width: 2, height: 1, left: -0.5, top: -0.25, cell: 0.5 };

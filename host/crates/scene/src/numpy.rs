@@ -65,7 +65,7 @@ fn cube(
     array: Array,
     bytes: Bytes,
     name: &str,
-    nm: Option<Vec<f64>>,
+    (nm, notes): (Option<Vec<f64>>, Vec<String>),
 ) -> Result<Cube> {
     let Ok(mut lengths) = <[usize; 3]>::try_from(array.shape.as_slice()) else {
         return Err(Error::input(format!("an array of shape {:?}", array.shape))
@@ -85,7 +85,7 @@ fn cube(
     let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
     let understood =
         vec![format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}")];
-    sidecar.cube(Box::new(cube), Own { nm, quantity, understood, ..Own::default() })
+    sidecar.cube(Box::new(cube), Own { nm, quantity, understood, notes, ..Own::default() })
 }
 
 /// The header of an array.
@@ -138,7 +138,8 @@ fn sample_of(kind: &str) -> Result<(Sample, bool)> {
 fn open_npy(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let array = Array::read(std::io::BufReader::new(file))?;
-    cube(sidecar, array, Bytes::File(path.into()), "", None)
+    sidecar.without(&["array"], "an .npy file, which holds one array")?;
+    cube(sidecar, array, Bytes::File(path.into()), "", (None, Vec::new()))
 }
 
 fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
@@ -172,29 +173,35 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         Some(wanted) => members.iter().find(|(_, name, _)| name == wanted),
         None => cubes().max_by_key(|(_, _, array)| array.shape[2]),
     };
-    let Some((index, name, array)) = chosen else {
+    let Some((index, of, array)) = chosen else {
         let names: Vec<&str> = members.iter().map(|(_, name, _)| name.as_str()).collect();
         return Err(Error::input("no spectral cube in the archive").help(format!(
             "name the array with array=NAME; the archive has {}",
             names.join(", ")
         )));
     };
-    let mut wavelengths = None;
+    let mut wavelengths: Option<Vec<f64>> = None;
+    let mut left = Vec::new();
     for (index, name, candidate) in &members {
-        if name.contains("wavelength")
-            && candidate.shape == [array.shape.last().copied().unwrap_or(0)]
-        {
+        let fits = candidate.shape == [array.shape.last().copied().unwrap_or(0)];
+        if name.contains("wavelength") && fits && wavelengths.is_none() {
             let (sample, big_endian) = candidate.sample;
             let layout = Layout::packed("yxb", [1, 1, candidate.shape[0]])?;
             let bytes = Bytes::Memory(load(*index)?);
             let list = Strided::new(bytes, candidate.offset, sample, big_endian, layout, 1.0)?;
             let values = (0..list.bands()).map(|b| Ok(f64::from(list.read(b)?.data[0])));
             wavelengths = Some(values.collect::<Result<_>>()?);
+        } else if name != of {
+            left.push(name.as_str());
         }
+    }
+    let mut notes = Vec::new();
+    if !left.is_empty() {
+        notes.push(format!("arrays that were not used: {}", left.join(", ")));
     }
     let bytes = Bytes::Memory(load(*index)?);
     let array = Array { shape: array.shape.clone(), ..*array };
-    cube(sidecar, array, bytes, name, wavelengths)
+    cube(sidecar, array, bytes, of, (wavelengths, notes))
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use std::path::Path;
 #[serde(deny_unknown_fields)]
 pub(super) struct Sidecar {
     #[serde(default, deserialize_with = "quantity")]
-    quantity: Option<Quantity>,
+    pub quantity: Option<Quantity>,
     wavelength_nm: Option<Vec<f64>>,
     start_nm: Option<f64>,
     step_nm: Option<f64>,
@@ -59,6 +59,16 @@ impl Sidecar {
         )
     }
 
+    /// Refuses keys that mean nothing for `what`.
+    pub fn without(&self, keys: &[&str], what: &str) -> Result<()> {
+        let given = [("axes", self.axes.is_some()), ("array", self.array.is_some())];
+        match given.into_iter().find(|(key, given)| *given && keys.contains(key)) {
+            None => Ok(()),
+            Some((key, _)) => Err(Error::input(format!("the key {key} means nothing for {what}"))
+                .help("leave it out")),
+        }
+    }
+
     /// The cube of `source`, of which the file says `own`; what the user says takes precedence.
     ///
     /// # Errors
@@ -67,13 +77,15 @@ impl Sidecar {
         let Own { nm, usual, quantity, stated, mut understood, mut notes } = own;
         let bands = source.bands();
         let (width, height) = source.size();
+        let given = self.given(bands).is_some();
         let (nm, assumed) = self.wavelengths(bands, nm, usual)?;
         notes.extend(assumed);
         let (least, most) =
             nm.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &nm| (a.min(nm), b.max(nm)));
         understood.push(format!(
-            "{width} x {height} pixels, {}, {least} to {most} nm",
-            counted(bands, "band")
+            "{width} x {height} pixels, {}, {least} to {most} nm{}",
+            counted(bands, "band"),
+            if given { " as the sidecar or options say" } else { "" }
         ));
         if let Some(scale) = self.scale {
             understood.push(format!("samples times {scale}, as asked for"));

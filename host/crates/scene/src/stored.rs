@@ -78,6 +78,16 @@ impl Description {
         }
     }
 
+    /// What it says of the scene, in words.
+    fn understood(&self) -> Vec<String> {
+        let Self { name, description, source, licence, .. } = self;
+        let said = [("", description), ("source: ", source), ("terms: ", licence)];
+        let said = said.iter().filter(|(_, text)| !text.is_empty());
+        std::iter::once(format!("stored scene {name:?}, samples of 13 significant bits"))
+            .chain(said.map(|(what, text)| format!("{what}{text}")))
+            .collect()
+    }
+
     /// Reads the description in a scene's directory.
     ///
     /// # Errors
@@ -154,8 +164,9 @@ pub(super) fn open(directory: &Path) -> Result<Cube> {
         size: (about.width, about.height),
         bands: about.bands,
     };
-    Cube::new(Box::new(source), bands.centres().collect(), quantity)
-        .map_err(|e| e.at(place.display()))
+    let cube = Cube::new(Box::new(source), bands.centres().collect(), quantity)
+        .map_err(|e| e.at(place.display()))?;
+    Ok(cube.with(false, about.understood(), Vec::new()))
 }
 
 struct Pages {

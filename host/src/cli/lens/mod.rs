@@ -167,6 +167,27 @@ impl LensArgs {
         }
     }
 
+    /// Refuses what is said of the use of a prescription, where the lens is a directory of tables.
+    fn check_tables(&self) -> Result<()> {
+        let given = [
+            ("--object-distance", self.object_distance.is_some()),
+            ("--focus-distance", self.focus_distance.is_some()),
+            ("--focus-mtf", self.focus_mtf.is_some()),
+            ("--sensor-shift", self.sensor_shift != 0.0),
+            ("--stop-radius", self.stop_radius.is_some()),
+            ("--reference", self.reference.is_some()),
+            ("--configuration", self.configuration.is_some()),
+            ("--glass-catalogue", !self.glass_catalogue.is_empty()),
+            ("--glass", !self.glass.is_empty()),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((flag, _)) => Err(Error::input(format!("{flag} for a lens directory"))
+                .at(self.file.display())
+                .help("its tables are of the lens as it was traced; give its prescription")),
+        }
+    }
+
     fn system(&self) -> Result<System> {
         let system = self.setup().system()?;
         for note in &system.prescription.notes {
@@ -305,7 +326,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Macro(args) => export::print(args)?,
         Command::Tolerance(args) => tolerance::run(args)?,
         Command::Plot(args) => plot(args)?,
-        Command::Info(args) if args.lens.file.is_dir() => info_of_directory(args)?,
+        Command::Info(args) if args.lens.file.is_dir() => {
+            args.lens.check_tables()?;
+            info_of_directory(args)?;
+        }
         Command::Info(args) => info(args)?,
     }
     Ok(ExitCode::SUCCESS)
@@ -376,6 +400,7 @@ fn plot(args: &PlotArgs) -> Result<()> {
     let dir = OutputDir::create(&args.output, args.force)?;
     let mut drawings: Vec<(String, String)> = Vec::new();
     let (lens, page) = if args.lens.file.is_dir() {
+        args.lens.check_tables()?;
         let lens = Characterisation::read(&args.lens.file)?;
         let page = report::page(&lens, None, args.pixel)?;
         (lens, page)

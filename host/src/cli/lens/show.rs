@@ -1,7 +1,8 @@
 //! What `camrig lens` tells about a lens.
 
 use super::InfoArgs;
-use camrig_base::Result;
+use crate::cli::screen;
+use camrig_base::{Result, Spectrum};
 use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
 use camrig_lens::field;
@@ -273,38 +274,47 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
         return Ok(());
     }
     let p = &system.paraxial;
-    println!("{}", lens.name);
-    println!("EFL {:.6} mm, f/{:.4}, at {} nm", p.efl_mm, system.f_number(), lens.reference_nm);
-    match lens.object {
-        Object::Infinity => println!("object at infinity, back focus {:.6} mm", p.bfl_mm),
-        Object::Distance(d) => println!(
-            "object {d} mm in front of the first surface, magnification {:.6}, back focus {:.6} mm",
-            p.magnification, p.bfl_mm
+    let mut text = vec![
+        lens.name.clone(),
+        format!("EFL {:.6} mm, f/{:.4}, at {} nm", p.efl_mm, system.f_number(), lens.reference_nm),
+        match lens.object {
+            Object::Infinity => format!("object at infinity, back focus {:.6} mm", p.bfl_mm),
+            Object::Distance(d) => format!(
+                "object {d} mm in front of the first surface, magnification {:.6}, back focus \
+                 {:.6} mm",
+                p.magnification, p.bfl_mm
+            ),
+        },
+        planes(&system),
+        format!(
+            "entrance pupil {:.6} mm at z {:.6} mm, stop (surface {}) radius {:.6} mm",
+            system.entrance_pupil_mm,
+            p.entrance_z_mm,
+            lens.stop + 1,
+            system.stop_radius_mm
         ),
-    }
-    println!("{}", planes(&system));
-    println!(
-        "entrance pupil {:.6} mm at z {:.6} mm, stop (surface {}) radius {:.6} mm",
-        system.entrance_pupil_mm,
-        p.entrance_z_mm,
-        lens.stop + 1,
-        system.stop_radius_mm
-    );
+    ];
     if let Some(why) = asymmetry {
-        println!(
+        text.push(format!(
             "not rotationally symmetric: {why}; figures are those without tilts and decentres in \
              the plane of y and z (EFL {:.6} mm in x)",
             system.efl_x_mm()?
-        );
+        ));
     }
-    println!("fields {listed}°, wavelengths {:?} nm", lens.wavelengths_nm);
+    text.push(format!("fields {listed}°, wavelengths {:?} nm", lens.wavelengths_nm));
+    text.push(match lens.notes.is_empty() {
+        true => "assumed and ignored: nothing that changes the image".into(),
+        false => "assumed and ignored:".into(),
+    });
+    text.extend(lens.notes.iter().map(|note| format!("  {note}")));
+    print_screen(&text);
     print_surfaces(lens);
-    match lens.notes.is_empty() {
-        true => println!("assumed and ignored: nothing that changes the image"),
-        false => println!("assumed and ignored:"),
-    }
-    lens.notes.iter().for_each(|note| println!("  {note}"));
     Ok(())
+}
+
+fn print_screen(text: &[String]) {
+    let lines = text.iter().flat_map(|text| screen::wrapped(text));
+    lines.for_each(|line| println!("{line}"));
 }
 
 fn print_surfaces(lens: &Prescription) {
@@ -368,13 +378,30 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
             "psf_spacing_um": lens.psf.spacing_um,
             "psf_captured": lens.psf.captured,
             "psf_between": lens.psf.between,
+            "transmittance": samples(&lens.transmittance),
         });
         println!("{object}");
-    } else {
-        println!("{} ({})", lens.name, lens.source);
-        println!("EFL {:.6} mm, f/{:.4}", lens.efl_mm, lens.f_number);
-        println!("{}", summary(&lens));
+        return Ok(());
     }
+    let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
+    let ([first, last], [psf_first, psf_last]) =
+        (ends(&lens.wavelengths_nm), ends(&lens.psf.wavelengths_nm));
+    print_screen(&[
+        format!("{} ({})", lens.name, lens.source),
+        format!(
+            "EFL {:.6} mm, f/{:.4}, magnification {}",
+            lens.efl_mm, lens.f_number, lens.magnification
+        ),
+        summary(&lens),
+        format!(
+            "distortion and relative illumination of {first} to {last} nm; PSFs to {} mm, of \
+             {psf_first} to {psf_last} nm; chief-ray angles {}",
+            ends(&lens.psf.heights_mm)[1],
+            if lens.chief_ray_angle_deg.is_some() { "known" } else { "not known" },
+        ),
+        transmittance(&lens.transmittance),
+        BEYOND.into(),
+    ]);
     Ok(())
 }
 
@@ -393,14 +420,42 @@ fn info_of_plane(lens: &PlaneCharacterisation, as_json: bool) {
             "psf_spacing_um": lens.psf_spacing_um,
             "psf_captured": lens.captured,
             "psf_between": lens.between,
+            "transmittance": samples(&lens.transmittance),
         });
         println!("{object}");
         return;
     }
-    println!("{} ({}), not rotationally symmetric", lens.name, lens.source);
-    println!(
-        "principal distance {:.6} mm, f/{:.4} at the image",
-        lens.principal_distance_mm, lens.working_f_number
-    );
-    println!("{}", plane_summary(lens));
+    let nm = &lens.wavelengths_nm;
+    print_screen(&[
+        format!("{} ({}), not rotationally symmetric", lens.name, lens.source),
+        format!(
+            "principal distance {:.6} mm, f/{:.4} at the image",
+            lens.principal_distance_mm, lens.working_f_number
+        ),
+        plane_summary(lens),
+        format!("all of {} to {} nm; chief-ray angles not known", nm[0], nm[nm.len() - 1]),
+        transmittance(&lens.transmittance),
+        BEYOND.into(),
+    ]);
+}
+
+/// What a lens of tables does not hold.
+const BEYOND: &str = "assumed: beyond the tables distortion goes on along its last slope, and \
+                      relative illumination, PSFs and all other wavelengths are those of the end; \
+                      a picture of a sensor that reaches so far says it. Its focus is fixed: there \
+                      is no wavefront";
+
+fn samples(curve: &Spectrum) -> Vec<(f64, f64)> {
+    curve.samples().collect()
+}
+
+fn transmittance(curve: &Spectrum) -> String {
+    let samples = samples(curve);
+    match samples[..] {
+        [(_, value)] => format!("transmittance {value} at all wavelengths"),
+        _ => {
+            let (first, last) = curve.range_nm();
+            format!("transmittance of {} wavelengths, {first} to {last} nm", samples.len())
+        }
+    }
 }

@@ -203,7 +203,11 @@ fn psf_grid(
                     .at(path.display())
                     .help("the parameter file announces fewer"));
             }
-            found.insert((h, w), path);
+            if let Some(other) = found.insert((h, w), path) {
+                return Err(Error::input(format!("two PSFs of height {h} and wavelength {w}"))
+                    .at(other.display())
+                    .help("the exports of two macros lie in one folder; keep one of them"));
+            }
         }
     }
     let mut h_used: Vec<usize> = found.keys().map(|k| k.0).collect();
@@ -275,7 +279,7 @@ const WAVELENGTH_TOLERANCE_NM: f64 = 0.5;
 const SPACING_TOLERANCE: f64 = 0.02;
 
 /// Checks that a listing is the one that the parameters announce.
-fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
+pub(super) fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
     if let Some(own) = listing.wavelength_nm
         && (own - nm).abs() > WAVELENGTH_TOLERANCE_NM
     {

@@ -253,10 +253,13 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
             };
             let nm = entry.wavelength_nm.or(listing.wavelength_nm);
             let spacing = entry.spacing_um.or(listing.spacing_um);
+            let nm = nm.ok_or_else(|| unknown("wavelength_nm"))?;
+            let spacing = spacing.ok_or_else(|| unknown("spacing_um"))?;
+            super::iset::check(&listing, nm, spacing)?;
             Ok((
                 entry.height_mm,
-                nm.ok_or_else(|| unknown("wavelength_nm"))?,
-                spacing.ok_or_else(|| unknown("spacing_um"))?,
+                nm,
+                spacing,
                 listing.oriented(entry.outwards.unwrap_or(listing.runs_outwards())),
             ))
         };
@@ -272,6 +275,13 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
         all
     };
     let (heights_mm, wavelengths_nm) = (axis(&|p| p.0), axis(&|p| p.1));
+    if let Some((h, nm, ..)) = (1..loaded.len())
+        .find(|&i| loaded[..i].iter().any(|p| (p.0, p.1) == (loaded[i].0, loaded[i].1)))
+        .map(|i| &loaded[i])
+    {
+        return Err(Error::input(format!("two PSFs of height {h} mm and {nm} nm"))
+            .help("name one [[psf]] for each height and wavelength"));
+    }
     let (mut data, mut captured) = (Vec::new(), Vec::new());
     for &h in &heights_mm {
         for &nm in &wavelengths_nm {

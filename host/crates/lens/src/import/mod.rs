@@ -47,10 +47,22 @@ pub(super) struct Table {
     pub values: Vec<f64>,
 }
 
+/// Part of a height by which a table may end before another: listings print few digits of the
+/// field, and give it in degrees where others give heights.
+const HEIGHT_ROUNDING: f64 = 0.01;
+
 impl Table {
-    /// The table at other heights and wavelengths: monotone cubic in height, wavelengths must be
-    /// there.
+    /// The table at other heights and wavelengths: monotone cubic in height; heights and
+    /// wavelengths must be there.
     pub fn onto(&self, heights: &[f64], wavelengths: &[f64]) -> Result<Vec<f64>> {
+        let last = |list: &[f64]| list.last().copied().unwrap_or(0.0);
+        let (own, wanted) = (last(&self.heights), last(heights));
+        if wanted > own * (1.0 + HEIGHT_ROUNDING) {
+            return Err(Error::input(format!(
+                "the table ends at the height {own} mm, and that of the distortion at {wanted} mm"
+            ))
+            .help("give it as far out, or cut the distortion there"));
+        }
         let columns = self.wavelengths.len();
         let curve = |nm: f64| {
             let same = |w: &&f64| (**w - nm).abs() < 0.5 || **w == 0.0;

@@ -165,3 +165,33 @@ fn listings_of_distortion_and_illumination() {
                 Field Rel. Ill. Effective F/#\n 0.0 1.0 2.0\n 10.0 0.9 2.1\n";
     assert_eq!(listing::relative_illumination(text).unwrap(), [[0.0, 1.0], [10.0, 0.9]]);
 }
+
+/// A manifest with tables of one wavelength, and what its PSFs are.
+fn small(illumination: &str, psf: &str) -> Result<Characterisation> {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("d.csv", "height_mm,550\n0,0\n1,0.98\n2,1.9\n");
+    write("i.csv", illumination);
+    write("p.csv", "0,1,0\n1,4,1\n0,1,0\n");
+    let text = format!(
+        "format = \"camrig-lens-import/1\"\nname = \"small\"\nefl_mm = 4.0\nf_number = 2.0\n\
+         distortion = [\"d.csv\"]\nrelative_illumination = [\"i.csv\"]\n{psf}"
+    );
+    write("lens.toml", &text);
+    import(&folder.path().join("lens.toml"))
+}
+
+#[test]
+fn tables_and_psfs_that_contradict_each_other_are_refused() {
+    let psf =
+        "[[psf]]\nheight_mm = 0.0\nwavelength_nm = 550\nspacing_um = 1.0\nfile = \"p.csv\"\n";
+    let whole = "height_mm,550\n0,1\n2,0.8\n";
+    let lens = small(whole, psf).unwrap();
+    assert_eq!(lens.heights_mm, [0.0, 1.0, 2.0]);
+    assert!((lens.relative_illumination[2] - 0.8).abs() < 1e-12);
+    // On its last slope the illumination would be 0.6 at 2 mm.
+    let error = message(small("height_mm,550\n0,1\n1,0.8\n", psf));
+    assert!(error.contains("ends at the height 1 mm"), "{error}");
+    let error = message(small(whole, &psf.repeat(2)));
+    assert!(error.contains("two PSFs of height 0 mm and 550 nm"), "{error}");
+}

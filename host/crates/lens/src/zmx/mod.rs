@@ -82,12 +82,20 @@ pub fn read_configuration(
     configuration: Option<&str>,
 ) -> Result<Prescription> {
     let mut file = File { primary: 1, ..File::default() };
+    let mut unknown = Vec::new();
     for (i, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some((keyword, rest)) = words.split_first() else { continue };
         let inside = line.starts_with(' ') || line.starts_with('\t');
         let read = match (inside, file.surfaces.last_mut()) {
             (true, Some(surface)) => {
+                if !OF_SURFACES.contains(keyword) && !unknown.contains(keyword) {
+                    unknown.push(keyword);
+                    file.notes.push(format!(
+                        "line {}: {keyword} of a surface is not known, and not used",
+                        i + 1
+                    ));
+                }
                 file.configurations.surface_line(keyword, rest, i + 1);
                 surface.keyword(keyword, rest, i + 1)
             }
@@ -98,6 +106,15 @@ pub fn read_configuration(
     }
     file.finish(glasses, configuration)
 }
+
+/// Keywords of surfaces that are read, and those without effect on the image: names, drawing,
+/// coatings, mechanics, pickups and variables (values are taken as they stand).
+const OF_SURFACES: &[&str] = &[
+    "CLAP", "COAT", "COFN", "COMM", "CONI", "CURV", "DIAM", "DISZ", "ELAP", "ELOB", "FIMP",
+    "FLAP", "GLAS", "HIDE", "MAZH", "MEMA", "MIRR", "NEXT", "OBDC", "OBSC", "OEMA", "PARM",
+    "POPS", "PPAR", "PZUP", "SCBD", "SLAB", "SPID", "SQAP", "SQOB", "STOP", "TYPE", "UDAP",
+    "UDOB", "VCON", "VCUR", "VDSZ", "VPAR", "XDAT",
+];
 
 fn word<'a>(words: &[&'a str], i: usize, keyword: &str) -> Result<&'a str> {
     words.get(i).copied().ok_or_else(|| {
@@ -309,7 +326,11 @@ impl File {
                 "a lens file has at least an object, one surface and an image: is it complete?",
             ));
         }
-        let scale = self.scale.unwrap_or(1.0);
+        let scale = self.scale.unwrap_or_else(|| {
+            self.notes
+                .push("the file does not say its unit (UNIT): millimetres are assumed".into());
+            1.0
+        });
         let mut drafts = std::mem::take(&mut self.surfaces);
         self.configurations.apply(configuration, &mut drafts, &mut self.notes)?;
         let image = drafts.len() - 1;

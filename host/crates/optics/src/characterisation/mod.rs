@@ -18,10 +18,11 @@
 //!   effect of distortion on the solid angle: the engine applies it once, and no Jacobian.
 //! - Between heights: monotone cubic; between wavelengths: linear. Outside the table: distortion
 //!   goes on along its end slope, illumination and angle keep their end values, PSFs are those of
-//!   the end.
+//!   the end; [`extent`] tells where a sensor or its light goes beyond.
 
 mod disk;
 mod example;
+pub mod extent;
 pub mod plane;
 mod plane_disk;
 pub mod tables;
@@ -32,6 +33,10 @@ use super::engine::{Blur, Lens, OverField};
 use super::interpolate::MonotoneCubic;
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
+
+/// Largest real height of the axis, mm: a thousandth of a small pixel, for figures that were
+/// computed.
+const AXIS_MM: f64 = 1e-6;
 
 /// A lens as tables over paraxial image height and wavelength (module documentation: conventions).
 #[derive(Clone, Debug, PartialEq)]
@@ -184,7 +189,18 @@ impl Characterisation {
             return Err(Error::input(format!("relative illumination {v}"))
                 .help("it is a ratio to the irradiance on the axis, not negative"));
         }
+        if self.heights_mm.len() < 2 {
+            return Err(Error::input("heights_mm has the axis alone").help(
+                "give distortion and relative illumination at one more height at least; PSFs may \
+                 be of the axis alone",
+            ));
+        }
         let columns = self.wavelengths_nm.len();
+        if let Some(mm) = self.real_height_mm[..columns].iter().find(|v| v.abs() > AXIS_MM) {
+            return Err(Error::input(format!("real height {mm} mm on the axis"))
+                .at("distortion")
+                .help("a lens over image height is symmetric about its axis: 0 stays 0"));
+        }
         for (w, nm) in self.wavelengths_nm.iter().enumerate() {
             for h in 1..self.heights_mm.len() {
                 let (below, here) = (
@@ -395,6 +411,14 @@ mod tests {
         assert!(refused(&|l| l.heights_mm[0] = 0.01).contains("heights_mm"));
         assert!(refused(&|l| l.wavelengths_nm[1] = 400.0).contains("wavelengths_nm"));
         assert!(refused(&|l| l.real_height_mm[15] = 0.0).contains("falls"));
+        assert!(refused(&|l| l.real_height_mm[1] = 1e-5).contains("on the axis"));
+        let alone = |l: &mut Characterisation| {
+            l.heights_mm.truncate(1);
+            l.real_height_mm.truncate(3);
+            l.relative_illumination.truncate(3);
+            l.chief_ray_angle_deg = None;
+        };
+        assert!(refused(&alone).contains("the axis alone"));
         assert!(refused(&|l| l.psf.data[3] = -1e-3).contains("negative"));
         assert!(refused(&|l| l.psf.data.truncate(5)).contains("PSF samples"));
         assert!(refused(&|l| l.relative_illumination[2] = f64::NAN).contains("finite"));

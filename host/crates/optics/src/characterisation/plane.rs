@@ -10,7 +10,8 @@
 //! - Relative illumination is the irradiance of a uniform Lambertian scene over that in the middle
 //!   of the field, where the field angles are 0.
 //! - Between places: bicubic, PSFs bilinear; between wavelengths: linear. Outside the table:
-//!   distortion goes on along its end slopes, illumination and PSFs keep their values at the edge.
+//!   distortion goes on along its end slopes, illumination and PSFs keep their values at the edge;
+//!   [`super::extent`] tells where a sensor or its light goes beyond.
 
 use super::{Between, axis, bracket, positive, table};
 use crate::bicubic::BicubicTable;

@@ -32,6 +32,14 @@ pub const NAMES: &[&str] = &[
 
 /// The chart of a name, `None` where no chart has it.
 pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
+    Some(open_told(name, options)?.map(|(scene, _)| scene))
+}
+
+/// A chart, and what was understood of it in words.
+pub type Told = (Box<dyn Scene>, Vec<String>);
+
+/// The chart of a name with what was understood of it, `None` where no chart has it.
+pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
     let open: fn(&mut Options) -> Result<Box<dyn Scene>> = match name {
         "colorchecker" => |o| Ok(Box::new(colorchecker::from_options(o)?)),
         "slanted-edge" => |o| Ok(Box::new(slanted_edge::from_options(o)?)),
@@ -46,10 +54,29 @@ pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
     };
     Some(Options::parse(options).and_then(|mut options| {
         let scene = open(&mut options)?;
+        let mut understood = vec![ABOUT.iter().find(|(n, _)| *n == name).map_or("", |(_, s)| s)];
+        let used = options.used().join(",");
+        if !used.is_empty() {
+            understood.push(&used);
+        }
+        let understood = understood.into_iter().map(str::to_owned).collect();
         options.finish()?;
-        Ok(scene)
+        Ok((scene, understood))
     }))
 }
+
+/// What charts show.
+const ABOUT: &[(&str, &str)] = &[
+    ("colorchecker", "24 patches on their card, on a grey ground of 0.18"),
+    ("slanted-edge", "an edge through the centre, dark left or above, bright right or below"),
+    ("dots", "a square grid of dots over the whole plane"),
+    ("ramp", "grey that rises linearly over the frame's width, or in steps"),
+    ("uniform", "one reflectance everywhere"),
+    ("checkerboard", "squares over the whole plane, a corner in the centre"),
+    ("resolution", "elements of ISO 12233, 0.04 on 0.8, for frames from 4:3 to 16:9"),
+    ("point", "a disc of size sensor widths; a level above 1 is a light source"),
+    ("bright-spot", "a disc of size sensor widths; a level above 1 is a light source"),
+];
 
 /// Where the targets of a chart lie, for measurements.
 #[derive(Clone, Debug)]

@@ -7,6 +7,7 @@ use std::ops::RangeInclusive;
 pub struct Options {
     given: Vec<(String, String)>,
     known: Vec<&'static str>,
+    used: Vec<String>,
 }
 
 impl Options {
@@ -24,7 +25,7 @@ impl Options {
             }
             given.push((key, value));
         }
-        Ok(Self { given, known: Vec::new() })
+        Ok(Self { given, known: Vec::new(), used: Vec::new() })
     }
 
     fn take(&mut self, key: &str) -> Option<String> {
@@ -40,8 +41,9 @@ impl Options {
         range: RangeInclusive<f64>,
     ) -> Result<f64> {
         self.known.push(key);
-        let Some(text) = self.take(key) else { return Ok(default) };
-        in_range(key, &text, range)
+        let value = self.take(key).map_or(Ok(default), |text| in_range(key, &text, range))?;
+        self.used.push(format!("{key}={value}"));
+        Ok(value)
     }
 
     /// Like [`Self::number`]; the value may also stand alone as the first option.
@@ -54,7 +56,9 @@ impl Options {
         match self.take("") {
             Some(text) => {
                 self.known.push(key);
-                in_range(key, &text, range)
+                let value = in_range(key, &text, range)?;
+                self.used.push(format!("{key}={value}"));
+                Ok(value)
             }
             None => self.number(key, default, range),
         }
@@ -63,10 +67,20 @@ impl Options {
     /// One of several words, the first of which is the default.
     pub fn word(&mut self, key: &'static str, words: &[&'static str]) -> Result<&'static str> {
         self.known.push(key);
-        let Some(text) = self.take(key) else { return Ok(words[0]) };
-        words.iter().find(|w| **w == text).copied().ok_or_else(|| {
+        let Some(text) = self.take(key) else {
+            self.used.push(format!("{key}={}", words[0]));
+            return Ok(words[0]);
+        };
+        let word = words.iter().find(|w| **w == text).copied().ok_or_else(|| {
             Error::input(format!("{key}={text}")).help(format!("use {}", words.join(" or ")))
-        })
+        })?;
+        self.used.push(format!("{key}={word}"));
+        Ok(word)
+    }
+
+    /// The options that the chart has read, with their values, given or not.
+    pub fn used(&self) -> &[String] {
+        &self.used
     }
 
     /// Refuses options that the chart did not read.

@@ -2,7 +2,7 @@
 
 use super::{BANDS, Options};
 use crate::{Grid, Quantity, Scene};
-use camrig_base::{Bands, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result};
 
 /// Reflectance that depends on u alone and changes linearly over the frame's width.
 #[derive(Clone, Debug)]
@@ -19,7 +19,11 @@ pub struct Ramp {
 pub(super) fn from_options(options: &mut Options) -> Result<Ramp> {
     let from = options.number("from", 0.0, 0.0..=1.0)?;
     let to = options.number("to", 1.0, 0.0..=1.0)?;
-    let steps = options.number("steps", 0.0, 0.0..=4096.0)? as u32;
+    let steps = options.number("steps", 0.0, 0.0..=4096.0)?;
+    if steps.fract() != 0.0 {
+        return Err(Error::input(format!("steps={steps}")).help("steps is a whole number"));
+    }
+    let steps = steps as u32;
     Ok(Ramp { from, to, steps })
 }
 
