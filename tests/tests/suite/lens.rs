@@ -165,7 +165,7 @@ fn a_sensor_beyond_the_tables_of_a_lens_is_told() {
     camrig_ok(dir, "lens import manifest.toml -o imported");
     camera_with(dir, "kind = \"characterised\"\ndata = \"imported\"");
     let command = "simulate --camera ./camera.toml --scene uniform:0.5 --exposure 5ms --no-cache";
-    let made = camrig_ok(dir, &format!("{command} -o out.npy --json"));
+    let made = camrig_ok(dir, &format!("{command} -o picture.npy --json"));
     let told: Value = serde_json::from_slice(&made.stdout).unwrap();
     let notes: Vec<&str> =
         told["notes"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
