@@ -11,8 +11,8 @@ pub struct BicubicTable {
 }
 
 impl BicubicTable {
-    /// The surface through `values[row · x.len() + column]` at (x[column], y[row]); both axes rise
-    /// strictly.
+    /// The surface through `values[row · x.len() + column]` at `(x[column], y[row])`; both axes
+    /// rise strictly.
     ///
     /// # Panics
     /// When the lengths differ or are 0: callers hold validated tables.

@@ -121,7 +121,8 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 }
 
 /// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one
-/// electron, or nothing where shot noise is left out, O the read noise with the converter's rounding, both as fractions of the range.
+/// electron, or nothing where shot noise is left out, O the read noise with the converter's
+/// rounding, both as fractions of the range.
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
