@@ -1,6 +1,6 @@
 //! The optics stage: workload W (4096 x 4096 cells x 31 bands, 31 x 31 kernels that vary over the
-//! field), its scaling, live pictures by the fast path, the whole stage from scene to irradiance, and the characterisation of a
-//! phone lens.
+//! field), its scaling, live pictures by the fast path, the whole stage from scene to irradiance,
+//! and the characterisation of a phone lens.
 //!
 //! `cargo bench -p camrig-benches --bench optics [-- FILTER]`; `CAMRIG_BENCH_SMALL=1` runs one
 //! sixteenth of the area. Every figure has the processor time of all threads beside it, which is

@@ -93,9 +93,10 @@ fn lenses_of_every_format_are_read() {
     assert_eq!(imported["psf_heights_mm"], serde_json::json!([0.0, 1.0]));
 }
 
-/// A decentred lens has figures at field points (x, y) and a characterisation over the plane, through
-/// which pictures are made; what needs a round lens refuses it and says why. Thin-lens optics: the front surface, of power 0.5/50 and 0.5 mm above the axis, bends the
-/// chief ray of (0, 0) upwards, to 0.25 mm at 50 mm; no ray of x = 0 leaves the plane of y and z.
+/// A decentred lens has figures at field points (x, y) and a characterisation over the plane,
+/// through which pictures are made; what needs a round lens refuses it and says why. Thin-lens
+/// optics: the front surface, of power 0.5/50 and 0.5 mm above the axis, bends the chief ray of (0,
+/// 0) upwards, to 0.25 mm at 50 mm; no ray of x = 0 leaves the plane of y and z.
 #[test]
 fn a_decentred_lens_has_a_two_dimensional_field_and_pictures() {
     let dir = folder();
@@ -127,8 +128,8 @@ fn a_decentred_lens_has_a_two_dimensional_field_and_pictures() {
         let values = out[key].as_array().unwrap();
         [values[0].as_f64().unwrap(), values[values.len() - 1].as_f64().unwrap()]
     };
-    // Two surfaces of power 0.01: 50 mm. The frame is about the image's origin, so that the place of
-    // the field point (0, 0) is 0.25 mm above the frame's middle there, below it in the picture.
+    // Two surfaces of power 0.01: 50 mm. The frame is about the image's origin, so that the place
+    // of the field point (0, 0) is 0.25 mm above the frame's middle there, below it in the picture.
     assert!((out["principal_distance_mm"].as_f64().unwrap() - 50.0).abs() < 0.01, "{out}");
     let ([left, right], [top, bottom]) = (axis("x_mm"), axis("y_mm"));
     assert!((left + right).abs() < 1e-4 && (top + bottom + 0.5).abs() < 0.01, "{out}");

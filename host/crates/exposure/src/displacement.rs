@@ -2,8 +2,8 @@
 //!
 //! Blocks that have changed most are looked for in the second irradiance by their normalised
 //! cross-correlation, in which light that becomes brighter or darker plays no part. What is found
-//! is a lower bound: other things may move farther than is looked, turn, or come out of nothing, and
-//! blocks are looked for as far as the edges of the plane are away.
+//! is a lower bound: other things may move farther than is looked, turn, or come out of nothing,
+//! and blocks are looked for as far as the edges of the plane are away.
 
 use super::irradiance::IrradianceCube;
 use camrig_base::{Plane, Result};

@@ -126,7 +126,8 @@ fn worst_gaps(areas: &[f64], errors: &[f64], tolerance: f64) -> Vec<usize> {
         .collect()
 }
 
-/// The share of the light that one PSF of a window puts elsewhere than another, seen through pixels.
+/// The share of the light that one PSF of a window puts elsewhere than another, seen through
+/// pixels.
 pub(super) fn blend_error_window(
     size: usize,
     spacing_mm: f64,

@@ -1,9 +1,9 @@
 //! An effect that adds noise, and adds it where there is none, is not the one that is missing:
 //! what it closes elsewhere does not outweigh that.
 //!
-//! A deviance hardly shows it: on the scale on which a mean of few squares is nearly normal, nothing
-//! at all is two to four standard deviations below any expectation, of two to five frames. The law
-//! of so small a mean tells.
+//! A deviance hardly shows it: on the scale on which a mean of few squares is nearly normal,
+//! nothing at all is two to four standard deviations below any expectation, of two to five frames.
+//! The law of so small a mean tells.
 
 use super::session::{Session, State};
 use crate::model::prediction::Predicted;

@@ -214,7 +214,8 @@ impl Characterisation {
     }
 }
 
-/// Writes a lens directory by `write_files`, whole or not at all; an existing one only with `force`.
+/// Writes a lens directory by `write_files`, whole or not at all; an existing one only with
+/// `force`.
 pub(super) fn write_directory(
     dir: &Path,
     force: bool,

@@ -83,7 +83,8 @@ impl PsfField {
         (largest.max().unwrap_or(0) as f64 + 0.5) * self.spacing_um
     }
 
-    /// The larger of the radial and tangential MTF in the middle of the field, over frequency in cycles/mm.
+    /// The larger of the radial and tangential MTF in the middle of the field, over frequency in
+    /// cycles/mm.
     pub fn axial_mtf(&self) -> impl Fn(f64) -> f64 + use<> {
         // Line-spread functions: sums along and across.
         let mut lines = [vec![0.0f64; self.size], vec![0.0f64; self.size]];
