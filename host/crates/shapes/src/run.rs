@@ -188,12 +188,12 @@ impl SoFar<'_> {
         }
         let had = take_out(session, self.camera, &new);
         let other = names(session)?;
-        put_back(session, had);
+        let without = put_back(session, had);
         let State { camera, named, .. } = &other.after;
         let camera = with_stages(camera, &session.fit.design, &new)?;
         let runs = session.state(camera, named.clone(), RUNS)?;
         if session.deviance(&runs) < session.deviance(&self.found.after) {
-            let had = take_out(session, self.camera, &new);
+            let had = put_back(session, without);
             self.keep(new, had, other);
         }
         Ok(())
@@ -304,10 +304,9 @@ fn take_out(session: &mut Session, camera: &Camera, shapes: &[Box<dyn Shape>]) -
     })
 }
 
-/// Puts moments back.
-fn put_back(session: &mut Session, [fit, held_out]: [Measured; 2]) {
-    session.fit.exchange(fit);
-    session.holdout.exchange(held_out);
+/// Puts moments back; gives those that stood in their place.
+fn put_back(session: &mut Session, [fit, held_out]: [Measured; 2]) -> [Measured; 2] {
+    [session.fit.exchange(fit), session.holdout.exchange(held_out)]
 }
 
 /// The shapes that some detectors find, each in what those before leave.

@@ -13,7 +13,7 @@ use camrig_lens::heights::Density;
 use camrig_lens::prescription::FieldKind;
 use camrig_lens::system::Focus;
 use camrig_lens::{Conditions, Glass, Setup, System, field, import};
-use camrig_optics::{Characterisation, Options};
+use camrig_optics::{Between, Characterisation, Options};
 use camrig_report::lens as report;
 use clap::builder::TypedValueParser;
 use show::{
@@ -471,26 +471,12 @@ fn write_characterisation(
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
     };
-    let bar = arguments::progress("tracing", 0);
-    let mut lens = characterise::characterise(system, &plan, &|done, all| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    lens.source = format!("{file}, {}", lens.source);
+    let mut lens = with_bar(|told| characterise::characterise(system, &plan, told))?;
+    lens.source = args.traced_from(&lens.source);
     lens.write(dir, args.force)?;
     eprintln!("wrote {}: {}", dir.display(), summary(&lens));
-    match lens.psf.between {
-        Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
-            "warning: PSFs change so fast over the field that even 16 times the heights misplace \
-             {:.2} % of the light in the mean, more than the {:.2} % of --psf-tolerance; start \
-             with more --heights",
-            100.0 * between.misplaced_mean,
-            100.0 * args.psf_tolerance
-        ),
-        _ => {}
-    }
+    let most = ("even 16 times the heights misplace", "start with more --heights");
+    args.warn_between(lens.psf.between, most);
     Ok(())
 }
 
@@ -521,25 +507,44 @@ fn write_plane(
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
     };
+    let mut lens = with_bar(|told| field::characterise(system, &plan, told))?;
+    lens.source = args.traced_from(&lens.source);
+    lens.write(dir, args.force)?;
+    eprintln!("wrote {}: {}", dir.display(), plane_summary(&lens));
+    let remedy = "ask for fewer wavelengths or a smaller --psf-size to make room for more places";
+    args.warn_between(lens.between, ("the closest places misplace", remedy));
+    Ok(())
+}
+
+impl TraceArgs {
+    /// The source of what was traced: its file, and what traced it.
+    fn traced_from(&self, tracer: &str) -> String {
+        let file = self.lens.file.file_name().unwrap_or_default().to_string_lossy();
+        format!("{file}, {tracer}")
+    }
+
+    /// Warns where blends of PSFs are worse than was asked for. `misplace` says what is, after as
+    /// many PSFs as are tried, and `remedy` what to do.
+    fn warn_between(&self, between: Option<Between>, (misplace, remedy): (&str, &str)) {
+        let Some(between) = between.filter(|b| b.misplaced_mean > self.psf_tolerance) else {
+            return;
+        };
+        eprintln!(
+            "warning: PSFs change so fast over the field that {misplace} {:.2} % of the light in \
+             the mean, more than the {:.2} % of --psf-tolerance; {remedy}",
+            100.0 * between.misplaced_mean,
+            100.0 * self.psf_tolerance
+        );
+    }
+}
+
+/// Traces with a progress bar.
+fn with_bar<T>(trace: impl FnOnce(&(dyn Fn(usize, usize) + Sync)) -> Result<T>) -> Result<T> {
     let bar = arguments::progress("tracing", 0);
-    let mut lens = field::characterise(system, &plan, &|done, all| {
+    let traced = trace(&|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
-    let file = args.lens.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    lens.source = format!("{file}, {}", lens.source);
-    lens.write(dir, args.force)?;
-    eprintln!("wrote {}: {}", dir.display(), plane_summary(&lens));
-    match lens.between {
-        Some(between) if between.misplaced_mean > args.psf_tolerance => eprintln!(
-            "warning: PSFs change so fast over the field that the closest places misplace {:.2} % \
-             of the light in the mean, more than the {:.2} % of --psf-tolerance; ask for fewer \
-             wavelengths or a smaller --psf-size to make room for more places",
-            100.0 * between.misplaced_mean,
-            100.0 * args.psf_tolerance
-        ),
-        _ => {}
-    }
-    Ok(())
+    Ok(traced)
 }

@@ -7,22 +7,13 @@ use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
 use camrig_lens::field;
 use camrig_lens::prescription::{Form, Medium, Object, Prescription};
-use camrig_optics::{Characterisation, LensTables, PlaneCharacterisation};
+use camrig_optics::{Between, Characterisation, LensTables, PlaneCharacterisation};
 use serde_json::{Value, json};
 
 /// A characterisation in one line.
 pub(super) fn summary(lens: &Characterisation) -> String {
     let least = lens.psf.captured.iter().flatten().copied().fold(1.0, f64::min);
-    let between = match lens.psf.between {
-        Some(b) => format!(
-            ", blending between heights misplaces {:.2} % of it (mean; {:.2} % at worst) on \
-             pixels of {} µm",
-            100.0 * b.misplaced_mean,
-            100.0 * b.misplaced_largest,
-            b.pixel_um
-        ),
-        None => String::new(),
-    };
+    let between = blending(lens.psf.between, "heights");
     format!(
         "{} heights to {:.3} mm, {} wavelengths, {} PSFs of {}x{} at {} µm holding {:.1} % of \
          the light or more{between}",
@@ -40,16 +31,7 @@ pub(super) fn summary(lens: &Characterisation) -> String {
 /// A characterisation over the plane of the image in one line.
 pub(super) fn plane_summary(lens: &PlaneCharacterisation) -> String {
     let least = lens.captured.iter().copied().fold(1.0, f64::min);
-    let between = match lens.between {
-        Some(b) => format!(
-            ", blending between places misplaces {:.2} % of it (mean; {:.2} % at worst) on \
-             pixels of {} µm",
-            100.0 * b.misplaced_mean,
-            100.0 * b.misplaced_largest,
-            b.pixel_um
-        ),
-        None => String::new(),
-    };
+    let between = blending(lens.between, "places");
     let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
     let ([left, right], [top, bottom]) = (ends(&lens.x_mm), ends(&lens.y_mm));
     format!(
@@ -63,6 +45,19 @@ pub(super) fn plane_summary(lens: &PlaneCharacterisation) -> String {
         lens.psf_spacing_um,
         100.0 * least
     )
+}
+
+/// How far blends between tabulated PSFs are from the truth, where it is known.
+fn blending(between: Option<Between>, stations: &str) -> String {
+    between.map_or_else(String::new, |b| {
+        format!(
+            ", blending between {stations} misplaces {:.2} % of it (mean; {:.2} % at worst) on \
+             pixels of {} µm",
+            100.0 * b.misplaced_mean,
+            100.0 * b.misplaced_largest,
+            b.pixel_um
+        )
+    })
 }
 
 /// Figures of a field point.

@@ -199,9 +199,7 @@ impl Characterisation {
                 between: self.psf.between,
             },
         };
-        let path = dir.join("lens.toml");
-        let text = toml::to_string(&head).map_err(|e| Error::internal(e.to_string()))?;
-        std::fs::write(&path, text).map_err(|e| Error::io("write", &path, e))?;
+        write_head(dir, &head)?;
         let tables = [self.heights_mm.len() as u64, self.wavelengths_nm.len() as u64];
         write_npy(&dir.join("distortion.npy"), &tables, &self.real_height_mm)?;
         write_npy(&dir.join("relative_illumination.npy"), &tables, &self.relative_illumination)?;
@@ -212,6 +210,13 @@ impl Characterisation {
         let shape = [p.heights_mm.len() as u64, p.wavelengths_nm.len() as u64, n, n];
         write_npy(&dir.join("psf.npy"), &shape, &p.data)
     }
+}
+
+/// Writes `lens.toml`.
+pub(super) fn write_head(dir: &Path, head: &impl Serialize) -> Result<()> {
+    let path = dir.join("lens.toml");
+    let text = toml::to_string(head).map_err(|e| Error::internal(e.to_string()))?;
+    std::fs::write(&path, text).map_err(|e| Error::io("write", &path, e))
 }
 
 /// Writes a lens directory by `write_files`, whole or not at all; an existing one only with

@@ -3,7 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `lens.toml` | `format = "camrig-lens/2"`, names, figures, axes (below) |
-//! | `distortion_x.npy` | f64 `[rows][columns][wavelengths]`: real places of chief rays to the right, mm |
+//! | `distortion_x.npy` | f64 `[rows][columns][wavelengths]`: real places of chief rays, mm right |
 //! | `distortion_y.npy` | the same downwards |
 //! | `relative_illumination.npy` | f64 `[rows][columns][wavelengths]` |
 //! | `captured.npy` | f64 `[rows][columns][wavelengths]`: light inside each PSF's window |
@@ -27,7 +27,7 @@
 //! ```
 
 use super::Between;
-use super::disk::{clear, head, open_npy, read_table, write_directory, write_npy};
+use super::disk::{clear, head, open_npy, read_table, write_directory, write_head, write_npy};
 use super::plane::PlaneCharacterisation;
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
@@ -113,9 +113,7 @@ impl PlaneCharacterisation {
             psf_spacing_um: self.psf_spacing_um,
             between: self.between,
         };
-        let path = dir.join("lens.toml");
-        let text = toml::to_string(&head).map_err(|e| Error::internal(e.to_string()))?;
-        std::fs::write(&path, text).map_err(|e| Error::io("write", &path, e))?;
+        write_head(dir, &head)?;
         let shape = [self.y_mm.len(), self.x_mm.len(), self.wavelengths_nm.len()];
         let [rows, columns, waves] = shape.map(|n| n as u64);
         for (name, values) in [
