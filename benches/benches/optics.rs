@@ -254,7 +254,7 @@ fn live() {
             let scene = Checks { bands: components };
             let scene = LitScene { scene: &scene, white: vec![1.0; components] };
             let mut channels = Vec::new();
-            let blur = least(5, || channels = collapsed.channels(&lens, &scene).unwrap());
+            let blur = least(5, || channels = collapsed.channels(&scene).unwrap());
             let mut means = vec![0.0f32; width * height];
             let mosaic = least(5, || {
                 for (i, mean) in means.iter_mut().enumerate() {

@@ -11,7 +11,7 @@ use super::engine::fourier;
 use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
 use super::engine::sampling::{Layout, sinc};
-use super::engine::source::Source;
+use super::engine::source::{Source, Warp};
 use super::engine::{Blur, Lens, Options, Otf, SensorGrid};
 use camrig_base::{Plane, Result};
 use camrig_scene::LitScene;
@@ -43,7 +43,14 @@ pub fn irradiance(
 ) -> Result<Plane<f64>> {
     let nm = scene.scene.bands().nm(band);
     let cells_of = |layout: &Layout| {
-        let source = Source::new(scene, band, lens, nm, grid, layout, options.border);
+        let source = Source::new(
+            scene,
+            band,
+            Warp::new(lens, nm, grid, layout),
+            grid,
+            layout,
+            options.border,
+        );
         source.rows(0, layout.cells_down())
     };
     let mut plane = match lens.blur(nm) {

@@ -175,7 +175,7 @@ impl Collapse {
         };
         let unlit = vec![1.0; components.basis.len()];
         let lit = LitScene { scene: &*components.planes, white: unlit };
-        let channels = kept.collapsed.channels(self.lens.lens(), &lit)?;
+        let channels = kept.collapsed.channels(&lit)?;
         let pixels = Plane::from_fn(header.width, header.height, |x, y| {
             channels[config.pattern.channel(x, y)].at(x, y)
         });

@@ -1,7 +1,7 @@
 //! Factors that depend only on the place of a pixel in the field: eq. 7, relative illumination,
 //! veiling glare.
 
-use super::{Lens, OverField, PlaneFunction, SensorGrid};
+use super::{Lens, OverField, SensorGrid};
 use crate::bicubic::BicubicTable;
 use camrig_base::Plane;
 use rayon::prelude::*;
@@ -61,45 +61,63 @@ pub fn sampled<const N: usize>(
     })
 }
 
-/// Multiplies by steradians and relative illumination at the pixel centres, then spreads the
-/// veiling glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist
-/// frequency can leave values just below 0 beside bright points; irradiance is not negative, so
-/// they become 0.
-pub fn apply(plane: &mut Plane<f32>, lens: &dyn Lens, nm: f64, grid: &SensorGrid) {
-    let factor = lens.steradians(nm);
-    let axis = lens.axis_mm();
-    plane.data.par_iter_mut().for_each(|e| *e = e.max(0.0));
-    let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
-    let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
-    let ratios: Option<PlaneFunction<'_, f64>> =
-        lens.illumination(nm).map(|ratios| match ratios {
+/// Steradians, relative illumination and veiling glare of a lens in one band.
+pub struct FallOff {
+    grid: SensorGrid,
+    axis_mm: (f64, f64),
+    steradians: f64,
+    ratio: Option<Ratio>,
+    glare: f64,
+}
+
+/// Relative illumination: by squared height, or over the plane.
+enum Ratio {
+    Radial(RadialTable),
+    Plane(BicubicTable),
+}
+
+impl FallOff {
+    /// Of a wavelength.
+    pub fn new(lens: &dyn Lens, nm: f64, grid: &SensorGrid) -> Self {
+        let axis_mm = lens.axis_mm();
+        let ratio = lens.illumination(nm).map(|ratios| match ratios {
             OverField::Radial(curve) => {
-                let table = RadialTable::new(curve, largest_height_mm(grid, axis, 0.0));
-                Box::new(move |dx: f64, dy: f64| table.at(dx * dx + dy * dy))
-                    as PlaneFunction<'_, f64>
+                Ratio::Radial(RadialTable::new(curve, largest_height_mm(grid, axis_mm, 0.0)))
             }
             OverField::Plane(function) => {
-                let [table] = sampled(|x, y| [function(x, y)], grid, axis, 0.0);
-                Box::new(move |dx, dy| table.at(dx, dy).max(0.0))
+                let [table] = sampled(|x, y| [function(x, y)], grid, axis_mm, 0.0);
+                Ratio::Plane(table)
             }
         });
-    match ratios {
-        None => plane.data.iter_mut().for_each(|e| *e *= factor as f32),
-        Some(ratio) => {
-            plane.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-                let dy = centred(y, grid.height) - axis.1;
-                for (x, e) in row.iter_mut().enumerate() {
-                    let dx = centred(x, width) - axis.0;
-                    *e *= (factor * ratio(dx, dy)) as f32;
-                }
-            });
-        }
+        let (steradians, glare) = (lens.steradians(nm), lens.veiling_glare());
+        Self { grid: *grid, axis_mm, steradians, ratio, glare }
     }
-    let glare = lens.veiling_glare();
-    if glare > 0.0 {
-        let sum: f64 = plane.data.iter().map(|&e| f64::from(e)).sum();
-        let veil = (glare * sum / plane.data.len() as f64) as f32;
-        let kept = (1.0 - glare) as f32;
-        plane.data.iter_mut().for_each(|e| *e = kept * *e + veil);
+
+    /// Multiplies by steradians and relative illumination at the pixel centres, then spreads the
+    /// veiling glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist
+    /// frequency can leave values just below 0 beside bright points; irradiance is not negative,
+    /// so they become 0.
+    pub fn apply(&self, plane: &mut Plane<f32>) {
+        let Self { grid, axis_mm: axis, steradians: factor, ratio, glare } = self;
+        let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
+        let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
+        plane.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            let dy = centred(y, grid.height) - axis.1;
+            for (x, e) in row.iter_mut().enumerate() {
+                let dx = centred(x, width) - axis.0;
+                let factor = match ratio {
+                    None => *factor,
+                    Some(Ratio::Radial(table)) => factor * table.at(dx * dx + dy * dy),
+                    Some(Ratio::Plane(table)) => factor * table.at(dx, dy).max(0.0),
+                };
+                *e = e.max(0.0) * factor as f32;
+            }
+        });
+        if *glare > 0.0 {
+            let sum: f64 = plane.data.iter().map(|&e| f64::from(e)).sum();
+            let veil = (glare * sum / plane.data.len() as f64) as f32;
+            let kept = (1.0 - glare) as f32;
+            plane.data.iter_mut().for_each(|e| *e = kept * *e + veil);
+        }
     }
 }

@@ -210,7 +210,7 @@ pub fn irradiance(
                 }
             }
         })?;
-        field::apply(&mut plane, lens, nm, grid);
+        field::FallOff::new(lens, nm, grid).apply(&mut plane);
         sink(band, plane)?;
         progress(band + 1, bands.count);
     }
@@ -245,7 +245,8 @@ impl Band<'_> {
     fn source(&self, layout: &Layout, report: &mut Report) -> source::Source<'_> {
         report.margin_pixels = report.margin_pixels.max(layout.margin);
         let Self { scene, band, lens, nm, grid, options } = *self;
-        source::Source::new(scene, band, lens, nm, grid, layout, options.border)
+        let warp = source::Warp::new(lens, nm, grid, layout);
+        source::Source::new(scene, band, warp, grid, layout, options.border)
     }
 
     fn through_otf(

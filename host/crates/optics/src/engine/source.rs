@@ -7,6 +7,7 @@ use super::{Lens, OverField, SensorGrid};
 use crate::bicubic::BicubicTable;
 use camrig_base::{Plane, Result};
 use camrig_scene::{Grid, LitScene};
+use std::sync::Arc;
 
 /// What lies beyond the frame, from where the blur brings light in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,10 +32,11 @@ pub struct Source<'a> {
     cell: f64,
     /// Top left corner of the padded grid, sensor widths from the image centre.
     corner: (f64, f64),
-    warp: Option<Warp>,
+    warp: Option<Arc<Warp>>,
 }
 
-struct Warp {
+/// The geometric mapping of a lens in one band, for a padded grid.
+pub struct Warp {
     mapping: Mapping,
     /// Sensor width, mm.
     width_mm: f64,
@@ -51,6 +53,34 @@ enum Mapping {
 }
 
 impl Warp {
+    /// The mapping at a wavelength; `None` of a lens that has none.
+    pub fn new(lens: &dyn Lens, nm: f64, grid: &SensorGrid, layout: &Layout) -> Option<Arc<Self>> {
+        let width_mm = grid.width_mm();
+        let axis_mm = lens.axis_mm();
+        let margin_mm = (layout.padded_width - layout.width)
+            .max(layout.padded_height - layout.height) as f64
+            * grid.pitch_um
+            * 1e-3;
+        let mapping = match lens.ideal_place(nm)? {
+            OverField::Radial(ideal) => Mapping::Ratio(RadialTable::new(
+                // At the axis the ratio is the curve's slope there.
+                |h| if h > 0.0 { ideal(h) / h } else { ideal(1e-6) / 1e-6 },
+                largest_height_mm(grid, axis_mm, margin_mm),
+            )),
+            OverField::Plane(ideal) => Mapping::Places(sampled(
+                |x, y| {
+                    let (x, y) = ideal(x, y);
+                    [x, y]
+                },
+                grid,
+                axis_mm,
+                margin_mm,
+            )),
+        };
+        let axis = (axis_mm.0 / width_mm, axis_mm.1 / width_mm);
+        Some(Arc::new(Self { mapping, width_mm, axis }))
+    }
+
     /// Frame coordinates of the ideal place of what lands at (u, v).
     fn ideal(&self, u: f64, v: f64) -> (f64, f64) {
         let (du, dv) = (u - self.axis.0, v - self.axis.1);
@@ -69,42 +99,15 @@ impl Warp {
 }
 
 impl<'a> Source<'a> {
-    /// The band of the scene on the cell grid of `layout`.
+    /// The band of the scene on the cell grid of `layout`, by the mapping made for it.
     pub fn new(
         scene: &'a LitScene<'a>,
         band: usize,
-        lens: &dyn Lens,
-        nm: f64,
+        warp: Option<Arc<Warp>>,
         grid: &SensorGrid,
         layout: &Layout,
         border: Border,
     ) -> Self {
-        let width_mm = grid.width_mm();
-        let axis_mm = lens.axis_mm();
-        let margin_mm = (layout.padded_width - layout.width)
-            .max(layout.padded_height - layout.height) as f64
-            * grid.pitch_um
-            * 1e-3;
-        let warp = lens.ideal_place(nm).map(|ideal| Warp {
-            mapping: match &ideal {
-                OverField::Radial(ideal) => Mapping::Ratio(RadialTable::new(
-                    // At the axis the ratio is the curve's slope there.
-                    |h| if h > 0.0 { ideal(h) / h } else { ideal(1e-6) / 1e-6 },
-                    largest_height_mm(grid, axis_mm, margin_mm),
-                )),
-                OverField::Plane(ideal) => Mapping::Places(sampled(
-                    |x, y| {
-                        let (x, y) = ideal(x, y);
-                        [x, y]
-                    },
-                    grid,
-                    axis_mm,
-                    margin_mm,
-                )),
-            },
-            width_mm,
-            axis: (axis_mm.0 / width_mm, axis_mm.1 / width_mm),
-        });
         let w = grid.width as f64;
         Self {
             scene,

@@ -21,14 +21,16 @@
 mod mapping;
 mod varying_field;
 
+use super::field::FallOff;
 use super::fourier::{self, Blurs};
 use super::sampling::Layout;
-use super::source::Source;
-use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel, field};
+use super::source::{Source, Warp};
+use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel};
 use camrig_base::{Bands, Error, Plane, Result};
 use camrig_scene::LitScene;
 use mapping::Mapping;
 use std::ops::Range;
+use std::sync::Arc;
 use varying_field::FieldBlur;
 
 /// How components become channels.
@@ -75,15 +77,20 @@ pub struct Collapsed {
 
 /// Channels that see the scene by one mapping.
 struct Part {
-    /// Wavelength of the mapping.
-    nm: f64,
     blur: PartBlur,
+    fall_off: FallOff,
 }
 
 enum PartBlur {
-    /// By transfer functions: padded frames and blurs of the core and of the wings, if any.
-    Otf(Vec<(Layout, Blurs)>),
-    Field(Box<FieldBlur>),
+    /// By transfer functions: of the core and of the wings, if any.
+    Otf(Vec<(Frame, Blurs)>),
+    Field(Frame, Box<FieldBlur>),
+}
+
+/// A padded frame, and where the lens finds the light of its cells.
+struct Frame {
+    layout: Layout,
+    warp: Option<Arc<Warp>>,
 }
 
 impl Collapsed {
@@ -142,31 +149,26 @@ impl Collapsed {
         self.lateral_um
     }
 
-    /// What every channel collects on each pixel of a scene whose "bands" are the components;
-    /// `lens` is the one that was collapsed.
+    /// What every channel collects on each pixel of a scene whose "bands" are the components.
     ///
     /// # Errors
     /// A scene that cannot be rendered.
-    pub fn channels(
-        &mut self,
-        lens: &dyn Lens,
-        components: &LitScene<'_>,
-    ) -> Result<Vec<Plane<f32>>> {
+    pub fn channels(&mut self, components: &LitScene<'_>) -> Result<Vec<Plane<f32>>> {
         let Self { grid, border, pool, parts, .. } = self;
         let count = components.scene.bands().count;
         pool.install(|| {
             let mut all = Vec::new();
             for part in parts {
-                let nm = part.nm;
-                let sources = |layout: &Layout| -> Vec<Source<'_>> {
-                    let source = |k| Source::new(components, k, lens, nm, grid, layout, *border);
+                let sources = |Frame { layout, warp }: &Frame| -> Vec<Source<'_>> {
+                    let source =
+                        |k| Source::new(components, k, warp.clone(), grid, layout, *border);
                     (0..count).map(source).collect()
                 };
                 let mut planes = match &mut part.blur {
                     PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
-                    PartBlur::Field(blur) => blur.run(&sources(blur.layout()))?,
+                    PartBlur::Field(frame, blur) => blur.run(&frame.layout, &sources(frame))?,
                 };
-                planes.iter_mut().for_each(|plane| field::apply(plane, lens, nm, grid));
+                planes.iter_mut().for_each(|plane| part.fall_off.apply(plane));
                 all.append(&mut planes);
             }
             Ok(all)
@@ -176,12 +178,12 @@ impl Collapsed {
 
 /// The sum of what passes the core and the wings.
 fn through_otfs<'s>(
-    blurs: &[(Layout, Blurs)],
-    sources: &dyn Fn(&Layout) -> Vec<Source<'s>>,
+    blurs: &[(Frame, Blurs)],
+    sources: &dyn Fn(&Frame) -> Vec<Source<'s>>,
 ) -> Result<Vec<Plane<f32>>> {
     let mut sum: Vec<Plane<f32>> = Vec::new();
-    for (layout, blur) in blurs {
-        let planes = blur.run(&sources(layout))?;
+    for (frame, blur) in blurs {
+        let planes = blur.run(&sources(frame))?;
         if sum.is_empty() {
             sum = planes;
             continue;
@@ -216,11 +218,19 @@ impl Job<'_> {
                 Blur::Field { .. } => None,
             })
             .collect();
+        let frame =
+            |layout: Layout| Frame { layout, warp: Warp::new(self.lens, nm, self.grid, &layout) };
         let blur = match otfs {
-            Some(otfs) => PartBlur::Otf(self.otfs(&otfs, &mappings, report)?),
-            None => PartBlur::Field(Box::new(self.field(&blurs, &mappings, report)?)),
+            Some(otfs) => {
+                let blurs = self.otfs(&otfs, &mappings, report)?.into_iter();
+                PartBlur::Otf(blurs.map(|(layout, blur)| (frame(layout), blur)).collect())
+            }
+            None => {
+                let (layout, blur) = self.field(&blurs, &mappings, report)?;
+                PartBlur::Field(frame(layout), Box::new(blur))
+            }
         };
-        Ok(Part { nm, blur })
+        Ok(Part { blur, fall_off: FallOff::new(self.lens, nm, self.grid) })
     }
 
     fn nm(&self, band: usize) -> f64 {

@@ -89,7 +89,7 @@ fn exact(lens: &dyn Lens) -> Vec<Plane<f32>> {
 
 fn collapsed(lens: &dyn Lens) -> (Vec<Plane<f32>>, Collapsed) {
     let mut collapsed = Collapsed::new(lens, &GRID, &options(), &mixture()).unwrap();
-    let planes = collapsed.channels(lens, &lit(&Picture { mixed: false })).unwrap();
+    let planes = collapsed.channels(&lit(&Picture { mixed: false })).unwrap();
     (planes, collapsed)
 }
 
@@ -210,7 +210,7 @@ fn the_number_of_threads_does_not_matter_and_a_frame_is_repeatable() {
             let options = Options { threads: Some(threads), ..options() };
             let mut collapsed = Collapsed::new(lens, &GRID, &options, &mixture()).unwrap();
             let mut frame = || {
-                let planes = collapsed.channels(lens, &lit(&Picture { mixed: false })).unwrap();
+                let planes = collapsed.channels(&lit(&Picture { mixed: false })).unwrap();
                 planes.into_iter().map(|p| p.data).collect::<Vec<_>>()
             };
             [frame(), frame()]

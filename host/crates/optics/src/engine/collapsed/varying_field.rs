@@ -13,21 +13,15 @@ use rayon::prelude::*;
 
 /// Blur of components into channels through kernels that differ from node to node.
 pub struct FieldBlur {
-    layout: Layout,
     blurrer: Blurrer,
     /// Per channel, of every component.
     kernels: Vec<Vec<Kernels>>,
 }
 
 impl FieldBlur {
-    /// The padded frame.
-    pub fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
-    /// The channels of these components, before illumination.
-    pub fn run(&mut self, sources: &[Source<'_>]) -> Result<Vec<Plane<f32>>> {
-        let Self { layout, blurrer, kernels } = self;
+    /// The channels of these components on the padded frame, before illumination.
+    pub fn run(&mut self, layout: &Layout, sources: &[Source<'_>]) -> Result<Vec<Plane<f32>>> {
+        let Self { blurrer, kernels } = self;
         let rows: Vec<_> =
             sources.iter().map(|s| |first: usize, count: usize| s.rows(first, count)).collect();
         let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
@@ -60,13 +54,13 @@ impl OfBand<'_> {
 }
 
 impl Job<'_> {
-    /// Collapses the kernels of all bands.
+    /// Collapses the kernels of all bands, for the padded frame that they need.
     pub fn field(
         &self,
         blurs: &[Blur<'_>],
         mappings: &[Mapping<'_>],
         report: &mut Report,
-    ) -> Result<FieldBlur> {
+    ) -> Result<(Layout, FieldBlur)> {
         let fields = fields(blurs)?;
         let mtfs: Vec<_> = fields.iter().map(|(psfs, _)| psfs.axial_mtf()).collect();
         let sharpness: Vec<(f64, &dyn Fn(f64) -> f64)> = fields
@@ -117,7 +111,7 @@ impl Job<'_> {
             nodes.kernel = nodes.kernel.max(widest.size);
         }
         let kernels = self.collapsed(&bands, &place, &tiling, &widest);
-        Ok(FieldBlur { layout, blurrer: Blurrer::new(&tiling), kernels })
+        Ok((layout, FieldBlur { blurrer: Blurrer::new(&tiling), kernels }))
     }
 
     /// Per channel and component the kernels at every node.
