@@ -6,6 +6,7 @@
 //! whose bytes are in memory, checked; "a picture" one whose samples have been read as a scene.
 
 use camrig::scene::sequence::{self, Reading};
+use camrig_benches::scene_frames::{Kind, header};
 use std::hint::black_box;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -50,44 +51,14 @@ fn copied() -> f64 {
     rate(begin, FRAMES)
 }
 
-/// The header of a frame of linear Rec. 709: docs/frames.md.
-fn header(number: u64, end: bool) -> [u8; 256] {
-    let mut head = [0; 256];
-    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
-    put(0, b"CRFRAME1");
-    put(8, &256u32.to_le_bytes());
-    put(12, &(if end { 2u32 } else { 0 }).to_le_bytes());
-    put(16, &number.to_le_bytes());
-    put(24, &(number * 40_000_000).to_le_bytes());
-    let [width, height] = if end { [0; 2] } else { SIZE };
-    for (at, value) in [(40, width), (44, height), (48, 3)] {
-        put(at, &value.to_le_bytes());
-    }
-    // f32, interleaved, radiance, Rec. 709, linear.
-    for (at, value) in [(52, 4u16), (54, 1), (56, 2), (58, 1)] {
-        put(at, &value.to_le_bytes());
-    }
-    put(64, &u64::from(12 * width).to_le_bytes());
-    put(80, &(if end { 0 } else { PAYLOAD as u64 }).to_le_bytes());
-    put(88, &(if end { 0.0f64 } else { 100.0 }).to_le_bytes());
-    let crc = crc32c(&head[..252]);
-    head[252..].copy_from_slice(&crc.to_le_bytes());
-    head
-}
-
-fn crc32c(bytes: &[u8]) -> u32 {
-    let shift = |crc: u32, _| crc >> 1 ^ if crc & 1 == 1 { 0x82f6_3b78 } else { 0 };
-    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), shift))
-}
-
 /// Writes all messages.
 fn write(mut to: impl Write) {
     let payload = 0.5f32.to_le_bytes().repeat(PAYLOAD / 4);
     for number in 0..=FRAMES {
-        to.write_all(&header(number, false)).expect("a reader");
+        to.write_all(&header(number, Some((SIZE, Kind::Floats)))).expect("a reader");
         to.write_all(&payload).expect("a reader");
     }
-    let _ = to.write_all(&header(FRAMES + 1, true));
+    let _ = to.write_all(&header(FRAMES + 1, None));
 }
 
 /// Connects as soon as somebody listens, and writes.

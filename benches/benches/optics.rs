@@ -10,7 +10,7 @@
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::{Catalogue, Conditions, System, toml};
 use camrig::optics::engine::collapsed::{Collapsed, Mixture};
-use camrig::optics::engine::varying::{Blurrer, Kernels, Rows, Tiling};
+use camrig::optics::engine::varying::{Blurrer, Kernels, Pairs, Rows, Tiling};
 use camrig::optics::{
     Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
     Options, OverField, PsfGrid, SensorGrid, irradiance,
@@ -171,7 +171,9 @@ fn exact(side: usize) {
         for (band, kernels) in by_band.iter().enumerate() {
             let responses = [0, 1, 2].map(|channel| [response(channel, band)]);
             let weights = responses.each_ref().map(|r| r.as_slice());
-            blurrer.add(&[&rows], &[&[kernels]], (0, 0), &weights, &mut channels).unwrap();
+            blurrer
+                .add(&[&rows], Pairs::Kernels(&[&[kernels]]), (0, 0), &weights, &mut channels)
+                .unwrap();
         }
     });
     black_box(channels);
@@ -221,7 +223,7 @@ fn collapsed(side: usize) {
     let weights: [&[f32]; 3] = [&[1.0, 0.0, 0.0], &[0.0, 1.0, 0.0], &[0.0, 0.0, 1.0]];
     let mut channels = vec![Plane::filled(side, side, 0.0f32); 3];
     let spent = time(|| {
-        blurrer.add(&rows, &all, (0, 0), &weights, &mut channels).unwrap();
+        blurrer.add(&rows, Pairs::Kernels(&all), (0, 0), &weights, &mut channels).unwrap();
     });
     black_box(channels);
     println!(

@@ -2,4 +2,5 @@
 
 pub mod cost;
 pub mod frames;
+pub mod scene_frames;
 pub mod sensor;

@@ -12,6 +12,7 @@ use super::{About, SceneInLight, made_for, sensor_grid};
 use camrig_base::{Error, Plane, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_light::colour::mixture::{Components, Mixer};
 use camrig_optics::engine::collapsed::{Collapsed, Mixture};
 use camrig_optics::{Options, Report};
 use camrig_scene::{Bands, LitScene};
@@ -26,7 +27,7 @@ pub enum OpticsPath {
     /// Components to electrons, as many components as keep what they leave out below what is not
     /// known of a picture's spectra.
     Components,
-    /// Components to electrons, one per channel: for live pictures.
+    /// What each channel of the sensor sees to electrons, blurred as white is: for live pictures.
     Live,
 }
 
@@ -101,6 +102,7 @@ impl CollapseReport {
 pub(crate) struct Collapse {
     pub lens: OneLens,
     path: OpticsPath,
+    mixer: Option<Mixer>,
     kept: Option<Kept>,
 }
 
@@ -126,7 +128,12 @@ impl Collapse {
             .help("its response differs from place to place: compute it by path bands")
             .with_code("path-unsupported"));
         }
-        Ok(Self { lens: OneLens::new(camera, bands, options, directory)?, path, kept: None })
+        Ok(Self {
+            lens: OneLens::new(camera, bands, options, directory)?,
+            path,
+            mixer: None,
+            kept: None,
+        })
     }
 
     /// Electrons per second on every pixel.
@@ -148,11 +155,17 @@ impl Collapse {
             .chunks_exact(bands.count)
             .map(|channel| channel.iter().zip(&white).map(|(r, w)| f64::from(*r) * w).collect())
             .collect();
-        let count = match self.path {
-            OpticsPath::Live => responses.len(),
-            _ => COMPONENTS.max(responses.len()),
+        if self.mixer.as_ref().is_none_or(|mixer| mixer.seen() != responses) {
+            let components = match self.path {
+                OpticsPath::Live => Components::PerChannel,
+                _ => Components::Shared(COMPONENTS.max(responses.len())),
+            };
+            self.mixer = Some(Mixer::new(responses, components));
+        }
+        let Some(mixer) = &self.mixer else {
+            return Err(Error::internal("channels without what they see"));
         };
-        let components = opened.scene.components(&responses, count)?.ok_or_else(|| {
+        let components = opened.scene.components(mixer)?.ok_or_else(|| {
             Error::unsupported(format!("path {} for {:?}", self.path, opened.spec))
                 .help(
                     "it takes pictures, and sequences of them, that are neither moved nor lit part \
@@ -160,10 +173,11 @@ impl Collapse {
                 )
                 .with_code("path-unsupported")
         })?;
-        let weights: Vec<Vec<Vec<f64>>> = responses
-            .iter()
-            .map(|seen| components.basis.iter().map(|curve| product(seen, curve)).collect())
-            .collect();
+        let of_channel = |(seen, curves): (&Vec<f64>, &Vec<Vec<f64>>)| -> Vec<Vec<f64>> {
+            curves.iter().map(|curve| product(seen, curve)).collect()
+        };
+        let weights: Vec<Vec<Vec<f64>>> =
+            mixer.seen().iter().zip(&components.curves).map(of_channel).collect();
         if self.kept.as_ref().is_none_or(|kept| kept.weights != weights) {
             let mixture = Mixture { bands, weights };
             let grid = sensor_grid(camera);
@@ -173,7 +187,8 @@ impl Collapse {
         let Some(kept) = &mut self.kept else {
             return Err(Error::internal("a lens that was not collapsed"));
         };
-        let unlit = vec![1.0; components.basis.len()];
+        let count = components.planes.bands().count;
+        let unlit = vec![1.0; count];
         let lit = LitScene { scene: &*components.planes, white: unlit };
         let channels = kept.collapsed.channels(&lit)?;
         let pixels = Plane::from_fn(header.width, header.height, |x, y| {
@@ -182,7 +197,7 @@ impl Collapse {
         let mut writer = IrradianceWriter::new(of_electrons(header, camera, &bands)?)?;
         writer.push(&pixels)?;
         let report = CollapseReport {
-            components: components.basis.len(),
+            components: count,
             left_out: components.left_out,
             lateral_um: kept.collapsed.lateral_um(),
         };

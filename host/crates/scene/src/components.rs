@@ -3,12 +3,13 @@
 use super::resample::resample;
 use super::{Bands, Grid, Quantity, Scene};
 use camrig_base::{Plane, Result};
+use camrig_light::colour::mixture::Mixed;
 
-/// A scene as a mixture: its value in a band is the sum over components of what `basis` has there
-/// times the component's plane.
+/// A scene as a mixture: for a channel its value in a band is the sum over components of what the
+/// channel's curve has there times the component's plane.
 pub struct Components {
-    /// `[component][band]`.
-    pub basis: Vec<Vec<f64>>,
+    /// `[channel][component][band]`; zeros where a channel takes nothing from a component.
+    pub curves: Vec<Vec<Vec<f64>>>,
     /// A scene that has a component where others have a band; its values may be negative.
     pub planes: Box<dyn Scene>,
     /// Bound on what the mixture leaves out, however a lens blurs: at an edge between two of the
@@ -17,14 +18,10 @@ pub struct Components {
 }
 
 impl Components {
-    /// Of planes in the scene's own pixels, one per curve of `basis`.
-    pub(crate) fn of_planes(
-        basis: Vec<Vec<f64>>,
-        planes: Vec<Plane<f32>>,
-        left_out: f64,
-        quantity: Quantity,
-    ) -> Self {
-        Self { basis, planes: Box::new(Planes { planes, quantity }), left_out }
+    /// Of planes in the scene's own pixels.
+    pub(crate) fn of_planes(mixed: Mixed, quantity: Quantity) -> Self {
+        let Mixed { curves, planes, left_out } = mixed;
+        Self { curves, planes: Box::new(Planes { planes, quantity }), left_out }
     }
 }
 

@@ -14,6 +14,7 @@ use super::selection::{Arranged, Stated, arrange};
 use super::{Components, Grid, Quantity, Scene, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
+use camrig_light::colour::mixture::Mixer;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
@@ -32,8 +33,8 @@ pub trait BandSource: Send + Sync {
     ///
     /// # Errors
     /// A file that cannot be read.
-    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
-        let _ = (seen, count);
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let _ = mixer;
         Ok(None)
     }
 }
@@ -254,8 +255,8 @@ impl Scene for Cube {
         self.white.as_ref()
     }
 
-    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
-        self.source.components(seen, count)
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        self.source.components(mixer)
     }
 
     fn notes(&self) -> Vec<String> {

@@ -67,6 +67,7 @@ pub mod strided;
 
 pub use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Plane, Result};
+use camrig_light::colour::mixture::Mixer;
 pub use components::Components;
 use std::path::Path;
 
@@ -151,14 +152,13 @@ pub trait Scene: Send + Sync {
     fn white(&self) -> Option<&White> {
         None
     }
-    /// The scene as a mixture of about `count` components; none of a scene that has to be computed
-    /// band by band. `seen` is per channel of a sensor what it sees of a value of 1 in each band:
-    /// even areas keep it exactly.
+    /// The scene as a mixture of few components for the channels of a sensor; none of a scene that
+    /// has to be computed band by band.
     ///
     /// # Errors
     /// A file that cannot be read.
-    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
-        let _ = (seen, count);
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let _ = mixer;
         Ok(None)
     }
     /// Remarks for the user, such as bands that were extrapolated.
@@ -316,8 +316,8 @@ impl Scene for Filling {
         self.scene.white()
     }
 
-    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
-        let components = self.scene.components(seen, count)?;
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let components = self.scene.components(mixer)?;
         Ok(components.map(|c| Components { planes: filling(c.planes, self.frame_aspect), ..c }))
     }
 

@@ -11,8 +11,8 @@
 //! sum of both halves.
 
 use super::gamut::reach;
+use super::lattice::{SIDE, node};
 use super::smoothest::{COUNT, Curve, Domain, Smoothest};
-use super::spectra::{SIDE, node};
 use camrig_base::Result;
 use rayon::prelude::*;
 

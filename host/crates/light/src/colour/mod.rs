@@ -3,12 +3,15 @@
 //! Codes become linear sRGB by a [`transfer`] and the primaries of a [`space`]. Each colour has the
 //! [`smoothest`] spectrum that gives it, in the bands of
 //! [`Bands::VISIBLE`](camrig_base::Bands::VISIBLE): a reflectance between 0 and 1, or an emission
-//! over the spectrum of D65. [`spectra`] finds those of a whole picture, [`basis`] a few curves of
-//! which all of these are mixtures. Colours that no spectrum
-//! has are moved to their grey.
+//! over the spectrum of D65. [`spectra`] finds those of a whole picture, [`mixture`] makes them
+//! mixtures of a few components for the channels of a sensor. Colours that no spectrum has are
+//! moved to their grey.
 
-pub mod basis;
+mod basis;
+mod channel_planes;
 mod gamut;
+mod lattice;
+pub mod mixture;
 pub mod smoothest;
 pub mod space;
 pub mod spectra;

@@ -1,27 +1,23 @@
 //! The spectra of all pixels of a picture.
 //!
 //! Each distinct colour is solved once. Where there are more of them than there are nodes under
-//! them of a lattice of 49³ colours, the nodes are solved and spectra between them interpolated,
-//! in each band, with weights that are linear in linear light: so a colour stays exactly what it
-//! is. The nodes crowd at the faces of the cube of sRGB, where spectra change fast. An emission's
-//! colour is divided by its largest component, which scales the spectrum: it lies on three faces
-//! of the lattice.
+//! them of the [`lattice`](super::lattice), spectra are interpolated between its nodes. An
+//! emission's colour is divided by its largest component, which scales the spectrum: it lies on
+//! three faces of the lattice.
 //!
 //! A pixel keeps a place in the lattice, 16 bytes; a plane of a band costs eight look-ups a pixel.
 
-use super::basis::Basis;
-use super::gamut::{Reached, reach};
-use super::smoothest::{COUNT, Curve, Domain, Smoothest};
+use super::gamut::Reached;
+use super::lattice::{Lattice, NODES, Place, SIDE};
+use super::smoothest::Domain;
 use super::space::luminance;
 use super::transfer::Transfer;
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Nodes along an axis of the lattice. Raw values of interpolated spectra differ from those of
-/// solved ones by at most 0.05 % of white for 99 % of all codes of 8 bits.
-pub const SIDE: usize = 49;
-const NODES: usize = SIDE * SIDE * SIDE;
 /// Steps of the codes (0 to 1, by the curve of sRGB) to which colours outside the cube of sRGB are
 /// rounded before they are solved: ΔE2000 stays below 0.1, and a photograph has few of them.
 const CODE_STEP: f64 = 1.0 / 1024.0;
@@ -29,20 +25,17 @@ const CODE_STEP: f64 = 1.0 / 1024.0;
 /// Spectra of a picture.
 pub struct Spectra {
     size: (usize, usize),
-    /// Per band, the values of the entries that places name.
-    entries: Vec<Vec<f32>>,
+    domain: Domain,
+    /// The spectra that places name: those of the lattice's nodes that are used, by the nodes'
+    /// numbers, then those of colours solved for themselves.
+    solved: Vec<Option<Arc<Reached>>>,
     places: Vec<Place>,
     /// What a pixel's spectrum is multiplied by; none where by 1.
     scale: Option<Vec<f32>>,
 }
 
-/// Where the spectrum of a pixel lies: the entry itself, or in the lattice the corner of a cell
-/// with the least components, and the shares of the opposite corner.
-#[derive(Clone, Copy)]
-struct Place {
-    entry: u32,
-    share: [f32; 3],
-}
+/// Values that go together through the look-ups of a pixel.
+pub const TOGETHER: usize = 4;
 
 /// Pixels whose colour no spectrum has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -59,7 +52,7 @@ impl Spectra {
     /// # Errors
     /// None in practice: the tables are built in.
     pub fn of(size: (usize, usize), pixels: &[[f32; 3]], domain: Domain) -> Result<(Self, Moved)> {
-        let smoothest = Smoothest::new(domain)?;
+        let lattice = Lattice::of(domain)?;
         let (colours, scale) = match domain {
             Domain::Reflectance => (None, None),
             Domain::Emission => {
@@ -68,24 +61,32 @@ impl Spectra {
             }
         };
         let colours = colours.as_deref().unwrap_or(pixels);
-        let lattice = Lattice::under(colours);
-        let (places, wanted) = match list(colours, lattice.needed) {
-            Some(list) => list,
-            None => lattice.places(colours),
+        let under = Under::of(lattice, colours);
+        let (places, wanted, used) = match list(colours, under.needed) {
+            Some((places, wanted)) => (places, wanted, None),
+            None => {
+                let (places, wanted) = under.completed(colours);
+                (places, wanted, Some(&under.used))
+            }
         };
-        let reached: Vec<Option<Reached>> =
-            wanted.par_iter().map(|rgb| rgb.map(|rgb| reach(&smoothest, domain, rgb))).collect();
-        let moved = moved(&places, &reached);
-        let entries = (0..COUNT).map(|band| {
-            let value = |r: &Option<Reached>| r.as_ref().map_or(0.0, |r| r.values[band] as f32);
-            reached.iter().map(value).collect()
-        });
-        Ok((Self { size, entries: entries.collect(), places, scale }, moved))
+        let node = |n: usize| {
+            let is_used = used.is_some_and(|used| used[n].load(Ordering::Relaxed));
+            is_used.then(|| Arc::clone(lattice.solved(n)))
+        };
+        let mut solved: Vec<_> = (0..NODES).into_par_iter().map(node).collect();
+        solved.par_extend(wanted.par_iter().map(|rgb| Some(lattice.solve(*rgb))));
+        let moved = moved(&places, &solved);
+        Ok((Self { size, domain, solved, places, scale }, moved))
     }
 
     /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         self.size
+    }
+
+    /// What spectra they are.
+    pub fn domain(&self) -> Domain {
+        self.domain
     }
 
     /// Whether spectra lie between the nodes of the lattice.
@@ -94,52 +95,84 @@ impl Spectra {
         self.places.iter().any(|p| p.share != [0.0; 3])
     }
 
+    /// The spectra that pixels have or lie between: of the lattice's nodes by their numbers, then
+    /// others.
+    pub fn entries(&self) -> &[Option<Arc<Reached>>] {
+        &self.solved
+    }
+
+    /// The largest factor of a spectrum.
+    pub fn brightest(&self) -> f32 {
+        let scale = |scale: &Vec<f32>| scale.iter().fold(0.0f32, |m, s| m.max(*s));
+        self.scale.as_ref().map_or(1.0, scale)
+    }
+
     /// The values of a band, times `unit`.
     pub fn plane(&self, band: usize, unit: f64) -> Plane<f32> {
-        self.values(&self.entries[band], unit)
-    }
-
-    /// The components of which spectra times `units` are mixtures, and the most that these leave
-    /// out of any as a part of what a channel sees of white.
-    pub fn mixed(&self, basis: &Basis, units: &Curve) -> (Vec<Plane<f32>>, f64) {
-        let spectrum = |entry: usize| -> Curve {
-            std::array::from_fn(|band| f64::from(self.entries[band][entry]) * units[band])
-        };
-        let entries = self.entries[0].len();
-        let of: Vec<(Vec<f64>, f64)> =
-            (0..entries).into_par_iter().map(|entry| basis.mix(&spectrum(entry))).collect();
-        let planes = (0..basis.curves.len()).map(|k| {
-            let weights: Vec<f32> = of.iter().map(|(weights, _)| weights[k] as f32).collect();
-            self.values(&weights, 1.0)
-        });
-        let brightest = self.scale.iter().flatten().fold(0.0f32, |m, s| m.max(*s));
-        let scale = if self.scale.is_some() { f64::from(brightest) } else { 1.0 };
-        (planes.collect(), scale * of.iter().fold(0.0f64, |m, (_, left)| m.max(*left)))
-    }
-
-    /// The value of every pixel, where `entries` are those that places name, times `unit`.
-    fn values(&self, entries: &[f32], unit: f64) -> Plane<f32> {
         let unit = unit as f32;
-        let mut data: Vec<f32> = self.places.iter().map(|p| unit * p.value(entries)).collect();
-        if let Some(scale) = &self.scale {
-            data.iter_mut().zip(scale).for_each(|(v, s)| *v *= s);
+        let value = |r: &Option<Arc<Reached>>| r.as_ref().map_or(0.0, |r| r.values[band] as f32);
+        let entries: Vec<[f32; 1]> = self.solved.iter().map(|r| [value(r)]).collect();
+        let [mut plane] = self.values(&entries);
+        plane.data.iter_mut().zip(self.scales()).for_each(|(v, scale)| *v = unit * *v * scale);
+        plane
+    }
+
+    /// Planes of values that entries have and that mix as spectra do.
+    pub fn mixed(&self, entries: &[[f32; TOGETHER]]) -> [Plane<f32>; TOGETHER] {
+        let mut planes = self.values(entries);
+        if self.scale.is_some() {
+            for plane in &mut planes {
+                plane.data.iter_mut().zip(self.scales()).for_each(|(v, scale)| *v *= scale);
+            }
         }
-        Plane { width: self.size.0, height: self.size.1, data }
+        planes
+    }
+
+    fn scales(&self) -> impl Iterator<Item = f32> + '_ {
+        (0..self.places.len()).map(|i| self.scale.as_ref().map_or(1.0, |scale| scale[i]))
+    }
+
+    /// The values of every pixel, where `entries` are those that places name.
+    fn values<const N: usize>(&self, entries: &[[f32; N]]) -> [Plane<f32>; N] {
+        let (width, height) = self.size;
+        let mut planes: [Plane<f32>; N] =
+            std::array::from_fn(|_| Plane::filled(width, height, 0.0));
+        let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::with_capacity(N)).collect();
+        for plane in &mut planes {
+            let of_plane = plane.data.chunks_exact_mut(width);
+            rows.iter_mut().zip(of_plane).for_each(|(row, values)| row.push(values));
+        }
+        let of_row = |(mut row, places): (Vec<&mut [f32]>, &[Place])| {
+            for (x, place) in places.iter().enumerate() {
+                let values = value(place, entries);
+                row.iter_mut().zip(values).for_each(|(row, value)| row[x] = value);
+            }
+        };
+        rows.into_par_iter().zip(self.places.par_chunks(width)).for_each(of_row);
+        planes
     }
 }
 
-impl Place {
-    fn value(&self, entries: &[f32]) -> f32 {
-        let at = self.entry as usize;
-        if self.share == [0.0; 3] {
-            return entries[at];
-        }
-        let [x, y, z] = self.share;
-        let corner = |step: usize| entries.get(at + step).copied().unwrap_or(0.0);
-        let along = |step: usize| (1.0 - x) * corner(step) + x * corner(step + 1);
-        let across = |step: usize| (1.0 - y) * along(step) + y * along(step + SIDE);
-        (1.0 - z) * across(0) + z * across(SIDE * SIDE)
+/// The values at a place.
+#[inline(always)]
+fn value<const N: usize>(place: &Place, entries: &[[f32; N]]) -> [f32; N] {
+    let at = place.entry as usize;
+    if place.share == [0.0; 3] {
+        return entries[at];
     }
+    let [x, y, z] = place.share;
+    let along = |step: usize| blend(x, &entries[at + step], &entries[at + step + 1]);
+    let across = |step: usize| blend(y, &along(step), &along(step + SIDE));
+    blend(z, &across(0), &across(SIDE * SIDE))
+}
+
+#[inline(always)]
+fn blend<const N: usize>(t: f32, a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut between = [0.0; N];
+    for ((between, a), b) in between.iter_mut().zip(a).zip(b) {
+        *between = (1.0 - t) * a + t * b;
+    }
+    between
 }
 
 /// A colour over its largest component, and the component; black is no white at all.
@@ -152,106 +185,72 @@ fn relative(rgb: &[f32; 3]) -> ([f32; 3], f32) {
     }
 }
 
-/// Places and the colours to solve; places whose entry is none are not used.
-type Listed = (Vec<Place>, Vec<Option<[f64; 3]>>);
-
-/// The distinct colours, where there are at most `most`.
-fn list(colours: &[[f32; 3]], most: usize) -> Option<Listed> {
-    let mut numbers = HashMap::new();
+/// The distinct colours and the number of each pixel's, where there are at most `most`.
+fn list(colours: &[[f32; 3]], most: usize) -> Option<(Vec<Place>, Vec<[f64; 3]>)> {
+    let mut numbers = FxHashMap::default();
     let mut wanted = Vec::new();
     let mut places = Vec::with_capacity(colours.len());
     for colour in colours {
         let entry = *numbers.entry(colour.map(f32::to_bits)).or_insert_with(|| {
-            wanted.push(Some(colour.map(f64::from)));
-            wanted.len() as u32 - 1
+            wanted.push(colour.map(f64::from));
+            number(&wanted)
         });
         if wanted.len() > most {
             return None;
         }
-        places.push(Place { entry, share: [0.0; 3] });
+        places.push(Place::alone(entry));
     }
     Some((places, wanted))
 }
 
-/// The nodes of the lattice that some colours need.
-struct Lattice {
-    /// Components of the nodes along an axis.
-    nodes: Vec<f64>,
-    used: Vec<bool>,
+/// The nodes of the lattice under some colours.
+struct Under {
+    /// Of each colour; none of one outside the cube of sRGB.
+    places: Vec<Option<Place>>,
+    used: Vec<AtomicBool>,
     /// Number of nodes used, with the colours outside.
     needed: usize,
 }
 
-impl Lattice {
-    fn under(colours: &[[f32; 3]]) -> Self {
-        let nodes: Vec<f64> = (0..SIDE).map(node).collect();
-        let mut lattice = Self { nodes, used: vec![false; NODES], needed: 0 };
-        let mut outside = std::collections::HashSet::new();
-        for colour in colours {
-            match lattice.place(colour) {
-                Some(place) => lattice.mark(place),
-                None => drop(outside.insert(rounded(colour))),
+impl Under {
+    fn of(lattice: &Lattice, colours: &[[f32; 3]]) -> Self {
+        let used: Vec<AtomicBool> = (0..NODES).map(|_| AtomicBool::new(false)).collect();
+        let place = |colour: &[f32; 3]| {
+            let place = lattice.place(colour)?;
+            for node in place.corners() {
+                // Most are marked: reading leaves the line to the other threads.
+                if !used[node].load(Ordering::Relaxed) {
+                    used[node].store(true, Ordering::Relaxed);
+                }
             }
-        }
-        lattice.needed = lattice.used.iter().filter(|used| **used).count() + outside.len();
-        lattice
+            Some(place)
+        };
+        let places: Vec<Option<Place>> = colours.par_iter().map(place).collect();
+        let beyond = colours.iter().zip(&places).filter(|(_, place)| place.is_none());
+        let outside: FxHashSet<[i32; 3]> = beyond.map(|(colour, _)| rounded(colour)).collect();
+        let inside = used.iter().filter(|used| used.load(Ordering::Relaxed)).count();
+        Self { places, used, needed: inside + outside.len() }
     }
 
-    /// The place of a colour within the cube of sRGB.
-    fn place(&self, colour: &[f32; 3]) -> Option<Place> {
-        let (mut entry, mut share) = (0, [0.0; 3]);
-        for (c, &component) in colour.iter().enumerate().rev() {
-            let component = f64::from(component);
-            if !(0.0..=1.0).contains(&component) {
-                return None;
-            }
-            let above = self.nodes.partition_point(|n| *n <= component).clamp(1, SIDE - 1);
-            let (low, high) = (self.nodes[above - 1], self.nodes[above]);
-            entry = entry * SIDE + above - 1;
-            share[c] = ((component - low) / (high - low)) as f32;
-        }
-        Some(Place { entry: entry as u32, share })
-    }
-
-    fn mark(&mut self, place: Place) {
-        for corner in 0..8 {
-            let far = [corner & 1, corner >> 1 & 1, corner >> 2];
-            // A corner without weight may lie outside.
-            let counts = |c: usize| place.share[c] != if far[c] == 1 { 0.0 } else { 1.0 };
-            if (0..3).all(counts) {
-                let step = far[0] + SIDE * (far[1] + SIDE * far[2]);
-                self.used[place.entry as usize + step] = true;
-            }
-        }
-    }
-
-    /// All colours by their places, the nodes followed by the colours outside.
-    fn places(&self, colours: &[[f32; 3]]) -> Listed {
-        let mut wanted: Vec<Option<[f64; 3]>> = (0..NODES)
-            .map(|n| {
-                let parts = [n % SIDE, n / SIDE % SIDE, n / (SIDE * SIDE)];
-                self.used[n].then(|| parts.map(|part| self.nodes[part]))
+    /// The place of every colour, and the colours outside.
+    fn completed(&self, colours: &[[f32; 3]]) -> (Vec<Place>, Vec<[f64; 3]>) {
+        let (mut numbers, mut outside) = (FxHashMap::default(), Vec::new());
+        let mut entry = |colour: &[f32; 3]| {
+            let colour = rounded(colour);
+            *numbers.entry(colour).or_insert_with(|| {
+                outside.push(colour.map(|code| decoded(f64::from(code))));
+                number(&outside)
             })
-            .collect();
-        let mut outside = HashMap::new();
-        let places = colours.iter().map(|colour| {
-            self.place(colour).unwrap_or_else(|| {
-                let entry = *outside.entry(rounded(colour)).or_insert_with(|| {
-                    wanted.push(Some(rounded(colour).map(|code| decoded(f64::from(code)))));
-                    wanted.len() as u32 - 1
-                });
-                Place { entry, share: [0.0; 3] }
-            })
-        });
-        let places = places.collect();
-        (places, wanted)
+        };
+        let places = self.places.iter().zip(colours);
+        let places = places.map(|(p, c)| p.unwrap_or_else(|| Place::alone(entry(c)))).collect();
+        (places, outside)
     }
 }
 
-/// Component of a node: codes by the curve of sRGB, crowded at both ends.
-pub fn node(number: usize) -> f64 {
-    let x = number as f64 / (SIDE - 1) as f64;
-    Transfer::Srgb.linear(x * x * (3.0 - 2.0 * x))
+/// The number of the last of the entries that follow the nodes.
+fn number(own: &[[f64; 3]]) -> u32 {
+    (NODES + own.len() - 1) as u32
 }
 
 /// The code of a component outside the cube, in steps.
@@ -267,9 +266,12 @@ fn decoded(steps: f64) -> f64 {
 }
 
 /// How many pixels have a colour that was moved, and by how much.
-fn moved(places: &[Place], reached: &[Option<Reached>]) -> Moved {
-    let delta_e = |entry: u32| reached[entry as usize].as_ref().map_or(0.0, |r| r.delta_e);
+fn moved(places: &[Place], solved: &[Option<Arc<Reached>>]) -> Moved {
     let mut moved = Moved::default();
+    if solved.iter().flatten().all(|reached| reached.delta_e == 0.0) {
+        return moved;
+    }
+    let delta_e = |entry: u32| solved[entry as usize].as_ref().map_or(0.0, |r| r.delta_e);
     for place in places.iter().filter(|p| p.share == [0.0; 3]) {
         let by = delta_e(place.entry);
         if by > 0.0 {

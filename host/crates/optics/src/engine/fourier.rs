@@ -65,6 +65,9 @@ pub fn wide_layout(grid: &SensorGrid, wings: &Otf) -> Result<Layout> {
     Ok(layout(grid, oversample, wings.spread_um.min(furthest)))
 }
 
+/// Bytes that the values of transfer functions may take that are kept.
+const VALUES: usize = 256 << 20;
+
 /// Spectrum of the padded cell grid: `stride` horizontal frequencies for each row, then each
 /// column.
 struct Spectrum {
@@ -101,6 +104,17 @@ impl Blurs {
         let transfer = |otf: &&dyn Fn(f64) -> f64| Transfer::new(otf, geometry, &x, &y);
         let transfers = otfs.iter().map(|all| all.iter().map(transfer).collect()).collect();
         Self { layout, x, y, transfers }
+    }
+
+    /// Keeps the transfer functions at every frequency, for many pictures, unless that would take
+    /// more memory than it is worth.
+    pub fn kept(mut self) -> Self {
+        let pairs = self.transfers.iter().map(Vec::len).sum::<usize>();
+        if pairs * self.x.kept * self.y.kept * size_of::<f32>() <= VALUES {
+            let all: Vec<&mut Transfer> = self.transfers.iter_mut().flatten().collect();
+            all.into_par_iter().for_each(|transfer| transfer.keep(self.x.kept));
+        }
+        self
     }
 
     /// The outputs of these inputs, as [`blur`] gives them.
@@ -184,6 +198,8 @@ struct Transfer {
     samples: Vec<Vec<f32>>,
     /// Per kept frequency along y the weights of the samples.
     weights: Vec<f32>,
+    /// Per kept frequency along y its values along x, where they are kept for many pictures.
+    values: Option<Vec<f32>>,
 }
 
 impl Transfer {
@@ -215,7 +231,38 @@ impl Transfer {
         let samples: Vec<Vec<f32>> = samples.collect();
         let down = y.weights(support, terms);
         let weights = (0..y.kept).flat_map(|k| down.iter().map(move |w| w[k] as f32)).collect();
-        Self { terms, samples, weights }
+        Self { terms, samples, weights, values: None }
+    }
+}
+
+impl Transfer {
+    /// Tabulates its values at all frequencies, `across` of them along x.
+    fn keep(&mut self, across: usize) {
+        let mut values = vec![0.0f32; across * self.weights.len() / self.terms];
+        let rows = values.chunks_exact_mut(across).zip(self.weights.chunks_exact(self.terms));
+        for (row, weights) in rows {
+            for (samples, weight) in self.samples.iter().zip(weights) {
+                row.iter_mut().zip(samples).for_each(|(sum, v)| *sum += v * weight);
+            }
+        }
+        self.values = Some(values);
+    }
+
+    /// Its values along y, for the horizontal frequencies that `at` takes from a row of them.
+    #[inline(always)]
+    fn along_y(&self, at: impl Fn(&[f32]) -> Lanes) -> Vec<Lanes> {
+        if let Some(values) = &self.values {
+            return values.chunks_exact(self.samples[0].len()).map(at).collect();
+        }
+        let samples: Vec<Lanes> = self.samples.iter().map(|row| at(row)).collect();
+        let mut gains = Vec::with_capacity(self.weights.len() / self.terms);
+        let groups = self.weights.chunks_exact(TOGETHER * self.terms);
+        let rest = groups.remainder();
+        for weights in groups {
+            gains.extend(interpolated::<TOGETHER>(weights, &samples));
+        }
+        gains.extend(rest.chunks_exact(self.terms).flat_map(|w| interpolated::<1>(w, &samples)));
+        gains
     }
 }
 
@@ -369,40 +416,28 @@ fn fold(data: &Split, alias: &Alias, x: &Axis, y: &Axis, transfer: &Transfer, fo
         out
     };
     let (cx, sx) = (at(&|k| x.phase[k].0), at(&|k| x.phase[k].1));
-    let samples: Vec<Lanes> = transfer.samples.iter().map(|row| at(&|k| row[k])).collect();
+    let gains = transfer.along_y(|row| at(&|k| row[k]));
     // The mirror image of X(kx, ky) is its conjugate at (−kx, −ky).
     let conjugate = if alias.mirrored { -1.0 } else { 1.0 };
     let pixels = folded.re.len();
-    for (group, weights) in transfer.weights.chunks(TOGETHER * transfer.terms).enumerate() {
-        let mut gains = [Lanes::ZERO; TOGETHER];
-        match weights.len() == TOGETHER * transfer.terms {
-            true => gains = interpolated(weights, &samples),
-            false => {
-                for (gain, weights) in gains.iter_mut().zip(weights.chunks(transfer.terms)) {
-                    [*gain] = interpolated(weights, &samples);
-                }
+    for (ky, gain) in gains.into_iter().enumerate() {
+        let (cy, sy) = y.phase[ky];
+        for negative in [false, true] {
+            if negative && ky == 0 {
+                continue;
             }
-        }
-        for (i, gain) in gains[..weights.len() / transfer.terms].iter().enumerate() {
-            let ky = group * TOGETHER + i;
-            let (cy, sy) = y.phase[ky];
-            for negative in [false, true] {
-                if negative && ky == 0 {
-                    continue;
-                }
-                let (row, sy) = if negative { (y.cells - ky, -sy) } else { (ky, sy) };
-                let place = ky % pixels;
-                let flipped = negative != alias.mirrored;
-                let target = if flipped { (pixels - place) % pixels } else { place };
-                // Transfer = gain · (cx + i·sx) · (cy + i·sy).
-                let tr = gain.product(cx.times(cy).minus(sx.times(sy)));
-                let ti = gain.product(cx.times(sy).plus(sx.times(cy)));
-                let (zr, zi) = (data.re[row], data.im[row]);
-                let re = zr.product(tr).minus(zi.product(ti));
-                let im = zr.product(ti).plus(zi.product(tr)).times(conjugate);
-                folded.re[target] = folded.re[target].plus(re);
-                folded.im[target] = folded.im[target].plus(im);
-            }
+            let (row, sy) = if negative { (y.cells - ky, -sy) } else { (ky, sy) };
+            let place = ky % pixels;
+            let flipped = negative != alias.mirrored;
+            let target = if flipped { (pixels - place) % pixels } else { place };
+            // Transfer = gain · (cx + i·sx) · (cy + i·sy).
+            let tr = gain.product(cx.times(cy).minus(sx.times(sy)));
+            let ti = gain.product(cx.times(sy).plus(sx.times(cy)));
+            let (zr, zi) = (data.re[row], data.im[row]);
+            let re = zr.product(tr).minus(zi.product(ti));
+            let im = zr.product(ti).plus(zi.product(tr)).times(conjugate);
+            folded.re[target] = folded.re[target].plus(re);
+            folded.im[target] = folded.im[target].plus(im);
         }
     }
 }

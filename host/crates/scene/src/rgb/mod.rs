@@ -28,7 +28,7 @@ use super::cube::{BandSource, Cube};
 use super::{Bands, Components, Quantity, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result, options};
-use camrig_light::colour::basis::Basis;
+use camrig_light::colour::mixture::Mixer;
 use camrig_light::colour::smoothest::{self, Domain};
 use camrig_light::colour::space::{
     ACESCG, ADOBE_GAMMA, ADOBE_RGB, DISPLAY_P3, REC2020, Space, luminance,
@@ -135,7 +135,7 @@ fn scene_of(mut picture: Picture, options: &Options) -> Result<Cube> {
             (smoothest::white()?.map(|v| v * unit.unwrap_or(1.0)), Some(white))
         }
     };
-    let source = Lit { spectra, units, domain };
+    let source = Lit { spectra, units };
     let cube = Cube::new(Box::new(source), Bands::VISIBLE.centres().collect(), quantity)?;
     Ok(cube.with(false, understood, notes).with_white(white))
 }
@@ -145,7 +145,6 @@ struct Lit {
     spectra: Spectra,
     /// What the values of each band are multiplied by.
     units: smoothest::Curve,
-    domain: Domain,
 }
 
 impl BandSource for Lit {
@@ -161,16 +160,13 @@ impl BandSource for Lit {
         Ok(self.spectra.plane(band, self.units[band]))
     }
 
-    fn components(&self, seen: &[Vec<f64>], count: usize) -> Result<Option<Components>> {
-        let Self { spectra, units, domain } = self;
-        let basis = Basis::of(*domain, units, seen, count)?;
-        let (planes, left_out) = spectra.mixed(&basis, units);
-        let quantity = match domain {
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let quantity = match self.spectra.domain() {
             Domain::Reflectance => Quantity::Reflectance,
             Domain::Emission => Quantity::Radiance,
         };
-        let curves = basis.curves.iter().map(|curve| curve.to_vec()).collect();
-        Ok(Some(Components::of_planes(curves, planes, left_out, quantity)))
+        let mixed = mixer.mix(&self.spectra, &self.units)?;
+        Ok(Some(Components::of_planes(mixed, quantity)))
     }
 }
 

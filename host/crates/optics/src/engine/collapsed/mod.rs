@@ -15,6 +15,7 @@
 //!   that move apart between nodes are blended, and the scene is interpolated elsewhere than band
 //!   by band: an approximation whose error, in the light it misplaces, is part of the report.
 //!   Components are then transformed once per channel.
+//! - **Channels that share no component**: each is blurred by itself, by one product.
 //! - **Illumination** that differs between bands acts at the source of the light in place of where
 //!   it lands, relative to that at the mean wavelength.
 
@@ -51,10 +52,35 @@ impl Mixture {
         (0..self.bands.count).filter(counts).collect()
     }
 
-    /// The band at the mean wavelength of some channels, weighted by what they take.
-    fn mean_band(&self, channels: Range<usize>) -> usize {
+    /// Whether a channel takes anything of a component.
+    fn takes(&self, channel: usize, component: usize) -> bool {
+        self.weights[channel][component].iter().any(|weight| *weight != 0.0)
+    }
+
+    /// Whether no two channels take anything of the same component.
+    fn is_apart(&self) -> bool {
+        let takers = |k: usize| (0..self.weights.len()).filter(|&c| self.takes(c, k)).count();
+        (0..self.weights[0].len()).all(|k| takers(k) <= 1)
+    }
+
+    /// Some channels, and the components that they take anything of; one if there are none.
+    fn part(&self, channels: Range<usize>) -> (Vec<usize>, Self) {
+        let mut components: Vec<usize> = (0..self.weights[0].len())
+            .filter(|&k| channels.clone().any(|c| self.takes(c, k)))
+            .collect();
+        if components.is_empty() {
+            components.push(0);
+        }
+        let of_channel =
+            |weights: &Vec<Vec<f64>>| components.iter().map(|&k| weights[k].clone()).collect();
+        let weights = self.weights[channels].iter().map(of_channel).collect();
+        (components, Self { bands: self.bands, weights })
+    }
+
+    /// The band at the mean wavelength of the channels, weighted by what they take.
+    fn mean_band(&self) -> usize {
         let (mut sum, mut moment) = (0.0, 0.0);
-        for of_component in self.weights[channels].iter().flatten() {
+        for of_component in self.weights.iter().flatten() {
             for (band, weight) in of_component.iter().enumerate() {
                 sum += weight.abs();
                 moment += weight.abs() * band as f64;
@@ -77,6 +103,8 @@ pub struct Collapsed {
 
 /// Channels that see the scene by one mapping.
 struct Part {
+    /// The components that they take anything of.
+    components: Vec<usize>,
     blur: PartBlur,
     fall_off: FallOff,
 }
@@ -114,7 +142,7 @@ impl Collapsed {
         let channels = mixture.weights.len();
         let seen: Vec<f64> = used.iter().map(|&band| mixture.bands.nm(band)).collect();
         let lateral_mm = mapping::lateral_mm(lens, grid, &seen);
-        let together = lateral_mm == 0.0;
+        let together = lateral_mm == 0.0 && !mixture.is_apart();
         let groups: Vec<Range<usize>> = match together {
             true => std::iter::once(0..channels).collect(),
             false => (0..channels).map(|c| c..c + 1).collect(),
@@ -125,8 +153,9 @@ impl Collapsed {
             groups
                 .into_iter()
                 .map(|channels| {
-                    let job = Job { lens, grid, options, mixture, channels, used: &used };
-                    job.part(&mut report)
+                    let (components, mixture) = &mixture.part(channels);
+                    let job = Job { lens, grid, options, mixture, used: &used };
+                    job.part(components, &mut report)
                 })
                 .collect::<Result<Vec<Part>>>()
         })?;
@@ -155,14 +184,13 @@ impl Collapsed {
     /// A scene that cannot be rendered.
     pub fn channels(&mut self, components: &LitScene<'_>) -> Result<Vec<Plane<f32>>> {
         let Self { grid, border, pool, parts, .. } = self;
-        let count = components.scene.bands().count;
         pool.install(|| {
             let mut all = Vec::new();
             for part in parts {
                 let sources = |Frame { layout, warp }: &Frame| -> Vec<Source<'_>> {
                     let source =
                         |k| Source::new(components, k, warp.clone(), grid, layout, *border);
-                    (0..count).map(source).collect()
+                    part.components.iter().copied().map(source).collect()
                 };
                 let mut planes = match &mut part.blur {
                     PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
@@ -201,13 +229,12 @@ struct Job<'a> {
     grid: &'a SensorGrid,
     options: &'a Options,
     mixture: &'a Mixture,
-    channels: Range<usize>,
     used: &'a [usize],
 }
 
 impl Job<'_> {
-    fn part(&self, report: &mut Report) -> Result<Part> {
-        let nm = self.mixture.bands.nm(self.mixture.mean_band(self.channels.clone()));
+    fn part(&self, components: &[usize], report: &mut Report) -> Result<Part> {
+        let nm = self.mixture.bands.nm(self.mixture.mean_band());
         let blurs: Vec<Blur<'_>> = self.used.iter().map(|&b| self.lens.blur(self.nm(b))).collect();
         let mappings: Vec<Mapping<'_>> =
             self.used.iter().map(|&band| Mapping::new(self.lens, nm, self.nm(band))).collect();
@@ -230,7 +257,8 @@ impl Job<'_> {
                 PartBlur::Field(frame(layout), Box::new(blur))
             }
         };
-        Ok(Part { blur, fall_off: FallOff::new(self.lens, nm, self.grid) })
+        let fall_off = FallOff::new(self.lens, nm, self.grid);
+        Ok(Part { components: components.to_vec(), blur, fall_off })
     }
 
     fn nm(&self, band: usize) -> f64 {
@@ -304,7 +332,9 @@ impl Job<'_> {
             let of = |(i, &band): (usize, &usize)| (i, weights[band] * gains[i]);
             self.used.iter().enumerate().map(of).collect()
         };
-        let functions: Vec<Vec<Sum<'_>>> = self.mixture.weights[self.channels.clone()]
+        let functions: Vec<Vec<Sum<'_>>> = self
+            .mixture
+            .weights
             .iter()
             .map(|of_channel| {
                 let function = |weights: &Vec<f64>| -> Sum<'_> {
@@ -323,7 +353,7 @@ impl Job<'_> {
             .iter()
             .map(|all| all.iter().map(|f| &**f as &dyn Fn(f64) -> f64).collect())
             .collect();
-        Blurs::new(&geometry, &functions)
+        Blurs::new(&geometry, &functions).kept()
     }
 }
 

@@ -6,7 +6,7 @@ use crate::engine::nodes::Place;
 use crate::engine::psf::{KernelGrid, PsfField, TAIL};
 use crate::engine::sampling::Layout;
 use crate::engine::source::Source;
-use crate::engine::varying::{Blurrer, Kernels, Rows, Tiling};
+use crate::engine::varying::{Blurrer, Kernels, Pairs, Rows, Tiling, Transformed};
 use crate::engine::{Blur, Report};
 use camrig_base::{Error, Plane, Result};
 use rayon::prelude::*;
@@ -14,27 +14,56 @@ use rayon::prelude::*;
 /// Blur of components into channels through kernels that differ from node to node.
 pub struct FieldBlur {
     blurrer: Blurrer,
-    /// Per channel, of every component.
-    kernels: Vec<Vec<Kernels>>,
+    channels: usize,
+    kernels: Kept,
+}
+
+/// Kernels of each channel for every component.
+enum Kept {
+    /// Transformed, where there is room for that.
+    Transformed(Transformed),
+    Kernels(Vec<Vec<Kernels>>),
+}
+
+/// Kernels as the engine takes them.
+fn borrowed(kernels: &[Vec<Kernels>]) -> Vec<Vec<&Kernels>> {
+    kernels.iter().map(|components| components.iter().collect()).collect()
 }
 
 impl FieldBlur {
+    fn new(tiling: &Tiling, kernels: Vec<Vec<Kernels>>) -> Self {
+        let blurrer = Blurrer::new(tiling);
+        let all = borrowed(&kernels);
+        let all: Vec<&[&Kernels]> = all.iter().map(Vec::as_slice).collect();
+        let transformed = blurrer.transformed(&all);
+        let channels = kernels.len();
+        let kernels = transformed.map_or(Kept::Kernels(kernels), Kept::Transformed);
+        Self { blurrer, channels, kernels }
+    }
+
     /// The channels of these components on the padded frame, before illumination.
     pub fn run(&mut self, layout: &Layout, sources: &[Source<'_>]) -> Result<Vec<Plane<f32>>> {
-        let Self { blurrer, kernels } = self;
+        let Self { blurrer, channels, kernels } = self;
         let rows: Vec<_> =
             sources.iter().map(|s| |first: usize, count: usize| s.rows(first, count)).collect();
         let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
-        let kernels: Vec<Vec<&Kernels>> = kernels.iter().map(|c| c.iter().collect()).collect();
-        let kernels: Vec<&[&Kernels]> = kernels.iter().map(Vec::as_slice).collect();
-        let channels = kernels.len();
+        let borrowed = match &*kernels {
+            Kept::Transformed(_) => Vec::new(),
+            Kept::Kernels(kernels) => borrowed(kernels),
+        };
+        let borrowed: Vec<&[&Kernels]> = borrowed.iter().map(Vec::as_slice).collect();
+        let kernels = match &*kernels {
+            Kept::Transformed(transformed) => Pairs::Transformed(transformed),
+            Kept::Kernels(_) => Pairs::Kernels(&borrowed),
+        };
+        let channels = *channels;
         let weights: Vec<Vec<f32>> = (0..channels)
             .map(|plane| (0..channels).map(|c| if c == plane { 1.0 } else { 0.0 }).collect())
             .collect();
         let weights: Vec<&[f32]> = weights.iter().map(Vec::as_slice).collect();
         let mut planes = vec![Plane::filled(layout.width, layout.height, 0.0); channels];
         let corner = (layout.left(), layout.top());
-        blurrer.add(&rows, &kernels, corner, &weights, &mut planes)?;
+        blurrer.add(&rows, kernels, corner, &weights, &mut planes)?;
         Ok(planes)
     }
 }
@@ -111,7 +140,7 @@ impl Job<'_> {
             nodes.kernel = nodes.kernel.max(widest.size);
         }
         let kernels = self.collapsed(&bands, &place, &tiling, &widest);
-        Ok((layout, FieldBlur { blurrer: Blurrer::new(&tiling), kernels }))
+        Ok((layout, FieldBlur::new(&tiling, kernels)))
     }
 
     /// Per channel and component the kernels at every node.
@@ -122,7 +151,7 @@ impl Job<'_> {
         tiling: &Tiling,
         widest: &KernelGrid,
     ) -> Vec<Vec<Kernels>> {
-        let channels = &self.mixture.weights[self.channels.clone()];
+        let channels = &self.mixture.weights;
         let across = tiling.across() + 1;
         let nodes = across * (tiling.down() + 1);
         let entries = widest.size * widest.size;

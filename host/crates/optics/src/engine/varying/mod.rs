@@ -157,9 +157,33 @@ struct Strip {
     light: Vec<Plane<f32>>,
 }
 
-/// Bytes that the spectra of kernels may take; beyond that, fewer rows of tiles are processed at
-/// once.
+/// Bytes that the spectra of kernels may take; beyond that they are not kept, and fewer rows of
+/// tiles are processed at once.
 const SPECTRA: usize = 256 << 20;
+
+/// The kernels of every pair of an output and an input.
+#[derive(Clone, Copy)]
+pub enum Pairs<'a> {
+    /// As they are, `[output][input]`: transformed when they are needed.
+    Kernels(&'a [&'a [&'a Kernels]]),
+    /// Transformed before.
+    Transformed(&'a Transformed),
+}
+
+/// Kernels transformed at every node, to blur many pictures.
+pub struct Transformed {
+    outputs: usize,
+    spectra: Vec<Spectrum>,
+}
+
+impl Pairs<'_> {
+    fn outputs(&self) -> usize {
+        match self {
+            Self::Kernels(kernels) => kernels.len(),
+            Self::Transformed(transformed) => transformed.outputs,
+        }
+    }
+}
 
 impl Blurrer {
     /// Plans a tiling.
@@ -188,33 +212,49 @@ impl Blurrer {
     ) -> Result<Plane<f32>> {
         let mut plane = Plane::filled(width, height, 0.0);
         let planes = std::slice::from_mut(&mut plane);
-        self.add(&[rows], &[&[kernels]], corner, &[&[1.0]], planes)?;
+        self.add(&[rows], Pairs::Kernels(&[&[kernels]]), corner, &[&[1.0]], planes)?;
         Ok(plane)
     }
 
-    /// Blurs every input for every output and adds, output c getting input k through
-    /// `kernels[c][k]`; then adds to plane p every output c times `weights[p][c]`. The planes are
-    /// as large as the frame.
+    /// Transforms kernels, `[output][input]`, for many pictures; none where that would take more
+    /// memory than it is worth.
+    #[must_use]
+    pub fn transformed(&self, kernels: &[&[&Kernels]]) -> Option<Transformed> {
+        let plan = &self.plan;
+        let nodes = (plan.tiling.across() + 1) * (plan.tiling.down() + 1);
+        let count = nodes * kernels.iter().map(|inputs| inputs.len()).sum::<usize>();
+        if count * plan.spectrum_bytes() > SPECTRA {
+            return None;
+        }
+        let mut spectra: Vec<Spectrum> = (0..count).map(|_| plan.empty_spectrum()).collect();
+        transform(plan, kernels, 0, &mut spectra);
+        Some(Transformed { outputs: kernels.len(), spectra })
+    }
+
+    /// Blurs every input for every output and adds, each pair through its own kernels; then adds
+    /// to plane p every output c times `weights[p][c]`. The planes are as large as the frame.
     ///
     /// # Errors
     /// Those of the inputs.
     pub fn add(
         &mut self,
         inputs: &[&Rows<'_>],
-        kernels: &[&[&Kernels]],
+        kernels: Pairs<'_>,
         corner: (usize, usize),
         weights: &[&[f32]],
         planes: &mut [Plane<f32>],
     ) -> Result<()> {
         let Self { plan, spectra, spare } = self;
-        let (tiling, pairs) = (plan.tiling, inputs.len() * kernels.len());
-        let (across, per_row) = (tiling.across() + 1, (tiling.across() + 1) * pairs);
+        let (tiling, outputs) = (plan.tiling, kernels.outputs());
+        let per_row = (tiling.across() + 1) * inputs.len() * outputs;
         // A few rows of tiles at a time bound the memory; they are added in order.
         let threads = rayon::current_num_threads();
         let affordable = SPECTRA / (per_row * plan.spectrum_bytes());
         let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
-        let rows_of_nodes = (group + 1).min(tiling.down() + 1);
-        spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
+        if let Pairs::Kernels(_) = kernels {
+            let rows_of_nodes = (group + 1).min(tiling.down() + 1);
+            spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
+        }
         // The first row of row j of tiles, pixels.
         let top = |j: usize| j * tiling.tile / tiling.oversample;
         let shift = tiling.before / tiling.oversample;
@@ -222,35 +262,27 @@ impl Blurrer {
         let mut strips: VecDeque<Strip> = VecDeque::new();
         for start in (0..tiling.down()).step_by(group) {
             let end = tiling.down().min(start + group);
-            // The last row of nodes of one group is the first of the next.
-            let known = usize::from(start > 0);
-            (0..known * per_row).for_each(|i| spectra.swap(i, group * per_row + i));
-            let wanted = known * per_row..(end - start + 1) * per_row;
-            spectra[wanted.clone()].par_iter_mut().zip(wanted).for_each_init(
-                || plan.scratch(1, 0),
-                |scratch, (spectrum, i)| {
-                    let (node, pair) = (start * across + i / pairs, i % pairs);
-                    let kernels = kernels[pair / inputs.len()][pair % inputs.len()];
-                    let n2 = kernels.size * kernels.size;
-                    let kernel = &kernels.data[node * n2..(node + 1) * n2];
-                    pulp::Arch::new().dispatch(TransformKernel {
-                        plan,
-                        kernel,
-                        scratch,
-                        spectrum,
-                    });
-                },
-            );
+            let spectra: &[Spectrum] = match kernels {
+                Pairs::Transformed(all) => &all.spectra[start * per_row..(end + 1) * per_row],
+                Pairs::Kernels(kernels) => {
+                    // The last row of nodes of one group is the first of the next.
+                    let known = usize::from(start > 0) * per_row;
+                    (0..known).for_each(|i| spectra.swap(i, group * per_row + i));
+                    let wanted = known..(end - start + 1) * per_row;
+                    transform(plan, kernels, start * per_row + known, &mut spectra[wanted]);
+                    spectra
+                }
+            };
             strips.extend((start..end).map(|j| Strip {
                 rows: top(j)..top(j) + tiling.reach(),
                 light: spare.pop().unwrap_or_default(),
             }));
             let new = strips.len() - (end - start);
             strips.make_contiguous()[new..].par_iter_mut().enumerate().try_for_each_init(
-                || plan.scratch(inputs.len(), kernels.len()),
+                || plan.scratch(inputs.len(), outputs),
                 |scratch, (i, strip)| {
                     let nodes = &spectra[i * per_row..(i + 2) * per_row];
-                    strip.light.resize_with(kernels.len(), || plan.empty_strip());
+                    strip.light.resize_with(outputs, || plan.empty_strip());
                     fill(plan, start + i, inputs, nodes, scratch, &mut strip.light)
                 },
             )?;
@@ -263,6 +295,20 @@ impl Blurrer {
         }
         Ok(())
     }
+}
+
+/// The spectra from number `first` on of kernels, `[output][input]`: node by node, of each all
+/// pairs.
+fn transform(plan: &Plan, kernels: &[&[&Kernels]], first: usize, spectra: &mut [Spectrum]) {
+    let pairs: Vec<&Kernels> = kernels.iter().flat_map(|inputs| inputs.iter().copied()).collect();
+    let of_pair = |scratch: &mut tile::Scratch, (i, spectrum): (usize, &mut Spectrum)| {
+        let (node, pair) = ((first + i) / pairs.len(), (first + i) % pairs.len());
+        let kernels = pairs[pair];
+        let n2 = kernels.size * kernels.size;
+        let kernel = &kernels.data[node * n2..(node + 1) * n2];
+        pulp::Arch::new().dispatch(TransformKernel { plan, kernel, scratch, spectrum });
+    };
+    spectra.par_iter_mut().enumerate().for_each_init(|| plan.scratch(1, 0), of_pair);
 }
 
 /// Adds strips to planes.

@@ -163,7 +163,13 @@ fn spectral_components_give_what_the_bands_give() {
     // Into three planes: each channel and their mean.
     let weights: [&[f32]; 3] = [&[1.0, 0.0], &[0.0, 1.0], &[0.5, 0.5]];
     let mut found = vec![Plane::filled(frame.0, frame.1, 0.0); 3];
-    blurrer.add(&rows, &collapsed, corner, &weights, &mut found).unwrap();
+    blurrer.add(&rows, Pairs::Kernels(&collapsed), corner, &weights, &mut found).unwrap();
+    // Kernels transformed before give the same bits.
+    let transformed = blurrer.transformed(&collapsed).unwrap();
+    let mut again = vec![Plane::filled(frame.0, frame.1, 0.0); 3];
+    let pairs = Pairs::Transformed(&transformed);
+    blurrer.add(&rows, pairs, corner, &weights, &mut again).unwrap();
+    assert!(found.iter().zip(&again).all(|(found, again)| found.data == again.data));
     exact.push(Plane::from_fn(frame.0, frame.1, |x, y| {
         0.5 * (exact[0].at(x, y) + exact[1].at(x, y))
     }));
