@@ -21,7 +21,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Frames that are timed, after one that finds colours and collapses the lens.
-const FRAMES: u64 = 12;
+const FRAMES: u64 = 20;
 
 fn main() {
     let filter = std::env::args().skip(1).find(|a| !a.starts_with("--")).unwrap_or_default();
@@ -64,7 +64,7 @@ fn behind_tables(size: [u32; 2], folder: &Path, lateral: bool) -> Camera {
         let pairs = heights.iter().flat_map(|h| wavelengths_nm.iter().map(move |nm| (*h, *nm)));
         pairs.map(|(h, nm)| of(h, nm)).collect()
     };
-    let spacing_um = 35.0 * camera.sensor.pitch_um / SIDE as f64;
+    let spacing_um = 27.0 * camera.sensor.pitch_um / SIDE as f64;
     let colour = if lateral { 2.0 * pitch_mm / corner_mm } else { 0.0 };
     let mut lens = Characterisation::example(3, 1.0);
     lens.real_height_mm =
@@ -76,7 +76,7 @@ fn behind_tables(size: [u32; 2], folder: &Path, lateral: bool) -> Camera {
         let r = h / corner_mm;
         for nm in &wavelengths_nm {
             let chromatic = 0.02 * (nm - 400.0) / 10.0;
-            let pixels = |i: usize| (i as f64 - (SIDE / 2) as f64) * 35.0 / SIDE as f64;
+            let pixels = |i: usize| (i as f64 - (SIDE / 2) as f64) * 27.0 / SIDE as f64;
             let (radial, across) = (1.0 + 2.5 * r * r + chromatic, 0.9 + 0.7 * r);
             lens.psf.data.extend((0..SIDE * SIDE).map(|k| {
                 let (y, x) = (pixels(k / SIDE) / radial, pixels(k % SIDE) / across);

@@ -10,7 +10,7 @@
 //! depend on what happened to be cached.
 
 use super::lens::Described;
-use super::{About, made_for, sensor_grid};
+use super::{About, MadeFor, made_for, sensor_grid};
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
@@ -47,7 +47,7 @@ pub fn irradiance(
     directory: Option<&Path>,
     progress: impl FnMut(usize, usize),
 ) -> Result<Rendered> {
-    let (header, white) = header(camera, scene, about)?;
+    let (header, white) = header(camera, scene, about, made_for(camera)?)?;
     let bands = scene.scene.bands();
     let (grid, described) = (sensor_grid(camera), Described::new(camera, &bands, options)?);
     let notes = described.notes().to_vec();
@@ -77,6 +77,7 @@ pub(crate) fn header(
     camera: &Camera,
     scene: &LitScene<'_>,
     about: About,
+    made_for: MadeFor,
 ) -> Result<(CubeHeader, Vec<f64>)> {
     let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
     if level <= 0.0 {
@@ -95,7 +96,7 @@ pub(crate) fn header(
         lux: about.lux,
         illuminant: about.illuminant,
         made_of: about.made_of,
-        made_for: made_for(camera)?,
+        made_for,
     };
     Ok((header, white))
 }
@@ -152,7 +153,7 @@ impl OneLens {
         about: About,
         progress: impl FnMut(usize, usize),
     ) -> Result<(IrradianceCube, Report)> {
-        let (header, white) = header(camera, scene, about)?;
+        let (header, white) = header(camera, scene, about, made_for(camera)?)?;
         let lit = LitScene { scene: scene.scene, white };
         rendered(&lit, &*self.lens, header, &sensor_grid(camera), options, progress)
     }

@@ -8,7 +8,7 @@
 //! place to place (a crosstalk table): these are computed band by band.
 
 use super::cache::{self, OneLens};
-use super::{About, SceneInLight, made_for, sensor_grid};
+use super::{About, MadeFor, SceneInLight, made_for, sensor_grid};
 use camrig_base::{Error, Plane, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
@@ -16,6 +16,8 @@ use camrig_light::colour::mixture::{Components, Mixer};
 use camrig_optics::engine::collapsed::{Collapsed, Mixture};
 use camrig_optics::{Options, Report};
 use camrig_scene::{Bands, LitScene};
+use camrig_sensor_core::config::{Pattern, SensorConfig};
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// How light comes from a scene to the sensor.
@@ -102,6 +104,9 @@ impl CollapseReport {
 pub(crate) struct Collapse {
     pub lens: OneLens,
     path: OpticsPath,
+    sensor: SensorConfig,
+    /// What irradiance and electrons on this sensor are made for.
+    made_for: MadeFor,
     mixer: Option<Mixer>,
     kept: Option<Kept>,
 }
@@ -128,9 +133,13 @@ impl Collapse {
             .help("its response differs from place to place: compute it by path bands")
             .with_code("path-unsupported"));
         }
+        let mut made_for = made_for::made_for(camera)?;
+        made_for.insert(made_for::RESPONSE.into(), made_for::response(camera)?);
         Ok(Self {
             lens: OneLens::new(camera, bands, options, directory)?,
             path,
+            sensor: camera.sensor_config(bands)?,
+            made_for,
             mixer: None,
             kept: None,
         })
@@ -147,62 +156,94 @@ impl Collapse {
         options: &Options,
         about: About,
     ) -> Result<(IrradianceCube, Report, CollapseReport)> {
-        let (header, white) = cache::header(camera, &opened.lit(), about)?;
+        let (header, white) = cache::header(camera, &opened.lit(), about, self.made_for.clone())?;
         let bands = opened.scene.bands();
-        let config = camera.sensor_config(&bands)?;
-        let responses: Vec<Vec<f64>> = config
-            .response
-            .chunks_exact(bands.count)
-            .map(|channel| channel.iter().zip(&white).map(|(r, w)| f64::from(*r) * w).collect())
-            .collect();
-        if self.mixer.as_ref().is_none_or(|mixer| mixer.seen() != responses) {
-            let components = match self.path {
-                OpticsPath::Live => Components::PerChannel,
-                _ => Components::Shared(COMPONENTS.max(responses.len())),
-            };
-            self.mixer = Some(Mixer::new(responses, components));
-        }
-        let Some(mixer) = &self.mixer else {
-            return Err(Error::internal("channels without what they see"));
+        let components = self.components(opened, &white)?;
+        let collapsed = self.collapsed(camera, bands, &components.curves, options)?;
+        let count = components.planes.bands().count;
+        let lit = LitScene { scene: &*components.planes, white: vec![1.0; count] };
+        let channels = collapsed.channels(&lit)?;
+        let report = CollapseReport {
+            components: count,
+            left_out: components.left_out,
+            lateral_um: collapsed.lateral_um(),
         };
-        let components = opened.scene.components(mixer)?.ok_or_else(|| {
+        let optics = collapsed.report().clone();
+        let mut writer = IrradianceWriter::new(of_electrons(header, &bands))?;
+        writer.push(&mosaic(&self.sensor.pattern, &channels))?;
+        Ok((writer.finish()?, optics, report))
+    }
+
+    /// The scene as a mixture for what the channels see in this light.
+    fn components(
+        &mut self,
+        opened: &SceneInLight,
+        white: &[f64],
+    ) -> Result<camrig_scene::Components> {
+        let channels = self.sensor.response.chunks_exact(white.len());
+        let in_light = |channel: &[f32]| -> Vec<f64> {
+            channel.iter().zip(white).map(|(r, w)| f64::from(*r) * w).collect()
+        };
+        let seen: Vec<Vec<f64>> = channels.map(in_light).collect();
+        let mixer = match self.mixer.take().filter(|mixer| mixer.seen() == seen) {
+            Some(mixer) => self.mixer.insert(mixer),
+            None => {
+                let components = match self.path {
+                    OpticsPath::Live => Components::PerChannel,
+                    _ => Components::Shared(COMPONENTS.max(seen.len())),
+                };
+                self.mixer.insert(Mixer::new(seen, components))
+            }
+        };
+        opened.scene.components(mixer)?.ok_or_else(|| {
             Error::unsupported(format!("path {} for {:?}", self.path, opened.spec))
                 .help(
                     "it takes pictures, and sequences of them, that are neither moved nor lit part \
                      by part: use path bands",
                 )
                 .with_code("path-unsupported")
-        })?;
+        })
+    }
+
+    /// The lens, collapsed for components with these curves, `[channel][component][band]`.
+    fn collapsed(
+        &mut self,
+        camera: &Camera,
+        bands: Bands,
+        curves: &[Vec<Vec<f64>>],
+        options: &Options,
+    ) -> Result<&mut Collapsed> {
+        let seen = self.mixer.iter().flat_map(Mixer::seen);
         let of_channel = |(seen, curves): (&Vec<f64>, &Vec<Vec<f64>>)| -> Vec<Vec<f64>> {
             curves.iter().map(|curve| product(seen, curve)).collect()
         };
-        let weights: Vec<Vec<Vec<f64>>> =
-            mixer.seen().iter().zip(&components.curves).map(of_channel).collect();
-        if self.kept.as_ref().is_none_or(|kept| kept.weights != weights) {
-            let mixture = Mixture { bands, weights };
-            let grid = sensor_grid(camera);
-            let collapsed = Collapsed::new(self.lens.lens(), &grid, options, &mixture)?;
-            self.kept = Some(Kept { weights: mixture.weights, collapsed });
-        }
-        let Some(kept) = &mut self.kept else {
-            return Err(Error::internal("a lens that was not collapsed"));
+        let weights: Vec<Vec<Vec<f64>>> = seen.zip(curves).map(of_channel).collect();
+        let kept = match self.kept.take().filter(|kept| kept.weights == weights) {
+            Some(kept) => self.kept.insert(kept),
+            None => {
+                let mixture = Mixture { bands, weights };
+                let grid = sensor_grid(camera);
+                let collapsed = Collapsed::new(self.lens.lens(), &grid, options, &mixture)?;
+                self.kept.insert(Kept { weights: mixture.weights, collapsed })
+            }
         };
-        let count = components.planes.bands().count;
-        let unlit = vec![1.0; count];
-        let lit = LitScene { scene: &*components.planes, white: unlit };
-        let channels = kept.collapsed.channels(&lit)?;
-        let pixels = Plane::from_fn(header.width, header.height, |x, y| {
-            channels[config.pattern.channel(x, y)].at(x, y)
-        });
-        let mut writer = IrradianceWriter::new(of_electrons(header, camera, &bands)?)?;
-        writer.push(&pixels)?;
-        let report = CollapseReport {
-            components: count,
-            left_out: components.left_out,
-            lateral_um: kept.collapsed.lateral_um(),
-        };
-        Ok((writer.finish()?, kept.collapsed.report().clone(), report))
+        Ok(&mut kept.collapsed)
     }
+}
+
+/// Every pixel of the channel of its own filter.
+fn mosaic(pattern: &Pattern, channels: &[Plane<f32>]) -> Plane<f32> {
+    let Plane { width, height, .. } = channels[0];
+    let mut pixels = Plane::filled(width, height, 0.0);
+    pixels.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        let period = usize::from(pattern.width);
+        for first in 0..period.min(width) {
+            let channel = channels[pattern.channel(first, y)].row(y);
+            let own = row.iter_mut().zip(channel).skip(first).step_by(period);
+            own.for_each(|(pixel, value)| *pixel = *value);
+        }
+    });
+    pixels
 }
 
 fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -210,16 +251,13 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 /// The header of electrons: one band as wide as all.
-fn of_electrons(header: CubeHeader, camera: &Camera, bands: &Bands) -> Result<CubeHeader> {
-    let mut made_for = header.made_for;
-    made_for.insert(made_for::RESPONSE.into(), made_for::response(camera)?);
-    Ok(CubeHeader {
+fn of_electrons(header: CubeHeader, bands: &Bands) -> CubeHeader {
+    CubeHeader {
         first_band_nm: bands.nm(bands.count / 2),
         band_step_nm: bands.step_nm * bands.count as f64,
         bands: 1,
-        made_for,
         ..header
-    })
+    }
 }
 
 #[cfg(test)]

@@ -32,6 +32,11 @@ impl Place {
         Self { entry, share: [0.0; 3] }
     }
 
+    /// Whether all corners of its cell count.
+    pub fn is_within(&self) -> bool {
+        self.share.iter().all(|share| *share != 0.0 && *share != 1.0)
+    }
+
     /// The entries whose spectra count.
     pub fn corners(&self) -> impl Iterator<Item = usize> + '_ {
         (0..8usize).filter_map(|corner| {

@@ -98,12 +98,14 @@ impl Space {
     }
 
     /// Linear sRGB of linear components.
+    #[inline]
     pub fn linear_srgb_of(&self, rgb: [f64; 3]) -> [f64; 3] {
         self.to_srgb.map_or(rgb, |m| m.map(|row| (0..3).map(|c| row[c] * rgb[c]).sum()))
     }
 }
 
 /// Y of a colour in linear sRGB.
+#[inline]
 pub fn luminance(rgb: [f64; 3]) -> f64 {
     (0..3).map(|c| XYZ_FROM_SRGB[1][c] * rgb[c]).sum()
 }

@@ -214,18 +214,28 @@ struct Under {
 
 impl Under {
     fn of(lattice: &Lattice, colours: &[[f32; 3]]) -> Self {
-        let used: Vec<AtomicBool> = (0..NODES).map(|_| AtomicBool::new(false)).collect();
+        let marks = || -> Vec<AtomicBool> { (0..NODES).map(|_| AtomicBool::new(false)).collect() };
+        // Cells of which all corners count are marked as such: one mark a pixel in place of eight.
+        let (used, cells) = (marks(), marks());
+        let mark = |marks: &[AtomicBool], n: usize| {
+            // Most are marked: reading leaves the line to the other threads.
+            if !marks[n].load(Ordering::Relaxed) {
+                marks[n].store(true, Ordering::Relaxed);
+            }
+        };
         let place = |colour: &[f32; 3]| {
             let place = lattice.place(colour)?;
-            for node in place.corners() {
-                // Most are marked: reading leaves the line to the other threads.
-                if !used[node].load(Ordering::Relaxed) {
-                    used[node].store(true, Ordering::Relaxed);
-                }
+            match place.is_within() {
+                true => mark(&cells, place.entry as usize),
+                false => place.corners().for_each(|node| mark(&used, node)),
             }
             Some(place)
         };
         let places: Vec<Option<Place>> = colours.par_iter().map(place).collect();
+        for (entry, _) in cells.iter().enumerate().filter(|(_, c)| c.load(Ordering::Relaxed)) {
+            let cell = Place { entry: entry as u32, share: [0.5; 3] };
+            cell.corners().for_each(|node| mark(&used, node));
+        }
         let beyond = colours.iter().zip(&places).filter(|(_, place)| place.is_none());
         let outside: FxHashSet<[i32; 3]> = beyond.map(|(colour, _)| rounded(colour)).collect();
         let inside = used.iter().filter(|used| used.load(Ordering::Relaxed)).count();

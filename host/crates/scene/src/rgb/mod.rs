@@ -36,6 +36,7 @@ use camrig_light::colour::space::{
 use camrig_light::colour::spectra::{Moved, Spectra};
 use camrig_light::colour::transfer::Transfer;
 use picture::{Picture, Said, Samples};
+use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -312,18 +313,25 @@ fn linear(picture: &Picture, space: &Space) -> Vec<[f32; 3]> {
             };
             let [r, g, b] = space.transfer.each_ref().map(curve);
             let of = |p: &[u16]| [r[p[0] as usize], g[p[1] as usize], b[p[2] as usize]];
-            data.chunks_exact(3).map(|p| to_srgb(of(p))).collect()
+            data.par_chunks_exact(3).map(|p| to_srgb(of(p))).collect()
         }
         Samples::Floats(data) => {
             let of = |p: &[f32]| [0, 1, 2].map(|c| space.transfer[c].linear(f64::from(p[c])));
-            data.chunks_exact(3).map(|p| to_srgb(of(p))).collect()
+            data.par_chunks_exact(3).map(|p| to_srgb(of(p))).collect()
         }
     }
 }
 
+/// Pixels that a thread looks at together.
+const TOGETHER: usize = 4096;
+
 fn check_numbers(pixels: &[[f32; 3]], (width, _): (usize, usize)) -> Result<()> {
     let wrong = |p: &&[f32; 3]| p.iter().any(|v| !v.is_finite());
-    let Some(at) = pixels.iter().position(|p| wrong(&p)) else { return Ok(()) };
+    let all_finite = |pixels: &[[f32; 3]]| !pixels.iter().any(|p| wrong(&p));
+    if pixels.par_chunks(TOGETHER).all(all_finite) {
+        return Ok(());
+    }
+    let at = pixels.iter().position(|p| wrong(&p)).unwrap_or_default();
     let count = pixels.iter().filter(wrong).count();
     Err(Error::input(format!("{} without finite numbers", counted(count, "pixel")))
         .at(format!("column {}, row {}", at % width, at / width))
@@ -333,14 +341,19 @@ fn check_numbers(pixels: &[[f32; 3]], (width, _): (usize, usize)) -> Result<()> 
 /// Makes pixels of negative luminance black, and says how many there were.
 fn without_negative(pixels: &mut [[f32; 3]]) -> Result<Option<String>> {
     let most = (pixels.len() as f64 * MOST_NEGATIVE) as usize;
-    let (mut count, mut least) = (0, 0.0f64);
-    for pixel in pixels.iter_mut() {
-        let y = luminance(pixel.map(f64::from));
-        if y < 0.0 {
-            (count, least) = (count + 1, least.min(y));
-            *pixel = [0.0; 3];
+    let in_chunk = |pixels: &mut [[f32; 3]]| {
+        let (mut count, mut least) = (0, 0.0f64);
+        for pixel in pixels.iter_mut().filter(|p| p.iter().any(|v| *v < 0.0)) {
+            let y = luminance(pixel.map(f64::from));
+            if y < 0.0 {
+                (count, least) = (count + 1, least.min(y));
+                *pixel = [0.0; 3];
+            }
         }
-    }
+        (count, least)
+    };
+    let sum = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1.min(b.1));
+    let (count, least) = pixels.par_chunks_mut(TOGETHER).map(in_chunk).reduce(|| (0, 0.0), sum);
     if count > most.max(1) {
         return Err(Error::input(format!(
             "{} of negative luminance, down to {least:.4}",

@@ -14,6 +14,7 @@ use crate::rgb;
 use crate::rgb::picture::{Picture, Said, Samples, about_channels, three};
 use ::exr::prelude::f16;
 use camrig_base::{Error, Plane, Result};
+use rayon::prelude::*;
 use std::io::Read;
 use std::sync::Arc;
 
@@ -244,14 +245,20 @@ impl Payload {
         }
     }
 
-    fn interleaved<T>(&self, read: fn(&Self, usize) -> T) -> Vec<T> {
+    fn interleaved<T: Copy + Default + Send>(
+        &self,
+        read: impl Fn(&Self, usize) -> T + Sync,
+    ) -> Vec<T> {
         let Shape { width, height, channels, .. } = *self.shape;
-        let mut samples = Vec::with_capacity(width * height * channels);
-        for y in 0..height {
-            for x in 0..width {
-                samples.extend((0..channels).map(|c| read(self, self.place(x, y, c))));
+        let mut samples = vec![T::default(); width * height * channels];
+        let row = |(y, row): (usize, &mut [T])| {
+            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                let sample =
+                    |(c, sample): (usize, &mut T)| *sample = read(self, self.place(x, y, c));
+                pixel.iter_mut().enumerate().for_each(sample);
             }
-        }
+        };
+        samples.par_chunks_mut(width * channels).enumerate().for_each(row);
         samples
     }
 }

@@ -30,6 +30,7 @@ use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixe
 use camrig_base::{Bands, Error, Plane, Result};
 use camrig_scene::LitScene;
 use mapping::Mapping;
+use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use varying_field::FieldBlur;
@@ -184,23 +185,31 @@ impl Collapsed {
     /// A scene that cannot be rendered.
     pub fn channels(&mut self, components: &LitScene<'_>) -> Result<Vec<Plane<f32>>> {
         let Self { grid, border, pool, parts, .. } = self;
-        pool.install(|| {
-            let mut all = Vec::new();
-            for part in parts {
-                let sources = |Frame { layout, warp }: &Frame| -> Vec<Source<'_>> {
-                    let source =
-                        |k| Source::new(components, k, warp.clone(), grid, layout, *border);
-                    part.components.iter().copied().map(source).collect()
-                };
-                let mut planes = match &mut part.blur {
-                    PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
-                    PartBlur::Field(frame, blur) => blur.run(&frame.layout, &sources(frame))?,
-                };
-                planes.iter_mut().for_each(|plane| part.fall_off.apply(plane));
-                all.append(&mut planes);
-            }
-            Ok(all)
-        })
+        let of_part = |part: &mut Part| part.channels(components, grid, *border);
+        let all: Result<Vec<Vec<Plane<f32>>>> =
+            pool.install(|| parts.par_iter_mut().map(of_part).collect());
+        Ok(all?.into_iter().flatten().collect())
+    }
+}
+
+impl Part {
+    fn channels(
+        &mut self,
+        components: &LitScene<'_>,
+        grid: &SensorGrid,
+        border: Border,
+    ) -> Result<Vec<Plane<f32>>> {
+        let used = &self.components;
+        let sources = |Frame { layout, warp }: &Frame| -> Vec<Source<'_>> {
+            let source = |&k| Source::new(components, k, warp.clone(), grid, layout, border);
+            used.iter().map(source).collect()
+        };
+        let mut planes = match &mut self.blur {
+            PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
+            PartBlur::Field(frame, blur) => blur.run(&frame.layout, &sources(frame))?,
+        };
+        planes.iter_mut().for_each(|plane| self.fall_off.apply(plane));
+        Ok(planes)
     }
 }
 

@@ -249,12 +249,16 @@ impl Blurrer {
         let per_row = (tiling.across() + 1) * inputs.len() * outputs;
         // A few rows of tiles at a time bound the memory; they are added in order.
         let threads = rayon::current_num_threads();
-        let affordable = SPECTRA / (per_row * plan.spectrum_bytes());
-        let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
-        if let Pairs::Kernels(_) = kernels {
-            let rows_of_nodes = (group + 1).min(tiling.down() + 1);
-            spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
-        }
+        let group = match kernels {
+            Pairs::Transformed(_) => 8 * threads,
+            Pairs::Kernels(_) => {
+                let affordable = SPECTRA / (per_row * plan.spectrum_bytes());
+                let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
+                let rows_of_nodes = (group + 1).min(tiling.down() + 1);
+                spectra.resize_with(rows_of_nodes * per_row, || plan.empty_spectrum());
+                group
+            }
+        };
         // The first row of row j of tiles, pixels.
         let top = |j: usize| j * tiling.tile / tiling.oversample;
         let shift = tiling.before / tiling.oversample;
