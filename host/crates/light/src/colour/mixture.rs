@@ -184,9 +184,9 @@ mod tests {
         seen
     }
 
-    /// Few colours, solved each, or many, between nodes.
+    /// Few colours, solved each, or many close ones, between nodes.
     fn picture(many: bool, brightness: f32) -> Vec<[f32; 3]> {
-        let colour = |n: usize| [n * 7 % 64, n * 11 % 64, n * 13 % 64].map(|c| c as f32 / 64.0);
+        let colour = |n: usize| [n % 16, n / 16 % 16, n / 256].map(|c| 0.3 + c as f32 / 50.0);
         let colours = if many { 64 * 64 } else { 5 };
         (0..64 * 64).map(|i| colour(i % colours).map(|c| brightness * c)).collect()
     }
