@@ -75,22 +75,19 @@ fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     for expected in ["column-offset-fpn", "row-temporal-noise", "<svg", "Improved camera file"] {
         assert!(page.contains(expected), "{expected}");
     }
-    // The same command gives the same bytes.
-    camrig_ok(dir, "diagnose base.toml captures -o d2");
-    for file in ["diagnosis.json", "camera-improved.toml"] {
-        let read = |d: &str| std::fs::read(dir.join(d).join(file)).unwrap();
-        assert_eq!(read("d1"), read("d2"), "{file}");
-    }
 
-    // A rig takes the same captures, so the diagnosis is the same.
+    // A rig takes the same captures, so a second run gives the same bytes from them.
     let rig = "capture --camera true.toml --plan diagnosis --frame-seed 5 --rig emulator: -o rig";
     camrig_ok(dir, rig);
     for stack in ["dark-long", "flat-02"] {
         let read = |set: &str| std::fs::read(dir.join(set).join(stack).join("0001.npy")).unwrap();
         assert_eq!(read("rig"), read("captures"), "{stack}");
     }
-    camrig_ok(dir, "diagnose base.toml rig -o d4");
-    assert_eq!(diagnosis(&dir.join("d4")), found, "from a rig as from files");
+    camrig_ok(dir, "diagnose base.toml rig -o d2");
+    for file in ["diagnosis.json", "camera-improved.toml"] {
+        let read = |d: &str| std::fs::read(dir.join(d).join(file)).unwrap();
+        assert_eq!(read("d1"), read("d2"), "{file} from a rig as from files");
+    }
 
     // With its own entry left out of the catalogue, an effect does not get the name of another.
     let left = camrig(dir, "diagnose base.toml captures -o d3 --without row-temporal-noise");

@@ -1,0 +1,52 @@
+//! Transforms of sixteen sequences side by side.
+
+use camrig_fourier::lanes::{Fft, LANES, Split, good_length};
+use std::f64::consts::TAU;
+
+fn noise(seed: usize) -> f32 {
+    ((seed.wrapping_mul(2_654_435_761) >> 7) % 1000) as f32 / 500.0 - 1.0
+}
+
+#[test]
+fn equals_the_sum_that_defines_it() {
+    for n in [1, 2, 3, 4, 5, 6, 8, 9, 12, 16, 20, 45, 60, 96, 108, 144, 150] {
+        let fft = Fft::new(n);
+        let mut data = Split::zeros(n);
+        for i in 0..n {
+            for l in 0..LANES {
+                data.re[i].0[l] = noise(i * 31 + l);
+                data.im[i].0[l] = noise(i * 57 + l + 9);
+            }
+        }
+        let before = data.clone();
+        let mut scratch = Split::zeros(n);
+        fft.forward(&mut data, &mut scratch);
+        for l in [0, 7, 15] {
+            for k in 0..n {
+                let (mut re, mut im) = (0.0, 0.0);
+                for i in 0..n {
+                    let (s, c) = (-TAU * ((i * k) % n) as f64 / n as f64).sin_cos();
+                    let (a, b) = (f64::from(before.re[i].0[l]), f64::from(before.im[i].0[l]));
+                    re += a * c - b * s;
+                    im += a * s + b * c;
+                }
+                // f32 butterflies: a few 2⁻²⁴ of the norm √n per stage.
+                let tolerance = 1e-6 * (n as f64).sqrt() + 1e-6;
+                assert!((f64::from(data.re[k].0[l]) - re).abs() < tolerance, "n {n} k {k}");
+                assert!((f64::from(data.im[k].0[l]) - im).abs() < tolerance, "n {n} k {k}");
+            }
+        }
+        fft.backward(&mut data, &mut scratch);
+        for i in 0..n {
+            for l in 0..LANES {
+                let back = data.re[i].0[l] / n as f32;
+                assert!((back - before.re[i].0[l]).abs() < 3e-6, "n {n}");
+            }
+        }
+    }
+}
+
+#[test]
+fn good_lengths_have_small_factors() {
+    assert_eq!([1, 7, 11, 13, 97, 127].map(good_length), [1, 8, 12, 15, 100, 128]);
+}
