@@ -2,9 +2,9 @@
 //!
 //! Read: standard, even-asphere, odd-asphere, extended-asphere, Forbes, biconic, toroidal and
 //! paraxial surfaces, coordinate breaks, mirrors, catalogue and model glasses, angles and heights
-//! as fields, circular apertures and obscurations, telecentric object space, configurations.
-//! Refused: other surface types, apertures that are not circular, tilts and decentres of single
-//! surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
+//! as fields, circular, elliptical and rectangular apertures and obscurations (`SQAP` and its like
+//! give half widths), telecentric object space, configurations. Refused: other surface types,
+//! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
 //! and merit functions are ignored ([`known`]), others that are not read are told; values that a
 //! pickup or solve governs are taken as they stand.
 
@@ -16,7 +16,8 @@ mod shape;
 #[cfg(test)]
 mod tests;
 
-use super::prescription::{Aperture, Clip, Form, Medium, Object, Prescription, Surface};
+use super::prescription::{Aperture, Clip, Form, Medium, Object};
+use super::prescription::{Prescription, Shape, Surface};
 use crate::refuse;
 use camrig_base::{Error, Result};
 use camrig_glass::Catalogue;
@@ -268,8 +269,18 @@ impl Draft {
                 }
                 self.clips.push(Clip::ring(outer, f64::INFINITY));
             }
-            "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" | "UDAP" | "UDOB" => {
-                refuse("an aperture that is not circular")?;
+            "SQAP" | "ELAP" | "SQOB" | "ELOB" => {
+                let half = [value(rest, 0, keyword)?, value(rest, 1, keyword)?];
+                let square = keyword.starts_with("SQ");
+                let shape = if square { Shape::Rectangle } else { Shape::Ellipse };
+                let (opening, clear) = (Clip::opening(shape, half), keyword.ends_with("AP"));
+                self.clear |= clear;
+                self.clips.push(if clear { opening } else { opening.obstacle() });
+            }
+            "SPID" | "UDAP" | "UDOB" => {
+                let what = format!("a spider or an aperture drawn by its corners ({keyword})");
+                return Err(Error::unsupported(what)
+                    .help("give circles, ellipses and rectangles, or leave it out"));
             }
             "OBDC" => self.centre = [value(rest, 0, keyword)?, value(rest, 1, keyword)?],
             "SCBD"
@@ -294,17 +305,11 @@ impl Draft {
             return Err(Error::input("infinite thickness behind a surface of the lens")
                 .help("only the object may be at infinity"));
         };
+        let centre = self.centre.map(|v| v * scale);
         let mut surface = Surface {
             curvature: self.curvature / scale,
             conic: self.conic,
-            clips: self
-                .clips
-                .iter()
-                .map(|c| Clip {
-                    centre: self.centre.map(|v| v * scale),
-                    ..Clip::ring(c.inner * scale, c.outer * scale)
-                })
-                .collect(),
+            clips: self.clips.iter().map(|clip| clip.placed(scale, centre)).collect(),
             ..Surface::plane(thickness * scale)
         };
         self.shape(&mut surface, scale, notes)?;
