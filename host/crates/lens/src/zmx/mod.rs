@@ -209,7 +209,8 @@ impl File {
                 "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
             )),
             _ => {
-                if self.surfaces.is_empty() && !known::harmless_of_system(keyword, rest) {
+                let of_system = self.surfaces.is_empty() && !self.configurations.have_begun();
+                if of_system && !known::harmless_of_system(keyword, rest) {
                     self.unknown(keyword, "of the system", line);
                 }
                 self.configurations.line(keyword, rest, line);
