@@ -384,6 +384,7 @@ fn lens(side: usize) -> Characterisation {
         f_number: 2.0,
         magnification: 0.0,
         pupil_magnification: 1.0,
+        axis_solid_angle_sr: None,
         stop_radius_mm: None,
         transmittance: Spectrum::constant(0.9),
         wavelengths_nm: vec![550.0],

@@ -13,7 +13,6 @@ use camrig_sensor_core::config::FrameSettings;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -133,13 +132,6 @@ fn kept_noise() -> impl TypedValueParser<Value = KeptNoise> {
         KeptNoise::Shot => "The shot noise of light alone",
         KeptNoise::None => "None: mean signals, rounded to DN",
     })
-}
-
-/// Says, each once, what was assumed of a camera's tables in some light.
-pub fn tell_tables(camera: &Camera, light: impl IntoIterator<Item = Bands>) {
-    let notes: BTreeSet<String> =
-        light.into_iter().flat_map(|bands| camera.notes(&bands)).collect();
-    notes.iter().for_each(|note| eprintln!("note: {note}"));
 }
 
 /// A band of 10 nm, the width of narrow-band light where nothing says it.

@@ -3,7 +3,7 @@
 use camrig_base::Cfa;
 use camrig_base::output;
 use camrig_base::{Error, Result};
-use camrig_formats::{self as formats, Format, Frames, PixelFormat, csi2, png, preview};
+use camrig_formats::{self as formats, Facts, Format, Frames, PixelFormat, csi2, png, preview};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -104,10 +104,30 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     .map_err(|e| e.at(args.input.display()))?;
     output::write_file(&args.output, args.force, &bytes)?;
     format.leaves_out(&frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
+    dark_picture(&format, &frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     if args.hint {
         hint(&args.output, &format, &frames);
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What to tell of raw samples in a picture format of 16 bits, which viewers show as they are: dark,
+/// where they end far below its range.
+fn dark_picture(format: &Format, facts: &Facts) -> Option<String> {
+    let bits = facts.bits.unwrap_or(u16::BITS);
+    let of_16_bits = match format {
+        Format::Tiff => true,
+        Format::Png => bits > u8::BITS,
+        _ => false,
+    };
+    let white = facts.white_level_dn.unwrap_or(((1u32 << bits.min(u16::BITS)) - 1) as u16);
+    (of_16_bits && white < u16::MAX / 2).then(|| {
+        format!(
+            "samples are kept as they are, raw and to {white} of {}: programs that show pictures \
+             show them dark and without colours (--preview writes a picture to look at)",
+            u16::MAX
+        )
+    })
 }
 
 fn read(args: &Args) -> Result<Frames> {

@@ -1,6 +1,7 @@
 //! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
 
-use super::arguments::{CameraArgs, band_at, duration, progress, tell_tables};
+use super::arguments::{CameraArgs, band_at, duration, progress};
+use super::notes::Notes;
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use camrig_capture::bench;
@@ -89,7 +90,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 fn run_bench(args: &BenchArgs) -> Result<ExitCode> {
     let camera = args.camera.load()?;
-    tell_tables(&camera, bench::FILTERS_NM.map(band_at));
+    Notes::default().tell_tables(&camera, bench::FILTERS_NM.map(band_at));
     let bar = progress("frames", bench::total_frames(args.frames));
     bench::bench(
         &camera,

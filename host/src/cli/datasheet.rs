@@ -1,6 +1,7 @@
 //! `camrig datasheet`: a measured page of a camera.
 
-use super::arguments::{ChangeArgs, band_at, progress, tell_tables};
+use super::arguments::{ChangeArgs, band_at, progress};
+use super::notes::Notes;
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use camrig_camera::presets;
@@ -49,8 +50,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let bar = progress("cameras", cameras.len() as u64);
     for spec in cameras {
         let camera = args.changes.load(spec)?;
-        tell_tables(&camera, bench::FILTERS_NM.map(band_at));
+        let mut notes = Notes::default();
+        notes.tell_tables(&camera, bench::FILTERS_NM.map(band_at));
         let sheet = Datasheet::measure(&camera, SIZE).map_err(|e| e.at(spec))?;
+        notes.tell(sheet.notes.iter().cloned());
         write_file(&path(spec), args.force, page(&camera, &sheet).as_bytes())?;
         bar.inc(1);
     }

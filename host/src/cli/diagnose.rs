@@ -1,6 +1,7 @@
 //! `camrig diagnose`: name what the model lacks.
 
-use super::arguments::{ChangeArgs, band_at, progress, tell_tables};
+use super::arguments::{ChangeArgs, band_at, progress};
+use super::notes::Notes;
 use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
@@ -71,7 +72,9 @@ pub(super) fn open(
         (camera.sensor.width, camera.sensor.height) = (w, h);
     }
     let lit = set.captures.iter().filter_map(|c| c.light.as_ref()?.wavelength_nm).map(band_at);
-    tell_tables(&camera, lit.chain([Bands::VISIBLE]));
+    let mut notes = Notes::default();
+    notes.tell_tables(&camera, lit.chain([Bands::VISIBLE]));
+    let of_tables = notes.all().to_vec();
     let bar = looking(&set)?;
     let cleaned = Cleaned::new(set, &|n| bar.inc(n as u64))?;
     bar.finish_and_clear();
@@ -80,11 +83,11 @@ pub(super) fn open(
     let halves = design::divide(&camera, set, &counts)?;
     let total: usize = frames(&halves);
     let bar = progress("frames", total as u64);
-    let session = measure(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
+    let mut session = measure(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
     bar.finish_and_clear();
-    for note in session.notes.iter().cloned().chain(session.findings.iter().map(Finding::line)) {
-        eprintln!("note: {note}");
-    }
+    session.notes.retain(|note| !of_tables.contains(note));
+    session.notes.splice(0..0, of_tables);
+    notes.tell(session.notes.iter().cloned().chain(session.findings.iter().map(Finding::line)));
     Ok((camera, session))
 }
 

@@ -1,6 +1,7 @@
 //! `camrig expose`: the sensor stage alone.
 
 use super::arguments::{self, CameraArgs, FrameArgs, positive};
+use super::notes::Notes;
 use super::scene_lights::NextLight;
 use super::simulate::{expose_frames, light_of, noise_row};
 use camrig_base::{Error, Result};
@@ -32,18 +33,20 @@ pub struct Args {
     frames: FrameArgs,
 }
 
-/// Opens irradiance that was made for `camera`, and says what could not be checked of it.
-pub fn open(path: &Path, camera: &Camera) -> Result<IrradianceCube> {
-    checked(IrradianceCube::open(path)?, path, camera)
+/// Opens irradiance that was made for `camera`, and tells what there is to know of it.
+pub fn open(path: &Path, camera: &Camera, notes: &mut Notes) -> Result<IrradianceCube> {
+    checked(IrradianceCube::open(path)?, path, camera, notes)
 }
 
-/// A cube from `path` that was made for `camera`; says what could not be checked of it.
-pub fn checked(cube: IrradianceCube, path: &Path, camera: &Camera) -> Result<IrradianceCube> {
+/// A cube from `path` that was made for `camera`; tells what there is to know of it.
+pub fn checked(
+    cube: IrradianceCube,
+    path: &Path,
+    camera: &Camera,
+    notes: &mut Notes,
+) -> Result<IrradianceCube> {
     render::check_made_for(camera, &cube.header).map_err(|e| e.at(path.display()))?;
-    if let Some(note) = render::unchecked(camera, &cube.header) {
-        eprintln!("note: {note}");
-    }
-    arguments::tell_tables(camera, [cube.header.spectral_bands()]);
+    notes.tell_irradiance(camera, &cube.header)?;
     Ok(cube)
 }
 
@@ -53,7 +56,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     args.frames.readout.refuse_charge()?;
     let mut camera = args.camera.load()?;
     camera.first_frame = args.frames.first_number();
-    let cube = open(&args.irradiance, &camera)?;
+    let mut notes = Notes::default();
+    let cube = open(&args.irradiance, &camera, &mut notes)?;
     let factor = match (args.lux, cube.header.lux) {
         (None, _) => 1.0,
         (Some(wanted), Some(made_for)) => wanted / made_for,
@@ -90,6 +94,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "frames": written,
         "exposure_s": exposure_s,
         "noise": camera.sensor.kept_noise.name(),
+        "notes": notes.all(),
     });
     arguments::report(&written, object, args.frames.json);
     Ok(ExitCode::SUCCESS)

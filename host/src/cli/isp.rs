@@ -158,7 +158,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let picture = srgb_png(&bytes).map_err(|e| e.at(path.display()))?;
         table.push((path.display().to_string(), judge(&picture)?));
     }
-    print_table(&table, args.json);
+    print_table(&table, args.json.then_some(&view.notes));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -245,12 +245,13 @@ fn srgb_png(bytes: &[u8]) -> Result<Picture> {
     Ok(Plane { width, height, data })
 }
 
-fn print_table(table: &[(String, Vec<Patch>)], as_json: bool) {
+/// Prints the figures; as JSON where there are notes for it.
+fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>) {
     let mean = |patches: &[Patch]| {
         patches.iter().map(|p| p.delta_e_2000).sum::<f64>() / patches.len() as f64
     };
     let worst = |patches: &[Patch]| patches.iter().map(|p| p.delta_e_2000).fold(0.0, f64::max);
-    if as_json {
+    if let Some(notes) = json_notes {
         let isps = table.iter().map(|(name, patches)| {
             let figures = json!({
                 "delta_e_2000_mean": mean(patches),
@@ -259,7 +260,8 @@ fn print_table(table: &[(String, Vec<Patch>)], as_json: bool) {
             });
             (name.clone(), figures)
         });
-        println!("{}", json!({ "isps": isps.collect::<serde_json::Map<_, _>>() }));
+        let isps: serde_json::Map<_, _> = isps.collect();
+        println!("{}", json!({ "isps": isps, "notes": notes }));
         return;
     }
     let line = |label: &str, value: &dyn Fn(&[Patch]) -> f64| {

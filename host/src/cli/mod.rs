@@ -38,6 +38,7 @@ mod isp;
 mod lens;
 mod live;
 mod measure;
+mod notes;
 mod presets;
 mod readout;
 mod rig;

@@ -84,6 +84,8 @@ pub struct SceneLights {
     camera: Camera,
     changes: Changes,
     times: Option<Times>,
+    /// What was told of a scene that is no sequence.
+    notes: Vec<String>,
 }
 
 enum Changes {
@@ -114,7 +116,7 @@ impl SceneLights {
             let mut sequence = Sequence::new(opened, stage, sensor_hz, times.as_ref());
             let first = sequence.first(&camera)?;
             let changes = Changes::Sequence(Box::new(sequence));
-            return Ok((Self { camera, changes, times }, first));
+            return Ok((Self { camera, changes, times, notes: Vec::new() }, first));
         }
         if times.is_some() && view.rolling != 0.0 {
             return Err(Error::input("--rolling of a camera whose file says when rows are read")
@@ -130,7 +132,8 @@ impl SceneLights {
             let part = |(region, _): &(Region, Lamps)| Ok(stage.run_part(&camera, *region)?.cube);
             Changes::Never(regions.map(part).collect::<Result<_>>()?)
         };
-        Ok((Self { camera, changes, times }, first))
+        let notes = first.notes.clone();
+        Ok((Self { camera, changes, times, notes }, first))
     }
 
     /// Whether each frame has the light of the one before.
@@ -214,6 +217,14 @@ impl SceneLights {
                 "note: shown in no frame: {} of {name}, as the next was due already",
                 counted(skipped as usize, "frame")
             );
+        }
+    }
+
+    /// What was told of the scene, its light, the lens and the camera's tables so far.
+    pub fn notes(&self) -> &[String] {
+        match &self.changes {
+            Changes::Sequence(sequence) => sequence.notes(),
+            _ => &self.notes,
         }
     }
 

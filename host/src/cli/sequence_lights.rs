@@ -1,6 +1,7 @@
 //! A sequence as light on a sensor: each frame of the sensor shows one of the scene, or its rows
 //! collect light from one frame of the scene to the next.
 
+use super::notes::Notes;
 use super::times::Times;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -9,7 +10,6 @@ use camrig_render::{OpticsOutput, SequenceStage};
 use camrig_scene::sequence::{
     Between, Counts, Moment, Playback, SceneFrame, SceneSequence, Timeline,
 };
-use std::collections::BTreeSet;
 
 /// What falls on the sensor in a frame.
 pub enum NextLight {
@@ -25,7 +25,7 @@ pub enum NextLight {
 pub struct Sequence {
     shown: Shown,
     stage: SequenceStage,
-    told: Told,
+    told: Notes,
     /// Pairs of frames in which things that move are still looked for.
     pairs: u32,
 }
@@ -55,16 +55,16 @@ impl Sequence {
         sensor_hz: Option<f64>,
         times: Option<&Times>,
     ) -> Self {
-        let mut told = Told::default();
+        let mut told = Notes::default();
         let timed = sequence.is_timed();
         if let Some(times) = times.filter(|_| timed) {
             if times.between == Between::Linear {
-                told.tell(
+                told.tell([
                     "between frames of the scene its light goes in a straight line, which blends \
                      what moves: send several frames per exposure, or let it stand (--between \
                      hold)"
                         .into(),
-                );
+                ]);
             }
             let (between, lamps) = (times.between, times.lamps.clone());
             let shown = Shown::InTime(Timeline::new(sequence, repeats, between, lamps));
@@ -78,7 +78,9 @@ impl Sequence {
                 (false, Some(_)) => "the scene's frame rate is not known (--scene-rate)",
                 (true, _) => "the sensor's frame rate is not known (--fps)",
             };
-            told.tell(format!("{unknown}: each frame of the sensor shows the next of the scene"));
+            told.tell([format!(
+                "{unknown}: each frame of the sensor shows the next of the scene"
+            )]);
         }
         Self { shown: Shown::Still(playback), stage, told, pairs: 0 }
     }
@@ -118,7 +120,7 @@ impl Sequence {
         let output = match shown {
             Shown::Still(playback) => {
                 let moment = playback.at(0);
-                playback.notes().into_iter().for_each(|note| told.tell(note));
+                told.tell(playback.notes());
                 let Moment::Next(frame) = moment? else {
                     return Err(Error::internal("a sequence without a first frame"));
                 };
@@ -132,11 +134,11 @@ impl Sequence {
                     output = Some(made);
                     Ok(kept)
                 })?;
-                timeline.notes().into_iter().for_each(|note| told.tell(note));
+                told.tell(timeline.notes());
                 output.ok_or_else(|| Error::internal("a sequence without a first frame"))?
             }
         };
-        output.notes.iter().for_each(|note| told.tell(note.clone()));
+        told.tell(output.notes.iter().cloned());
         super::simulate::tell_optics(&output);
         Ok(output)
     }
@@ -147,7 +149,7 @@ impl Sequence {
             return Err(Error::internal("a sequence in time that stands still"));
         };
         let moment = playback.at(number.into());
-        playback.notes().into_iter().for_each(|note| told.tell(note));
+        told.tell(playback.notes());
         Ok(match moment? {
             Moment::Same => NextLight::Same,
             Moment::Over => NextLight::Over,
@@ -170,7 +172,7 @@ impl Sequence {
                     *pairs -= 1;
                     let pixels = displacement(pair[0].0, pair[1].0)?;
                     if pixels > 1.0 {
-                        told.tell(moves(pixels));
+                        told.tell([moves(pixels)]);
                         *pairs = 0;
                         break;
                     }
@@ -178,8 +180,13 @@ impl Sequence {
                 NextLight::Changed(weighted(&views)?)
             }
         };
-        timeline.notes().into_iter().for_each(|note| told.tell(note));
+        told.tell(timeline.notes());
         Ok(light)
+    }
+
+    /// What was told of it.
+    pub fn notes(&self) -> &[String] {
+        self.told.all()
     }
 
     /// Says what only the end shows.
@@ -193,7 +200,7 @@ impl Sequence {
             Shown::Still(playback) => playback.notes(),
             Shown::InTime(timeline) => timeline.notes(),
         };
-        notes.into_iter().for_each(|note| self.told.tell(note));
+        self.told.tell(notes);
     }
 }
 
@@ -212,7 +219,7 @@ fn seen(
     stage: &mut SequenceStage,
     camera: &Camera,
     frame: SceneFrame,
-    told: &mut Told,
+    told: &mut Notes,
 ) -> Result<IrradianceCube> {
     let name = frame.name.clone();
     let output = stage.run(camera, frame, |_, _| ())?;
@@ -223,45 +230,4 @@ fn seen(
 /// The same irradiance once more.
 fn copied(cube: &IrradianceCube) -> Result<IrradianceCube> {
     weighted(&[(cube, vec![1.0; cube.header.height])])
-}
-
-/// Notes, each told once; frames of a long sequence could fill the screen with theirs.
-#[derive(Default)]
-struct Told {
-    all: BTreeSet<String>,
-    /// Notes of frames that were told, and that were not.
-    of_frames: usize,
-    left: usize,
-}
-
-/// Most notes of single frames that are told.
-const TOLD_OF_FRAMES: usize = 3;
-
-impl Told {
-    fn tell(&mut self, note: String) {
-        if !self.all.contains(&note) {
-            eprintln!("note: {note}");
-            self.all.insert(note);
-        }
-    }
-
-    /// Tells a note of a frame after the first.
-    fn tell_of(&mut self, name: &str, note: String) {
-        if self.all.contains(&note) {
-            return;
-        }
-        if self.of_frames == TOLD_OF_FRAMES {
-            self.left += 1;
-            return;
-        }
-        self.of_frames += 1;
-        eprintln!("note: {name}: {note}");
-        self.all.insert(note);
-    }
-
-    fn tell_left(&mut self) {
-        if self.left > 0 {
-            eprintln!("note: {} more notes of single frames were not told", self.left);
-        }
-    }
 }

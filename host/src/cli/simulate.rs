@@ -2,6 +2,7 @@
 
 use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, frames_per_s, positive};
 use super::frame_sink::FrameSink;
+use super::notes::Notes;
 use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
 use super::times::TimeArgs;
 use camrig_base::{Error, Result};
@@ -192,7 +193,7 @@ impl ViewArgs {
             bar.set_position(done as u64);
         })?;
         bar.finish_and_clear();
-        view.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        Notes::default().tell(view.notes.iter().cloned());
         tell_optics(&view);
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
@@ -238,7 +239,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         )
         .help("leave --hdr out, or let the light stand still"));
     }
-    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, notes, .. } = first;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
     if let Some(path) = &args.save_irradiance {
         if !lights.stand_still() {
             eprintln!(
@@ -292,7 +293,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "cached": cached,
             "lens_traced": lens_traced,
         },
-        "notes": notes,
+        "notes": lights.notes(),
     });
     arguments::report(&written, object, frames.json);
     Ok(ExitCode::SUCCESS)

@@ -1,9 +1,10 @@
 //! `camrig validate`: a model beside captures.
 
-use super::arguments::{ChangeArgs, progress, tell_tables};
+use super::arguments::{ChangeArgs, progress};
 use super::measure::{corners, roi};
+use super::notes::Notes;
 use camrig_base::output::OutputFile;
-use camrig_base::{Bands, Error, Result};
+use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_light::Illuminant;
 use camrig_measure::mtf::Roi;
@@ -87,13 +88,14 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
         improved: args.improved.as_deref().map(Camera::load).transpose()?,
         places: Places { corners: args.corners, roi: args.roi },
     };
-    tell_tables(&model, [Bands::VISIBLE]);
     let bar = progress("cameras", 0);
     let comparison = Comparison::of(&model, sides, |done, cameras| {
         bar.set_length(cameras as u64);
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
+    let mut notes = Notes::default();
+    notes.tell(comparison.notes().cloned());
     if let Some((mut file, path)) = output {
         let html = page_of(&comparison, &model)?;
         file.write_all(html.as_bytes()).map_err(|e| Error::io("write", path, e))?;
@@ -112,6 +114,7 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
             "captured": captured.figures,
             "model": model.figures,
             "improved": improved.as_ref().map(|b| &b.figures),
+            "notes": notes.all(),
         });
         println!("{object}");
     } else {

@@ -190,6 +190,73 @@ fn a_sensor_beyond_the_tables_of_a_lens_is_told() {
     );
 }
 
+/// Each command that makes pictures through a lens tells where its tables end: in the same words, once
+/// on the terminal, and in `--json`.
+#[test]
+fn every_command_tells_where_the_tables_of_a_lens_end() {
+    let dir = folder();
+    let dir = dir.path();
+    camrig_ok(dir, "lens import manifest.toml -o imported");
+    camera_with(dir, "kind = \"characterised\"\ndata = \"imported\"");
+    // 96 x 64 pixels of 30 µm: to 1.73 mm from the axis.
+    let camera = std::fs::read_to_string(dir.join("camera.toml")).unwrap();
+    let small = [("width = 752", "width = 96"), ("height = 480", "height = 64")];
+    let camera = small.iter().fold(camera, |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replace(from, to)
+    });
+    std::fs::write(dir.join("camera.toml"), camera.replace("pitch_um = 6.0", "pitch_um = 30.0"))
+        .unwrap();
+    let scene = "--camera ./camera.toml --scene uniform:0.5";
+    let mut told: Option<Vec<String>> = None;
+    for command in [
+        format!("simulate {scene} --exposure 5ms --no-cache -o a.npy --save-irradiance a.irr"),
+        "expose --camera ./camera.toml --irradiance a.irr --exposure 5ms -o b.npy".into(),
+        format!("rig stream emulator: {scene} --exposure 5ms --frames 1"),
+        "rig stream emulator: --camera ./camera.toml --irradiance a.irr --exposure 5ms \
+         --frames 1"
+            .into(),
+        "isp --camera ./camera.toml --exposure 1ms".into(),
+    ] {
+        let made = camrig_ok(dir, &format!("{command} --json"));
+        let object: Value = serde_json::from_slice(&made.stdout).unwrap();
+        let stderr = String::from_utf8_lossy(&made.stderr);
+        let notes: Vec<String> = object["notes"]
+            .as_array()
+            .unwrap_or_else(|| panic!("{command}: {object}"))
+            .iter()
+            .filter_map(|note| Some(note.as_str()?.to_owned()))
+            .filter(|note| note.contains("imported: "))
+            .collect();
+        let words = ["and PSFs end at 1.000 mm", "550 nm alone"];
+        assert_eq!(notes.len(), words.len(), "{command}: {notes:?}");
+        for (note, words) in notes.iter().zip(words) {
+            assert!(note.contains(words), "{command}: {note}");
+            let line = format!("note: {note}\n");
+            assert_eq!(stderr.matches(&line).count(), 1, "{command}: {stderr}");
+        }
+        assert_eq!(told.get_or_insert_with(|| notes.clone()), &notes, "{command}");
+    }
+}
+
+/// What was understood and assumed of a lens of many surfaces fits on a screen; the surfaces come if
+/// they are asked for, or if there is room.
+#[test]
+fn info_of_a_lens_of_many_surfaces_fits_on_a_screen() {
+    let dir = folder();
+    let dir = dir.path();
+    let plate = "[[surface]]\nthickness_mm = 0.01\n";
+    std::fs::write(dir.join("long.toml"), SINGLET.to_owned() + &plate.repeat(40)).unwrap();
+    let text = |command: &str| {
+        String::from_utf8(camrig_ok(dir, &format!("lens info {command}")).stdout).unwrap()
+    };
+    let (info, all) = (text("long.toml"), text("long.toml --surfaces"));
+    assert!(info.lines().count() <= 24 && all.lines().count() > 42, "{info}");
+    assert!(info.ends_with("42 surfaces: --surfaces lists them\n"), "{info}");
+    assert!(all.starts_with(info.split("42 surfaces").next().unwrap()), "{all}");
+    assert!(all.contains("N-BK7") && text("good.toml").contains("N-BK7"), "{all}");
+}
+
 #[test]
 fn drawings_are_whole_svg_files() {
     let dir = folder();
@@ -287,7 +354,13 @@ fn impossible_psf_exports_are_refused() {
         &["negative PSF value", "negative.txt", "line 18"],
     );
     refused(&[axis, (1.0, 550.0, "dark.txt")], &["m.toml", "1 mm", "550 nm", "every sample is 0"]);
-    refused(&[axis, (1.0, 600.0, "psf.txt")], &["600 nm", "every height"]);
+    refused(&[axis, (1.0, 600.0, "psf.txt")], &["a PSF of 550 nm where 600 nm is expected"]);
+    write("600.txt", &good.replace("0.5500 um", "0.6000 um"));
+    refused(&[axis, (1.0, 600.0, "600.txt")], &["600 nm", "every height"]);
+    let spaced = manifest(&[axis]) + "spacing_um = 0.25\n";
+    write("m.toml", &spaced);
+    let says = ["psf.txt", "samples 0.5 µm apart where 0.25 µm are expected"];
+    refuses(dir, "lens import m.toml -o out", &says);
     refused(&[axis, (1.0, 550.0, "absent.txt")], &["absent.txt"]);
     write("light.csv", "height_mm,550\n0,1\n1,-0.9\n");
     refused(&[axis, (1.0, 550.0, "psf.txt")], &["m.toml", "relative illumination -0.9"]);

@@ -149,21 +149,22 @@ pub fn field_points(
 /// The lens at each wavelength, with the solid angle of its pupil as seen from the axial image
 /// point.
 fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
-    wavelengths
-        .iter()
-        .map(|&nm| {
-            let train = system.at(nm)?;
-            let axis = Beam::aim(&train, 0.0)?;
-            axis.check_rim()?;
-            let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
-            Ok(AxisTrain { train, axis_sr })
-        })
-        .collect()
+    wavelengths.iter().map(|&nm| AxisTrain::new(system, nm)).collect()
 }
 
 struct AxisTrain {
     train: Train,
     axis_sr: f64,
+}
+
+impl AxisTrain {
+    fn new(system: &System, nm: f64) -> Result<Self> {
+        let train = system.at(nm)?;
+        let axis = Beam::aim(&train, 0.0)?;
+        axis.check_rim()?;
+        let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
+        Ok(Self { train, axis_sr })
+    }
 }
 
 /// A beam with its outline.
@@ -380,6 +381,7 @@ pub fn characterise(
         between,
     };
     grid.normalise()?;
+    let axis = AxisTrain::new(system, system.prescription.reference_nm)?;
     let lens = Characterisation {
         name: system.prescription.name.clone(),
         source: format!("traced by camrig {}", env!("CARGO_PKG_VERSION")),
@@ -387,6 +389,7 @@ pub fn characterise(
         f_number: system.f_number(),
         magnification: system.paraxial.magnification.abs(),
         pupil_magnification: system.paraxial.pupil_magnification(),
+        axis_solid_angle_sr: Some(axis.axis_sr),
         stop_radius_mm: Some(system.stop_radius_mm),
         transmittance: Spectrum::constant(1.0),
         wavelengths_nm: plan.wavelengths_nm.clone(),

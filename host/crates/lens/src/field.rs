@@ -16,7 +16,9 @@ mod characterise;
 pub use characterise::{PlanePlan, characterise};
 
 use super::prescription::{Clip, Object};
-use super::pupil::{Bundle, EdgePoint, Extent, Outline, STEPS_PER_DIAMETER, edges_along};
+use super::pupil::{
+    Bundle, EdgePoint, Extent, Outline, STEPS_PER_DIAMETER, check_obstacles, edges_along,
+};
 use super::system::System;
 use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
 use super::train::Train;
@@ -295,6 +297,8 @@ impl<'a> Beam<'a> {
             launch: [0.0; 2],
             direction: [centre.direction[0][0], centre.direction[1][0]],
         };
+        let here = || place(self.train, self.tangents);
+        check_obstacles(self.train, centre.excess[0] <= 0.0, &here)?;
         let step = self.train.entrance_pupil_mm / STEPS_PER_DIAMETER;
         let trace = |places: &[[f64; 2]; LANES]| self.trace(places);
         let mut edges = Vec::with_capacity(AZIMUTHS);
@@ -304,7 +308,7 @@ impl<'a> Beam<'a> {
         }
         if edges.iter().all(Option::is_none) {
             return Err(Error::input("no light gets through the apertures")
-                .at(place(self.train, self.tangents))
+                .at(here())
                 .help("give smaller fields, or check the apertures"));
         }
         // Closed: the last azimuth is the first.

@@ -103,16 +103,30 @@ pub enum Medium {
     Mirror,
 }
 
-/// An aperture: it passes `inner` ≤ r ≤ `outer`, mm, around its centre. An infinite `outer` makes
-/// it an obscuration.
+/// The shape of an aperture, in x and y of its surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shape {
+    /// A circle or an ellipse.
+    #[default]
+    Ellipse,
+    /// A square or a rectangle.
+    Rectangle,
+}
+
+/// An aperture: it passes what lies between `inner` and `outer`, two outlines of its shape around
+/// its centre. An infinite `outer` makes it an obscuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip {
-    /// Inner radius, mm.
+    /// Inner radius, or half of the width in x, mm.
     pub inner: f64,
-    /// Outer radius, mm.
+    /// Outer radius, or half of the width in x, mm.
     pub outer: f64,
     /// Its centre, (x, y) from the vertex, mm.
     pub centre: [f64; 2],
+    /// Its shape.
+    pub shape: Shape,
+    /// Width in y over that in x.
+    pub aspect: f64,
 }
 
 impl Clip {
@@ -125,7 +139,29 @@ impl Clip {
     /// What passes between these radii around the vertex, mm.
     #[must_use]
     pub fn ring(inner: f64, outer: f64) -> Self {
-        Self { inner, outer, centre: [0.0; 2] }
+        Self { inner, outer, centre: [0.0; 2], shape: Shape::Ellipse, aspect: 1.0 }
+    }
+
+    /// A clear aperture of this shape and half of these widths, mm.
+    #[must_use]
+    pub fn opening(shape: Shape, [x, y]: [f64; 2]) -> Self {
+        Self { shape, aspect: y / x, ..Self::circle(x) }
+    }
+
+    /// What stops the light that this clear aperture passes.
+    #[must_use]
+    pub fn obstacle(self) -> Self {
+        Self { inner: self.outer, outer: f64::INFINITY, ..self }
+    }
+
+    /// The same in another unit, at a place in the new one.
+    #[must_use]
+    pub fn placed(self, scale: f64, centre: [f64; 2]) -> Self {
+        Self { inner: self.inner * scale, outer: self.outer * scale, centre, ..self }
+    }
+
+    fn is_round(&self) -> bool {
+        self.shape == Shape::Ellipse && self.aspect == 1.0
     }
 
     /// Relative excess of (x, y), mm, over the aperture: negative inside, 0 on the edge, smooth in
@@ -133,8 +169,11 @@ impl Clip {
     #[inline(always)]
     #[must_use]
     pub fn excess(&self, x: f64, y: f64) -> f64 {
-        let (x, y) = (x - self.centre[0], y - self.centre[1]);
-        let r2 = x * x + y * y;
+        let (x, y) = (x - self.centre[0], (y - self.centre[1]) / self.aspect);
+        let r2 = match self.shape {
+            Shape::Ellipse => x * x + y * y,
+            Shape::Rectangle => (x * x).max(y * y),
+        };
         let out = r2 / (self.outer * self.outer) - 1.0;
         if self.inner > 0.0 { out.max(1.0 - r2 / (self.inner * self.inner)) } else { out }
     }
@@ -238,6 +277,9 @@ impl Surface {
         if self.clips.iter().any(|clip| clip.centre != [0.0; 2]) {
             return Some("has a decentred aperture");
         }
+        if !self.clips.iter().all(Clip::is_round) {
+            return Some("has an aperture that is not circular");
+        }
         match self.form {
             Form::Biconic { .. } => Some("is a biconic"),
             Form::Toroid { .. } => Some("is a toroid"),
@@ -340,10 +382,14 @@ impl Surface {
         }
         self.check_form(in_air)?;
         for clip in &self.clips {
-            let centred = clip.centre.iter().all(|v| v.is_finite());
-            if !(clip.inner >= 0.0 && clip.outer > clip.inner && centred) {
-                let what = format!("aperture from radius {} to {}", clip.inner, clip.outer);
-                return Err(Error::input(what).help("the outer radius lies above the inner one"));
+            let placed = clip.centre.iter().all(|v| v.is_finite());
+            let sized = clip.aspect.is_finite() && clip.aspect > 0.0;
+            if !(clip.inner >= 0.0 && clip.outer > clip.inner && placed && sized) {
+                let (inner, outer) = (clip.inner, clip.outer);
+                let what = format!("aperture from {inner} to {outer}, y {} times x", clip.aspect);
+                return Err(Error::input(what).help(
+                    "the outer radius lies above the inner one, and widths in x and y are given",
+                ));
             }
         }
         Ok(())

@@ -396,6 +396,22 @@ fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
         .help("the field is larger than the lens takes: give smaller fields, or check the surface")
 }
 
+/// Refuses a pupil whose middle is `open` though a surface has an obscuration: an outline around the
+/// middle cannot tell what light passes beyond an obstacle beside it.
+pub(super) fn check_obstacles(
+    train: &Train,
+    open: bool,
+    place: &dyn Fn() -> String,
+) -> Result<()> {
+    let mut clips = train.surfaces.iter().flat_map(|surface| &surface.clips);
+    if !open || clips.all(|clip| clip.inner == 0.0) {
+        return Ok(());
+    }
+    Err(Error::unsupported("an obscuration that does not cover the middle of the pupil")
+        .at(place())
+        .help("give fields at which it does, or leave the obscuration out"))
+}
+
 /// How much of a pupil an outline and rays run over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
@@ -442,6 +458,8 @@ impl Outline {
             launch: [0.0; 2],
             direction: [centre.direction[0][0], centre.direction[1][0]],
         };
+        let place = || format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm);
+        check_obstacles(beam.train, centre.excess[0] <= 0.0, &place)?;
         let mut edges = Vec::with_capacity(count);
         for block in 0..count / LANES {
             let ways: [[f64; 2]; LANES] = std::array::from_fn(|i| {
@@ -455,7 +473,7 @@ impl Outline {
         }
         if edges.iter().all(Option::is_none) {
             return Err(Error::input("no light gets through the apertures")
-                .at(format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm))
+                .at(place())
                 .help("give smaller fields, or check the apertures"));
         }
         Ok(Self { extent: Extent::MirrorHalf, edges })

@@ -105,12 +105,11 @@ fn golden_lenses_chief_rays_and_illumination() {
     }
 }
 
-/// Every real file of the collection loads, or is refused for apertures that are not circular or a
-/// tilt among a surface's properties.
+/// Every real file of the collection loads, or is refused for a tilt among a surface's properties.
 #[test]
 fn real_files_load() {
     let Some(dir) = shared("data/lenses") else { return };
-    let refused = [("zmax_37992.zmx", "SCBD"), ("US08011793-1.zmx", "not circular")];
+    let refused = [("zmax_37992.zmx", "SCBD")];
     let mut seen = 0;
     for folder in ["rayoptics", "optiland", "lens_EO54852"] {
         let mut files: Vec<PathBuf> =

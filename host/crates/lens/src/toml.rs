@@ -301,6 +301,7 @@ impl Row {
             inner: self.obscuration_radius_mm,
             outer: self.aperture_radius_mm.unwrap_or(f64::INFINITY),
             centre: self.aperture_centre_mm,
+            ..Clip::circle(1.0)
         };
         let medium = match self.glass.as_deref() {
             None | Some("air") => Medium::Air,

@@ -260,5 +260,17 @@ fn of_electrons(header: CubeHeader, bands: &Bands) -> CubeHeader {
     }
 }
 
+/// Bands of the light that a cube is of. Electrons are of pictures, in bands of the usual width.
+#[must_use]
+pub fn light_bands(header: &CubeHeader) -> Bands {
+    if !made_for::holds_electrons(header) {
+        return header.spectral_bands();
+    }
+    let step_nm = Bands::VISIBLE.step_nm;
+    let count = (header.band_step_nm / step_nm).round().max(1.0) as usize;
+    let start_nm = header.first_band_nm - (count / 2) as f64 * step_nm;
+    Bands { start_nm, step_nm, count }
+}
+
 #[cfg(test)]
 mod tests;

@@ -31,6 +31,15 @@ pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn
     Ok(Described::new(camera, bands, options)?.lens(None)?.0)
 }
 
+/// What a user should know of the lens of a camera in light of `bands`: what the reader of a
+/// prescription assumed or ignored, and where sensor or light go beyond tables.
+///
+/// # Errors
+/// Those of [`lens`], but for what only tracing shows.
+pub fn lens_notes(camera: &Camera, bands: &Bands) -> Result<Vec<String>> {
+    Ok(Described::new(camera, bands, &Options::default())?.notes().to_vec())
+}
+
 /// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
 pub enum Described {
     /// A lens of given figures.

@@ -49,14 +49,15 @@ mod sequence_stage;
 mod traced;
 
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
-pub use collapse::{CollapseReport, OpticsPath};
+pub use collapse::{CollapseReport, OpticsPath, light_bands};
 pub use corrections::{Corrections, corrections};
 pub use expose::{Arithmetic, SimulatedSensor};
 pub use intrinsics::{Intrinsics, intrinsics};
 pub use lamp_rows::lamp_rows;
-pub use lens::{lens, sensor_grid};
+pub use lens::{lens, lens_notes, sensor_grid};
 pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX, MEAN_REFLECTANCE};
-pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at, scene_irradiance};
+pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at};
+pub use lighting::{scene_irradiance, scene_notes};
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};

@@ -236,6 +236,17 @@ pub fn scene_irradiance(
     Ok(SceneIrradiance { cube, optics, notes })
 }
 
+/// What [`scene_irradiance`] tells, without the optics stage: of a scene so far as opening it says.
+///
+/// # Errors
+/// Those of [`SceneInLight::open`], and a lens that cannot be read.
+pub fn scene_notes(camera: &Camera, spec: &str, light: &SceneLight<'_>) -> Result<Vec<String>> {
+    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
+    let mut notes = opened.notes(camera);
+    notes.extend(super::lens_notes(camera, &opened.scene.bands())?);
+    Ok(notes)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -70,7 +70,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let reflectance_scale = header.number("reflectance scale factor")?;
     let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
-    let data = data_file(path)?;
+    let data = data_file(path, &mut notes)?;
     let mut understood =
         vec![format!("ENVI, {axes} from slowest to fastest, {sample:?}, in {}", data.display())];
     if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
@@ -98,12 +98,21 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     sidecar.cube(Box::new(cube), own)
 }
 
-/// The data file of a header: its name without `.hdr`, or with one of the usual extensions.
-fn data_file(header: &Path) -> Result<PathBuf> {
+/// The data file of a header: its name without `.hdr`, or with one of the usual extensions. Notes
+/// that there are several.
+fn data_file(header: &Path, notes: &mut Vec<String>) -> Result<PathBuf> {
     let bare = header.with_extension("");
     let endings = ["img", "dat", "raw", "bsq", "bil", "bip", "bin", "cube"];
     let candidates = endings.iter().map(|ending| bare.with_extension(ending));
-    let found = std::iter::once(bare.clone()).chain(candidates).find(|path| path.is_file());
+    let mut files = std::iter::once(bare.clone()).chain(candidates).filter(|path| path.is_file());
+    let found = files.next();
+    if let (Some(first), Some(second)) = (&found, files.next()) {
+        notes.push(format!(
+            "the samples are those of {}, and {} lies beside the header, too",
+            first.display(),
+            second.display()
+        ));
+    }
     // In capitals, or as some file systems leave them.
     let alike = |path: &PathBuf| {
         let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
@@ -275,6 +284,10 @@ mod tests {
         for words in ["no interleave: bsq", "no byte order: 0", "micrometres, by their size"] {
             assert!(notes.contains(words), "{notes}");
         }
+        assert!(!notes.contains("beside"), "{notes}");
+        std::fs::write(path.with_extension("img"), [1; 48]).unwrap();
+        let notes = said(&spec).unwrap().join("\n");
+        assert!(notes.contains("cube.img lies beside the header, too"), "{notes}");
         let error = said(&format!("{spec}:axes=yxb")).err().unwrap().to_string();
         assert!(error.contains("axes means nothing for an ENVI file"), "{error}");
     }

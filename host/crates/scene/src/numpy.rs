@@ -243,6 +243,8 @@ mod tests {
         let grid = Grid { width: 3, height: 2, left: -0.5, top: -1.0 / 3.0, cell: 1.0 / 3.0 };
         let plane = scene.plane(10, &grid).unwrap(); // 500 nm
         assert!((plane.at(2, 1) - 2.0 * 0.51).abs() < 1e-5, "{plane:?}");
+        let notes = scene.notes();
+        assert!(notes.len() == 1 && notes[0].contains("cube.toml lies beside it"), "{notes:?}");
 
         std::fs::write(path.with_extension("toml"), "start_mm = 400\n").unwrap();
         let message = open_scene(spec).err().unwrap().to_string();

@@ -18,7 +18,7 @@ use super::selection::Stated;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result, options};
 use serde::Deserialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The content of a sidecar.
 #[derive(Debug, Default, Deserialize)]
@@ -33,6 +33,9 @@ pub(super) struct Sidecar {
     pub scale: Option<f32>,
     pub array: Option<String>,
     negative: Option<Negative>,
+    /// The file, where there is one.
+    #[serde(skip)]
+    file: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -51,12 +54,14 @@ fn quantity<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Quantity
 impl Sidecar {
     /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) taking precedence.
     pub fn read(path: &Path, options: &str) -> Result<Self> {
-        options::read(
-            Some(&path.with_extension("toml")),
+        let file = path.with_extension("toml");
+        let said: Self = options::read(
+            Some(&file),
             options,
             "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \
              negative (which is \"zero\")",
-        )
+        )?;
+        Ok(Self { file: file.exists().then_some(file), ..said })
     }
 
     /// Refuses keys that mean nothing for `what`.
@@ -80,6 +85,11 @@ impl Sidecar {
         let given = self.given(bands).is_some();
         let (nm, assumed) = self.wavelengths(bands, nm, usual)?;
         notes.extend(assumed);
+        notes.extend(
+            self.file
+                .iter()
+                .map(|file| format!("{} lies beside it and says how it is read", file.display())),
+        );
         let (least, most) =
             nm.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &nm| (a.min(nm), b.max(nm)));
         understood.push(format!(

@@ -126,6 +126,12 @@ impl Comparison {
         })
     }
 
+    /// What a user should know of the scenes, their light, and the lenses and tables of the sides.
+    pub fn notes(&self) -> impl Iterator<Item = &String> {
+        let sides = [Some(&self.model), self.improved.as_ref(), Some(&self.captured)];
+        sides.into_iter().flatten().flat_map(|side| &side.taken.notes)
+    }
+
     /// Whether the comparison says what it should: with the stand-in of the paper's module, that
     /// the differences have the sizes that the paper reports and go with their causes; with
     /// captured frames or a better model of one's own, that none is left.

@@ -11,7 +11,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::stack::Stack;
 use camrig_measure::{Value, emva};
 use camrig_optics::Options;
-use camrig_render::{Arithmetic, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_render::{Arithmetic, SceneIrradiance, SceneLight, SimulatedSensor, scene_irradiance};
 use std::path::Path;
 
 /// The figures.
@@ -26,6 +26,8 @@ pub struct Datasheet {
     pub edges: Vec<Edge>,
     /// The table of factors, where the camera has any positional crosstalk.
     pub crosstalk: Option<Crosstalk>,
+    /// What a user should know of the light of the edge, the lens and the camera's tables.
+    pub notes: Vec<String>,
 }
 
 /// Columns and rows of the frame with the edge, and of the region measured. Long along the edge
@@ -75,7 +77,8 @@ impl Datasheet {
             }
             None => None,
         };
-        Ok(Self { emva, channels, efficiency, edges: edges(camera)?, crosstalk })
+        let (edges, notes) = edges(camera)?;
+        Ok(Self { emva, channels, efficiency, edges, crosstalk, notes })
     }
 }
 
@@ -136,12 +139,14 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Va
     Ok(out)
 }
 
-/// The edge under D65 in the middle of the image, every channel; exposed to half of saturation.
-fn edges(camera: &Camera) -> Result<Vec<Edge>> {
+/// The edge under D65 in the middle of the image, every channel, exposed to half of saturation; and
+/// what a user should know of it.
+fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
     let camera = cropped(camera, EDGE_FRAME);
     let light = SceneLight::lux("D65", EDGE_LUX);
     let options = Options::default();
-    let cube = scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?.cube;
+    let SceneIrradiance { cube, notes, .. } =
+        scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?;
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let frame = |seconds: f64| -> Result<RawFrame> {
         let settings = camera.settings(0, seconds, Some(1.0));
@@ -165,12 +170,13 @@ fn edges(camera: &Camera) -> Result<Vec<Edge>> {
     let roi = Roi { x, y, width, height };
     let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
     let (white, pitch) = (Some(frame.white_level_dn), Some(camera.sensor.pitch_um));
-    frame
+    let edges: Result<Vec<Edge>> = frame
         .cfa
         .channels()
         .iter()
         .map(|&letter| mtf::measure(&plane, &frame.cfa, letter, roi, white, pitch))
-        .collect()
+        .collect();
+    Ok((edges?, notes))
 }
 
 #[cfg(test)]

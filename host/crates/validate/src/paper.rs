@@ -11,12 +11,12 @@ use camrig_base::Cfa;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::{AnyEffect, Camera, read_effect};
 use camrig_captures::{CaptureSet, Role};
-use camrig_exposure::IrradianceCube;
 use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, Profile};
 use camrig_optics::Options;
-use camrig_render::{self as render, Arithmetic, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_render::scene_irradiance;
+use camrig_render::{self as render, Arithmetic, SceneIrradiance, SceneLight, SimulatedSensor};
 use serde::Serialize;
 use std::path::Path;
 
@@ -93,6 +93,8 @@ pub struct Taken {
     pub chart: [Vec<RawFrame>; 2],
     /// The slanted edge at the bright level.
     pub edge: RawFrame,
+    /// What a user should know of scenes, light, lens and tables of a simulated camera.
+    pub notes: Vec<String>,
 }
 
 /// Takes the frames with simulated cameras. Those that give the same irradiance share the optics
@@ -130,7 +132,8 @@ fn share_optics(a: &Camera, b: &Camera) -> bool {
 /// The frames of cameras that share their optics.
 fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Taken>> {
     let [bright, dim] = *levels;
-    let cube = under_d65(cameras[0], "colorchecker", bright.lux)?;
+    let SceneIrradiance { cube, mut notes, .. } =
+        under_d65(cameras[0], "colorchecker", bright.lux)?;
     let mut charts = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let stack = |level: Level, first: u32| -> Result<Vec<RawFrame>> {
@@ -152,20 +155,23 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
         middle.sensor.height = camera.sensor.height.div_ceil(4);
         middle
     };
-    let cube = under_d65(&middle(cameras[0]), "slanted-edge", bright.lux)?;
+    let edge = under_d65(&middle(cameras[0]), "slanted-edge", bright.lux)?;
+    notes.extend(edge.notes);
+    let cube = edge.cube;
     let with_edge = |(camera, chart): (&&Camera, [Vec<RawFrame>; 2])| {
         let camera = middle(camera);
         let settings = camera.settings(EDGE_FRAME, bright.exposure_s, Some(bright.analog_gain));
         let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
-        Ok(Taken { chart, edge: sensor.frame(&cube, None, &settings, Arithmetic::F32)? })
+        let edge = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+        Ok(Taken { chart, edge, notes: notes.clone() })
     };
     cameras.iter().zip(charts).map(with_edge).collect()
 }
 
 /// What falls on the sensor when the camera looks at a scene under D65, W m⁻² nm⁻¹.
-fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<IrradianceCube> {
+fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<SceneIrradiance> {
     let light = SceneLight::lux("D65", lux);
-    Ok(scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())?.cube)
+    scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())
 }
 
 /// The frames of a capture set, and how they were taken: the first edge, and the charts of most
@@ -211,7 +217,7 @@ pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
         analog_gain: c.analog_gain,
     };
     let edge = frames(edge)?.swap_remove(0);
-    let taken = Taken { chart: [frames(bright)?, frames(dim)?], edge };
+    let taken = Taken { chart: [frames(bright)?, frames(dim)?], edge, notes: Vec::new() };
     Ok((taken, [level(bright), level(dim)]))
 }
 

@@ -262,12 +262,14 @@ fn rising(list: &[Wavelengths]) -> Vec<f64> {
 
 /// Paraxial figures and surfaces of a prescription, or what a characterisation holds
 #[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Examples:\n  camrig lens info triplet.zmx\n  camrig lens info phone-lens --json"
-)]
+#[command(after_help = "Examples:\n  camrig lens info triplet.zmx\n  \
+    camrig lens info zoom.seq --surfaces\n  camrig lens info phone-lens --json")]
 struct InfoArgs {
     #[command(flatten)]
     lens: LensArgs,
+    /// List the surfaces of a prescription, also where they do not fit on the screen
+    #[arg(long, conflicts_with = "json")]
+    surfaces: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,

@@ -302,8 +302,14 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
         false => "assumed and ignored:".into(),
     });
     text.extend(lens.notes.iter().map(|note| format!("  {note}")));
-    print_screen(&text);
-    print_surfaces(lens);
+    let mut lines: Vec<String> = text.iter().flat_map(|text| screen::wrapped(text)).collect();
+    let surfaces = surface_lines(lens);
+    if args.surfaces || lines.len() + surfaces.len() <= screen::LINES {
+        lines.extend(surfaces);
+    } else {
+        lines.push(format!("{} surfaces: --surfaces lists them", lens.surfaces.len()));
+    }
+    lines.iter().for_each(|line| println!("{line}"));
     Ok(())
 }
 
@@ -312,11 +318,12 @@ fn print_screen(text: &[String]) {
     lines.for_each(|line| println!("{line}"));
 }
 
-fn print_surfaces(lens: &Prescription) {
-    println!(
+/// The surfaces as a table.
+fn surface_lines(lens: &Prescription) -> Vec<String> {
+    let mut lines = vec![format!(
         "{:>3} {:>14} {:>12} {:>12} {:>16} {:>10}",
         "", "radius mm", "thickness", "aperture", "behind", "conic"
-    );
+    )];
     for (i, s) in lens.surfaces.iter().enumerate() {
         let radius =
             if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
@@ -339,13 +346,14 @@ fn print_surfaces(lens: &Prescription) {
         };
         let placed =
             if s.entry.is_some() || s.exit.is_some() { " tilted or decentred" } else { "" };
-        println!(
+        lines.push(format!(
             "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{placed}{mark}",
             i + 1,
             s.thickness,
             s.conic
-        );
+        ));
     }
+    lines
 }
 
 /// What a characterisation holds.
@@ -364,6 +372,8 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
             "efl_mm": lens.efl_mm,
             "f_number": lens.f_number,
             "magnification": lens.magnification,
+            "axis_solid_angle_sr": lens.projected_solid_angle_sr(),
+            "axis_solid_angle_traced": lens.axis_solid_angle_sr.is_some(),
             "stop_radius_mm": lens.stop_radius_mm,
             "heights_mm": lens.heights_mm,
             "wavelengths_nm": lens.wavelengths_nm,
@@ -388,6 +398,15 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
             lens.efl_mm, lens.f_number, lens.magnification
         ),
         summary(&lens),
+        format!(
+            "projected solid angle of the pupil on the axis {:.6} sr, {}",
+            lens.projected_solid_angle_sr(),
+            match lens.axis_solid_angle_sr {
+                Some(_) => "of real rays",
+                None =>
+                    "of a cone by the f-number, π/(1 + 4 N²): real lenses differ by some per cent",
+            }
+        ),
         format!(
             "distortion and relative illumination of {first} to {last} nm; PSFs to {} mm, of \
              {psf_first} to {psf_last} nm; chief-ray angles {}",
@@ -424,7 +443,7 @@ fn info_of_plane(lens: &PlaneCharacterisation, as_json: bool) {
     print_screen(&[
         format!("{} ({}), not rotationally symmetric", lens.name, lens.source),
         format!(
-            "principal distance {:.6} mm, f/{:.4} at the image",
+            "principal distance {:.6} mm, f/{:.4} at the image (by the solid angle of real rays)",
             lens.principal_distance_mm, lens.working_f_number
         ),
         plane_summary(lens),

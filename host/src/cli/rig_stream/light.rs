@@ -2,6 +2,7 @@
 
 use super::Args;
 use crate::cli::expose;
+use crate::cli::notes::Notes;
 use crate::cli::scene_lights::SceneLights;
 use crate::cli::simulate::ViewArgs;
 use crate::cli::times;
@@ -20,6 +21,8 @@ pub struct Light {
     pub cubes: Vec<IrradianceCube>,
     /// The frames of a scene after the first.
     pub scene: Option<SceneLights>,
+    /// What was told of irradiance files.
+    told: Notes,
 }
 
 impl Light {
@@ -42,7 +45,8 @@ impl Light {
             };
             let times = args.time.times(camera, args.fps)?;
             let (scene, first) = SceneLights::open(&view, camera, args.fps, times)?;
-            return Ok(Self { cubes: vec![first.cube], scene: Some(scene) });
+            let cubes = vec![first.cube];
+            return Ok(Self { cubes, scene: Some(scene), told: Notes::default() });
         }
         if args.time.is_given() {
             return Err(Error::unsupported("--lamp and --between of irradiance files")
@@ -52,8 +56,11 @@ impl Light {
             .irradiance
             .as_ref()
             .ok_or_else(|| Error::input("neither scene nor irradiance"))?;
-        let cubes =
-            if path.is_dir() { folder(path, camera)? } else { vec![expose::open(path, camera)?] };
+        let mut told = Notes::default();
+        let cubes = match path.is_dir() {
+            true => folder(path, camera, &mut told)?,
+            false => vec![expose::open(path, camera, &mut told)?],
+        };
         let same = cubes.windows(2).all(|w| {
             let of = |h: &CubeHeader| (h.width, h.height, h.spectral_bands());
             of(&w[0].header) == of(&w[1].header)
@@ -65,7 +72,7 @@ impl Light {
             .at(path.display())
             .help(format!("give files made for {}", camera.name)));
         }
-        Ok(Self { cubes, scene: None })
+        Ok(Self { cubes, scene: None, told })
     }
 
     /// The sensor in front of each of the cubes. Refuses light that changes under one that
@@ -101,6 +108,11 @@ impl Light {
         Ok(())
     }
 
+    /// What was told of the light, the lens and the camera's tables.
+    pub fn notes(&self) -> &[String] {
+        self.scene.as_ref().map_or(self.told.all(), SceneLights::notes)
+    }
+
     /// Whether it is a sequence, which ends.
     pub fn is_sequence(&self) -> bool {
         self.scene.as_ref().is_some_and(SceneLights::is_sequence)
@@ -113,7 +125,7 @@ impl Light {
 }
 
 /// The irradiance files of a folder in natural order. Other files are left out with a word.
-fn folder(path: &Path, camera: &Camera) -> Result<Vec<IrradianceCube>> {
+fn folder(path: &Path, camera: &Camera, told: &mut Notes) -> Result<Vec<IrradianceCube>> {
     let failed = |e| Error::io("read", path, e);
     let entries = std::fs::read_dir(path).map_err(failed)?;
     let mut files = Vec::new();
@@ -127,7 +139,7 @@ fn folder(path: &Path, camera: &Camera) -> Result<Vec<IrradianceCube>> {
     let (mut cubes, mut left_out) = (Vec::new(), Vec::new());
     for file in &files {
         match IrradianceCube::open(file) {
-            Ok(cube) => cubes.push(expose::checked(cube, file, camera)?),
+            Ok(cube) => cubes.push(expose::checked(cube, file, camera, told)?),
             Err(error) if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("irr")) => {
                 return Err(error);
             }

@@ -233,6 +233,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         scene.tell_end(pace.frames(), args.frames.filter(|_| ended.is_ok() && !stop.is_asked()));
         outcome.scene_frames = scene.counts();
     }
+    outcome.notes = light.notes().to_vec();
     if pace.frames() > 0 {
         report::tell(args, &rig, before, &pace, &outcome);
     }

@@ -75,6 +75,8 @@ pub struct Outcome {
     pub records: Vec<Record>,
     /// Frames of a scene that is a sequence, counted.
     pub scene_frames: Value,
+    /// What was told of the light, the lens and the camera's tables.
+    pub notes: Vec<String>,
 }
 
 /// Tells figures: one JSON object, or lines for a person, on standard error where the frames are
@@ -118,6 +120,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "received_bytes": received,
                 "repairs": repairs,
                 "settings": settings,
+                "notes": outcome.notes,
             })
         );
         return;

@@ -136,8 +136,9 @@ pub fn run(args: &Args) -> Result<()> {
     let shared = Arc::new(Shared::new(source, settings));
     let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
     let stop = Stoppable::new();
+    let told = lights.notes().to_vec();
     let scene = Scene::new(lights, lit.first(), &shared);
-    let mut session = Session::new(args, &camera, &shared, &orders, &stop, scene)?;
+    let mut session = Session::new(args, &camera, &shared, &orders, &stop, scene, told)?;
     session.begin(&mut rig)?;
     // The address is data: scripts wait for it.
     println!("{}", page.url());

@@ -7,6 +7,7 @@ use super::recorder::Recorder;
 use super::scene::Scene;
 use super::{Args, registers};
 use crate::cli::arguments::broken_link;
+use crate::cli::notes::Notes;
 use crate::cli::rig_stream::{KEPT_BYTES, pace};
 use crate::view::{Frame, Order, Register, Shared, State, Status, Timing};
 use camrig_base::stop::Stoppable;
@@ -45,6 +46,8 @@ pub struct Session<'a> {
     lit_before: bool,
     /// A scene that changes.
     scene: Option<Scene>,
+    /// Notes of the optics, which the terminal has, too.
+    told: Notes,
 }
 
 /// Why frames end.
@@ -56,7 +59,7 @@ enum Next {
 }
 
 impl<'a> Session<'a> {
-    /// A stream that has not begun.
+    /// A stream that has not begun; of its scene `told` is on the terminal already.
     ///
     /// # Errors
     /// A graphics processor that is asked for and not there.
@@ -67,7 +70,9 @@ impl<'a> Session<'a> {
         orders: &'a mpsc::Receiver<Order>,
         stop: &'a Stoppable,
         scene: Option<Scene>,
+        told: Vec<String>,
     ) -> Result<Self> {
+        told.iter().for_each(|note| shared.change(|state| state.note("optics", note.as_str())));
         Ok(Self {
             args,
             camera,
@@ -83,6 +88,7 @@ impl<'a> Session<'a> {
             frames: 0,
             lit_before: false,
             scene,
+            told: Notes::after(told),
         })
     }
 
@@ -305,8 +311,9 @@ impl<'a> Session<'a> {
     }
 
     /// A scene that has become ready, at the level of the one before, where both have one.
-    fn lit(&self, ready: Ready, lux: Option<f64>) -> Result<Lit> {
+    fn lit(&mut self, ready: Ready, lux: Option<f64>) -> Result<Lit> {
         let Ready { wanted, view } = ready;
+        self.told.tell(view.notes.iter().cloned());
         view.notes.iter().for_each(|note| self.note("optics", note.clone()));
         let fresh = Lit::new(self.camera, view)?;
         let fresh = match lux {

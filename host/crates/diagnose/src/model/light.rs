@@ -6,7 +6,7 @@ use camrig_base::{Plane, Result};
 use camrig_camera::{Camera, SensorModel};
 use camrig_light::LightLevel;
 use camrig_optics::Options;
-use camrig_render::{DEFAULT_LUX, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_render::{DEFAULT_LUX, SceneLight, SimulatedSensor, scene_irradiance, scene_notes};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
@@ -48,10 +48,7 @@ impl Lights {
                 return Ok(entry.1.clone());
             }
         }
-        // A scene of radiance has its own light; one of reflectances has LUX unless told
-        // otherwise.
-        let level = target.lux.map(|_| LightLevel::Lux(LUX));
-        let light = SceneLight { illuminant: target.illuminant.as_deref(), level };
+        let light = light_on(target);
         let cube = scene_irradiance(camera, &target.scene, &light, &Options::default(), |_, _| ())
             .map_err(|e| e.at(format!("capture {:?}", target.stack.id)))?
             .cube;
@@ -67,6 +64,32 @@ impl Lights {
         }
         Ok(electrons)
     }
+}
+
+/// The light on a target: a scene of radiance has its own; one of reflectances has `LUX` unless told
+/// otherwise.
+fn light_on(target: &Target) -> SceneLight<'_> {
+    let level = target.lux.map(|_| LightLevel::Lux(LUX));
+    SceneLight { illuminant: target.illuminant.as_deref(), level }
+}
+
+/// What a user should know of the scenes of targets, their light, and the lens and the tables of a
+/// camera that looks at them, each once.
+///
+/// # Errors
+/// Scenes and lenses that cannot be read.
+pub fn notes(camera: &Camera, targets: &[Target]) -> Result<Vec<String>> {
+    let mut all = Vec::new();
+    for target in targets {
+        for note in scene_notes(camera, &target.scene, &light_on(target))
+            .map_err(|e| e.at(format!("capture {:?}", target.stack.id)))?
+        {
+            if !all.contains(&note) {
+                all.push(note);
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// All that the photo-electrons of a target depend on, as text: scene, light, lens, effects of the
@@ -163,5 +186,18 @@ mod tests {
         smaller.sensor.fill_factor *= 0.5;
         let ratio = sum(&first) / sum(&of(&smaller));
         assert!((ratio - 2.0).abs() < 0.01, "{ratio}");
+    }
+
+    #[test]
+    fn a_sensor_beyond_the_tables_of_the_lens_is_told_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("small");
+        // To an image height of 0.5 mm.
+        camrig_optics::Characterisation::example(17, 0.5).write(&path, false).unwrap();
+        let mut camera = Camera::load("mt9t012").unwrap();
+        camera.lens.kind = LensKind::Characterised(path);
+        let told = notes(&camera, &[edge(), edge()]).unwrap();
+        let of_lens = told.iter().filter(|note| note.contains("end at 0.500 mm")).count();
+        assert_eq!(of_lens, 1, "{told:?}");
     }
 }

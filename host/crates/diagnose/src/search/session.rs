@@ -264,6 +264,7 @@ impl Session {
         let half = |design: Design| Half::measure(camera, set, design, &lights, progress);
         let kept = |half: Half| if keep { half } else { half.without_moments() };
         let mut notes = halves.notes;
+        notes.extend(light::notes(camera, &halves.fit.targets)?);
         if halves.fit.conditions.iter().any(|c| c.stack.role == Role::Flat && !c.even) {
             notes.push(
                 "the light of flats may be uneven (uniformity = \"unknown\"): smooth shading is \

@@ -166,6 +166,7 @@ fn read_set(parameter_file: &Path, parameters: &Parameters) -> Result<Characteri
         f_number: parameters.number("fnumber")?,
         magnification: parameters.number("mag")?.abs(),
         pupil_magnification: 1.0,
+        axis_solid_angle_sr: None,
         stop_radius_mm: None,
         transmittance: Spectrum::constant(1.0),
         wavelengths_nm,

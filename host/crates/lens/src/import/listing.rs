@@ -109,7 +109,7 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
             // Its sign tells which way is up.
             let y = words(rest).get(1).copied().unwrap_or("");
             image_y = Some(number("image position y", y).map_err(at)?);
-        } else if line.contains(" at ") && (line.contains("µm") || line.contains("μm")) {
+        } else if ["µm at ", "μm at ", "um at "].iter().any(|words| line.contains(words)) {
             // `0.5500 µm at -27.38 deg.`; FFT: `0.4500 to 0.4500 µm at 4.0000, 0.0000 mm.`
             let words: Vec<&str> = line.split([' ', ',']).filter(|w| !w.is_empty()).collect();
             wavelength_nm = Some(number("wavelength", words[0]).map_err(at)? * 1e3);

@@ -118,6 +118,7 @@ pub fn read(path: &Path) -> Result<Characterisation> {
         f_number: manifest.f_number,
         magnification: manifest.magnification,
         pupil_magnification: 1.0,
+        axis_solid_angle_sr: None,
         stop_radius_mm: None,
         transmittance: Spectrum::constant(1.0),
         wavelengths_nm,

@@ -3,7 +3,7 @@
 use super::known::{Known, known};
 use super::lexer::{Command, Kind, Word};
 use super::{Draft, File, first, numbers};
-use crate::prescription::{Aperture, Clip, FieldKind};
+use crate::prescription::{Aperture, Clip, FieldKind, Shape};
 use crate::refuse;
 use camrig_base::{Error, Result};
 
@@ -237,10 +237,7 @@ impl File {
         let radius_mode = self.radius_mode;
         let surface = &mut self.surfaces[index];
         match keyword {
-            "CIR" => surface.aperture(words)?,
-            "REX" | "REY" | "ELX" | "ELY" => {
-                return refuse(&format!("{keyword} (an aperture that is not circular)"));
-            }
+            "CIR" | "REX" | "REY" | "ELX" | "ELY" => surface.aperture(keyword, words)?,
             "GLA" | "GL1" => {
                 let name = words.first().ok_or_else(|| {
                     Error::input("GLA without a glass").help("the line is cut short")
@@ -291,7 +288,7 @@ impl File {
             _ => return Err(unknown(keyword)),
         }
         let taken = match keyword {
-            "CIR" | "SPS" => words.len(),
+            "CIR" | "REX" | "REY" | "ELX" | "ELY" | "SPS" => words.len(),
             "CON" | "ASP" | "SPH" | "AAS" | "CYL" | "RFL" | "REFL" => 0,
             _ => 1,
         };
@@ -351,16 +348,31 @@ fn kind_of(keyword: &str) -> FieldKind {
 }
 
 impl Draft {
-    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle.
-    fn aperture(&mut self, words: &[Word]) -> Result<()> {
+    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle; likewise half of the width in x
+    /// of a rectangle (`REX`) or an ellipse (`ELX`), which `REY` and `ELY` of the same kind complete.
+    fn aperture(&mut self, keyword: &str, words: &[Word]) -> Result<()> {
         let rest: Vec<Word> = words.iter().filter(|w| w.kind != Kind::Label).cloned().collect();
-        let (clip, used) = match aperture_kind(words).as_str() {
-            "OBS" => (Clip::ring(first(&rest[1..], "CIR OBS")?, f64::INFINITY), 2),
-            "CLR" => (Clip::circle(first(&rest[1..], "CIR CLR")?), 2),
-            _ => (Clip::circle(first(&rest, "CIR")?), 1),
-        };
-        self.clips.push(clip);
-        no_more("CIR", &rest[used..])
+        let kind = aperture_kind(words);
+        let used = usize::from(["OBS", "CLR"].contains(&&kind[..]));
+        let half = first(&rest[used..], keyword)?;
+        no_more(keyword, &rest[used + 1..])?;
+        let shape = if keyword.starts_with("RE") { Shape::Rectangle } else { Shape::Ellipse };
+        let is_obstacle = kind == "OBS";
+        if keyword.ends_with('Y') {
+            let begun = self.clips.iter_mut().find(|clip| {
+                clip.aspect.is_nan() && clip.shape == shape && is_obstacle == (clip.inner > 0.0)
+            });
+            let begun = begun.ok_or_else(|| {
+                Error::input(format!("{keyword} without the width in x"))
+                    .help("REX stands before REY, ELX before ELY")
+            })?;
+            begun.aspect = half / if is_obstacle { begun.inner } else { begun.outer };
+            return Ok(());
+        }
+        let aspect = if keyword == "CIR" { 1.0 } else { f64::NAN };
+        let opening = Clip { shape, aspect, ..Clip::circle(half) };
+        self.clips.push(if is_obstacle { opening.obstacle() } else { opening });
+        Ok(())
     }
 
     /// `CUX`, `RDX`, `KX`: curvature, radius and conic constant in x.

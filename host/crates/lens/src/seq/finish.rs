@@ -2,7 +2,7 @@
 
 use super::{Across, Draft, File, INFINITE, radii};
 use crate::prescription::{
-    Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
+    Aperture, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
 };
 use camrig_base::{Error, Result};
 use camrig_glass::Catalogue;
@@ -150,8 +150,7 @@ impl Draft {
             Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
         };
         let centre = self.aperture_centre.map(|v| v * scale);
-        let clips = self.clips.iter();
-        let clips = clips.map(|c| Clip { centre, ..Clip::ring(c.inner * scale, c.outer * scale) });
+        let clips = self.clips.iter().map(|clip| clip.placed(scale, centre));
         let form = match &self.across {
             None => Form::Plain,
             Some(Across { curvature: Some(c), conic }) => {

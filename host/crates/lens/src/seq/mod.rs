@@ -3,9 +3,10 @@
 //! Read: spherical, conic and aspheric surfaces (`ASP` with K, A to J; odd polynomials `SPS ODD`),
 //! biconics (`AAS`) and cylinders (`CYL`), tilts and decentres (`XDE` to `CDE`, `DAR`, `BEN`,
 //! `REV`), mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO,
-//! angular and height fields, vignetting factors, circular apertures, zoom positions (`ZOO`). A
+//! angular and height fields, vignetting factors, circular, elliptical and rectangular apertures
+//! and obscurations, zoom positions (`ZOO`). A
 //! command that is not known to be without effect on the image is refused with its line: toroids,
-//! other special surfaces, apertures that are not circular. `RDM` says that surfaces are given by
+//! other special surfaces, turned apertures. `RDM` says that surfaces are given by
 //! radius, `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a
 //! lens, they are taken as radii, with a note.
 

@@ -49,6 +49,11 @@ impl Configurations {
         Ok(())
     }
 
+    /// Whether `MNUM` came already: lines behind it are the editor's.
+    pub(super) fn have_begun(&self) -> bool {
+        self.count > 0
+    }
+
     /// A line behind `MNUM` that is not about surfaces.
     pub(super) fn line(&mut self, keyword: &str, rest: &[&str], line: usize) {
         let whole = |i: usize| rest.get(i).and_then(|w| w.parse::<usize>().ok());

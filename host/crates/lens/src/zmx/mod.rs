@@ -2,19 +2,22 @@
 //!
 //! Read: standard, even-asphere, odd-asphere, extended-asphere, Forbes, biconic, toroidal and
 //! paraxial surfaces, coordinate breaks, mirrors, catalogue and model glasses, angles and heights
-//! as fields, circular apertures and obscurations, telecentric object space, configurations.
-//! Refused: other surface types, apertures that are not circular, tilts and decentres of single
-//! surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
-//! and merit functions are ignored; values that a pickup or solve governs are taken as they stand.
+//! as fields, circular, elliptical and rectangular apertures and obscurations (`SQAP` and its like
+//! give half widths), telecentric object space, configurations. Refused: other surface types,
+//! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
+//! and merit functions are ignored (`known.rs`), others that are not read are told; values that a
+//! pickup or solve governs are taken as they stand.
 
 mod configurations;
 mod fields;
+mod known;
 mod material;
 mod shape;
 #[cfg(test)]
 mod tests;
 
-use super::prescription::{Aperture, Clip, Form, Medium, Object, Prescription, Surface};
+use super::prescription::{Aperture, Clip, Form, Medium, Object};
+use super::prescription::{Prescription, Shape, Surface};
 use crate::refuse;
 use camrig_base::{Error, Result};
 use camrig_glass::Catalogue;
@@ -82,22 +85,20 @@ pub fn read_configuration(
     configuration: Option<&str>,
 ) -> Result<Prescription> {
     let mut file = File { primary: 1, ..File::default() };
-    let mut unknown = Vec::new();
     for (i, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some((keyword, rest)) = words.split_first() else { continue };
         let inside = line.starts_with(' ') || line.starts_with('\t');
         let read = match (inside, file.surfaces.last_mut()) {
             (true, Some(surface)) => {
-                if !OF_SURFACES.contains(keyword) && !unknown.contains(keyword) {
-                    unknown.push(keyword);
-                    file.notes.push(format!(
-                        "line {}: {keyword} of a surface is not known, and not used",
-                        i + 1
-                    ));
-                }
                 file.configurations.surface_line(keyword, rest, i + 1);
-                surface.keyword(keyword, rest, i + 1)
+                match surface.keyword(keyword, rest, i + 1) {
+                    Ok(false) => {
+                        file.unknown(keyword, "of a surface", i + 1);
+                        Ok(())
+                    }
+                    read => read.map(|_| ()),
+                }
             }
             (true, None) => Ok(()),
             (false, _) => file.keyword(keyword, rest, i + 1),
@@ -106,15 +107,6 @@ pub fn read_configuration(
     }
     file.finish(glasses, configuration)
 }
-
-/// Keywords of surfaces that are read, and those without effect on the image: names, drawing,
-/// coatings, mechanics, pickups and variables (values are taken as they stand).
-const OF_SURFACES: &[&str] = &[
-    "CLAP", "COAT", "COFN", "COMM", "CONI", "CURV", "DIAM", "DISZ", "ELAP", "ELOB", "FIMP",
-    "FLAP", "GLAS", "HIDE", "MAZH", "MEMA", "MIRR", "NEXT", "OBDC", "OBSC", "OEMA", "PARM",
-    "POPS", "PPAR", "PZUP", "SCBD", "SLAB", "SPID", "SQAP", "SQOB", "STOP", "TYPE", "UDAP",
-    "UDOB", "VCON", "VCUR", "VDSZ", "VPAR", "XDAT",
-];
 
 fn word<'a>(words: &[&'a str], i: usize, keyword: &str) -> Result<&'a str> {
     words.get(i).copied().ok_or_else(|| {
@@ -173,10 +165,10 @@ impl File {
             "YFLN" => self.fields_y = numbers(keyword, rest)?,
             "XFLD" if self.fields_x.is_empty() => self.fields_x = numbers(keyword, rest)?,
             "YFLD" if self.fields_y.is_empty() => self.fields_y = numbers(keyword, rest)?,
-            "VDXN" => self.vignetting[0] = numbers(keyword, rest)?,
-            "VDYN" => self.vignetting[1] = numbers(keyword, rest)?,
-            "VCXN" => self.vignetting[2] = numbers(keyword, rest)?,
-            "VCYN" => self.vignetting[3] = numbers(keyword, rest)?,
+            "VDXN" | "ZVDX" => self.vignetting(keyword, 0, rest)?,
+            "VDYN" | "ZVDY" => self.vignetting(keyword, 1, rest)?,
+            "VCXN" | "ZVCX" => self.vignetting(keyword, 2, rest)?,
+            "VCYN" | "ZVCY" => self.vignetting(keyword, 3, rest)?,
             "WAVM" => {
                 // Slots in order; those beyond the number in use hold defaults.
                 let slot = count(rest, 0, keyword)?;
@@ -216,14 +208,38 @@ impl File {
             "ENVD" if rest.len() > 2 && rest[2] == "1" => self.notes.push(format!(
                 "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
             )),
-            _ => self.configurations.line(keyword, rest, line),
+            _ => {
+                let of_system = self.surfaces.is_empty() && !self.configurations.have_begun();
+                if of_system && !known::harmless_of_system(keyword, rest) {
+                    self.unknown(keyword, "of the system", line);
+                }
+                self.configurations.line(keyword, rest, line);
+            }
         }
         Ok(())
+    }
+
+    /// Decentre or compression of the pupil at each field; the older form (ZVDX) counts where the
+    /// newer (VDXN) is not there.
+    fn vignetting(&mut self, keyword: &str, i: usize, rest: &[&str]) -> Result<()> {
+        if !keyword.starts_with('Z') || self.vignetting[i].is_empty() {
+            self.vignetting[i] = numbers(keyword, rest)?;
+        }
+        Ok(())
+    }
+
+    /// Notes a keyword of which nothing is known, once.
+    fn unknown(&mut self, keyword: &str, whose: &str, line: usize) {
+        let note = format!("{keyword} {whose} is not known, and not used");
+        if !self.notes.iter().any(|told| told.ends_with(&note)) {
+            self.notes.push(format!("line {line}: {note}"));
+        }
     }
 }
 
 impl Draft {
-    fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
+    /// Reads a line; whether anything is known of its keyword.
+    fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<bool> {
         match keyword {
             "TYPE" => self.kind = word(rest, 0, keyword)?.to_owned(),
             "CURV" => self.curvature = value(rest, 0, keyword)?,
@@ -254,19 +270,29 @@ impl Draft {
                 }
                 self.clips.push(Clip::ring(outer, f64::INFINITY));
             }
-            "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" | "UDAP" | "UDOB" => {
-                return refuse("an aperture that is not circular");
+            "SQAP" | "ELAP" | "SQOB" | "ELOB" => {
+                let half = [value(rest, 0, keyword)?, value(rest, 1, keyword)?];
+                let square = keyword.starts_with("SQ");
+                let shape = if square { Shape::Rectangle } else { Shape::Ellipse };
+                let (opening, clear) = (Clip::opening(shape, half), keyword.ends_with("AP"));
+                self.clear |= clear;
+                self.clips.push(if clear { opening } else { opening.obstacle() });
+            }
+            "SPID" | "UDAP" | "UDOB" => {
+                let what = format!("a spider or an aperture drawn by its corners ({keyword})");
+                return Err(Error::unsupported(what)
+                    .help("give circles, ellipses and rectangles, or leave it out"));
             }
             "OBDC" => self.centre = [value(rest, 0, keyword)?, value(rest, 1, keyword)?],
             "SCBD"
                 if rest.len() > 3 && numbers(keyword, &rest[3..])?.iter().any(|v| *v != 0.0) =>
             {
-                return refuse("a tilt or decentre among a surface's properties (SCBD)");
+                refuse("a tilt or decentre among a surface's properties (SCBD)")?;
             }
             "STOP" => self.stop = true,
-            _ => {}
+            _ => return Ok(known::harmless_of_surface(keyword, rest)),
         }
-        Ok(())
+        Ok(true)
     }
 
     fn surface(
@@ -280,17 +306,11 @@ impl Draft {
             return Err(Error::input("infinite thickness behind a surface of the lens")
                 .help("only the object may be at infinity"));
         };
+        let centre = self.centre.map(|v| v * scale);
         let mut surface = Surface {
             curvature: self.curvature / scale,
             conic: self.conic,
-            clips: self
-                .clips
-                .iter()
-                .map(|c| Clip {
-                    centre: self.centre.map(|v| v * scale),
-                    ..Clip::ring(c.inner * scale, c.outer * scale)
-                })
-                .collect(),
+            clips: self.clips.iter().map(|clip| clip.placed(scale, centre)).collect(),
             ..Surface::plane(thickness * scale)
         };
         self.shape(&mut surface, scale, notes)?;

@@ -229,7 +229,7 @@ fn shapes_that_are_not_known_are_refused_with_type_and_line() {
         ("  TYPE QBFSASPH\n  CONI 1\n  XDAT 1 1\n  XDAT 2 5\n  XDAT 3 0.1\n", "Q-bfs"),
         ("  TYPE QCONASPH\n  XDAT 1 1\n  XDAT 2 0\n", "normalisation radius"),
         ("  TYPE PARAXIAL\n  PARM 1 50\n", "plane"),
-        ("  SQAP 1 1 0\n", "not circular"),
+        ("  UDAP 1 1 0\n", "UDAP"),
         ("  SCBD 0 0 0 1 0 0\n", "SCBD"),
     ] {
         let stop = format!("  STOP\n{change}");

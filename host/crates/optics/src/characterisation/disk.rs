@@ -16,6 +16,7 @@
 //! f_number = 2.37
 //! magnification = 0.0
 //! pupil_magnification = 1.0                # optional, default 1
+//! axis_solid_angle_sr = 0.135              # optional, default π/(1 + 4 N²) of the working f-number
 //! stop_radius_mm = 0.95                    # optional
 //! wavelengths_nm = [400.0, 550.0, 700.0]
 //! heights_mm = [0.0, 1.0, 2.0]
@@ -58,6 +59,7 @@ struct LensToml {
     magnification: f64,
     #[serde(default = "one")]
     pupil_magnification: f64,
+    axis_solid_angle_sr: Option<f64>,
     stop_radius_mm: Option<f64>,
     wavelengths_nm: Vec<f64>,
     heights_mm: Vec<f64>,
@@ -140,6 +142,7 @@ impl Characterisation {
             f_number: head.f_number,
             magnification: head.magnification,
             pupil_magnification: head.pupil_magnification,
+            axis_solid_angle_sr: head.axis_solid_angle_sr,
             stop_radius_mm: head.stop_radius_mm,
             transmittance: Spectrum::new(nm, value)
                 .map_err(|e| e.at("transmittance").at(path.display()))?,
@@ -187,6 +190,7 @@ impl Characterisation {
             f_number: self.f_number,
             magnification: self.magnification,
             pupil_magnification: self.pupil_magnification,
+            axis_solid_angle_sr: self.axis_solid_angle_sr,
             stop_radius_mm: self.stop_radius_mm,
             wavelengths_nm: self.wavelengths_nm.clone(),
             heights_mm: self.heights_mm.clone(),

@@ -47,6 +47,7 @@ impl Characterisation {
             f_number: 2.8,
             magnification: 0.0,
             pupil_magnification: 1.0,
+            axis_solid_angle_sr: None,
             stop_radius_mm: Some(0.18),
             transmittance: Spectrum::constant(0.9),
             real_height_mm: grid(&|h, w| h * (1.0 - 0.2 * h * h + 2e-5 * (w - 550.0))),

@@ -81,6 +81,16 @@ mod tests {
     }
 
     #[test]
+    fn a_fraction_of_steps_is_refused() {
+        let said = |options: &str| match crate::open(&format!("ramp:{options}")) {
+            Ok(_) => String::new(),
+            Err(error) => error.to_string(),
+        };
+        assert!(said("steps=2.5").contains("steps=2.5"), "{}", said("steps=2.5"));
+        assert_eq!(said("steps=2"), "");
+    }
+
+    #[test]
     fn cells_hold_the_mean_of_the_ramp() {
         let ramp = Ramp { from: 0.1, to: 0.9, steps: 0 };
         let got = row(&ramp, 6, -0.75, 0.25);
