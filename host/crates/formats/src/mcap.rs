@@ -171,7 +171,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     };
     let damaged = |error: mcap::McapError| not_whole(&error.to_string());
     if !records_end_within(bytes.get(MAGIC.len()..).unwrap_or_default(), false) {
-        return Err(not_whole("a record is longer than what holds it"));
+        return Err(not_whole("a record or a text is longer than what holds it"));
     }
     let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
     let (mut planes, mut facts) = (Vec::<Plane<u16>>::new(), Facts::default());
@@ -203,8 +203,9 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(Frames { planes, facts })
 }
 
-/// Whether every record ends within the bytes that hold it, those of chunks too that are not
-/// compressed: `mcap` adds to the lengths that they state as if it did.
+/// Whether every record ends within the bytes that hold it, and every text within its record,
+/// those of chunks too that are not compressed: `mcap` adds to the lengths that they state, and
+/// takes memory for them, as if they did.
 fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
     // An opcode and a length.
     const HEAD: usize = 9;
@@ -212,12 +213,49 @@ fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
         let length = u64::from_le_bytes(std::array::from_fn(|i| head[1 + i]));
         let record = usize::try_from(length).ok().and_then(|n| after.split_at_checked(n));
         let Some((record, next)) = record else { return false };
+        if !texts_end_within(head[0], record) {
+            return false;
+        }
         match head[0] {
             _ if in_chunk => rest = next,
             op::FOOTER => return true,
             op::CHUNK if !records_end_within(records_of_chunk(record), true) => return false,
             _ => rest = next,
         }
+    }
+    true
+}
+
+/// Whether the texts of a record end within it: each is its length and its bytes.
+fn texts_end_within(kind: u8, record: &[u8]) -> bool {
+    // Bytes before the first text, and texts before a map of them if there is one, which is the
+    // length of all its texts and these.
+    let (before, texts, map) = match kind {
+        op::HEADER => (0, 2, false),
+        op::SCHEMA => (2, 3, false),
+        op::CHANNEL => (4, 2, true),
+        op::CHUNK => (28, 1, false),
+        op::ATTACHMENT => (16, 2, false),
+        op::METADATA => (0, 1, true),
+        _ => return true,
+    };
+    fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+        let (length, rest) = bytes.split_first_chunk()?;
+        rest.split_at_checked(u32::from_le_bytes(*length) as usize)
+    }
+    let Some(mut rest) = record.get(before..) else { return false };
+    for _ in 0..texts {
+        let Some((_, after)) = split(rest) else { return false };
+        rest = after;
+    }
+    let mut mapped = match (map, split(rest)) {
+        (false, _) => return true,
+        (true, None) => return false,
+        (true, Some((texts, _))) => texts,
+    };
+    while !mapped.is_empty() {
+        let Some((_, after)) = split(mapped) else { return false };
+        mapped = after;
     }
     true
 }
@@ -292,7 +330,15 @@ mod tests {
         chunk.extend((lying.len() as u64).to_le_bytes());
         chunk.extend(&lying);
         let chunk = record(op::CHUNK, chunk.len() as u64, &chunk);
-        for records in [lying, chunk] {
+        // Texts that state nearly 2³² bytes: a schema's name, the second text of a channel's map.
+        let text = |length: u32, content: &[u8]| [&length.to_le_bytes()[..], content].concat();
+        let name = [&[1, 0][..], &text(u32::MAX - 9, &[0; 40])].concat();
+        let schema = record(op::SCHEMA, name.len() as u64, &name);
+        let map = [text(1, b"a"), text(u32::MAX - 9, &[0; 40])].concat();
+        let (topic, map) = ([text(1, b"t"), text(0, b"")].concat(), text(map.len() as u32, &map));
+        let channel = [&[1, 0, 1, 0][..], &topic, &map].concat();
+        let channel = record(op::CHANNEL, channel.len() as u64, &channel);
+        for records in [lying, chunk, schema, channel] {
             let error = decode(&[MAGIC, &records].concat()).err().unwrap().to_string();
             assert!(error.contains("longer than what holds it"), "{error}");
         }

@@ -5,7 +5,7 @@ use super::cube::BandSource;
 use super::matlab::{Array, Value};
 use super::strided::{Bytes, Layout, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
-use hdf5_pure::{DType, File, Group};
+use hdf5_pure::{DType, Dataset, File, Group};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -17,10 +17,44 @@ fn refused(error: hdf5_pure::Error) -> Error {
 /// Groups within groups that are read; ISETCam's scenes have three levels.
 const MAX_DEPTH: usize = 8;
 
+/// Bytes that a byte of a file unpacks to at most: deflate makes 1032.
+const MOST_PACKED: u64 = 1032;
+/// Bytes of an array that are read whatever the file's size.
+const ALWAYS_READ: u64 = 64 << 20;
+
+/// A dataset, whose lengths are found to be possible in a file of this size: the library takes
+/// memory for what they state before it reads.
+fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
+    let impossible = |what: String| {
+        Error::input(format!("array {name:?} states {what} in a file of {file_bytes} bytes"))
+            .help("the file is damaged or cut off; an array of equal samples: store it unpacked")
+    };
+    let bytes = dataset.shape().and_then(|shape| {
+        let size = dataset.element_size()?;
+        Ok(shape.iter().fold(size, |bytes, &n| bytes.saturating_mul(n)))
+    });
+    let bytes = bytes.map_err(refused)?;
+    if bytes > file_bytes.saturating_mul(MOST_PACKED).max(ALWAYS_READ) {
+        return Err(impossible(format!("{bytes} bytes")));
+    }
+    // Only some kinds of index can be listed.
+    for chunk in dataset.chunks().unwrap_or_default() {
+        if chunk.address.saturating_add(chunk.storage_size) > file_bytes {
+            return Err(impossible(format!("a chunk of {} bytes", chunk.storage_size)));
+        }
+    }
+    Ok(dataset)
+}
+
+/// A dataset of a file, [`checked`].
+fn dataset_of(file: &File, name: &str) -> Result<Dataset> {
+    checked(file.file_size(), name, file.dataset(name).map_err(refused)?)
+}
+
 /// Reads the named variables except three-dimensional arrays (see [`large`]).
 pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
     let file = File::open_streaming(path).map_err(refused)?;
-    struct_of(&file.root(), 0, Some(wanted))
+    struct_of(&file.root(), 0, Some(wanted), file.file_size())
 }
 
 /// The three-dimensional arrays among the named variables, which are read plane by plane.
@@ -68,7 +102,7 @@ impl Planes {
     /// Reads the bands that share chunks with one, as far as memory allows.
     fn chunk_of(&self, band: usize) -> Result<Chunk> {
         let file = File::open_streaming(&self.path).map_err(refused)?;
-        let dataset = file.dataset(&self.name).map_err(refused)?;
+        let dataset = dataset_of(&file, &self.name)?;
         let shape = dataset.chunk_shape().map_err(refused)?;
         let depth = shape.and_then(|s| s.first().copied()).unwrap_or(1);
         let most = MOST_HELD / (self.width * self.height).max(1);
@@ -166,7 +200,7 @@ fn list_group(
 /// The numbers of a small array.
 pub fn numbers(path: &Path, name: &str) -> Result<Vec<f64>> {
     let file = File::open_streaming(path).map_err(refused)?;
-    file.dataset(name).and_then(|dataset| dataset.read_f64()).map_err(refused)
+    dataset_of(&file, name)?.read_f64().map_err(refused)
 }
 
 /// The number of samples of an array, where it can be counted.
@@ -181,7 +215,7 @@ const MOST_HELD: usize = 1 << 27;
 /// An array as a cube; `axes` names its axes, slowest first.
 pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn BandSource>> {
     let file = File::open_streaming(path).map_err(refused)?;
-    let dataset = file.dataset(name).map_err(refused)?;
+    let dataset = dataset_of(&file, name)?;
     let shape: Vec<usize> =
         dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
     let lengths: Vec<usize> =
@@ -217,6 +251,7 @@ fn struct_of(
     group: &Group,
     depth: usize,
     wanted: Option<&[&str]>,
+    file_bytes: u64,
 ) -> Result<Vec<(String, Value)>> {
     let keep = |name: &String| wanted.is_none_or(|wanted| wanted.contains(&name.as_str()));
     let mut fields = Vec::new();
@@ -227,6 +262,7 @@ fn struct_of(
         if shape.len() > 2 || samples(&shape).is_none_or(|n| n > MOST_HELD) {
             continue;
         }
+        let dataset = checked(file_bytes, &name, dataset)?;
         shape.reverse();
         // Text and references are not numbers.
         let value = match dataset.read_f64() {
@@ -238,7 +274,7 @@ fn struct_of(
     if depth < MAX_DEPTH {
         for name in group.groups().map_err(refused)?.into_iter().filter(keep) {
             let inner = group.group(&name).map_err(refused)?;
-            fields.push((name, Value::Struct(struct_of(&inner, depth + 1, None)?)));
+            fields.push((name, Value::Struct(struct_of(&inner, depth + 1, None, file_bytes)?)));
         }
     }
     Ok(fields)
@@ -274,5 +310,26 @@ mod tests {
                 assert_eq!(f64::from(v), value(band, i / width, i % width), "band {band}");
             }
         }
+    }
+
+    /// An array whose shape in the file's header says far more than the file can hold.
+    #[test]
+    fn an_array_larger_than_its_file_can_hold_is_refused_before_memory_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        let mut file = FileBuilder::new();
+        file.create_dataset("cube")
+            .with_f64_data(&vec![0.5; 7 * 5 * 4])
+            .with_shape(&[7, 5, 4])
+            .with_chunks(&[7, 5, 4])
+            .with_deflate(4);
+        file.write(&path).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let shape: Vec<u8> = [7u64, 5, 4].iter().flat_map(|n| n.to_le_bytes()).collect();
+        let at = bytes.windows(24).position(|w| w == shape).unwrap();
+        bytes[at..at + 8].copy_from_slice(&70_000_000u64.to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let said = cube(&path, "cube", "byx", 1.0).err().unwrap().to_string();
+        assert!(said.contains("states 11200000000 bytes"), "{said}");
     }
 }
