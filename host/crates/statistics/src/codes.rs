@@ -31,14 +31,12 @@ const SHARED_CODES: f64 = 2.3;
 /// The statistics of the codes of all stacks whose histograms are wide enough to be smooth.
 pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut Collected) {
     let bins = stacks.first().map_or(0, |t| t.histogram.len());
+    // What piles up at an end of the scale is no step of the converter.
+    let inside: Vec<(&Temporal, &Summary)> =
+        stacks.iter().zip(summaries).filter(|(t, _)| !is_clipped(t)).collect();
     for (k, (frequency, _)) in CODE_PERIODS.iter().enumerate() {
         let (mut re, mut im, mut n) = (0.0, 0.0, 0.0);
-        for (t, s) in stacks.iter().zip(summaries) {
-            let ends = f64::from(t.histogram[0]) + f64::from(t.histogram[bins - 1]);
-            let samples = (t.mean.data.len() * t.frames) as f64;
-            if s.width * frequency < WIDTH_FOR_WAVES || ends > CLIPPED * samples {
-                continue;
-            }
+        for (t, _) in inside.iter().filter(|(_, s)| s.width * frequency >= WIDTH_FOR_WAVES) {
             for (code, &count) in t.histogram.iter().enumerate().filter(|c| *c.1 > 0) {
                 let angle = std::f64::consts::TAU * ((code as f64 * frequency) % 1.0);
                 re += f64::from(count) * angle.cos();
@@ -54,7 +52,7 @@ pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut C
     }
     // Fourth differences, which a smooth density has none of, in their Poisson scatter.
     let mut pooled = vec![0.0f64; bins];
-    for (t, _) in stacks.iter().zip(summaries).filter(|(_, s)| s.width > WIDTH_FOR_DIFFERENCES) {
+    for (t, _) in inside.iter().filter(|(_, s)| s.width > WIDTH_FOR_DIFFERENCES) {
         pooled.iter_mut().zip(&t.histogram).for_each(|(p, &h)| *p += f64::from(h));
     }
     let (mut sum, mut count, mut missing) = (0.0, 0.0, 0.0);
@@ -70,4 +68,11 @@ pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut C
         out.add(What::Roughness, sum / count, sd, Scale::Log);
         out.add(What::MissingCodes, missing, 1.0, Scale::Count);
     }
+}
+
+/// Whether too many samples lie at either end of the scale.
+fn is_clipped(t: &Temporal) -> bool {
+    let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
+    let ends: f64 = ends.map(|&h| f64::from(h)).sum();
+    ends > CLIPPED * (t.mean.data.len() * t.frames) as f64
 }
