@@ -140,7 +140,7 @@ pub struct Entry {
 }
 
 /// Largest number of parameters of an effect.
-pub const MAX_PARAMETERS: usize = 8;
+pub const MAX_PARAMETERS: usize = 9;
 
 /// Words (f32) of the tables of all empirical effects of a sensor: 4 KiB; none in a build without
 /// them.

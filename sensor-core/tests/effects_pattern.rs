@@ -375,6 +375,18 @@ fn adc_nonlinearity<A: Arith>() {
         };
         assert!(width.abs_diff(expected) <= 1, "{code}: {width}");
     }
+    // One of both lowest bits together: they are set later, and what has the second alone is wider.
+    let values = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25];
+    let dn = converted::<A>(adc_nonlinearity::AdcNonlinearity::from_values(&values), 1);
+    for code in 1..200u16 {
+        let width = dn.iter().filter(|&&d| d == code).count();
+        let expected = match code % 4 {
+            2 => 40,
+            3 => 24,
+            _ => 32,
+        };
+        assert!(width.abs_diff(expected) <= 1, "{code}: {width}");
+    }
 }
 
 fn defects<A: Arith>() {

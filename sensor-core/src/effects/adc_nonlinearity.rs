@@ -13,9 +13,10 @@ effect! {
     /// down. Code c begins at T(c) = c − 1/2 + Σ_b (ε_b − g 2^b) bit_b(c) DN. ε_b = σ 2^(b/2) z_b
     /// is the error of bit b (in an array of matched unit elements the error of a weight grows
     /// with its root), with z standard normal and fixed. The common gain error g = Σ ε_b 2^b / Σ
-    /// 4^b is taken out. Known errors of the lowest bits are added afterwards. The largest random
-    /// step lies at the middle of the scale and is about σ 2^(bits/2). Put this effect last of
-    /// those on the signal. IEEE 1241.
+    /// 4^b is taken out. Known errors of the lowest bits are added afterwards; beside those of the
+    /// two lowest one of both together, as these may come from a flash stage, whose three
+    /// thresholds err one by one. The largest random step lies at the middle of the scale and is
+    /// about σ 2^(bits/2). Put this effect last of those on the signal. IEEE 1241.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Pixel {
         /// Standard deviation of the error of the lowest bit's weight
         sigma_lsb: "DN", 0.0..=1.0, default 0.0;
@@ -33,6 +34,8 @@ effect! {
         bit_5_lsb: "DN", -64.0..=64.0, default 0.0;
         /// Known error of the weight of the seventh bit
         bit_6_lsb: "DN", -64.0..=64.0, default 0.0;
+        /// Known error of the two lowest bits together, beside that of each
+        bits_0_1_lsb: "DN", -64.0..=64.0, default 0.0;
     }
 }
 
@@ -72,8 +75,10 @@ impl Stage for AdcNonlinearity {
             let mut left = A::electrons(*v) * cx.dn_per_e + cx.black_level_dn + 0.5;
             let mut code = 0u32;
             for (b, weight) in errors.iter().enumerate().take(bits).rev() {
-                let set = left >= *weight;
-                left -= if set { *weight } else { 0.0 };
+                let beside_the_next = b == 0 && code & 2 != 0;
+                let weight = *weight + if beside_the_next { self.bits_0_1_lsb } else { 0.0 };
+                let set = left >= weight;
+                left -= if set { weight } else { 0.0 };
                 code |= u32::from(set) << b;
             }
             *v = A::signal((code as f32 - cx.black_level_dn) * e_per_dn);

@@ -2,7 +2,7 @@
 //!
 //! From the histograms h(c) of the stacks. A weight that is ε_b too large (DN) makes some codes
 //! wider and others narrower, by ε_b d_b(c); per width the codes with a bit are as many as those
-//! without:
+//! without. The same holds of both lowest bits together, the third threshold of a flash stage:
 //!
 //!   Σ_c d_b(c) h(c)/(1 + Σ_b' ε_b' d_b'(c)) = 0,
 //!
@@ -19,9 +19,19 @@ use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 
 /// Bits whose errors the effect has parameters for, from the lowest.
 const BITS: usize = 7;
-/// Keys of these parameters.
-const KEYS: [&str; BITS] =
-    ["bit_0_lsb", "bit_1_lsb", "bit_2_lsb", "bit_3_lsb", "bit_4_lsb", "bit_5_lsb", "bit_6_lsb"];
+/// The number, after those of the bits, of the error that both lowest bits have together.
+const BOTH_LOWEST: usize = BITS;
+/// Keys of the errors.
+const KEYS: [&str; BITS + 1] = [
+    "bit_0_lsb",
+    "bit_1_lsb",
+    "bit_2_lsb",
+    "bit_3_lsb",
+    "bit_4_lsb",
+    "bit_5_lsb",
+    "bit_6_lsb",
+    "bits_0_1_lsb",
+];
 /// Significance, standard errors, below which a bit is taken to be right. It is that from which
 /// candidates are simulated, so that no bit is named that would not be tried alone.
 const SIGNIFICANT: f64 = LEAST_STRENGTH;
@@ -46,16 +56,21 @@ struct Codes<'a> {
 }
 
 impl Codes<'_> {
-    /// Whether the density would be smooth over the codes that a bit divides.
-    fn smooth_over(&self, bit: usize) -> bool {
+    /// Whether the density would be smooth over the codes that a bit divides, or both lowest.
+    fn smooth_over(&self, error: usize) -> bool {
+        let bit = if error == BOTH_LOWEST { 1 } else { error };
         self.sd > SMOOTH_FROM * (1u32 << bit) as f64
     }
 }
 
 /// d_b(c), by how much an error of 1 DN of a bit widens a code, DN: a weight that is too large
-/// makes the last code without the bit wider, and the last code with it narrower.
-fn widening(bit: usize, code: usize) -> f64 {
-    let half = 1usize << bit;
+/// makes the last code without the bit wider, and the last code with it narrower. Of both lowest
+/// together it does so to the last two of four codes.
+fn widening(error: usize, code: usize) -> f64 {
+    if error == BOTH_LOWEST {
+        return [0.0, 0.0, 1.0, -1.0][code % 4];
+    }
+    let half = 1usize << error;
     match (code % half == half - 1, code & half == 0) {
         (false, _) => 0.0,
         (true, true) => 1.0,
@@ -63,9 +78,9 @@ fn widening(bit: usize, code: usize) -> f64 {
     }
 }
 
-/// Errors of the weights of `bits`, DN, all at once: within a narrow histogram the codes that one
-/// bit widens are not balanced by those it narrows, and would pass for another's. `None` where the
-/// stacks do not determine them.
+/// The errors `bits`, DN, all at once: within a narrow histogram the codes that one widens are not
+/// balanced by those it narrows, and would pass for another's. `None` where the stacks do not
+/// determine them.
 fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     let n = bits.len();
     let mut errors = Vector::zeros(n);
@@ -96,10 +111,15 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
     Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
 }
 
-/// The bits with a significant error, DN: the least significant one is left out until all are.
+/// The bits with a significant error, DN: the least significant one is left out until all are. Both
+/// lowest together have one only where none of each can stand for it.
 fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
     let seen = |b: &usize| stacks.iter().any(|s| s.smooth_over(*b));
-    let mut bits: Vec<usize> = (0..BITS).filter(seen).collect();
+    let mut bits: Vec<usize> = (0..=BOTH_LOWEST).filter(seen).collect();
+    let together = solve(stacks, &bits).and_then(|found| found.last().copied());
+    if together.is_none_or(|error| error.z().abs() <= SIGNIFICANT) {
+        bits.retain(|b| *b != BOTH_LOWEST);
+    }
     while let Some(found) = solve(stacks, &bits) {
         let weakest =
             (0..bits.len()).min_by(|&a, &b| found[a].z().abs().total_cmp(&found[b].z().abs()));
@@ -127,19 +147,10 @@ pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
         e.stacks.iter().filter(inside).map(|t| codes(t, &channels)).collect();
     let found = significant_errors(&stacks);
     let strength = found.iter().map(|(_, error)| error.z().abs()).fold(0.0, f64::max);
-    let mut lsb = [0.0; BITS];
-    found.iter().for_each(|(bit, error)| lsb[*bit] = error.value as f32);
-    let [bit_0_lsb, bit_1_lsb, bit_2_lsb, bit_3_lsb, bit_4_lsb, bit_5_lsb, bit_6_lsb] = lsb;
-    let effect = AdcNonlinearity {
-        sigma_lsb: 0.0,
-        bit_0_lsb,
-        bit_1_lsb,
-        bit_2_lsb,
-        bit_3_lsb,
-        bit_4_lsb,
-        bit_5_lsb,
-        bit_6_lsb,
-    };
+    // None at random, and then the errors in their order.
+    let mut values = [0.0; 1 + KEYS.len()];
+    found.iter().for_each(|(bit, error)| values[1 + bit] = error.value as f32);
+    let effect = AdcNonlinearity::from_values(&values);
     let mut proposal = Proposal::new("adc-nonlinearity", effect.into(), strength);
     proposal.parameters = found.into_iter().map(|(bit, error)| (KEYS[bit], error)).collect();
     Some(proposal)
@@ -187,6 +198,24 @@ mod tests {
             assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [2]);
             let (value, se) = (found[0].1.value, found[0].1.se);
             assert!((value - error).abs() < 2.0 * se, "{value} ± {se}, {error}");
+        }
+    }
+
+    /// The codes of a flash stage of two bits, widths 1.06, 1.06, 0.94 and 0.94: no errors of
+    /// single bits make the first two codes of four alike and the last two.
+    #[test]
+    fn thresholds_of_a_flash_stage_are_found_one_by_one() {
+        let begins = |c: usize| c as f64 - 0.5 + [0.0, 0.06, 0.12, 0.06][c % 4];
+        let all =
+            [(70.0, 12.0), (130.0, 14.0)].map(|(mean, sd)| (histogram(mean, sd, begins), sd));
+        let stacks: Vec<Codes<'_>> =
+            all.iter().map(|(h, sd)| Codes { histogram: h, sd: *sd }).collect();
+        let found = significant_errors(&stacks);
+        let expected = [(0, 0.06), (1, 0.12), (BOTH_LOWEST, -0.12)];
+        assert_eq!(found.len(), expected.len(), "{found:?}");
+        for ((bit, error), (of, true_error)) in found.into_iter().zip(expected) {
+            let off = (error.value - true_error).abs();
+            assert!(bit == of && off < 2.0 * error.se, "{bit}: {error:?}");
         }
     }
 }
