@@ -67,18 +67,18 @@ pub fn run(
     let of_means = find(session, camera, &OF_MEANS, None);
     let found = names(session)?;
     let mut so_far = SoFar { camera, found, shapes: Vec::new(), as_measured: None };
-    so_far.take_if_likelier(session, of_means, &names)?;
+    so_far.take(session, of_means, Stay::IfLikelier, &names)?;
     if so_far.explains(session) {
         let rivals = find(session, camera, &so_far.rivals(), Some(&so_far.found.before));
-        so_far.take_if_it_runs_better(session, rivals, &names)?;
+        so_far.take(session, rivals, Stay::IfTheyRunBetter, &names)?;
     } else {
         say("shapes of what is left");
         let rest = find(session, camera, &OF_THE_REST.map(|d| d.0), Some(&so_far.found.before));
-        so_far.take(session, rest, &names)?;
+        so_far.take(session, rest, Stay::Always, &names)?;
     }
     if !so_far.explains(session) {
         let smooth = find(session, camera, &SMOOTH, None);
-        so_far.take_if_likelier(session, smooth, &names)?;
+        so_far.take(session, smooth, Stay::IfLikelier, &names)?;
     }
     let SoFar { mut found, mut shapes, as_measured, .. } = so_far;
     if let Some(had) = as_measured {
@@ -94,11 +94,10 @@ pub fn run(
     }
     if !shapes.is_empty() {
         say("the model with the shapes");
-        judge(session, &mut found, &shapes)?;
+        let alone = judge(session, &mut found, &shapes)?;
         if !session.accepts(&found.after, found.gaps.1) {
-            found = named_beside(session, found, &shapes, &|s, camera| {
-                search::run(s, camera, without, say)
-            })?;
+            let other = search::run_from(session, alone, without, say)?;
+            found = likelier(session, found, other);
         }
         draw(session, &mut found, &shapes)?;
     }
@@ -107,6 +106,19 @@ pub fn run(
 
 /// The search for names.
 type Names<'a> = dyn Fn(&Session) -> Result<Outcome> + 'a;
+
+/// Whether shapes stay out of the frames.
+#[derive(Clone, Copy)]
+enum Stay {
+    /// They do.
+    Always,
+    /// If the frames are likelier so than with names alone, for as much as each name must gain too:
+    /// a name that the shape makes needless counts.
+    IfLikelier,
+    /// If the model that runs them, with the names that are then given, makes the frames likelier
+    /// than the names that explain them already.
+    IfTheyRunBetter,
+}
 
 /// What was found so far.
 struct SoFar<'a> {
@@ -123,49 +135,56 @@ impl SoFar<'_> {
         session.accepts(&self.found.after, self.found.gaps.1)
     }
 
-    /// Takes shapes out and searches for names in the rest. Those found before stay if the rest is
-    /// likelier with them: a search with fewer statistics may end where this one did not.
+    /// Takes shapes out and searches for names in the rest; puts them back where they do not stay.
     fn take(
         &mut self,
         session: &mut Session,
         new: Vec<Box<dyn Shape>>,
-        names: &Names<'_>,
-    ) -> Result<()> {
-        if new.is_empty() {
-            return Ok(());
-        }
-        let had = take_out(session, self.camera, &new);
-        let mut other = names(session)?;
-        let State { camera, named, .. } = self.found.after.clone();
-        let as_before = session.state(camera, named, RUNS)?;
-        if session.deviance(&as_before) + GAIN < session.deviance(&other.after) {
-            let gaps = (other.gaps.0, session.gap(&as_before));
-            other = Outcome { after: as_before, gaps, ..self.found.clone() };
-        }
-        self.keep(new, had, other);
-        Ok(())
-    }
-
-    /// The same, if the frames are likelier so than with names alone, for as much as each name
-    /// must gain too: a name that the shape makes needless counts.
-    fn take_if_likelier(
-        &mut self,
-        session: &mut Session,
-        new: Vec<Box<dyn Shape>>,
+        stay: Stay,
         names: &Names<'_>,
     ) -> Result<()> {
         if new.is_empty() {
             return Ok(());
         }
         let names_alone = cost(session, &self.found.after);
-        let had = take_out(session, self.camera, &new);
-        let other = names(session)?;
-        if cost(session, &other.after) + GAIN < names_alone {
-            self.keep(new, had, other);
+        let mut had = take_out(session, self.camera, &new);
+        let mut other = names(session)?;
+        let stays = match stay {
+            Stay::Always => {
+                other = self.or_as_before(session, other)?;
+                true
+            }
+            Stay::IfLikelier => cost(session, &other.after) + GAIN < names_alone,
+            Stay::IfTheyRunBetter => {
+                let without = put_back(session, had);
+                let State { camera, named, .. } = &other.after;
+                let camera = with_stages(camera, &session.fit.design, &new)?;
+                let runs = session.state(camera, named.clone(), RUNS)?;
+                let better = session.deviance(&runs) < session.deviance(&self.found.after);
+                had = put_back(session, without);
+                better
+            }
+        };
+        if stays {
+            self.found = Outcome { gaps: (self.found.gaps.0, other.gaps.1), ..other };
+            self.as_measured.get_or_insert(had);
+            self.shapes.extend(new);
         } else {
             put_back(session, had);
         }
         Ok(())
+    }
+
+    /// What names explain of the rest: those of the search in it, or those found before if it is
+    /// likelier with them, as a search with fewer statistics may end where that one did not.
+    fn or_as_before(&self, session: &Session, other: Outcome) -> Result<Outcome> {
+        let State { camera, named, .. } = self.found.after.clone();
+        let as_before = session.state(camera, named, RUNS)?;
+        if session.deviance(&as_before) + GAIN >= session.deviance(&other.after) {
+            return Ok(other);
+        }
+        let gaps = (other.gaps.0, session.gap(&as_before));
+        Ok(Outcome { after: as_before, gaps, ..self.found.clone() })
     }
 
     /// Detectors of the shapes for which the effects that were named pass.
@@ -174,36 +193,6 @@ impl SoFar<'_> {
         let passed_for = OF_THE_REST.into_iter().filter(|(_, kinds)| kinds.iter().any(named));
         passed_for.map(|(detect, _)| detect).collect()
     }
-
-    /// Takes shapes out, if the model that runs them, with the names that are then given, makes the
-    /// frames likelier than the names that explain them already.
-    fn take_if_it_runs_better(
-        &mut self,
-        session: &mut Session,
-        new: Vec<Box<dyn Shape>>,
-        names: &Names<'_>,
-    ) -> Result<()> {
-        if new.is_empty() {
-            return Ok(());
-        }
-        let had = take_out(session, self.camera, &new);
-        let other = names(session)?;
-        let without = put_back(session, had);
-        let State { camera, named, .. } = &other.after;
-        let camera = with_stages(camera, &session.fit.design, &new)?;
-        let runs = session.state(camera, named.clone(), RUNS)?;
-        if session.deviance(&runs) < session.deviance(&self.found.after) {
-            let had = put_back(session, without);
-            self.keep(new, had, other);
-        }
-        Ok(())
-    }
-
-    fn keep(&mut self, new: Vec<Box<dyn Shape>>, had: [Measured; 2], other: Outcome) {
-        self.found = Outcome { gaps: (self.found.gaps.0, other.gaps.1), ..other };
-        self.as_measured.get_or_insert(had);
-        self.shapes.extend(new);
-    }
 }
 
 /// Deviance of a model, and what its names must gain.
@@ -211,31 +200,25 @@ fn cost(session: &Session, state: &State) -> f64 {
     session.deviance(state) + GAIN * state.named.len() as f64
 }
 
-/// Searches for names on the moments as they were measured, with a model that runs the shapes: what
-/// shows in statistics that a shape sets aside is found so. The names found without them stay where
-/// the frames are not likelier with these, for as much as a name must gain.
-fn named_beside(
-    session: &Session,
-    found: Outcome,
-    shapes: &[Box<dyn Shape>],
-    names: &dyn Fn(&Session, &Camera) -> Result<Outcome>,
-) -> Result<Outcome> {
-    let runs_shapes = with_stages(&found.before.camera, &session.fit.design, shapes)?;
-    let other = names(session, &runs_shapes)?;
+/// Of the names found without the shapes and of those found on the moments as they were measured,
+/// with a model that runs the shapes: what shows in statistics that a shape sets aside is found so.
+/// The first stay where the frames are not likelier with the others, for as much as a name must
+/// gain.
+fn likelier(session: &Session, found: Outcome, other: Outcome) -> Outcome {
     if cost(session, &other.after) + GAIN >= cost(session, &found.after) {
-        return Ok(found);
+        return found;
     }
-    Ok(Outcome {
+    Outcome {
         before: found.before,
         gaps: (found.gaps.0, other.gaps.1),
         gap_with_shapes: found.gap_with_shapes,
         ..other
-    })
+    }
 }
 
 /// Judges the model that runs the shapes, with what was named beside them and without, on the
-/// moments as they were measured.
-fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> Result<()> {
+/// moments as they were measured; gives it without.
+fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> Result<State> {
     let design = &session.fit.design;
     let alone =
         session.state(with_stages(&found.before.camera, design, shapes)?, Vec::new(), RUNS)?;
@@ -243,7 +226,7 @@ fn judge(session: &Session, found: &mut Outcome, shapes: &[Box<dyn Shape>]) -> R
     let improved = with_stages(&found.after.camera, design, shapes)?;
     found.after = session.state(improved, found.after.named.clone(), RUNS)?;
     found.gaps.1 = session.gap(&found.after);
-    Ok(())
+    Ok(alone)
 }
 
 /// What the shapes look like in the frames, in the model at the start and in that at the end.

@@ -18,6 +18,6 @@ mod standard_errors;
 pub mod trial;
 mod veto;
 
-pub use run::{Outcome, run};
+pub use run::{Outcome, run, run_from};
 pub use session::{Session, State};
 pub use trial::EVIDENCE_IN_ALL;

@@ -54,13 +54,26 @@ pub fn run(
 ) -> Result<Outcome> {
     say("replicates of the model");
     let before = session.state(camera.clone(), Vec::new(), RUNS)?;
+    run_from(session, before, without, say)
+}
+
+/// The same from a model that was simulated before.
+///
+/// # Errors
+/// Those of [`run`].
+pub fn run_from(
+    session: &Session,
+    before: State,
+    without: &[String],
+    say: &(dyn Fn(&str) + Sync),
+) -> Result<Outcome> {
     // What a camera did to its frames is no effect of its sensor.
     let known = |kind: &str| !session.processed && !without.iter().any(|w| w == kind);
     let search = |wanted: &dyn Fn(&str, usize) -> bool| once(session, &before, wanted, say);
     let mut found = search(&|kind, _| known(kind))?;
     // An effect taken early may have stood for two that are better together: the search with it as
     // a later one only.
-    if let Some((dominated, at)) = dominated(session, camera, &found)? {
+    if let Some((dominated, at)) = dominated(session, &before.camera, &found)? {
         let other = search(&|kind, names| known(kind) && (kind != dominated || names > at))?;
         if session.deviance(&other.after) < session.deviance(&found.after) {
             found = Outcome { superseded: Some(dominated), ..other };
