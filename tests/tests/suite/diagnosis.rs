@@ -129,6 +129,38 @@ fn a_region_is_compared_as_a_set_of_its_own() {
     assert!(String::from_utf8(outside.stderr).unwrap().contains("--region"), "what to type");
 }
 
+/// A sensor whose noise in the dark is all in a stage, as an improved camera file may have it, and
+/// its flats, the last of them saturated, with photons but no wavelength.
+#[test]
+fn a_saturated_flat_of_unknown_light_is_no_deviation_and_noise_in_a_stage_is_no_wrong_gain() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let quiet = [("cfa", "\"mono\""), ("read_e", "0.0"), ("read_e_post", "0.0")];
+    let camera = small_camera(96, 64, &quiet);
+    let stage = "\n[[effect]]\nkind = \"empirical\"\ndomain = \"temporal\"\n\
+        shape = \"correlation\"\namount_e = 12.0\ntable = \"taps.toml\"\n";
+    std::fs::write(dir.join("camera.toml"), camera + stage).unwrap();
+    std::fs::write(dir.join("taps.toml"), "along = \"rows\"\ntaps = [1.0, -0.03]\n").unwrap();
+    let flat =
+        "role = \"flat\"\nframes = 4\nexposure_s = 0.005\nlight = { wavelength_nm = 550.0 }";
+    let plan = format!(
+        "format = \"plan/1\"\n[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 8\n\
+         exposure_s = 0.01\n[[stack]]\nid = \"flat\"\n{flat}\n\
+         fill = {{ from = 0.01, to = 0.8, count = 6 }}\n\
+         [[stack]]\nid = \"bright\"\n{flat}\nfill = 1.2\nsaturates = true\n"
+    );
+    std::fs::write(dir.join("plan.toml"), plan).unwrap();
+    camrig_ok(dir, "capture --camera camera.toml --plan plan.toml -o set");
+    let manifest = dir.join("set/captures.toml");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    let photons = |l: &&str| !l.starts_with("wavelength_nm") && !l.starts_with("irradiance_w_m2");
+    let without: Vec<&str> = text.lines().filter(photons).collect();
+    std::fs::write(&manifest, without.join("\n")).unwrap();
+    let compared = camrig_ok(dir, "compare camera.toml set");
+    let notes = String::from_utf8_lossy(&compared.stderr);
+    assert!(notes.contains("bright: saturated, and the manifest does not say"), "{notes}");
+}
+
 /// A colour camera of 256 x 192 pixels in a folder, and the same sensor of another seed with
 /// effects.
 fn colour_folder(effects: &str) -> tempfile::TempDir {

@@ -204,11 +204,10 @@ fn gross_deviations(session: &Session, state: &State) -> Vec<(Key, f64)> {
     };
     // A single pixel's outlier in one half is chance: few hot pixels have most of a stack's
     // scatter.
-    let halves = session.deviations(state);
+    let [fit, holdout] = session.deviations(state);
     let in_each = |key: &Key| {
-        halves
-            .iter()
-            .all(|half| half.get(key).is_none_or(|z| z.abs() > GROSS_DEVIATION * FRAC_1_SQRT_2))
+        let halves = [fit.get(key), session.held_out(*key).and_then(|key| holdout.get(&key))];
+        halves.into_iter().flatten().all(|z| z.abs() > GROSS_DEVIATION * FRAC_1_SQRT_2)
     };
     session
         .unexplained(state)

@@ -8,6 +8,8 @@ use camrig_base::median::median;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::effects::empirical::Quantity;
 
 /// Factor by which a stack's signal, or its noise for its signal, differs from the others' where
 /// that is no effect of a sensor but another entry of the manifest. Chosen below the factor of 2
@@ -21,7 +23,7 @@ const LEAST_STACKS: usize = 5;
 /// Stacks that may be off: two, whose entries were exchanged.
 const MOST_OFF: usize = 2;
 /// Share of saturated samples from which a flat's mean and noise are not those of its light.
-const SATURATED: f64 = 0.01;
+pub(super) const SATURATED: f64 = 0.01;
 /// Variance of shot noise over that of read noise and rounding from which a stack's noise tells
 /// its gain.
 const SHOT_NOISE_LIMITED: f64 = 2.0;
@@ -76,7 +78,7 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
         .iter()
         .filter_map(|(c, t)| {
             let k = dn_per_e(camera, c.stack.analog_gain);
-            let read = (camera.sensor.noise.read_e * k).powi(2) + 1.0 / 12.0;
+            let read = read_variance_e2(camera) * k * k + 1.0 / 12.0;
             let signal = t.level() - black;
             (signal * k > SHOT_NOISE_LIMITED * read)
                 .then(|| (*c, (mean(&t.pixel_variance) - read) / (signal * k)))
@@ -92,6 +94,16 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
             )
     })?;
     same_sensor(camera, &usable, black)
+}
+
+/// Variance of the noise that a camera has in the dark, e⁻²: of its read noise, and of stages that
+/// stand for it or are beside it.
+fn read_variance_e2(camera: &Camera) -> f64 {
+    let of_stages = camera.effects.iter().filter_map(|effect| match effect {
+        Effect::Empirical(e) if e.quantity() == Quantity::Temporal => Some(f64::from(e.amount)),
+        _ => None,
+    });
+    camera.sensor.noise.read_e.powi(2) + of_stages.map(|e| e * e).sum::<f64>()
 }
 
 /// Finds the one stack that is off by a gross factor where all others agree.

@@ -4,7 +4,7 @@ use super::consistency;
 use crate::candidates::{self, proposal::Proposal};
 use crate::data::channels::Channels;
 use crate::data::course;
-use crate::data::design::{Condition, Design, Halves, Target};
+use crate::data::design::{Condition, Design, Halves, Target, same_settings};
 use crate::evidence::{Evidence, Slopes};
 use crate::model::light::{self, Electrons, Lights};
 use crate::model::prediction::{Prediction, mean_square};
@@ -12,7 +12,7 @@ use crate::model::replicates::Replicates;
 use crate::model::{effects, replicate};
 use crate::statistics::battery::battery;
 use crate::statistics::maps::{self, Map, MapKind};
-use crate::statistics::statistic::{Key, Place, Values, by_key};
+use crate::statistics::statistic::{Key, Place, Values, What, by_key};
 use crate::statistics::targets::{self, Picture};
 use crate::statistics::temporal::{Temporal, mean};
 use crate::statistics::{light_scatter, read};
@@ -156,6 +156,9 @@ impl Half {
         let pictures = read::pictures(camera, set, &design.targets, progress)?;
         set_unknown_light(camera, &mut design.targets, &pictures, lights)?;
         let mut values = by_key(battery(camera, &design, &stacks));
+        for i in of_unknown_light(&design, &stacks) {
+            values.retain(|(place, _), _| *place != Place::Stack(i));
+        }
         values.extend(by_key(targets::battery(camera, &design, &pictures)));
         let mut allowance = light_scatter::allowances(camera, &design, &values);
         if set.findings().iter().any(|f| f.kind == Kind::ParticleHits) {
@@ -292,6 +295,7 @@ impl Session {
                 kept(half(fit.design.clone())?)
             }
         };
+        notes.extend(saturated_note([&fit, &holdout]));
         notes.extend(light_scatter::note(&fit.design, &fit.allowance, &fit.values));
         let findings = set.findings().to_vec();
         if findings.iter().any(|f| f.kind == Kind::Temperature) {
@@ -475,8 +479,19 @@ impl Session {
         [self.fit.deviations(&state.fit), self.holdout.deviations(&state.holdout)]
     }
 
+    /// A statistic of the frames to fit as the held-out half numbers it; none where that has no
+    /// such stack: short stacks belong to one half as a whole.
+    pub fn held_out(&self, (place, what): Key) -> Option<Key> {
+        let Place::Stack(i) = place else { return Some((place, what)) };
+        let own = &self.fit.design.conditions.get(i)?.stack;
+        let others = || self.holdout.design.conditions.iter().map(|c| &c.stack);
+        let same = others().position(|s| s.capture == own.capture);
+        let alike = || others().nth(i).is_some_and(|s| same_settings(s, own)).then_some(i);
+        Some((Place::Stack(same.or_else(alike)?), what))
+    }
+
     /// Statistics that a model leaves unexplained, the furthest first, with the deviation of both
-    /// halves together, standard deviations.
+    /// halves together, or of the one that has such a stack, standard deviations.
     pub fn unexplained(&self, state: &State) -> Vec<(Key, f64)> {
         let [fit, holdout] = self.deviations(state);
         let limit = match state.named.is_empty() {
@@ -486,7 +501,9 @@ impl Session {
         let mut out: Vec<(Key, f64)> = fit
             .iter()
             .filter_map(|(k, a)| {
-                let b = holdout.get(k).copied().unwrap_or(*a);
+                let Some(b) = self.held_out(*k).and_then(|key| holdout.get(&key)) else {
+                    return (a.abs() > limit).then_some((*k, *a));
+                };
                 let same_side = a.signum() == b.signum() && b.abs() > UNEXPLAINED_IN_EACH;
                 let both =
                     (a + b) / if shares_pattern(k.0) { 2.0 } else { std::f64::consts::SQRT_2 };
@@ -584,6 +601,35 @@ fn set_stated_light(camera: &Camera, design: &mut Design, stacks: &[Temporal], c
     let mut ratios: Vec<f64> =
         flats.filter(|(_, t)| maps::saturated(t) < maps::SATURATED_FLAT).map(ratio).collect();
     course::set_stated(design, curve, &mut ratios);
+}
+
+/// Flats whose light is taken from their own mean, which saturation cuts: what they would have by a
+/// model is not known.
+fn of_unknown_light(design: &Design, stacks: &[Temporal]) -> Vec<usize> {
+    let flats = design.conditions.iter().zip(stacks).enumerate();
+    let unknown = flats.filter(|(_, (c, t))| {
+        c.is_flat() && !c.level_known && maps::saturated(t) >= consistency::SATURATED
+    });
+    unknown.map(|(i, _)| i).collect()
+}
+
+/// What is said of such flats.
+fn saturated_note(halves: [&Half; 2]) -> Option<String> {
+    let without = |half: &Half| -> Vec<(usize, String)> {
+        let flats = half.design.conditions.iter().enumerate().filter(|(_, c)| c.is_flat());
+        let all =
+            flats.filter(|(i, _)| !half.values.contains_key(&(Place::Stack(*i), What::Saturated)));
+        all.map(|(_, c)| (c.stack.capture, c.stack.id.clone())).collect()
+    };
+    let all: BTreeMap<usize, String> = halves.into_iter().flat_map(without).collect();
+    let ids: Vec<&str> = all.values().map(String::as_str).collect();
+    (!ids.is_empty()).then(|| {
+        format!(
+            "{}: saturated, and the manifest does not say how much light they had (wavelength_nm \
+             with its amount): left out",
+            ids.join(", ")
+        )
+    })
 }
 
 /// Where the manifest does not have the light of a flat, takes it from the measured mean.

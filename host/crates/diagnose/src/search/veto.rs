@@ -44,14 +44,16 @@ struct Short {
 }
 
 impl Short {
-    /// Of a statistic in both halves; `None` where one has what was added.
+    /// Of a statistic in the halves that have such a stack; `None` where one has what was added.
     fn of(session: &Session, before: &State, after: &State, key: Key) -> Option<Self> {
         let halves = [
             (&session.fit, &before.fit, &after.fit),
             (&session.holdout, &before.holdout, &after.holdout),
         ];
         let mut sum: Option<Self> = None;
-        for (half, before, after) in &halves[..1 + usize::from(session.can_confirm)] {
+        let keys = [Some(key), session.held_out(key).filter(|_| session.can_confirm)];
+        for ((half, before, after), key) in halves.iter().zip(keys) {
+            let Some(key) = key else { continue };
             let (s, b, a) = (half.values.get(&key)?, before.of.get(&key)?, after.of.get(&key)?);
             let added = a.value - b.value;
             if added <= 0.0 || s.value - b.value > LEAST_SHARE * added {

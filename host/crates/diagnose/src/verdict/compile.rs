@@ -160,7 +160,7 @@ fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Stat
         status,
         place: format!(
             "{}: {} ({before:+.1} → {after:+.1} standard deviations)",
-            words::place(&session.fit.design, key),
+            words::place(&session.holdout.design, key),
             words::name(&outcome.after.camera, key)
         ),
     }
@@ -189,7 +189,8 @@ fn left(session: &Session, state: &State, key: Key, z: f64) -> Unexplained {
 /// How far a model is from the captures, with its held-out gap.
 pub fn comparison(session: &Session, state: &State, gap: f64) -> Comparison {
     let [fit, holdout] = session.deviations(state);
-    let both = |k: &Key| (fit.get(k).unwrap_or(&0.0) + holdout.get(k).unwrap_or(&0.0)).abs();
+    let held_out = |k: &Key| holdout.get(&session.held_out(*k)?).copied();
+    let both = |k: &Key| (fit.get(k).unwrap_or(&0.0) + held_out(k).unwrap_or(0.0)).abs();
     let mut keys: Vec<Key> = fit.keys().copied().collect();
     keys.sort_by(|a, b| both(b).total_cmp(&both(a)));
     let compared = keys.into_iter().map(|key| Compared {
@@ -198,7 +199,7 @@ pub fn comparison(session: &Session, state: &State, gap: f64) -> Comparison {
         statistic: words::name(&state.camera, key),
         place: words::place(&session.fit.design, key),
         z_fit: finite(fit.get(&key).copied()),
-        z_held_out: finite(holdout.get(&key).copied()),
+        z_held_out: finite(held_out(&key)),
     });
     Comparison {
         agrees: session.accepts(state, gap),

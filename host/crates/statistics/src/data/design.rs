@@ -50,6 +50,12 @@ pub fn same_temperature(a: &Stack, b: &Stack) -> bool {
     (a.temperature_c - b.temperature_c).abs() < SAME_TEMPERATURE_K
 }
 
+/// Whether two stacks were taken with the same settings.
+pub fn same_settings(a: &Stack, b: &Stack) -> bool {
+    let settings = |s: &Stack| (s.role, s.exposure_s, s.analog_gain);
+    settings(a) == settings(b) && same_temperature(a, b)
+}
+
 /// A dark or flat stack with its light.
 #[derive(Clone, Debug)]
 pub struct Condition {
