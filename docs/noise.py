@@ -2,7 +2,7 @@
 
 Noise is what a held-out frame is from the mean of the held-out frames of its stack, in whole multiples of 1/n DN, n the frames.
 A model's frames are made and treated alike: as many, of the same exposure, gain and temperature, in light that gives the base
-model the measured mean. Divergence: the sum of p ln(p/q) over the cells of a histogram, p the measured shares, q the model's,
+model the measured mean. Stacks of which 1 % of the samples are saturated, whose mean is cut, are left out. Divergence: the sum of p ln(p/q) over the cells of a histogram, p the measured shares, q the model's,
 in nats, cells an eighth of the measured standard deviation wide and at least 1 DN, half a sample added to each cell of q
 (Krichevsky and Trofimov 1981). Of N samples in B cells, (B - 1)/N is chance where both laws are the same. Distance: the largest
 difference of the distribution functions. Both are means over stacks. The plainest model is Poisson's and a normal law, rounded:
@@ -18,6 +18,7 @@ import numpy as np
 PLANCK_TIMES_LIGHT = 1.98644586e-25
 NM = 550.0
 MOST_FRAMES = 16
+MOST_SATURATED = 0.01
 
 
 def frames(camrig, files, scratch):
@@ -103,9 +104,10 @@ def table(camrig, captures, folder, base):
         # The second half of long stacks, every second of short ones, as the diagnosis divides them.
         held_out = [(e, s[len(s) // 2:][:MOST_FRAMES]) for e, s in whole if len(s) >= 4]
         held_out += [(e, s) for e, s in [w for w in whole if len(w[1]) in (2, 3)][1::2]]
+        white = 2 ** int(re.search(r"^bits = (\d+)", base[0].read_text(), re.M)[1]) - 1
+        held_out = [(e, s) for e, s in held_out if (s == white).mean() < MOST_SATURATED]
         plan_file = pathlib.Path(scratch) / "plan.toml"
         plan_file.write_text(plan(held_out, base))
-        white = 2 ** int(re.search(r"^bits = (\d+)", base[0].read_text(), re.M)[1]) - 1
         models = {"Poisson and normal": list(plain(held_out, base, white))}
         for name, camera in (("base", base[0]), ("improved", folder / "diagnosis" / "camera-improved.toml")):
             made = pathlib.Path(scratch) / name
