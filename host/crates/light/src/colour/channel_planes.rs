@@ -9,7 +9,7 @@ use super::smoothest::Curve;
 
 /// What the channels of a sensor see, beside white.
 pub struct ChannelPlanes {
-    white: Curve,
+    white: Vec<f64>,
     /// What each channel sees of each band, over what it sees of white; none of a channel that
     /// sees nothing of white.
     seen: Vec<Option<Curve>>,
@@ -23,7 +23,7 @@ impl ChannelPlanes {
             let of_white: f64 = channel.iter().zip(white).map(|(s, w)| s * w).sum();
             (of_white > 0.0).then(|| std::array::from_fn(|band| channel[band] / of_white))
         };
-        Self { white: *white, seen: seen.iter().map(relative).collect() }
+        Self { white: white.to_vec(), seen: seen.iter().map(relative).collect() }
     }
 
     /// Components: one for each channel.
@@ -34,7 +34,7 @@ impl ChannelPlanes {
     /// `[channel][component][band]`.
     pub fn curves(&self) -> Vec<Vec<Vec<f64>>> {
         let of_pair = |channel: usize, component: usize| match self.seen[channel] {
-            Some(_) if channel == component => self.white.to_vec(),
+            Some(_) if channel == component => self.white.clone(),
             _ => vec![0.0; self.white.len()],
         };
         let of_channel = |c: usize| (0..self.count()).map(|k| of_pair(c, k)).collect();
