@@ -111,8 +111,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What to tell of raw samples in a picture format of 16 bits, which viewers show as they are: dark,
-/// where they end far below its range.
+/// What to tell of raw samples in a picture format of 16 bits, which viewers show as they are:
+/// dark, where they end far below its range.
 fn dark_picture(format: &Format, facts: &Facts) -> Option<String> {
     let bits = facts.bits.unwrap_or(u16::BITS);
     let of_16_bits = match format {

@@ -190,8 +190,8 @@ fn a_sensor_beyond_the_tables_of_a_lens_is_told() {
     );
 }
 
-/// Each command that makes pictures through a lens tells where its tables end: in the same words, once
-/// on the terminal, and in `--json`.
+/// Each command that makes pictures through a lens tells where its tables end: in the same words,
+/// once on the terminal, and in `--json`.
 #[test]
 fn every_command_tells_where_the_tables_of_a_lens_end() {
     let dir = folder();
@@ -239,8 +239,8 @@ fn every_command_tells_where_the_tables_of_a_lens_end() {
     }
 }
 
-/// What was understood and assumed of a lens of many surfaces fits on a screen; the surfaces come if
-/// they are asked for, or if there is room.
+/// What was understood and assumed of a lens of many surfaces fits on a screen; the surfaces come
+/// if they are asked for, or if there is room.
 #[test]
 fn info_of_a_lens_of_many_surfaces_fits_on_a_screen() {
     let dir = folder();

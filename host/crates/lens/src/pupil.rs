@@ -396,8 +396,8 @@ fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
         .help("the field is larger than the lens takes: give smaller fields, or check the surface")
 }
 
-/// Refuses a pupil whose middle is `open` though a surface has an obscuration: an outline around the
-/// middle cannot tell what light passes beyond an obstacle beside it.
+/// Refuses a pupil whose middle is `open` though a surface has an obscuration: an outline around
+/// the middle cannot tell what light passes beyond an obstacle beside it.
 pub(super) fn check_obstacles(
     train: &Train,
     open: bool,

@@ -7,13 +7,14 @@ use camrig_lens::{Catalogue, Conditions, System, zmx};
 use camrig_optics::Lens;
 use std::f64::consts::PI;
 
-/// Distance from the last vertex to the focus, half of the aperture, and half of what obscures it, mm.
+/// Distance from the last vertex to the focus, half of the aperture, and half of what obscures it,
+/// mm.
 const FOCUS_MM: f64 = 10.0;
 const HALF_MM: f64 = 2.5;
 const OBSCURED_MM: f64 = 1.0;
 
-/// A plane and a hyperboloid of eccentricity n = 1.5, R = −5 mm, f/2: rays parallel to the axis meet
-/// in the focus.
+/// A plane and a hyperboloid of eccentricity n = 1.5, R = −5 mm, f/2: rays parallel to the axis
+/// meet in the focus.
 fn lens(obscuration: &str) -> System {
     let text = format!(
         "UNIT MM\nENPD {}\nFTYP 0 0 1 1\nXFLN 0\nYFLN 0\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  \

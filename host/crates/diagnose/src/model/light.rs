@@ -66,8 +66,8 @@ impl Lights {
     }
 }
 
-/// The light on a target: a scene of radiance has its own; one of reflectances has `LUX` unless told
-/// otherwise.
+/// The light on a target: a scene of radiance has its own; one of reflectances has `LUX` unless
+/// told otherwise.
 fn light_on(target: &Target) -> SceneLight<'_> {
     let level = target.lux.map(|_| LightLevel::Lux(LUX));
     SceneLight { illuminant: target.illuminant.as_deref(), level }

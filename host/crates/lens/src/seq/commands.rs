@@ -348,8 +348,9 @@ fn kind_of(keyword: &str) -> FieldKind {
 }
 
 impl Draft {
-    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle; likewise half of the width in x
-    /// of a rectangle (`REX`) or an ellipse (`ELX`), which `REY` and `ELY` of the same kind complete.
+    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle; likewise half of the width in
+    /// x of a rectangle (`REX`) or an ellipse (`ELX`), which `REY` and `ELY` of the same kind
+    /// complete.
     fn aperture(&mut self, keyword: &str, words: &[Word]) -> Result<()> {
         let rest: Vec<Word> = words.iter().filter(|w| w.kind != Kind::Label).cloned().collect();
         let kind = aperture_kind(words);

@@ -4,9 +4,10 @@
 //! paraxial surfaces, coordinate breaks, mirrors, catalogue and model glasses, angles and heights
 //! as fields, circular, elliptical and rectangular apertures and obscurations (`SQAP` and its like
 //! give half widths), telecentric object space, configurations. Refused: other surface types,
-//! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal systems. Keywords of editing, drawing, tolerancing
-//! and merit functions are ignored (`known.rs`), others that are not read are told; values that a
-//! pickup or solve governs are taken as they stand.
+//! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal
+//! systems. Keywords of editing, drawing, tolerancing and merit functions are ignored (`known.rs`),
+//! others that are not read are told; values that a pickup or solve governs are taken as they
+//! stand.
 
 mod configurations;
 mod fields;

@@ -1,9 +1,9 @@
 //! Pictures as mixtures of a few components, made for the channels of a sensor.
 //!
 //! Two ways, by what is to be kept of the spectra:
-//! - **shared** curves ([`Basis`]): every channel sees every component, and twelve leave out less
+//! - **shared** curves (`basis`): every channel sees every component, and twelve leave out less
 //!   than is not known of a picture's spectra;
-//! - one component **per channel** ([`ChannelPlanes`]): what the channel itself sees, as if all
+//! - one component **per channel** (`channel_planes`): what the channel itself sees, as if all
 //!   spectra were that of white. A channel sees no other component, so that a blur costs one
 //!   product per channel.
 //!

@@ -1,9 +1,8 @@
 //! The spectra of all pixels of a picture.
 //!
 //! Each distinct colour is solved once. Where there are more of them than there are nodes under
-//! them of the [`lattice`](super::lattice), spectra are interpolated between its nodes. An
-//! emission's colour is divided by its largest component, which scales the spectrum: it lies on
-//! three faces of the lattice.
+//! them of the lattice, spectra are interpolated between its nodes. An emission's colour is divided
+//! by its largest component, which scales the spectrum: it lies on three faces of the lattice.
 //!
 //! A pixel keeps a place in the lattice, 16 bytes; a plane of a band costs eight look-ups a pixel.
 

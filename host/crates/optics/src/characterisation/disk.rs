@@ -16,7 +16,7 @@
 //! f_number = 2.37
 //! magnification = 0.0
 //! pupil_magnification = 1.0                # optional, default 1
-//! axis_solid_angle_sr = 0.135              # optional, default π/(1 + 4 N²) of the working f-number
+//! axis_solid_angle_sr = 0.135              # optional, default π/(1 + 4 N²), N the working one
 //! stop_radius_mm = 0.95                    # optional
 //! wavelengths_nm = [400.0, 550.0, 700.0]
 //! heights_mm = [0.0, 1.0, 2.0]

@@ -55,8 +55,8 @@ pub struct Characterisation {
     /// Exit-pupil over entrance-pupil diameter; 1 where unknown (as eq. 7 supposes).
     pub pupil_magnification: f64,
     /// Projected solid angle of the pupil seen from the image point on the axis, sr, where it was
-    /// traced. It is that of real rays, through whatever obscures the pupil; of the f-number follows
-    /// only that of a paraxial cone ([`Characterisation::projected_solid_angle_sr`]).
+    /// traced. It is that of real rays, through whatever obscures the pupil; of the f-number
+    /// follows only that of a paraxial cone ([`Characterisation::projected_solid_angle_sr`]).
     pub axis_solid_angle_sr: Option<f64>,
     /// Real radius of the stop, mm, where known.
     pub stop_radius_mm: Option<f64>,
@@ -273,10 +273,11 @@ impl Characterisation {
         self.f_number * (1.0 + self.magnification / self.pupil_magnification)
     }
 
-    /// Projected solid angle of the pupil seen from the image point on the axis, sr: irradiance over
-    /// the radiance of an even scene. Where it was not traced it is that of a cone whose slope is
-    /// the paraxial one, tan θ = 1/(2 N_w): π/(1 + 4 N_w²). A lens that obeys the sine condition has
-    /// sin θ there, π/(4 N_w²), which is 1 % more at f/5 and 8 % at f/1.8; an obscured one less.
+    /// Projected solid angle of the pupil seen from the image point on the axis, sr: irradiance
+    /// over the radiance of an even scene. Where it was not traced it is that of a cone whose slope
+    /// is the paraxial one, tan θ = 1/(2 N_w): π/(1 + 4 N_w²). A lens that obeys the sine condition
+    /// has sin θ there, π/(4 N_w²), which is 1 % more at f/5 and 8 % at f/1.8; an obscured one
+    /// less.
     #[must_use]
     pub fn projected_solid_angle_sr(&self) -> f64 {
         let paraxial = || PI / (1.0 + 4.0 * self.working_f_number().powi(2));
