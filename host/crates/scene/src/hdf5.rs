@@ -40,7 +40,8 @@ fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
     // Only some kinds of index can be listed.
     for chunk in dataset.chunks().unwrap_or_default() {
         if chunk.address.saturating_add(chunk.storage_size) > file_bytes {
-            return Err(impossible(format!("a chunk of {} bytes", chunk.storage_size)));
+            let (bytes, at) = (chunk.storage_size, chunk.address);
+            return Err(impossible(format!("a chunk of {bytes} bytes at byte {at}")));
         }
     }
     Ok(dataset)
