@@ -18,8 +18,8 @@ const OBSCURED_MM: f64 = 1.0;
 fn lens(obscuration: &str) -> System {
     let text = format!(
         "UNIT MM\nENPD {}\nFTYP 0 0 1 1\nXFLN 0\nYFLN 0\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  \
-         DISZ INFINITY\nSURF 1\n  STOP\n{obscuration}  DISZ 3\n  GLAS ___BLANK 1 0 1.5 0 0 0\nSURF 2\n  \
-         CURV -0.2\n  CONI -2.25\n  DISZ {FOCUS_MM}\nSURF 3\n  DISZ 0\n",
+         DISZ INFINITY\nSURF 1\n  STOP\n{obscuration}  DISZ 3\n  GLAS ___BLANK 1 0 1.5 0 0 0\n\
+         SURF 2\n  CURV -0.2\n  CONI -2.25\n  DISZ {FOCUS_MM}\nSURF 3\n  DISZ 0\n",
         2.0 * HALF_MM
     );
     System::new(zmx::read(&text, &Catalogue::default()).unwrap(), Conditions::default()).unwrap()
