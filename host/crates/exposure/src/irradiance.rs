@@ -13,6 +13,7 @@ use camrig_base::output::OutputFile;
 use camrig_base::platform::read_at;
 use camrig_base::{Error, Plane, Result};
 use camrig_sensor_core::spectral::{BandRow, encode, groups};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -96,6 +97,9 @@ impl CubeHeader {
     }
 }
 
+/// Least number of rows that are encoded by one task.
+const ROWS_AT_ONCE: usize = 32;
+
 /// Some rows of one band.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BandRows {
@@ -112,11 +116,21 @@ impl BandRows {
         }
     }
 
-    fn push(&mut self, values: &[f32]) {
-        let (e, m) = (self.exponents.len(), self.mantissas.len());
-        self.exponents.resize(e + groups(values.len()), 0);
-        self.mantissas.resize(m + values.len(), 0);
-        encode(values, &mut self.exponents[e..], &mut self.mantissas[m..]);
+    /// Encodes rows of `width` values each.
+    fn encoded(values: &[f32], width: usize) -> Self {
+        let rows = values.len() / width;
+        let mut encoded =
+            Self { exponents: vec![0; rows * groups(width)], mantissas: vec![0; rows * width] };
+        let targets = encoded
+            .exponents
+            .par_chunks_exact_mut(groups(width))
+            .zip(encoded.mantissas.par_chunks_exact_mut(width));
+        values
+            .par_chunks_exact(width)
+            .zip(targets)
+            .with_min_len(ROWS_AT_ONCE)
+            .for_each(|(values, (exponents, mantissas))| encode(values, exponents, mantissas));
+        encoded
     }
 
     fn to_bytes(&self, width: usize) -> Vec<u8> {
@@ -161,11 +175,8 @@ impl IrradianceCube {
     /// The same irradiance on every pixel, one value (W m⁻² nm⁻¹) per band.
     pub fn uniform(header: CubeHeader, per_band: &[f32]) -> Result<Self> {
         header.check()?;
-        let rows = per_band.iter().map(|&v| {
-            let mut rows = BandRows::default();
-            rows.push(&vec![v; header.width]);
-            rows
-        });
+        let rows =
+            per_band.iter().map(|&v| BandRows::encoded(&vec![v; header.width], header.width));
         Ok(Self { store: Store::Uniform(rows.collect()), header })
     }
 
@@ -306,8 +317,7 @@ impl IrradianceWriter {
                 plane.width, plane.height
             )));
         }
-        let mut rows = BandRows::default();
-        plane.data.chunks(w).for_each(|row| rows.push(row));
+        let rows = BandRows::encoded(&plane.data, w);
         match &mut self.spill {
             Some(file) => file
                 .write_all(&rows.to_bytes(w))

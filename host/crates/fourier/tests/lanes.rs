@@ -1,6 +1,6 @@
 //! Transforms of sixteen sequences side by side.
 
-use camrig_fourier::lanes::{Fft, LANES, Split, good_length};
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Split, good_length, transpose};
 use std::f64::consts::TAU;
 
 fn noise(seed: usize) -> f32 {
@@ -49,4 +49,17 @@ fn equals_the_sum_that_defines_it() {
 #[test]
 fn good_lengths_have_small_factors() {
     assert_eq!([1, 7, 11, 13, 97, 127].map(good_length), [1, 8, 12, 15, 100, 128]);
+}
+
+#[test]
+fn transposing_exchanges_rows_and_columns() {
+    let row = |r: usize| Lanes(std::array::from_fn(|c| (r * LANES + c) as f32));
+    let rows: [Lanes; LANES] = std::array::from_fn(row);
+    let mut turned = [Lanes::ZERO; LANES];
+    transpose(&rows, &mut turned);
+    for r in 0..LANES {
+        for c in 0..LANES {
+            assert_eq!(turned[r].0[c], rows[c].0[r]);
+        }
+    }
 }

@@ -14,12 +14,14 @@
 
 mod butterflies;
 mod pass;
+mod transpose;
 mod vector;
 
 use pass::{Input, Output, Reader, Writer, pass};
 pub use pass::{KernelPart, Products, Weighted};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
+pub use transpose::transpose;
 pub use vector::{LANES, Lanes, registers, vectors, vectors_mut};
 
 struct Stage {

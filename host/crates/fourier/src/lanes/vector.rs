@@ -20,6 +20,21 @@ impl Lanes {
     /// Sixteen zeros.
     pub const ZERO: Lanes = Lanes([0.0; LANES]);
 
+    /// The values of a row from place `x` on, 0 beyond its end.
+    #[inline(always)]
+    #[must_use]
+    pub fn of_row(row: &[f32], x: usize) -> Self {
+        let mut lanes = Self::ZERO;
+        match row.get(x..x + LANES) {
+            Some(whole) => lanes.0.copy_from_slice(whole),
+            None => {
+                let rest = row.get(x..).unwrap_or_default();
+                lanes.0[..rest.len()].copy_from_slice(rest);
+            }
+        }
+        lanes
+    }
+
     #[inline(always)]
     fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         let mut out = [0.0; LANES];

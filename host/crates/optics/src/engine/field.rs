@@ -4,13 +4,14 @@
 use super::{Lens, OverField, SensorGrid};
 use crate::bicubic::BicubicTable;
 use camrig_base::Plane;
+use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// A curve over image height, sampled so finely that linear interpolation in r² errs by at most
 /// 1e-7 for curves smooth in r².
 pub struct RadialTable {
     per_square_mm: f64,
-    values: Vec<f64>,
+    values: Box<[f64; Self::STEPS + 2]>,
 }
 
 impl RadialTable {
@@ -19,15 +20,18 @@ impl RadialTable {
     /// Samples `curve` from height 0 to `largest_mm`.
     pub fn new(curve: impl Fn(f64) -> f64, largest_mm: f64) -> Self {
         let per_square_mm = Self::STEPS as f64 / (largest_mm * largest_mm);
-        let values =
-            (0..Self::STEPS + 2).map(|i| curve((i as f64 / per_square_mm).sqrt())).collect();
+        let mut values = Box::new([0.0; Self::STEPS + 2]);
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = curve((i as f64 / per_square_mm).sqrt());
+        }
         Self { per_square_mm, values }
     }
 
     /// The value where the squared height is `square_mm`.
+    #[inline(always)]
     pub fn at(&self, square_mm: f64) -> f64 {
         let t = (square_mm * self.per_square_mm).min(Self::STEPS as f64);
-        let i = t as usize;
+        let i = (t as u32 as usize).min(Self::STEPS);
         self.values[i] + (t - i as f64) * (self.values[i + 1] - self.values[i])
     }
 }
@@ -98,19 +102,18 @@ impl FallOff {
     /// frequency can leave values just below 0 beside bright points; irradiance is not negative,
     /// so they become 0.
     pub fn apply(&self, plane: &mut Plane<f32>) {
-        let Self { grid, axis_mm: axis, steradians: factor, ratio, glare } = self;
-        let (pitch_mm, width) = (grid.pitch_um * 1e-3, grid.width);
-        let centred = |i: usize, n: usize| (i as f64 + 0.5 - n as f64 / 2.0) * pitch_mm;
-        plane.data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            let dy = centred(y, grid.height) - axis.1;
-            for (x, e) in row.iter_mut().enumerate() {
-                let dx = centred(x, width) - axis.0;
-                let factor = match ratio {
-                    None => *factor,
-                    Some(Ratio::Radial(table)) => factor * table.at(dx * dx + dy * dy),
-                    Some(Ratio::Plane(table)) => factor * table.at(dx, dy).max(0.0),
-                };
-                *e = e.max(0.0) * factor as f32;
+        let Self { grid, axis_mm, steradians, ratio, glare } = self;
+        plane.data.par_chunks_mut(grid.width).enumerate().for_each(|(y, row)| {
+            let dy = self.from_axis(y, grid.height, axis_mm.1);
+            match ratio {
+                None => row.iter_mut().for_each(|e| *e = e.max(0.0) * *steradians as f32),
+                Some(Ratio::Radial(table)) => radial_row(self, table, dy, row),
+                Some(Ratio::Plane(table)) => {
+                    for (x, e) in row.iter_mut().enumerate() {
+                        let dx = self.from_axis(x, grid.width, axis_mm.0);
+                        *e = e.max(0.0) * (steradians * table.at(dx, dy).max(0.0)) as f32;
+                    }
+                }
             }
         });
         if *glare > 0.0 {
@@ -119,5 +122,21 @@ impl FallOff {
             let kept = (1.0 - glare) as f32;
             plane.data.iter_mut().for_each(|e| *e = kept * *e + veil);
         }
+    }
+
+    /// Place of the centre of pixel `i` of `n` from the axis, mm.
+    #[inline(always)]
+    fn from_axis(&self, i: usize, n: usize, axis_mm: f64) -> f64 {
+        (i as f64 + 0.5 - n as f64 / 2.0) * (self.grid.pitch_um * 1e-3) - axis_mm
+    }
+}
+
+/// A row at the height `dy` from the axis, mm, times steradians and a table's relative
+/// illumination; negative values become 0.
+#[vectorised]
+fn radial_row(of: &FallOff, table: &RadialTable, dy: f64, row: &mut [f32]) {
+    for (x, e) in row.iter_mut().enumerate() {
+        let dx = of.from_axis(x, of.grid.width, of.axis_mm.0);
+        *e = e.max(0.0) * (of.steradians * table.at(dx * dx + dy * dy)) as f32;
     }
 }

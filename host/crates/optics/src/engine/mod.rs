@@ -198,13 +198,15 @@ pub fn irradiance(
     let pool = options.workers()?;
     let bands = scene.scene.bands();
     let mut report = Report::default();
-    let mut field_state = FieldState::default();
+    let (mut buffers, mut field_state) = (fourier::Buffers::default(), FieldState::default());
     for band in 0..bands.count {
         let nm = bands.nm(band);
         let mut plane = pool.install(|| {
             let job = Band { scene, band, lens, nm, grid, options };
             match lens.blur(nm) {
-                Blur::Otf { core, wings } => job.through_otf(&core, wings.as_ref(), &mut report),
+                Blur::Otf { core, wings } => {
+                    job.through_otf(&core, wings.as_ref(), &mut buffers, &mut report)
+                }
                 Blur::Field { psfs, cutoff_per_mm } => {
                     job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
                 }
@@ -253,14 +255,15 @@ impl Band<'_> {
         &self,
         core: &Otf,
         wings: Option<&Otf>,
+        buffers: &mut fourier::Buffers,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
         let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
         let layout = fourier::layout(self.grid, oversample, core.spread_um);
-        let mut plane = self.through_part(core, &layout, report)?;
+        let mut plane = self.through_part(core, &layout, buffers, report)?;
         if let Some(wings) = wings {
             let layout = fourier::wide_layout(self.grid, wings)?;
-            let far = self.through_part(wings, &layout, report)?;
+            let far = self.through_part(wings, &layout, buffers, report)?;
             plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
         }
         Ok(plane)
@@ -270,6 +273,7 @@ impl Band<'_> {
         &self,
         part: &Otf,
         layout: &Layout,
+        buffers: &mut fourier::Buffers,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
         let source = self.source(layout, report);
@@ -279,7 +283,7 @@ impl Band<'_> {
             aperture_um: self.grid.aperture_um(),
             cutoff_per_mm: part.cutoff_per_mm,
         };
-        fourier::blur(&source, &geometry, &part.at)
+        fourier::blur(&source, &geometry, &part.at, buffers)
     }
 
     fn through_field(

@@ -23,7 +23,7 @@ mod mapping;
 mod varying_field;
 
 use super::field::FallOff;
-use super::fourier::{self, Blurs};
+use super::fourier::{self, Blurs, Buffers};
 use super::sampling::Layout;
 use super::source::{Source, Warp};
 use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel};
@@ -112,7 +112,7 @@ struct Part {
 
 enum PartBlur {
     /// By transfer functions: of the core and of the wings, if any.
-    Otf(Vec<(Frame, Blurs)>),
+    Otf(Vec<(Frame, Blurs)>, Buffers),
     Field(Frame, Box<FieldBlur>),
 }
 
@@ -205,7 +205,7 @@ impl Part {
             used.iter().map(source).collect()
         };
         let mut planes = match &mut self.blur {
-            PartBlur::Otf(blurs) => through_otfs(blurs, &sources)?,
+            PartBlur::Otf(blurs, buffers) => through_otfs(blurs, &sources, buffers)?,
             PartBlur::Field(frame, blur) => blur.run(&frame.layout, &sources(frame))?,
         };
         planes.iter_mut().for_each(|plane| self.fall_off.apply(plane));
@@ -217,10 +217,11 @@ impl Part {
 fn through_otfs<'s>(
     blurs: &[(Frame, Blurs)],
     sources: &dyn Fn(&Frame) -> Vec<Source<'s>>,
+    buffers: &mut Buffers,
 ) -> Result<Vec<Plane<f32>>> {
     let mut sum: Vec<Plane<f32>> = Vec::new();
     for (frame, blur) in blurs {
-        let planes = blur.run(&sources(frame))?;
+        let planes = blur.run(&sources(frame), buffers)?;
         if sum.is_empty() {
             sum = planes;
             continue;
@@ -259,7 +260,8 @@ impl Job<'_> {
         let blur = match otfs {
             Some(otfs) => {
                 let blurs = self.otfs(&otfs, &mappings, report)?.into_iter();
-                PartBlur::Otf(blurs.map(|(layout, blur)| (frame(layout), blur)).collect())
+                let blurs = blurs.map(|(layout, blur)| (frame(layout), blur)).collect();
+                PartBlur::Otf(blurs, Buffers::default())
             }
             None => {
                 let (layout, blur) = self.field(&blurs, &mappings, report)?;

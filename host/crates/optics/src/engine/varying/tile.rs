@@ -3,7 +3,8 @@
 use super::Tiling;
 use camrig_base::Plane;
 use camrig_fourier::lanes::{
-    Fft, KernelPart, LANES, Lanes, Products, Split, Weighted, registers, vectors, vectors_mut,
+    Fft, KernelPart, LANES, Lanes, Products, Split, Weighted, registers, transpose, vectors,
+    vectors_mut,
 };
 use pulp::{Simd, WithSimd};
 
@@ -123,8 +124,8 @@ impl WithSimd for TransformKernel<'_> {
         for x in (0..size).step_by(2 * LANES) {
             cells.clear();
             for (y, row) in kernel.chunks_exact(size).enumerate() {
-                cells.re[y] = lanes_of(row, x);
-                cells.im[y] = lanes_of(row, x + LANES);
+                cells.re[y] = Lanes::of_row(row, x);
+                cells.im[y] = Lanes::of_row(row, x + LANES);
             }
             plan.cells.forward(cells, cells_spare);
             split_columns(simd, cells, plan, x, upper, lower);
@@ -174,7 +175,7 @@ impl WithSimd for BlurTile<'_> {
             for y in 0..height {
                 let row = &source.row(y)[first..first + wide];
                 for (x, column) in columns.chunks_exact_mut(tile).enumerate() {
-                    column[y] = lanes_of(row, x * LANES);
+                    column[y] = Lanes::of_row(row, x * LANES);
                 }
             }
             for (x, column) in columns.chunks_exact(tile).enumerate() {
@@ -232,46 +233,6 @@ impl WithSimd for BlurTile<'_> {
                     new.copy_from_slice(&lanes[old..old + new.len()]);
                 }
             }
-        }
-    }
-}
-
-/// Sixteen values from place x on, 0 beyond the end.
-#[inline(always)]
-fn lanes_of(row: &[f32], x: usize) -> Lanes {
-    let mut lanes = Lanes::ZERO;
-    match row.get(x..x + LANES) {
-        Some(whole) => lanes.0.copy_from_slice(whole),
-        None => {
-            let rest = row.get(x..).unwrap_or_default();
-            lanes.0[..rest.len()].copy_from_slice(rest);
-        }
-    }
-    lanes
-}
-
-/// Exchanges rows and columns of sixteen by sixteen values, by four perfect shuffles.
-#[inline(always)]
-fn transpose(from: &[Lanes], to: &mut [Lanes]) {
-    let (mut a, mut b) = ([Lanes::ZERO; LANES], [Lanes::ZERO; LANES]);
-    shuffle(from, &mut a);
-    shuffle(&a, &mut b);
-    shuffle(&b, &mut a);
-    shuffle(&a, to);
-}
-
-/// Row r of the first half and its counterpart in the second become, value by value in turn, rows
-/// 2r and 2r + 1.
-#[inline(always)]
-fn shuffle(from: &[Lanes], to: &mut [Lanes]) {
-    let (from, to) = (&from[..LANES], &mut to[..LANES]);
-    for r in 0..LANES / 2 {
-        let (a, b) = (from[r].0, from[r + LANES / 2].0);
-        for i in 0..LANES / 2 {
-            to[2 * r].0[2 * i] = a[i];
-            to[2 * r].0[2 * i + 1] = b[i];
-            to[2 * r + 1].0[2 * i] = a[i + LANES / 2];
-            to[2 * r + 1].0[2 * i + 1] = b[i + LANES / 2];
         }
     }
 }
@@ -359,24 +320,6 @@ fn fold<S: Simd>(simd: S, spectrum: &Split, parts: usize, count: usize, folded: 
         to.copy_from_slice(&from[..run]);
         for part in from[run..parts * run].chunks_exact(run) {
             to.iter_mut().zip(part).for_each(|(sum, &v)| *sum = simd.add_f32s(*sum, v));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn transposing_exchanges_rows_and_columns() {
-        let row = |r: usize| Lanes(std::array::from_fn(|c| (r * LANES + c) as f32));
-        let rows: [Lanes; LANES] = std::array::from_fn(row);
-        let mut turned = [Lanes::ZERO; LANES];
-        transpose(&rows, &mut turned);
-        for r in 0..LANES {
-            for c in 0..LANES {
-                assert_eq!(turned[r].0[c], rows[c].0[r]);
-            }
         }
     }
 }

@@ -1,0 +1,198 @@
+//! Transfer functions of kernels of finite support, at the frequencies of a grid.
+//!
+//! The kernel of L x L cells whose transform takes the given values H at the multiples of 1/(L·h)
+//! is
+//!
+//! K(x, y) = L⁻² Σ_jk H(j, k)·cos(2πjx/L)·cos(2πky/L), x and y counted from its centre,
+//!
+//! and what lies between those multiples is the transform of the kernel on the whole grid. Even
+//! real sequences have real transforms, so two share one complex transform.
+
+use super::Geometry;
+use super::spectrum::{Alias, Aliases};
+use crate::engine::sampling::sinc;
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Split};
+use camrig_vector::vectorised;
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+
+/// One direction of the cell grid.
+pub struct Axis {
+    /// Cells.
+    pub cells: usize,
+    /// Frequencies kept, from 0: all, but without the last of an even number of cells per pixel,
+    /// whose pixel centres it has its zeros on.
+    pub kept: usize,
+    /// Per kept frequency cos and sin of the phase towards the pixel centre.
+    pub phase: Vec<(f32, f32)>,
+    fft: Fft,
+    /// Of kernels whose centre lies between two cells: per kept frequency cos and sin of the phase
+    /// of half a cell.
+    half_cell: Option<Vec<(f32, f32)>>,
+}
+
+impl Axis {
+    pub fn new(cells: usize, geometry: &Geometry) -> Self {
+        let s = geometry.layout.oversample;
+        let kept = cells / 2 + s % 2;
+        let phases = |half_cells: usize| {
+            let phase = |k: usize| {
+                let (sin, cos) = libm::sincos(PI * (k * half_cells) as f64 / cells as f64);
+                (cos as f32, sin as f32)
+            };
+            (0..kept).map(phase).collect()
+        };
+        let between = geometry.layout.support().is_multiple_of(2);
+        Self {
+            cells,
+            kept,
+            phase: phases(s - 1),
+            fft: Fft::new(cells),
+            half_cell: between.then(|| phases(1)),
+        }
+    }
+
+    /// Transforms even kernels: `half` gives their values from the centre outwards, in the real
+    /// and the imaginary part of every lane another. The transforms are left in `data`, at the
+    /// kept frequencies.
+    fn transform(&self, half: &[[Lanes; 2]], data: &mut Split, scratch: &mut Split) {
+        data.clear();
+        let beyond = if self.half_cell.is_some() { self.cells - 1 } else { self.cells };
+        for (i, [re, im]) in half.iter().enumerate() {
+            for place in [i, (beyond - i) % self.cells] {
+                (data.re[place], data.im[place]) = (*re, *im);
+            }
+        }
+        self.fft.forward(data, scratch);
+        for (k, (cos, sin)) in self.half_cell.iter().flatten().enumerate() {
+            let (re, im) = (data.re[k], data.im[k]);
+            data.re[k] = re.times(*cos).plus(im.times(*sin));
+            data.im[k] = im.times(*cos).minus(re.times(*sin));
+        }
+        if 2 * (self.kept - 1) == self.cells {
+            // The grid's Nyquist frequency is met twice, as positive and as negative one.
+            for part in [&mut data.re, &mut data.im] {
+                part[self.kept - 1] = part[self.kept - 1].times(0.5);
+            }
+        }
+    }
+}
+
+/// The transfer function T that [`super`] defines.
+pub struct Transfer {
+    /// Per row of the kernel, from its centre outwards, the transform along x at every kept
+    /// frequency.
+    rows: Vec<Vec<f32>>,
+    /// Alias by alias, the values at every kept frequency along y, where they are kept for many
+    /// pictures.
+    values: Option<Vec<Lanes>>,
+}
+
+impl Transfer {
+    pub fn new(otf: &dyn Fn(f64) -> f64, geometry: &Geometry, x: &Axis) -> Self {
+        let layout = geometry.layout;
+        let support = layout.support();
+        let cell_mm = geometry.pitch_um * 1e-3 / layout.oversample as f64;
+        let step = 1.0 / (support as f64 * cell_mm);
+        let passed = (geometry.cutoff_per_mm / step).ceil() as usize;
+        let terms = ((support - 1) / 2 + 1).min(passed).max(1);
+        let gain = |k: usize| {
+            let f = k as f64 * step;
+            sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f)
+        };
+        let samples: Vec<f64> = (0..terms * terms)
+            .map(|k| {
+                let (i, j) = (k / terms, k % terms);
+                gain(i) * gain(j) * otf(step * (i as f64).hypot(j as f64))
+            })
+            .collect();
+        Self { rows: along_x(&kernel(&samples, terms, support), x), values: None }
+    }
+
+    /// Tabulates its values at all frequencies.
+    pub fn keep(&mut self, aliases: &Aliases, y: &Axis) {
+        let mut values = vec![Lanes::ZERO; aliases.all.len() * y.kept];
+        values.par_chunks_mut(2 * y.kept).zip(aliases.all.par_chunks(2)).for_each_init(
+            || (Split::zeros(y.cells), Split::zeros(y.cells)),
+            |(gains, scratch), (values, pair)| {
+                self.along_y(pair, y, gains, scratch);
+                for (values, part) in values.chunks_exact_mut(y.kept).zip([&gains.re, &gains.im]) {
+                    values.copy_from_slice(&part[..y.kept]);
+                }
+            },
+        );
+        self.values = Some(values);
+    }
+
+    pub fn is_kept(&self) -> bool {
+        self.values.is_some()
+    }
+
+    /// Its values along y at the horizontal frequencies of an alias, where they are kept.
+    pub fn kept(&self, alias: usize, y: &Axis) -> Option<&[Lanes]> {
+        self.values.as_ref().map(|values| &values[alias * y.kept..(alias + 1) * y.kept])
+    }
+
+    /// Its values along y at the horizontal frequencies of one or two aliases, into the real and
+    /// the imaginary parts of `gains`.
+    pub fn along_y(&self, pair: &[Alias], y: &Axis, gains: &mut Split, scratch: &mut Split) {
+        let at = |row: &Vec<f32>, alias: Option<&Alias>| {
+            alias
+                .map_or(Lanes::ZERO, |alias| Lanes(alias.lanes.map(|k| k.map_or(0.0, |k| row[k]))))
+        };
+        let half: Vec<[Lanes; 2]> =
+            self.rows.iter().map(|row| [at(row, pair.first()), at(row, pair.get(1))]).collect();
+        y.transform(&half, gains, scratch);
+    }
+}
+
+/// A quadrant of the kernel whose transform has these `terms` x `terms` samples, from the centre
+/// outwards, row by row.
+fn kernel(samples: &[f64], terms: usize, support: usize) -> Vec<Vec<f64>> {
+    let half = support.div_ceil(2);
+    // Places in half cells, so that the centre may lie between two.
+    let turn = |n: usize| libm::cos(TAU * (n % (2 * support)) as f64 / (2 * support) as f64);
+    let turns: Vec<f64> = (0..2 * support).map(turn).collect();
+    let cosines: Vec<Vec<f64>> = (0..terms)
+        .map(|j| {
+            let weight = if j == 0 { 1.0 } else { 2.0 } / support as f64;
+            let place = |i: usize| 2 * i + usize::from(support.is_multiple_of(2));
+            (0..half).map(|i| weight * turns[j * place(i) % (2 * support)]).collect()
+        })
+        .collect();
+    let by_row: Vec<Vec<f64>> =
+        samples.par_chunks(terms).map(|row| combined(row, &cosines)).collect();
+    let column = |i: usize| -> Vec<f64> { cosines.iter().map(|of_term| of_term[i]).collect() };
+    (0..half).into_par_iter().map(|i| combined(&column(i), &by_row)).collect()
+}
+
+/// Σ weight · row.
+#[vectorised]
+fn combined(weights: &[f64], rows: &[Vec<f64>]) -> Vec<f64> {
+    let mut sum = vec![0.0f64; rows[0].len()];
+    for (weight, row) in weights.iter().zip(rows) {
+        sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
+    }
+    sum
+}
+
+/// Transforms the rows of a kernel, thirty-two at once.
+fn along_x(kernel: &[Vec<f64>], x: &Axis) -> Vec<Vec<f32>> {
+    let blocks = kernel.par_chunks(2 * LANES).map_init(
+        || (Split::zeros(x.cells), Split::zeros(x.cells)),
+        |(data, scratch), rows| {
+            let at = |i: usize, first: usize| {
+                Lanes(std::array::from_fn(|l| rows.get(first + l).map_or(0.0, |r| r[i] as f32)))
+            };
+            let half: Vec<[Lanes; 2]> =
+                (0..kernel.len()).map(|i| [at(i, 0), at(i, LANES)]).collect();
+            x.transform(&half, data, scratch);
+            let row = |r: usize| {
+                let part = if r < LANES { &data.re } else { &data.im };
+                part[..x.kept].iter().map(|v| v.0[r % LANES]).collect()
+            };
+            (0..rows.len()).map(row).collect::<Vec<Vec<f32>>>()
+        },
+    );
+    blocks.flatten().collect()
+}
