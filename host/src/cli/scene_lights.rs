@@ -11,7 +11,7 @@ use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_light::Lamps;
 use camrig_light::lamp::Region;
-use camrig_render::{OpticsOutput, OpticsStage, SequenceStage};
+use camrig_render::{MotionStage, OpticsOutput, SequenceStage};
 use camrig_scene::sequence::{self, Reading};
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -91,7 +91,7 @@ pub struct SceneLights {
 enum Changes {
     /// Only lamps change, some of them on parts whose irradiance is here.
     Never(Vec<IrradianceCube>),
-    Motion(OpticsStage),
+    Motion(Box<MotionStage>),
     Sequence(Box<Sequence>),
 }
 
@@ -126,7 +126,7 @@ impl SceneLights {
         let first = view.view_with(&camera)?;
         let changes = if stage.motion.is_some() {
             lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a scene that moves"))?;
-            Changes::Motion(stage)
+            Changes::Motion(Box::new(MotionStage::open(&stage, &camera)?))
         } else {
             let regions = lamps.map_or(&[][..], Lamps::regions).iter();
             let part = |(region, _): &(Region, Lamps)| Ok(stage.run_part(&camera, *region)?.cube);

@@ -10,13 +10,14 @@ use camrig_base::{Bands, Plane, Result};
 use camrig_camera::Camera;
 use camrig_scene::{Grid, Quantity, Scene, White};
 use camrig_sensor_core::config::MAX_BANDS;
+use std::sync::Arc;
 
 /// Share of each channel's signal that bands at one end may have to be left out.
 const UNSEEN: f64 = 1e-4;
 
 /// A scene in fewer bands: for each, the scene's bands with their weights.
 struct Binned {
-    scene: Box<dyn Scene>,
+    scene: Arc<dyn Scene>,
     bands: Bands,
     parts: Vec<Vec<(usize, f32)>>,
 }
@@ -81,7 +82,7 @@ impl SceneInLight {
         let note = note(&bands, &new, &signal, &self::signal(camera, &new, &white));
         let Self { scene, illuminant, lux, spec, mut done, .. } = self;
         done.push(note);
-        let scene = Box::new(Binned { scene, bands: new, parts });
+        let scene = Arc::new(Binned { scene, bands: new, parts });
         Self { scene, illuminant, lux, white, spec, done }
     }
 }

@@ -198,8 +198,8 @@ impl Collapse {
         opened.scene.components(mixer)?.ok_or_else(|| {
             Error::unsupported(format!("path {} for {:?}", self.path, opened.spec))
                 .help(
-                    "it takes pictures, and sequences of them, that are neither moved nor lit part \
-                     by part: use path bands",
+                    "it takes charts and pictures, at rest, moving or in sequence, but no spectral \
+                     cubes: use path bands",
                 )
                 .with_code("path-unsupported")
         })

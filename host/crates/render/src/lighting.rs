@@ -12,6 +12,7 @@ use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
 use camrig_scene::{self as scene, LitScene, Quantity, Scene, level};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Illuminant of a scene of reflectances where none is asked for: the daylight of ISO 12233 and of
 /// Chen et al. 2009.
@@ -46,7 +47,7 @@ impl<'a> SceneLight<'a> {
 /// A scene opened for a frame, in its light.
 pub struct SceneInLight {
     /// The scene, enlarged to fill the frame.
-    pub scene: Box<dyn Scene>,
+    pub scene: Arc<dyn Scene>,
     /// The illuminant of a scene of reflectances.
     pub illuminant: Option<Illuminant>,
     /// The illuminance asked for, lx; none for a scene of radiance in its own light.
@@ -79,7 +80,7 @@ impl SceneInLight {
         frame_aspect: f64,
         light: &SceneLight<'_>,
     ) -> Result<Self> {
-        let scene = scene::filling(scene, frame_aspect);
+        let scene: Arc<dyn Scene> = scene::filling(scene, frame_aspect).into();
         if scene.quantity() == Quantity::Radiance {
             return Self::of_radiance(scene, spec, frame_aspect, light);
         }
@@ -92,7 +93,7 @@ impl SceneInLight {
     }
 
     fn of_radiance(
-        scene: Box<dyn Scene>,
+        scene: Arc<dyn Scene>,
         spec: &str,
         frame_aspect: f64,
         light: &SceneLight<'_>,
@@ -182,6 +183,11 @@ fn illuminance(level: LightLevel) -> f64 {
 /// Width over height of a camera's frames.
 pub(crate) fn frame_aspect(camera: &Camera) -> f64 {
     f64::from(camera.sensor.width) / f64::from(camera.sensor.height)
+}
+
+/// Height of a camera's frames in sensor widths.
+pub(crate) fn frame_height(camera: &Camera) -> f64 {
+    f64::from(camera.sensor.height) / f64::from(camera.sensor.width)
 }
 
 /// What falls on a sensor from a scene.

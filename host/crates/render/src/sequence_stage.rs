@@ -5,8 +5,8 @@
 //! brighter does. Light that frames state themselves is taken where none is asked for. All frames
 //! have the size, the bands and the quantity of the first.
 
-use super::cache::OneLens;
-use super::collapse::{Collapse, OpticsPath};
+use super::collapse::OpticsPath;
+use super::kept_optics::KeptOptics;
 use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use super::optics_stage::{OpticsOutput, OpticsStage};
 use camrig_base::{Bands, Error, Result};
@@ -19,9 +19,7 @@ use camrig_scene::{self as scene, Quantity, Scene, level};
 pub struct SequenceStage {
     stage: OpticsStage,
     first: Option<First>,
-    lens: Option<OneLens>,
-    /// In place of the lens, on a fast path.
-    collapse: Option<Collapse>,
+    optics: KeptOptics,
 }
 
 /// What the first frame decides for all.
@@ -46,7 +44,7 @@ impl SequenceStage {
             return Err(Error::unsupported(format!("motion of the sequence {:?}", stage.scene))
                 .help("a sequence moves by itself; leave the motion out"));
         }
-        Ok(Self { stage, first: None, lens: None, collapse: None })
+        Ok(Self { optics: KeptOptics::new(&stage), stage, first: None })
     }
 
     /// What falls on the sensor of `camera` from a frame; `progress` hears of bands done and bands
@@ -66,46 +64,8 @@ impl SequenceStage {
         let opened = self.opened((Box::new(cube), size), &name, &light, frame_aspect(camera))?;
         let count = opened.scene.bands().count;
         let opened = opened.binned_for(camera);
-        let bands = opened.scene.bands();
-        if self.stage.path != OpticsPath::Bands {
-            return self.collapsed(camera, &opened).map_err(|e| e.at(&name));
-        }
-        let Self { stage: OpticsStage { options, cache, .. }, lens, .. } = self;
-        let traced = lens.is_none();
-        let lens = match lens {
-            Some(lens) => lens,
-            None => lens.insert(OneLens::new(camera, &bands, options, cache.as_deref())?),
-        };
-        let about = opened.about(camera);
-        let (cube, optics) = lens
-            .irradiance(camera, &opened.lit(), options, about, progress)
-            .map_err(|e| e.at(&name))?;
-        let mut notes = opened.notes(camera);
-        notes.extend(lens.notes.iter().cloned());
-        Ok(OpticsOutput {
-            light: opened.illuminant,
-            cube,
-            optics,
-            cached: false,
-            rebinned: bands.count != count,
-            lens_traced: traced && lens.traced,
-            collapse: None,
-            notes,
-        })
-    }
-
-    /// What falls on the sensor from a frame, on a fast path.
-    fn collapsed(&mut self, camera: &Camera, opened: &SceneInLight) -> Result<OpticsOutput> {
-        let Self { stage: OpticsStage { options, cache, path, .. }, collapse, .. } = self;
-        let bands = opened.scene.bands();
-        let collapse = match collapse {
-            Some(collapse) => collapse,
-            None => {
-                let directory = cache.as_deref();
-                collapse.insert(Collapse::new(camera, &bands, options, directory, *path)?)
-            }
-        };
-        OpticsOutput::collapsed(collapse, camera, opened, options)
+        let rebinned = opened.scene.bands().count != count;
+        self.optics.see(camera, &opened, rebinned, progress).map_err(|e| e.at(&name))
     }
 
     /// Bytes of irradiance that a frame makes, at most; 0 before the first.
@@ -113,7 +73,7 @@ impl SequenceStage {
     pub fn cube_bytes(&self, camera: &Camera) -> u64 {
         let pixels = u64::from(camera.sensor.width) * u64::from(camera.sensor.height);
         let of_scene = self.first.as_ref().map_or(0, |first| first.bands.count as u64);
-        let bands = if self.stage.path == OpticsPath::Bands { of_scene } else { 1 };
+        let bands = if self.optics.path() == OpticsPath::Bands { of_scene } else { 1 };
         size_of::<u16>() as u64 * pixels * bands
     }
 
@@ -164,7 +124,7 @@ impl SequenceStage {
             level::check_absolute(&*cube).map_err(|e| e.at(name))?;
         }
         Ok(SceneInLight {
-            scene: scene::filling(cube, frame_aspect),
+            scene: scene::filling(cube, frame_aspect).into(),
             illuminant: first.illuminant.clone(),
             lux: first.lux,
             white: first.white.clone(),

@@ -3,7 +3,8 @@
 use super::resample::resample;
 use super::{Bands, Grid, Quantity, Scene};
 use camrig_base::{Plane, Result};
-use camrig_light::colour::mixture::Mixed;
+use camrig_light::colour::mixture::{Mixed, Mixer};
+use std::sync::Arc;
 
 /// A scene as a mixture: for a channel its value in a band is the sum over components of what the
 /// channel's curve has there times the component's plane.
@@ -22,6 +23,18 @@ impl Components {
     pub(crate) fn of_planes(mixed: Mixed, quantity: Quantity) -> Self {
         let Mixed { curves, planes, left_out } = mixed;
         Self { curves, planes: Box::new(Planes { planes, quantity }), left_out }
+    }
+
+    /// Of a scene that is the same in all bands: itself, exactly.
+    pub(crate) fn of_grey(scene: impl Scene + 'static, mixer: &Mixer) -> Self {
+        let curve = vec![1.0; scene.bands().count];
+        let planes = Box::new(Grey(scene));
+        Self { curves: vec![vec![curve]; mixer.seen().len()], planes, left_out: 0.0 }
+    }
+
+    /// The same with the planes seen otherwise, in a way that is linear in their values.
+    pub(crate) fn seen<S: Scene + 'static>(self, seen: impl FnOnce(Arc<dyn Scene>) -> S) -> Self {
+        Self { planes: Box::new(seen(Arc::from(self.planes))), ..self }
     }
 }
 
@@ -46,5 +59,26 @@ impl Scene for Planes {
 
     fn plane(&self, component: usize, grid: &Grid) -> Result<Plane<f32>> {
         Ok(resample(&self.planes[component], grid))
+    }
+}
+
+/// The one component of a scene that is the same in all bands.
+struct Grey<S>(S);
+
+impl<S: Scene> Scene for Grey<S> {
+    fn bands(&self) -> Bands {
+        Bands { count: 1, ..self.0.bands() }
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.0.quantity()
+    }
+
+    fn aspect(&self) -> Option<f64> {
+        self.0.aspect()
+    }
+
+    fn plane(&self, component: usize, grid: &Grid) -> Result<Plane<f32>> {
+        self.0.plane(component, grid)
     }
 }

@@ -5,17 +5,19 @@
 //! over a row of cells. Content from beyond the scene's edge is what the scene itself gives there.
 //! The lens's blur brings light from row to row after that: it is the light of those rows' times.
 
-use super::{Grid, Quantity, Scene, White};
+use super::{Components, Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Plane, Result};
 use camrig_light::Lamps;
+use camrig_light::colour::mixture::Mixer;
+use std::sync::Arc;
 
 /// When a row sees the scene: times and their weights.
 pub type Moments = Vec<(f64, f64)>;
 
 /// A scene displaced by `velocity` times time.
-pub struct Moving<'a> {
+pub struct Moving {
     /// The scene at time 0.
-    pub scene: Box<dyn Scene + 'a>,
+    pub scene: Arc<dyn Scene>,
     /// To the right and down, sensor widths per unit of time.
     pub velocity: [f64; 2],
     /// Height of the frame, sensor widths.
@@ -23,7 +25,7 @@ pub struct Moving<'a> {
     /// Whether rows see it at times of their own.
     pub by_row: bool,
     /// When the rows at a place between the upper (0) and the lower edge (1) see it.
-    pub moments: Box<dyn Fn(f64) -> Moments + Send + Sync + 'a>,
+    pub moments: Arc<dyn Fn(f64) -> Moments + Send + Sync>,
 }
 
 /// Most that the midpoints of N parts of an exposure may misplace of the contrast of an edge:
@@ -49,7 +51,7 @@ pub fn moments([open, close]: [f64; 2], pixels: f64, lamps: &Lamps) -> Moments {
     if moments.is_empty() { vec![(0.5 * (open + close), 1.0)] } else { moments }
 }
 
-impl Moving<'_> {
+impl Moving {
     /// The scene as the rows at a place see it.
     fn seen(&self, band: usize, grid: Grid, place: f64) -> Result<Plane<f32>> {
         let at = |time: f64| Grid {
@@ -70,7 +72,7 @@ impl Moving<'_> {
     }
 }
 
-impl Scene for Moving<'_> {
+impl Scene for Moving {
     fn bands(&self) -> Bands {
         self.scene.bands()
     }
@@ -101,6 +103,14 @@ impl Scene for Moving<'_> {
         Ok(plane)
     }
 
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let moving = |scene| {
+            let Self { velocity, height, by_row, .. } = *self;
+            Self { scene, velocity, height, by_row, moments: Arc::clone(&self.moments) }
+        };
+        Ok(self.scene.components(mixer)?.map(|components| components.seen(moving)))
+    }
+
     fn white(&self) -> Option<&White> {
         self.scene.white()
     }
@@ -118,8 +128,8 @@ mod tests {
     const GRID: Grid = Grid { width: 64, height: 48, left: -0.5, top: -0.375, cell: 1.0 / 64.0 };
 
     fn moved(velocity: [f64; 2], start: f64, rolling: f64) -> Plane<f32> {
-        let scene = open("checkerboard").unwrap();
-        let moments = Box::new(move |place: f64| vec![(start + rolling * place, 1.0)]);
+        let scene = Arc::from(open("checkerboard").unwrap());
+        let moments = Arc::new(move |place: f64| vec![(start + rolling * place, 1.0)]);
         let moving = Moving { scene, velocity, height: 0.75, by_row: rolling != 0.0, moments };
         moving.plane(10, &GRID).unwrap()
     }
@@ -186,11 +196,11 @@ mod tests {
             let window = [t0, t0 + exposure];
             let pixels = f64::abs(v) * exposure;
             let moving = Moving {
-                scene: Box::new(Bar(x0, x0 + width)),
+                scene: Arc::new(Bar(x0, x0 + width)),
                 velocity: [v, 0.0],
                 height: 1.0,
                 by_row: false,
-                moments: Box::new(move |_| moments(window, pixels, &Lamps::default())),
+                moments: Arc::new(move |_| moments(window, pixels, &Lamps::default())),
             };
             let grid = Grid { width: 48, height: 1, left: 0.0, top: 0.0, cell: 1.0 };
             let plane = moving.plane(0, &grid).unwrap();

@@ -1,8 +1,10 @@
 //! A scene of flat shapes, each of one material.
 
 use super::shape::Shape;
-use super::{Grid, Quantity, Scene};
+use super::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result, Spectrum};
+use camrig_light::colour::mixture::Mixer;
+use camrig_light::colour::smoothest::{COUNT, Curve};
 
 /// Shapes laid on a ground. A shape lies wholly within one material beneath it, so that
 /// value = ground + Σ coverage · (material − beneath) is the exact area average of every cell.
@@ -12,6 +14,8 @@ pub struct Painting {
     /// Reflectance of each material in each band.
     materials: Vec<Vec<f64>>,
     marks: Vec<Mark>,
+    /// The least value that a material may have.
+    least: f32,
 }
 
 /// A material of a [`Painting`].
@@ -31,7 +35,7 @@ impl Painting {
 
     /// A ground of one reflectance.
     pub fn new(bands: Bands, ground: &Spectrum) -> Self {
-        Self { bands, materials: vec![ground.in_bands(&bands)], marks: Vec::new() }
+        Self { bands, materials: vec![ground.in_bands(&bands)], marks: Vec::new(), least: 0.0 }
     }
 
     /// Adds a material.
@@ -67,7 +71,24 @@ impl Scene for Painting {
             mark.shape.paint(grid, change as f32, &mut plane);
         }
         // Rounding of the sum can leave a tiny negative value where a material is 0.
-        plane.data.iter_mut().for_each(|v| *v = v.max(0.0));
+        plane.data.iter_mut().for_each(|v| *v = v.max(self.least));
         Ok(plane)
+    }
+
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let spectrum = |material: &Vec<f64>| Curve::try_from(material.as_slice()).ok();
+        let Some(spectra) = self.materials.iter().map(spectrum).collect::<Option<Vec<Curve>>>()
+        else {
+            return Ok(None);
+        };
+        let mixed = mixer.mix_spectra(&spectra, &[1.0; COUNT]);
+        let planes = Self {
+            bands: Bands { count: mixed.weights[0].len(), ..self.bands },
+            materials: mixed.weights,
+            marks: self.marks.clone(),
+            least: f32::NEG_INFINITY,
+        };
+        let (curves, left_out) = (mixed.curves, mixed.left_out);
+        Ok(Some(Components { curves, planes: Box::new(planes), left_out }))
     }
 }

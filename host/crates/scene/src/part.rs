@@ -1,13 +1,15 @@
 //! A part of a scene, for light that falls on nothing else.
 
-use super::{Grid, Quantity, Scene, White};
+use super::{Components, Grid, Quantity, Scene, White};
 use camrig_base::{Bands, Plane, Result};
+use camrig_light::colour::mixture::Mixer;
 use camrig_light::lamp::Region;
+use std::sync::Arc;
 
 /// A scene within a rectangle; around it is darkness.
-pub struct Part<'a> {
+pub struct Part {
     /// The whole.
-    pub scene: Box<dyn Scene + 'a>,
+    pub scene: Arc<dyn Scene>,
     /// Where it is seen.
     pub region: Region,
     /// Height of the frame, sensor widths.
@@ -27,7 +29,7 @@ fn covered(begin: f64, cell: f64, [low, high]: [f64; 2]) -> f64 {
     ((begin + cell).min(high) - begin.max(low)).max(0.0) / cell
 }
 
-impl Scene for Part<'_> {
+impl Scene for Part {
     fn bands(&self) -> Bands {
         self.scene.bands()
     }
@@ -55,6 +57,12 @@ impl Scene for Part<'_> {
         Ok(plane)
     }
 
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        let Self { region, height, .. } = *self;
+        let part = |scene| Self { scene, region, height };
+        Ok(self.scene.components(mixer)?.map(|components| components.seen(part)))
+    }
+
     fn white(&self) -> Option<&White> {
         self.scene.white()
     }
@@ -71,7 +79,7 @@ mod tests {
     /// A quarter of the frame, whose edges cut cells in half.
     #[test]
     fn only_the_rectangle_is_seen() {
-        let scene = crate::open("uniform:0.8").unwrap();
+        let scene: Arc<dyn Scene> = Arc::from(crate::open("uniform:0.8").unwrap());
         let region = [0.25, 0.125, 0.5, 0.5];
         let grid = Grid { width: 6, height: 4, left: -0.5, top: -0.25, cell: 1.0 / 6.0 };
         let height = 2.0 / 3.0;
@@ -90,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_region_at_the_edge_goes_on_beyond_the_frame() {
-        let scene = crate::open("uniform:0.8").unwrap();
+        let scene: Arc<dyn Scene> = Arc::from(crate::open("uniform:0.8").unwrap());
         let beyond = Grid { width: 4, height: 2, left: -1.0, top: -0.5, cell: 0.5 };
         let whole = scene.plane(3, &beyond).unwrap();
         let region = [0.5, 0.0, 0.5, 1.0];

@@ -39,6 +39,11 @@ impl Basis {
     /// # Errors
     /// None in practice: the tables are built in.
     pub fn of(domain: Domain, units: &Curve, seen: &[Vec<f64>], count: usize) -> Result<Self> {
+        Ok(Self::of_samples(&samples(domain, units)?, units, seen, count))
+    }
+
+    /// The same for these spectra in place of those of a domain.
+    pub fn of_samples(samples: &[Curve], units: &Curve, seen: &[Vec<f64>], count: usize) -> Self {
         let of_white = |channel: &Vec<f64>| -> f64 {
             channel.iter().zip(units).map(|(seen, white)| seen * white).sum()
         };
@@ -50,7 +55,6 @@ impl Basis {
         for channel in basis.seen.clone() {
             basis.add(&channel);
         }
-        let samples = samples(domain, units)?;
         while basis.curves.len() < count.min(COUNT) {
             let left: Vec<f64> = samples.par_iter().map(|s| basis.mix(s).1).collect();
             let most = (0..left.len()).max_by(|&a, &b| left[a].total_cmp(&left[b]));
@@ -59,7 +63,7 @@ impl Basis {
                 break;
             }
         }
-        Ok(basis)
+        basis
     }
 
     /// Adds what is new of a curve; false where nothing is.

@@ -48,6 +48,16 @@ pub struct Mixed {
     pub left_out: f64,
 }
 
+/// Given spectra as mixtures, in the way of [`Mixed`].
+pub struct MixedSpectra {
+    /// `[channel][component][band]`; zeros where a channel takes nothing from a component.
+    pub curves: Vec<Vec<Vec<f64>>>,
+    /// `[spectrum][component]`; they may be negative.
+    pub weights: Vec<Vec<f64>>,
+    /// Bound on what the mixtures leave out at an edge between two of the spectra.
+    pub left_out: f64,
+}
+
 impl Mixer {
     /// For channels that see so much of a value of 1 in each band.
     #[must_use]
@@ -85,6 +95,25 @@ impl Mixer {
             left_out: left_out * f64::from(spectra.brightest()),
         };
         Ok(mixed)
+    }
+}
+
+impl Mixer {
+    /// The mixtures of given spectra, in the unit that makes white `units`.
+    #[must_use]
+    pub fn mix_spectra(&self, spectra: &[Curve], units: &Curve) -> MixedSpectra {
+        let curves = match self.components {
+            Components::Shared(count) => {
+                Curves::Shared(Basis::of_samples(spectra, units, &self.seen, count))
+            }
+            Components::PerChannel => Curves::PerChannel(ChannelPlanes::of(units, &self.seen)),
+        };
+        let (weights, left_out): (Vec<_>, Vec<_>) = spectra.iter().map(|s| curves.mix(s)).unzip();
+        MixedSpectra {
+            curves: curves.of_channels(self.seen.len()),
+            weights,
+            left_out: left_out.into_iter().fold(0.0, f64::max),
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 use super::*;
-use crate::{Arithmetic, OpticsStage, SequenceStage, SimulatedSensor, check_made_for};
+use crate::{
+    Arithmetic, Motion, MotionStage, OpticsStage, SequenceStage, SimulatedSensor, check_made_for,
+};
 use camrig_light::LightLevel;
 use camrig_optics::Characterisation;
 use camrig_scene::sequence::{self, Reading};
@@ -67,6 +69,13 @@ fn electrons(camera: &Camera, cube: &IrradianceCube) -> Plane<f32> {
     sensor.electrons(cube, &camera.settings(0, 0.01, None)).unwrap()
 }
 
+/// The largest difference of two frames, in parts of the brightest pixel.
+fn apart(found: &Plane<f32>, exact: &Plane<f32>) -> f64 {
+    let peak = exact.data.iter().fold(0.0f32, |m, v| m.max(*v));
+    let apart = found.data.iter().zip(&exact.data).map(|(a, b)| (a - b).abs());
+    f64::from(apart.fold(0.0, f32::max) / peak)
+}
+
 #[test]
 fn fast_paths_give_the_electrons_of_the_bands_as_nearly_as_they_say() {
     let folder = tempfile::tempdir().unwrap();
@@ -77,19 +86,53 @@ fn fast_paths_give_the_electrons_of_the_bands_as_nearly_as_they_say() {
     for (camera, order) in [(camera(&[]), 0.0), (behind_tables(folder.path()), 1e-2)] {
         let of = |path| stage(&scene, path).run(&camera, |_, _| ()).unwrap();
         let exact = electrons(&camera, &of(OpticsPath::Bands).cube);
-        let peak = exact.data.iter().fold(0.0f32, |m, v| m.max(*v));
         for path in [OpticsPath::Components, OpticsPath::Live] {
             let output = of(path);
             let report = output.collapse.unwrap();
-            let found = electrons(&camera, &output.cube);
-            let apart = found.data.iter().zip(&exact.data).map(|(a, b)| (a - b).abs());
-            let worst = f64::from(apart.fold(0.0, f32::max) / peak);
+            let worst = apart(&electrons(&camera, &output.cube), &exact);
             println!("{path}: {worst:.1e} of the peak; {report:?}");
             // 1e-3: light beyond the margins of the bands, which differ.
             assert!(worst < order + report.left_out + 1e-3, "{path}: {worst}, {report:?}");
             assert!(worst < 2e-2, "{path}: {worst}");
             assert_eq!(report.lateral_um > 0.0, order > 0.0);
             assert!(output.notes.iter().any(|note| note.contains("components in place")));
+        }
+    }
+}
+
+#[test]
+fn charts_take_fast_paths_at_rest_in_motion_and_in_part() {
+    let camera = camera(&[]);
+    let motion = Some(Motion { velocity_pixels: [3.0, -1.0], rolling: 0.8 });
+    for (chart, grey) in [
+        ("colorchecker", false),
+        ("slanted-edge", true),
+        ("resolution", true),
+        ("ramp", true),
+        ("dots", true),
+        ("checkerboard", true),
+    ] {
+        let of = |path: OpticsPath| {
+            let still = stage(Path::new(chart), path);
+            let moving = OpticsStage { motion, ..still.clone() };
+            let mut moving = MotionStage::open(&moving, &camera).unwrap();
+            [
+                still.run(&camera, |_, _| ()).unwrap(),
+                moving.run_frame(&camera, 4, |_, _| ()).unwrap(),
+                still.run_part(&camera, [0.25, 0.25, 0.5, 0.25]).unwrap(),
+            ]
+        };
+        let exact = of(OpticsPath::Bands);
+        for path in [OpticsPath::Components, OpticsPath::Live] {
+            for (exact, found) in exact.iter().zip(of(path)) {
+                let worst =
+                    apart(&electrons(&camera, &found.cube), &electrons(&camera, &exact.cube));
+                let report = found.collapse.unwrap();
+                println!("{chart} {path}: {worst:.1e} of the peak; {report:?}");
+                assert!(worst < report.left_out.min(1e-2) + 1e-3, "{chart} {path}: {worst}");
+                assert!(!grey || report.left_out < 1e-12, "{chart}: {report:?}");
+                assert_eq!(exact.light, found.light);
+            }
         }
     }
 }
@@ -143,7 +186,14 @@ fn electrons_refuse_another_response_and_scenes_and_sensors_that_need_bands() {
     let said = check_made_for(&other, &cube.header).unwrap_err().to_string();
     assert!(said.contains("sensor.response"), "{said}");
 
-    let chart = stage(Path::new("colorchecker"), OpticsPath::Components);
-    let said = chart.run(&own, |_, _| ()).err().unwrap();
-    assert_eq!(said.code(), Some("path-unsupported"));
+    let file = folder.path().join("cube.npy");
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, 3), }";
+    bytes.extend(format!("{header:<117}\n").bytes());
+    bytes.extend([0.5f32; 12].iter().flat_map(|v| v.to_le_bytes()));
+    std::fs::write(&file, bytes).unwrap();
+    let spec = format!("{}:quantity=reflectance,start_nm=450,step_nm=100", file.display());
+    let cube = stage(Path::new(&spec), OpticsPath::Components);
+    let said = cube.run(&own, |_, _| ()).err().unwrap();
+    assert_eq!(said.code(), Some("path-unsupported"), "{said}");
 }

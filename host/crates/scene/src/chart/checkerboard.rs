@@ -1,8 +1,9 @@
 //! A checkerboard over the whole plane.
 
 use super::{BANDS, Options};
-use crate::{Grid, Quantity, Scene};
+use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result};
+use camrig_light::colour::mixture::Mixer;
 
 /// Squares alternating in both directions; a corner is at the frame's centre.
 #[derive(Clone, Debug)]
@@ -54,6 +55,10 @@ impl Scene for Checkerboard {
     }
 
     /// The board is a product of two square waves, and so are its cell means.
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        Ok(Some(Components::of_grey(self.clone(), mixer)))
+    }
+
     fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {
         let across = self.wave(grid.left, grid.cell, grid.width);
         let down = self.wave(grid.top, grid.cell, grid.height);

@@ -2,8 +2,9 @@
 
 use super::{BANDS, Options};
 use crate::shape::Shape;
-use crate::{Grid, Quantity, Scene};
+use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result};
+use camrig_light::colour::mixture::Mixer;
 
 /// Dots on a ground over the whole plane; one dot is centred in the frame.
 #[derive(Clone, Debug)]
@@ -38,6 +39,10 @@ impl Scene for Dots {
 
     fn aspect(&self) -> Option<f64> {
         None
+    }
+
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        Ok(Some(Components::of_grey(self.clone(), mixer)))
     }
 
     fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {

@@ -1,8 +1,9 @@
 //! A grey ramp from left to right, continuous or in steps.
 
 use super::{BANDS, Options};
-use crate::{Grid, Quantity, Scene};
+use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Error, Plane, Result};
+use camrig_light::colour::mixture::Mixer;
 
 /// Reflectance that depends on u alone and changes linearly over the frame's width.
 #[derive(Clone, Debug)]
@@ -58,6 +59,10 @@ impl Scene for Ramp {
 
     fn aspect(&self) -> Option<f64> {
         None
+    }
+
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        Ok(Some(Components::of_grey(self.clone(), mixer)))
     }
 
     fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {
