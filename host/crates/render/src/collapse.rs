@@ -197,10 +197,7 @@ impl Collapse {
         };
         opened.scene.components(mixer)?.ok_or_else(|| {
             Error::unsupported(format!("path {} for {:?}", self.path, opened.spec))
-                .help(
-                    "it takes charts and pictures, at rest, moving or in sequence, but no spectral \
-                     cubes: use path bands",
-                )
+                .help("it takes no scene whose bands were joined to fewer: use path bands")
                 .with_code("path-unsupported")
         })
     }

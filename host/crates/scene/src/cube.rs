@@ -29,7 +29,7 @@ pub trait BandSource: Send + Sync {
     /// # Errors
     /// A file that cannot be read.
     fn read(&self, band: usize) -> Result<Plane<f32>>;
-    /// The bands as mixtures, see [`Scene::components`].
+    /// The bands as mixtures, see [`Scene::components`]; none of a source that only has bands.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -256,7 +256,12 @@ impl Scene for Cube {
     }
 
     fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
-        self.source.components(mixer)
+        if let Some(components) = self.source.components(mixer)? {
+            return Ok(Some(components));
+        }
+        let reflectance = self.quantity == Quantity::Reflectance;
+        let mixed = mixer.mix_bands(reflectance, &|band| self.band(band))?;
+        Ok(Some(Components::of_planes(mixed, self.quantity)))
     }
 
     fn notes(&self) -> Vec<String> {

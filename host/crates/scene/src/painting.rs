@@ -4,7 +4,6 @@ use super::shape::Shape;
 use super::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result, Spectrum};
 use camrig_light::colour::mixture::Mixer;
-use camrig_light::colour::smoothest::{COUNT, Curve};
 
 /// Shapes laid on a ground. A shape lies wholly within one material beneath it, so that
 /// value = ground + Σ coverage · (material − beneath) is the exact area average of every cell.
@@ -76,12 +75,7 @@ impl Scene for Painting {
     }
 
     fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
-        let spectrum = |material: &Vec<f64>| Curve::try_from(material.as_slice()).ok();
-        let Some(spectra) = self.materials.iter().map(spectrum).collect::<Option<Vec<Curve>>>()
-        else {
-            return Ok(None);
-        };
-        let mixed = mixer.mix_spectra(&spectra, &[1.0; COUNT]);
+        let mixed = mixer.mix_spectra(&self.materials, &vec![1.0; self.bands.count]);
         let planes = Self {
             bands: Bands { count: mixed.weights[0].len(), ..self.bands },
             materials: mixed.weights,

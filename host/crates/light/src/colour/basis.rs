@@ -12,7 +12,7 @@
 
 use super::gamut::reach;
 use super::lattice::{SIDE, node};
-use super::smoothest::{COUNT, Curve, Domain, Smoothest};
+use super::smoothest::{Curve, Domain, Smoothest};
 use camrig_base::Result;
 use rayon::prelude::*;
 
@@ -25,10 +25,10 @@ const ENOUGH: f64 = 1e-6;
 
 /// Curves for the spectra of pictures seen by a sensor.
 pub struct Basis {
-    /// The curves.
-    pub curves: Vec<Curve>,
+    /// The curves, by band.
+    pub curves: Vec<Vec<f64>>,
     /// What each channel sees of each band, over what it sees of white.
-    seen: Vec<Curve>,
+    seen: Vec<Vec<f64>>,
 }
 
 impl Basis {
@@ -43,19 +43,24 @@ impl Basis {
     }
 
     /// The same for these spectra in place of those of a domain.
-    pub fn of_samples(samples: &[Curve], units: &Curve, seen: &[Vec<f64>], count: usize) -> Self {
+    pub fn of_samples(
+        samples: &[Vec<f64>],
+        units: &[f64],
+        seen: &[Vec<f64>],
+        count: usize,
+    ) -> Self {
         let of_white = |channel: &Vec<f64>| -> f64 {
             channel.iter().zip(units).map(|(seen, white)| seen * white).sum()
         };
         let relative = seen.iter().filter(|channel| of_white(channel) > 0.0).map(|channel| {
             let white = of_white(channel);
-            std::array::from_fn(|band| channel[band] / white)
+            channel.iter().map(|seen| seen / white).collect()
         });
         let mut basis = Self { curves: Vec::new(), seen: relative.collect() };
         for channel in basis.seen.clone() {
             basis.add(&channel);
         }
-        while basis.curves.len() < count.min(COUNT) {
+        while basis.curves.len() < count.min(units.len()) {
             let left: Vec<f64> = samples.par_iter().map(|s| basis.mix(s).1).collect();
             let most = (0..left.len()).max_by(|&a, &b| left[a].total_cmp(&left[b]));
             let Some(most) = most.filter(|&most| left[most] > ENOUGH) else { break };
@@ -67,21 +72,21 @@ impl Basis {
     }
 
     /// Adds what is new of a curve; false where nothing is.
-    fn add(&mut self, curve: &Curve) -> bool {
-        let length = |c: &Curve| dot(c, c).sqrt();
+    fn add(&mut self, curve: &[f64]) -> bool {
+        let length = |c: &[f64]| dot(c, c).sqrt();
         // Twice: the first pass leaves rounding of the size of what it takes off.
         let rest = self.rest(&self.rest(curve));
         let new = length(&rest);
         if new <= DEPENDENT * length(curve) {
             return false;
         }
-        self.curves.push(rest.map(|v| v / new));
+        self.curves.push(rest.into_iter().map(|v| v / new).collect());
         true
     }
 
     /// What no curve has of a spectrum.
-    fn rest(&self, spectrum: &Curve) -> Curve {
-        let mut rest = *spectrum;
+    fn rest(&self, spectrum: &[f64]) -> Vec<f64> {
+        let mut rest = spectrum.to_vec();
         for curve in &self.curves {
             let weight = dot(curve, &rest);
             rest.iter_mut().zip(curve).for_each(|(r, c)| *r -= weight * c);
@@ -91,10 +96,10 @@ impl Basis {
 
     /// The weights of the curves in a spectrum, and the most that they leave out of it at an edge,
     /// as a part of what a channel sees of white.
-    pub fn mix(&self, spectrum: &Curve) -> (Vec<f64>, f64) {
+    pub fn mix(&self, spectrum: &[f64]) -> (Vec<f64>, f64) {
         let weights = self.curves.iter().map(|curve| dot(curve, spectrum)).collect();
         let rest = self.rest(spectrum);
-        let seen = |channel: &Curve| -> f64 {
+        let seen = |channel: &Vec<f64>| -> f64 {
             channel.iter().zip(&rest).map(|(seen, r)| (seen * r).abs()).sum()
         };
         (weights, self.seen.iter().map(seen).fold(0.0, f64::max))
@@ -102,26 +107,27 @@ impl Basis {
 }
 
 /// Spectra over the colours of the domain.
-fn samples(domain: Domain, units: &Curve) -> Result<Vec<Curve>> {
+fn samples(domain: Domain, units: &Curve) -> Result<Vec<Vec<f64>>> {
     let smoothest = Smoothest::new(domain)?;
     let side = (SIDE - 1) / STEP + 1;
     let colours: Vec<[usize; 3]> = (0..side * side * side)
         .map(|n| [n % side, n / side % side, n / (side * side)])
         .filter(|steps| domain == Domain::Reflectance || steps.contains(&(side - 1)))
         .collect();
-    let spectrum = |steps: &[usize; 3]| -> Curve {
+    let spectrum = |steps: &[usize; 3]| -> Vec<f64> {
         let values = reach(&smoothest, domain, steps.map(|step| node(step * STEP))).values;
-        std::array::from_fn(|band| values[band] * units[band])
+        values.iter().zip(units).map(|(value, unit)| value * unit).collect()
     };
     Ok(colours.par_iter().map(spectrum).collect())
 }
 
-fn dot(a: &Curve, b: &Curve) -> f64 {
+fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::smoothest::COUNT;
     use super::*;
 
     /// Three bell curves.
@@ -140,9 +146,8 @@ mod tests {
             let mut most = 0.0f64;
             for spectrum in &samples {
                 let (weights, left) = basis.mix(spectrum);
-                let mixture: Curve = std::array::from_fn(|b| {
-                    weights.iter().zip(&basis.curves).map(|(w, c)| w * c[b]).sum()
-                });
+                let mixed = |b| weights.iter().zip(&basis.curves).map(|(w, c)| w * c[b]).sum();
+                let mixture: Vec<f64> = (0..COUNT).map(mixed).collect();
                 for channel in &basis.seen {
                     assert!((dot(channel, &mixture) - dot(channel, spectrum)).abs() < 1e-12);
                 }

@@ -5,23 +5,21 @@
 //! r_c·white, sums to nothing in the channel; a blur that differs between bands brings out at most
 //! half of Σ |S_c·(ρ − r_c·white)|, and at an edge between two spectra at most both halves.
 
-use super::smoothest::Curve;
-
 /// What the channels of a sensor see, beside white.
 pub struct ChannelPlanes {
     white: Vec<f64>,
     /// What each channel sees of each band, over what it sees of white; none of a channel that
     /// sees nothing of white.
-    seen: Vec<Option<Curve>>,
+    pub seen: Vec<Option<Vec<f64>>>,
 }
 
 impl ChannelPlanes {
     /// Of channels that see so much of a value of 1 in each band, in the unit that makes white
     /// `white`.
-    pub fn of(white: &Curve, seen: &[Vec<f64>]) -> Self {
-        let relative = |channel: &Vec<f64>| -> Option<Curve> {
+    pub fn of(white: &[f64], seen: &[Vec<f64>]) -> Self {
+        let relative = |channel: &Vec<f64>| -> Option<Vec<f64>> {
             let of_white: f64 = channel.iter().zip(white).map(|(s, w)| s * w).sum();
-            (of_white > 0.0).then(|| std::array::from_fn(|band| channel[band] / of_white))
+            (of_white > 0.0).then(|| channel.iter().map(|seen| seen / of_white).collect())
         };
         Self { white: white.to_vec(), seen: seen.iter().map(relative).collect() }
     }
@@ -43,7 +41,7 @@ impl ChannelPlanes {
 
     /// What each channel sees of a spectrum, and the most that is left out at an edge, as a part
     /// of what a channel sees of white.
-    pub fn mix(&self, spectrum: &Curve) -> (Vec<f64>, f64) {
+    pub fn mix(&self, spectrum: &[f64]) -> (Vec<f64>, f64) {
         let mut most = 0.0f64;
         let values = self.seen.iter().map(|channel| {
             let Some(seen) = channel else { return 0.0 };

@@ -12,8 +12,9 @@
 
 use super::basis::Basis;
 use super::channel_planes::ChannelPlanes;
+use super::cubes::OfBands;
 use super::lattice::NODES;
-use super::smoothest::{Curve, Domain};
+use super::smoothest::{COUNT, Curve, Domain};
 use super::spectra::{Spectra, TOGETHER};
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;
@@ -34,6 +35,8 @@ pub struct Mixer {
     seen: Vec<Vec<f64>>,
     components: Components,
     kept: Mutex<Option<Kept>>,
+    /// For scenes given band by band: chosen for the first of them.
+    pub(super) of_bands: Mutex<Option<OfBands>>,
 }
 
 /// A picture as a mixture: for channel c its value in a band is the sum over components k of
@@ -62,7 +65,7 @@ impl Mixer {
     /// For channels that see so much of a value of 1 in each band.
     #[must_use]
     pub fn new(seen: Vec<Vec<f64>>, components: Components) -> Self {
-        Self { seen, components, kept: Mutex::new(None) }
+        Self { seen, components, kept: Mutex::new(None), of_bands: Mutex::new(None) }
     }
 
     /// Per channel what it sees of a value of 1 in each band.
@@ -101,13 +104,8 @@ impl Mixer {
 impl Mixer {
     /// The mixtures of given spectra, in the unit that makes white `units`.
     #[must_use]
-    pub fn mix_spectra(&self, spectra: &[Curve], units: &Curve) -> MixedSpectra {
-        let curves = match self.components {
-            Components::Shared(count) => {
-                Curves::Shared(Basis::of_samples(spectra, units, &self.seen, count))
-            }
-            Components::PerChannel => Curves::PerChannel(ChannelPlanes::of(units, &self.seen)),
-        };
+    pub fn mix_spectra(&self, spectra: &[Vec<f64>], units: &[f64]) -> MixedSpectra {
+        let curves = self.curves_for(spectra, units);
         let (weights, left_out): (Vec<_>, Vec<_>) = spectra.iter().map(|s| curves.mix(s)).unzip();
         MixedSpectra {
             curves: curves.of_channels(self.seen.len()),
@@ -115,9 +113,20 @@ impl Mixer {
             left_out: left_out.into_iter().fold(0.0, f64::max),
         }
     }
+
+    /// Curves for spectra like these.
+    pub(super) fn curves_for(&self, spectra: &[Vec<f64>], units: &[f64]) -> Curves {
+        match self.components {
+            Components::Shared(count) => {
+                Curves::Shared(Basis::of_samples(spectra, units, &self.seen, count))
+            }
+            Components::PerChannel => Curves::PerChannel(ChannelPlanes::of(units, &self.seen)),
+        }
+    }
 }
 
-enum Curves {
+/// The curves of components.
+pub(super) enum Curves {
     Shared(Basis),
     PerChannel(ChannelPlanes),
 }
@@ -130,19 +139,28 @@ impl Curves {
         }
     }
 
-    fn of_channels(&self, channels: usize) -> Vec<Vec<Vec<f64>>> {
+    /// `[channel][component][band]`.
+    pub(super) fn of_channels(&self, channels: usize) -> Vec<Vec<Vec<f64>>> {
         match self {
-            Self::Shared(basis) => {
-                let curves = basis.curves.iter().map(|curve| curve.to_vec()).collect();
-                vec![curves; channels]
-            }
+            Self::Shared(basis) => vec![basis.curves.clone(); channels],
             Self::PerChannel(planes) => planes.curves(),
+        }
+    }
+
+    /// What each component takes of each band of a spectrum.
+    pub(super) fn takes(&self) -> Vec<Vec<f64>> {
+        match self {
+            Self::Shared(basis) => basis.curves.clone(),
+            Self::PerChannel(planes) => {
+                let bands = |seen: &Option<Vec<f64>>| seen.clone().unwrap_or_default();
+                planes.seen.iter().map(bands).collect()
+            }
         }
     }
 
     /// The weights of a spectrum, and the most that they leave out of it at an edge, as a part of
     /// what a channel sees of white.
-    fn mix(&self, spectrum: &Curve) -> (Vec<f64>, f64) {
+    fn mix(&self, spectrum: &[f64]) -> (Vec<f64>, f64) {
         match self {
             Self::Shared(basis) => basis.mix(spectrum),
             Self::PerChannel(planes) => planes.mix(spectrum),
@@ -184,7 +202,7 @@ impl Kept {
             let reached = entries[entry].as_ref().filter(|_| left.is_none())?;
             // In the precision of planes of bands, so that both ways see one spectrum.
             let value = |band: usize| f64::from(reached.values[band] as f32) * units[band];
-            let (weights, left) = curves.mix(&std::array::from_fn(value));
+            let (weights, left) = curves.mix(&std::array::from_fn::<f64, COUNT, _>(value));
             Some((entry, weights, left))
         };
         let found: Vec<_> = left_out.par_iter().enumerate().filter_map(mixed).collect();
@@ -202,7 +220,6 @@ impl Kept {
 
 #[cfg(test)]
 mod tests {
-    use super::super::smoothest::COUNT;
     use super::*;
 
     /// Three bell curves, and a channel that sees nothing.

@@ -9,6 +9,7 @@
 
 mod basis;
 mod channel_planes;
+mod cubes;
 mod gamut;
 mod lattice;
 pub mod mixture;

@@ -100,6 +100,50 @@ fn fast_paths_give_the_electrons_of_the_bands_as_nearly_as_they_say() {
     }
 }
 
+/// A cube of reflectances, mixtures of three spectra in squares, and its name as a scene.
+fn mixtures(file: &Path, bands: usize, centres: &str) -> String {
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    let header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': (24, 32, {bands}), }}");
+    bytes.extend(format!("{header:<117}\n").bytes());
+    for pixel in 0..24 * 32 {
+        let (x, y) = (pixel % 32 / 4, pixel / 32 / 4);
+        for band in 0..bands {
+            let part = band as f32 / bands as f32;
+            let spectra = [part, 1.0 - part, (part - 0.5).abs()];
+            let weights = [x % 2, y % 2, (x + y) % 3].map(|w| 0.4 * w as f32);
+            let value: f32 = weights.iter().zip(spectra).map(|(w, s)| w * s).sum();
+            bytes.extend(value.to_le_bytes());
+        }
+    }
+    std::fs::write(file, bytes).unwrap();
+    format!("{}:quantity=reflectance,{centres}", file.display())
+}
+
+#[test]
+fn cubes_of_few_spectra_take_fast_paths_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let cameras = [(camera(&[]), 0.0), (behind_tables(folder.path()), 1e-2)];
+    for (bands, centres) in [(31, "start_nm=400,step_nm=10"), (33, "start_nm=400,step_nm=10")] {
+        let spec = mixtures(&folder.path().join("cube.npy"), bands, centres);
+        for (camera, order) in &cameras[..if bands == 31 { 2 } else { 1 }] {
+            let of = |path| stage(Path::new(&spec), path).run(camera, |_, _| ()).unwrap();
+            let exact = electrons(camera, &of(OpticsPath::Bands).cube);
+            for path in [OpticsPath::Components, OpticsPath::Live] {
+                let output = of(path);
+                let report = output.collapse.unwrap();
+                let worst = apart(&electrons(camera, &output.cube), &exact);
+                println!("{bands} bands, {path}: {worst:.1e} of the peak; {report:?}");
+                assert!(worst < order + report.left_out.min(1e-2) + 1e-3, "{worst}, {report:?}");
+                if path == OpticsPath::Components {
+                    // Three spectra, and what three or four channels see.
+                    assert!(report.components <= 7 && report.left_out < 1e-4, "{report:?}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn charts_take_fast_paths_at_rest_in_motion_and_in_part() {
     let camera = camera(&[]);
@@ -186,14 +230,8 @@ fn electrons_refuse_another_response_and_scenes_and_sensors_that_need_bands() {
     let said = check_made_for(&other, &cube.header).unwrap_err().to_string();
     assert!(said.contains("sensor.response"), "{said}");
 
-    let file = folder.path().join("cube.npy");
-    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
-    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, 3), }";
-    bytes.extend(format!("{header:<117}\n").bytes());
-    bytes.extend([0.5f32; 12].iter().flat_map(|v| v.to_le_bytes()));
-    std::fs::write(&file, bytes).unwrap();
-    let spec = format!("{}:quantity=reflectance,start_nm=450,step_nm=100", file.display());
-    let cube = stage(Path::new(&spec), OpticsPath::Components);
-    let said = cube.run(&own, |_, _| ()).err().unwrap();
+    let spec = mixtures(&folder.path().join("cube.npy"), 80, "start_nm=400,step_nm=5");
+    let many = stage(Path::new(&spec), OpticsPath::Components);
+    let said = many.run(&own, |_, _| ()).err().unwrap();
     assert_eq!(said.code(), Some("path-unsupported"), "{said}");
 }
