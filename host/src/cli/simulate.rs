@@ -86,8 +86,8 @@ pub struct ViewArgs {
     #[arg(long, value_name = "PART", value_parser = positive)]
     pub psf_tolerance: Option<f64>,
     /// How light comes from the scene to the sensor: bands (each by itself), or in few components
-    /// at once, for pictures and video: components (12, edges to some 1e-4 of white), or live (one
-    /// per channel, fastest). The note and --json say how far they are from bands
+    /// at once: components (12, edges to some 1e-3 of white), or live (one per channel, fastest).
+    /// The note and --json say how far they are from bands
     #[arg(long, value_name = "PATH", default_value = "bands")]
     pub path: OpticsPath,
     /// Let the scene move: pixels per frame to the right and down
