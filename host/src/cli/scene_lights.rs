@@ -204,14 +204,15 @@ impl SceneLights {
     pub fn tell_end(&mut self, frames: u64, asked: Option<u32>) {
         let Changes::Sequence(sequence) = &mut self.changes else { return };
         sequence.tell_end();
-        let name = sequence.name();
+        let rounds = sequence.rounds();
+        let name = rounds.name();
         if let Some(asked) = asked.filter(|asked| u64::from(*asked) > frames) {
             eprintln!(
                 "note: {name} has ended after {frames} of {} (--loop repeats it)",
                 counted(asked as usize, "frame")
             );
         }
-        let skipped = sequence.counts().skipped;
+        let skipped = rounds.counts().skipped;
         if skipped > 0 {
             eprintln!(
                 "note: shown in no frame: {} of {name}, as the next was due already",
@@ -231,7 +232,7 @@ impl SceneLights {
     /// Frames of the scene, counted; null of a scene that is no sequence.
     pub fn counts(&self) -> Value {
         let Changes::Sequence(sequence) = &self.changes else { return Value::Null };
-        let counts = sequence.counts();
+        let counts = sequence.rounds().counts();
         json!({
             "received": counts.received,
             "used": counts.used,

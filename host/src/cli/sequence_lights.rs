@@ -8,7 +8,7 @@ use camrig_camera::Camera;
 use camrig_exposure::{IrradianceCube, displacement, weighted};
 use camrig_render::{OpticsOutput, SequenceStage};
 use camrig_scene::sequence::{
-    Between, Counts, Moment, Playback, SceneFrame, SceneSequence, Timeline,
+    Between, Moment, Playback, Rounds, SceneFrame, SceneSequence, Timeline,
 };
 
 /// What falls on the sensor in a frame.
@@ -85,19 +85,11 @@ impl Sequence {
         Self { shown: Shown::Still(playback), stage, told, pairs: 0 }
     }
 
-    /// What it is, for messages.
-    pub fn name(&self) -> &str {
+    /// Its name and its frames, counted.
+    pub fn rounds(&self) -> &Rounds {
         match &self.shown {
-            Shown::Still(playback) => playback.name(),
-            Shown::InTime(timeline) => timeline.name(),
-        }
-    }
-
-    /// Its frames, counted.
-    pub fn counts(&self) -> Counts {
-        match &self.shown {
-            Shown::Still(playback) => playback.counts(),
-            Shown::InTime(timeline) => timeline.counts(),
+            Shown::Still(playback) => &playback.rounds,
+            Shown::InTime(timeline) => &timeline.rounds,
         }
     }
 
@@ -120,7 +112,7 @@ impl Sequence {
         let output = match shown {
             Shown::Still(playback) => {
                 let moment = playback.at(0);
-                told.tell(playback.notes());
+                told.tell(playback.rounds.notes());
                 let Moment::Next(frame) = moment? else {
                     return Err(Error::internal("a sequence without a first frame"));
                 };
@@ -134,7 +126,7 @@ impl Sequence {
                     output = Some(made);
                     Ok(kept)
                 })?;
-                told.tell(timeline.notes());
+                told.tell(timeline.rounds.notes());
                 output.ok_or_else(|| Error::internal("a sequence without a first frame"))?
             }
         };
@@ -149,7 +141,7 @@ impl Sequence {
             return Err(Error::internal("a sequence in time that stands still"));
         };
         let moment = playback.at(number.into());
-        told.tell(playback.notes());
+        told.tell(playback.rounds.notes());
         Ok(match moment? {
             Moment::Same => NextLight::Same,
             Moment::Over => NextLight::Over,
@@ -180,7 +172,7 @@ impl Sequence {
                 NextLight::Changed(weighted(&views)?)
             }
         };
-        told.tell(timeline.notes());
+        told.tell(timeline.rounds.notes());
         Ok(light)
     }
 
@@ -191,16 +183,12 @@ impl Sequence {
 
     /// Says what only the end shows.
     pub fn tell_end(&mut self) {
-        self.tell_notes();
-        self.told.tell_left();
-    }
-
-    fn tell_notes(&mut self) {
-        let notes = match &mut self.shown {
-            Shown::Still(playback) => playback.notes(),
-            Shown::InTime(timeline) => timeline.notes(),
+        let rounds = match &mut self.shown {
+            Shown::Still(playback) => &mut playback.rounds,
+            Shown::InTime(timeline) => &mut timeline.rounds,
         };
-        self.told.tell(notes);
+        self.told.tell(rounds.notes());
+        self.told.tell_left();
     }
 }
 
