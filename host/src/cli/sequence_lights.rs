@@ -54,8 +54,8 @@ impl Sequence {
         stage: SequenceStage,
         sensor_hz: Option<f64>,
         times: Option<&Times>,
+        mut told: Notes,
     ) -> Self {
-        let mut told = Notes::default();
         let timed = sequence.is_timed();
         if let Some(times) = times.filter(|_| timed) {
             if times.between == Between::Linear {
@@ -116,12 +116,12 @@ impl Sequence {
                 let Moment::Next(frame) = moment? else {
                     return Err(Error::internal("a sequence without a first frame"));
                 };
-                stage.run(camera, frame, |_, _| ())?
+                lit_first(stage, camera, frame, told)?
             }
             Shown::InTime(timeline) => {
                 let mut output = None;
                 timeline.first(|frame| {
-                    let made = stage.run(camera, frame, |_, _| ())?;
+                    let made = lit_first(stage, camera, frame, told)?;
                     let kept = copied(&made.cube)?;
                     output = Some(made);
                     Ok(kept)
@@ -131,7 +131,7 @@ impl Sequence {
             }
         };
         told.tell(output.notes.iter().cloned());
-        super::simulate::tell_optics(&output);
+        super::simulate::tell_optics(&output, told);
         Ok(output)
     }
 
@@ -200,6 +200,20 @@ fn moves(pixels: f64) -> String {
          rows whose exposure has both frames see it twice, and no blur between; at {times} times \
          as many frames per second it moves by one (ffmpeg's minterpolate makes them of video)"
     )
+}
+
+/// What falls on the sensor from the first frame.
+fn lit_first(
+    stage: &mut SequenceStage,
+    camera: &Camera,
+    frame: SceneFrame,
+    told: &Notes,
+) -> Result<OpticsOutput> {
+    let name = frame.name.clone();
+    told.wait_for(|| format!("computing {name}"));
+    stage.run(camera, frame, |done, bands| {
+        told.wait_for(|| format!("computing {name}: {done} of {bands} bands"));
+    })
 }
 
 /// What falls on the sensor from a frame after the first.
