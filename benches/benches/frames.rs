@@ -10,7 +10,7 @@ use camrig_benches::scene_frames::{Kind, header};
 use std::hint::black_box;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 const SIZE: [u32; 2] = [640, 480];
@@ -21,11 +21,10 @@ fn main() {
     let folder = std::env::temp_dir().join(format!("camrig-frames-{}", std::process::id()));
     std::fs::create_dir(&folder).expect("a folder");
     println!("copying: {:.0} frames/s", best(copied));
-    for unix in [false, true] {
-        let name = if unix { "Unix socket" } else { "TCP" };
-        let bare = best(|| bare(unix, &folder.join("bare")));
-        let taken = best(|| received(unix, &folder.join("taken"), false));
-        let opened = best(|| received(unix, &folder.join("opened"), true));
+    for (name, socket) in SOCKETS {
+        let bare = best(|| bare(socket(&folder.join("bare"))));
+        let taken = best(|| received(socket(&folder.join("taken")), false));
+        let opened = best(|| received(socket(&folder.join("opened")), true));
         println!("{name}: bare {bare:.0}, taken {taken:.0}, a picture {opened:.0} frames/s");
     }
     std::fs::remove_dir_all(&folder).expect("the folder goes");
@@ -61,37 +60,62 @@ fn write(mut to: impl Write) {
     let _ = to.write_all(&header(FRAMES + 1, None));
 }
 
+/// A socket of one kind: how camrig names it, who listens, and who connects.
+struct Socket {
+    spec: String,
+    accept: Box<dyn FnOnce() -> Box<dyn Read>>,
+    connect: Box<dyn Fn() -> std::io::Result<Box<dyn Write>> + Send>,
+}
+
+/// The kinds of sockets that this system has, each at a path where it needs one.
+const SOCKETS: &[(&str, fn(&Path) -> Socket)] = &[
+    ("TCP", tcp),
+    #[cfg(unix)]
+    ("Unix socket", unix),
+];
+
+fn tcp(_: &Path) -> Socket {
+    let free = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr();
+    let place = free.expect("an address");
+    Socket {
+        spec: format!("tcp://{place}"),
+        accept: Box::new(move || {
+            Box::new(TcpListener::bind(place).expect("a port").accept().expect("a writer").0)
+        }),
+        connect: Box::new(move || Ok(Box::new(TcpStream::connect(place)?))),
+    }
+}
+
+#[cfg(unix)]
+fn unix(path: &Path) -> Socket {
+    use std::os::unix::net::{UnixListener, UnixStream};
+    let _ = std::fs::remove_file(path);
+    let (here, there) = (path.to_owned(), path.to_owned());
+    Socket {
+        spec: format!("unix:{}", path.display()),
+        accept: Box::new(move || {
+            Box::new(UnixListener::bind(here).expect("a socket").accept().expect("a writer").0)
+        }),
+        connect: Box::new(move || Ok(Box::new(UnixStream::connect(&there)?))),
+    }
+}
+
 /// Connects as soon as somebody listens, and writes.
-fn write_to(unix: bool, place: String) {
+fn write_to(connect: Box<dyn Fn() -> std::io::Result<Box<dyn Write>> + Send>) {
     std::thread::spawn(move || {
         loop {
-            let patience = Duration::from_millis(5);
-            match unix {
-                true => match UnixStream::connect(&place) {
-                    Ok(to) => return write(to),
-                    Err(_) => std::thread::sleep(patience),
-                },
-                false => match TcpStream::connect(&place) {
-                    Ok(to) => return write(to),
-                    Err(_) => std::thread::sleep(patience),
-                },
+            match connect() {
+                Ok(to) => return write(to),
+                Err(_) => std::thread::sleep(Duration::from_millis(5)),
             }
         }
     });
 }
 
 /// Reads the messages' bytes into one buffer.
-fn bare(unix: bool, path: &std::path::Path) -> f64 {
-    let _ = std::fs::remove_file(path);
-    let mut from: Box<dyn Read> = if unix {
-        let listener = UnixListener::bind(path).expect("a socket");
-        write_to(unix, path.display().to_string());
-        Box::new(listener.accept().expect("a writer").0)
-    } else {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-        write_to(unix, listener.local_addr().expect("an address").to_string());
-        Box::new(listener.accept().expect("a writer").0)
-    };
+fn bare(socket: Socket) -> f64 {
+    write_to(socket.connect);
+    let mut from = (socket.accept)();
     let mut message = vec![0; 256 + PAYLOAD];
     from.read_exact(&mut message).expect("a frame");
     let begin = Instant::now();
@@ -103,17 +127,9 @@ fn bare(unix: bool, path: &std::path::Path) -> f64 {
 }
 
 /// Takes the frames as camrig does.
-fn received(unix: bool, path: &std::path::Path, open: bool) -> f64 {
-    let spec = if unix {
-        write_to(unix, path.display().to_string());
-        format!("unix:{}", path.display())
-    } else {
-        let free = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr();
-        let place = free.expect("an address").to_string();
-        write_to(unix, place.clone());
-        format!("tcp://{place}")
-    };
-    let opened = sequence::open(&spec, &Reading::default()).expect("a stream");
+fn received(socket: Socket, open: bool) -> f64 {
+    write_to(socket.connect);
+    let opened = sequence::open(&socket.spec, &Reading::default()).expect("a stream");
     let mut frames = opened.expect("a sequence");
     frames.next_frame().expect("a frame");
     let begin = Instant::now();

@@ -143,8 +143,12 @@ fn frames(name: &str, camera: &Camera, size: [u32; 2]) {
     })
     .expect("a stage");
     let settings = camera.settings(0, 0.01, None);
-    let raw = |cube: &IrradianceCube| {
-        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0).expect("a sensor");
+    // One for all frames, as the programs have it.
+    let mut kept = None;
+    let mut raw = |cube: &IrradianceCube| {
+        let sensor = kept.get_or_insert_with(|| {
+            SimulatedSensor::new(camera, &cube.header, 1.0).expect("a sensor")
+        });
         sensor.frame(cube, None, &settings, Arithmetic::F32).expect("a frame")
     };
     let all = stream(size, FRAMES + 1);

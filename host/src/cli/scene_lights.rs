@@ -1,6 +1,7 @@
 //! The light of frame after frame: a scene that stands still, one that moves, or a sequence.
 
 use super::arguments::{duration, frames_per_s};
+use super::notes::Notes;
 pub use super::sequence_lights::NextLight;
 use super::sequence_lights::Sequence;
 use super::simulate::ViewArgs;
@@ -79,6 +80,11 @@ impl SequenceArgs {
     }
 }
 
+/// A sequence in words before it is open.
+fn named(scene: &str) -> &str {
+    if scene == "-" || scene.starts_with("-:") { "standard input" } else { scene }
+}
+
 /// The light of the frames that look at a scene.
 pub struct SceneLights {
     camera: Camera,
@@ -97,12 +103,14 @@ enum Changes {
 
 impl SceneLights {
     /// Opens the scene of `view` for a sensor of that frame rate, and gives the light of the first
-    /// frame as if it stood still. With `times`, rows collect light in their windows.
+    /// frame as if it stood still. With `times`, rows collect light in their windows. Notes are
+    /// `told`, now and later.
     pub fn open(
         view: &ViewArgs,
         camera: &Camera,
         sensor_hz: Option<f64>,
         times: Option<Times>,
+        mut told: Notes,
     ) -> Result<(Self, OpticsOutput)> {
         let stage = view.optics_stage()?;
         let camera = camera.clone();
@@ -110,10 +118,11 @@ impl SceneLights {
         if view.sequence.is_sequence(&view.scene)? {
             lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a sequence"))?;
             let stage = SequenceStage::new(stage)?;
+            told.wait_for(|| format!("waiting for the first frame of {}", named(&view.scene)));
             let opened = sequence::open(&view.scene, &view.sequence.reading())?
                 .ok_or_else(|| Error::internal("a sequence that is none"))?;
             let opened = (opened, view.sequence.repeats);
-            let mut sequence = Sequence::new(opened, stage, sensor_hz, times.as_ref());
+            let mut sequence = Sequence::new(opened, stage, sensor_hz, times.as_ref(), told);
             let first = sequence.first(&camera)?;
             let changes = Changes::Sequence(Box::new(sequence));
             return Ok((Self { camera, changes, times, notes: Vec::new() }, first));
@@ -123,7 +132,7 @@ impl SceneLights {
                 .at("[sensor.timing]")
                 .help("leave it out"));
         }
-        let first = view.view_with(&camera)?;
+        let first = view.view_with(&camera, &mut told)?;
         let changes = if stage.motion.is_some() {
             lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a scene that moves"))?;
             Changes::Motion(Box::new(MotionStage::open(&stage, &camera)?))
@@ -204,14 +213,15 @@ impl SceneLights {
     pub fn tell_end(&mut self, frames: u64, asked: Option<u32>) {
         let Changes::Sequence(sequence) = &mut self.changes else { return };
         sequence.tell_end();
-        let name = sequence.name();
+        let rounds = sequence.rounds();
+        let name = rounds.name();
         if let Some(asked) = asked.filter(|asked| u64::from(*asked) > frames) {
             eprintln!(
                 "note: {name} has ended after {frames} of {} (--loop repeats it)",
                 counted(asked as usize, "frame")
             );
         }
-        let skipped = sequence.counts().skipped;
+        let skipped = rounds.counts().skipped;
         if skipped > 0 {
             eprintln!(
                 "note: shown in no frame: {} of {name}, as the next was due already",
@@ -231,7 +241,7 @@ impl SceneLights {
     /// Frames of the scene, counted; null of a scene that is no sequence.
     pub fn counts(&self) -> Value {
         let Changes::Sequence(sequence) = &self.changes else { return Value::Null };
-        let counts = sequence.counts();
+        let counts = sequence.rounds().counts();
         json!({
             "received": counts.received,
             "used": counts.used,

@@ -8,7 +8,7 @@ use camrig_camera::Camera;
 use camrig_exposure::{IrradianceCube, displacement, weighted};
 use camrig_render::{OpticsOutput, SequenceStage};
 use camrig_scene::sequence::{
-    Between, Counts, Moment, Playback, SceneFrame, SceneSequence, Timeline,
+    Between, Moment, Playback, Rounds, SceneFrame, SceneSequence, Timeline,
 };
 
 /// What falls on the sensor in a frame.
@@ -54,8 +54,8 @@ impl Sequence {
         stage: SequenceStage,
         sensor_hz: Option<f64>,
         times: Option<&Times>,
+        mut told: Notes,
     ) -> Self {
-        let mut told = Notes::default();
         let timed = sequence.is_timed();
         if let Some(times) = times.filter(|_| timed) {
             if times.between == Between::Linear {
@@ -85,19 +85,11 @@ impl Sequence {
         Self { shown: Shown::Still(playback), stage, told, pairs: 0 }
     }
 
-    /// What it is, for messages.
-    pub fn name(&self) -> &str {
+    /// Its name and its frames, counted.
+    pub fn rounds(&self) -> &Rounds {
         match &self.shown {
-            Shown::Still(playback) => playback.name(),
-            Shown::InTime(timeline) => timeline.name(),
-        }
-    }
-
-    /// Its frames, counted.
-    pub fn counts(&self) -> Counts {
-        match &self.shown {
-            Shown::Still(playback) => playback.counts(),
-            Shown::InTime(timeline) => timeline.counts(),
+            Shown::Still(playback) => &playback.rounds,
+            Shown::InTime(timeline) => &timeline.rounds,
         }
     }
 
@@ -120,26 +112,26 @@ impl Sequence {
         let output = match shown {
             Shown::Still(playback) => {
                 let moment = playback.at(0);
-                told.tell(playback.notes());
+                told.tell(playback.rounds.notes());
                 let Moment::Next(frame) = moment? else {
                     return Err(Error::internal("a sequence without a first frame"));
                 };
-                stage.run(camera, frame, |_, _| ())?
+                lit_first(stage, camera, frame, told)?
             }
             Shown::InTime(timeline) => {
                 let mut output = None;
                 timeline.first(|frame| {
-                    let made = stage.run(camera, frame, |_, _| ())?;
+                    let made = lit_first(stage, camera, frame, told)?;
                     let kept = copied(&made.cube)?;
                     output = Some(made);
                     Ok(kept)
                 })?;
-                told.tell(timeline.notes());
+                told.tell(timeline.rounds.notes());
                 output.ok_or_else(|| Error::internal("a sequence without a first frame"))?
             }
         };
         told.tell(output.notes.iter().cloned());
-        super::simulate::tell_optics(&output);
+        super::simulate::tell_optics(&output, told);
         Ok(output)
     }
 
@@ -149,7 +141,7 @@ impl Sequence {
             return Err(Error::internal("a sequence in time that stands still"));
         };
         let moment = playback.at(number.into());
-        told.tell(playback.notes());
+        told.tell(playback.rounds.notes());
         Ok(match moment? {
             Moment::Same => NextLight::Same,
             Moment::Over => NextLight::Over,
@@ -180,7 +172,7 @@ impl Sequence {
                 NextLight::Changed(weighted(&views)?)
             }
         };
-        told.tell(timeline.notes());
+        told.tell(timeline.rounds.notes());
         Ok(light)
     }
 
@@ -191,16 +183,12 @@ impl Sequence {
 
     /// Says what only the end shows.
     pub fn tell_end(&mut self) {
-        self.tell_notes();
-        self.told.tell_left();
-    }
-
-    fn tell_notes(&mut self) {
-        let notes = match &mut self.shown {
-            Shown::Still(playback) => playback.notes(),
-            Shown::InTime(timeline) => timeline.notes(),
+        let rounds = match &mut self.shown {
+            Shown::Still(playback) => &mut playback.rounds,
+            Shown::InTime(timeline) => &mut timeline.rounds,
         };
-        self.told.tell(notes);
+        self.told.tell(rounds.notes());
+        self.told.tell_left();
     }
 }
 
@@ -212,6 +200,20 @@ fn moves(pixels: f64) -> String {
          rows whose exposure has both frames see it twice, and no blur between; at {times} times \
          as many frames per second it moves by one (ffmpeg's minterpolate makes them of video)"
     )
+}
+
+/// What falls on the sensor from the first frame.
+fn lit_first(
+    stage: &mut SequenceStage,
+    camera: &Camera,
+    frame: SceneFrame,
+    told: &Notes,
+) -> Result<OpticsOutput> {
+    let name = frame.name.clone();
+    told.wait_for(|| format!("computing {name}"));
+    stage.run(camera, frame, |done, bands| {
+        told.wait_for(|| format!("computing {name}: {done} of {bands} bands"));
+    })
 }
 
 /// What falls on the sensor from a frame after the first.

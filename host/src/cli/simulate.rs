@@ -180,21 +180,23 @@ impl ViewArgs {
     /// Loads the camera and runs the optics stage.
     pub fn view(&self) -> Result<(Camera, OpticsOutput)> {
         let camera = self.camera.load()?;
-        let view = self.view_with(&camera)?;
+        let view = self.view_with(&camera, &mut Notes::default())?;
         Ok((camera, view))
     }
 
     /// Runs the optics stage for a camera.
-    pub(super) fn view_with(&self, camera: &Camera) -> Result<OpticsOutput> {
+    pub(super) fn view_with(&self, camera: &Camera, told: &mut Notes) -> Result<OpticsOutput> {
         let optics_stage = self.optics_stage()?;
         let bar = arguments::progress("optics", 0);
+        told.wait_for(|| format!("computing {}", self.scene));
         let view = optics_stage.run(camera, |done, bands| {
             bar.set_length(bands as u64);
             bar.set_position(done as u64);
+            told.wait_for(|| format!("computing {}: {done} of {bands} bands", self.scene));
         })?;
         bar.finish_and_clear();
-        Notes::default().tell(view.notes.iter().cloned());
-        tell_optics(&view);
+        told.tell(view.notes.iter().cloned());
+        tell_optics(&view, told);
         if view.cached {
             eprintln!("note: optics from the cache (--no-cache runs them again)");
         }
@@ -203,9 +205,9 @@ impl ViewArgs {
 }
 
 /// Says how the optics were computed.
-pub(super) fn tell_optics(view: &OpticsOutput) {
+pub(super) fn tell_optics(view: &OpticsOutput, told: &Notes) {
     if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
-        eprintln!("warning: {warning}");
+        told.warn(&warning);
     }
     if let Some(device) = &view.optics.device {
         eprintln!("note: optics on {device}");
@@ -232,7 +234,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut camera = readout.camera(args.view.camera.load()?)?;
     camera.first_frame = frames.first_number();
     let times = args.time.times(&camera, args.fps)?;
-    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps, times)?;
+    let told = Notes::default();
+    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps, times, told)?;
     if frames.hdr.is_some() && lights.change_within_frames() {
         return Err(Error::unsupported(
             "two exposures in one frame of light that changes with time",

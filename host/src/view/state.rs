@@ -117,7 +117,7 @@ pub struct Event {
     pub text: String,
     /// Whether something went wrong.
     pub error: bool,
-    /// How often it happened in a row.
+    /// How often it happened: in a row, or at all where there is cause for it again and again.
     pub count: u32,
 }
 
@@ -215,28 +215,34 @@ impl State {
 
     /// Tells something.
     pub fn note(&mut self, source: &'static str, text: impl Into<String>) {
-        self.tell(source, text.into(), false);
+        self.tell(source, text.into(), false, 1);
+    }
+
+    /// Tells something for which there is cause again and again, between other things: it stays one
+    /// event, which counts.
+    pub fn note_again(&mut self, source: &'static str, text: impl Into<String>) {
+        self.tell(source, text.into(), false, EVENTS);
     }
 
     /// Tells that something went wrong: what, where, and what would be right.
     pub fn fault(&mut self, source: &'static str, error: &Error) {
         let place = error.place().map_or(String::new(), |place| format!(" ({place})"));
         let remedy = error.remedy().map_or(String::new(), |remedy| format!(": {remedy}"));
-        self.tell(source, format!("{}{place}{remedy}", error.what()), true);
+        self.tell(source, format!("{}{place}{remedy}", error.what()), true, 1);
     }
 
-    fn tell(&mut self, source: &'static str, text: String, error: bool) {
+    /// Tells something, which is one event with the same among the last ones.
+    fn tell(&mut self, source: &'static str, text: String, error: bool, last: usize) {
         self.told += 1;
-        let same = |e: &&mut Event| e.text == text && e.source == source;
-        if let Some(last) = self.events.back_mut().filter(same) {
-            (last.number, last.frame, last.count) = (self.told, self.frames, last.count + 1);
-            return;
-        }
+        let same = |e: &Event| e.text == text && e.source == source;
+        let before = self.events.len().saturating_sub(last);
+        let at = (before..self.events.len()).rev().find(|at| same(&self.events[*at]));
+        let again = at.and_then(|at| self.events.remove(at));
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
-        let (number, frame) = (self.told, self.frames);
-        self.events.push_back(Event { number, frame, source, text, error, count: 1 });
+        let (number, frame, count) = (self.told, self.frames, again.map_or(1, |e| e.count + 1));
+        self.events.push_back(Event { number, frame, source, text, error, count });
     }
 }
 
@@ -313,6 +319,12 @@ mod tests {
         let told: Vec<_> = state.events_after(0).iter().map(|e| (e.number, e.count)).collect();
         assert_eq!(told, [(2, 2), (3, 1)]);
         assert_eq!(state.events_after(0)[0].text, "no answer (tcp://x): is it there?");
+        // Between other events, and moved behind them, so that numbers rise.
+        state.note_again("scene", "clipped");
+        state.note("rig", "it is back");
+        state.note_again("scene", "clipped");
+        let told: Vec<_> = state.events_after(2).iter().map(|e| (e.number, e.count)).collect();
+        assert_eq!(told, [(3, 1), (5, 1), (6, 2)]);
         (0..2 * EVENTS).for_each(|i| state.note("rig", i.to_string()));
         assert_eq!(state.events_after(0).len(), EVENTS);
     }

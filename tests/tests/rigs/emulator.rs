@@ -8,8 +8,6 @@ use camrig_rig_link::message::Fault;
 use camrig_rig_link::registers::address;
 use std::sync::mpsc;
 
-const BOTH: [Arithmetic; 2] = [Arithmetic::F32, Arithmetic::Fixed];
-
 /// Serves an emulator on a free port and returns its address.
 pub fn tcp_server(versions: Option<(u8, u8)>) -> String {
     let (sender, receiver) = mpsc::channel();
@@ -22,12 +20,27 @@ pub fn tcp_server(versions: Option<(u8, u8)>) -> String {
 
 #[test]
 fn in_process_frames_are_those_of_the_host() {
-    common::compare(&mut Rig::open("emulator:").unwrap(), &BOTH);
+    common::compare(&mut Rig::open("emulator:").unwrap(), &Arithmetic::ALL);
+}
+
+/// A frame shows in which arithmetic it was computed, so that those of the host are no others by
+/// chance, and a rig has all that the host can ask for.
+#[test]
+fn a_rig_has_every_arithmetic_and_each_rounds_in_its_own_way() {
+    let device = Rig::open("emulator:").unwrap().device();
+    assert_eq!(device.arithmetics.count_ones() as usize, Arithmetic::ALL.len());
+    let folder = tempfile::tempdir().unwrap();
+    let camera = common::camera(folder.path(), 0);
+    let cube = common::cube(&camera, BANDS);
+    let (sensor, settings) = (common::sensor(&camera, &cube), camera.settings(0, 0.02, None));
+    let of = |arithmetic| sensor.frame(&cube, None, &settings, arithmetic).unwrap();
+    let [float, fixed] = Arithmetic::ALL.map(of);
+    assert!(float != fixed);
 }
 
 #[test]
 fn frames_over_tcp_are_those_of_the_host() {
-    common::compare(&mut Rig::open(&tcp_server(None)).unwrap(), &BOTH);
+    common::compare(&mut Rig::open(&tcp_server(None)).unwrap(), &Arithmetic::ALL);
 }
 
 #[cfg(unix)]
@@ -39,7 +52,7 @@ fn frames_over_a_pseudo_terminal_are_those_of_the_host() {
             .unwrap();
     });
     let url = format!("serial://{}", receiver.recv().unwrap());
-    common::compare(&mut Rig::open(&url).unwrap(), &BOTH);
+    common::compare(&mut Rig::open(&url).unwrap(), &Arithmetic::ALL);
 }
 
 /// A proxy between a host and a rig that cuts the first connection after `after` bytes to the rig.

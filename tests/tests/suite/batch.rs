@@ -206,3 +206,52 @@ fn pixel_size_against_snr_and_mtf() {
         assert!(page.contains(words), "{words}");
     }
 }
+
+/// Dark frames are of a sensor at its exposure, whatever it looks at and in which light: pictures of
+/// all scenes and levels share them, and a sweep of some of these pictures has the same.
+#[test]
+fn pictures_of_one_sensor_share_its_dark_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let changes = [("bits", "14"), ("read_e_post", "0.0"), ("dark_current_e_per_s", "0.0")];
+    std::fs::write(dir.join("c.toml"), small_camera(64, 48, &changes)).unwrap();
+    // For each read noise and channel, the different dynamic ranges.
+    let ranges = |name: &str, scenes: &str, lux: &str| -> BTreeMap<(String, String), Vec<f64>> {
+        let sweep = format!(
+            "format = \"sweep/1\"\n[grid]\ncamera = \"c.toml\"\nscene = [{scenes}]\n\
+             lux = [{lux}]\nexposure_s = 0.01\n[grid.camera_keys]\n\
+             \"sensor.noise.read_e\" = [3.0, 9.0]\n[figures]\ndynamic_range_db = true\n"
+        );
+        std::fs::write(dir.join(format!("{name}.toml")), sweep).unwrap();
+        camrig_ok(dir, &format!("batch {name}.toml -o {name} --no-cache"));
+        let table = std::fs::read_to_string(dir.join(name).join("figures.csv")).unwrap();
+        let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let head = lines.next().unwrap();
+        let place = |name: &str| head.iter().position(|h| *h == name).unwrap();
+        let [read, channel, range] =
+            ["sensor.noise.read_e", "channel", "dynamic_range_db"].map(place);
+        let mut found = BTreeMap::new();
+        for line in lines {
+            let key = (line[read].to_string(), line[channel].to_string());
+            let all: &mut Vec<f64> = found.entry(key).or_default();
+            let range = line[range].parse().unwrap();
+            if !all.contains(&range) {
+                all.push(range);
+            }
+        }
+        found
+    };
+    let all = ranges("all", "\"uniform:0.1\", \"ramp\", \"dots\"", "30, 300");
+    assert!(all.len() >= 6 && all.values().all(|ranges| ranges.len() == 1), "{all:?}");
+    assert_eq!(all, ranges("some", "\"dots\"", "300"));
+    // Three times the read noise in the same random numbers, beside steps and row offsets of half
+    // an electron.
+    let of = |read: f64| {
+        let of_read = all.iter().filter(move |((r, _), _)| r.parse::<f64>() == Ok(read));
+        of_read.map(|(_, ranges)| ranges[0])
+    };
+    for (less, more) in of(3.0).zip(of(9.0)) {
+        let lost = less - more;
+        assert!((lost - 20.0 * 3f64.log10()).abs() < 0.5, "{lost} dB: {all:?}");
+    }
+}

@@ -213,3 +213,37 @@ fn explanations_give_the_source_of_every_value() {
     let file = String::from_utf8(camrig_ok(Path::new("."), "presets imx477").stdout).unwrap();
     assert!(file.lines().any(|l| l.starts_with("read_e = 3.0") && l.contains("# measured [")));
 }
+
+/// A key that no camera file has is refused by name wherever a camera is taken, before any work;
+/// one that it has changes what the command does.
+#[test]
+fn every_command_that_takes_a_camera_takes_changes_to_its_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for command in [
+        "simulate --camera mt9v024 --scene ramp --exposure 1ms -o x.npy",
+        "expose --camera mt9v024 --irradiance x.irr --exposure 1ms -o x.npy",
+        "isp --camera mt9v024 --exposure 1ms",
+        "capture --camera mt9v024 --plan ptc -o set",
+        "crosstalk bench --camera mt9v024 -o bench",
+        "rig stream emulator: --camera mt9v024 --scene ramp --exposure 1ms",
+        "rig view emulator: --camera mt9v024 --scene ramp",
+        "datasheet mt9v024 -o sheets",
+        "compare mt9v024 set",
+        "diagnose mt9v024 set -o diagnosis",
+        "validate paper --model mt9v024",
+    ] {
+        let run = camrig(dir, &format!("{command} --set sensor.noise.reed_e=1"));
+        let said = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert_eq!(run.status.code(), Some(2), "{command}: {said}");
+        assert!(said.contains("reed_e") && run.stdout.is_empty(), "{command}: {said}");
+    }
+    let black = "--set sensor.black_level_dn=77";
+    camrig_ok(dir, &format!("capture --camera mt9v024 --plan ptc --size 48,32 -o set {black}"));
+    let set = std::fs::read_to_string(dir.join("set/captures.toml")).unwrap();
+    assert!(set.contains("black_level_dn = 77"), "{set}");
+    // The model has what the captures were taken with, or has not.
+    let compared = |changes: &str| camrig(dir, &format!("compare mt9v024 set {changes}")).status;
+    assert_eq!(compared(black).code(), Some(0));
+    assert_eq!(compared("").code(), Some(1));
+}

@@ -54,19 +54,58 @@ fn rows_collect_light_in_time_also_after_the_exposure_has_changed() {
     assert!((expected(0.002) - expected(0.006)).abs() > 0.1);
 }
 
-/// A frame of video, and its header before the first.
+const VIDEO: &[u8] = b"YUV4MPEG2 W16 H12 F25:1 Ip A1:1 C444\n";
+
+/// A grey frame of video.
 fn video(luma: u8) -> Vec<u8> {
-    let mut bytes = b"FRAME\n".to_vec();
-    bytes.extend([luma; 16 * 12]);
-    bytes.extend([128; 2 * 16 * 12]);
-    bytes
+    coloured(luma, 128)
+}
+
+/// A frame of video of one luma and one Cb.
+fn coloured(luma: u8, blue: u8) -> Vec<u8> {
+    let planes = [luma, blue, 128].map(|code| vec![code; 16 * 12]);
+    [b"FRAME\n".to_vec(), planes.concat()].concat()
+}
+
+/// Before the first frame has come, the page says that it is waited for. What is told of later
+/// frames stands on it once, with the number of frames.
+#[test]
+fn the_page_is_there_before_the_scene_and_has_the_notes_of_its_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "--scene - --stall 100 --lux 2000 --exposure 2ms";
+    let mut console = Console::fed(dir.path(), &format!("{CAMERA} {scene}"), &[]);
+    let mut page = console.page();
+    let (told, _) =
+        page.until(|told| told["busy"] == "waiting for the first frame of standard input");
+    assert_eq!((&told["status"], &told["frames"]), (&json!("starting"), &json!(0)));
+    // An order waits for the stream.
+    page.set(json!({ "exposure_s": 0.004 }));
+    let mut stdin = console.child.stdin.take().unwrap();
+    // Blue beyond 1 from the fourth frame on: the same in three frames, another in each of four.
+    let blue = [60, 60, 60, 40, 50, 70, 80].map(|luma| coloured(luma, 255)).concat();
+    stdin.write_all(&[VIDEO, &video(60).repeat(3), &blue].concat()).unwrap();
+    let (told, _) = page.until(|told| exposed(told, 0.004, 1.0));
+    assert_eq!(told["busy"], Value::Null);
+    drop(stdin);
+    page.until_told("it has ended");
+    let (told, _) = page.until(|_| true);
+    let events = told["events"].as_array().unwrap();
+    let count = |part: &str| {
+        let with = |e: &&Value| e["text"].as_str().unwrap().contains(part);
+        let found: Vec<&Value> = events.iter().filter(with).collect();
+        assert!(found.iter().all(|e| e["error"] == false), "{found:?}");
+        found.iter().map(|e| e["count"].as_u64().unwrap()).collect::<Vec<_>>()
+    };
+    assert_eq!(count("clipped: 192 pixels (100.00 %)"), [3, 1, 1], "{events:#?}");
+    assert_eq!(count("notes of single frames beyond these"), [2]);
+    // What holds for all ten frames, and what was said of the stream.
+    assert_eq!((count("sRGB is assumed"), count("a limited range")), (vec![10], vec![1]));
 }
 
 #[test]
 fn a_writer_who_is_silent_or_dies_holds_up_no_frame() {
     let dir = tempfile::tempdir().unwrap();
-    let header = b"YUV4MPEG2 W16 H12 F25:1 Ip A1:1 C444\n";
-    let begin = [&header[..], &video(60), &video(90), &video(90)].concat();
+    let begin = [VIDEO, &video(60), &video(90), &video(90)].concat();
     let scene = "--scene - --stall 100 --lux 2000 --exposure 2ms";
     let mut console = Console::fed(dir.path(), &format!("{CAMERA} {scene}"), &begin);
     let mut page = console.page();

@@ -111,6 +111,12 @@ fn region(text: &str) -> Option<Region> {
     (inside(x, width) && inside(y, height)).then_some(region)
 }
 
+/// Whether two rectangles share more than an edge, but for rounding.
+fn overlap(a: Region, b: Region) -> bool {
+    let shared = |i: usize| (a[i] + a[i + 2]).min(b[i] + b[i + 2]) - a[i].max(b[i]);
+    shared(0) > 1e-9 && shared(1) > 1e-9
+}
+
 /// The lamps of a scene. Without any its light is steady.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lamps {
@@ -123,13 +129,13 @@ impl Lamps {
     /// Lamps that light a scene together.
     ///
     /// # Errors
-    /// Shares that are more than all of the light.
+    /// Shares that are more than all of the light; regions that overlap.
     pub fn new(lamps: Vec<Lamp>) -> Result<Self> {
         let mut all = Self::default();
         for lamp in lamps {
             let lamps = match lamp.region {
                 None => &mut all.lamps,
-                Some(region) => all.of_region(region),
+                Some(region) => all.of_region(region)?,
             };
             lamps.push(lamp);
             let sum: f64 = lamps.iter().map(|lamp| lamp.share).sum();
@@ -142,13 +148,20 @@ impl Lamps {
     }
 
     /// The lamps of a region, which begins with none.
-    fn of_region(&mut self, region: Region) -> &mut Vec<Lamp> {
+    fn of_region(&mut self, region: Region) -> Result<&mut Vec<Lamp>> {
+        let mut others = self.regions.iter().map(|(other, _)| *other);
+        if let Some(other) = others.find(|other| *other != region && overlap(*other, region)) {
+            return Err(Error::input(format!(
+                "lamps on regions that overlap: {other:?}, {region:?}"
+            ))
+            .help("a place is lit by the lamps of one region: let the regions meet, or be one"));
+        }
         let place = self.regions.iter().position(|(other, _)| *other == region);
         let place = place.unwrap_or_else(|| {
             self.regions.push((region, Self::default()));
             self.regions.len() - 1
         });
-        &mut self.regions[place].1.lamps
+        Ok(&mut self.regions[place].1.lamps)
     }
 
     /// Whether the light is steady.
@@ -310,6 +323,15 @@ mod tests {
         assert_eq!(*region, [0.5, 0.0, 0.5, 0.25]);
         assert!((led.mean([0.0, 0.001]) - 2.0).abs() < 1e-12);
         assert!((both.mean([0.0, 1e-6]) - 1.6).abs() < 1e-6);
+        // What two regions would light is neither's; they may meet.
+        let lamps = |other: &str| {
+            let one = "pulse:hz=90,duty=0.5,region=0.1,0,0.2,1".parse().unwrap();
+            let other = format!("pulse:hz=60,duty=0.5,region={other}").parse().unwrap();
+            Lamps::new(vec![one, other])
+        };
+        assert_eq!(lamps("0.3,0,0.5,1").unwrap().regions().len(), 2);
+        let said = lamps("0.29,0.5,0.5,0.5").unwrap_err().to_string();
+        assert!(said.contains("overlap: [0.1, 0.0, 0.2, 1.0], [0.29, 0.5, 0.5, 0.5]"), "{said}");
         assert!(Lamps::default().are_steady());
         assert_eq!(Lamps::default().mean([0.1, 0.3]), 1.0);
     }

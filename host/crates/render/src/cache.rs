@@ -119,6 +119,8 @@ fn rendered(
 /// seen once.
 pub(crate) struct OneLens {
     lens: Box<dyn Lens>,
+    /// What irradiance through it is made for. Looked up once, as it digests the lens's files.
+    pub made_for: MadeFor,
     /// Whether it was traced now.
     pub traced: bool,
     /// What its reader assumed or ignored.
@@ -135,8 +137,9 @@ impl OneLens {
     ) -> Result<Self> {
         let described = Described::new(camera, bands, options)?;
         let notes = described.notes().to_vec();
+        let made_for = made_for(camera)?;
         let (lens, traced) = described.lens(directory)?;
-        Ok(Self { lens, traced, notes })
+        Ok(Self { lens, made_for, traced, notes })
     }
 
     /// The lens itself.
@@ -153,7 +156,7 @@ impl OneLens {
         about: About,
         progress: impl FnMut(usize, usize),
     ) -> Result<(IrradianceCube, Report)> {
-        let (header, white) = header(camera, scene, about, made_for(camera)?)?;
+        let (header, white) = header(camera, scene, about, self.made_for.clone())?;
         let lit = LitScene { scene: scene.scene, white };
         rendered(&lit, &*self.lens, header, &sensor_grid(camera), options, progress)
     }
@@ -261,5 +264,25 @@ mod tests {
         }
         assert!(!run(&camera, 0.02).hit);
         assert!(run(&camera, 0.02).hit);
+    }
+
+    /// Frame after frame goes through the lens as it was read, whatever becomes of its files.
+    #[test]
+    fn one_lens_for_many_frames_is_read_once_and_says_what_it_was_read_from() {
+        let folder = tempfile::tempdir().unwrap();
+        let tables = folder.path().join("lens");
+        optics::Characterisation::example(17, 0.5).write(&tables, false).unwrap();
+        let mut camera = Camera::load("mt9t012").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (48, 32);
+        camera.lens.kind = camrig_camera::LensKind::Characterised(tables.clone());
+        let chart = scene::open("slanted-edge").unwrap();
+        let lit = LitScene { scene: &*chart, white: vec![0.02; chart.bands().count] };
+        let (options, about) = (Options::default(), About::default());
+        let of_one = irradiance(&camera, &lit, &options, about.clone(), None, |_, _| {}).unwrap();
+        let lens = OneLens::new(&camera, &chart.bands(), &options, None).unwrap();
+        std::fs::remove_dir_all(&tables).unwrap();
+        let (cube, _) = lens.irradiance(&camera, &lit, &options, about, |_, _| {}).unwrap();
+        assert_eq!(cube.header.made_for, of_one.cube.header.made_for);
+        assert_eq!(rows(&cube), rows(&of_one.cube));
     }
 }

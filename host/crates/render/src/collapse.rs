@@ -133,10 +133,11 @@ impl Collapse {
             .help("its response differs from place to place: compute it by path bands")
             .with_code("path-unsupported"));
         }
-        let mut made_for = made_for::made_for(camera)?;
+        let lens = OneLens::new(camera, bands, options, directory)?;
+        let mut made_for = lens.made_for.clone();
         made_for.insert(made_for::RESPONSE.into(), made_for::response(camera)?);
         Ok(Self {
-            lens: OneLens::new(camera, bands, options, directory)?,
+            lens,
             path,
             sensor: camera.sensor_config(bands)?,
             made_for,

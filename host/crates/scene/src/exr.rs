@@ -16,7 +16,7 @@
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
-use super::rgb::picture::check_bytes;
+use super::rgb::picture::{check_bytes, check_square};
 use super::sidecar::{Own, Sidecar};
 use ::exr::block::chunk::TileCoordinates;
 use ::exr::block::reader::ChunksReader;
@@ -36,7 +36,7 @@ pub(super) fn refused(error: ::exr::error::Error) -> Error {
 /// Most pixels of a band: 2 GiB of memory.
 const MOST_PIXELS: usize = 1 << 29;
 /// Fewest bits of a sample: those of halves.
-pub(super) const LEAST_BITS: usize = 16;
+const LEAST_BITS: usize = 16;
 
 /// How the channels of a cube are named. Where a file has several, the first is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -90,15 +90,11 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
     let header = &meta.headers[chosen.part];
-    let size = (header.layer_size.width(), header.layer_size.height());
-    if size.0.checked_mul(size.1).is_none_or(|pixels| pixels > MOST_PIXELS) {
-        return Err(Error::limit(format!("an image of {} x {} pixels", size.0, size.1))
-            .help(format!("at most {MOST_PIXELS} pixels are read")));
-    }
-    check_bytes(path, size, LEAST_BITS)?;
+    let window = Window::of(path, header, 1, MOST_PIXELS)?;
+    own.notes.extend(window.note());
     let source = Channels {
         path: path.into(),
-        size,
+        window,
         part: chosen.part,
         channels,
         types: header.channels.list.iter().map(|c| c.sample_type).collect(),
@@ -271,10 +267,74 @@ fn wavelength_nm(text: &str) -> Option<f64> {
     })
 }
 
+/// Where the pixels of a part lie in the image: its data window in the display window, which is
+/// what is seen.
+#[derive(Clone, Copy)]
+pub(super) struct Window {
+    /// Width and height of the image.
+    pub size: (usize, usize),
+    /// Those of the part.
+    stored: (usize, usize),
+    /// Column and row of the part's first pixel.
+    first: (i64, i64),
+}
+
+impl Window {
+    /// That of a part with so many channels to be read.
+    ///
+    /// # Errors
+    /// Pixels that are not square; sizes beyond `most` pixels, or that the file's bytes cannot
+    /// hold.
+    pub fn of(path: &Path, header: &Header, channels: usize, most: usize) -> Result<Self> {
+        let shown = header.shared_attributes.display_window;
+        let size = (shown.size.width(), shown.size.height());
+        let stored = (header.layer_size.width(), header.layer_size.height());
+        check_bytes(path, stored, LEAST_BITS * channels)?;
+        check_bytes(path, size, 1)?;
+        for (width, height) in [stored, size] {
+            if !width.checked_mul(height).is_some_and(|pixels| (1..=most).contains(&pixels)) {
+                return Err(Error::limit(format!("an image of {width} x {height} pixels"))
+                    .help(format!("at most {most} pixels are read")));
+            }
+        }
+        check_square("pixelAspectRatio", header.shared_attributes.pixel_aspect.into())?;
+        let at = header.own_attributes.layer_position;
+        let from = |at: i32, shown: i32| i64::from(at) - i64::from(shown);
+        let first = (from(at.x(), shown.position.x()), from(at.y(), shown.position.y()));
+        Ok(Self { size, stored, first })
+    }
+
+    /// What to say where the part is not the image.
+    pub fn note(&self) -> Option<String> {
+        let Self { size, stored, first } = *self;
+        ((size, first) != (stored, (0, 0))).then(|| {
+            format!(
+                "its pixels, {} x {} from column {}, row {} on, are not those of its display \
+                 window of {} x {}: black where there are none, left out beyond it",
+                stored.0, stored.1, first.0, first.1, size.0, size.1
+            )
+        })
+    }
+
+    /// The image of a plane of the part.
+    fn shown(&self, part: Plane<f32>) -> Plane<f32> {
+        if (self.size, self.first) == (self.stored, (0, 0)) {
+            return part;
+        }
+        let stored = |at: usize, first: i64, end: usize| {
+            usize::try_from(at as i64 - first).ok().filter(|at| *at < end)
+        };
+        Plane::from_fn(self.size.0, self.size.1, |x, y| {
+            let x = stored(x, self.first.0, part.width);
+            x.zip(stored(y, self.first.1, part.height)).map_or(0.0, |(x, y)| part.at(x, y))
+        })
+    }
+}
+
 /// Channels of an image, decoded one at a time.
 pub(super) struct Channels {
     pub path: PathBuf,
-    pub size: (usize, usize),
+    pub window: Window,
     pub part: usize,
     /// For each band the number of its channel in the part.
     pub channels: Vec<usize>,
@@ -285,7 +345,7 @@ pub(super) struct Channels {
 
 impl BandSource for Channels {
     fn size(&self) -> (usize, usize) {
-        self.size
+        self.window.size
     }
 
     fn bands(&self) -> usize {
@@ -295,7 +355,8 @@ impl BandSource for Channels {
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         let file = File::open(&self.path).map_err(|e| Error::io("open", &self.path, e))?;
         let channel = self.channels[band];
-        let mut plane = Plane::filled(self.size.0, self.size.1, 0.0f32);
+        let (width, height) = self.window.stored;
+        let mut plane = Plane::filled(width, height, 0.0f32);
         let whole = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| {
             block.layer == self.part && tile.is_largest_resolution_level()
         };
@@ -330,7 +391,7 @@ impl BandSource for Channels {
             })
             .map_err(refused)?;
         plane.data.iter_mut().for_each(|v| *v *= self.scale);
-        Ok(plane)
+        Ok(self.window.shown(plane))
     }
 }
 

@@ -44,7 +44,8 @@ impl Light {
                 ..still
             };
             let times = args.time.times(camera, args.fps)?;
-            let (scene, first) = SceneLights::open(&view, camera, args.fps, times)?;
+            let (scene, first) =
+                SceneLights::open(&view, camera, args.fps, times, Notes::default())?;
             let cubes = vec![first.cube];
             return Ok(Self { cubes, scene: Some(scene), told: Notes::default() });
         }

@@ -85,34 +85,39 @@ impl Lit {
     }
 }
 
-/// What the page is told at the start.
-///
-/// A scene that changes with time is the only one.
+/// What the page is told before the scene is open.
 ///
 /// # Errors
 /// A text that is not the address of a rig.
-pub fn description(
-    args: &Args,
-    camera: &Camera,
-    lit: &Lit,
-    stands_still: bool,
-) -> Result<(Source, Settings)> {
-    let mut settings =
-        Settings { exposure_s: args.exposure, analog_gain: args.gain, ..Settings::default() };
-    lit.tell(&args.view.scene, &mut settings);
-    let with = |own: Option<&str>, names: &[&str]| {
-        let names = if stands_still { names } else { &[] };
-        let own = own.filter(|own| !names.contains(own));
-        own.into_iter().chain(names.iter().copied()).map(str::to_owned).collect()
-    };
+pub fn description(args: &Args, camera: &Camera) -> Result<(Source, Settings)> {
+    let scene = args.view.scene.clone();
     let source = Source {
         camera: camera.name.clone(),
         rig: Url::parse(&args.url)?.to_string(),
         fps: args.fps,
-        scenes: with(Some(&args.view.scene), chart::NAMES),
-        illuminants: with(settings.illuminant.as_deref(), &ILLUMINANTS),
+        scenes: vec![scene.clone()],
+        illuminants: Vec::new(),
     };
-    Ok((source, settings))
+    let (exposure_s, analog_gain) = (args.exposure, args.gain);
+    Ok((source, Settings { exposure_s, analog_gain, scene, ..Settings::default() }))
+}
+
+/// Tells the page of the scene's first light, and what to choose from. A scene that changes with
+/// time is the only one.
+pub fn tell_first(shared: &Shared, lit: &Lit, stands_still: bool) {
+    shared.change(|state| {
+        let State { source, settings, busy, .. } = state;
+        let scene = settings.scene.clone();
+        lit.tell(&scene, settings);
+        let with = |own: Option<&str>, names: &[&str]| {
+            let names = if stands_still { names } else { &[] };
+            let own = own.filter(|own| !names.contains(own));
+            own.into_iter().chain(names.iter().copied()).map(str::to_owned).collect()
+        };
+        source.scenes = with(Some(&scene), chart::NAMES);
+        source.illuminants = with(settings.illuminant.as_deref(), &ILLUMINANTS);
+        *busy = None;
+    });
 }
 
 /// What is shown, where the optics stage must run for it.

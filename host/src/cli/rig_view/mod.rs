@@ -10,6 +10,7 @@ mod scene;
 mod session;
 
 use super::arguments::{arithmetic, duration, positive};
+use super::notes::{Notes, Page};
 use super::scene_lights::SceneLights;
 use super::simulate::ViewArgs;
 use super::times::TimeArgs;
@@ -110,6 +111,16 @@ impl Desk for FrontDesk {
     }
 }
 
+impl Page for Arc<Shared> {
+    fn note(&self, text: &str) {
+        self.change(|state| state.note_again("scene", text));
+    }
+
+    fn waits_for(&self, what: String) {
+        self.change(|state| state.busy = Some(what));
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let opens = "see and drive the rig with this page's token, which the network carries in clear";
@@ -127,23 +138,25 @@ pub fn run(args: &Args) -> Result<()> {
         || args.view.sequence.is_sequence(&args.view.scene)?;
     // A scene that stands still has no times, and its page may ask for any frame rate.
     let times = if changes { args.time.times(&camera, Some(args.fps))? } else { None };
-    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps), times)?;
+    let (source, settings) = light::description(args, &camera)?;
+    let shared = Arc::new(Shared::new(source, settings));
+    let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
+    // The address is data: scripts wait for it. The page says what is still waited for.
+    println!("{}", page.url());
+    let _ = std::io::stdout().flush();
+    let folder = args.output.clone();
+    page.serve(shared.clone(), FrontDesk { orders: sender, camera: camera.clone(), folder });
+    let told = Notes::on_page(shared.clone());
+    let (lights, view) = SceneLights::open(&args.view, &camera, Some(args.fps), times, told)?;
     let lit = Lit::new(&camera, view)?;
     if let (false, Some(effect)) = (lights.stand_still(), remembering(&lit.sensor).next()) {
         return Err(changing_light(effect));
     }
-    let (source, settings) = light::description(args, &camera, &lit, lights.stand_still())?;
-    let shared = Arc::new(Shared::new(source, settings));
-    let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
+    light::tell_first(&shared, &lit, lights.stand_still());
     let stop = Stoppable::new();
     let told = lights.notes().to_vec();
     let scene = Scene::new(lights, lit.first(), &shared);
     let mut session = Session::new(args, &camera, &shared, &orders, &stop, scene, told)?;
     session.begin(&mut rig)?;
-    // The address is data: scripts wait for it.
-    println!("{}", page.url());
-    let _ = std::io::stdout().flush();
-    let folder = args.output.clone();
-    page.serve(shared.clone(), FrontDesk { orders: sender, camera: camera.clone(), folder });
     session.run(rig, lit)
 }

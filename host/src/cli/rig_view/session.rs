@@ -46,7 +46,7 @@ pub struct Session<'a> {
     lit_before: bool,
     /// A scene that changes.
     scene: Option<Scene>,
-    /// Notes of the optics, which the terminal has, too.
+    /// Notes of scenes that are chosen on the page.
     told: Notes,
 }
 
@@ -59,7 +59,7 @@ enum Next {
 }
 
 impl<'a> Session<'a> {
-    /// A stream that has not begun; of its scene `told` is on the terminal already.
+    /// A stream that has not begun; of its scene `told` has been told already.
     ///
     /// # Errors
     /// A graphics processor that is asked for and not there.
@@ -72,7 +72,6 @@ impl<'a> Session<'a> {
         scene: Option<Scene>,
         told: Vec<String>,
     ) -> Result<Self> {
-        told.iter().for_each(|note| shared.change(|state| state.note("optics", note.as_str())));
         Ok(Self {
             args,
             camera,
@@ -88,7 +87,7 @@ impl<'a> Session<'a> {
             frames: 0,
             lit_before: false,
             scene,
-            told: Notes::after(told),
+            told: Notes::on_page(shared.clone()).after(told),
         })
     }
 
@@ -314,7 +313,6 @@ impl<'a> Session<'a> {
     fn lit(&mut self, ready: Ready, lux: Option<f64>) -> Result<Lit> {
         let Ready { wanted, view } = ready;
         self.told.tell(view.notes.iter().cloned());
-        view.notes.iter().for_each(|note| self.note("optics", note.clone()));
         let fresh = Lit::new(self.camera, view)?;
         let fresh = match lux {
             Some(lux) if fresh.light.header.lux.is_some() => fresh.at(self.camera, lux)?,

@@ -20,10 +20,16 @@ function showStatus(words, kind) {
   at("status").className = `pill ${kind}`;
 }
 
+/** Words and kind of the status; before the first frame what is waited for. */
+function statusOf({ status, busy }) {
+  if (status === "starting" && busy) return [busy, ""];
+  return link.frozen && status === "streaming" ? ["frozen; the rig streams", ""] : STATUS[status];
+}
+
 function showBar() {
   const { source, frames, frames_per_s: rate, late, dropped, recording, scene } = state;
   if (!at("source").textContent) at("source").append(`${source.camera} · `, element("code", {}, source.rig));
-  showStatus(...(link.frozen && state.status === "streaming" ? ["frozen; the rig streams", ""] : STATUS[state.status]));
+  showStatus(...statusOf(state));
   say("frames", whole(frames));
   say("rate", rate === null ? "–" : `${rate.toFixed(1)} /s`);
   const span = shownAt.at(-1) - shownAt[0];
@@ -128,7 +134,7 @@ function draw() {
 /** Says why nothing comes. */
 function lost(atOnce) {
   showStatus(atOnce && !state ? "no link: is the address whole, as camrig printed it?"
-    : "camrig has ended or cannot be reached", "bad");
+    : "camrig has ended or cannot be reached: its terminal may say why", "bad");
 }
 
 setUpPicture(measure);

@@ -5,7 +5,7 @@ use camrig_light::colour::space::Space;
 use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
-const MOST_PIXELS: usize = 1 << 27;
+pub const MOST_PIXELS: usize = 1 << 27;
 /// Most bits of pixels in a byte of a file: compressed by 1032, the most that deflate does. Sizes
 /// beyond it are lies.
 const MOST_BITS_PER_BYTE: u64 = 8 * 1032;
@@ -78,6 +78,16 @@ pub fn check_pixels([width, height]: [usize; 2]) -> Result<usize> {
         Some(pixels) if pixels <= MOST_PIXELS => Ok(pixels),
         _ => Err(Error::limit(what()).help(format!("at most {MOST_PIXELS} pixels are read"))),
     }
+}
+
+/// Refuses pixels whose width over height is not 1, as what is `said_by` a file; one that makes no
+/// sense says nothing.
+pub fn check_square(said_by: &str, aspect: f64) -> Result<()> {
+    if !(aspect > 0.0 && aspect.is_finite()) || (aspect - 1.0).abs() < 1e-3 {
+        return Ok(());
+    }
+    Err(Error::unsupported(format!("pixels {aspect:.4} times as wide as high ({said_by})"))
+        .help("resample it to square pixels, or correct what it says of them"))
 }
 
 /// Red, green and blue of interleaved `channels`: 1 is grey, 2 grey with alpha, 4 with alpha.

@@ -3,9 +3,9 @@
 //! Attributes that are read: `chromaticities` (without them the file's default, Rec. 709) and
 //! `whiteLuminance`, the luminance of R = G = B = 1 in cd/m².
 
-use super::picture::{Picture, Said, Samples, check_bytes, check_size};
+use super::picture::{MOST_PIXELS, Picture, Said, Samples};
 use crate::cube::BandSource;
-use crate::exr::{Channels, LEAST_BITS, is_spectral, part_name, refused};
+use crate::exr::{Channels, Window, is_spectral, part_name, refused};
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2};
 use camrig_base::{Error, Result};
@@ -48,12 +48,11 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     };
     let chosen = pictures.remove(chosen);
     let header = &meta.headers[chosen.part];
-    let size = (header.layer_size.width(), header.layer_size.height());
-    check_size(path, size)?;
-    check_bytes(path, size, LEAST_BITS * chosen.channels.len())?;
+    let window = Window::of(path, header, chosen.channels.len(), MOST_PIXELS)?;
+    let size = window.size;
     let source = Channels {
         path: path.into(),
-        size,
+        window,
         part: chosen.part,
         types: header.channels.list.iter().map(|c| c.sample_type).collect(),
         channels: chosen.channels.clone(),
@@ -69,6 +68,7 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
         understood[0].push_str(&format!(" of {:?}", place(&chosen)));
     }
     let mut notes = unused(header, &chosen, &pictures);
+    notes.extend(window.note());
     let stated = header.own_attributes.white_luminance.map(f64::from);
     let white_luminance = stated.filter(|luminance| *luminance > 0.0 && luminance.is_finite());
     if let (Some(stated), None) = (stated, white_luminance) {

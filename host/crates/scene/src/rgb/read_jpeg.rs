@@ -4,7 +4,7 @@
 //! says the colours: an ICC profile, else the colour space of EXIF.
 
 use super::icc;
-use super::picture::{Picture, Said, Samples, check_size, three};
+use super::picture::{Picture, Said, Samples, check_size, check_square, three};
 use camrig_base::{Error, Result};
 use camrig_formats::exif::{Colours, Exif};
 use camrig_light::colour::space::{ADOBE_GAMMA, ADOBE_RGB, Space};
@@ -34,6 +34,7 @@ pub fn read(path: &Path) -> Result<Picture> {
     let info = decoder.info().ok_or_else(|| Error::input("a JPEG without a frame"))?;
     let size = (usize::from(info.width), usize::from(info.height));
     check_size(path, size)?;
+    check_square("JFIF", aspect(&bytes))?;
     let (colours, channels) = match decoder.input_colorspace() {
         Some(ColorSpace::Luma) => (ColorSpace::Luma, 1),
         Some(ColorSpace::YCbCr | ColorSpace::RGB) => (ColorSpace::RGB, 3),
@@ -61,6 +62,17 @@ pub fn read(path: &Path) -> Result<Picture> {
         understood: vec![format!("JPEG of {}", if channels == 1 { "grey" } else { "colours" })],
         notes: Vec::new(),
     })
+}
+
+/// Width over height of a pixel by the header of JFIF 1.02, with which a file begins that has one.
+fn aspect(bytes: &[u8]) -> f64 {
+    match bytes {
+        [0xff, 0xd8, 0xff, 0xe0, _, _, b'J', b'F', b'I', b'F', 0, _, _, _, x1, x0, y1, y0, ..] => {
+            let [across, down] = [[*x1, *x0], [*y1, *y0]].map(u16::from_be_bytes);
+            f64::from(down) / f64::from(across)
+        }
+        _ => 1.0,
+    }
 }
 
 fn of_exif(colours: Colours) -> Result<Said> {

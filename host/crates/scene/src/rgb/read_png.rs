@@ -4,7 +4,7 @@
 //! iCCP, sRGB, then gAMA and cHRM.
 
 use super::icc;
-use super::picture::{Picture, Said, Samples, about_channels, check_size, three};
+use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
 use camrig_base::{Error, Result};
 use camrig_formats::exif::Exif;
 use camrig_light::colour::space::{Chromaticities, DISPLAY_P3, REC2020, SRGB, Space};
@@ -23,6 +23,7 @@ pub fn read(path: &Path) -> Result<Picture> {
     let mut reader = decoder.read_info().map_err(failed)?;
     let size = (reader.info().width as usize, reader.info().height as usize);
     check_size(path, size)?;
+    check_samples(reader.info())?;
     let (kind, depth) = reader.output_color_type();
     let channels = match kind {
         ColorType::Grayscale => 1,
@@ -57,6 +58,20 @@ pub fn read(path: &Path) -> Result<Picture> {
         understood: vec![format!("PNG, {:?} of {} bits", info.color_type, info.bit_depth as u8)],
         notes,
     })
+}
+
+/// Refuses pixels that are not square, and samples whose range is that of video.
+fn check_samples(info: &Info<'_>) -> Result<()> {
+    if let Some(per_unit) = info.pixel_dims {
+        check_square("pHYs", f64::from(per_unit.yppu) / f64::from(per_unit.xppu))?;
+    }
+    match info.coding_independent_code_points {
+        Some(code) if !code.is_video_full_range_image => {
+            Err(Error::unsupported("samples of a limited range (cICP)")
+                .help("convert it to the full range, 0 for black and the largest for white"))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn said(info: &Info<'_>) -> Said {

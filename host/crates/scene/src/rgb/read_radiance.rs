@@ -4,7 +4,7 @@
 //! as the format demands), PRIMARIES, PIXASPECT. Without PRIMARIES they are taken as those of
 //! sRGB, which almost all programs write.
 
-use super::picture::{Picture, Said, Samples, check_size};
+use super::picture::{Picture, Said, Samples, check_size, check_square};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::Space;
 use camrig_light::colour::transfer::Transfer;
@@ -40,10 +40,7 @@ pub fn read(path: &Path) -> Result<Picture> {
         return Err(Error::unsupported("a Radiance picture that does not begin at the top left")
             .help("turn it first, to a resolution line of -Y HEIGHT +X WIDTH"));
     }
-    if about.pixel_aspect_ratio.is_some_and(|aspect| (aspect - 1.0).abs() > 1e-3) {
-        return Err(Error::unsupported("pixels that are not square (PIXASPECT)")
-            .help("resample it to square pixels"));
-    }
+    check_square("PIXASPECT", about.pixel_aspect_ratio.unwrap_or(1.0).into())?;
     let divisor = divisor(&about)?;
     let mut samples = vec![0; 12 * size.0 * size.1];
     decoder.read_image(&mut samples).map_err(failed)?;

@@ -1,7 +1,7 @@
 //! TIFF pictures of one page: grey or red, green and blue, of 8 to 64 bits or real numbers.
 
 use super::icc;
-use super::picture::{Picture, Said, Samples, about_channels, check_size, three};
+use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
 use crate::images::{decoder, unreadable};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::{Chromaticities, Space};
@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 use tiff::ColorType;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 
@@ -57,6 +58,10 @@ pub fn read(path: &Path) -> Result<Picture> {
     if decoder.more_images() {
         notes.push("of several pages the first is taken".into());
     }
+    let mut resolution = |tag| numbers(&mut decoder, tag);
+    if let ([x], [y]) = (&resolution(Tag::XResolution)[..], &resolution(Tag::YResolution)[..]) {
+        check_square("XResolution, YResolution", y / x)?;
+    }
     let said = said(&mut decoder);
     let samples = samples(decoder.read_image().map_err(failed)?, channels)?;
     let found = match &samples {
@@ -92,15 +97,28 @@ fn samples(data: DecodingResult, channels: usize) -> Result<Samples> {
     })
 }
 
+/// The numbers of a tag, which are rational by the standard; none where it is not there.
+fn numbers(decoder: &mut Decoder<BufReader<File>>, tag: Tag) -> Vec<f64> {
+    let number = |value: &Value| match *value {
+        Value::Rational(n, d) => Some(f64::from(n) / f64::from(d)),
+        Value::Float(v) => Some(v.into()),
+        Value::Double(v) => Some(v),
+        _ => None,
+    };
+    match decoder.get_tag(tag) {
+        Ok(Value::List(all)) => all.iter().filter_map(number).collect(),
+        one => one.iter().filter_map(number).collect(),
+    }
+}
+
 /// An ICC profile, else the tags of TIFF 6.0, section 20.
 fn said(decoder: &mut Decoder<BufReader<File>>) -> Said {
     if let Ok(profile) = decoder.get_tag_u8_vec(Tag::IccProfile) {
         return icc::said(&profile);
     }
-    let mut list = |number| decoder.get_tag_f64_vec(Tag::Unknown(number)).ok();
+    let mut list = |number| numbers(decoder, Tag::Unknown(number));
     let (white, primaries) = (list(318), list(319));
-    let (Some([x, y]), Some([rx, ry, gx, gy, bx, by])) = (white.as_deref(), primaries.as_deref())
-    else {
+    let ([x, y], [rx, ry, gx, gy, bx, by]) = (&white[..], &primaries[..]) else {
         return Said::Nothing;
     };
     let primaries: Chromaticities = [[*rx, *ry], [*gx, *gy], [*bx, *by], [*x, *y]];

@@ -5,12 +5,15 @@ use crate::level::check_absolute;
 use crate::{Quantity, Scene, open_file};
 use ::exr::prelude::*;
 use camrig_light::colour::smoothest::{Domain, Smoothest, white};
+use camrig_light::colour::space::{REC2020, Space};
+use camrig_light::colour::transfer::Transfer;
 use camrig_light::photometry::observer;
 use png::chunk::ChunkType;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-use tiff::encoder::{TiffEncoder, colortype};
+use tiff::encoder::{Rational, TiffEncoder, colortype};
+use tiff::tags::Tag;
 
 /// Patch 1 of the ColorChecker, and its linear light.
 const CODES: [u8; 3] = [122, 82, 64];
@@ -139,6 +142,9 @@ fn what_a_png_says_of_its_colours_is_heeded() {
     close("", code, "cICP");
     write(&[(chunk::cICP, &[9, 16, 0, 1])], None);
     assert!(refused(&path, "").contains("primaries="));
+    // The range of video, whatever its colours are said to be.
+    write(&[(chunk::cICP, &[1, 13, 0, 0])], None);
+    assert!(refused(&path, "primaries=srgb").contains("limited range"));
     write(&[], Some(&moxcms::ColorProfile::new_display_p3().encode().unwrap()));
     close("", srgb, "ICC profile");
     write(&[], Some(&[1; 200]));
@@ -166,6 +172,45 @@ fn jpeg_is_read_turned_and_refused_for_print() {
     assert!(refused(&path, "").contains("JPEG"));
 }
 
+/// Pixels twice as wide as high, said by each kind of file in its own way, as ffmpeg writes frames
+/// of anamorphic video; a resolution that is the same in both directions says nothing.
+#[test]
+fn pixels_that_are_not_square_are_refused() {
+    use png::{BitDepth, ColorType, chunk};
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/colour.jpg");
+    let jpeg = std::fs::read(jpeg).unwrap();
+    let jfif = |x: u8, y: u8| {
+        let app0 = [&b"\xff\xe0\0\x10JFIF\0\x01\x02\0"[..], &[0, x, 0, y, 0, 0]].concat();
+        // In place of its own header, which is of the same length.
+        [&jpeg[..2], &app0, &jpeg[20..]].concat()
+    };
+    for (across, square) in [(72u8, true), (36, false)] {
+        let dims = [0, 0, 0, across, 0, 0, 0, 72, 0];
+        let grey = (ColorType::Grayscale, BitDepth::Eight);
+        png_with(&at("a.png"), grey.0, grey.1, &[9, 9], &[(chunk::pHYs, &dims)], |_| ());
+        std::fs::write(at("a.jpg"), jfif(across, 72)).unwrap();
+        let mut tiff = TiffEncoder::new(File::create(at("a.tif")).unwrap()).unwrap();
+        let mut image = tiff.new_image::<colortype::Gray8>(1, 1).unwrap();
+        image.x_resolution(Rational { n: across.into(), d: 1 });
+        image.y_resolution(Rational { n: 72, d: 1 });
+        image.write_data(&[9]).unwrap();
+        exr(&at("a.exr"), &["Y"], &[[0.2; 2]], |image| {
+            image.attributes.pixel_aspect = 72.0 / f32::from(across);
+        });
+        for name in ["a.png", "a.jpg", "a.tif", "a.exr"] {
+            match square {
+                true => drop(opened(&at(name), "as=reflectance")),
+                false => {
+                    let said = refused(&at(name), "");
+                    assert!(said.contains("pixels 2.0000 times as wide"), "{name}: {said}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn tiff_of_integers_and_floats_is_read() {
     let (_dir, path) = place("picture.tif");
@@ -186,6 +231,24 @@ fn tiff_of_integers_and_floats_is_read() {
     near(colour(&cube, 0, 0), LINEAR, 2e-5);
     encoder().write_image::<colortype::Gray8>(1, 1, &[118]).unwrap();
     near(colour(&opened(&path, ""), 0, 0), [0.181_164; 3], 2e-5);
+    // Chromaticities of Rec. 2020 and D65, as rationals, with the curve of sRGB.
+    let mut tiff = encoder();
+    let mut image = tiff.new_image::<colortype::RGB16>(1, 1).unwrap();
+    let list = |all: &[f64]| -> Vec<_> {
+        let rational = |v: &f64| Rational { n: (1e4 * v).round() as u32, d: 10_000 };
+        all.iter().map(rational).collect()
+    };
+    let white = list(&REC2020[3]);
+    image.encoder().write_tag(Tag::Unknown(318), &white[..]).unwrap();
+    let primaries = list(&REC2020[..3].concat());
+    image.encoder().write_tag(Tag::Unknown(319), &primaries[..]).unwrap();
+    image.write_data(&wide).unwrap();
+    let cube = opened(&path, "");
+    let rec2020 = Space::of("", &REC2020, Transfer::Srgb).unwrap();
+    let expected = rec2020.linear_srgb_of(LINEAR);
+    near(colour(&cube, 0, 0), expected, 2e-5);
+    assert!(expected[0] > 1.1 * LINEAR[0], "{expected:?}");
+    assert!(said(&cube).contains("its tags of primaries"), "{}", said(&cube));
     encoder().write_image::<colortype::CMYK8>(1, 1, &[1, 2, 3, 4]).unwrap();
     assert!(refused(&path, "").contains("CMYK"));
 }
@@ -256,6 +319,28 @@ fn renders_are_radiance_with_a_scale_and_a_white() {
     near(colour(&opened(&path, ""), 0, 0), [1.0; 3], 5e-4);
     exr(&path, &["Y", "RY", "BY"], &rgb, |_| ());
     assert!(refused(&path, "").contains("RY"));
+}
+
+/// Two pixels in a display window of four by three, one of them beyond its right edge.
+#[test]
+fn a_render_is_seen_through_its_display_window() {
+    let (_dir, path) = place("crop.exr");
+    exr(&path, &["Y"], &[[0.2, 0.7]], |image| {
+        image.attributes.display_window = IntegerBounds::new((10, 20), (4, 3));
+        image.layer_data.attributes.layer_position = Vec2(13, 21);
+    });
+    let cube = opened(&path, "as=reflectance");
+    assert_eq!(cube.size(), (4, 3));
+    let plane = cube.band(12).unwrap();
+    let lit: Vec<usize> = (0..12).filter(|i| plane.data[*i] != 0.0).collect();
+    assert_eq!(lit, [7], "{plane:?}");
+    assert!((plane.data[7] / 0.2 - 1.0).abs() < 4e-3, "{plane:?}");
+    let words = "2 x 1 from column 3, row 1 on, are not those of its display window of 4 x 3";
+    assert!(said(&cube).contains(words), "{}", said(&cube));
+    exr(&path, &["Y"], &[[0.2, 0.7]], |image| {
+        image.attributes.display_window = IntegerBounds::new((0, 0), (30_000, 30_000));
+    });
+    assert!(refused(&path, "").contains("30000 x 30000 pixels"), "{}", refused(&path, ""));
 }
 
 #[test]

@@ -23,7 +23,8 @@ mod ycbcr;
 
 pub use between::Between;
 pub use natural::natural;
-pub use playback::{Counts, Moment, Playback};
+pub use playback::{Moment, Playback};
+pub use rounds::{Counts, Rounds};
 pub use timeline::Timeline;
 
 use super::cube::Cube;

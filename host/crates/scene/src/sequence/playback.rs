@@ -12,19 +12,6 @@ use super::rounds::{ROUNDING_S, Rounds, Span};
 use super::{SceneFrame, SceneSequence};
 use camrig_base::Result;
 
-/// Frames of a scene, counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Frames of the scene that came.
-    pub received: u64,
-    /// Of these, frames that some frame of the sensor shows.
-    pub used: u64,
-    /// Of these, frames that none shows: the next was due already.
-    pub skipped: u64,
-    /// Frames of the sensor that show the same as the one before.
-    pub held: u64,
-}
-
 /// What a frame of a sensor shows.
 pub enum Moment {
     /// The same as the frame before.
@@ -37,13 +24,13 @@ pub enum Moment {
 
 /// A sequence as it is shown to a sensor.
 pub struct Playback {
-    rounds: Rounds,
+    /// The sequence.
+    pub rounds: Rounds,
     /// Frames of the sensor per second, where both it and the sequence have times.
     sensor_hz: Option<f64>,
     showing: Option<Span>,
     /// Read, but not yet due.
     ahead: Option<(SceneFrame, Span)>,
-    counts: Counts,
 }
 
 impl Playback {
@@ -57,31 +44,13 @@ impl Playback {
             sensor_hz,
             showing: None,
             ahead: None,
-            counts: Counts::default(),
         }
-    }
-
-    /// What is shown, for messages.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        self.rounds.sequence.name()
-    }
-
-    /// What was assumed or left out since it was last asked.
-    pub fn notes(&mut self) -> Vec<String> {
-        self.rounds.sequence.notes()
     }
 
     /// Whether frames are shown by their time stamps, and not one after the other.
     #[must_use]
     pub fn is_timed(&self) -> bool {
         self.sensor_hz.is_some()
-    }
-
-    /// Frames so far.
-    #[must_use]
-    pub fn counts(&self) -> Counts {
-        Counts { received: self.rounds.received, ..self.counts }
     }
 
     /// What frame `frame` of the sensor shows. Frames are asked for in order, from 0 on.
@@ -94,8 +63,8 @@ impl Playback {
             None => self.rounds.read()?.map_or(Moment::Over, |(frame, _)| Moment::Next(frame)),
         };
         match &moment {
-            Moment::Same => self.counts.held += 1,
-            Moment::Next(_) => self.counts.used += 1,
+            Moment::Same => self.rounds.counts.held += 1,
+            Moment::Next(_) => self.rounds.counts.used += 1,
             Moment::Over => {}
         }
         Ok(moment)
@@ -116,7 +85,7 @@ impl Playback {
                 break;
             }
             self.showing = Some(span);
-            self.counts.skipped += u64::from(shown.replace(frame).is_some());
+            self.rounds.counts.skipped += u64::from(shown.replace(frame).is_some());
         }
         Ok(shown.map_or(Moment::Same, Moment::Next))
     }
@@ -130,7 +99,7 @@ impl Playback {
             Some(frame) if alone || !over => Moment::Next(frame),
             None if !over => Moment::Same,
             shown => {
-                self.counts.skipped += u64::from(shown.is_some());
+                self.rounds.counts.skipped += u64::from(shown.is_some());
                 Moment::Over
             }
         }
@@ -139,6 +108,7 @@ impl Playback {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::rounds::Counts;
     use super::*;
     use camrig_base::Error;
 
@@ -218,10 +188,10 @@ pub(super) mod tests {
         let mut slow = Playback::new(regular(4, 24.0), Some(60.0), false);
         shown(&mut slow, 100);
         let counts = |received, used, skipped, held| Counts { received, used, skipped, held };
-        assert_eq!(slow.counts(), counts(4, 4, 0, 6));
+        assert_eq!(slow.rounds.counts(), counts(4, 4, 0, 6));
         let mut fast = Playback::new(regular(8, 60.0), Some(30.0), false);
         assert_eq!(shown(&mut fast, 100), [0, 2, 4, 6]);
-        assert_eq!(fast.counts(), counts(8, 4, 4, 0));
+        assert_eq!(fast.rounds.counts(), counts(8, 4, 4, 0));
     }
 
     #[test]

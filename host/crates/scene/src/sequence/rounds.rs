@@ -24,9 +24,22 @@ impl Span {
     }
 }
 
-/// The rounds of a sequence.
-pub(super) struct Rounds {
-    pub sequence: Box<dyn SceneSequence>,
+/// Frames of a scene, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Frames of the scene that came.
+    pub received: u64,
+    /// Of these, frames that some frame of the sensor shows.
+    pub used: u64,
+    /// Of these, frames that none shows: the next was due already.
+    pub skipped: u64,
+    /// Frames of the sensor that show the same as the one before.
+    pub held: u64,
+}
+
+/// The rounds of a sequence, and what came of its frames.
+pub struct Rounds {
+    sequence: Box<dyn SceneSequence>,
     repeats: bool,
     /// Whether frames are shown by their time stamps.
     timed: bool,
@@ -36,28 +49,45 @@ pub(super) struct Rounds {
     rounds_s: f64,
     /// Of the frame that was read last.
     last: Option<Span>,
-    /// Frames read.
-    pub received: u64,
+    pub(super) counts: Counts,
 }
 
 impl Rounds {
-    pub fn new(sequence: Box<dyn SceneSequence>, timed: bool, repeats: bool) -> Self {
-        Self { sequence, repeats, timed, origin_s: None, rounds_s: 0.0, last: None, received: 0 }
+    pub(super) fn new(sequence: Box<dyn SceneSequence>, timed: bool, repeats: bool) -> Self {
+        let (origin_s, rounds_s, last, counts) = (None, 0.0, None, Counts::default());
+        Self { sequence, repeats, timed, origin_s, rounds_s, last, counts }
+    }
+
+    /// What is shown, for messages.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.sequence.name()
+    }
+
+    /// What was assumed or left out since it was last asked.
+    pub fn notes(&mut self) -> Vec<String> {
+        self.sequence.notes()
+    }
+
+    /// Frames so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
     }
 
     /// The next frame of the sequence, from the first again where it repeats.
-    pub fn read(&mut self) -> Result<Option<(SceneFrame, Span)>> {
+    pub(super) fn read(&mut self) -> Result<Option<(SceneFrame, Span)>> {
         let mut next = self.sequence.next_frame()?;
-        if next.is_none() && self.repeats && self.received > 0 {
+        if next.is_none() && self.repeats && self.counts.received > 0 {
             self.rounds_s = self.round_end()?;
             self.sequence.rewind()?;
             self.last = None;
             next = self.sequence.next_frame()?;
         }
         let Some(frame) = next else {
-            return if self.received > 0 { Ok(None) } else { Err(self.empty()) };
+            return if self.counts.received > 0 { Ok(None) } else { Err(self.empty()) };
         };
-        self.received += 1;
+        self.counts.received += 1;
         let origin = *self.origin_s.get_or_insert(frame.start_s);
         let after = |time: f64| self.rounds_s + (time - origin);
         let start = after(frame.start_s);

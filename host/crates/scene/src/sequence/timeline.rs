@@ -6,8 +6,7 @@
 //! the sequence is over; its rows see the last frame for as long as they need.
 
 use super::between::{Between, Knot, weights};
-use super::playback::Counts;
-use super::rounds::{ROUNDING_S, Rounds, Span};
+use super::rounds::{Counts, ROUNDING_S, Rounds, Span};
 use super::{SceneFrame, SceneSequence};
 use camrig_base::{Error, Result};
 use camrig_light::Lamps;
@@ -19,14 +18,14 @@ const LEAST: f64 = 1e-9;
 
 /// A sequence in time. `T` is what becomes of a frame that is seen.
 pub struct Timeline<T> {
-    rounds: Rounds,
+    /// The sequence.
+    pub rounds: Rounds,
     between: Between,
     lamps: Lamps,
     /// Frames in order of time, from the one before the first window on.
     frames: VecDeque<Frame<T>>,
     /// When the sequence is over, where its last frame is there.
     end_s: Option<f64>,
-    counts: Counts,
     begun: bool,
 }
 
@@ -59,26 +58,8 @@ impl<T> Timeline<T> {
             lamps,
             frames: VecDeque::new(),
             end_s: None,
-            counts: Counts::default(),
             begun: false,
         }
-    }
-
-    /// What is shown, for messages.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        self.rounds.sequence.name()
-    }
-
-    /// What was assumed or left out since it was last asked.
-    pub fn notes(&mut self) -> Vec<String> {
-        self.rounds.sequence.notes()
-    }
-
-    /// Frames so far.
-    #[must_use]
-    pub fn counts(&self) -> Counts {
-        Counts { received: self.rounds.received, ..self.counts }
     }
 
     /// The first frame, before any window is asked for.
@@ -91,7 +72,7 @@ impl<T> Timeline<T> {
         }
         let none = || Error::internal("a sequence without a first frame");
         let frame = self.frames.front_mut().ok_or_else(none)?;
-        frame.opened(open, &mut self.counts)?.ok_or_else(none)
+        frame.opened(open, &mut self.rounds.counts)?.ok_or_else(none)
     }
 
     /// What rows see whose windows open and close at these times, s after the first frame; none
@@ -126,22 +107,22 @@ impl<T> Timeline<T> {
         let all_dark = !columns.iter().any(|column| seen(column));
         let count = columns.iter().filter(|column| seen(column)).count();
         if count > most {
-            let what = format!("{count} frames of {} in one of the sensor's", self.name());
+            let what = format!("{count} frames of {} in one of the sensor's", self.rounds.name());
             return Err(Error::limit(what).help(format!(
                 "memory is for {most}: let the scene have fewer frames per second"
             )));
         }
-        let opened = self.counts.used;
+        let opened = self.rounds.counts.used;
         let mut views = Vec::new();
         for (i, (frame, column)) in self.frames.iter_mut().zip(columns).enumerate() {
             if (seen(&column) || all_dark && i == 0)
-                && let Some(seen) = frame.opened(&mut open, &mut self.counts)?
+                && let Some(seen) = frame.opened(&mut open, &mut self.rounds.counts)?
             {
                 views.push((seen, column));
             }
         }
-        let same = self.counts.used == opened && self.begun;
-        self.counts.held += u64::from(same);
+        let same = self.rounds.counts.used == opened && self.begun;
+        self.rounds.counts.held += u64::from(same);
         self.begun = true;
         Ok(Some(views))
     }
@@ -152,7 +133,7 @@ impl<T> Timeline<T> {
             while self.frames.get(1).is_some_and(|next| next.knot.start_s <= first) {
                 let dropped = self.frames.pop_front();
                 let unseen = |frame: Frame<T>| matches!(frame.seen, Seen::NotYet(_));
-                self.counts.skipped += u64::from(dropped.is_some_and(unseen));
+                self.rounds.counts.skipped += u64::from(dropped.is_some_and(unseen));
             }
             let known =
                 self.frames.back().is_some_and(|newest| match (self.between, newest.span.end) {
@@ -236,7 +217,7 @@ mod tests {
         // Frames 2 and 3 are in no window.
         assert_eq!(seen(&mut held, &[[0.045, 0.055]]), Some(vec![(4, 1.0, 1.0)]));
         assert_eq!(seen(&mut held, &[[0.05, 0.055]]), None);
-        let counts = held.counts();
+        let counts = held.rounds.counts();
         assert_eq!((counts.received, counts.used, counts.skipped, counts.held), (5, 3, 2, 0));
     }
 
@@ -249,11 +230,11 @@ mod tests {
                 assert_eq!(seen(&mut held, &[[open, open + 0.01]]).unwrap().len(), 1);
             }
         }
-        let counts = held.counts();
+        let counts = held.rounds.counts();
         assert_eq!((counts.received, counts.used, counts.held), (2, 2, 3));
         let mut fading = timeline(10.0, 4, Between::Linear, false);
         seen(&mut fading, &[[0.0, 0.01]]);
-        assert_eq!(fading.counts().received, 2, "light that fades needs the next frame");
+        assert_eq!(fading.rounds.counts().received, 2, "light that fades needs the next frame");
     }
 
     #[test]
