@@ -64,12 +64,12 @@ impl Spectra {
         let (places, wanted, used) = match list(colours, under.needed) {
             Some((places, wanted)) => (places, wanted, None),
             None => {
-                let (places, wanted) = under.completed(colours);
-                (places, wanted, Some(&under.used))
+                let (places, wanted, used) = under.completed(colours);
+                (places, wanted, Some(used))
             }
         };
         let node = |n: usize| {
-            let is_used = used.is_some_and(|used| used[n].load(Ordering::Relaxed));
+            let is_used = used.as_ref().is_some_and(|used| used[n].load(Ordering::Relaxed));
             is_used.then(|| Arc::clone(lattice.solved(n)))
         };
         let mut solved: Vec<_> = (0..NODES).into_par_iter().map(node).collect();
@@ -204,12 +204,17 @@ fn list(colours: &[[f32; 3]], most: usize) -> Option<(Vec<Place>, Vec<[f64; 3]>)
 
 /// The nodes of the lattice under some colours.
 struct Under {
-    /// Of each colour; none of one outside the cube of sRGB.
-    places: Vec<Option<Place>>,
+    /// Of each colour; [`OUTSIDE`] of one outside the cube of sRGB.
+    places: Vec<Place>,
     used: Vec<AtomicBool>,
+    /// Whether colours lie outside.
+    any_outside: bool,
     /// Number of nodes used, with the colours outside.
     needed: usize,
 }
+
+/// The entry of a colour that has no place in the lattice.
+const OUTSIDE: u32 = u32::MAX;
 
 impl Under {
     fn of(lattice: &Lattice, colours: &[[f32; 3]]) -> Self {
@@ -223,26 +228,26 @@ impl Under {
             }
         };
         let place = |colour: &[f32; 3]| {
-            let place = lattice.place(colour)?;
+            let Some(place) = lattice.place(colour) else { return Place::alone(OUTSIDE) };
             match place.is_within() {
                 true => mark(&cells, place.entry as usize),
                 false => place.corners().for_each(|node| mark(&used, node)),
             }
-            Some(place)
+            place
         };
-        let places: Vec<Option<Place>> = colours.par_iter().map(place).collect();
+        let places: Vec<Place> = colours.par_iter().map(place).collect();
         for (entry, _) in cells.iter().enumerate().filter(|(_, c)| c.load(Ordering::Relaxed)) {
             let cell = Place { entry: entry as u32, share: [0.5; 3] };
             cell.corners().for_each(|node| mark(&used, node));
         }
-        let beyond = colours.iter().zip(&places).filter(|(_, place)| place.is_none());
+        let beyond = colours.par_iter().zip(&places).filter(|(_, place)| place.entry == OUTSIDE);
         let outside: FxHashSet<[i32; 3]> = beyond.map(|(colour, _)| rounded(colour)).collect();
         let inside = used.iter().filter(|used| used.load(Ordering::Relaxed)).count();
-        Self { places, used, needed: inside + outside.len() }
+        Self { places, used, any_outside: !outside.is_empty(), needed: inside + outside.len() }
     }
 
-    /// The place of every colour, and the colours outside.
-    fn completed(&self, colours: &[[f32; 3]]) -> (Vec<Place>, Vec<[f64; 3]>) {
+    /// The place of every colour, the colours outside, and the nodes that are used.
+    fn completed(mut self, colours: &[[f32; 3]]) -> (Vec<Place>, Vec<[f64; 3]>, Vec<AtomicBool>) {
         let (mut numbers, mut outside) = (FxHashMap::default(), Vec::new());
         let mut entry = |colour: &[f32; 3]| {
             let colour = rounded(colour);
@@ -251,9 +256,13 @@ impl Under {
                 number(&outside)
             })
         };
-        let places = self.places.iter().zip(colours);
-        let places = places.map(|(p, c)| p.unwrap_or_else(|| Place::alone(entry(c)))).collect();
-        (places, outside)
+        if self.any_outside {
+            let without = self.places.iter_mut().zip(colours);
+            without
+                .filter(|(place, _)| place.entry == OUTSIDE)
+                .for_each(|(place, colour)| place.entry = entry(colour));
+        }
+        (self.places, outside, self.used)
     }
 }
 

@@ -91,9 +91,9 @@ pub fn check_square(said_by: &str, aspect: f64) -> Result<()> {
 }
 
 /// Red, green and blue of interleaved `channels`: 1 is grey, 2 grey with alpha, 4 with alpha.
-pub fn three<T: Copy>(data: &[T], channels: usize) -> Vec<T> {
+pub fn three<T: Copy>(data: Vec<T>, channels: usize) -> Vec<T> {
     if channels == 3 {
-        return data.to_vec();
+        return data;
     }
     let colours = if channels < 3 { [0, 0, 0] } else { [0, 1, 2] };
     data.chunks_exact(channels).flat_map(|p| colours.map(|c| p[c])).collect()

@@ -55,7 +55,7 @@ pub fn read(path: &Path) -> Result<Picture> {
     };
     Ok(Picture {
         size,
-        samples: Samples::Codes { data: three(&data, channels), most: 255 },
+        samples: Samples::Codes { data: three(data, channels), most: 255 },
         said,
         orientation: exif.orientation,
         white_luminance: None,

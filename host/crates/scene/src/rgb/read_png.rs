@@ -37,10 +37,10 @@ pub fn read(path: &Path) -> Result<Picture> {
     let wide = depth == png::BitDepth::Sixteen;
     let samples = if wide {
         let pairs = bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]]));
-        Samples::Codes { data: three(&pairs.collect::<Vec<u16>>(), channels), most: u16::MAX }
+        Samples::Codes { data: three(pairs.collect(), channels), most: u16::MAX }
     } else {
         let codes: Vec<u16> = bytes.iter().map(|&b| b.into()).collect();
-        Samples::Codes { data: three(&codes, channels), most: 255 }
+        Samples::Codes { data: three(codes, channels), most: 255 }
     };
     let info = reader.info();
     let mut notes = Vec::new();

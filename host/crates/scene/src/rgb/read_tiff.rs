@@ -76,16 +76,14 @@ pub fn read(path: &Path) -> Result<Picture> {
 }
 
 fn samples(data: DecodingResult, channels: usize) -> Result<Samples> {
-    let floats = |data: Vec<f32>| Samples::Floats(three(&data, channels));
-    let codes = |data: &[u16], most| Samples::Codes { data: three(data, channels), most };
+    let floats = |data: Vec<f32>| Samples::Floats(three(data, channels));
+    let codes = |data: Vec<u16>, most| Samples::Codes { data: three(data, channels), most };
     Ok(match data {
-        DecodingResult::U8(data) => {
-            codes(&data.into_iter().map(u16::from).collect::<Vec<_>>(), 255)
-        }
-        DecodingResult::U16(data) => codes(&data, u16::MAX),
+        DecodingResult::U8(data) => codes(data.into_iter().map(u16::from).collect(), 255),
+        DecodingResult::U16(data) => codes(data, u16::MAX),
         // More than the 16 bits that are kept, no sensor and no spectrum can tell apart.
         DecodingResult::U32(data) => {
-            codes(&data.into_iter().map(|v| (v >> 16) as u16).collect::<Vec<_>>(), u16::MAX)
+            codes(data.into_iter().map(|v| (v >> 16) as u16).collect(), u16::MAX)
         }
         DecodingResult::F16(data) => floats(data.into_iter().map(|v| v.to_f32()).collect()),
         DecodingResult::F32(data) => floats(data),

@@ -207,14 +207,12 @@ impl Payload {
     /// Red, green and blue.
     fn samples(&self) -> Samples {
         let channels = self.shape.channels;
-        let codes =
-            |most| Samples::Codes { data: three(&self.interleaved(Self::code), channels), most };
+        let codes = |data, most| Samples::Codes { data: three(data, channels), most };
         match self.shape.sample {
-            Sample::U8 => codes(255),
-            Sample::U16 => codes(u16::MAX),
-            Sample::F16 | Sample::F32 => {
-                Samples::Floats(three(&self.interleaved(Self::float), channels))
-            }
+            Sample::U8 => codes(self.interleaved(|[code]| code.into()), 255),
+            Sample::U16 => codes(self.interleaved(u16::from_le_bytes), u16::MAX),
+            Sample::F16 => Samples::Floats(three(self.interleaved(half), channels)),
+            Sample::F32 => Samples::Floats(three(self.interleaved(f32::from_le_bytes), channels)),
         }
     }
 
@@ -245,22 +243,34 @@ impl Payload {
         }
     }
 
-    fn interleaved<T: Copy + Default + Send>(
+    /// The channels of pixel after pixel, of samples of N bytes.
+    fn interleaved<T: Copy + Default + Send, const N: usize>(
         &self,
-        read: impl Fn(&Self, usize) -> T + Sync,
+        read: impl Fn([u8; N]) -> T + Sync,
     ) -> Vec<T> {
-        let Shape { width, height, channels, .. } = *self.shape;
+        let Shape { width, height, channels, planar, .. } = *self.shape;
         let mut samples = vec![T::default(); width * height * channels];
+        let from =
+            |y: usize, channel: usize| self.bytes[self.place(0, y, channel)..].as_chunks().0;
         let row = |(y, row): (usize, &mut [T])| {
-            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                let sample =
-                    |(c, sample): (usize, &mut T)| *sample = read(self, self.place(x, y, c));
-                pixel.iter_mut().enumerate().for_each(sample);
+            if !planar {
+                row.iter_mut().zip(from(y, 0)).for_each(|(sample, bytes)| *sample = read(*bytes));
+                return;
+            }
+            for channel in 0..channels {
+                let of_channel = row.iter_mut().skip(channel).step_by(channels);
+                let samples = of_channel.zip(from(y, channel));
+                samples.for_each(|(sample, bytes)| *sample = read(*bytes));
             }
         };
         samples.par_chunks_mut(width * channels).enumerate().for_each(row);
         samples
     }
+}
+
+/// A number of 16 bits.
+fn half(bytes: [u8; 2]) -> f32 {
+    f16::from_le_bytes(bytes).to_f32()
 }
 
 /// Bands in the unit of the quantity.
@@ -378,6 +388,52 @@ mod tests {
             // Bands of 50 nm from 400 nm on: the second of the stream is the fourth of the scene.
             let band = cube.band(3).unwrap();
             assert!((band.at(3, 1) - 0.01 * value(3, 1, 1)).abs() < 1e-6, "{band:?}");
+        }
+    }
+
+    /// Codes of 8 and 16 bits and numbers of 16 and 32 bits mean the same colours, pixel after
+    /// pixel or plane after plane, with rows that are longer than their pixels.
+    #[test]
+    fn colours_are_read_from_all_samples_in_both_layouts() {
+        type Bytes = fn(u8) -> Vec<u8>;
+        let samples: [(u8, Bytes); 4] = [
+            (1, |code| vec![code]),
+            (2, |code| (u16::from(code) * 257).to_le_bytes().to_vec()),
+            (3, |code| f16::from_f32(f32::from(code) / 255.0).to_le_bytes().to_vec()),
+            (4, |code| (f32::from(code) / 255.0).to_le_bytes().to_vec()),
+        ];
+        let code = |x: usize, y: usize, c: usize| (10 + 9 * x + 40 * y + 60 * c) as u8;
+        let mut first: Option<Plane<f32>> = None;
+        for ((sample, bytes), planar) in
+            samples.iter().flat_map(|sample| [1, 2].map(|planar| (sample, planar)))
+        {
+            let size = bytes(0).len();
+            let (planes, each) = if planar == 2 { (3, 1) } else { (1, 3) };
+            let row_bytes = 8 * each * size + size;
+            let mut payload = vec![0; planes * 2 * row_bytes];
+            for (x, y, c) in (0..48).map(|i| (i % 8, i / 8 % 2, i / 16)) {
+                let (plane, across) = if planar == 2 { (c, x) } else { (0, 3 * x + c) };
+                let at = (2 * plane + y) * row_bytes + across * size;
+                payload[at..at + size].copy_from_slice(&bytes(code(x, y, c)));
+            }
+            let changes: [(usize, &[u8]); 5] = [
+                (48, &[3]),
+                (52, &[*sample]),
+                (54, &[planar]),
+                (64, &(row_bytes as u64).to_le_bytes()),
+                (72, &(if planar == 2 { 2 * row_bytes as u64 } else { 0 }).to_le_bytes()),
+            ];
+            let frame = frames(&[message(&changes, &payload)]).next_frame().unwrap().unwrap();
+            let band = frame.open().unwrap().band(20).unwrap();
+            match &first {
+                None => first = Some(band),
+                // Numbers of 16 bits have 11 of mantissa, steep at the foot of the curve of sRGB.
+                Some(first) => {
+                    for (found, expected) in band.data.iter().zip(&first.data) {
+                        assert!((found - expected).abs() < 2e-3, "{sample} {planar}");
+                    }
+                }
+            }
         }
     }
 
