@@ -67,8 +67,11 @@ struct Socket {
     connect: Box<dyn Fn() -> std::io::Result<Box<dyn Write>> + Send>,
 }
 
-/// The kinds of sockets that this system has, each at a path where it needs one.
-const SOCKETS: &[(&str, fn(&Path) -> Socket)] = &[
+/// Makes a socket, at a path where it needs one.
+type Opener = fn(&Path) -> Socket;
+
+/// The kinds of sockets that this system has.
+const SOCKETS: &[(&str, Opener)] = &[
     ("TCP", tcp),
     #[cfg(unix)]
     ("Unix socket", unix),

@@ -309,6 +309,26 @@ def unplugged(browser, camrig):
         return [f"unplugged: {what}" for what in console.wrong]
 
 
+def waiting(browser, camrig):
+    """A scene that is still to come: the page says so, and shows it when it comes. What holds for all its frames is one
+    line of the log, which counts."""
+    video = [camrig, "rig", "view", "emulator:", "--camera", "mt9v024", *SMALL, "--scene", "-", "--stall", "100", "--lux", "300"]
+    with running(video, stdin=subprocess.PIPE) as (rig, url):
+        console = Console(browser, url)
+        console.until("document.getElementById('status').textContent === 'waiting for the first frame of standard input'")
+        frames = [b"FRAME\n" + bytes([60 + 20 * k]) * 64 + bytes([128]) * 128 for k in range(5)]
+        rig.stdin.buffer.write(b"YUV4MPEG2 W8 H8 F25:1 Ip A1:1 C444\n" + b"".join(frames))
+        rig.stdin.buffer.flush()
+        console.until("picture.frame && document.getElementById('status').textContent === 'streaming'")
+        console.until("state.scene.frames.used === 5")
+        console.view.wait_for_timeout(500)
+        lines = console.ask("[...document.querySelectorAll('#log pre span')].map(e => e.textContent)")
+        of_all = [line for line in lines if "sRGB is assumed" in line]
+        console.check(len(of_all) == 1 and of_all[0].endswith("(5 times)"), f"the log has {lines}")
+        console.view.close()
+        return [f"a scene to come: {what}" for what in console.wrong]
+
+
 def processor_seconds(pid):
     fields = pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -404,6 +424,7 @@ def main(chromium, folder, camrig):
         with running([camrig, "rig", "view", "emulator:", *LOOK, "--exposure", "30ms"]) as (_, url):
             wrong += looks(browser, url, folder)
         wrong += unplugged(browser, camrig)
+        wrong += waiting(browser, camrig)
         browser.close()
         wrong += speed(playwright, chromium, camrig)
     for line in wrong:

@@ -126,6 +126,7 @@ function draw() {
   if (now - measuredAt < FIGURES_PAUSE) return;
   measuredAt = now;
   showBar();
+  showLog();
   showControls(state, picture.frame);
   showRegisters(state.registers, send);
   measure();

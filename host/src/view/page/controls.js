@@ -6,7 +6,7 @@ const ORDER_PAUSE = 100;
 const sliders = {
   lux: {
     order: "lux", to: v => 10 ** v, from: Math.log10,
-    words: v => v === null ? "its own light" : `${whole(+v.toPrecision(4))} lx`,
+    words: v => v === null ? (state.status === "starting" ? "–" : "its own light") : `${whole(+v.toPrecision(4))} lx`,
   },
   exposure: { order: "exposure_s", to: v => 10 ** v, from: Math.log10, words: seconds },
   gain: { order: "analog_gain", to: v => 2 ** v, from: Math.log2, words: v => `× ${v.toFixed(2)}` },
@@ -54,7 +54,8 @@ function showControls(state, frame) {
   at("auto").checked = settings.auto_exposure;
   showChoice("illuminant", source.illuminants, settings.illuminant);
   showChoice("scene", source.scenes, settings.scene);
-  at("busy").hidden = !busy;
+  // Before the first frame the status says it.
+  at("busy").hidden = !busy || state.status === "starting";
   say("busy", busy ? `${busy} …` : "");
 }
 

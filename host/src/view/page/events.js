@@ -1,6 +1,6 @@
 // Errors as banners until they are dismissed, and the log of everything.
 
-const events = { newest: 0, lines: [] };
+const events = { newest: 0, lines: [], shown: 0 };
 /** Banners at a time; the log has all. */
 const MOST_BANNERS = 4;
 const MOST_LINES = 200;
@@ -16,9 +16,15 @@ function takeEvents(fresh) {
     if (event.error) showBanner(event);
   }
   events.lines.splice(0, events.lines.length - MOST_LINES);
+}
+
+/** Writes the log, the newest line first; events that come with every frame are counted meanwhile. */
+function showLog() {
+  if (events.shown === events.newest) return;
+  events.shown = events.newest;
   const line = ({ frame, source, text, count }) =>
-    `${String(frame).padStart(7)} ${source.padEnd(6)} ${text}${repeated(count)}`;
-  say(document.querySelector("#log pre"), events.lines.map(line).reverse().join("\n"));
+    element("span", {}, `${String(frame).padStart(6)} ${source.padEnd(6)} ${text}${repeated(count)}`);
+  document.querySelector("#log pre").replaceChildren(...events.lines.map(line).reverse());
   say("log-lines", events.lines.length === 1 ? "1 line" : `${events.lines.length} lines`);
 }
 
