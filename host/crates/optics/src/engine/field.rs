@@ -104,13 +104,13 @@ impl FallOff {
     pub fn apply(&self, plane: &mut Plane<f32>) {
         let Self { grid, axis_mm, steradians, ratio, glare } = self;
         plane.data.par_chunks_mut(grid.width).enumerate().for_each(|(y, row)| {
-            let dy = self.from_axis(y, grid.height, axis_mm.1);
+            let dy = self.beyond_axis(y, grid.height, axis_mm.1);
             match ratio {
                 None => row.iter_mut().for_each(|e| *e = e.max(0.0) * *steradians as f32),
                 Some(Ratio::Radial(table)) => radial_row(self, table, dy, row),
                 Some(Ratio::Plane(table)) => {
                     for (x, e) in row.iter_mut().enumerate() {
-                        let dx = self.from_axis(x, grid.width, axis_mm.0);
+                        let dx = self.beyond_axis(x, grid.width, axis_mm.0);
                         *e = e.max(0.0) * (steradians * table.at(dx, dy).max(0.0)) as f32;
                     }
                 }
@@ -126,7 +126,7 @@ impl FallOff {
 
     /// Place of the centre of pixel `i` of `n` from the axis, mm.
     #[inline(always)]
-    fn from_axis(&self, i: usize, n: usize, axis_mm: f64) -> f64 {
+    fn beyond_axis(&self, i: usize, n: usize, axis_mm: f64) -> f64 {
         (i as f64 + 0.5 - n as f64 / 2.0) * (self.grid.pitch_um * 1e-3) - axis_mm
     }
 }
@@ -136,7 +136,7 @@ impl FallOff {
 #[vectorised]
 fn radial_row(of: &FallOff, table: &RadialTable, dy: f64, row: &mut [f32]) {
     for (x, e) in row.iter_mut().enumerate() {
-        let dx = of.from_axis(x, of.grid.width, of.axis_mm.0);
+        let dx = of.beyond_axis(x, of.grid.width, of.axis_mm.0);
         *e = e.max(0.0) * (of.steradians * table.at(dx * dx + dy * dy)) as f32;
     }
 }
