@@ -312,26 +312,43 @@ impl Job<'_> {
         let s = self.cells(&finest, report)?;
         let spread = cores.iter().fold(0.0f64, |m, core| m.max(core.spread_um));
         let layout = fourier::layout(self.grid, s, spread);
-        let cores: Vec<Option<&Otf<'_>>> = cores.into_iter().map(Some).collect();
-        let mut blurs = vec![(layout, self.blurs(&cores, &gains, &layout))];
-        let wings: Vec<Option<&Otf<'_>>> = bands.iter().map(|(_, wings)| *wings).collect();
-        let furthest = wings.iter().flatten().max_by(|a, b| a.spread_um.total_cmp(&b.spread_um));
-        if let Some(furthest) = furthest {
-            let mut wide = fourier::wide_layout(self.grid, furthest)?;
-            for other in wings.iter().flatten() {
-                let finer = fourier::wide_layout(self.grid, other)?.oversample;
-                wide.oversample = wide.oversample.max(finer);
+        let cores: Vec<Vec<&Otf<'_>>> = cores.into_iter().map(|core| vec![core]).collect();
+        let wings: Vec<Vec<&Otf<'_>>> =
+            bands.iter().map(|(_, w)| w.iter().copied().collect()).collect();
+        let plans = match self.wide_layout(&wings)? {
+            None => vec![(layout, cores)],
+            // Cells of one size: one blur for both.
+            Some(wide) if wide.oversample >= s && wide.margin >= layout.margin => {
+                vec![(wide, std::iter::zip(cores, wings).map(|(a, b)| [a, b].concat()).collect())]
             }
-            blurs.push((wide, self.blurs(&wings, &gains, &wide)));
-        }
+            Some(wide) => vec![(layout, cores), (wide, wings)],
+        };
+        let blurs: Vec<(Layout, Blurs)> = plans
+            .into_iter()
+            .map(|(layout, parts)| (layout, self.blurs(&parts, &gains, &layout)))
+            .collect();
         for (layout, _) in &blurs {
             report.margin_pixels = report.margin_pixels.max(layout.margin);
         }
         Ok(blurs)
     }
 
-    /// Σ_λ weight · OTF for every channel and component.
-    fn blurs(&self, bands: &[Option<&Otf<'_>>], gains: &[f64], layout: &Layout) -> Blurs {
+    /// The padded frame for the wings of every band; none where there are no wings.
+    fn wide_layout(&self, wings: &[Vec<&Otf<'_>>]) -> Result<Option<Layout>> {
+        let all = || wings.iter().flatten().copied();
+        let furthest = all().max_by(|a, b| a.spread_um.total_cmp(&b.spread_um));
+        let Some(furthest) = furthest else { return Ok(None) };
+        let mut wide = fourier::wide_layout(self.grid, furthest)?;
+        for other in all() {
+            let finer = fourier::wide_layout(self.grid, other)?.oversample;
+            wide.oversample = wide.oversample.max(finer);
+        }
+        Ok(Some(wide))
+    }
+
+    /// Σ_λ weight · OTF for every channel and component, the OTF of a band being the sum of its
+    /// parts.
+    fn blurs(&self, bands: &[Vec<&Otf<'_>>], gains: &[f64], layout: &Layout) -> Blurs {
         let geometry = fourier::Geometry {
             layout,
             pitch_um: self.grid.pitch_um,
@@ -351,10 +368,11 @@ impl Job<'_> {
                 let function = |weights: &Vec<f64>| -> Sum<'_> {
                     let terms = sum(weights);
                     Box::new(move |f| {
-                        let passed = terms.iter().filter_map(|&(i, weight)| {
-                            bands[i].filter(|o| f <= o.cutoff_per_mm).map(|o| weight * (o.at)(f))
-                        });
-                        passed.sum()
+                        let of_band = |&(i, weight): &(usize, f64)| {
+                            let passed = bands[i].iter().filter(|o| f <= o.cutoff_per_mm);
+                            weight * passed.map(|o| (o.at)(f)).sum::<f64>()
+                        };
+                        terms.iter().map(of_band).sum()
                     })
                 };
                 of_channel.iter().map(function).collect()
