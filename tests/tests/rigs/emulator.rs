@@ -23,18 +23,21 @@ fn in_process_frames_are_those_of_the_host() {
     common::compare(&mut Rig::open("emulator:").unwrap(), &Arithmetic::ALL);
 }
 
-/// A frame shows in which arithmetic it was computed, so that those of the host are no others by
-/// chance, and a rig has all that the host can ask for.
+/// A rig has all arithmetics that the host can ask for, and computes in the one that is asked for.
+/// With 16 bits a frame shows which that is; with fewer their rounding is the same.
 #[test]
-fn a_rig_has_every_arithmetic_and_each_rounds_in_its_own_way() {
-    let device = Rig::open("emulator:").unwrap().device();
-    assert_eq!(device.arithmetics.count_ones() as usize, Arithmetic::ALL.len());
+fn a_rig_computes_in_the_arithmetic_that_is_asked_for() {
+    let mut rig = Rig::open("emulator:").unwrap();
+    assert_eq!(rig.device().arithmetics.count_ones() as usize, Arithmetic::ALL.len());
     let folder = tempfile::tempdir().unwrap();
-    let camera = common::camera(folder.path(), 0);
+    let mut camera = common::camera(folder.path(), 0);
+    camera.sensor.bits = 16;
     let cube = common::cube(&camera, BANDS);
     let (sensor, settings) = (common::sensor(&camera, &cube), camera.settings(0, 0.02, None));
-    let of = |arithmetic| sensor.frame(&cube, None, &settings, arithmetic).unwrap();
-    let [float, fixed] = Arithmetic::ALL.map(of);
+    let [float, fixed] = Arithmetic::ALL.map(|arithmetic| {
+        common::compare_frame(&mut rig, &camera, &cube, arithmetic, 0);
+        sensor.frame(&cube, None, &settings, arithmetic).unwrap()
+    });
     assert!(float != fixed);
 }
 
