@@ -15,6 +15,7 @@ mod full_disk;
 mod guide;
 mod interfaces;
 mod lens;
+mod lens_apertures;
 mod light_in_time;
 mod live;
 mod measuring;
@@ -24,8 +25,10 @@ mod radiometry;
 mod real_data;
 mod scene_frames;
 mod scene_sequences;
+mod seq_files;
 mod sequences;
 mod statistics;
+mod zmx_files;
 
 use std::path::Path;
 use std::process::{Command, Output};

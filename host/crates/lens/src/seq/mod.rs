@@ -17,8 +17,6 @@ mod known;
 mod lexer;
 mod private;
 mod radii;
-#[cfg(test)]
-mod tests;
 mod zoom;
 
 use super::prescription::{Aperture, Clip, FieldKind, Prescription};

@@ -14,8 +14,6 @@ mod fields;
 mod known;
 mod material;
 mod shape;
-#[cfg(test)]
-mod tests;
 
 use super::prescription::{Aperture, Clip, Form, Medium, Object};
 use super::prescription::{Prescription, Shape, Surface};

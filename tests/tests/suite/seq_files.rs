@@ -1,8 +1,9 @@
 //! What a `.seq` file says, and what of it is refused.
 
-use super::*;
-use crate::prescription::Medium;
-use crate::{Conditions, System};
+use camrig::Result;
+use camrig::lens::prescription::{Aperture, Clip, Medium, Object};
+use camrig::lens::seq::{read, read_position};
+use camrig::lens::{Catalogue, Conditions, Prescription, System};
 
 /// A biconvex lens of focal length 78.23 mm behind `head`, with `more` after its first surface.
 fn lens(head: &str, more: &str) -> Result<Prescription> {
@@ -129,7 +130,7 @@ fn zoom_positions_are_chosen_by_number() {
     assert_eq!(third.surfaces[1].thickness, 2.5);
     assert_eq!(third.aperture, Aperture::EntrancePupil(8.0));
     assert_eq!(third.fields.values, [0.0, 4.0]);
-    assert_eq!(third.object, crate::prescription::Object::Distance(500.0));
+    assert_eq!(third.object, Object::Distance(500.0));
     let first = read(None).unwrap();
     assert_eq!((first.surfaces[1].thickness, &first.fields.values[..]), (9.0, &[0.0, 8.0][..]));
     assert!(first.notes.iter().any(|n| n.contains("zoom position 1 of 3")), "{:?}", first.notes);

@@ -1,39 +1,55 @@
-//! Apertures and obscurations that are not circular, against their solid angle in closed form.
+//! How bright a traced lens is: the solid angle of its real rays in closed form, behind apertures
+//! and obscurations of every shape.
 
-use camrig_lens::prescription::{Clip, Shape};
-use camrig_lens::{Catalogue, Conditions, Prescription, System, field, seq, zmx};
+use camrig::Result;
+use camrig::lens::characterise::{Plan, PsfMethod, characterise};
+use camrig::lens::field::{self, PlanePlan};
+use camrig::lens::prescription::{Clip, Shape};
+use camrig::lens::{Catalogue, Conditions, Prescription, System, seq, zmx};
+use camrig::optics::Lens;
 use std::f64::consts::{PI, TAU};
 
-/// Half of the beam's width, mm.
+/// Distance from the last vertex to the focus, half of the beam's width, and half of what obscures
+/// it, mm.
+const FOCUS_MM: f64 = 10.0;
 const HALF_MM: f64 = 2.5;
+const OBSCURED_MM: f64 = 1.0;
 
-/// A lens without spherical aberration, f = 10 mm, behind a plane with these apertures.
-fn lens(apertures: &str) -> Prescription {
+/// A plane and a hyperboloid of eccentricity n = 1.5, R = −5 mm, f/2: rays parallel to the axis
+/// meet in the focus. The plane is the stop; these apertures lie on it, or on a plane before it.
+fn lens_of(before: &str, on_stop: &str) -> Prescription {
     let text = format!(
         "UNIT MM\nENPD {}\nFTYP 0 0 1 1\nXFLN 0\nYFLN 0\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  \
-         DISZ INFINITY\nSURF 1\n  DISZ 1\n{apertures}SURF 2\n  STOP\n  DISZ 3\n  \
-         GLAS ___BLANK 1 0 1.5 0 0 0\nSURF 3\n  CURV -0.2\n  CONI -2.25\n  DISZ 10\nSURF 4\n  \
-         DISZ 0\n",
+         DISZ INFINITY\nSURF 1\n  DISZ 1\n{before}SURF 2\n  STOP\n{on_stop}  DISZ 3\n  \
+         GLAS ___BLANK 1 0 1.5 0 0 0\nSURF 3\n  CURV -0.2\n  CONI -2.25\n  DISZ {FOCUS_MM}\n\
+         SURF 4\n  DISZ 0\n",
         2.0 * HALF_MM
     );
     zmx::read(&text, &Catalogue::default()).unwrap()
 }
 
-fn solid_angle(lens: Prescription) -> camrig_base::Result<f64> {
+fn lens(apertures: &str) -> Prescription {
+    lens_of(apertures, "")
+}
+
+fn solid_angle(lens: Prescription) -> Result<f64> {
     let system = System::new(lens, Conditions::default())?;
     let map = field::Map::of(&system)?;
     Ok(field::points(&system, &map, &[[0.0; 2]], &[550.0])?[0].projected_solid_angle_sr)
 }
 
-/// ∮ ½ sin² θ dφ over the outline `radius(φ)` of what light passes: the hyperboloid sends a ray of
-/// height h to the focus, 10 mm behind its vertex.
+/// sin² of the angle at which the ray of this height meets the axis: the hyperboloid's sag s makes
+/// tan θ = h/(focus − s).
+fn sine_squared(height_mm: f64) -> f64 {
+    let c = -0.2;
+    let root = (1.0 + 1.25 * c * c * height_mm * height_mm).sqrt();
+    let slope = height_mm / (FOCUS_MM - c * height_mm * height_mm / (1.0 + root));
+    slope * slope / (1.0 + slope * slope)
+}
+
+/// ∮ ½ sin² θ dφ over the outline `radius(φ)` of what light passes.
 fn of_outline(radius: impl Fn(f64) -> f64) -> f64 {
     const STEPS: usize = 100_000;
-    let sine_squared = |h: f64| {
-        let sag = -0.2 * h * h / (1.0 + (1.0 + 1.25 * 0.04 * h * h).sqrt());
-        let slope = h / (10.0 - sag);
-        slope * slope / (1.0 + slope * slope)
-    };
     let angle = |i: usize| TAU * (i as f64 + 0.5) / STEPS as f64;
     (0..STEPS).map(|i| sine_squared(radius(angle(i)))).sum::<f64>() * PI / STEPS as f64
 }
@@ -95,9 +111,7 @@ fn code_v_and_zemax_files_say_the_same_apertures() {
             "RDM\nEPD 5\nWL 550\nYAN 0\nSO 0 1e13\nS 0 1\n{apertures}S 0 3 1.5:60\nSTO\nS -5 10\n\
              SI 0 0\nGO\n"
         );
-        Ok::<_, camrig_base::Error>(
-            seq::read(&text, &Catalogue::default())?.surfaces[0].clips.clone(),
-        )
+        Ok::<_, camrig::Error>(seq::read(&text, &Catalogue::default())?.surfaces[0].clips.clone())
     };
     for (code_v, zemax) in [
         ("REX 1.2; REY 0.9\nADX 0.3; ADY -0.5\n", "  SQAP 1.2 0.9 0\n  OBDC 0.3 -0.5\n"),
@@ -119,5 +133,45 @@ fn code_v_and_zemax_files_say_the_same_apertures() {
     ] {
         let error = told(wrong).unwrap_err().to_string();
         assert!(error.contains(words), "{wrong}: {error}");
+    }
+}
+
+fn system(on_stop: &str) -> System {
+    System::new(lens_of("", on_stop), Conditions::default()).unwrap()
+}
+
+fn steradians(system: &System) -> [f64; 2] {
+    let (wavelengths_nm, psf_spacing_um) = (vec![550.0], Some(1.0));
+    let (psf_size, method) = (16, PsfMethod::Geometric);
+    let plan = Plan {
+        heights: 2,
+        density: None,
+        max_field_deg: 1.0,
+        wavelengths_nm: wavelengths_nm.clone(),
+        psf_size,
+        psf_spacing_um,
+        method,
+    };
+    let frame_mm = [0.2, 0.2];
+    let over_plane =
+        PlanePlan { frame_mm, density: None, wavelengths_nm, psf_size, psf_spacing_um, method };
+    let heights = characterise(system, &plan, &|_, _| ()).unwrap();
+    let plane = field::characterise(system, &over_plane, &|_, _| ()).unwrap();
+    [heights.steradians(550.0), plane.steradians(550.0)]
+}
+
+/// Over heights and over the plane alike.
+#[test]
+fn a_traced_lens_has_the_solid_angle_of_its_real_cone() {
+    let real = PI * sine_squared(HALF_MM);
+    let paraxial = PI / (1.0 + 4.0 * 4.0);
+    assert!(real / paraxial < 0.95, "{real} {paraxial}");
+    // The outline is a polygon of 255 sides over half a circle: 2.5e-5 too small.
+    for found in steradians(&system("")) {
+        assert!((found / real - 1.0).abs() < 1e-4, "{found} instead of {real}");
+    }
+    let obscured = real - PI * sine_squared(OBSCURED_MM);
+    for found in steradians(&system(&format!("  OBSC 0 {OBSCURED_MM} 0\n"))) {
+        assert!((found / obscured - 1.0).abs() < 1e-4, "{found} instead of {obscured}");
     }
 }
