@@ -12,6 +12,7 @@ mod diagnosis;
 mod empirical;
 mod examples;
 mod full_disk;
+mod glass_catalogues;
 mod guide;
 mod interfaces;
 mod lens;

@@ -233,7 +233,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         let line = line_of(text, row.span());
         let row = row.get_ref();
         surfaces.push(
-            row.surface(&glasses, &mut notes)
+            row.surface(&glasses, &file.wavelengths_nm, &mut notes)
                 .map_err(|e| e.at(format!("surface {}", i + 1)).at(format!("line {line}")))?,
         );
         stops.extend(row.stop.then_some(i));
@@ -289,7 +289,12 @@ fn aperture(table: &BTreeMap<String, f64>) -> Result<Aperture> {
 }
 
 impl Row {
-    fn surface(&self, glasses: &Catalogue, notes: &mut Vec<String>) -> Result<Surface> {
+    fn surface(
+        &self,
+        glasses: &Catalogue,
+        wavelengths_nm: &[f64],
+        notes: &mut Vec<String>,
+    ) -> Result<Surface> {
         let curvature = match (self.radius_mm, self.curvature) {
             (Some(_), Some(_)) => {
                 return Err(Error::input("both radius_mm and curvature").help("give one of them"));
@@ -306,7 +311,7 @@ impl Row {
         let medium = match self.glass.as_deref() {
             None | Some("air") => Medium::Air,
             Some("mirror") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(wavelengths_nm, notes)),
         };
         let everything = clip.inner == 0.0 && clip.outer.is_infinite();
         let (entry, exit) = self.frames()?;

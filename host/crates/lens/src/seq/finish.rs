@@ -60,7 +60,7 @@ impl File {
         let mut surfaces = Vec::with_capacity(self.surfaces.len());
         for (i, draft) in self.surfaces.iter().enumerate() {
             let mut surface = draft
-                .surface(radius_mode, scale, glasses, &mut notes)
+                .surface(radius_mode, scale, glasses, &self.waves, &mut notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             if i == last {
                 surface.thickness += defocus * scale;
@@ -123,6 +123,7 @@ impl Draft {
         radius_mode: bool,
         scale: f64,
         glasses: &Catalogue,
+        wavelengths_nm: &[f64],
         notes: &mut Vec<String>,
     ) -> Result<Surface> {
         let curvature = match (radius_mode, self.bend) {
@@ -147,7 +148,7 @@ impl Draft {
             None => Medium::Air,
             Some(name) if name.eq_ignore_ascii_case("AIR") => Medium::Air,
             Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(wavelengths_nm, notes)),
         };
         let centre = self.aperture_centre.map(|v| v * scale);
         let clips = self.clips.iter().map(|clip| clip.placed(scale, centre));

@@ -22,6 +22,7 @@ use camrig_base::{Error, Result};
 use camrig_glass::Catalogue;
 use camrig_glass::text::{number, numbers};
 use configurations::Configurations;
+use material::Glasses;
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs
 /// write 1e10 where they do not write INFINITY.
@@ -297,8 +298,7 @@ impl Draft {
     fn surface(
         &self,
         scale: f64,
-        makers: &[String],
-        glasses: &Catalogue,
+        glasses: &Glasses<'_>,
         notes: &mut Vec<String>,
     ) -> Result<Surface> {
         let Some(thickness) = self.thickness else {
@@ -318,7 +318,7 @@ impl Draft {
             return Ok(surface);
         }
         if let Some((line, words)) = &self.glass {
-            surface.medium = material::medium(words, makers, glasses, notes)
+            surface.medium = material::medium(words, glasses, notes)
                 .map_err(|e| e.at(format!("line {line}")))?;
         }
         Ok(surface)
@@ -379,11 +379,16 @@ impl File {
                 .at(format!("line {}", drafts[image].line))
                 .help("sensors are flat: set its curvature to 0"));
         }
+        let mut waves = self.waves.clone();
+        if self.counts[1] > 0 {
+            waves.truncate(self.counts[1]);
+        }
+        let glasses = Glasses { catalogue: glasses, makers: &self.makers, wavelengths_nm: &waves };
         let mut surfaces = Vec::with_capacity(lens.len());
         let mut open = drafts[0].glass.is_none();
         for (i, draft) in lens.iter().enumerate() {
             let mut surface = draft
-                .surface(scale, &self.makers, glasses, &mut self.notes)
+                .surface(scale, &glasses, &mut self.notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
             // it a "floating" one); a plane in air with one is only drawn so.
@@ -404,10 +409,6 @@ impl File {
         };
         let aperture = self.aperture(scale, &lens[stop])?;
         let fields = self.fields(scale)?;
-        let mut waves = self.waves.clone();
-        if self.counts[1] > 0 {
-            waves.truncate(self.counts[1]);
-        }
         let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
             return Err(Error::input(format!(
                 "primary wavelength {} of {}",
