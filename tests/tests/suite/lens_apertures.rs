@@ -5,7 +5,7 @@ use camrig::Result;
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
 use camrig::lens::field::{self, PlanePlan};
 use camrig::lens::prescription::{Clip, Shape};
-use camrig::lens::{Catalogue, Conditions, Prescription, System, seq, zmx};
+use camrig::lens::{Catalogue, Conditions, Prescription, System, seq, toml, zmx};
 use camrig::optics::Lens;
 use std::f64::consts::{PI, TAU};
 
@@ -134,6 +134,83 @@ fn code_v_and_zemax_files_say_the_same_apertures() {
         let error = told(wrong).unwrap_err().to_string();
         assert!(error.contains(words), "{wrong}: {error}");
     }
+}
+
+/// The lens with keys of a TOML prescription for its apertures.
+fn in_toml(keys: &str) -> Result<Prescription> {
+    let text = format!(
+        "format = 'camrig-prescription/1'\nwavelengths_nm = [550.0]\nfields_deg = [0.0]\n\
+         [aperture]\nentrance_pupil_mm = {}\n[[surface]]\nthickness_mm = 1.0\n{keys}\
+         [[surface]]\nstop = true\nthickness_mm = 3.0\nglass = 'flat'\n[[surface]]\n\
+         radius_mm = -5.0\nconic = -2.25\nthickness_mm = {FOCUS_MM}\n[glass.flat]\nnd = 1.5\n",
+        2.0 * HALF_MM
+    );
+    toml::read(&text, &Catalogue::default())
+}
+
+/// Rays on a grid over the first surface and the solid angle behind it.
+#[test]
+fn a_toml_prescription_clips_the_rays_that_the_zemax_file_clips() {
+    for (keys, zemax) in [
+        ("aperture_rectangle_mm = [1.6, 0.9]\n", "  SQAP 1.6 0.9 0\n"),
+        (
+            "aperture_rectangle_mm = [1.2, 0.9]\naperture_centre_mm = [0.3, -0.5]\n",
+            "  SQAP 1.2 0.9 0\n  OBDC 0.3 -0.5\n",
+        ),
+        ("aperture_ellipse_mm = [0.7, 2.1]\n", "  ELAP 0.7 2.1 0\n"),
+        ("obscuration_rectangle_mm = [1.5, 0.5]\n", "  SQOB 1.5 0.5 0\n"),
+        (
+            "obscuration_ellipse_mm = [0.5, 0.7]\naperture_rectangle_mm = [2.0, 1.4]\n\
+             aperture_radius_mm = 2.2\n",
+            "  ELOB 0.5 0.7 0\n  SQAP 2 1.4 0\n  CLAP 0 2.2 0\n",
+        ),
+    ] {
+        let (ours, theirs) = (in_toml(keys).unwrap(), lens(zemax));
+        let passes = |lens: &Prescription, x: f64, y: f64| {
+            lens.surfaces[0].clips.iter().all(|clip| clip.excess(x, y) <= 0.0)
+        };
+        let rays = || (0..41 * 41).map(|i| [i % 41, i / 41].map(|k| 0.125 * (k - 20) as f64));
+        assert!(rays().any(|[x, y]| passes(&theirs, x, y)), "{keys}");
+        assert!(rays().any(|[x, y]| !passes(&theirs, x, y)), "{keys}");
+        for [x, y] in rays() {
+            assert_eq!(passes(&ours, x, y), passes(&theirs, x, y), "{keys} at ({x}, {y})");
+        }
+        let [ours, theirs] = [ours, theirs].map(|lens| solid_angle(lens).unwrap());
+        assert!((ours / theirs - 1.0).abs() < 1e-12, "{keys}: {ours}, not {theirs}");
+    }
+}
+
+#[test]
+fn apertures_that_make_no_sense_are_refused_with_their_surface() {
+    for (keys, words) in [
+        ("aperture_rectangle_mm = [-1.0, 2.0]\n", "aperture_rectangle_mm = [-1.0, 2.0]"),
+        ("aperture_ellipse_mm = [1.0, nan]\n", "aperture_ellipse_mm = [1.0, NaN]"),
+        ("obscuration_ellipse_mm = [0.0, 1.0]\n", "each above 0"),
+        ("obscuration_rectangle_mm = [1.0, inf]\n", "each above 0"),
+        ("aperture_rectangle_mm = [1.0]\n", "line 8"),
+        ("aperture_radius_mm = -inf\n", "aperture from 0 to -inf"),
+        ("aperture_radius_mm = nan\n", "to NaN"),
+        ("aperture_radius_mm = 1.0\nobscuration_radius_mm = 2.0\n", "from 2 to 1"),
+        (
+            "aperture_rectangle_mm = [1.0, 2.0]\nobscuration_rectangle_mm = [1.5, 2.5]\n",
+            "covers the whole aperture",
+        ),
+        (
+            "aperture_rectangle_mm = [0.6, 0.7]\nobscuration_ellipse_mm = [1.0, 1.0]\n",
+            "covers the whole aperture",
+        ),
+        (
+            "aperture_ellipse_mm = [1.0, 2.0]\nobscuration_rectangle_mm = [1.0, 2.0]\n",
+            "covers the whole aperture",
+        ),
+    ] {
+        let error = in_toml(keys).unwrap_err().to_string();
+        let placed = error.contains("surface 1") || error.contains("line 8");
+        assert!(error.contains(words) && placed, "{keys}: {error}");
+    }
+    // The corners stand out.
+    let corners = "aperture_rectangle_mm = [0.8, 0.8]\nobscuration_ellipse_mm = [1.0, 1.0]\n";
+    assert!(in_toml(corners).is_ok());
 }
 
 fn system(on_stop: &str) -> System {
