@@ -139,6 +139,27 @@ fn a_configuration_is_chosen_by_number_or_title() {
     assert!(error.to_string().contains("no values for it"), "{error}");
 }
 
+/// Files of 2004 do not say which configuration is active: the surfaces do.
+#[test]
+fn the_active_configuration_is_the_one_whose_values_the_surfaces_have() {
+    let read = |number: &str, thickness: &str, name| {
+        let set = SET.replace("MNUM 2 1", number).replace("CRVT 1 2 0.02 ", "CRVT 1 2 0.025 ");
+        let text = lens_text(&[("PWAV 1", &set), ("  DISZ 75", thickness)]);
+        read_configuration(&text, &Catalogue::default(), name)
+    };
+    for (thickness, active, other) in [("  DISZ 75", 1, "2"), ("  DISZ 80", 2, "1")] {
+        let lens = read("MNUM 2", thickness, None).unwrap();
+        let words = format!("configuration {active} of 2 is taken: it is the active one, whose");
+        assert!(lens.notes[0].starts_with(&words), "{:?}", lens.notes);
+        let lens = read("MNUM 2", thickness, Some(other)).unwrap();
+        assert_eq!(lens.surfaces[1].thickness, 155.0 - thickness[7..].parse::<f64>().unwrap());
+    }
+    let note = &read("MNUM 2 1", "  DISZ 90", None).unwrap().notes[0];
+    assert!(note.contains("the surfaces have other values"), "{note}");
+    let error = read("MNUM 2 1", "  DISZ 90", Some("2")).unwrap_err().to_string();
+    assert!(error.contains("do not have the values of the active one (1)"), "{error}");
+}
+
 #[test]
 fn a_solve_keeps_another_configuration_from_being_set() {
     let solved = |line: &str| {
@@ -377,4 +398,47 @@ fn the_older_form_of_vignetting_counts_where_it_is_alone() {
     for both in [format!("{old}{new}"), format!("{new}{old}")] {
         assert_eq!(read(&both)[1], [0.0, 0.0, 0.3, 0.3]);
     }
+}
+
+/// Web pages and editors strip blanks at the start of lines.
+#[test]
+fn a_file_without_indentation_is_the_same_lens() {
+    let behind = "PWAV 1\nMNUM 1 1\nTOL TOFF 0 0 0\nEFFL 0 2 0 0 0 0 6 2\n";
+    let text = lens_text(&[("  CURV 0.025", "  TYPE EVENASPH\n  PARM 2 1e-5\n  CURV 0.025")]);
+    let stripped: Vec<&str> = text.lines().map(str::trim_start).collect();
+    let read = |text: &str| read(text, &Catalogue::default()).unwrap();
+    let right = read(&format!("{text}{behind}"));
+    assert_eq!(right.surfaces[0].even, [0.0, 1e-5]);
+    assert_eq!(read(&format!("{}\n{behind}", stripped.join("\n"))), right);
+    // The other way round: the unit counts where it is indented.
+    let inches = |unit: &str| read(&text.replace("UNIT MM", unit));
+    assert_eq!(inches("  UNIT IN"), inches("UNIT IN"));
+}
+
+#[test]
+fn a_curved_object_and_one_in_a_glass_are_refused() {
+    let near = "SURF 0\n  DISZ 500\n";
+    for (object, words) in [
+        (format!("{near}  GLAS N-BK7 0 0\n"), "the object lies in N-BK7"),
+        (format!("{near}  CURV 0.002 0\n"), "the object surface is curved"),
+        ("SURF 0\n  DISZ INFINITY\n  GLAS WATER 0 0\n".into(), "the object lies in WATER"),
+    ] {
+        let error = lens(&[("SURF 0\n  DISZ INFINITY\n", &object)]).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("line 11"), "{error}");
+    }
+    let far = "SURF 0\n  DISZ INFINITY\n  CURV 0.002 0\n";
+    assert!(lens(&[("SURF 0\n  DISZ INFINITY\n", far)]).is_ok());
+}
+
+#[test]
+fn numbers_of_fields_and_wavelengths_that_are_not_given() {
+    let lens = lens(&[
+        ("FTYP 0 0 2 1 0 0 0", "FTYP 0"),
+        ("XFLN 0 0", "XFLN 0 0 0 0 0 0 0"),
+        ("YFLN 0 4", "YFLN 0 1 2 3 4 0 0"),
+    ])
+    .unwrap();
+    assert_eq!(lens.fields.values, [0.0, 1.0, 2.0, 3.0, 4.0]);
+    assert_eq!(lens.wavelengths_nm, [587.5618, 920.0]);
+    assert!(lens.notes[0].contains("all 2 are taken"), "{:?}", lens.notes);
 }
