@@ -192,6 +192,9 @@ fn scripts_are_filled_in_and_name_the_files_that_the_reader_wants() {
         }
         assert!(text.lines().all(|l| l.chars().count() <= 100), "{program:?}");
     }
+    for program in [Program::OpticStudio, Program::OpticStudioZpl] {
+        assert!(export().script(program).unwrap().contains("the lens is not in millimetres"));
+    }
     let script = export().script(Program::CodeV).unwrap();
     // The middle of 4 heights: atan(1/3·tan 12°).
     assert!(script.contains("^angles(2) == 4.05"), "{script}");

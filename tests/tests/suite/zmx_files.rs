@@ -442,3 +442,90 @@ fn numbers_of_fields_and_wavelengths_that_are_not_given() {
     assert_eq!(lens.wavelengths_nm, [587.5618, 920.0]);
     assert!(lens.notes[0].contains("all 2 are taken"), "{:?}", lens.notes);
 }
+
+/// The same pupil, told from other sides, makes the same apertures: a lens behind the stop, whose
+/// fields lie on either side of the axes.
+#[test]
+fn vignetting_factors_have_the_sense_of_their_field() {
+    let radius = |kind: &str, object: &str, fields: [f64; 2], factors: [f64; 4]| {
+        let ([x, y], [dx, dy, cx, cy]) = (fields, factors);
+        let text = format!(
+            "UNIT MM\nENPD 4\nFTYP {kind} 0 2 1\nXFLN 0 {x}\nYFLN 0 {y}\nVDXN 0 {dx}\nVDYN 0 \
+             {dy}\nVCXN 0.5 {cx}\nVCYN 0.5 {cy}\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  DISZ \
+             {object}\nSURF 1\n  STOP\n  DISZ 10\nSURF 2\n  CURV 0.02\n  DISZ 3\n  GLAS 1.5:60\n\
+             SURF 3\n  DISZ 90\nSURF 4\n  DISZ 0\n"
+        );
+        let lens = read(&text, &Catalogue::default()).unwrap();
+        let system = System::new(lens, Conditions::default()).unwrap();
+        system.prescription.surfaces[1].clips[0].outer
+    };
+    let far = |fields, factors| radius("0", "INFINITY", fields, factors);
+    // The upper edge of the pupil, at 0.1 + 0.7 of its radius; 10 mm behind it the beam of 10° is
+    // 10 tan 10° higher.
+    let upper = far([0.0, 10.0], [0.0, 0.1, 0.3, 0.3]);
+    assert!((upper - (1.6 + 10.0 * 10.0_f64.to_radians().tan())).abs() < 0.1, "{upper}");
+    let lower = far([0.0, 10.0], [0.0, -0.1, 0.3, 0.3]);
+    assert!(upper - lower > 0.3, "{upper} {lower}");
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+    near(far([0.0, -10.0], [0.0, -0.1, 0.3, 0.3]), upper);
+    near(far([10.0, 0.0], [0.1, 0.0, 0.3, 0.3]), upper);
+    near(far([-10.0, 0.0], [-0.1, 0.0, 0.3, 0.3]), upper);
+    let across = |dx| far([0.0, 10.0], [dx, 0.0, 0.1, 0.9]);
+    near(across(-0.1), across(0.1));
+    // An object above the axis sends light downwards; its image lies below.
+    let high = |kind, y, dy| radius(kind, "50", [0.0, y], [0.0, dy, 0.3, 0.3]);
+    let steep = 8.0_f64.atan2(50.0).to_degrees();
+    near(high("1", 8.0, -0.1), high("0", steep, 0.1));
+    near(high("1", -8.0, 0.1), high("0", steep, 0.1));
+}
+
+#[test]
+fn vignetting_factors_beside_apertures_are_told() {
+    let notes = |aperture: &str| {
+        let factors = "YFLN 0 4\nVCYN 0 0.2";
+        let lens = [("YFLN 0 4", factors), ("  CURV 0.025\n", aperture)];
+        system(&lens).prescription.notes
+    };
+    let told = notes("  CURV 0.025\n  FLAP 0 3 0\n");
+    assert!(told[0].contains("passed over, as surfaces have apertures"), "{told:?}");
+    let told = notes("  CURV 0.025\n");
+    assert!(told[0].contains("follow from the vignetting factors"), "{told:?}");
+}
+
+/// The stop in front of a lens is its entrance pupil: its radius is the distance times the slope of
+/// the numerical aperture.
+#[test]
+fn a_numerical_aperture_kept_for_another_object_is_told() {
+    let at = |aperture: &str, distance| {
+        let lens = lens(&[("ENPD 6", aperture), ("  DISZ INFINITY", "  DISZ 200")]).unwrap();
+        let conditions = Conditions { object_distance_mm: distance, ..Conditions::default() };
+        System::new(lens, conditions).unwrap()
+    };
+    let far = at("OBNA 0.02 0", Some(400.0));
+    let slope = 0.02 / (1.0_f64 - 0.02 * 0.02).sqrt();
+    assert!((far.stop_radius_mm - 400.0 * slope).abs() < 1e-9, "{}", far.stop_radius_mm);
+    let note = &far.prescription.notes[0];
+    let words = format!("is {:.6} mm instead of {:.6} mm", 400.0 * slope, 200.0 * slope);
+    assert!(note.contains(&words), "{note}");
+    for quiet in [at("OBNA 0.02 0", None), at("ENPD 6", Some(400.0)), at("FNUM 5 0", Some(1e3))] {
+        let notes = &quiet.prescription.notes;
+        assert!(!notes.iter().any(|note| note.contains("aperture is kept")), "{notes:?}");
+    }
+}
+
+/// In thin-lens optics the spot of an object at infinity is as wide as the pupil, times the
+/// defocus over the focal length.
+#[test]
+fn a_sensor_far_out_of_focus_is_told() {
+    let notes = |behind: &str| {
+        let image = format!("SURF 2\n  DISZ {behind}");
+        system(&[("SURF 2\n  DISZ 75", &image)]).prescription.notes
+    };
+    assert_eq!(notes("75"), [""; 0]);
+    assert_eq!(notes("70"), [""; 0]);
+    // The stop is the first surface; the exit pupil is its image 4 mm/1.5168 in front of the last.
+    let (image, pupil) = (40.0 / 0.5168 - 4.0 / 1.5168, -4.0 / 1.5168);
+    let part = 100.0 * (image - 60.0) / (image - pupil);
+    let told = notes("60");
+    assert!(told[0].contains(&format!("a spot of {part:.0} % of the exit pupil")), "{told:?}");
+}
