@@ -171,7 +171,9 @@ impl Clip {
         obstacle.excess(x, beside) >= 0.0 && obstacle.excess(0.0, y) >= 0.0
     }
 
-    fn is_round(&self) -> bool {
+    /// Whether its outlines are circles.
+    #[must_use]
+    pub fn is_round(&self) -> bool {
         self.shape == Shape::Ellipse && self.aspect == 1.0
     }
 
